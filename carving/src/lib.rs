@@ -1,0 +1,1 @@
+//! Exact incremental Delaunay tetrahedralisation and free-space carving.

@@ -1,0 +1,3 @@
+//! Accurate 3D line segments on the image edges of posed keyframes.
+
+pub mod camera;

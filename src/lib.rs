@@ -1,0 +1,13 @@
+//! Linecarve: from posed keyframes to a surface, while the camera is still moving.
+//!
+//! The library behind the `linecarve` program. Folders follow the pipeline: [`sequence`] reads posed images,
+//! [`keyframes`] chooses among them, the crates `linecarve-lines` and `linecarve-carving` find segments and carve,
+//! [`mesh`] writes what comes out, [`render`] draws it, [`synth`] makes sequences with exact ground truth.
+
+pub mod files;
+pub mod keyframes;
+pub mod mesh;
+pub mod raycast;
+pub mod render;
+pub mod sequence;
+pub mod synth;

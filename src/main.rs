@@ -1,0 +1,3 @@
+//! The `linecarve` program.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! Procedural scenes rendered to sequences with exact ground truth.
