@@ -1,3 +1,4 @@
 //! Accurate 3D line segments on the image edges of posed keyframes.
 
 pub mod camera;
+pub mod image;

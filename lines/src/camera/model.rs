@@ -1,0 +1,583 @@
+//! The camera: intrinsics and distortion, projection and its inverse.
+
+use nalgebra::{Matrix2x3, Point2, Point3, Vector2, Vector3};
+use thiserror::Error;
+
+use super::distortion::{Distortion, distort_radial_tangential, fisheye_radius, invert_increasing};
+
+/// A calibrated camera, valid by construction.
+///
+/// Frames: a point in the camera frame (x right, y down, z forward) projects to a pixel whose centre is a whole number;
+/// the centre of the top-left pixel is (0, 0).
+///
+/// ```
+/// use linecarve_lines::camera::{Camera, Distortion};
+/// use nalgebra::{Point2, Point3};
+///
+/// let camera = Camera::pinhole(500.0, 500.0, 319.5, 239.5)?;
+/// assert_eq!(camera.project(&Point3::new(0.0, 0.0, 2.0)), Some(Point2::new(319.5, 239.5)));
+///
+/// let distortion = Distortion::RadialTangential { k1: -0.28, k2: 0.07, p1: 1e-4, p2: 1e-5, k3: 0.0 };
+/// let camera = Camera::with_distortion(458.7, 457.3, 367.2, 248.4, distortion)?;
+/// let pixel = Point2::new(700.0, 20.0);
+/// let direction = camera.unproject(&pixel)?;
+/// assert!((camera.project(&(direction * 3.0).into()).unwrap() - pixel).norm() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Camera {
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    distortion: Distortion,
+    /// Largest usable radius or angle of the distortion; follows from it.
+    limit: f64,
+}
+
+/// Why a camera cannot be built.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum CameraError {
+    /// A focal length is zero, negative or not finite.
+    #[error("focal length {name} = {value} px must be positive and finite")]
+    FocalLength {
+        /// `fx` or `fy`.
+        name: &'static str,
+        /// The refused value.
+        value: f64,
+    },
+    /// A principal point coordinate is not finite.
+    #[error("principal point {name} = {value} px must be finite")]
+    PrincipalPoint {
+        /// `cx` or `cy`.
+        name: &'static str,
+        /// The refused value.
+        value: f64,
+    },
+    /// A distortion coefficient is not finite.
+    #[error("distortion coefficient {position} = {value} must be finite")]
+    Distortion {
+        /// Position among the coefficients of the model, from 1.
+        position: usize,
+        /// The refused value.
+        value: f64,
+    },
+}
+
+/// Why a pixel has no viewing direction.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum UnprojectError {
+    /// The pixel lies beyond the range in which the lens model is invertible, or is not finite.
+    #[error("pixel ({x}, {y}) lies outside the range in which the distortion model is invertible")]
+    OutsideModel {
+        /// Pixel x.
+        x: f64,
+        /// Pixel y.
+        y: f64,
+    },
+    /// Newton's method did not reach the pixel.
+    #[error("the viewing direction of pixel ({x}, {y}) did not converge (off by {residual_px} px)")]
+    NotConverged {
+        /// Pixel x.
+        x: f64,
+        /// Pixel y.
+        y: f64,
+        /// Distance from the pixel to the projection of the last iterate.
+        residual_px: f64,
+    },
+    /// The viewing direction points sideways or backwards, where no positive depth z exists.
+    #[error("the viewing direction of pixel ({x}, {y}) has no positive depth")]
+    NoDepth {
+        /// Pixel x.
+        x: f64,
+        /// Pixel y.
+        y: f64,
+    },
+}
+
+impl Camera {
+    /// An ideal pinhole camera; focal lengths and principal point in pixels.
+    ///
+    /// # Errors
+    /// When a focal length is not positive and finite, or the principal point is not finite.
+    pub fn pinhole(fx: f64, fy: f64, cx: f64, cy: f64) -> Result<Self, CameraError> {
+        Self::with_distortion(fx, fy, cx, cy, Distortion::None)
+    }
+
+    /// A camera with lens distortion; focal lengths and principal point in pixels.
+    ///
+    /// # Errors
+    /// As [`Camera::pinhole`], and when a coefficient is not finite.
+    pub fn with_distortion(
+        fx: f64,
+        fy: f64,
+        cx: f64,
+        cy: f64,
+        distortion: Distortion,
+    ) -> Result<Self, CameraError> {
+        for (name, value) in [("fx", fx), ("fy", fy)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(CameraError::FocalLength { name, value });
+            }
+        }
+        for (name, value) in [("cx", cx), ("cy", cy)] {
+            if !value.is_finite() {
+                return Err(CameraError::PrincipalPoint { name, value });
+            }
+        }
+        for (index, value) in distortion.coefficients().into_iter().enumerate() {
+            if !value.is_finite() {
+                return Err(CameraError::Distortion {
+                    position: index + 1,
+                    value,
+                });
+            }
+        }
+        let limit = distortion.limit();
+        Ok(Self {
+            fx,
+            fy,
+            cx,
+            cy,
+            distortion,
+            limit,
+        })
+    }
+
+    /// Focal length along x in pixels.
+    pub fn fx(&self) -> f64 {
+        self.fx
+    }
+
+    /// Focal length along y in pixels.
+    pub fn fy(&self) -> f64 {
+        self.fy
+    }
+
+    /// Principal point x in pixels.
+    pub fn cx(&self) -> f64 {
+        self.cx
+    }
+
+    /// Principal point y in pixels.
+    pub fn cy(&self) -> f64 {
+        self.cy
+    }
+
+    /// The mean of the two focal lengths in pixels.
+    pub fn mean_focal_px(&self) -> f64 {
+        0.5 * (self.fx + self.fy)
+    }
+
+    /// The lens model.
+    pub fn distortion(&self) -> &Distortion {
+        &self.distortion
+    }
+
+    /// Whether the image is that of an ideal pinhole.
+    pub fn is_pinhole(&self) -> bool {
+        self.distortion == Distortion::None
+    }
+
+    /// The camera with the same focal lengths and principal point and no distortion.
+    pub fn without_distortion(&self) -> Self {
+        Self {
+            distortion: Distortion::None,
+            limit: f64::INFINITY,
+            ..*self
+        }
+    }
+
+    /// The camera of an image shrunk or enlarged by `factor` in both directions.
+    ///
+    /// # Errors
+    /// When the factor is not positive and finite.
+    pub fn scaled(&self, factor: f64) -> Result<Self, CameraError> {
+        // Pixel centres are whole numbers: the image's corner lies at (-0.5, -0.5) and stays there.
+        let centre = |c: f64| (c + 0.5) * factor - 0.5;
+        Self::with_distortion(
+            self.fx * factor,
+            self.fy * factor,
+            centre(self.cx),
+            centre(self.cy),
+            self.distortion,
+        )
+    }
+
+    /// The pixel at which a point in the camera frame is seen; `None` when it is not in front of the lens, lies beyond
+    /// the range in which the lens model is invertible, or is not finite. The pixel may lie outside any image.
+    pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<Point2<f64>> {
+        if self.is_pinhole() {
+            let inverse = 1.0 / point_in_camera.z;
+            let pixel = Point2::new(
+                self.fx * (point_in_camera.x * inverse) + self.cx,
+                self.fy * (point_in_camera.y * inverse) + self.cy,
+            );
+            return (point_in_camera.z > 0.0 && pixel.x.is_finite() && pixel.y.is_finite())
+                .then_some(pixel);
+        }
+        self.project_with_jacobian(point_in_camera)
+            .map(|(pixel, _)| pixel)
+    }
+
+    /// [`Camera::project`] and the derivative of the pixel by the point (rows: pixel x, y; columns: point x, y, z).
+    pub fn project_with_jacobian(
+        &self,
+        point_in_camera: &Point3<f64>,
+    ) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
+        let p = point_in_camera;
+        let (plane, mut jacobian) = match self.distortion {
+            Distortion::None => normalise(p)?,
+            Distortion::RadialTangential { k1, k2, p1, p2, k3 } => {
+                let (undistorted, by_point) = normalise(p)?;
+                if undistorted.norm() > self.limit {
+                    return None;
+                }
+                let (distorted, by_undistorted) =
+                    distort_radial_tangential(undistorted, [k1, k2, p1, p2, k3]);
+                (distorted, by_undistorted * by_point)
+            }
+            Distortion::KannalaBrandt { k1, k2, k3, k4 } => {
+                self.project_fisheye(p, [k1, k2, k3, k4])?
+            }
+        };
+        let pixel = Point2::new(self.fx * plane.x + self.cx, self.fy * plane.y + self.cy);
+        jacobian.row_mut(0).scale_mut(self.fx);
+        jacobian.row_mut(1).scale_mut(self.fy);
+        (pixel.x.is_finite() && pixel.y.is_finite()).then_some((pixel, jacobian))
+    }
+
+    fn project_fisheye(
+        &self,
+        p: &Point3<f64>,
+        coefficients: [f64; 4],
+    ) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+        let across = p.x.hypot(p.y);
+        let squared = across * across + p.z * p.z;
+        if squared.is_nan() || squared <= 0.0 {
+            return None;
+        }
+        let angle = across.atan2(p.z);
+        if angle > self.limit {
+            return None;
+        }
+        let (radius, radius_by_angle) = fisheye_radius(angle, coefficients);
+        if across <= 1e-12 * p.z.abs() {
+            // On the axis radius / across tends to 1 / z.
+            return (p.z > 0.0).then(|| normalise(p)).flatten();
+        }
+        let (cos, sin) = (p.x / across, p.y / across);
+        let along = Vector3::new(cos * p.z, sin * p.z, -across) * (radius_by_angle / squared);
+        let turning = radius / across;
+        let jacobian = Matrix2x3::new(
+            cos * along.x + turning * sin * sin,
+            cos * along.y - turning * sin * cos,
+            cos * along.z,
+            sin * along.x - turning * sin * cos,
+            sin * along.y + turning * cos * cos,
+            sin * along.z,
+        );
+        Some((Vector2::new(radius * cos, radius * sin), jacobian))
+    }
+
+    /// The unit viewing direction of a pixel in the camera frame.
+    ///
+    /// # Errors
+    /// When the pixel is not finite, lies beyond the invertible range of the lens model, or Newton's method fails.
+    pub fn unproject(&self, pixel: &Point2<f64>) -> Result<Vector3<f64>, UnprojectError> {
+        let outside = UnprojectError::OutsideModel {
+            x: pixel.x,
+            y: pixel.y,
+        };
+        let plane = Vector2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
+        if !(plane.x.is_finite() && plane.y.is_finite()) {
+            return Err(outside);
+        }
+        match self.distortion {
+            Distortion::None => Ok(plane.push(1.0).normalize()),
+            Distortion::RadialTangential { k1, k2, p1, p2, k3 } => {
+                let undistorted =
+                    self.undistort_radial_tangential(plane, [k1, k2, p1, p2, k3], pixel)?;
+                Ok(undistorted.push(1.0).normalize())
+            }
+            Distortion::KannalaBrandt { k1, k2, k3, k4 } => {
+                let radius = plane.norm();
+                let angle = invert_increasing(radius, self.limit, |angle| {
+                    fisheye_radius(angle, [k1, k2, k3, k4])
+                })
+                .ok_or(outside)?;
+                if radius == 0.0 {
+                    return Ok(Vector3::z());
+                }
+                let (sin, cos) = angle.sin_cos();
+                Ok((plane * (sin / radius)).push(cos))
+            }
+        }
+    }
+
+    /// The point at depth z along the viewing direction of a pixel.
+    ///
+    /// # Errors
+    /// As [`Camera::unproject`], and when the direction has no positive z.
+    pub fn point_at_depth(
+        &self,
+        pixel: &Point2<f64>,
+        depth: f64,
+    ) -> Result<Point3<f64>, UnprojectError> {
+        if self.is_pinhole() {
+            return Ok(Point3::new(
+                (pixel.x - self.cx) / self.fx * depth,
+                (pixel.y - self.cy) / self.fy * depth,
+                depth,
+            ));
+        }
+        let direction = self.unproject(pixel)?;
+        if direction.z <= 1e-9 {
+            return Err(UnprojectError::NoDepth {
+                x: pixel.x,
+                y: pixel.y,
+            });
+        }
+        Ok(Point3::from(direction * (depth / direction.z)))
+    }
+
+    /// Radial part by bracketed Newton, then Newton in the plane for the tangential terms.
+    fn undistort_radial_tangential(
+        &self,
+        distorted: Vector2<f64>,
+        coefficients: [f64; 5],
+        pixel: &Point2<f64>,
+    ) -> Result<Vector2<f64>, UnprojectError> {
+        let outside = UnprojectError::OutsideModel {
+            x: pixel.x,
+            y: pixel.y,
+        };
+        let [k1, k2, _, _, k3] = coefficients;
+        let radius = distorted.norm();
+        if radius == 0.0 && coefficients[2] == 0.0 && coefficients[3] == 0.0 {
+            return Ok(distorted);
+        }
+        let radial = |r: f64| {
+            let (d, j) = distort_radial_tangential(Vector2::new(r, 0.0), [k1, k2, 0.0, 0.0, k3]);
+            (d.x, j[(0, 0)])
+        };
+        let mut undistorted = match invert_increasing(radius, self.limit, radial) {
+            Some(r) if radius > 0.0 => distorted * (r / radius),
+            Some(_) => distorted,
+            // The tangential terms may still bring the pixel inside: start from the rim.
+            None if self.limit.is_finite() => distorted * (0.99 * self.limit / radius),
+            None => return Err(outside),
+        };
+        let mut residual_px = f64::INFINITY;
+        for _ in 0..30 {
+            let (value, jacobian) = distort_radial_tangential(undistorted, coefficients);
+            let miss = distorted - value;
+            residual_px = (miss.x * self.fx).hypot(miss.y * self.fy);
+            if residual_px < 1e-10 {
+                break;
+            }
+            let Some(inverse) = jacobian.try_inverse() else {
+                return Err(outside);
+            };
+            undistorted += inverse * miss;
+            let norm = undistorted.norm();
+            if !norm.is_finite() {
+                return Err(outside);
+            }
+            if norm > self.limit {
+                undistorted *= self.limit / norm;
+            }
+        }
+        // A thousandth of a pixel is far below what any image measures; what misses it did not converge.
+        if residual_px < 1e-3 {
+            Ok(undistorted)
+        } else if undistorted.norm() >= 0.999 * self.limit {
+            Err(outside)
+        } else {
+            Err(UnprojectError::NotConverged {
+                x: pixel.x,
+                y: pixel.y,
+                residual_px,
+            })
+        }
+    }
+}
+
+/// Position on the plane z = 1 and its derivative by the point.
+fn normalise(p: &Point3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+    if p.z.is_nan() || p.z <= 0.0 {
+        return None;
+    }
+    let inverse = 1.0 / p.z;
+    let plane = Vector2::new(p.x * inverse, p.y * inverse);
+    let jacobian = Matrix2x3::new(
+        inverse,
+        0.0,
+        -plane.x * inverse,
+        0.0,
+        inverse,
+        -plane.y * inverse,
+    );
+    (plane.x.is_finite() && plane.y.is_finite()).then_some((plane, jacobian))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn cameras() -> Vec<Camera> {
+        vec![
+            Camera::pinhole(525.8, 524.0, 322.2, 235.6).unwrap(),
+            Camera::with_distortion(
+                458.654,
+                457.296,
+                367.215,
+                248.375,
+                Distortion::RadialTangential {
+                    k1: -0.28340811,
+                    k2: 0.07395907,
+                    p1: 1.9359e-4,
+                    p2: 1.76187e-5,
+                    k3: 0.0,
+                },
+            )
+            .unwrap(),
+            Camera::with_distortion(
+                517.3,
+                516.5,
+                318.6,
+                255.3,
+                Distortion::RadialTangential {
+                    k1: 0.2624,
+                    k2: -0.9531,
+                    p1: -0.0054,
+                    p2: 0.0026,
+                    k3: 1.1633,
+                },
+            )
+            .unwrap(),
+            Camera::with_distortion(
+                190.97,
+                190.97,
+                254.93,
+                256.9,
+                Distortion::KannalaBrandt {
+                    k1: 0.00348,
+                    k2: 0.000715,
+                    k3: -0.00205,
+                    k4: 0.000202,
+                },
+            )
+            .unwrap(),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn unproject_inverts_project(x in 0.0..640.0_f64, y in 0.0..480.0_f64, depth in 0.01..1e4_f64) {
+            for camera in cameras() {
+                let pixel = Point2::new(x, y);
+                let Ok(direction) = camera.unproject(&pixel) else {
+                    prop_assert!(!camera.is_pinhole());
+                    continue;
+                };
+                prop_assert!((direction.norm() - 1.0).abs() < 1e-12);
+                let back = camera.project(&Point3::from(direction * depth)).unwrap();
+                prop_assert!((back - pixel).norm() < 1e-6, "{camera:?} {pixel} {back}");
+            }
+        }
+
+        #[test]
+        fn jacobian_is_the_derivative(x in -0.5..0.5_f64, y in -0.4..0.4_f64, z in 0.8..5.0_f64) {
+            let p = Point3::new(x * z, y * z, z);
+            for camera in cameras() {
+                let Some((pixel, jacobian)) = camera.project_with_jacobian(&p) else { continue };
+                prop_assert!((camera.project(&p).unwrap() - pixel).norm() < 1e-9);
+                for axis in 0..3 {
+                    let step = 1e-6;
+                    let mut ahead = p;
+                    ahead[axis] += step;
+                    let mut behind = p;
+                    behind[axis] -= step;
+                    let (Some(a), Some(b)) = (camera.project(&ahead), camera.project(&behind)) else { continue };
+                    let numeric = (a - b) / (2.0 * step);
+                    prop_assert!((numeric - jacobian.column(axis)).norm() < 1e-3 * (1.0 + numeric.norm()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn fisheye_sees_behind_the_image_plane() {
+        let camera = &cameras()[3];
+        let sideways = Point3::new(1.0, 0.2, -0.1);
+        let pixel = camera.project(&sideways).unwrap();
+        let direction = camera.unproject(&pixel).unwrap();
+        assert!((direction - sideways.coords.normalize()).norm() < 1e-9);
+        assert!(matches!(
+            camera.point_at_depth(&pixel, 1.0),
+            Err(UnprojectError::NoDepth { .. })
+        ));
+    }
+
+    #[test]
+    fn distortion_that_folds_back_is_cut_off() {
+        // 1 + 3 k1 r^2 = 0 at r = 1: beyond it two points share a pixel.
+        let distortion = Distortion::RadialTangential {
+            k1: -1.0 / 3.0,
+            k2: 0.0,
+            p1: 0.0,
+            p2: 0.0,
+            k3: 0.0,
+        };
+        let camera = Camera::with_distortion(100.0, 100.0, 0.0, 0.0, distortion).unwrap();
+        assert!(camera.project(&Point3::new(0.99, 0.0, 1.0)).is_some());
+        assert!(camera.project(&Point3::new(1.01, 0.0, 1.0)).is_none());
+        assert!(camera.unproject(&Point2::new(66.0, 0.0)).is_ok());
+        assert!(matches!(
+            camera.unproject(&Point2::new(70.0, 0.0)),
+            Err(UnprojectError::OutsideModel { .. })
+        ));
+    }
+
+    #[test]
+    fn bad_input_is_refused_or_none() {
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(Camera::pinhole(bad, 500.0, 0.0, 0.0).is_err());
+            assert!(Camera::pinhole(500.0, bad, 0.0, 0.0).is_err());
+        }
+        assert!(Camera::pinhole(500.0, 500.0, f64::NAN, 0.0).is_err());
+        let distortion = Distortion::KannalaBrandt {
+            k1: 0.0,
+            k2: f64::NAN,
+            k3: 0.0,
+            k4: 0.0,
+        };
+        assert_eq!(
+            Camera::with_distortion(1.0, 1.0, 0.0, 0.0, distortion)
+                .unwrap_err()
+                .to_string(),
+            "distortion coefficient 2 = NaN must be finite"
+        );
+        for camera in cameras() {
+            assert!(camera.unproject(&Point2::new(f64::NAN, 0.0)).is_err());
+            assert!(camera.project(&Point3::new(f64::NAN, 0.0, 1.0)).is_none());
+            assert!(camera.project(&Point3::new(0.0, 0.0, f64::NAN)).is_none());
+            assert!(camera.project(&Point3::new(0.0, 0.0, 0.0)).is_none());
+            assert!(camera.project(&Point3::new(0.0, 0.0, -1.0)).is_none());
+        }
+    }
+
+    #[test]
+    fn scaled_camera_sees_the_same_corner() {
+        let camera = Camera::pinhole(500.0, 500.0, 319.5, 239.5)
+            .unwrap()
+            .scaled(0.5)
+            .unwrap();
+        assert_eq!(
+            (camera.fx(), camera.cx(), camera.cy()),
+            (250.0, 159.5, 119.5)
+        );
+    }
+}

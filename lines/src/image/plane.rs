@@ -1,0 +1,197 @@
+//! A plane of samples.
+
+use thiserror::Error;
+
+/// A rectangular plane of samples, row by row without gaps.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Plane<T> {
+    width: usize,
+    height: usize,
+    samples: Vec<T>,
+}
+
+/// An 8-bit grey image.
+pub type GrayImage = Plane<u8>;
+
+/// Why an image cannot be built.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum ImageError {
+    /// The number of samples does not match the size.
+    #[error(
+        "an image of {width} x {height} with {channels} channel(s) needs {expected} samples, {actual} were given"
+    )]
+    SampleCount {
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+        /// Samples per pixel.
+        channels: usize,
+        /// Number of samples that the size asks for.
+        expected: usize,
+        /// Number of samples given.
+        actual: usize,
+    },
+    /// The image is larger than pixel coordinates of 16 bits can address.
+    #[error("an image of {width} x {height} is larger than {limit} pixels a side")]
+    TooLarge {
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+        /// Largest side.
+        limit: usize,
+    },
+}
+
+/// Pixel coordinates are stored in 16 bits.
+const LARGEST_SIDE: usize = u16::MAX as usize;
+
+impl<T> Plane<T> {
+    /// A plane from its samples, row by row.
+    ///
+    /// # Errors
+    /// When the number of samples is not `width * height`, or a side exceeds 65535.
+    pub fn new(width: usize, height: usize, samples: Vec<T>) -> Result<Self, ImageError> {
+        if width > LARGEST_SIDE || height > LARGEST_SIDE {
+            return Err(ImageError::TooLarge {
+                width,
+                height,
+                limit: LARGEST_SIDE,
+            });
+        }
+        if samples.len() != width * height {
+            return Err(ImageError::SampleCount {
+                width,
+                height,
+                channels: 1,
+                expected: width * height,
+                actual: samples.len(),
+            });
+        }
+        Ok(Self {
+            width,
+            height,
+            samples,
+        })
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All samples, row by row.
+    pub fn samples(&self) -> &[T] {
+        &self.samples
+    }
+
+    /// All samples, row by row.
+    pub fn samples_mut(&mut self) -> &mut [T] {
+        &mut self.samples
+    }
+
+    /// One row of samples.
+    ///
+    /// # Panics
+    /// When the row does not exist.
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.samples[y * self.width..(y + 1) * self.width]
+    }
+
+    /// The sample at a pixel, `None` outside the image.
+    pub fn get(&self, x: usize, y: usize) -> Option<&T> {
+        if x < self.width {
+            self.samples.get(y * self.width + x)
+        } else {
+            None
+        }
+    }
+}
+
+impl<T: Clone> Plane<T> {
+    /// Takes a new size, reusing the memory; all samples become `value`.
+    pub(crate) fn reset(&mut self, width: usize, height: usize, value: T) {
+        self.width = width;
+        self.height = height;
+        self.samples.clear();
+        self.samples.resize(width * height, value);
+    }
+}
+
+impl<T: Clone + Default> Plane<T> {
+    /// Takes a new size, reusing the memory; samples that were there keep stale values.
+    pub(crate) fn resize_stale(&mut self, width: usize, height: usize) {
+        self.width = width;
+        self.height = height;
+        self.samples.resize(width * height, T::default());
+    }
+}
+
+impl Plane<u8> {
+    /// The luma of an interleaved 8-bit RGB image (weights of ITU-R BT.601).
+    ///
+    /// # Errors
+    /// When the number of samples is not `3 * width * height`, or a side exceeds 65535.
+    pub fn from_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Self, ImageError> {
+        if width > LARGEST_SIDE || height > LARGEST_SIDE {
+            return Err(ImageError::TooLarge {
+                width,
+                height,
+                limit: LARGEST_SIDE,
+            });
+        }
+        if rgb.len() != 3 * width * height {
+            return Err(ImageError::SampleCount {
+                width,
+                height,
+                channels: 3,
+                expected: 3 * width * height,
+                actual: rgb.len(),
+            });
+        }
+        // Fixed point with 14 bits; the weights sum to 1 << 14.
+        let luma = |p: &[u8]| {
+            let sum = 4899 * u32::from(p[0]) + 9617 * u32::from(p[1]) + 1868 * u32::from(p[2]);
+            ((sum + (1 << 13)) >> 14) as u8
+        };
+        Self::new(width, height, rgb.chunks_exact(3).map(luma).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sample_count_is_checked() {
+        assert!(GrayImage::new(3, 2, vec![0; 6]).is_ok());
+        let error = GrayImage::new(3, 2, vec![0; 5]).unwrap_err();
+        assert!(error.to_string().contains("needs 6 samples, 5 were given"));
+        assert!(GrayImage::new(70_000, 0, Vec::new()).is_err());
+        assert!(GrayImage::from_rgb8(2, 1, &[0; 5]).is_err());
+    }
+
+    #[test]
+    fn luma_of_grey_is_itself() {
+        for value in 0..=255 {
+            assert_eq!(
+                GrayImage::from_rgb8(1, 1, &[value; 3]).unwrap().samples(),
+                &[value]
+            );
+        }
+    }
+
+    #[test]
+    fn get_is_bounded() {
+        let plane = Plane::new(2, 2, vec![1, 2, 3, 4]).unwrap();
+        assert_eq!(plane.get(1, 1), Some(&4));
+        assert_eq!(plane.get(2, 0), None);
+        assert_eq!(plane.get(0, 2), None);
+    }
+}
