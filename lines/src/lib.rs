@@ -1,4 +1,5 @@
 //! Accurate 3D line segments on the image edges of posed keyframes.
 
 pub mod camera;
+pub mod edges;
 pub mod image;
