@@ -1,1 +1,4 @@
 //! Exact incremental Delaunay tetrahedralisation and free-space carving.
+
+pub mod predicates;
+pub mod tetrahedralization;

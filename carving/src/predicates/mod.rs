@@ -1,0 +1,50 @@
+//! Exact geometric predicates: orientation, in-sphere, and the rule that breaks cospherical ties.
+//!
+//! Each predicate first evaluates its determinant in plain floating point and compares it with a
+//! bound on the rounding error taken from the largest coordinate differences (a *semi-static
+//! filter*); only where the sign is in doubt does it ask the adaptive exact arithmetic of the
+//! `robust` crate. The sign of every result is therefore exact for coordinates that
+//! [`accept`](crate::tetrahedralization::accept) lets through, see
+//! [`MAX_COORDINATE`](crate::tetrahedralization::MAX_COORDINATE).
+//!
+//! # Sign convention
+//!
+//! `orient3d(a, b, c, d)` has the sign of `det(b - a, c - a, d - a)`: positive for the origin followed
+//! by the unit points of x, y and z. `in_sphere` is positive for points strictly inside the
+//! circumsphere of a *positively oriented* tetrahedron.
+//!
+//! # Reference
+//!
+//! J. R. Shewchuk, "Adaptive precision floating-point arithmetic and fast robust geometric
+//! predicates", Discrete & Computational Geometry 18, 1997 (evaluation order and error bounds of
+//! stage A). A. Meyer and S. Pion, "FPG: a code generator for fast and certified geometric
+//! predicates", RNC 2008 (bounds from maximal differences).
+
+mod insphere;
+mod orient;
+
+pub use insphere::{in_sphere, in_sphere_perturbed};
+pub(crate) use orient::orient3d_from_differences;
+pub use orient::{are_collinear, orient3d};
+
+#[cfg(test)]
+mod tests;
+
+/// Half an ulp of 1: the relative error of one rounded operation.
+const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
+
+/// The larger of two numbers, neither of which is NaN; one machine instruction.
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// A position as the adaptive predicates take it.
+#[inline]
+fn coord(p: &[f64; 3]) -> robust::Coord3D<f64> {
+    robust::Coord3D {
+        x: p[0],
+        y: p[1],
+        z: p[2],
+    }
+}

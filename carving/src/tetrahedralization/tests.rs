@@ -1,0 +1,63 @@
+use nalgebra::Point3;
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+
+/// Finite cells by sorted positions: comparable between triangulations that number vertices differently.
+pub(super) fn canonical(t: &Tetrahedralization) -> Vec<[[u64; 3]; 4]> {
+    let mut cells: Vec<_> = t
+        .cells()
+        .filter(|&c| !t.is_ghost(c))
+        .map(|c| {
+            let mut corners = t
+                .cell_vertices(c)
+                .map(|v| t.coordinates(v).map(|x| (x + 0.0).to_bits()));
+            corners.sort_unstable();
+            corners
+        })
+        .collect();
+    cells.sort_unstable();
+    cells
+}
+
+fn build(points: &[Point3<f64>]) -> Tetrahedralization {
+    let mut t = Tetrahedralization::new();
+    let mut changes = Changes::new();
+    for p in points {
+        t.insert(*p, None, &mut changes).unwrap();
+    }
+    t
+}
+
+pub(super) fn grid(n: i32) -> Vec<Point3<f64>> {
+    (0..n * n * n)
+        .map(|i| Point3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64))
+        .collect()
+}
+
+#[test]
+fn random_points_are_delaunay() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let points: Vec<_> = (0..300)
+        .map(|_| Point3::new(rng.random(), rng.random(), rng.random::<f64>()))
+        .collect();
+    let t = build(&points);
+    t.check_exhaustively().unwrap();
+    assert_eq!(t.vertex_count(), 300);
+}
+
+#[test]
+fn a_grid_has_one_triangulation_whatever_the_order() {
+    let mut points = grid(4);
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let reference = build(&points);
+    reference.check_exhaustively().unwrap();
+    for _ in 0..20 {
+        points.shuffle(&mut rng);
+        let t = build(&points);
+        t.check().unwrap();
+        assert_eq!(canonical(&t), canonical(&reference));
+    }
+}
