@@ -136,7 +136,7 @@ impl EdgeChains {
     }
 
     /// Appends a chain given by sample indices.
-    pub(super) fn push(&mut self, indices: &[u32]) {
+    pub(crate) fn push(&mut self, indices: &[u32]) {
         let width = self.width as u32;
         self.pixels.extend(
             indices
