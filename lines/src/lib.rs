@@ -3,4 +3,8 @@
 pub mod camera;
 pub mod depth;
 pub mod edges;
+mod extractor;
+pub mod fit;
 pub mod image;
+
+pub use extractor::{ExtractError, ExtractOptions, Extraction, SegmentExtractor, StageDurations};

@@ -55,7 +55,7 @@ impl EdgeOptions {
 /// C. Topal, C. Akinlar, Edge Drawing: A combined real-time edge and segment detector, Journal of Visual Communication
 /// and Image Representation, 2012: smoothing, gradient and edge areas, anchors, smart routing.
 ///
-/// *Differs from the paper* in routing only; see [`EdgeDetector::detect`].
+/// *Differs from the paper* in anchors and routing; see [`EdgeDetector::detect`].
 ///
 /// ```
 /// use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
@@ -114,7 +114,8 @@ impl EdgeDetector {
     ///
     /// Deterministic: equal strengths are taken in the order of rows, then columns.
     ///
-    /// *Differs from the paper*: where the orientation changes, the walk turns to the stronger side and leaves the other
+    /// *Differs from the paper*: a crest half-way between two pixels of nearly equal strength has an anchor too (a perfect
+    /// step between two columns has two equal columns and would have none); where the orientation changes, the walk turns to the stronger side and leaves the other
     /// to an anchor of its own, instead of following both and sorting out a tree of paths afterwards; pixels that only
     /// thicken a chain are taken out while walking, and the 2 x 2 rule keeps different chains apart. This is what
     /// makes the guarantees of [`EdgeChains`] hold without a second pass.

@@ -79,10 +79,25 @@ impl Router {
                 } else {
                     (above[x] >> 1, below[x] >> 1)
                 };
-                if strength >= one.saturating_add(margin)
-                    && strength >= other.saturating_add(margin)
-                {
-                    self.anchors.push((y * width + x) as u32);
+                let exceeds_one = strength >= one.saturating_add(margin);
+                let exceeds_other = strength >= other.saturating_add(margin);
+                let index = y * width + x;
+                let is_anchor = match (exceeds_one, exceeds_other) {
+                    (true, true) => true,
+                    (false, false) => false,
+                    // The crest may lie half-way between two pixels that hardly differ: the stronger of them, or the
+                    // first, is the anchor when the pair exceeds what lies on its other side.
+                    (true, false) => {
+                        strength >= other
+                            && pair_exceeds(packed, index, width, true, strength, margin)
+                    }
+                    (false, true) => {
+                        strength > one
+                            && pair_exceeds(packed, index, width, false, strength, margin)
+                    }
+                };
+                if is_anchor {
+                    self.anchors.push(index as u32);
                 }
             }
         }
@@ -186,6 +201,25 @@ impl Router {
             || (left && down && on_edge(width - 1))
             || (right && down && on_edge(width + 1))
     }
+}
+
+/// Whether a strength exceeds that of the second pixel across the edge by a margin; forwards is right or down.
+fn pair_exceeds(
+    packed: &[u16],
+    index: usize,
+    width: usize,
+    is_forwards: bool,
+    strength: u16,
+    margin: u16,
+) -> bool {
+    let across = if packed[index] & 1 == 1 { 1 } else { width };
+    let second = if is_forwards {
+        index.checked_add(2 * across)
+    } else {
+        index.checked_sub(2 * across)
+    };
+    let second = second.and_then(|second| packed.get(second));
+    second.is_some_and(|&second| strength >= (second >> 1).saturating_add(margin))
 }
 
 /// From one pixel to another that is at most two rows and columns away.

@@ -1,0 +1,194 @@
+//! From an image with depth to segments, stage by stage.
+
+use std::time::{Duration, Instant};
+
+use thiserror::Error;
+
+use crate::camera::Camera;
+use crate::depth::{EdgeDepthOptions, EdgeDepths, InverseDepthMap};
+use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions, EdgeOptionsError};
+use crate::fit::{FitInput, FitOptions, FitOptionsError, Segment, SegmentFitter};
+use crate::image::GrayImage;
+
+/// Settings of all stages.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ExtractOptions {
+    /// Edge detection.
+    pub edges: EdgeOptions,
+    /// The depth of edge pixels.
+    pub edge_depth: EdgeDepthOptions,
+    /// Fitting.
+    pub fit: FitOptions,
+}
+
+/// Why an extractor cannot be built or a keyframe not be processed.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ExtractError {
+    /// An edge option is out of range.
+    #[error(transparent)]
+    Edges(#[from] EdgeOptionsError),
+    /// A fit option is out of range.
+    #[error(transparent)]
+    Fit(#[from] FitOptionsError),
+    /// Segments are straight only in pinhole images.
+    #[error("the camera has lens distortion; undistort the image and its depth first")]
+    Distorted,
+    /// Image and depth map differ in size.
+    #[error(
+        "the image is {image_width} x {image_height} but the depth map is {depth_width} x {depth_height}"
+    )]
+    Size {
+        /// Width of the image.
+        image_width: usize,
+        /// Height of the image.
+        image_height: usize,
+        /// Width of the depth map.
+        depth_width: usize,
+        /// Height of the depth map.
+        depth_height: usize,
+    },
+}
+
+/// How long each stage took.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StageDurations {
+    /// Smoothing, gradient and edge chains.
+    pub edges: Duration,
+    /// The depth of each edge pixel.
+    pub edge_depth: Duration,
+    /// Fitting.
+    pub fit: Duration,
+}
+
+/// Segments of one keyframe, and what it took to find them.
+#[derive(Debug, Clone, Default)]
+pub struct Extraction {
+    /// The segments in the order of the edge chains.
+    pub segments: Vec<Segment>,
+    /// Number of pixels on edge chains.
+    pub edge_pixels: usize,
+    /// Number of those with a depth.
+    pub edge_pixels_with_depth: usize,
+    /// Number of edge chains.
+    pub chains: usize,
+    /// Time per stage.
+    pub durations: StageDurations,
+}
+
+impl Extraction {
+    /// Share of the edge pixels that lie between the ends of segments as inliers.
+    pub fn explained_share(&self) -> f64 {
+        let inliers: u32 = self.segments.iter().map(|segment| segment.inliers).sum();
+        f64::from(inliers) / self.edge_pixels.max(1) as f64
+    }
+}
+
+/// Extracts 3D segments from keyframes and owns the memory that is reused from one to the next.
+///
+/// ```
+/// use linecarve_lines::camera::Camera;
+/// use linecarve_lines::depth::{DepthSensor, SensorNoise};
+/// use linecarve_lines::image::{GrayImage, Plane};
+/// use linecarve_lines::{ExtractOptions, SegmentExtractor};
+///
+/// // A dark panel on a bright wall, both 2 units away.
+/// let (width, height) = (160, 120);
+/// let is_panel = |i: usize| (40..120).contains(&(i % width)) && (30..90).contains(&(i / width));
+/// let image = GrayImage::new(width, height, (0..width * height).map(|i| if is_panel(i) { 60 } else { 190 }).collect())?;
+/// let camera = Camera::pinhole(140.0, 140.0, 79.5, 59.5)?;
+/// let sensor = DepthSensor::registered(&camera, SensorNoise::relative_at(0.003, 2.0, 0.001));
+/// let depth = Plane::new(width, height, vec![2.0_f32; width * height])?;
+/// let map = sensor.inverse_depth(&depth, &camera, width, height)?;
+///
+/// let mut extractor = SegmentExtractor::new(ExtractOptions::default())?;
+/// let extraction = extractor.extract(&image, &map, &camera, 0)?;
+/// assert_eq!(extraction.segments.len(), 4);
+/// assert!(extraction.segments.iter().all(|s| s.ends_in_camera.iter().all(|end| (end.z - 2.0).abs() < 1e-3)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct SegmentExtractor {
+    edge_depth: EdgeDepthOptions,
+    detector: EdgeDetector,
+    chains: EdgeChains,
+    depths: EdgeDepths,
+    fitter: SegmentFitter,
+}
+
+impl SegmentExtractor {
+    /// An extractor with the given settings.
+    ///
+    /// # Errors
+    /// When a setting is out of range.
+    pub fn new(options: ExtractOptions) -> Result<Self, ExtractError> {
+        Ok(Self {
+            edge_depth: options.edge_depth,
+            detector: EdgeDetector::new(options.edges)?,
+            chains: EdgeChains::default(),
+            depths: EdgeDepths::default(),
+            fitter: SegmentFitter::new(options.fit)?,
+        })
+    }
+
+    /// The segments of one keyframe, in its camera frame; `keyframe` is stored with each of them.
+    ///
+    /// # Errors
+    /// When the camera distorts, or image and depth map differ in size.
+    pub fn extract(
+        &mut self,
+        image: &GrayImage,
+        depth: &InverseDepthMap,
+        camera: &Camera,
+        keyframe: u32,
+    ) -> Result<Extraction, ExtractError> {
+        if !camera.is_pinhole() {
+            return Err(ExtractError::Distorted);
+        }
+        if (image.width(), image.height()) != (depth.width(), depth.height()) {
+            return Err(ExtractError::Size {
+                image_width: image.width(),
+                image_height: image.height(),
+                depth_width: depth.width(),
+                depth_height: depth.height(),
+            });
+        }
+        let start = Instant::now();
+        self.detector.detect_into(image, &mut self.chains);
+        let edges = start.elapsed();
+        self.depths.compute(depth, &self.chains, &self.edge_depth);
+        let edge_depth = start.elapsed() - edges;
+        let input = FitInput {
+            chains: &self.chains,
+            depths: &self.depths,
+            image: self.detector.smoothed(),
+            camera,
+            keyframe,
+        };
+        let segments = self.fitter.fit(&input);
+        let fit = start.elapsed() - edges - edge_depth;
+        Ok(Extraction {
+            segments,
+            edge_pixels: self.chains.pixels().len(),
+            edge_pixels_with_depth: self.depths.known_count(),
+            chains: self.chains.len(),
+            durations: StageDurations {
+                edges,
+                edge_depth,
+                fit,
+            },
+        })
+    }
+
+    /// The edge chains of the last keyframe.
+    pub fn chains(&self) -> &EdgeChains {
+        &self.chains
+    }
+
+    /// The depths of the last keyframe's edge pixels.
+    pub fn edge_depths(&self) -> &EdgeDepths {
+        &self.depths
+    }
+}
+
+#[cfg(test)]
+mod tests;
