@@ -6,8 +6,10 @@ use super::ids::CellId;
 /// once its lists have grown.
 ///
 /// * `destroyed` and `created` have no id in common: the slots of destroyed cells are handed out again only by
-///   the *next* operation that changes the tetrahedralisation. Until then the corners and neighbours of destroyed
-///   cells can be read like those of living ones (they describe the state before).
+///   the *next* operation that changes the tetrahedralisation. Until then the corners of destroyed cells can be
+///   read like those of living ones. Their neighbours, too, describe the state before, if the operation was a
+///   single insertion or removal; after operations of several steps (a move, a batch, an
+///   [`Edit`](super::Edit)) they are those at the moment of the destruction.
 /// * Cells that exist only in the middle of an operation of several steps (a move, a batch) are in no list.
 /// * The order of each list is a function of the history of operations alone.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -49,7 +49,7 @@ impl Tetrahedralization {
     ) -> Result<Insertion, PointError> {
         changes.clear();
         let position = accept(&point)?;
-        if !self.storage.has_room() {
+        if !self.storage.has_room_for(1) {
             return Err(PointError::Full);
         }
         self.storage.release_destroyed();
@@ -89,6 +89,7 @@ impl Tetrahedralization {
         };
         self.start_with(basis);
         let mut steps = Changes::new();
+        let destroyed = self.storage.destroyed_count();
         let flat: Vec<u32> = self.low.vertices().filter(|v| !basis.contains(v)).collect();
         for other in flat {
             let position = *self.storage.position(other);
@@ -96,7 +97,7 @@ impl Tetrahedralization {
             self.connect(other, cell, &mut steps);
             steps.clear();
             // No caller has seen these cells.
-            self.storage.release_destroyed();
+            self.storage.release_since(destroyed);
         }
         self.low.clear();
         changes.created.extend(

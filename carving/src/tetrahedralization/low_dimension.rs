@@ -37,7 +37,6 @@ pub(super) struct LowDimension {
     basis: Vec<u32>,
 }
 
-#[allow(dead_code)] // removal follows
 impl LowDimension {
     /// −1 when empty, 0 for one point, 1 on a line, 2 in a plane.
     pub(super) fn dimension(&self) -> i8 {

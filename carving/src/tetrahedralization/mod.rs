@@ -40,31 +40,42 @@
 //! # Ok::<(), linecarve_carving::tetrahedralization::PointError>(())
 //! ```
 
+mod batch;
 mod cavity;
 mod changes;
 mod check;
+mod edit;
 mod ids;
 mod incident;
 mod insert;
 mod locate;
 mod low_dimension;
+mod move_vertex;
 mod nearest;
 mod point;
+mod remove;
+mod spatial_order;
 mod storage;
 
+pub use batch::BatchError;
 pub use changes::Changes;
 pub use check::Violation;
+pub use edit::Edit;
 pub use ids::{CellId, VertexId};
 pub use incident::IncidentCells;
 pub use insert::Insertion;
 pub use locate::Location;
+pub use move_vertex::{Move, MoveError};
 pub use point::{MAX_COORDINATE, MIN_COORDINATE, PointError, accept};
+
+pub use remove::UnknownVertex;
 
 use nalgebra::Point3;
 
 use cavity::CavityScratch;
 use ids::NO_CELL;
 use low_dimension::LowDimension;
+use remove::HoleScratch;
 use storage::{FACET, Storage};
 
 /// The Delaunay tetrahedra of a changing set of points; see the [module](self) for what is guaranteed.
@@ -76,6 +87,8 @@ pub struct Tetrahedralization {
     /// A living cell where the latest change happened; `NO_CELL` below dimension three.
     recent_cell: u32,
     scratch: CavityScratch,
+    hole: HoleScratch,
+    around: IncidentCells,
 }
 
 impl Default for Tetrahedralization {
@@ -97,6 +110,8 @@ impl Tetrahedralization {
             low: LowDimension::default(),
             recent_cell: NO_CELL,
             scratch: CavityScratch::default(),
+            hole: HoleScratch::default(),
+            around: IncidentCells::default(),
         }
     }
 

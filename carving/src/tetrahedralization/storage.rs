@@ -56,6 +56,10 @@ pub(super) mod state {
     pub(in super::super) const CONFLICT: u8 = 2;
     /// In use; found free of conflict by the running search.
     pub(in super::super) const OUTSIDE: u8 = 3;
+    /// While an edit ends: not in use, and created by it.
+    pub(in super::super) const DEAD_NEW: u8 = 4;
+    /// While an edit ends: in use, and created by it.
+    pub(in super::super) const ALIVE_NEW: u8 = 5;
 }
 
 /// The arrays. Slots of destroyed cells stay readable until [`release_destroyed`](Storage::release_destroyed).
@@ -70,17 +74,18 @@ pub(super) struct Storage {
     ghost_cells: usize,
 }
 
-#[allow(dead_code)] // removal follows
 impl Storage {
     /// Largest number of cell slots: a neighbour packs cell and facet into 32 bits.
     const MAX_CELLS: usize = (1 << 30) - 1;
-    /// Slots that one insertion or removal may need beyond those in use: room for a vertex joined to all others.
-    const RESERVE: usize = 1 << 12;
+    /// Slots kept in reserve for the first few points.
+    const RESERVE: usize = 64;
 
-    /// Whether another vertex certainly finds room: ids are 32 bits wide.
-    pub(super) fn has_room(&self) -> bool {
+    /// Whether `points` further vertices find room: ids are 32 bits wide.
+    pub(super) fn has_room_for(&self, points: usize) -> bool {
+        // Inserting one vertex creates at most two cells for each vertex joined to it, usually few.
         let used = self.cells.len() - self.free_cells.len();
-        used + 4 * self.live_vertices().min(Self::MAX_CELLS / 8) + Self::RESERVE < Self::MAX_CELLS
+        let needed = (2 * self.live_vertices()).saturating_add(points.saturating_mul(7));
+        used.saturating_add(needed).saturating_add(Self::RESERVE) < Self::MAX_CELLS
     }
 
     #[inline]
@@ -146,6 +151,16 @@ impl Storage {
         self.free_cells.append(&mut self.destroyed);
     }
 
+    /// Number of destroyed cells not yet released; see [`release_since`](Self::release_since).
+    pub(super) fn destroyed_count(&self) -> usize {
+        self.destroyed.len()
+    }
+
+    /// Releases the cells destroyed after their number was `count`.
+    pub(super) fn release_since(&mut self, count: usize) {
+        self.free_cells.extend(self.destroyed.drain(count..));
+    }
+
     /// Joins two facets, each given as `4 * cell + facet`.
     #[inline]
     pub(super) fn join(&mut self, one: u32, other: u32) {
@@ -182,15 +197,6 @@ impl Storage {
         self.vertices
             .get(vertex as usize)
             .is_some_and(|v| v.label != DEAD_LABEL)
-    }
-
-    /// Forgets everything but keeps the memory.
-    pub(super) fn clear_cells(&mut self) {
-        self.release_destroyed();
-        self.cells.clear();
-        self.states.clear();
-        self.free_cells.clear();
-        self.ghost_cells = 0;
     }
 
     /// Makes room for a triangulation of `points` further points.

@@ -61,3 +61,31 @@ fn a_grid_has_one_triangulation_whatever_the_order() {
         assert_eq!(canonical(&t), canonical(&reference));
     }
 }
+
+#[test]
+fn removal_restores_the_cells_of_a_grid() {
+    let points = grid(4);
+    let mut t = build(&points);
+    let mut changes = Changes::new();
+    let reference = canonical(&t);
+    for p in &points {
+        let v = match t.locate(p, None).unwrap() {
+            Location::OnVertex(v) => v,
+            other => panic!("{p} found at {other:?}"),
+        };
+        t.remove(v, &mut changes).unwrap();
+        t.check().unwrap();
+        t.insert(*p, None, &mut changes).unwrap();
+        t.check().unwrap();
+        assert_eq!(canonical(&t), reference);
+    }
+    // Down to nothing, through every dimension.
+    let mut dimensions = vec![];
+    for v in t.vertices().collect::<Vec<_>>() {
+        t.remove(v, &mut changes).unwrap();
+        t.check().unwrap();
+        dimensions.push(t.dimension());
+    }
+    dimensions.dedup();
+    assert_eq!(dimensions, [3, 2, 1, 0, -1]);
+}
