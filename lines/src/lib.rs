@@ -1,6 +1,7 @@
 //! Accurate 3D line segments on the image edges of posed keyframes.
 
 pub mod camera;
+pub mod cluster;
 pub mod depth;
 pub mod edges;
 mod extractor;

@@ -1,0 +1,169 @@
+use nalgebra::{Isometry3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+
+/// Segments scattered about a few hundred lines of a room of 4 units, and which line each belongs to.
+fn scattered(
+    seed: u64,
+    lines: usize,
+    per_line: usize,
+    noise: f64,
+) -> Vec<([Point3<f64>; 2], usize)> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut all = Vec::new();
+    let mut point = |scale: f64| Vector3::from_fn(|_, _| rng.random_range(-scale..scale));
+    let ideal: Vec<_> = (0..lines)
+        .map(|_| (point(2.0), point(1.0).normalize()))
+        .collect();
+    for _ in 0..per_line {
+        for (line, (center, direction)) in ideal.iter().enumerate() {
+            let ends = point(0.5);
+            let (from, to) = (ends.x - 0.2, ends.y.abs() + ends.x + 0.1);
+            let ends = [from, to].map(|t| Point3::from(center + direction * t + point(noise)));
+            all.push((ends, line));
+        }
+    }
+    all
+}
+
+fn clusterer() -> SegmentClusterer {
+    SegmentClusterer::new(ClusterOptions::default(), 1.0).unwrap()
+}
+
+fn check(clusterer: &SegmentClusterer) {
+    let mut seen = vec![false; clusterer.segment_count()];
+    for (_, cluster) in clusterer.all_clusters() {
+        let members: Vec<_> = clusterer.members(cluster).collect();
+        assert_eq!(members.len(), cluster.size as usize);
+        for member in members {
+            assert!(!std::mem::replace(&mut seen[member.0 as usize], true));
+        }
+    }
+    assert!(seen.iter().all(|&s| s));
+    assert_eq!(clusterer.tree.size(), clusterer.all_clusters().count());
+}
+
+#[test]
+fn members_of_a_line_share_a_cluster() {
+    let segments = scattered(3, 60, 12, 0.002);
+    let mut clusterer = clusterer();
+    let mut events = Vec::new();
+    for (ends, _) in &segments {
+        clusterer.insert(*ends, &mut events).unwrap();
+    }
+    check(&clusterer);
+    let mut mixed = 0;
+    let clusters: Vec<_> = clusterer.clusters().collect();
+    assert!(clusters.len() <= 64, "{}", clusters.len());
+    for (_, cluster) in &clusters {
+        let lines: Vec<_> = clusterer
+            .members(cluster)
+            .map(|id| segments[id.0 as usize].1)
+            .collect();
+        mixed += usize::from(lines.iter().any(|&line| line != lines[0]));
+    }
+    assert!(mixed <= 2, "{mixed}");
+    let covered: u32 = clusters.iter().map(|(_, c)| c.size).sum();
+    assert!(covered > 700, "{covered}");
+}
+
+#[test]
+fn scaled_and_turned_scene_gives_the_same_clusters() {
+    let segments = scattered(5, 80, 8, 0.004);
+    let motion = Isometry3::new(
+        Vector3::new(300.0, -20.0, 7.0),
+        Vector3::new(0.3, -1.1, 0.7),
+    );
+    let mut plain = clusterer();
+    let mut moved = SegmentClusterer::new(ClusterOptions::default(), 1000.0).unwrap();
+    let (mut plain_events, mut moved_events) = (Vec::new(), Vec::new());
+    for (ends, _) in &segments {
+        let a = plain.insert(*ends, &mut plain_events);
+        let b = moved.insert(ends.map(|end| motion * (end * 1000.0)), &mut moved_events);
+        assert_eq!(a, b);
+    }
+    assert_eq!(plain_events, moved_events);
+    for ((_, a), (_, b)) in plain.all_clusters().zip(moved.all_clusters()) {
+        for (a, b) in a.representative.ends.iter().zip(&b.representative.ends) {
+            assert!((motion * (a * 1000.0) - b).norm() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn events_tell_the_story() {
+    let mut clusterer = clusterer();
+    let at = |from: f64, to: f64| [Point3::new(from, 0.0, 1.0), Point3::new(to, 0.0, 1.0)];
+    let mut events = Vec::new();
+    let mut insert = |ends| {
+        events.clear();
+        let inserted = clusterer.insert(ends, &mut events);
+        (
+            inserted.map(|(segment, cluster)| (segment.0, cluster.0)),
+            events.clone(),
+        )
+    };
+    use ClusterEvent::{Created, Extended, Merged, Moved};
+    let id = ClusterId;
+    assert_eq!(insert(at(0.0, 1.0)), (Some((0, 0)), vec![Created(id(0))]));
+    assert_eq!(insert(at(2.0, 3.0)), (Some((1, 1)), vec![Created(id(1))]));
+    let (_, extended) = insert(at(0.2, 0.9));
+    assert_eq!(extended[0], Extended(id(0)));
+    // The bridge joins the first and brings the two together.
+    let (inserted, bridged) = insert(at(0.9, 2.1));
+    assert_eq!(inserted, Some((3, 0)));
+    assert!(bridged.contains(&Merged {
+        into: id(0),
+        from: id(1)
+    }));
+    assert_eq!(bridged.last(), Some(&Moved(id(0))));
+    assert_eq!(insert([Point3::origin(); 2]), (None, vec![]));
+    assert_eq!(
+        insert([Point3::new(f64::NAN, 0.0, 0.0), Point3::origin()]),
+        (None, vec![])
+    );
+    check(&clusterer);
+    assert!(clusterer.cluster(id(1)).is_none());
+    let (only, cluster) = clusterer.clusters().next().unwrap();
+    assert_eq!((only, cluster.size), (id(0), 4));
+    let members: Vec<u32> = clusterer.members(cluster).map(|m| m.0).collect();
+    assert_eq!(members, [0, 2, 3, 1]);
+    assert!((cluster.representative.length() - 3.0).abs() < 1e-9);
+}
+
+#[test]
+fn parallel_lines_stay_apart() {
+    let mut clusterer = clusterer();
+    let mut events = Vec::new();
+    for i in 0..20 {
+        let y = 0.03 * f64::from(i % 5);
+        let shift = 0.01 * f64::from(i);
+        clusterer
+            .insert(
+                [Point3::new(shift, y, 1.0), Point3::new(1.0 + shift, y, 1.0)],
+                &mut events,
+            )
+            .unwrap();
+    }
+    assert_eq!(clusterer.clusters().count(), 5);
+}
+
+#[test]
+fn the_best_fit_wins_over_the_first() {
+    let mut clusterer = clusterer();
+    let mut events = Vec::new();
+    let at = |y: f64| [Point3::new(0.0, y, 1.0), Point3::new(1.0, y, 1.0)];
+    clusterer.insert(at(0.0), &mut events).unwrap();
+    clusterer.insert(at(0.0105), &mut events).unwrap();
+    let (_, cluster) = clusterer.insert(at(0.008), &mut events).unwrap();
+    assert_eq!(cluster, ClusterId(1));
+}
+
+#[test]
+fn bad_scale_is_refused() {
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(SegmentClusterer::new(ClusterOptions::default(), bad).is_err());
+    }
+}

@@ -1,0 +1,9 @@
+//! Clusters of segments from many keyframes, grown one segment at a time.
+
+mod clusterer;
+mod options;
+mod representative;
+
+pub use clusterer::{Cluster, ClusterEvent, ClusterId, SegmentClusterer, SegmentId};
+pub use options::{ClusterOptions, ClusterOptionsError};
+pub use representative::WorldSegment;

@@ -1,0 +1,68 @@
+//! Settings of clustering.
+
+use thiserror::Error;
+
+/// Settings of [`SegmentClusterer`](super::SegmentClusterer). Lengths marked "share" are multiplied by the scene's median
+/// depth.
+///
+/// # Reference
+/// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
+/// section IV-A: 10 degrees, 0.02 (in maps whose median depth is about 1), 3.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClusterOptions {
+    /// Largest angle between a segment and its cluster.
+    pub maximum_angle_rad: f64,
+    /// Largest distance measure d between a segment and its cluster, as a share.
+    pub distance_share: f64,
+    /// Largest distance of a segment's ends from the infinite line of its cluster, as a share. The paper has no such
+    /// limit, and its d alone lets an end 10 cm beside the middle of a line of 2 m pass 0.02.
+    pub offset_share: f64,
+    /// Clusters with fewer segments are left out of [`SegmentClusterer::clusters`](super::SegmentClusterer::clusters).
+    pub minimum_size: u32,
+    /// Clusters that grow together become one.
+    pub merge: bool,
+}
+
+impl Default for ClusterOptions {
+    fn default() -> Self {
+        Self {
+            maximum_angle_rad: 10.0_f64.to_radians(),
+            distance_share: 0.02,
+            offset_share: 0.01,
+            minimum_size: 3,
+            merge: true,
+        }
+    }
+}
+
+/// Why clustering is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum ClusterOptionsError {
+    /// A length or angle is not positive and finite.
+    #[error("cluster option {name} = {value} must be positive and finite")]
+    OutOfRange {
+        /// The field.
+        name: &'static str,
+        /// The refused value.
+        value: f64,
+    },
+}
+
+impl ClusterOptions {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// When a field is out of range.
+    pub fn validate(&self) -> Result<(), ClusterOptionsError> {
+        for (name, value) in [
+            ("maximum_angle_rad", self.maximum_angle_rad),
+            ("distance_share", self.distance_share),
+            ("offset_share", self.offset_share),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(ClusterOptionsError::OutOfRange { name, value });
+            }
+        }
+        Ok(())
+    }
+}
