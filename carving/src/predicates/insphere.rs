@@ -10,6 +10,63 @@ use super::{UNIT_ROUNDOFF, coord, larger, orient3d};
 /// cover the rounding of lifts and bound.
 const IN_SPHERE_BOUND: f64 = 400.0 * UNIT_ROUNDOFF;
 
+/// A point relative to the point being tested, each coordinate rounded once, and its squared distance.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lifted {
+    pub(crate) x: f64,
+    pub(crate) y: f64,
+    pub(crate) z: f64,
+    pub(crate) lift: f64,
+}
+
+impl Lifted {
+    #[inline(always)]
+    pub(crate) fn new(point: &[f64; 3], origin: &[f64; 3]) -> Self {
+        let (x, y, z) = (
+            point[0] - origin[0],
+            point[1] - origin[1],
+            point[2] - origin[2],
+        );
+        let lift = x * x + y * y + z * z;
+        Self { x, y, z, lift }
+    }
+
+    /// The larger of both magnitudes, coordinate by coordinate.
+    #[inline(always)]
+    pub(crate) fn extent(&self, other: &Self) -> Self {
+        Self {
+            x: larger(self.x.abs(), other.x.abs()),
+            y: larger(self.y.abs(), other.y.abs()),
+            z: larger(self.z.abs(), other.z.abs()),
+            lift: larger(self.lift, other.lift),
+        }
+    }
+
+    /// Bound on the rounding error of [`in_sphere_determinant`] for points of no larger magnitudes than these.
+    #[inline(always)]
+    pub(crate) fn in_sphere_error(&self) -> f64 {
+        IN_SPHERE_BOUND * self.x.abs() * self.y.abs() * self.z.abs() * self.lift
+    }
+}
+
+/// The in-sphere determinant of four points relative to the fifth, rounded.
+#[inline(always)]
+pub(crate) fn in_sphere_determinant(a: &Lifted, b: &Lifted, c: &Lifted, d: &Lifted) -> f64 {
+    let ab = a.x * b.y - b.x * a.y;
+    let bc = b.x * c.y - c.x * b.y;
+    let cd = c.x * d.y - d.x * c.y;
+    let da = d.x * a.y - a.x * d.y;
+    let ac = a.x * c.y - c.x * a.y;
+    let bd = b.x * d.y - d.x * b.y;
+
+    let abc = a.z * bc - b.z * ac + c.z * ab;
+    let bcd = b.z * cd - c.z * bd + d.z * bc;
+    let cda = c.z * da + d.z * ac + a.z * cd;
+    let dab = d.z * ab + a.z * bd + b.z * da;
+
+    (c.lift * dab - d.lift * abc) + (a.lift * bcd - b.lift * cda)
+}
+
 /// Exact sign of the in-sphere determinant: positive when `e` lies strictly inside the sphere through
 /// `a`, `b`, `c`, `d`, zero when on it.
 ///
@@ -17,35 +74,9 @@ const IN_SPHERE_BOUND: f64 = 400.0 * UNIT_ROUNDOFF;
 /// the sign is reversed. Only the sign of the result is meaningful.
 #[inline]
 pub fn in_sphere(a: &[f64; 3], b: &[f64; 3], c: &[f64; 3], d: &[f64; 3], e: &[f64; 3]) -> f64 {
-    let (ax, ay, az) = (a[0] - e[0], a[1] - e[1], a[2] - e[2]);
-    let (bx, by, bz) = (b[0] - e[0], b[1] - e[1], b[2] - e[2]);
-    let (cx, cy, cz) = (c[0] - e[0], c[1] - e[1], c[2] - e[2]);
-    let (dx, dy, dz) = (d[0] - e[0], d[1] - e[1], d[2] - e[2]);
-
-    let ab = ax * by - bx * ay;
-    let bc = bx * cy - cx * by;
-    let cd = cx * dy - dx * cy;
-    let da = dx * ay - ax * dy;
-    let ac = ax * cy - cx * ay;
-    let bd = bx * dy - dx * by;
-
-    let abc = az * bc - bz * ac + cz * ab;
-    let bcd = bz * cd - cz * bd + dz * bc;
-    let cda = cz * da + dz * ac + az * cd;
-    let dab = dz * ab + az * bd + bz * da;
-
-    let a_lift = ax * ax + ay * ay + az * az;
-    let b_lift = bx * bx + by * by + bz * bz;
-    let c_lift = cx * cx + cy * cy + cz * cz;
-    let d_lift = dx * dx + dy * dy + dz * dz;
-
-    let det = (c_lift * dab - d_lift * abc) + (a_lift * bcd - b_lift * cda);
-
-    let max_x = larger(larger(ax.abs(), bx.abs()), larger(cx.abs(), dx.abs()));
-    let max_y = larger(larger(ay.abs(), by.abs()), larger(cy.abs(), dy.abs()));
-    let max_z = larger(larger(az.abs(), bz.abs()), larger(cz.abs(), dz.abs()));
-    let max_lift = larger(larger(a_lift, b_lift), larger(c_lift, d_lift));
-    let bound = IN_SPHERE_BOUND * max_x * max_y * max_z * max_lift;
+    let [la, lb, lc, ld] = [a, b, c, d].map(|p| Lifted::new(p, e));
+    let det = in_sphere_determinant(&la, &lb, &lc, &ld);
+    let bound = la.extent(&lb).extent(&lc.extent(&ld)).in_sphere_error();
     if det.abs() > bound {
         det
     } else {

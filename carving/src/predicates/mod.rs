@@ -23,6 +23,7 @@
 mod insphere;
 mod orient;
 
+pub(crate) use insphere::{Lifted, in_sphere_determinant};
 pub use insphere::{in_sphere, in_sphere_perturbed};
 pub(crate) use orient::orient3d_from_differences;
 pub use orient::{are_collinear, orient3d};

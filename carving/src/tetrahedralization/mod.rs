@@ -86,7 +86,7 @@ pub struct Tetrahedralization {
     low: LowDimension,
     /// A living cell where the latest change happened; `NO_CELL` below dimension three.
     recent_cell: u32,
-    scratch: CavityScratch,
+    cavity: CavityScratch,
     hole: HoleScratch,
     around: IncidentCells,
 }
@@ -109,7 +109,7 @@ impl Tetrahedralization {
             storage: Storage::default(),
             low: LowDimension::default(),
             recent_cell: NO_CELL,
-            scratch: CavityScratch::default(),
+            cavity: CavityScratch::default(),
             hole: HoleScratch::default(),
             around: IncidentCells::default(),
         }

@@ -117,24 +117,42 @@ impl Storage {
         self.ghost_cells
     }
 
+    /// A slot for a cell; to be filled by [`put_cell`](Self::put_cell) before anything else happens.
+    #[inline]
+    pub(super) fn allocate_cell(&mut self) -> u32 {
+        if let Some(slot) = self.free_cells.pop() {
+            return slot;
+        }
+        let slot = self.cells.len() as u32;
+        self.cells.push(Cell {
+            vertices: [GHOST; 4],
+            neighbors: [NO_CELL; 4],
+        });
+        self.states.push(state::DEAD);
+        slot
+    }
+
+    /// Brings a cell to life in its slot.
+    #[inline]
+    pub(super) fn put_cell(&mut self, slot: u32, cell: Cell) {
+        self.ghost_cells += usize::from(cell.is_ghost());
+        self.cells[slot as usize] = cell;
+        self.states[slot as usize] = state::ALIVE;
+    }
+
     /// Adds a cell without neighbours.
     #[inline]
     pub(super) fn add_cell(&mut self, vertices: [u32; 4]) -> u32 {
-        self.ghost_cells += usize::from(vertices[3] == GHOST);
-        let cell = Cell {
-            vertices,
-            neighbors: [NO_CELL; 4],
-        };
-        if let Some(slot) = self.free_cells.pop() {
-            self.cells[slot as usize] = cell;
-            self.states[slot as usize] = state::ALIVE;
-            slot
-        } else {
-            let slot = self.cells.len() as u32;
-            self.cells.push(cell);
-            self.states.push(state::ALIVE);
-            slot
-        }
+        let slot = self.allocate_cell();
+        let neighbors = [NO_CELL; 4];
+        self.put_cell(
+            slot,
+            Cell {
+                vertices,
+                neighbors,
+            },
+        );
+        slot
     }
 
     /// Makes `cell` dead; its slot keeps its contents until the next [`release_destroyed`](Self::release_destroyed).
