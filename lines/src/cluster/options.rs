@@ -9,6 +9,8 @@ use thiserror::Error;
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
 /// section IV-A: 10 degrees, 0.02 (in maps whose median depth is about 1), 3.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct ClusterOptions {
     /// Largest angle between a segment and its cluster.
     pub maximum_angle_rad: f64,

@@ -13,6 +13,8 @@ use crate::edges::EdgeChains;
 
 /// Settings of [`EdgeDepths::compute`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct EdgeDepthOptions {
     /// How far an edge pixel looks for the near side of a jump, in pixels; 0 takes the raw depth of the pixel.
     pub radius_px: usize,

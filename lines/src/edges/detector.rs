@@ -8,6 +8,8 @@ use crate::image::{GradientField, GrayImage, SmoothScratch, smooth_gaussian};
 
 /// Settings of [`EdgeDetector`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct EdgeOptions {
     /// Least gradient strength |gx| + |gy| (Sobel, 0 to 2040) of an edge pixel. At least 1.
     pub gradient_threshold: u16,

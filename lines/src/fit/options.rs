@@ -4,6 +4,8 @@ use thiserror::Error;
 
 /// In which quantity the depth of a segment is a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum DepthModel {
     /// Inverse depth over the distance along the image line, each pixel weighted by its own variance. Exact: the
     /// inverse depth of a straight line in space is linear along its image.
@@ -20,6 +22,8 @@ pub enum DepthModel {
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
 /// section IV-A: L = 0.02, e1 = 0.002, e2 = 0.003.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct FitOptions {
     /// L, as a share: pixels of the first fit, consecutive outliers that end a segment, least number of inliers.
     pub window_share: f64,
