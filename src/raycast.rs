@@ -1,1 +1,0 @@
-//! Ray casts against triangle meshes: the one module that speaks the types of parry.
