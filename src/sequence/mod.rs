@@ -1,16 +1,41 @@
 //! Posed image sequences on disk: layouts are recognised, poses and calibration read at once, images lazily.
+//!
+//! [`Sequence::open`] asks each known layout whether a folder is its own. What differs between layouts ends there: a
+//! [`Sequence`] has poses of the colour camera in one convention, ideal pinhole images (lens distortion is removed when
+//! an image is loaded), depth in units of the poses, and a list of [`Warning`]s about everything that was put up with.
+//!
+//! Memory: names and poses of all frames, no image. Every `load_…` reads one file and keeps nothing.
+//!
+//! A new layout is one file in `layouts/` that implements `Layout`, and one entry in the list in `layout.rs`.
+
+mod associate;
+mod calibration;
+mod error;
+mod layout;
+mod layouts;
+mod load;
+mod open;
+mod rigid;
+mod text;
+mod warning;
 
 use std::path::PathBuf;
 
-use linecarve_lines::camera::Camera;
+use linecarve_lines::camera::{Camera, UndistortionMap};
 use nalgebra::Isometry3;
+
+pub use calibration::{ImageSize, SIDECAR};
+pub use error::{FrameError, SequenceError};
+pub use load::{ColorImage, DepthImage};
+pub use open::OpenOptions;
+pub use warning::Warning;
 
 /// One posed image of a sequence, with its depth image when there is one. Nothing is decoded yet.
 #[derive(Debug, Clone)]
 pub struct Frame {
     /// The name that the layout gives the frame, without folder and extension (`frame-000003`, `1305031102.175304`).
     pub name: String,
-    /// Time of the colour image in nanoseconds; the position in the sequence when the layout knows no time.
+    /// Time of the colour image in nanoseconds; the number of the image when the layout knows no time.
     pub timestamp_ns: i64,
     /// Pose of the colour camera: `point_in_world = world_from_camera * point_in_camera`.
     pub world_from_camera: Isometry3<f64>,
@@ -20,10 +45,11 @@ pub struct Frame {
     pub depth: Option<PathBuf>,
 }
 
-/// How raw depth images are to be read.
+/// How depth images are to be read.
 #[derive(Debug, Clone)]
 pub struct DepthCalibration {
-    /// The depth camera; the same as the colour camera when the two are registered.
+    /// The pinhole camera of the depth images as [`Sequence::load_depth`] gives them; the same as the colour camera when
+    /// the two are registered.
     pub camera: Camera,
     /// Raw units per unit of the poses (1000 for millimetres with poses in metres).
     pub scale: f64,
@@ -31,4 +57,94 @@ pub struct DepthCalibration {
     pub color_from_depth: Isometry3<f64>,
     /// Whether a depth pixel belongs to the colour pixel of the same place.
     pub registered: bool,
+}
+
+/// A posed image sequence. Frames are in the order of recording; there is at least one.
+///
+/// ```no_run
+/// use std::path::Path;
+/// use linecarve::sequence::{OpenOptions, Sequence};
+///
+/// let sequence = Sequence::open(Path::new("kitchen"), &OpenOptions::default())?;
+/// for warning in sequence.warnings() {
+///     eprintln!("{warning}");
+/// }
+/// for index in 0..sequence.frames().len() {
+///     let image = sequence.load_gray(index)?;
+///     let depth = sequence.load_depth(index)?;
+///     println!("{} x {}, depth: {}", image.width(), image.height(), depth.is_some());
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct Sequence {
+    folder: PathBuf,
+    layout: &'static str,
+    frames: Vec<Frame>,
+    /// Pinhole camera of the images as loaded.
+    color_camera: Camera,
+    /// Camera of the images as stored.
+    stored_color_camera: Camera,
+    color_origin: String,
+    color_size: ImageSize,
+    /// Where the expected colour size comes from.
+    color_size_origin: String,
+    depth: Option<DepthCalibration>,
+    stored_depth_size: Option<ImageSize>,
+    color_undistortion: Option<UndistortionMap>,
+    depth_undistortion: Option<UndistortionMap>,
+    warnings: Vec<Warning>,
+    conventions: Vec<String>,
+}
+
+impl Sequence {
+    /// The folder that was opened.
+    pub fn folder(&self) -> &std::path::Path {
+        &self.folder
+    }
+
+    /// Name of the layout that was recognised.
+    pub fn layout(&self) -> &'static str {
+        self.layout
+    }
+
+    /// The frames in the order of recording, at least one.
+    pub fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    /// The pinhole camera of the images that [`Sequence::load_gray`] and [`Sequence::load_color`] give.
+    pub fn color_camera(&self) -> &Camera {
+        &self.color_camera
+    }
+
+    /// The camera of the image files, with its lens distortion.
+    pub fn stored_color_camera(&self) -> &Camera {
+        &self.stored_color_camera
+    }
+
+    /// Which file or default the colour camera comes from.
+    pub fn color_camera_origin(&self) -> &str {
+        &self.color_origin
+    }
+
+    /// Size of every colour image.
+    pub fn color_size(&self) -> ImageSize {
+        self.color_size
+    }
+
+    /// How depth is read; `None` when no frame has a depth image.
+    pub fn depth_calibration(&self) -> Option<&DepthCalibration> {
+        self.depth.as_ref()
+    }
+
+    /// What was left out or assumed, to be told to the user.
+    pub fn warnings(&self) -> &[Warning] {
+        &self.warnings
+    }
+
+    /// The conventions under which the files were read, a sentence each.
+    pub fn conventions(&self) -> &[String] {
+        &self.conventions
+    }
 }

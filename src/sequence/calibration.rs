@@ -1,0 +1,379 @@
+//! Calibration of a sequence, and the sidecar file that overrides what a layout lacks or has wrong.
+
+use std::path::Path;
+
+use linecarve_lines::camera::{Camera, Distortion};
+use nalgebra::Isometry3;
+use serde::Deserialize;
+
+use super::{SequenceError, rigid};
+
+/// Name of the sidecar file in the folder of a sequence.
+pub const SIDECAR: &str = "linecarve.toml";
+
+/// Width and height of an image in pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct ImageSize {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+}
+
+/// A camera as a file describes it, with the image size that it is for when the file tells.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CalibratedCamera {
+    pub(super) camera: Camera,
+    pub(super) size: Option<ImageSize>,
+    /// Where it comes from, for messages and for `info`.
+    pub(super) origin: String,
+}
+
+/// A depth camera of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct DepthGeometry {
+    pub(super) camera: CalibratedCamera,
+    pub(super) color_from_depth: Isometry3<f64>,
+}
+
+/// Which camera the poses of the files are of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum PoseCamera {
+    #[default]
+    Color,
+    Depth,
+}
+
+/// Everything about the cameras of a sequence.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Calibration {
+    pub(super) color: CalibratedCamera,
+    /// `None` when depth is registered to colour.
+    pub(super) depth: Option<DepthGeometry>,
+    /// Raw units per unit of the poses.
+    pub(super) depth_scale: f64,
+    pub(super) pose_camera: PoseCamera,
+}
+
+/// What a sidecar says; what is absent stays as the layout has it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Sidecar {
+    pub(super) color: Option<CalibratedCamera>,
+    pub(super) depth: Option<DepthGeometry>,
+    pub(super) depth_scale: Option<f64>,
+    pub(super) pose_camera: Option<PoseCamera>,
+}
+
+impl Sidecar {
+    /// Reads and checks a sidecar file.
+    pub(super) fn read(path: &Path) -> Result<Self, SequenceError> {
+        let file = super::text::TextFile::read(path)?;
+        Self::parse(file.text(), &path.display().to_string()).map_err(|problem| {
+            SequenceError::Content {
+                path: path.to_owned(),
+                problem,
+            }
+        })
+    }
+
+    fn parse(text: &str, origin: &str) -> Result<Self, String> {
+        let file: SidecarFile = toml::from_str(text).map_err(|error| error.to_string())?;
+        let color = file
+            .color
+            .map(|section| section.camera("color", origin))
+            .transpose()?;
+        let (depth, depth_scale) = match file.depth {
+            Some(section) => section.split(origin)?,
+            None => (None, None),
+        };
+        Ok(Self {
+            color,
+            depth,
+            depth_scale,
+            pose_camera: file.poses.map(|section| section.camera),
+        })
+    }
+
+    /// Replaces in `calibration` what the sidecar gives.
+    pub(super) fn apply(self, calibration: &mut Calibration) -> Result<(), String> {
+        if let Some(color) = self.color {
+            calibration.color = color;
+        }
+        if let Some(depth) = self.depth {
+            calibration.depth = Some(depth);
+        }
+        if let Some(scale) = self.depth_scale {
+            calibration.depth_scale = scale;
+        }
+        if let Some(camera) = self.pose_camera {
+            calibration.pose_camera = camera;
+        }
+        if calibration.pose_camera == PoseCamera::Depth && calibration.depth.is_none() {
+            return Err(
+                "[poses] camera = \"depth\" needs a [depth] section with the depth camera (fx, fy, cx, cy, \
+                 color_from_depth); without one depth is registered to colour"
+                    .to_owned(),
+            );
+        }
+        Ok(())
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SidecarFile {
+    color: Option<CameraSection>,
+    depth: Option<DepthSection>,
+    poses: Option<PosesSection>,
+}
+
+#[derive(Deserialize, Default, Clone, Copy, PartialEq)]
+#[serde(rename_all = "kebab-case")]
+enum Model {
+    #[default]
+    Pinhole,
+    RadialTangential,
+    KannalaBrandt,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraSection {
+    #[serde(default)]
+    model: Model,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    #[serde(default)]
+    distortion: Vec<f64>,
+    width: Option<u32>,
+    height: Option<u32>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DepthSection {
+    model: Option<Model>,
+    fx: Option<f64>,
+    fy: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    distortion: Option<Vec<f64>>,
+    width: Option<u32>,
+    height: Option<u32>,
+    scale: Option<f64>,
+    color_from_depth: Option<[[f64; 4]; 4]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PosesSection {
+    camera: PoseCamera,
+}
+
+impl CameraSection {
+    fn camera(self, section: &str, origin: &str) -> Result<CalibratedCamera, String> {
+        let in_section = |problem: String| format!("[{section}] {problem}");
+        let size = match (self.width, self.height) {
+            (None, None) => None,
+            (Some(width), Some(height)) if width > 0 && height > 0 => {
+                Some(ImageSize { width, height })
+            }
+            _ => {
+                return Err(in_section(
+                    "width and height: give both, positive, or none".into(),
+                ));
+            }
+        };
+        let d = &self.distortion;
+        let distortion = match (self.model, d.len()) {
+            (Model::Pinhole, 0) => Distortion::None,
+            (Model::RadialTangential, 4 | 5) => Distortion::RadialTangential {
+                k1: d[0],
+                k2: d[1],
+                p1: d[2],
+                p2: d[3],
+                k3: d.get(4).copied().unwrap_or(0.0),
+            },
+            (Model::KannalaBrandt, 4) => Distortion::KannalaBrandt {
+                k1: d[0],
+                k2: d[1],
+                k3: d[2],
+                k4: d[3],
+            },
+            (model, count) => {
+                let needs = match model {
+                    Model::Pinhole => "none (or model = \"radial-tangential\")",
+                    Model::RadialTangential => "4 or 5: [k1, k2, p1, p2, k3]",
+                    Model::KannalaBrandt => "4: [k1, k2, k3, k4]",
+                };
+                return Err(in_section(format!(
+                    "distortion has {count} coefficients, its model takes {needs}"
+                )));
+            }
+        };
+        let camera = Camera::with_distortion(self.fx, self.fy, self.cx, self.cy, distortion)
+            .map_err(|error| in_section(error.to_string()))?;
+        Ok(CalibratedCamera {
+            camera,
+            size,
+            origin: origin.to_owned(),
+        })
+    }
+}
+
+impl DepthSection {
+    /// The geometry, when the section gives intrinsics, and the scale, when it gives one.
+    fn split(self, origin: &str) -> Result<(Option<DepthGeometry>, Option<f64>), String> {
+        if let Some(scale) = self.scale
+            && !(scale.is_finite() && scale > 0.0)
+        {
+            return Err(format!(
+                "[depth] scale = {scale} must be positive and finite"
+            ));
+        }
+        let (Some(fx), Some(fy), Some(cx), Some(cy)) = (self.fx, self.fy, self.cx, self.cy) else {
+            let has_geometry = [self.fx, self.fy, self.cx, self.cy]
+                .iter()
+                .any(Option::is_some)
+                || self.model.is_some()
+                || self.distortion.is_some()
+                || self.color_from_depth.is_some()
+                || self.width.is_some()
+                || self.height.is_some();
+            if has_geometry {
+                return Err(
+                    "[depth] needs fx, fy, cx and cy together; for registered depth give at most a scale"
+                        .to_owned(),
+                );
+            }
+            return Ok((None, self.scale));
+        };
+        let color_from_depth = match &self.color_from_depth {
+            Some(rows) => rigid::from_matrix(rows)
+                .map_err(|error| format!("[depth] color_from_depth {error}"))?,
+            None => Isometry3::identity(),
+        };
+        let section = CameraSection {
+            model: self.model.unwrap_or_default(),
+            fx,
+            fy,
+            cx,
+            cy,
+            distortion: self.distortion.unwrap_or_default(),
+            width: self.width,
+            height: self.height,
+        };
+        let geometry = DepthGeometry {
+            camera: section.camera("depth", origin)?,
+            color_from_depth,
+        };
+        Ok((Some(geometry), self.scale))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const WHOLE: &str = r#"
+        [color]
+        model = "pinhole"
+        fx = 525.8
+        fy = 525.8
+        cx = 322.2
+        cy = 235.6
+        [depth]
+        fx = 585.0
+        fy = 585
+        cx = 320.0
+        cy = 240.0
+        scale = 1000.0
+        color_from_depth = [[1.0, 0.0, 0.0, -0.0304], [0.0, 1.0, 0.0, 0.0068], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+        [poses]
+        camera = "depth"
+    "#;
+
+    #[test]
+    fn a_whole_sidecar_is_read() {
+        let sidecar = Sidecar::parse(WHOLE, "linecarve.toml").unwrap();
+        assert_eq!(sidecar.color.unwrap().camera.fx(), 525.8);
+        let depth = sidecar.depth.unwrap();
+        assert_eq!(depth.camera.camera.fy(), 585.0);
+        assert_eq!(depth.color_from_depth.translation.x, -0.0304);
+        assert_eq!(sidecar.depth_scale, Some(1000.0));
+        assert_eq!(sidecar.pose_camera, Some(PoseCamera::Depth));
+        assert_eq!(Sidecar::parse("", "x").unwrap(), Sidecar::default());
+    }
+
+    #[test]
+    fn a_scale_alone_leaves_depth_registered() {
+        let sidecar = Sidecar::parse("[depth]\nscale = 5000.0", "x").unwrap();
+        assert_eq!((sidecar.depth, sidecar.depth_scale), (None, Some(5000.0)));
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for (from, to, message) in [
+            ("scale", "scales", "scales"),
+            ("[poses]", "[pose]", "pose"),
+            ("\"pinhole\"", "\"fisheye\"", "fisheye"),
+            ("\"depth\"", "\"left\"", "left"),
+            ("fx = 525.8", "fx = -1.0", "[color] focal length fx = -1"),
+            ("fx = 525.8", "fx = nan", "focal length fx = NaN"),
+            ("fx = 525.8", "", "fx"),
+            (
+                "fx = 525.8",
+                "fx = 1.0\ndistortion = [0.1]",
+                "distortion has 1",
+            ),
+            ("fx = 525.8", "fx = 1.0\nwidth = 3", "width and height"),
+            ("scale = 1000.0", "scale = 0.0", "[depth] scale = 0"),
+            ("cx = 320.0", "", "fx, fy, cx and cy together"),
+            ("[[1.0,", "[[2.0,", "color_from_depth is not a rotation"),
+            ("[[1.0,", "[[-1.0,", "color_from_depth mirrors"),
+            ("-0.0304", "inf", "not finite"),
+        ] {
+            let text = WHOLE.replacen(from, to, 1);
+            let error = Sidecar::parse(&text, "x").unwrap_err();
+            assert!(error.contains(message), "{from} -> {to}: {error}");
+        }
+    }
+
+    #[test]
+    fn poses_of_a_depth_camera_need_one() {
+        let camera = CalibratedCamera {
+            camera: Camera::pinhole(1.0, 1.0, 0.0, 0.0).unwrap(),
+            size: None,
+            origin: String::new(),
+        };
+        let mut calibration = Calibration {
+            color: camera,
+            depth: None,
+            depth_scale: 1000.0,
+            pose_camera: PoseCamera::Color,
+        };
+        let sidecar = Sidecar::parse("[poses]\ncamera = \"depth\"", "x").unwrap();
+        assert!(
+            sidecar
+                .apply(&mut calibration)
+                .unwrap_err()
+                .contains("[depth] section")
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn a_damaged_sidecar_is_read_or_refused(at in 0_usize..WHOLE.len(), byte in any::<char>(), cut in any::<bool>()) {
+            let text: String = if cut {
+                WHOLE.chars().take(at).collect()
+            } else {
+                WHOLE.chars().enumerate().map(|(i, c)| if i == at { byte } else { c }).collect()
+            };
+            let _ = Sidecar::parse(&text, "x");
+        }
+    }
+}

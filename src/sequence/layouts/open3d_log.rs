@@ -1,0 +1,358 @@
+//! Open3D and Redwood: numbered images in `image/` or `color/`, depth in `depth/`, poses in `trajectory.log`.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::camera::Camera;
+use nalgebra::Isometry3;
+use serde::Deserialize;
+
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
+use super::super::layout::{Folder, Layout, RecordedFrame, Recording, image_stem};
+use super::super::text::TextFile;
+use super::super::warning::Tally;
+use super::super::{SequenceError, Warning, rigid};
+
+/// The reader.
+pub(in super::super) struct Open3dLog;
+
+const TRAJECTORY: &str = "trajectory.log";
+const IMAGE_FOLDERS: [&str; 3] = ["image", "color", "rgb"];
+const DEPTH_FOLDER: &str = "depth";
+
+impl Layout for Open3dLog {
+    fn name(&self) -> &'static str {
+        "open3d-log"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "image/ or color/ with trajectory.log"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        folder.entry(TRAJECTORY).is_some()
+            || (folder.first_entry(&IMAGE_FOLDERS).is_some() && logs(folder).next().is_some())
+    }
+
+    fn read(&self, folder: &Folder) -> Result<Recording, SequenceError> {
+        let mut warnings = Vec::new();
+        let trajectory = read_trajectory(&trajectory_path(folder)?)?;
+        let images_path = folder.first_entry(&IMAGE_FOLDERS).ok_or_else(|| SequenceError::Content {
+            path: folder.path().join(IMAGE_FOLDERS[0]),
+            problem: "is missing: the images of the trajectory are looked for in image/, color/ or rgb/".to_owned(),
+        })?;
+        let images = numbered_images(&images_path)?;
+        let depths = match folder.entry(DEPTH_FOLDER) {
+            Some(path) => numbered_images(&path)?,
+            None => BTreeMap::new(),
+        };
+        let frames = join(folder, images, &depths, &trajectory, &mut warnings)?;
+        let color = intrinsics(folder, &mut warnings)?;
+        Ok(Recording {
+            frames,
+            calibration: Calibration {
+                color,
+                depth: None,
+                depth_scale: 1000.0,
+                pose_camera: PoseCamera::Color,
+            },
+            warnings,
+            conventions: vec![
+                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal".to_owned(),
+                "depth: 16 bits, 1000 a metre, 0 and 65535 unknown, registered to colour".to_owned(),
+                "the layout knows no time: time stamps are image numbers".to_owned(),
+            ],
+        })
+    }
+}
+
+/// Files `*.log` other than the usual name.
+fn logs(folder: &Folder) -> impl Iterator<Item = &String> {
+    folder.names().iter().filter(|name| name.ends_with(".log"))
+}
+
+fn trajectory_path(folder: &Folder) -> Result<PathBuf, SequenceError> {
+    if let Some(path) = folder.entry(TRAJECTORY) {
+        return Ok(path);
+    }
+    let all: Vec<&String> = logs(folder).collect();
+    match all.as_slice() {
+        [name] => Ok(folder.path().join(name)),
+        _ => Err(SequenceError::Content {
+            path: folder.path().join(TRAJECTORY),
+            problem: format!(
+                "is missing, and of {} files *.log none can be preferred: rename the right one",
+                all.len()
+            ),
+        }),
+    }
+}
+
+/// An entry of a trajectory: its own number and its pose.
+struct Entry {
+    number: u64,
+    pose: Result<Isometry3<f64>, rigid::NotRigid>,
+}
+
+/// Entries of five lines: three whole numbers, then a 4x4 matrix.
+fn read_trajectory(path: &Path) -> Result<Vec<Entry>, SequenceError> {
+    let file = TextFile::read(path)?;
+    let mut rows = file.rows();
+    let mut entries: Vec<Entry> = Vec::new();
+    while let Some(head) = rows.next() {
+        let number = head
+            .fields()
+            .next()
+            .and_then(|field| field.parse::<u64>().ok())
+            .filter(|_| head.fields().count() == 3)
+            .ok_or_else(|| {
+                head.error(format!(
+                    "the head of entry {} expected: three whole numbers 'i i i+1', then four rows of a matrix",
+                    entries.len()
+                ))
+            })?;
+        let mut matrix = [[0.0; 4]; 4];
+        for (r, slot) in matrix.iter_mut().enumerate() {
+            let row = rows.next().ok_or_else(|| {
+                head.error(format!(
+                    "the matrix of this entry has {r} rows instead of 4 (cut off?)"
+                ))
+            })?;
+            *slot = row.numbers()?;
+        }
+        entries.push(Entry {
+            number,
+            pose: rigid::from_matrix(&matrix),
+        });
+    }
+    if entries.is_empty() {
+        return Err(SequenceError::Content {
+            path: path.to_owned(),
+            problem: "holds no pose: entries of five lines expected, 'i i i+1' and a 4x4 matrix"
+                .to_owned(),
+        });
+    }
+    Ok(entries)
+}
+
+/// Images by the number that ends their name.
+fn numbered_images(path: &Path) -> Result<BTreeMap<u64, (String, PathBuf)>, SequenceError> {
+    let folder = Folder::list(path)?;
+    let mut images = BTreeMap::new();
+    for name in folder.names() {
+        let Some(stem) = image_stem(name) else {
+            continue;
+        };
+        let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+        if let Ok(number) = stem[stem.len() - digits..].parse() {
+            images
+                .entry(number)
+                .or_insert_with(|| (stem.to_owned(), path.join(name)));
+        }
+    }
+    Ok(images)
+}
+
+/// Gives each image its entry: by number; by order when numbers do not fit but counts do.
+fn join(
+    folder: &Folder,
+    images: BTreeMap<u64, (String, PathBuf)>,
+    depths: &BTreeMap<u64, (String, PathBuf)>,
+    entries: &[Entry],
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<RecordedFrame>, SequenceError> {
+    let mut by_number: BTreeMap<u64, usize> = BTreeMap::new();
+    for (at, entry) in entries.iter().enumerate() {
+        by_number.entry(entry.number).or_insert(at);
+    }
+    if by_number.len() < entries.len() {
+        // Some writers put the same number everywhere: then the place in the file is the number.
+        by_number = (0_u64..).zip(0..entries.len()).collect();
+        warnings.push(Warning::statement(
+            "the numbers in the trajectory repeat: entry k of the file is taken for image k",
+        ));
+    }
+    let fits = images.keys().all(|number| by_number.contains_key(number));
+    let is_by_order = !fits && images.len() == entries.len();
+    if is_by_order {
+        warnings.push(Warning::statement(
+            "the numbers of images and trajectory differ, their counts agree: they are joined in order",
+        ));
+    }
+    let (mut without_pose, mut not_finite, mut not_rigid, mut without_depth) = (
+        Tally::default(),
+        Tally::default(),
+        Tally::default(),
+        Tally::default(),
+    );
+    let total = images.len();
+    let mut frames = Vec::new();
+    for (order, (number, (name, color))) in images.into_iter().enumerate() {
+        let at = if is_by_order {
+            Some(order)
+        } else {
+            by_number.get(&number).copied()
+        };
+        let Some(entry) = at.and_then(|at| entries.get(at)) else {
+            without_pose.add(name);
+            continue;
+        };
+        let world_from_camera = match entry.pose {
+            Ok(pose) => pose,
+            Err(rigid::NotRigid::NotFinite) => {
+                not_finite.add(name);
+                continue;
+            }
+            Err(problem) => {
+                not_rigid.add(format!("{name} {problem}"));
+                continue;
+            }
+        };
+        let depth = depths.get(&number).map(|(_, path)| path.clone());
+        if depth.is_none() && !depths.is_empty() {
+            without_depth.add(name.clone());
+        }
+        frames.push(RecordedFrame {
+            name,
+            timestamp_ns: i64::try_from(number).unwrap_or(i64::MAX),
+            world_from_camera,
+            color,
+            depth,
+        });
+    }
+    if frames.is_empty() {
+        return Err(SequenceError::NoFrames {
+            folder: folder.path().to_owned(),
+            reason: format!(
+                "of {total} numbered images {} have no entry of their number in the trajectory ({} entries), {} a pose \
+                 that is not finite, {} one that is not a rigid motion",
+                without_pose.count(),
+                entries.len(),
+                not_finite.count(),
+                not_rigid.count()
+            ),
+        });
+    }
+    let posed = total - without_pose.count();
+    warnings.extend(without_pose.into_warning(
+        total,
+        "images have no entry in the trajectory and were left out",
+    ));
+    warnings.extend(not_finite.into_warning(posed, "poses are not finite and were left out"));
+    warnings.extend(not_rigid.into_warning(posed, "poses are not rigid motions and were left out"));
+    warnings.extend(
+        without_depth.into_warning(frames.len(), "frames have no depth image of their number"),
+    );
+    Ok(frames)
+}
+
+/// Open3D's PinholeCameraIntrinsic.
+#[derive(Deserialize, PartialEq)]
+struct IntrinsicFile {
+    width: u32,
+    height: u32,
+    intrinsic_matrix: [f64; 9],
+}
+
+/// The one intrinsic JSON in the folder, or the camera that Open3D assumes.
+fn intrinsics(
+    folder: &Folder,
+    warnings: &mut Vec<Warning>,
+) -> Result<CalibratedCamera, SequenceError> {
+    let mut found: Vec<(PathBuf, IntrinsicFile)> = Vec::new();
+    for name in folder.names().iter().filter(|name| name.ends_with(".json")) {
+        let path = folder.path().join(name);
+        let file = TextFile::read(&path)?;
+        match serde_json::from_str::<IntrinsicFile>(file.text()) {
+            Ok(intrinsic) => found.push((path, intrinsic)),
+            Err(error)
+                if file.text().contains("intrinsic_matrix")
+                    || name.contains("camera")
+                    || name.contains("intrinsic") =>
+            {
+                return Err(SequenceError::Content {
+                    path,
+                    problem: format!(
+                        "is not an Open3D camera (width, height and intrinsic_matrix of 9 numbers, column by column): {error}"
+                    ),
+                });
+            }
+            // Some other JSON file.
+            Err(_) => {}
+        }
+    }
+    if let Some(((first, camera), others)) = found.split_first() {
+        if let Some((other, _)) = others.iter().find(|(_, other)| other != camera) {
+            return Err(SequenceError::Content {
+                path: folder.path().to_owned(),
+                problem: format!(
+                    "{} and {} are different cameras: remove one, or give --calibration FILE",
+                    first.display(),
+                    other.display()
+                ),
+            });
+        }
+        return camera_of(first, camera, warnings);
+    }
+    warnings.push(Warning::statement(
+        "no camera JSON: the camera that Open3D assumes is taken (PrimeSense: f 525, c 319.5 239.5)",
+    ));
+    let camera =
+        Camera::pinhole(525.0, 525.0, 319.5, 239.5).map_err(|error| SequenceError::Content {
+            path: folder.path().to_owned(),
+            problem: error.to_string(),
+        })?;
+    Ok(CalibratedCamera {
+        camera,
+        size: Some(ImageSize {
+            width: 640,
+            height: 480,
+        }),
+        origin: "default of Open3D (PrimeSense)".to_owned(),
+    })
+}
+
+fn camera_of(
+    path: &Path,
+    file: &IntrinsicFile,
+    warnings: &mut Vec<Warning>,
+) -> Result<CalibratedCamera, SequenceError> {
+    let content = |problem: String| SequenceError::Content {
+        path: path.to_owned(),
+        problem,
+    };
+    let m = &file.intrinsic_matrix;
+    let is_zero = |indices: [usize; 4]| indices.iter().all(|&i| m[i] == 0.0);
+    let (cx, cy) = if is_zero([1, 2, 3, 5]) {
+        (m[6], m[7])
+    } else if is_zero([1, 3, 6, 7]) {
+        warnings.push(Warning::statement(format!(
+            "{}: intrinsic_matrix is written row by row; Open3D writes it column by column",
+            path.display()
+        )));
+        (m[2], m[5])
+    } else {
+        return Err(content(
+            "intrinsic_matrix is not [fx, 0, 0, 0, fy, 0, cx, cy, 1] (column by column, no skew)"
+                .to_owned(),
+        ));
+    };
+    if m[8] != 1.0 || file.width == 0 || file.height == 0 {
+        return Err(content(
+            "needs a positive width and height and 1 as the last number of intrinsic_matrix"
+                .to_owned(),
+        ));
+    }
+    let camera = Camera::pinhole(m[0], m[4], cx, cy).map_err(|error| content(error.to_string()))?;
+    Ok(CalibratedCamera {
+        camera,
+        size: Some(ImageSize {
+            width: file.width,
+            height: file.height,
+        }),
+        origin: path
+            .file_name()
+            .map(|name| name.to_string_lossy().into_owned())
+            .unwrap_or_default(),
+    })
+}

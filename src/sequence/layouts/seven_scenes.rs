@@ -1,0 +1,281 @@
+//! 7-Scenes and its kin: `frame-NNNNNN.color.png`, `frame-NNNNNN.depth.png`, `frame-NNNNNN.pose.txt` in one folder.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::camera::Camera;
+use nalgebra::Isometry3;
+
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
+use super::super::layout::{Folder, Layout, RecordedFrame, Recording, image_stem};
+use super::super::text::TextFile;
+use super::super::warning::Tally;
+use super::super::{SequenceError, Warning, rigid};
+
+/// The reader.
+pub(in super::super) struct SevenScenes;
+
+/// Name of the optional 3x3 matrix that TSDF-Fusion and 3DMatch add.
+const INTRINSICS: &str = "camera-intrinsics.txt";
+
+/// The files of one frame.
+#[derive(Default)]
+struct Files {
+    color: Option<PathBuf>,
+    depth: Option<PathBuf>,
+    pose: Option<PathBuf>,
+}
+
+impl Layout for SevenScenes {
+    fn name(&self) -> &'static str {
+        "7-scenes"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "frame-NNNNNN.color.jpg or .png with frame-NNNNNN.pose.txt"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        folder.names().iter().any(|name| part_of(name).is_some())
+    }
+
+    fn read(&self, folder: &Folder) -> Result<Recording, SequenceError> {
+        let mut by_number: BTreeMap<(u64, &str), Files> = BTreeMap::new();
+        for name in folder.names() {
+            let Some((frame, number, part)) = part_of(name) else {
+                continue;
+            };
+            let files = by_number.entry((number, frame)).or_default();
+            let slot = match part {
+                Part::Color => &mut files.color,
+                Part::Depth => &mut files.depth,
+                Part::Pose => &mut files.pose,
+            };
+            // Names are sorted, so .jpg is taken before .png, whatever the file system's order.
+            slot.get_or_insert_with(|| folder.path().join(name));
+        }
+        let mut out = Collected::default();
+        let total = by_number.len();
+        let has_depth = by_number.values().any(|files| files.depth.is_some());
+        for ((number, frame), files) in by_number {
+            out.add(frame, number, files, has_depth)?;
+        }
+        if out.frames.is_empty() {
+            return Err(SequenceError::NoFrames {
+                folder: folder.path().to_owned(),
+                reason: out.reason(total),
+            });
+        }
+        let (calibration, mut warnings) = intrinsics(folder)?;
+        let poses = total - out.pose_missing.count() - out.color_missing.count();
+        warnings.extend(
+            out.pose_missing
+                .into_warning(total, "frames have no pose and were left out"),
+        );
+        warnings.extend(
+            out.color_missing
+                .into_warning(total, "frames have no colour image and were left out"),
+        );
+        warnings.extend(
+            out.not_finite
+                .into_warning(poses, "poses are not finite and were left out"),
+        );
+        warnings.extend(
+            out.not_rigid
+                .into_warning(poses, "poses are not rigid motions and were left out"),
+        );
+        warnings.extend(
+            out.depth_missing
+                .into_warning(out.frames.len(), "frames have no depth image"),
+        );
+        Ok(Recording {
+            frames: out.frames,
+            calibration,
+            warnings,
+            conventions: vec![
+                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal".to_owned(),
+                "depth: 16 bits, 1000 a metre, 0 and 65535 unknown".to_owned(),
+                "the layout knows no time: time stamps are frame numbers".to_owned(),
+            ],
+        })
+    }
+}
+
+#[derive(Default)]
+struct Collected {
+    frames: Vec<RecordedFrame>,
+    pose_missing: Tally,
+    color_missing: Tally,
+    depth_missing: Tally,
+    not_finite: Tally,
+    not_rigid: Tally,
+    first_problem: Option<String>,
+}
+
+impl Collected {
+    fn add(
+        &mut self,
+        frame: &str,
+        number: u64,
+        files: Files,
+        has_depth: bool,
+    ) -> Result<(), SequenceError> {
+        let Some(color) = files.color else {
+            self.color_missing.add(frame);
+            return Ok(());
+        };
+        let Some(pose) = files.pose else {
+            self.pose_missing.add(frame);
+            return Ok(());
+        };
+        let world_from_camera = match read_pose(&pose)? {
+            Ok(pose) => pose,
+            Err(problem) => {
+                if problem == rigid::NotRigid::NotFinite {
+                    self.not_finite.add(frame);
+                } else {
+                    self.not_rigid.add(format!("{frame} {problem}"));
+                }
+                self.first_problem
+                    .get_or_insert_with(|| format!("{} {problem}", pose.display()));
+                return Ok(());
+            }
+        };
+        if has_depth && files.depth.is_none() {
+            self.depth_missing.add(frame);
+        }
+        self.frames.push(RecordedFrame {
+            name: frame.to_owned(),
+            timestamp_ns: i64::try_from(number).unwrap_or(i64::MAX),
+            world_from_camera,
+            color,
+            depth: files.depth,
+        });
+        Ok(())
+    }
+
+    /// What became of the frames when none is left.
+    fn reason(&self, total: usize) -> String {
+        let mut text = format!(
+            "of {total} frames {} have no colour image, {} no pose, {} a pose that is not finite, {} one that is not a \
+             rigid motion",
+            self.color_missing.count(),
+            self.pose_missing.count(),
+            self.not_finite.count(),
+            self.not_rigid.count()
+        );
+        if let Some(problem) = &self.first_problem {
+            text += &format!(" (first: {problem})");
+        }
+        text + "; poses must be 4x4 matrices, world from camera, with the last row 0 0 0 1"
+    }
+}
+
+enum Part {
+    Color,
+    Depth,
+    Pose,
+}
+
+/// Splits a file name into frame name, number and part.
+fn part_of(name: &str) -> Option<(&str, u64, Part)> {
+    let (frame, rest) = name.split_once('.')?;
+    let digits = frame.strip_prefix("frame-")?;
+    if digits.is_empty() || !digits.bytes().all(|b| b.is_ascii_digit()) {
+        return None;
+    }
+    let number = digits.parse().ok()?;
+    let part = match image_stem(rest) {
+        Some("color") => Part::Color,
+        Some("depth") => Part::Depth,
+        None if rest == "pose.txt" => Part::Pose,
+        _ => return None,
+    };
+    Some((frame, number, part))
+}
+
+/// Four rows of four numbers; the inner error is about a pose that can be left out.
+fn read_pose(path: &Path) -> Result<Result<Isometry3<f64>, rigid::NotRigid>, SequenceError> {
+    let matrix = read_matrix::<4>(path)?;
+    Ok(rigid::from_matrix(&matrix))
+}
+
+/// `N` rows of `N` numbers.
+fn read_matrix<const N: usize>(path: &Path) -> Result<[[f64; N]; N], SequenceError> {
+    let file = TextFile::read(path)?;
+    let mut matrix = [[0.0; N]; N];
+    let mut count = 0;
+    for row in file.rows() {
+        let Some(slot) = matrix.get_mut(count) else {
+            return Err(row.error(format!("a matrix of {N} rows expected, more found")));
+        };
+        *slot = row.numbers()?;
+        count += 1;
+    }
+    if count < N {
+        return Err(SequenceError::Content {
+            path: path.to_owned(),
+            problem: format!(
+                "a matrix of {N} rows of {N} numbers expected, {count} rows found (cut off?): copy the file again, \
+                 or remove it and the frame will be left out"
+            ),
+        });
+    }
+    Ok(matrix)
+}
+
+fn intrinsics(folder: &Folder) -> Result<(Calibration, Vec<Warning>), SequenceError> {
+    let mut warnings = Vec::new();
+    let color = match folder.entry(INTRINSICS) {
+        Some(path) => {
+            let k = read_matrix::<3>(&path)?;
+            let content = |problem: String| SequenceError::Content {
+                path: path.clone(),
+                problem,
+            };
+            let zeros = [k[0][1], k[1][0], k[2][0], k[2][1], k[2][2] - 1.0];
+            if zeros
+                .iter()
+                .any(|value| value.is_nan() || value.abs() > 1e-6)
+            {
+                return Err(content(
+                    "is not an intrinsic matrix [fx 0 cx; 0 fy cy; 0 0 1]".to_owned(),
+                ));
+            }
+            let camera = Camera::pinhole(k[0][0], k[1][1], k[0][2], k[1][2])
+                .map_err(|error| content(error.to_string()))?;
+            CalibratedCamera {
+                camera,
+                size: None,
+                origin: INTRINSICS.to_owned(),
+            }
+        }
+        None => {
+            warnings.push(Warning::statement(format!(
+                "no {INTRINSICS}: the depth camera of 7-Scenes is assumed for both images (f 585, c 320 240); its colour \
+                 images are not registered to depth, a linecarve.toml can tell both cameras"
+            )));
+            let camera = Camera::pinhole(585.0, 585.0, 320.0, 240.0).map_err(|error| {
+                SequenceError::Content {
+                    path: folder.path().to_owned(),
+                    problem: error.to_string(),
+                }
+            })?;
+            CalibratedCamera {
+                camera,
+                size: Some(ImageSize {
+                    width: 640,
+                    height: 480,
+                }),
+                origin: "default of 7-Scenes".to_owned(),
+            }
+        }
+    };
+    let calibration = Calibration {
+        color,
+        depth: None,
+        depth_scale: 1000.0,
+        pose_camera: PoseCamera::Color,
+    };
+    Ok((calibration, warnings))
+}

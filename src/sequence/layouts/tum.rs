@@ -1,0 +1,326 @@
+//! TUM RGB-D: `rgb.txt` and `depth.txt` list images with time stamps, `groundtruth.txt` poses; stamps are matched.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::camera::{Camera, CameraError, Distortion};
+use nalgebra::Isometry3;
+
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
+use super::super::layout::{Folder, Layout, RecordedFrame, Recording};
+use super::super::text::{TextFile, parse_number, parse_stamp_ns, shorten};
+use super::super::warning::Tally;
+use super::super::{SequenceError, Warning, associate, rigid};
+
+/// The reader.
+pub(in super::super) struct TumRgbd;
+
+const IMAGES: &str = "rgb.txt";
+const DEPTHS: &str = "depth.txt";
+const POSES: &str = "groundtruth.txt";
+
+/// Largest difference between the stamps of a colour image and of its pose or depth image, as in the tools of the
+/// data set.
+const MAX_DIFFERENCE_NS: i64 = 20_000_000;
+
+impl Layout for TumRgbd {
+    fn name(&self) -> &'static str {
+        "tum-rgbd"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "rgb.txt with groundtruth.txt and depth.txt"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        folder.entry(IMAGES).is_some()
+    }
+
+    fn read(&self, folder: &Folder) -> Result<Recording, SequenceError> {
+        let mut warnings = Vec::new();
+        let list = |name: &str| folder.entry(name);
+        let images = list(IMAGES).map_or_else(
+            || Ok(Vec::new()),
+            |path| read_list(&path, folder, &mut warnings),
+        )?;
+        let poses_path = list(POSES).ok_or_else(|| SequenceError::Content {
+            path: folder.path().join(POSES),
+            problem: "is missing: poses are read from it, one 'stamp tx ty tz qx qy qz qw' a line"
+                .to_owned(),
+        })?;
+        let poses = read_poses(&poses_path, &mut warnings)?;
+        let depths = match list(DEPTHS) {
+            Some(path) => read_list(&path, folder, &mut warnings)?,
+            None => Vec::new(),
+        };
+        let frames = join(images, depths, poses, &mut warnings);
+        if frames.is_empty() {
+            return Err(SequenceError::NoFrames {
+                folder: folder.path().to_owned(),
+                reason: format!(
+                    "no image of {IMAGES} exists and has a finite pose in {POSES} within 0.02 s: check that both have \
+                     the same clock and unit{}",
+                    first_of(&warnings)
+                ),
+            });
+        }
+        let (color, warning) = intrinsics(folder).map_err(|error| SequenceError::Content {
+            path: folder.path().to_owned(),
+            problem: error.to_string(),
+        })?;
+        warnings.extend(warning);
+        Ok(Recording {
+            frames,
+            calibration: Calibration {
+                color,
+                depth: None,
+                depth_scale: 5000.0,
+                pose_camera: PoseCamera::Color,
+            },
+            warnings,
+            conventions: vec![
+                "poses: stamp tx ty tz qx qy qz qw, world from colour camera, unit metre".to_owned(),
+                "each colour image has the nearest pose and depth image within 0.02 s, none is used twice".to_owned(),
+                "depth: 16 bits, 5000 a metre, 0 and 65535 unknown, registered to colour".to_owned(),
+            ],
+        })
+    }
+}
+
+fn first_of(warnings: &[Warning]) -> String {
+    warnings
+        .first()
+        .map_or_else(String::new, |warning| format!(" ({warning})"))
+}
+
+/// Something with a time stamp.
+type Stamped<T> = (i64, T);
+
+/// Sorts by stamp and keeps the first of each.
+fn distinct<T>(
+    mut rows: Vec<Stamped<T>>,
+    file: &str,
+    warnings: &mut Vec<Warning>,
+) -> Vec<Stamped<T>> {
+    let total = rows.len();
+    if rows.windows(2).any(|pair| pair[1].0 < pair[0].0) {
+        warnings.push(Warning::statement(format!(
+            "{file}: time stamps do not ascend; they were sorted"
+        )));
+    }
+    rows.sort_by_key(|row| row.0);
+    let mut repeated = Tally::default();
+    rows.dedup_by(|later, earlier| {
+        let is_repeated = later.0 == earlier.0;
+        if is_repeated {
+            repeated.add(stamp_text(later.0));
+        }
+        is_repeated
+    });
+    warnings.extend(repeated.into_warning(
+        total,
+        &format!("time stamps in {file} stand there before; the first line of each counts"),
+    ));
+    rows
+}
+
+fn stamp_text(ns: i64) -> String {
+    let magnitude = ns.unsigned_abs();
+    let sign = if ns < 0 { "-" } else { "" };
+    format!(
+        "{sign}{}.{:09}",
+        magnitude / 1_000_000_000,
+        magnitude % 1_000_000_000
+    )
+}
+
+/// An image of a list.
+struct Listed {
+    name: String,
+    path: PathBuf,
+}
+
+/// Lines `stamp file`. Files that do not exist are left out.
+fn read_list(
+    path: &Path,
+    folder: &Folder,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<Stamped<Listed>>, SequenceError> {
+    let file = TextFile::read(path)?;
+    let file_name = path
+        .file_name()
+        .map(|name| name.to_string_lossy())
+        .unwrap_or_default();
+    let mut rows = Vec::new();
+    let (mut missing, mut total) = (Tally::default(), 0);
+    for row in file.rows() {
+        let (stamp, rest) = row
+            .text()
+            .split_once(|c: char| c.is_whitespace() || c == ',')
+            .ok_or_else(|| row.error("'stamp file' expected".to_owned()))?;
+        let Some(stamp_ns) = parse_stamp_ns(stamp) else {
+            // A head line without the usual #.
+            if total == 0 && parse_number(stamp).is_none() {
+                continue;
+            }
+            return Err(row.error(format!(
+                "'{}' is not a time stamp in seconds",
+                shorten(stamp)
+            )));
+        };
+        total += 1;
+        let name = rest.trim_matches(|c: char| c.is_whitespace() || c == ',' || c == '"');
+        let image = folder.path().join(name.replace('\\', "/"));
+        if image.is_file() {
+            rows.push((
+                stamp_ns,
+                Listed {
+                    name: stamp.to_owned(),
+                    path: image,
+                },
+            ));
+        } else {
+            missing.add(shorten(name));
+        }
+    }
+    warnings.extend(missing.into_warning(
+        total,
+        &format!("files that {file_name} lists do not exist and were left out"),
+    ));
+    Ok(distinct(rows, &file_name, warnings))
+}
+
+/// Lines `stamp tx ty tz qx qy qz qw`; lines that are not finite or not a rotation are left out.
+fn read_poses(
+    path: &Path,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<Stamped<Isometry3<f64>>>, SequenceError> {
+    let file = TextFile::read(path)?;
+    let mut rows = Vec::new();
+    let (mut not_finite, mut not_rigid, mut total) = (Tally::default(), Tally::default(), 0);
+    for row in file.rows() {
+        let stamp = row.fields().next().unwrap_or_default();
+        if total == 0 && parse_number(stamp).is_none() {
+            // A head line without the usual #.
+            continue;
+        }
+        total += 1;
+        let [_, tx, ty, tz, qx, qy, qz, qw] = row.numbers::<8>()?;
+        let Some(stamp_ns) = parse_stamp_ns(stamp) else {
+            if parse_number(stamp).is_some_and(f64::is_finite) {
+                return Err(row.error(format!(
+                    "'{}' is not a time stamp in seconds",
+                    shorten(stamp)
+                )));
+            }
+            not_finite.add(shorten(stamp));
+            continue;
+        };
+        match rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw]) {
+            Ok(pose) => rows.push((stamp_ns, pose)),
+            Err(rigid::NotRigid::NotFinite) => not_finite.add(stamp),
+            Err(problem) => not_rigid.add(format!("{stamp} {problem}")),
+        }
+    }
+    warnings.extend(not_finite.into_warning(total, "poses are not finite and were left out"));
+    warnings.extend(not_rigid.into_warning(total, "poses are not rigid motions and were left out"));
+    Ok(distinct(rows, POSES, warnings))
+}
+
+/// Frames in the order of time: each image with its pose and, when there is one, its depth image.
+fn join(
+    images: Vec<Stamped<Listed>>,
+    depths: Vec<Stamped<Listed>>,
+    poses: Vec<Stamped<Isometry3<f64>>>,
+    warnings: &mut Vec<Warning>,
+) -> Vec<RecordedFrame> {
+    let stamps = |rows: &[Stamped<Listed>]| rows.iter().map(|row| row.0).collect::<Vec<_>>();
+    let image_stamps = stamps(&images);
+    let pose_stamps: Vec<i64> = poses.iter().map(|row| row.0).collect();
+    let pose_of = associate::nearest_unique(&image_stamps, &pose_stamps, MAX_DIFFERENCE_NS);
+    let depth_of = associate::nearest_unique(&image_stamps, &stamps(&depths), MAX_DIFFERENCE_NS);
+    let total = images.len();
+    let (mut without_pose, mut without_depth) = (Tally::default(), Tally::default());
+    let mut frames = Vec::new();
+    for (index, (timestamp_ns, image)) in images.into_iter().enumerate() {
+        let Some(pose) = pose_of[index] else {
+            without_pose.add(image.name);
+            continue;
+        };
+        let depth = depth_of[index].map(|at| depths[at].1.path.clone());
+        if depth.is_none() && !depths.is_empty() {
+            without_depth.add(image.name.clone());
+        }
+        frames.push(RecordedFrame {
+            name: image.name,
+            timestamp_ns,
+            world_from_camera: poses[pose].1,
+            color: image.path,
+            depth,
+        });
+    }
+    warnings.extend(
+        without_pose.into_warning(total, "images have no pose within 0.02 s and were left out"),
+    );
+    warnings.extend(
+        without_depth.into_warning(frames.len(), "frames have no depth image within 0.02 s"),
+    );
+    frames
+}
+
+/// The colour cameras of the data set by its three sensors, whose names the folders carry.
+///
+/// # Reference
+/// J. Sturm, N. Engelhard, F. Endres, W. Burgard, D. Cremers, A Benchmark for the Evaluation of RGB-D SLAM Systems,
+/// IROS, 2012, and the calibration tables published with the data set.
+fn intrinsics(folder: &Folder) -> Result<(CalibratedCamera, Option<Warning>), CameraError> {
+    let name = folder.own_name().to_ascii_lowercase();
+    let has = |sensor: &str| {
+        name.contains(&format!("freiburg{sensor}")) || name.contains(&format!("fr{sensor}_"))
+    };
+    let brown = |k1, k2, p1, p2, k3| Distortion::RadialTangential { k1, k2, p1, p2, k3 };
+    let size = Some(ImageSize {
+        width: 640,
+        height: 480,
+    });
+    let known = |camera: Camera, sensor: &str| CalibratedCamera {
+        camera,
+        size,
+        origin: format!("default of TUM freiburg{sensor}, by the name of the folder"),
+    };
+    if has("1") {
+        let lens = brown(0.2624, -0.9531, -0.0054, 0.0026, 1.1633);
+        return Ok((
+            known(
+                Camera::with_distortion(517.3, 516.5, 318.6, 255.3, lens)?,
+                "1",
+            ),
+            None,
+        ));
+    }
+    if has("2") {
+        let lens = brown(0.2312, -0.7849, -0.0033, -0.0001, 0.9172);
+        return Ok((
+            known(
+                Camera::with_distortion(520.9, 521.0, 325.1, 249.7, lens)?,
+                "2",
+            ),
+            None,
+        ));
+    }
+    if has("3") {
+        return Ok((
+            known(Camera::pinhole(535.4, 539.2, 320.1, 247.6)?, "3"),
+            None,
+        ));
+    }
+    let camera = CalibratedCamera {
+        camera: Camera::pinhole(525.0, 525.0, 319.5, 239.5)?,
+        size,
+        origin: "default of the ROS driver".to_owned(),
+    };
+    let warning = Warning::statement(
+        "no calibration: the name of the folder has no freiburg1, 2 or 3, the default of the ROS driver is assumed \
+         (f 525, c 319.5 239.5); a linecarve.toml can tell the camera",
+    );
+    Ok((camera, Some(warning)))
+}

@@ -1,0 +1,327 @@
+//! Images of a frame, decoded one at a time.
+
+use std::io::{BufReader, Cursor};
+use std::path::Path;
+
+use image::{DynamicImage, ImageFormat, ImageReader};
+use linecarve_lines::image::{GrayImage, Plane};
+
+use super::calibration::ImageSize;
+use super::{FrameError, Sequence};
+
+/// Depth z of each pixel in units of the poses; 0 where it is unknown.
+pub type DepthImage = Plane<f32>;
+
+/// An interleaved 8-bit sRGB image.
+pub type ColorImage = image::RgbImage;
+
+/// Registered depth that differs in size.
+const REGISTERED_SIZE: &str = "registered depth must have the size of the colour image; give the depth camera in a \
+                               [depth] section of linecarve.toml or --calibration FILE";
+
+impl Sequence {
+    /// The grey image of a frame, without lens distortion. Colour is converted by the luma weights of ITU-R BT.601.
+    ///
+    /// # Errors
+    /// When the file cannot be read or decoded, or has another size than the sequence; see
+    /// [`FrameError::is_limited_to_frame`].
+    ///
+    /// # Panics
+    /// When there is no such frame.
+    pub fn load_gray(&self, index: usize) -> Result<GrayImage, FrameError> {
+        let path = &self.frames[index].color;
+        let image = self.decode_color(path)?;
+        let (width, height) = (image.width() as usize, image.height() as usize);
+        let too_large =
+            |error: linecarve_lines::image::ImageError| undecodable(path, error.to_string());
+        let gray = match image {
+            DynamicImage::ImageLuma8(gray) => Plane::new(width, height, gray.into_raw()),
+            // 16 bits a channel: the upper eight.
+            DynamicImage::ImageLuma16(gray) => {
+                let samples = gray.as_raw().iter().map(|&v| (v >> 8) as u8).collect();
+                Plane::new(width, height, samples)
+            }
+            other => Plane::from_rgb8(width, height, other.to_rgb8().as_raw()),
+        }
+        .map_err(too_large)?;
+        Ok(match &self.color_undistortion {
+            Some(map) => map.resample(&gray),
+            None => gray,
+        })
+    }
+
+    /// The colour image of a frame, without lens distortion; a grey image gives equal channels.
+    ///
+    /// # Errors
+    /// As [`Sequence::load_gray`].
+    ///
+    /// # Panics
+    /// When there is no such frame.
+    pub fn load_color(&self, index: usize) -> Result<ColorImage, FrameError> {
+        let path = &self.frames[index].color;
+        let mut color = self.decode_color(path)?.to_rgb8();
+        if let Some(map) = &self.color_undistortion {
+            let (width, height) = (color.width() as usize, color.height() as usize);
+            for channel in 0..3 {
+                let samples = color.pixels().map(|pixel| pixel.0[channel]).collect();
+                let plane = Plane::new(width, height, samples)
+                    .map_err(|error| undecodable(path, error.to_string()))?;
+                let straight = map.resample(&plane);
+                for (pixel, &sample) in color.pixels_mut().zip(straight.samples()) {
+                    pixel.0[channel] = sample;
+                }
+            }
+        }
+        Ok(color)
+    }
+
+    /// The depth image of a frame, `None` when it has none. Raw 0 and 65535 are unknown.
+    ///
+    /// Its camera is that of [`super::DepthCalibration`]; lens distortion is removed.
+    ///
+    /// # Errors
+    /// As [`Sequence::load_gray`], and when the image does not hold one channel of 16 bits.
+    ///
+    /// # Panics
+    /// When there is no such frame.
+    pub fn load_depth(&self, index: usize) -> Result<Option<DepthImage>, FrameError> {
+        let (Some(path), Some(calibration)) = (&self.frames[index].depth, &self.depth) else {
+            return Ok(None);
+        };
+        let raw = match decode(path)? {
+            DynamicImage::ImageLuma16(raw) => raw,
+            other => {
+                return Err(FrameError::DepthFormat {
+                    path: path.clone(),
+                    found: in_words(&other),
+                });
+            }
+        };
+        let size = ImageSize {
+            width: raw.width(),
+            height: raw.height(),
+        };
+        self.check_depth_size(path, size)?;
+        let unit = 1.0 / calibration.scale;
+        let samples = raw
+            .as_raw()
+            .iter()
+            .map(|&value| match value {
+                0 | u16::MAX => 0.0,
+                known => (f64::from(known) * unit) as f32,
+            })
+            .collect();
+        let depth = Plane::new(size.width as usize, size.height as usize, samples)
+            .map_err(|error| undecodable(path, error.to_string()))?;
+        let map = if calibration.registered {
+            &self.color_undistortion
+        } else {
+            &self.depth_undistortion
+        };
+        Ok(Some(match map {
+            Some(map) => map.resample_depth(&depth),
+            None => depth,
+        }))
+    }
+
+    fn decode_color(&self, path: &Path) -> Result<DynamicImage, FrameError> {
+        let image = decode(path)?;
+        let size = ImageSize {
+            width: image.width(),
+            height: image.height(),
+        };
+        if size != self.color_size {
+            return Err(size_error(
+                path,
+                size,
+                self.color_size,
+                self.color_size_origin.clone(),
+                "all images of a sequence must have one size and one camera",
+            ));
+        }
+        Ok(image)
+    }
+
+    /// Whether a depth image has the size that its camera is for.
+    pub(super) fn check_depth_size(&self, path: &Path, size: ImageSize) -> Result<(), FrameError> {
+        let is_registered = self.depth.as_ref().is_none_or(|depth| depth.registered);
+        let (expected, by, remedy) = if is_registered {
+            (self.color_size, "as the colour images", REGISTERED_SIZE)
+        } else if let Some(expected) = self.stored_depth_size {
+            let remedy = "all depth images of a sequence must have one size and one camera";
+            (expected, "by the depth camera", remedy)
+        } else {
+            return Ok(());
+        };
+        if size == expected {
+            return Ok(());
+        }
+        Err(size_error(path, size, expected, by.to_owned(), remedy))
+    }
+}
+
+pub(super) fn size_error(
+    path: &Path,
+    size: ImageSize,
+    expected: ImageSize,
+    expected_by: String,
+    remedy: &'static str,
+) -> FrameError {
+    FrameError::Size {
+        path: path.to_owned(),
+        width: size.width,
+        height: size.height,
+        expected_width: expected.width,
+        expected_height: expected.height,
+        expected_by,
+        remedy,
+    }
+}
+
+fn undecodable(path: &Path, reason: String) -> FrameError {
+    FrameError::Undecodable {
+        path: path.to_owned(),
+        reason,
+    }
+}
+
+/// Width and height from the header alone.
+pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
+    let unreadable = |source| FrameError::Unreadable {
+        path: path.to_owned(),
+        source,
+    };
+    let file = std::fs::File::open(path).map_err(unreadable)?;
+    let reader = ImageReader::new(BufReader::new(file))
+        .with_guessed_format()
+        .map_err(unreadable)?;
+    let (width, height) = reader
+        .into_dimensions()
+        .map_err(|error| undecodable(path, error.to_string()))?;
+    if width == 0 || height == 0 {
+        return Err(undecodable(path, "it has no pixels".to_owned()));
+    }
+    Ok(ImageSize { width, height })
+}
+
+/// The whole image, in the format that its bytes have, whatever its name says.
+fn decode(path: &Path) -> Result<DynamicImage, FrameError> {
+    let bytes = std::fs::read(path).map_err(|source| FrameError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })?;
+    decode_bytes(&bytes).map_err(|reason| undecodable(path, reason))
+}
+
+fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
+    if bytes.is_empty() {
+        return Err("the file is empty".to_owned());
+    }
+    let format = image::guess_format(bytes).map_err(|error| error.to_string())?;
+    if format == ImageFormat::Jpeg && !is_whole_jpeg(bytes) {
+        // The decoder would fill the missing part with grey and say nothing.
+        return Err("the JPEG data end before the image does".to_owned());
+    }
+    let image = ImageReader::with_format(Cursor::new(bytes), format)
+        .decode()
+        .map_err(|error| error.to_string())?;
+    if image.width() == 0 || image.height() == 0 {
+        return Err("it has no pixels".to_owned());
+    }
+    Ok(image)
+}
+
+/// Whether the end-of-image marker follows the last start of a scan. Inside the data of a scan 0xFF is always followed
+/// by 0 or a restart marker, so that neither can occur there by chance.
+fn is_whole_jpeg(bytes: &[u8]) -> bool {
+    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xFF, marker]);
+    match (last(0xDA), last(0xD9)) {
+        (Some(scan), Some(end)) => end > scan,
+        _ => false,
+    }
+}
+
+fn in_words(image: &DynamicImage) -> String {
+    let channels = image.color().channel_count();
+    let bits = image.color().bits_per_pixel() / u16::from(channels.max(1));
+    format!("{channels} channel(s) of {bits} bits")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn encode(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        image
+            .write_to(&mut Cursor::new(&mut bytes), format)
+            .unwrap();
+        bytes
+    }
+
+    fn picture() -> DynamicImage {
+        image::RgbImage::from_fn(33, 21, |x, y| {
+            image::Rgb([(x * 7) as u8, (y * 11) as u8, (x * y) as u8])
+        })
+        .into()
+    }
+
+    fn depth() -> DynamicImage {
+        image::ImageBuffer::<image::Luma<u16>, _>::from_fn(33, 21, |x, y| {
+            image::Luma([(x * 1000 + y) as u16])
+        })
+        .into()
+    }
+
+    #[test]
+    fn cut_images_are_refused() {
+        for format in [
+            ImageFormat::Png,
+            ImageFormat::Jpeg,
+            ImageFormat::Pnm,
+            ImageFormat::Tiff,
+        ] {
+            let bytes = encode(&picture(), format);
+            assert!(decode_bytes(&bytes).is_ok(), "{format:?}");
+            for cut in [0, 1, 10, bytes.len() / 2, bytes.len() * 3 / 4] {
+                assert!(
+                    decode_bytes(&bytes[..cut]).is_err(),
+                    "{format:?} cut to {cut} of {}",
+                    bytes.len()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_bits_survive() {
+        for format in [ImageFormat::Png, ImageFormat::Pnm, ImageFormat::Tiff] {
+            assert_eq!(
+                decode_bytes(&encode(&depth(), format)).unwrap(),
+                depth(),
+                "{format:?}"
+            );
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_damage_is_decoded_or_refused(
+            which in 0_usize..4,
+            flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+        ) {
+            let mut bytes = match which {
+                0 => encode(&picture(), ImageFormat::Png),
+                1 => encode(&picture(), ImageFormat::Jpeg),
+                2 => encode(&depth(), ImageFormat::Pnm),
+                _ => encode(&depth(), ImageFormat::Tiff),
+            };
+            for (at, value) in flips {
+                let at = at.index(bytes.len());
+                bytes[at] = value;
+            }
+            let _ = decode_bytes(&bytes);
+        }
+    }
+}
