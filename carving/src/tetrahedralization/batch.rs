@@ -19,11 +19,8 @@ pub struct BatchError {
     pub error: PointError,
 }
 
-/// All points in range, or the first that is not.
-fn accept_all(points: &[Point3<f64>]) -> Result<Vec<[f64; 3]>, BatchError> {
-    let check = |(index, point)| accept(point).map_err(|error| BatchError { index, error });
-    points.iter().enumerate().map(check).collect()
-}
+/// Positions fetched ahead of their insertion. They are scattered, and one by one each would be a cache miss.
+const FETCHED_AHEAD: usize = 256;
 
 impl Tetrahedralization {
     /// The Delaunay tetrahedra of `points`, and the outcome for each in the order given.
@@ -60,9 +57,11 @@ impl Tetrahedralization {
     ) -> Result<(), BatchError> {
         changes.clear();
         outcomes.clear();
-        let positions = self.accept_batch(points)?;
-        let edit = self.edit(changes);
-        edit.insert_in_order(&positions, outcomes);
+        self.accept_batch(points)?;
+        let mut edit = self.edit(changes);
+        in_spatial_order(points, outcomes, |_, position| {
+            edit.insert_accepted(position)
+        });
         Ok(())
     }
 
@@ -82,48 +81,53 @@ impl Tetrahedralization {
     ) -> Result<(), BatchError> {
         changes.clear();
         outcomes.clear();
-        let positions = self.accept_batch(points)?;
-        let order = spatial_order(&positions);
-        let mut in_order = Vec::with_capacity(order.len());
-        for &index in &order {
+        self.accept_batch(points)?;
+        in_spatial_order(points, outcomes, |index, position| {
             changes.clear();
             self.storage.release_destroyed();
-            in_order.push(self.insert_accepted(positions[index as usize], None, changes));
-            step(self, index as usize, changes);
-        }
-        restore_order(&order, &in_order, outcomes);
+            let outcome = self.insert_accepted(position, None, changes);
+            step(self, index, changes);
+            outcome
+        });
         Ok(())
     }
 
-    fn accept_batch(&mut self, points: &[Point3<f64>]) -> Result<Vec<[f64; 3]>, BatchError> {
-        let positions = accept_all(points)?;
+    /// Checks that all points are in range and find room.
+    fn accept_batch(&mut self, points: &[Point3<f64>]) -> Result<(), BatchError> {
+        for (index, point) in points.iter().enumerate() {
+            accept(point).map_err(|error| BatchError { index, error })?;
+        }
         if !self.storage.has_room_for(points.len()) {
             let error = PointError::Full;
             return Err(BatchError { index: 0, error });
         }
         self.storage.reserve(points.len());
-        Ok(positions)
+        Ok(())
     }
 }
 
-impl super::Edit<'_> {
-    /// Inserts accepted positions in spatial order.
-    fn insert_in_order(mut self, positions: &[[f64; 3]], outcomes: &mut Vec<Insertion>) {
-        let order = spatial_order(positions);
-        let in_order: Vec<Insertion> = order
-            .iter()
-            .map(|&index| self.insert_accepted(positions[index as usize]))
-            .collect();
-        restore_order(&order, &in_order, outcomes);
+/// Inserts acceptable points in spatial order and puts the outcomes in the order of the points.
+fn in_spatial_order(
+    points: &[Point3<f64>],
+    outcomes: &mut Vec<Insertion>,
+    mut insert: impl FnMut(usize, [f64; 3]) -> Insertion,
+) {
+    let order = spatial_order(points);
+    let mut positions = Vec::with_capacity(FETCHED_AHEAD.min(points.len()));
+    let mut in_order = Vec::with_capacity(points.len());
+    for indices in order.chunks(FETCHED_AHEAD) {
+        positions.clear();
+        // Adding zero turns a negative zero into a positive one.
+        let position = |&i: &u32| <[f64; 3]>::from(points[i as usize].coords.add_scalar(0.0));
+        positions.extend(indices.iter().map(position));
+        for (&index, &position) in indices.iter().zip(&positions) {
+            in_order.push(insert(index as usize, position));
+        }
     }
-}
-
-/// Puts the outcome of the point `order[i]` in place `order[i]`.
-fn restore_order(order: &[u32], in_order: &[Insertion], outcomes: &mut Vec<Insertion>) {
     if let Some(&first) = in_order.first() {
-        outcomes.resize(order.len(), first);
+        outcomes.resize(points.len(), first);
     }
-    for (&index, &outcome) in order.iter().zip(in_order) {
+    for (&index, outcome) in order.iter().zip(in_order) {
         outcomes[index as usize] = outcome;
     }
 }

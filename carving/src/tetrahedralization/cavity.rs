@@ -165,6 +165,7 @@ impl Tetrahedralization {
     /// Each cell is tested from a neighbour in conflict, with which it shares three corners; only the fourth is
     /// looked up. The error bound covers all corners met so far; where it is too coarse the general predicate
     /// decides with one of its own.
+    #[inline(never)]
     fn find_conflicts(&mut self, vertex: u32, start: u32, scratch: &mut CavityScratch) {
         let p = *self.storage.position(vertex);
         let CavityScratch {
@@ -186,21 +187,23 @@ impl Tetrahedralization {
         while let Some(&(current, corners)) = conflict.get(next) {
             next += 1;
             let neighbors = self.storage.cell(current).neighbors;
+            // All four neighbours are fetched before the first is tested: they are the cache misses of the search.
+            let fetch = |n: u32| self.storage.cells[(n >> 2) as usize].vertices[(n & 3) as usize];
+            let [n0, n1, n2, n3] = neighbors;
+            let apexes = [fetch(n0), fetch(n1), fetch(n2), fetch(n3)];
+            let current_is_ghost = corners[3] == GHOST_LABEL;
             for facet in 0..4 {
                 let packed = neighbors[facet];
                 let other = packed >> 2;
-                let mut mark = self.storage.states[other as usize];
+                let mark = self.storage.states[other as usize];
                 if mark == state::CONFLICT {
                     continue;
                 }
                 // The facet as a face of the other cell and of the new one: both are on its other side.
                 let [f0, f2, f1] = FACET[facet].map(|k| corners[k]);
                 if mark == state::ALIVE {
-                    let apex = self.storage.cells[other as usize].vertices[(packed & 3) as usize];
-                    let finite = apex != GHOST
-                        && f0 != GHOST_LABEL
-                        && f1 != GHOST_LABEL
-                        && f2 != GHOST_LABEL;
+                    let apex = apexes[facet];
+                    let finite = apex != GHOST && (!current_is_ghost || facet == 3);
                     let mut hit = None;
                     if finite {
                         let apex = labels.of(&mut self.storage, apex);
@@ -212,21 +215,19 @@ impl Tetrahedralization {
                         );
                         hit = (det.abs() > labels.error).then_some(det > 0.0);
                     }
-                    let hit =
-                        hit.unwrap_or_else(|| self.is_in_conflict(self.storage.cell(other), &p));
+                    let hit = hit.unwrap_or_else(|| self.is_in_conflict_again(other, &p));
                     if hit {
-                        if apex != GHOST {
+                        if !finite && apex != GHOST {
                             labels.of(&mut self.storage, apex);
                         }
                         self.add_conflict(other, conflict);
                         continue;
                     }
-                    mark = state::OUTSIDE;
-                    self.storage.states[other as usize] = mark;
+                    self.storage.states[other as usize] = state::OUTSIDE;
                 }
-                let labels = match (f0, f1) {
-                    (GHOST_LABEL, _) => [f1, f2, f0],
-                    (_, GHOST_LABEL) => [f2, f0, f1],
+                let labels = match (current_is_ghost, f0, f1) {
+                    (true, GHOST_LABEL, _) => [f1, f2, f0],
+                    (true, _, GHOST_LABEL) => [f2, f0, f1],
                     _ => [f0, f1, f2],
                 };
                 boundary.push(BoundaryFacet {
@@ -236,6 +237,13 @@ impl Tetrahedralization {
                 });
             }
         }
+    }
+
+    /// [`is_in_conflict`](Self::is_in_conflict), kept out of the loop over easy cases.
+    #[cold]
+    #[inline(never)]
+    fn is_in_conflict_again(&self, cell: u32, p: &[f64; 3]) -> bool {
+        self.is_in_conflict(self.storage.cell(cell), p)
     }
 
     /// Queues a cell in conflict, whose corners have labels.
@@ -250,6 +258,7 @@ impl Tetrahedralization {
     }
 
     /// Replaces the cells in conflict by cells that join `vertex` to the boundary facets.
+    #[inline(never)]
     fn fill_hole(&mut self, vertex: u32, scratch: &mut CavityScratch, changes: &mut Changes) {
         let storage = &mut self.storage;
         let CavityScratch {
@@ -277,7 +286,8 @@ impl Tetrahedralization {
             if table.len() < stride * stride {
                 table.resize(stride * stride, NO_CELL);
             }
-            let at = |from: u32, to: u32| from as usize * stride + to as usize;
+            let shift = stride.trailing_zeros();
+            let at = |from: u32, to: u32| (from << shift | to) as usize;
             for &BoundaryFacet {
                 labels: [l0, l1, l2],
                 cell,

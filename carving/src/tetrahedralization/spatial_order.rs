@@ -9,6 +9,8 @@
 //! N. Amenta, S. Choi, G. Rote, "Incremental constructions con BRIO", SoCG 2003. C. Hamilton, "Compact Hilbert
 //! indices", Dalhousie University CS-2006-07, 2006, section 2 (the states of the curve).
 
+use nalgebra::Point3;
+
 /// Levels of the curve: cells of the finest level have 1/65536 of the largest extent.
 const LEVELS: u32 = 16;
 /// Each round is about 2 to this power times as large as the one before.
@@ -95,7 +97,7 @@ fn scramble(index: u32) -> u64 {
 /// # Complexity
 ///
 /// `n log n` for the sort.
-pub(super) fn spatial_order(points: &[[f64; 3]]) -> Vec<u32> {
+pub(super) fn spatial_order(points: &[Point3<f64>]) -> Vec<u32> {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for point in points {
@@ -151,8 +153,8 @@ mod tests {
     #[test]
     fn the_order_is_a_permutation_even_without_extent() {
         for point in [[0.0; 3], [1e57, -1e57, 0.0]] {
-            let points: Vec<[f64; 3]> = (0..1000)
-                .map(|i| point.map(|c| c * f64::from(i % 7)))
+            let points: Vec<Point3<f64>> = (0..1000)
+                .map(|i| Point3::from(point) * f64::from(i % 7))
                 .collect();
             let mut order = spatial_order(&points);
             order.sort_unstable();
