@@ -1,1 +1,15 @@
-//! Keyframe selection.
+//! Which frames become keyframes, and how sharp a frame is.
+//!
+//! Frames are looked at one by one, as they would come from a camera: [`Selector`] asks for each whether the camera has
+//! moved or turned far enough since the last keyframe; the sharpest of the few frames from there on wins. A list given
+//! by the user or every n-th frame take the place of that.
+
+mod explicit;
+mod options;
+mod select;
+mod sharpness;
+
+pub use explicit::{ListError, every, named};
+pub use options::{KeyframeOptions, KeyframeOptionsError};
+pub use select::{Selector, select};
+pub use sharpness::sharpness;
