@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use super::Tetrahedralization;
 use super::changes::Changes;
+use super::ids::VertexId;
 use super::insert::Insertion;
 use super::point::{PointError, accept};
 use super::spatial_order::spatial_order;
@@ -114,20 +115,15 @@ fn in_spatial_order(
 ) {
     let order = spatial_order(points);
     let mut positions = Vec::with_capacity(FETCHED_AHEAD.min(points.len()));
-    let mut in_order = Vec::with_capacity(points.len());
+    // Every place is filled below, as the order is a permutation.
+    outcomes.resize(points.len(), Insertion::Duplicate(VertexId::GHOST));
     for indices in order.chunks(FETCHED_AHEAD) {
         positions.clear();
         // Adding zero turns a negative zero into a positive one.
-        let position = |&i: &u32| <[f64; 3]>::from(points[i as usize].coords.add_scalar(0.0));
+        let position = |&i: &u64| <[f64; 3]>::from(points[i as usize].coords.add_scalar(0.0));
         positions.extend(indices.iter().map(position));
         for (&index, &position) in indices.iter().zip(&positions) {
-            in_order.push(insert(index as usize, position));
+            outcomes[index as usize] = insert(index as usize, position);
         }
-    }
-    if let Some(&first) = in_order.first() {
-        outcomes.resize(points.len(), first);
-    }
-    for (&index, outcome) in order.iter().zip(in_order) {
-        outcomes[index as usize] = outcome;
     }
 }

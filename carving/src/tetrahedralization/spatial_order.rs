@@ -11,8 +11,9 @@
 
 use nalgebra::Point3;
 
-/// Levels of the curve: cells of the finest level have 1/65536 of the largest extent.
-const LEVELS: u32 = 16;
+/// Most levels of the curve: cells of the finest level have 1/65536 of the largest extent. Fewer where round, rank
+/// along the curve and index do not fit in 64 bits together; 100 million points still get 11.
+const MOST_LEVELS: u32 = 16;
 /// Each round is about 2 to this power times as large as the one before.
 const ROUND_BITS: u32 = 3;
 /// Rounds are not split below about this many points.
@@ -71,11 +72,11 @@ const fn hilbert_table() -> Table {
 
 const HILBERT: Table = hilbert_table();
 
-/// Rank along the Hilbert curve of the grid cell `(x, y, z)`, each below 2^[`LEVELS`].
-fn hilbert_rank([x, y, z]: [u32; 3]) -> u64 {
+/// Rank along the Hilbert curve of the grid cell `(x, y, z)`, each below 2^`levels`.
+fn hilbert_rank([x, y, z]: [u32; 3], levels: u32) -> u64 {
     let mut state = 0;
     let mut rank = 0;
-    for level in (0..LEVELS).rev() {
+    for level in (0..levels).rev() {
         let octant = (x >> level & 1) | (y >> level & 1) << 1 | (z >> level & 1) << 2;
         let entry = HILBERT[state][octant as usize];
         state = usize::from(entry >> 3);
@@ -85,19 +86,19 @@ fn hilbert_rank([x, y, z]: [u32; 3]) -> u64 {
 }
 
 /// A fixed scramble of the index (the finaliser of Vigna's SplitMix64): deals points into rounds.
-fn scramble(index: u32) -> u64 {
-    let mut x = (u64::from(index) + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+fn scramble(index: u64) -> u64 {
+    let mut x = (index + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ x >> 31
 }
 
-/// Indices of `points` in an order good for insertion. At most `u32::MAX` finite points.
+/// Indices of `points` in an order good for insertion. Points must be finite.
 ///
 /// # Complexity
 ///
-/// `n log n` for the sort.
-pub(super) fn spatial_order(points: &[Point3<f64>]) -> Vec<u32> {
+/// `n log n` for the sort; eight bytes a point.
+pub(super) fn spatial_order(points: &[Point3<f64>]) -> Vec<u64> {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for point in points {
@@ -106,28 +107,30 @@ pub(super) fn spatial_order(points: &[Point3<f64>]) -> Vec<u32> {
             high[axis] = high[axis].max(point[axis]);
         }
     }
+    let rounds = (points.len() / SMALLEST_ROUND).max(1).ilog2() / ROUND_BITS;
+    let index_bits = points.len().next_power_of_two().ilog2();
+    let round_bits = u32::BITS - rounds.leading_zeros();
+    let levels = ((u64::BITS - index_bits - round_bits) / 3).min(MOST_LEVELS);
     let extent = (0..3)
         .map(|axis| high[axis] - low[axis])
         .fold(0.0, f64::max);
-    // Extents below the normal range (all points coincide) give one grid cell; the cast saturates.
-    let scale = if extent > 0.0 {
-        f64::from((1 << LEVELS) - 1) / extent
-    } else {
-        0.0
-    };
-    let rounds = (points.len() / SMALLEST_ROUND).max(1).ilog2() / ROUND_BITS;
-    let mut keys: Vec<(u64, u32)> = (0u32..)
+    // Without extent all points fall into one grid cell; the cast below saturates.
+    let cells = f64::from((1u32 << levels) - 1);
+    let scale = if extent > 0.0 { cells / extent } else { 0.0 };
+    let mut keys: Vec<u64> = (0u64..)
         .zip(points)
         .map(|(index, point)| {
-            let grid: [u32; 3] =
-                std::array::from_fn(|axis| ((point[axis] - low[axis]) * scale) as u32);
+            let grid = std::array::from_fn(|axis| ((point[axis] - low[axis]) * scale) as u32);
             let skipped = (scramble(index).trailing_zeros() / ROUND_BITS).min(rounds);
             let round = u64::from(rounds - skipped);
-            (round << (3 * LEVELS) | hilbert_rank(grid), index)
+            (round << (3 * levels) | hilbert_rank(grid, levels)) << index_bits | index
         })
         .collect();
     keys.sort_unstable();
-    keys.into_iter().map(|(_, index)| index).collect()
+    for key in &mut keys {
+        *key &= (1 << index_bits) - 1;
+    }
+    keys
 }
 
 #[cfg(test)]
@@ -140,7 +143,7 @@ mod tests {
         let side = 8u32;
         let mut cells: Vec<(u64, [u32; 3])> = (0..side.pow(3))
             .map(|i| [i % side, i / side % side, i / side / side])
-            .map(|c| (hilbert_rank(c), c))
+            .map(|c| (hilbert_rank(c, 16), c))
             .collect();
         cells.sort_unstable();
         for pair in cells.windows(2) {
