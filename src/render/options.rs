@@ -1,0 +1,123 @@
+//! How a picture looks.
+
+/// What lies behind the mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Background {
+    /// One sRGB colour.
+    Plain([u8; 3]),
+    /// From the first sRGB colour at the top to the second at the bottom.
+    Gradient([u8; 3], [u8; 3]),
+}
+
+/// What becomes of triangles seen from behind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BackFaces {
+    /// Drawn in a tint, so that holes and flipped triangles are noticed.
+    Tinted,
+    /// Drawn like front faces.
+    Shown,
+    /// Not drawn: a room closed by walls can be seen from outside, like a doll's house.
+    Hidden,
+}
+
+/// How a picture looks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RenderOptions {
+    /// Samples a pixel has along each side, 1 to 8; 2 gives smooth outlines.
+    pub supersampling: u32,
+    /// Width of segments in pixels, above 0 and at most 100.
+    pub line_width_px: f64,
+    /// sRGB colour of segments without colours of their own.
+    pub line_color: [u8; 3],
+    /// How far behind the surface a segment may lie and still be drawn, relative to its depth, 0 to 1: segments lie on the
+    /// surface up to noise.
+    pub line_depth_tolerance: f64,
+    /// sRGB colour of meshes without colours.
+    pub clay: [u8; 3],
+    /// What lies behind the mesh.
+    pub background: Background,
+    /// What becomes of triangles seen from behind.
+    pub back_faces: BackFaces,
+    /// Rays a pixel sends to find out how open the sky is above it; 0 draws without this shade.
+    pub occlusion_rays: u32,
+    /// Darkness of the outlines at jumps of depth, 0 (none) to 1 (black).
+    pub outline: f64,
+    /// Darkness of the outlines at creases, 0 to 1.
+    pub crease: f64,
+}
+
+impl Default for RenderOptions {
+    fn default() -> Self {
+        Self {
+            supersampling: 2,
+            line_width_px: 1.4,
+            line_color: [20, 70, 160],
+            line_depth_tolerance: 0.01,
+            clay: [216, 210, 200],
+            background: Background::Gradient([255, 255, 255], [226, 231, 238]),
+            back_faces: BackFaces::Tinted,
+            occlusion_rays: 8,
+            outline: 0.75,
+            crease: 0.25,
+        }
+    }
+}
+
+/// A value out of its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{name} = {value} must be {range}")]
+pub struct RenderOptionsError {
+    /// The option.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// What it may be.
+    pub range: &'static str,
+}
+
+impl RenderOptions {
+    /// Checks the ranges that the fields state.
+    ///
+    /// # Errors
+    /// The first field out of its range.
+    pub fn validate(&self) -> Result<(), RenderOptionsError> {
+        let unit = 0.0..=1.0;
+        let checks = [
+            (
+                "supersampling",
+                f64::from(self.supersampling),
+                (1..=8).contains(&self.supersampling),
+                "1 to 8",
+            ),
+            (
+                "line_width_px",
+                self.line_width_px,
+                self.line_width_px > 0.0 && self.line_width_px <= 100.0,
+                "above 0 and at most 100",
+            ),
+            (
+                "line_depth_tolerance",
+                self.line_depth_tolerance,
+                unit.contains(&self.line_depth_tolerance),
+                "0 to 1",
+            ),
+            (
+                "occlusion_rays",
+                f64::from(self.occlusion_rays),
+                self.occlusion_rays <= 4096,
+                "at most 4096",
+            ),
+            (
+                "outline",
+                self.outline,
+                unit.contains(&self.outline),
+                "0 to 1",
+            ),
+            ("crease", self.crease, unit.contains(&self.crease), "0 to 1"),
+        ];
+        match checks.into_iter().find(|(_, _, valid, _)| !valid) {
+            Some((name, value, _, range)) => Err(RenderOptionsError { name, value, range }),
+            None => Ok(()),
+        }
+    }
+}
