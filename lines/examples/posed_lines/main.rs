@@ -20,7 +20,7 @@ use linecarve_lines::image::GrayImage;
 use linecarve_lines::{ExtractOptions, SegmentExtractor};
 use sequence::{Sequence, View};
 
-type AnyError = Box<dyn std::error::Error>;
+pub(crate) type AnyError = Box<dyn std::error::Error>;
 
 struct Settings {
     sequence: PathBuf,
@@ -189,7 +189,11 @@ fn write_obj(
     out: &std::path::Path,
 ) -> Result<(), AnyError> {
     let mut text = String::new();
+    let mut current = None;
     for (segment, keyframe) in all {
+        if current.replace(*keyframe) != Some(*keyframe) {
+            writeln!(text, "g kf{keyframe}")?;
+        }
         for end in segment.ends_in_world(&keyframes[*keyframe].world_from_camera) {
             writeln!(text, "v {:.6} {:.6} {:.6}", end.x, end.y, end.z)?;
         }

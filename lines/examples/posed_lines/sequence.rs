@@ -6,7 +6,7 @@ use linecarve_lines::camera::Camera;
 use linecarve_lines::image::{GrayImage, Plane};
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion};
 
-use super::AnyError;
+use crate::AnyError;
 
 /// One posed image.
 #[derive(Clone)]

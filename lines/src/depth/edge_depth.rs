@@ -20,7 +20,7 @@ pub struct EdgeDepthOptions {
     pub radius_px: usize,
     /// Depths in this radius are smoothed by a plane where there is no jump; 0 takes the depth of the pixel itself.
     pub smoothing_radius_px: usize,
-    /// A jump is a gap between sorted inverse depths of more than this many standard deviations of a difference ...
+    /// A jump is a gap in the inverse depths around a pixel of more than this many standard deviations of a difference ...
     pub jump_sigmas: f64,
     /// ... and of more than this share of the inverse depth.
     pub jump_relative: f64,
@@ -115,89 +115,135 @@ impl EdgeDepths {
     }
 }
 
+/// Pixels of a window around a centre, in order of rows.
+struct Window<'a> {
+    map: &'a InverseDepthMap,
+    center: (usize, usize),
+}
+
+impl Window<'_> {
+    /// Calls `visit` with the offset and the inverse depth of each known pixel within a radius.
+    fn for_each(&self, radius: usize, mut visit: impl FnMut(Neighbour)) {
+        let (x, y) = self.center;
+        let (width, height) = (self.map.width(), self.map.height());
+        let (left, right) = (x.saturating_sub(radius), (x + radius).min(width - 1));
+        let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(height - 1));
+        for row in top..=bottom {
+            let samples = &self.map.raw()[row * width + left..=row * width + right];
+            let dy = row as f32 - y as f32;
+            let first = left as f32 - x as f32;
+            for (column, sample) in samples.iter().enumerate() {
+                if sample.rho > 0.0 {
+                    visit(Neighbour {
+                        dx: first + column as f32,
+                        dy,
+                        rho: sample.rho,
+                    });
+                }
+            }
+        }
+    }
+
+    /// Standard deviation at a pixel of the window.
+    fn sigma(&self, pixel: &Neighbour) -> f32 {
+        let x = (self.center.0 as f32 + pixel.dx) as usize;
+        let y = (self.center.1 as f32 + pixel.dy) as usize;
+        self.map.raw()[y * self.map.width() + x].sigma
+    }
+}
+
 fn edge_depth(
     map: &InverseDepthMap,
     (x, y): (usize, usize),
     options: &EdgeDepthOptions,
-    window: &mut Vec<Neighbour>,
+    pixels: &mut Vec<Neighbour>,
 ) -> InverseDepth {
     let (width, height) = (map.width(), map.height());
     if x >= width || y >= height {
         return UNKNOWN;
     }
     let own = map.raw()[y * width + x];
-    let radius = options.radius_px.max(options.smoothing_radius_px);
-    if radius == 0 {
-        return own;
-    }
-    window.clear();
-    let (left, right) = (x.saturating_sub(radius), (x + radius).min(width - 1));
-    let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(height - 1));
-    let (mut nearest, mut farthest) = (UNKNOWN, f32::INFINITY);
-    for row in top..=bottom {
-        let samples = &map.raw()[row * width + left..=row * width + right];
-        let dy = row as f32 - y as f32;
-        for (column, sample) in samples.iter().enumerate() {
-            if sample.rho > 0.0 {
-                let dx = (left + column) as f32 - x as f32;
-                window.push(Neighbour {
-                    dx,
-                    dy,
-                    rho: sample.rho,
-                });
-                farthest = farthest.min(sample.rho);
-                if sample.rho > nearest.rho {
-                    nearest = *sample;
-                }
-            }
-        }
-    }
-    if window.len() < options.least_support {
-        return own;
-    }
-    let jump = (options.jump_sigmas as f32 * std::f32::consts::SQRT_2 * nearest.sigma)
-        .max(options.jump_relative as f32 * nearest.rho);
-    let near_count = if nearest.rho - farthest > jump {
-        near_side(window, jump, options.least_support)
-    } else {
-        None
+    let window = Window {
+        map,
+        center: (x, y),
     };
-    match near_count {
-        Some(count) => {
-            let rho = plane_at_centre(&window[..count]);
-            InverseDepth::new(rho, nearest.sigma).unwrap_or(own)
-        }
-        None => smoothed(own, window, options),
+    if options.radius_px > 0
+        && let Some(near) = near_side(&window, options, pixels)
+    {
+        return near;
     }
+    if options.smoothing_radius_px == 0 || own.rho <= 0.0 {
+        return own;
+    }
+    pixels.clear();
+    window.for_each(options.smoothing_radius_px, |pixel| pixels.push(pixel));
+    if pixels.len() < options.least_support {
+        return own;
+    }
+    InverseDepth::new(plane_at_centre(pixels), own.sigma).unwrap_or(own)
 }
 
-/// Sorts the window from near to far and returns how many pixels lie before the first jump; `None` without a jump.
-fn near_side(window: &mut [Neighbour], jump: f32, least_support: usize) -> Option<usize> {
-    // Ties are broken by place, so that the order, and with it every sum, is one and the same.
-    window.sort_unstable_by(|a, b| {
-        (b.rho.total_cmp(&a.rho))
-            .then(a.dy.total_cmp(&b.dy))
-            .then(a.dx.total_cmp(&b.dx))
-    });
-    let last_start = window.len().saturating_sub(1);
-    (least_support.max(1)..=last_start).find(|&i| window[i - 1].rho - window[i].rho > jump)
-}
-
-/// Without a jump: the plane through the close neighbours, or the pixel's own depth.
-fn smoothed(
-    own: InverseDepth,
-    window: &mut Vec<Neighbour>,
+/// Where the window shows a jump: the plane of its near side at the centre.
+///
+/// The near side is found by counting inverse depths in bins of half a jump, from near to far: it ends at the first empty
+/// bin that has enough pixels before it. Fewer pixels before an empty bin fly in front of the surface and are left out.
+fn near_side(
+    window: &Window<'_>,
     options: &EdgeDepthOptions,
-) -> InverseDepth {
-    let radius = options.smoothing_radius_px as f32;
-    if own.rho <= 0.0 || options.smoothing_radius_px == 0 {
-        return own;
+    pixels: &mut Vec<Neighbour>,
+) -> Option<InverseDepth> {
+    const BINS: usize = 64;
+    let (mut nearest, mut farthest, mut count) = (0.0_f32, f32::INFINITY, 0);
+    window.for_each(options.radius_px, |pixel| {
+        nearest = nearest.max(pixel.rho);
+        farthest = farthest.min(pixel.rho);
+        count += 1;
+    });
+    if count < options.least_support {
+        return None;
     }
-    window.retain(|n| n.dx.abs() <= radius && n.dy.abs() <= radius);
-    if window.len() < options.least_support {
-        return own;
+    let relative = options.jump_relative as f32 * nearest;
+    if nearest - farthest <= relative {
+        return None;
     }
-    InverseDepth::new(plane_at_centre(window), own.sigma).unwrap_or(own)
+    // The noise of the nearest pixel: sigma varies slowly with inverse depth.
+    let mut sigma = 0.0_f32;
+    window.for_each(options.radius_px, |pixel| {
+        if pixel.rho == nearest {
+            sigma = window.sigma(&pixel);
+        }
+    });
+    let jump = relative.max(options.jump_sigmas as f32 * std::f32::consts::SQRT_2 * sigma);
+    if nearest - farthest <= jump {
+        return None;
+    }
+    let per_bin = 2.0 / jump;
+    // The last bin takes all that is farther.
+    let bin = |rho: f32| (((nearest - rho) * per_bin) as usize).min(BINS - 1);
+    let mut counts = [0_usize; BINS];
+    window.for_each(options.radius_px, |pixel| counts[bin(pixel.rho)] += 1);
+    let (mut first, mut support) = (0, 0);
+    for (index, &pixels_in_bin) in counts.iter().enumerate() {
+        if pixels_in_bin > 0 {
+            support += pixels_in_bin;
+            continue;
+        }
+        if support >= options.least_support {
+            if counts[index..].iter().sum::<usize>() == 0 {
+                return None;
+            }
+            pixels.clear();
+            window.for_each(options.radius_px, |pixel| {
+                if (first..index).contains(&bin(pixel.rho)) {
+                    pixels.push(pixel);
+                }
+            });
+            return InverseDepth::new(plane_at_centre(pixels), sigma);
+        }
+        first = index + 1;
+        support = 0;
+    }
+    None
 }
 
 /// The least-squares plane `rho = a + b dx + c dy` at the centre of the window; the mean where the pixels are so placed

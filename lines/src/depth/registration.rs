@@ -30,6 +30,8 @@ struct Projected {
     rho: f32,
     /// Inverse depth in the depth camera, where continuity is judged.
     rho_in_depth: f32,
+    /// By how much the inverse depth of a neighbour of the same surface may differ.
+    reach: f32,
 }
 
 /// Fills `map` (all unknown, of the size of the colour image) with the nearest surface along each pixel's ray.
@@ -51,20 +53,22 @@ pub(super) fn register(
     for y in 0..height {
         std::mem::swap(&mut above, &mut below);
         project_row(depth.row(y), y, registration, &mut below);
-        if y == 0 {
-            continue;
-        }
-        for x in 1..width {
-            let corners = [above[x - 1], above[x], below[x - 1], below[x]];
-            fill_cell(&corners, registration, map);
+        if y > 0 {
+            for (above, below) in above.windows(2).zip(below.windows(2)) {
+                fill_cell(&[above[0], above[1], below[0], below[1]], map);
+            }
         }
     }
     // After all cells, so that a rounded position never hides an interpolated one of the same surface.
     for y in 0..height {
         project_row(depth.row(y), y, registration, &mut below);
         for pixel in &below {
-            splat(pixel, registration, map);
+            splat(pixel, map);
         }
+    }
+    for sample in map.raw_mut() {
+        let sigma = registration.noise.sigma(f64::from(sample.rho)) as f32;
+        *sample = InverseDepth::new(sample.rho, sigma).unwrap_or(UNKNOWN);
     }
 }
 
@@ -74,6 +78,8 @@ fn project_row(row: &[f32], y: usize, registration: &Registration<'_>, out: &mut
     let translation = registration.color_from_depth.translation.vector;
     let v = (y as f64 - depth_camera.cy()) / depth_camera.fy();
     let along = rotation * Vector3::new(1.0 / depth_camera.fx(), 0.0, 0.0);
+    let slope = STEEPEST / depth_camera.mean_focal_px();
+    let noise_gate = NOISE_GATE * std::f64::consts::SQRT_2;
     let start = rotation * Vector3::new(-depth_camera.cx() / depth_camera.fx(), v, 1.0);
     for (x, (&z, out)) in row.iter().zip(out).enumerate() {
         let z = f64::from(z);
@@ -86,40 +92,33 @@ fn project_row(row: &[f32], y: usize, registration: &Registration<'_>, out: &mut
             continue;
         }
         let rho = 1.0 / point.z;
+        let rho_in_depth = 1.0 / z;
+        let by_noise = noise_gate * registration.noise.sigma(rho_in_depth);
         *out = Projected {
             x: (color.fx() * point.x * rho + color.cx()) as f32,
             y: (color.fy() * point.y * rho + color.cy()) as f32,
             rho: rho as f32,
-            rho_in_depth: (1.0 / z) as f32,
+            rho_in_depth: rho_in_depth as f32,
+            reach: by_noise.max(slope * rho_in_depth) as f32,
         };
     }
 }
 
-/// Puts one depth pixel at the nearest colour pixel.
-fn splat(pixel: &Projected, registration: &Registration<'_>, map: &mut InverseDepthMap) {
-    let (x, y) = (pixel.x.round(), pixel.y.round());
+/// Puts one depth pixel at the nearest colour pixel unless a cell of the same surface, which interpolates and is better,
+/// or a nearer one is there.
+fn splat(pixel: &Projected, map: &mut InverseDepthMap) {
+    let (x, y) = (pixel.x + 0.5, pixel.y + 0.5);
     let is_inside = x >= 0.0 && y >= 0.0 && x < map.width() as f32 && y < map.height() as f32;
     if pixel.rho > 0.0 && is_inside {
         let index = y as usize * map.width() + x as usize;
         let slot = &mut map.raw_mut()[index];
-        let focal = registration.color_camera.mean_focal_px();
-        let same = same_surface(f64::from(pixel.rho), focal, registration.noise);
-        // A cell of the same surface interpolates and is better: only a clearly nearer pixel replaces what is there.
-        if pixel.rho > slot.rho + same as f32 {
-            let sigma = registration.noise.sigma(f64::from(pixel.rho));
-            *slot = InverseDepth::new(pixel.rho, sigma as f32).unwrap_or(UNKNOWN);
+        if pixel.rho > slot.rho + pixel.reach {
+            slot.rho = pixel.rho;
         }
     }
 }
 
-/// The largest difference of inverse depth between neighbouring pixels of one surface.
-fn same_surface(rho: f64, focal_px: f64, noise: &SensorNoise) -> f64 {
-    let by_slope = STEEPEST / focal_px * rho;
-    let by_noise = NOISE_GATE * std::f64::consts::SQRT_2 * noise.sigma(rho);
-    by_slope.max(by_noise)
-}
-
-fn fill_cell(corners: &[Projected; 4], registration: &Registration<'_>, map: &mut InverseDepthMap) {
+fn fill_cell(corners: &[Projected; 4], map: &mut InverseDepthMap) {
     // A cell with one unknown corner is still a triangle.
     //   0 - 1
     //   | / |
@@ -134,43 +133,46 @@ fn fill_cell(corners: &[Projected; 4], registration: &Registration<'_>, map: &mu
     };
     for triangle in triangles {
         let [a, b, c] = triangle.map(|i| corners[i]);
-        if a.rho > 0.0 && b.rho > 0.0 && c.rho > 0.0 && is_continuous([a, b, c], registration) {
-            fill_triangle([a, b, c], registration.noise, map);
+        if a.rho > 0.0 && b.rho > 0.0 && c.rho > 0.0 && is_continuous(&a, &b, &c) {
+            fill_triangle(&a, &b, &c, map);
         }
     }
 }
 
 /// Whether three neighbouring depth pixels may belong to one surface.
-fn is_continuous(corners: [Projected; 3], registration: &Registration<'_>) -> bool {
-    let rhos = corners.map(|corner| f64::from(corner.rho_in_depth));
-    let nearest = rhos[0].max(rhos[1]).max(rhos[2]);
-    let farthest = rhos[0].min(rhos[1]).min(rhos[2]);
-    let focal = registration.depth_camera.mean_focal_px();
-    nearest - farthest <= same_surface(nearest, focal, registration.noise)
+fn is_continuous(a: &Projected, b: &Projected, c: &Projected) -> bool {
+    let nearest = a.rho_in_depth.max(b.rho_in_depth).max(c.rho_in_depth);
+    let farthest = a.rho_in_depth.min(b.rho_in_depth).min(c.rho_in_depth);
+    nearest - farthest <= a.reach.max(b.reach).max(c.reach)
+}
+
+/// The whole numbers within a range, limited to `0..count`.
+fn whole_numbers(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
+    // Casts truncate and saturate: negative numbers become 0, which is where the range begins anyway.
+    let low = from.max(0.0);
+    let first = low as usize + usize::from(low > low as usize as f32);
+    let end = if to < 0.0 { 0 } else { to as usize + 1 };
+    first..end.min(count)
 }
 
 /// Fills the pixels whose centres lie in a triangle; the nearest surface wins.
-fn fill_triangle([a, b, c]: [Projected; 3], noise: &SensorNoise, map: &mut InverseDepthMap) {
+fn fill_triangle(a: &Projected, b: &Projected, c: &Projected, map: &mut InverseDepthMap) {
+    let columns = whole_numbers(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), map.width());
+    let rows = whole_numbers(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), map.height());
+    if columns.is_empty() || rows.is_empty() {
+        return;
+    }
     let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
     if area == 0.0 || !area.is_finite() {
         return;
     }
-    let last_x = (map.width() - 1) as f32;
-    let last_y = (map.height() - 1) as f32;
-    let from_x = a.x.min(b.x).min(c.x).ceil().max(0.0);
-    let to_x = a.x.max(b.x).max(c.x).floor().min(last_x);
-    let from_y = a.y.min(b.y).min(c.y).ceil().max(0.0);
-    let to_y = a.y.max(b.y).max(c.y).floor().min(last_y);
-    if from_x > to_x || from_y > to_y {
-        return;
-    }
+    let inverse = 1.0 / area;
     let width = map.width();
-    let sigma = noise.sigma(f64::from(a.rho.max(b.rho).max(c.rho))) as f32;
-    for y in from_y as usize..=to_y as usize {
-        for x in from_x as usize..=to_x as usize {
-            let (px, py) = (x as f32, y as f32);
-            let weight_b = ((px - a.x) * (c.y - a.y) - (c.x - a.x) * (py - a.y)) / area;
-            let weight_c = ((b.x - a.x) * (py - a.y) - (px - a.x) * (b.y - a.y)) / area;
+    for y in rows {
+        for x in columns.clone() {
+            let (px, py) = (x as f32 - a.x, y as f32 - a.y);
+            let weight_b = (px * (c.y - a.y) - (c.x - a.x) * py) * inverse;
+            let weight_c = ((b.x - a.x) * py - px * (b.y - a.y)) * inverse;
             // Closed triangles: a pixel on a shared side is filled by both, which is harmless.
             if weight_b < 0.0 || weight_c < 0.0 || weight_b + weight_c > 1.0 {
                 continue;
@@ -178,7 +180,7 @@ fn fill_triangle([a, b, c]: [Projected; 3], noise: &SensorNoise, map: &mut Inver
             let rho = a.rho + weight_b * (b.rho - a.rho) + weight_c * (c.rho - a.rho);
             let slot = &mut map.raw_mut()[y * width + x];
             if rho > slot.rho {
-                *slot = InverseDepth::new(rho, sigma).unwrap_or(UNKNOWN);
+                slot.rho = rho;
             }
         }
     }

@@ -46,10 +46,13 @@ impl SensorNoise {
     /// Standard deviation of an inverse depth.
     pub fn sigma(&self, rho: f64) -> f64 {
         // d rho = rho^2 d z
-        let rounding = self.depth_step / 12.0_f64.sqrt() * rho * rho;
-        self.inverse_depth_sigma.hypot(rounding)
+        let rounding = self.depth_step * UNIFORM_SIGMA * rho * rho;
+        (self.inverse_depth_sigma * self.inverse_depth_sigma + rounding * rounding).sqrt()
     }
 }
+
+/// Standard deviation of a uniform deviate of width 1, 1 / sqrt(12).
+const UNIFORM_SIGMA: f64 = 0.288_675_134_594_812_9;
 
 /// A depth camera beside a colour camera.
 #[derive(Debug, Clone)]
