@@ -55,7 +55,8 @@ impl EdgeDepthOptions {
 #[derive(Debug, Clone, Default)]
 pub struct EdgeDepths {
     samples: Vec<InverseDepth>,
-    window: Vec<Neighbour>,
+    pixels: Vec<Neighbour>,
+    extremes: Extremes,
 }
 
 /// A known pixel of a window, relative to its centre.
@@ -105,13 +106,79 @@ impl EdgeDepths {
     ) {
         self.samples.clear();
         self.samples.reserve(chains.pixels().len());
-        let mut window = std::mem::take(&mut self.window);
-        for &[x, y] in chains.pixels() {
-            let pixel = (usize::from(x), usize::from(y));
-            self.samples
-                .push(edge_depth(map, pixel, options, &mut window));
+        if options.radius_px > 0 {
+            self.extremes.prepare(map, options.radius_px);
         }
-        self.window = window;
+        for &[x, y] in chains.pixels() {
+            let (x, y) = (usize::from(x), usize::from(y));
+            if x >= map.width() || y >= map.height() {
+                self.samples.push(UNKNOWN);
+                continue;
+            }
+            let window = Window {
+                map,
+                center: (x, y),
+            };
+            let near = if options.radius_px > 0 {
+                let (nearest, farthest) = self.extremes.around(x, y);
+                near_side(&window, nearest, farthest, options, &mut self.pixels)
+            } else {
+                None
+            };
+            self.samples
+                .push(near.unwrap_or_else(|| smoothed(&window, options, &mut self.pixels)));
+        }
+    }
+}
+
+/// Nearest and farthest inverse depth around a pixel: most windows show no jump and are done with it.
+#[derive(Debug, Clone, Default)]
+struct Extremes {
+    /// The map with a border, so that no window leaves it; unknown pixels are 0 here ...
+    nearest: Vec<f32>,
+    /// ... and infinite here.
+    farthest: Vec<f32>,
+    stride: usize,
+    side: usize,
+}
+
+impl Extremes {
+    fn prepare(&mut self, map: &InverseDepthMap, radius: usize) {
+        self.side = 2 * radius + 1;
+        self.stride = map.width() + 2 * radius;
+        let size = self.stride * (map.height() + 2 * radius);
+        self.nearest.clear();
+        self.nearest.resize(size, 0.0);
+        self.farthest.clear();
+        self.farthest.resize(size, f32::INFINITY);
+        for (y, row) in map.raw().chunks_exact(map.width().max(1)).enumerate() {
+            let start = (y + radius) * self.stride + radius;
+            let nearest = &mut self.nearest[start..start + row.len()];
+            let farthest = &mut self.farthest[start..start + row.len()];
+            for ((near, far), sample) in nearest.iter_mut().zip(farthest).zip(row) {
+                *near = sample.rho;
+                *far = if sample.rho > 0.0 {
+                    sample.rho
+                } else {
+                    f32::INFINITY
+                };
+            }
+        }
+    }
+
+    /// The extremes of the window around a pixel; 0 and infinity when nothing is known there.
+    fn around(&self, x: usize, y: usize) -> (f32, f32) {
+        let (mut nearest, mut farthest) = (0.0_f32, f32::INFINITY);
+        for row in y..y + self.side {
+            let start = row * self.stride + x;
+            for &rho in &self.nearest[start..start + self.side] {
+                nearest = if rho > nearest { rho } else { nearest };
+            }
+            for &rho in &self.farthest[start..start + self.side] {
+                farthest = if rho < farthest { rho } else { farthest };
+            }
+        }
+        (nearest, farthest)
     }
 }
 
@@ -152,26 +219,14 @@ impl Window<'_> {
     }
 }
 
-fn edge_depth(
-    map: &InverseDepthMap,
-    (x, y): (usize, usize),
+/// Without a jump: the plane through the close neighbours, or the pixel's own depth.
+fn smoothed(
+    window: &Window<'_>,
     options: &EdgeDepthOptions,
     pixels: &mut Vec<Neighbour>,
 ) -> InverseDepth {
-    let (width, height) = (map.width(), map.height());
-    if x >= width || y >= height {
-        return UNKNOWN;
-    }
-    let own = map.raw()[y * width + x];
-    let window = Window {
-        map,
-        center: (x, y),
-    };
-    if options.radius_px > 0
-        && let Some(near) = near_side(&window, options, pixels)
-    {
-        return near;
-    }
+    let (x, y) = window.center;
+    let own = window.map.raw()[y * window.map.width() + x];
     if options.smoothing_radius_px == 0 || own.rho <= 0.0 {
         return own;
     }
@@ -189,19 +244,12 @@ fn edge_depth(
 /// bin that has enough pixels before it. Fewer pixels before an empty bin fly in front of the surface and are left out.
 fn near_side(
     window: &Window<'_>,
+    nearest: f32,
+    farthest: f32,
     options: &EdgeDepthOptions,
     pixels: &mut Vec<Neighbour>,
 ) -> Option<InverseDepth> {
     const BINS: usize = 64;
-    let (mut nearest, mut farthest, mut count) = (0.0_f32, f32::INFINITY, 0);
-    window.for_each(options.radius_px, |pixel| {
-        nearest = nearest.max(pixel.rho);
-        farthest = farthest.min(pixel.rho);
-        count += 1;
-    });
-    if count < options.least_support {
-        return None;
-    }
     let relative = options.jump_relative as f32 * nearest;
     if nearest - farthest <= relative {
         return None;

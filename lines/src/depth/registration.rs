@@ -21,17 +21,25 @@ pub(super) struct Registration<'a> {
     pub(super) noise: &'a SensorNoise,
 }
 
-/// A depth pixel seen by the colour camera.
-#[derive(Debug, Clone, Copy, Default)]
-struct Projected {
+/// A row of depth pixels seen by the colour camera; one array per quantity, so that the loop over them is vectorised.
+#[derive(Debug, Clone, Default)]
+struct ProjectedRow {
+    x: Vec<f32>,
+    y: Vec<f32>,
+    /// Inverse depth in the colour camera; 0 when unknown or behind it.
+    rho: Vec<f32>,
+    /// Inverse depth in the depth camera, where continuity is judged.
+    rho_in_depth: Vec<f32>,
+    /// By how much the inverse depth of a neighbour of the same surface may differ.
+    reach: Vec<f32>,
+}
+
+/// A corner of a cell.
+#[derive(Debug, Clone, Copy)]
+struct Corner {
     x: f32,
     y: f32,
-    /// Inverse depth in the colour camera; 0 when unknown or behind it.
     rho: f32,
-    /// Inverse depth in the depth camera, where continuity is judged.
-    rho_in_depth: f32,
-    /// By how much the inverse depth of a neighbour of the same surface may differ.
-    reach: f32,
 }
 
 /// Fills `map` (all unknown, of the size of the colour image) with the nearest surface along each pixel's ray.
@@ -48,127 +56,191 @@ pub(super) fn register(
     if width == 0 || height == 0 || map.width() == 0 || map.height() == 0 {
         return;
     }
-    let mut above = vec![Projected::default(); width];
-    let mut below = vec![Projected::default(); width];
+    let mut above = ProjectedRow::new(width);
+    let mut below = ProjectedRow::new(width);
     for y in 0..height {
         std::mem::swap(&mut above, &mut below);
-        project_row(depth.row(y), y, registration, &mut below);
+        below.project(depth.row(y), y, registration);
         if y > 0 {
-            for (above, below) in above.windows(2).zip(below.windows(2)) {
-                fill_cell(&[above[0], above[1], below[0], below[1]], map);
+            for x in 1..width {
+                fill_cell(&above, &below, x, map);
             }
         }
     }
     // After all cells, so that a rounded position never hides an interpolated one of the same surface.
     for y in 0..height {
-        project_row(depth.row(y), y, registration, &mut below);
-        for pixel in &below {
-            splat(pixel, map);
-        }
+        below.project(depth.row(y), y, registration);
+        below.splat(map);
     }
+    let sigma = registration.noise.in_single_precision();
     for sample in map.raw_mut() {
-        let sigma = registration.noise.sigma(f64::from(sample.rho)) as f32;
-        *sample = InverseDepth::new(sample.rho, sigma).unwrap_or(UNKNOWN);
+        *sample = InverseDepth::new(sample.rho, sigma(sample.rho)).unwrap_or(UNKNOWN);
     }
 }
 
-fn project_row(row: &[f32], y: usize, registration: &Registration<'_>, out: &mut [Projected]) {
-    let (depth_camera, color) = (registration.depth_camera, registration.color_camera);
-    let rotation = registration.color_from_depth.rotation.to_rotation_matrix();
-    let translation = registration.color_from_depth.translation.vector;
-    let v = (y as f64 - depth_camera.cy()) / depth_camera.fy();
-    let along = rotation * Vector3::new(1.0 / depth_camera.fx(), 0.0, 0.0);
-    let slope = STEEPEST / depth_camera.mean_focal_px();
-    let noise_gate = NOISE_GATE * std::f64::consts::SQRT_2;
-    let start = rotation * Vector3::new(-depth_camera.cx() / depth_camera.fx(), v, 1.0);
-    for (x, (&z, out)) in row.iter().zip(out).enumerate() {
-        let z = f64::from(z);
-        *out = Projected::default();
-        if !(z > 0.0 && z.is_finite()) {
-            continue;
+impl ProjectedRow {
+    fn new(width: usize) -> Self {
+        let zeros = vec![0.0; width];
+        Self {
+            x: zeros.clone(),
+            y: zeros.clone(),
+            rho: zeros.clone(),
+            rho_in_depth: zeros.clone(),
+            reach: zeros,
         }
-        let point = (start + along * x as f64) * z + translation;
-        if point.z <= 0.0 {
-            continue;
-        }
-        let rho = 1.0 / point.z;
-        let rho_in_depth = 1.0 / z;
-        let by_noise = noise_gate * registration.noise.sigma(rho_in_depth);
-        *out = Projected {
-            x: (color.fx() * point.x * rho + color.cx()) as f32,
-            y: (color.fy() * point.y * rho + color.cy()) as f32,
-            rho: rho as f32,
-            rho_in_depth: rho_in_depth as f32,
-            reach: by_noise.max(slope * rho_in_depth) as f32,
+    }
+
+    /// Single precision is ample: a ten-thousandth of a pixel, a ten-millionth of the depth.
+    fn project(&mut self, row: &[f32], y: usize, registration: &Registration<'_>) {
+        let (depth_camera, color) = (registration.depth_camera, registration.color_camera);
+        let rotation = registration.color_from_depth.rotation.to_rotation_matrix();
+        // Rows of the intrinsic matrix are multiplied in: (x, y, z) -> (z * pixel x, z * pixel y, z).
+        let to_pixels = |v: Vector3<f64>| {
+            let x = color.fx() * v.x + color.cx() * v.z;
+            let y = color.fy() * v.y + color.cy() * v.z;
+            Vector3::new(x, y, v.z).map(|c| c as f32)
         };
+        let v = (y as f64 - depth_camera.cy()) / depth_camera.fy();
+        let start = Vector3::new(-depth_camera.cx() / depth_camera.fx(), v, 1.0);
+        let start = to_pixels(rotation * start);
+        let along = to_pixels(rotation * Vector3::new(1.0 / depth_camera.fx(), 0.0, 0.0));
+        let shift = to_pixels(registration.color_from_depth.translation.vector);
+        let sigma = registration.noise.in_single_precision();
+        let slope = (STEEPEST / depth_camera.mean_focal_px()) as f32;
+        let noise_gate = (NOISE_GATE * std::f64::consts::SQRT_2) as f32;
+        let n = row.len();
+        let (xs, ys, rhos) = (&mut self.x[..n], &mut self.y[..n], &mut self.rho[..n]);
+        let (in_depth, reaches) = (&mut self.rho_in_depth[..n], &mut self.reach[..n]);
+        for x in 0..n {
+            let z = row[x];
+            let column = x as f32;
+            let seen_z = (start.z + along.z * column) * z + shift.z;
+            let rho = 1.0 / seen_z;
+            let rho_in_depth = 1.0 / z;
+            xs[x] = ((start.x + along.x * column) * z + shift.x) * rho;
+            ys[x] = ((start.y + along.y * column) * z + shift.y) * rho;
+            // Infinite and NaN depths have an inverse that is not positive.
+            let is_known = (rho_in_depth > 0.0) & (rho > 0.0) & (rho < f32::INFINITY);
+            rhos[x] = if is_known { rho } else { 0.0 };
+            in_depth[x] = rho_in_depth;
+            reaches[x] = (noise_gate * sigma(rho_in_depth)).max(slope * rho_in_depth);
+        }
     }
-}
 
-/// Puts one depth pixel at the nearest colour pixel unless a cell of the same surface, which interpolates and is better,
-/// or a nearer one is there.
-fn splat(pixel: &Projected, map: &mut InverseDepthMap) {
-    let (x, y) = (pixel.x + 0.5, pixel.y + 0.5);
-    let is_inside = x >= 0.0 && y >= 0.0 && x < map.width() as f32 && y < map.height() as f32;
-    if pixel.rho > 0.0 && is_inside {
-        let index = y as usize * map.width() + x as usize;
-        let slot = &mut map.raw_mut()[index];
-        if pixel.rho > slot.rho + pixel.reach {
-            slot.rho = pixel.rho;
+    /// Puts depth pixels at the nearest colour pixels unless a cell of the same surface, which interpolates and is better,
+    /// or a nearer one is there.
+    fn splat(&self, map: &mut InverseDepthMap) {
+        let (width, height) = (map.width(), map.height());
+        let samples = map.raw_mut();
+        for i in 0..self.rho.len() {
+            let (x, y, rho) = (self.x[i] + 0.5, self.y[i] + 0.5, self.rho[i]);
+            if rho > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32 {
+                let slot = &mut samples[y as usize * width + x as usize];
+                if rho > slot.rho + self.reach[i] {
+                    slot.rho = rho;
+                }
+            }
+        }
+    }
+
+    fn corner(&self, x: usize) -> Corner {
+        Corner {
+            x: self.x[x],
+            y: self.y[x],
+            rho: self.rho[x],
         }
     }
 }
 
-fn fill_cell(corners: &[Projected; 4], map: &mut InverseDepthMap) {
-    // A cell with one unknown corner is still a triangle.
-    //   0 - 1
-    //   | / |
-    //   2 - 3
-    const TRIANGLES: [[usize; 3]; 2] = [[0, 1, 2], [3, 2, 1]];
-    const OTHER_DIAGONAL: [[usize; 3]; 2] = [[1, 3, 0], [2, 0, 3]];
-    let known = |i: usize| corners[i].rho > 0.0;
-    let triangles = if known(1) && known(2) {
-        TRIANGLES
-    } else {
-        OTHER_DIAGONAL
-    };
-    for triangle in triangles {
-        let [a, b, c] = triangle.map(|i| corners[i]);
-        if a.rho > 0.0 && b.rho > 0.0 && c.rho > 0.0 && is_continuous(&a, &b, &c) {
-            fill_triangle(&a, &b, &c, map);
-        }
-    }
-}
-
-/// Whether three neighbouring depth pixels may belong to one surface.
-fn is_continuous(a: &Projected, b: &Projected, c: &Projected) -> bool {
-    let nearest = a.rho_in_depth.max(b.rho_in_depth).max(c.rho_in_depth);
-    let farthest = a.rho_in_depth.min(b.rho_in_depth).min(c.rho_in_depth);
-    nearest - farthest <= a.reach.max(b.reach).max(c.reach)
-}
-
-/// The whole numbers within a range, limited to `0..count`.
-fn whole_numbers(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
-    // Casts truncate and saturate: negative numbers become 0, which is where the range begins anyway.
-    let low = from.max(0.0);
-    let first = low as usize + usize::from(low > low as usize as f32);
-    let end = if to < 0.0 { 0 } else { to as usize + 1 };
-    first..end.min(count)
-}
-
-/// Fills the pixels whose centres lie in a triangle; the nearest surface wins.
-fn fill_triangle(a: &Projected, b: &Projected, c: &Projected, map: &mut InverseDepthMap) {
-    let columns = whole_numbers(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), map.width());
-    let rows = whole_numbers(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), map.height());
+/// Fills the cell of the columns x - 1 and x.
+///
+/// ```text
+/// 0 - 1    A cell with one unknown corner, or a jump to it, is still a triangle.
+/// | / |
+/// 2 - 3
+/// ```
+fn fill_cell(above: &ProjectedRow, below: &ProjectedRow, x: usize, map: &mut InverseDepthMap) {
+    let corners = [
+        above.corner(x - 1),
+        above.corner(x),
+        below.corner(x - 1),
+        below.corner(x),
+    ];
+    let [a, b, c, d] = corners;
+    // Most cells hold no pixel centre, or only one: look for it first.
+    let columns = whole_numbers(
+        a.x.min(b.x).min(c.x.min(d.x)),
+        a.x.max(b.x).max(c.x.max(d.x)),
+        map.width(),
+    );
+    let rows = whole_numbers(
+        a.y.min(b.y).min(c.y.min(d.y)),
+        a.y.max(b.y).max(c.y.max(d.y)),
+        map.height(),
+    );
     if columns.is_empty() || rows.is_empty() {
         return;
     }
+    let (known_b, known_c) = (b.rho > 0.0, c.rho > 0.0);
+    let triangles = if known_b && known_c {
+        [[0, 1, 2], [3, 2, 1]]
+    } else {
+        [[1, 3, 0], [2, 0, 3]]
+    };
+    let in_depth = [
+        above.rho_in_depth[x - 1],
+        above.rho_in_depth[x],
+        below.rho_in_depth[x - 1],
+        below.rho_in_depth[x],
+    ];
+    let reach = [
+        above.reach[x - 1],
+        above.reach[x],
+        below.reach[x - 1],
+        below.reach[x],
+    ];
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|i: usize| corners[i]);
+        if a.rho > 0.0 && b.rho > 0.0 && c.rho > 0.0 {
+            let [p, q, r] = triangle.map(|i| in_depth[i]);
+            let spread = p.max(q).max(r) - p.min(q).min(r);
+            let [p, q, r] = triangle.map(|i| reach[i]);
+            if spread <= p.max(q).max(r) {
+                fill_triangle(&a, &b, &c, &columns, &rows, map);
+            }
+        }
+    }
+}
+
+/// The whole numbers within a range, limited to `0..count`. Unknown corners may make either end NaN.
+fn whole_numbers(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
+    // Casts truncate and saturate: negative numbers and NaN become 0.
+    let low = from.max(0.0);
+    let first = low as usize + usize::from(low > low as usize as f32);
+    let end = if to >= 0.0 {
+        (to as usize).saturating_add(1)
+    } else {
+        0
+    };
+    first..end.min(count)
+}
+
+/// Fills those pixels of a box whose centres lie in a triangle; the nearest surface wins.
+fn fill_triangle(
+    a: &Corner,
+    b: &Corner,
+    c: &Corner,
+    columns: &std::ops::Range<usize>,
+    rows: &std::ops::Range<usize>,
+    map: &mut InverseDepthMap,
+) {
     let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
     if area == 0.0 || !area.is_finite() {
         return;
     }
     let inverse = 1.0 / area;
     let width = map.width();
-    for y in rows {
+    for y in rows.clone() {
         for x in columns.clone() {
             let (px, py) = (x as f32 - a.x, y as f32 - a.y);
             let weight_b = (px * (c.y - a.y) - (c.x - a.x) * py) * inverse;

@@ -43,6 +43,16 @@ impl SensorNoise {
         }
     }
 
+    /// [`SensorNoise::sigma`] for loops over pixels.
+    pub(super) fn in_single_precision(&self) -> impl Fn(f32) -> f32 + Copy + use<> {
+        let base = (self.inverse_depth_sigma * self.inverse_depth_sigma) as f32;
+        let rounding = (self.depth_step * UNIFORM_SIGMA) as f32;
+        move |rho| {
+            let rounding = rounding * rho * rho;
+            (base + rounding * rounding).sqrt()
+        }
+    }
+
     /// Standard deviation of an inverse depth.
     pub fn sigma(&self, rho: f64) -> f64 {
         // d rho = rho^2 d z
