@@ -117,11 +117,13 @@ impl ProjectedRow {
             let seen_z = (start.z + along.z * column) * z + shift.z;
             let rho = 1.0 / seen_z;
             let rho_in_depth = 1.0 / z;
-            xs[x] = ((start.x + along.x * column) * z + shift.x) * rho;
-            ys[x] = ((start.y + along.y * column) * z + shift.y) * rho;
             // Infinite and NaN depths have an inverse that is not positive.
             let is_known = (rho_in_depth > 0.0) & (rho > 0.0) & (rho < f32::INFINITY);
             rhos[x] = if is_known { rho } else { 0.0 };
+            // Unknown corners are NaN, which the minimum and maximum of a cell pass over.
+            let shown = if is_known { rho } else { f32::NAN };
+            xs[x] = ((start.x + along.x * column) * z + shift.x) * shown;
+            ys[x] = ((start.y + along.y * column) * z + shift.y) * shown;
             in_depth[x] = rho_in_depth;
             reaches[x] = (noise_gate * sigma(rho_in_depth)).max(slope * rho_in_depth);
         }
@@ -212,17 +214,17 @@ fn fill_cell(above: &ProjectedRow, below: &ProjectedRow, x: usize, map: &mut Inv
     }
 }
 
-/// The whole numbers within a range, limited to `0..count`. Unknown corners may make either end NaN.
+/// The whole numbers within a range, limited to `0..count`; none when an end is NaN (all corners are unknown).
 fn whole_numbers(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
-    // Casts truncate and saturate: negative numbers and NaN become 0.
+    let is_met = to >= 0.0 && from < count as f32;
+    if !is_met {
+        return 0..0;
+    }
+    // Both lie within 0..count now: casts truncate.
     let low = from.max(0.0);
-    let first = low as usize + usize::from(low > low as usize as f32);
-    let end = if to >= 0.0 {
-        (to as usize).saturating_add(1)
-    } else {
-        0
-    };
-    first..end.min(count)
+    let first = low as usize;
+    let last = to.min((count - 1) as f32) as usize;
+    first + usize::from(low > first as f32)..last + 1
 }
 
 /// Fills those pixels of a box whose centres lie in a triangle; the nearest surface wins.

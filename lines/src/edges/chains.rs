@@ -2,18 +2,22 @@
 
 use thiserror::Error;
 
+use crate::image::GradientField;
+
 /// The edges of one image as chains of pixels.
 ///
 /// Guarantees, verified by [`EdgeChains::check`]: consecutive pixels of a chain are 8-neighbours; no pixel lies on two
 /// chains or twice on one; chains are one pixel wide, that is, no pixel could be left out with its neighbours still
 /// touching, and no block of 2 x 2 pixels lies on edges entirely.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct EdgeChains {
     width: usize,
     height: usize,
     /// Chain `i` has the pixels `offsets[i]..offsets[i + 1]`; one more entry than chains.
     offsets: Vec<u32>,
     pixels: Vec<[u16; 2]>,
+    /// Where the crest of the gradient crosses each pixel.
+    positions: Vec<[f32; 2]>,
 }
 
 /// What is wrong with a set of chains, and where.
@@ -75,6 +79,7 @@ impl EdgeChains {
             height,
             offsets: vec![0],
             pixels: Vec::new(),
+            positions: Vec::new(),
         }
     }
 
@@ -126,6 +131,12 @@ impl EdgeChains {
         &self.pixels
     }
 
+    /// Sub-pixel positions (x, y) of the pixels of all chains: the crest of the gradient across the edge, at most half a
+    /// pixel from the centre of the pixel.
+    pub fn positions(&self) -> &[[f32; 2]] {
+        &self.positions
+    }
+
     /// Forgets all chains and takes the size of the next image, keeping the memory.
     pub(super) fn clear(&mut self, width: usize, height: usize) {
         self.width = width;
@@ -133,9 +144,10 @@ impl EdgeChains {
         self.offsets.clear();
         self.offsets.push(0);
         self.pixels.clear();
+        self.positions.clear();
     }
 
-    /// Appends a chain given by sample indices.
+    /// Appends a chain given by sample indices; positions are those of the pixels until [`EdgeChains::refine`].
     pub(crate) fn push(&mut self, indices: &[u32]) {
         let width = self.width as u32;
         self.pixels.extend(
@@ -143,7 +155,47 @@ impl EdgeChains {
                 .iter()
                 .map(|&index| [(index % width) as u16, (index / width) as u16]),
         );
+        let added = &self.pixels[self.positions.len()..];
+        self.positions
+            .extend(added.iter().map(|p| p.map(f32::from)));
         self.offsets.push(self.pixels.len() as u32);
+    }
+
+    /// Appends a chain with known positions.
+    #[cfg(test)]
+    pub(crate) fn push_at(&mut self, indices: &[u32], positions: &[[f32; 2]]) {
+        self.push(indices);
+        let start = self.positions.len() - positions.len();
+        self.positions[start..].copy_from_slice(positions);
+    }
+
+    /// Moves each position to the crest of the gradient: the vertex of the parabola through the strengths of the pixel and
+    /// its two neighbours across the edge.
+    ///
+    /// The row or column of a pixel alone is too coarse for fitting: along an edge that is nearly level with the pixel
+    /// grid, a whole window of pixels lies in one row and has the direction of the row, not of the edge.
+    pub(super) fn refine(&mut self, field: &GradientField) {
+        let packed = field.packed();
+        let width = self.width;
+        for (position, &[x, y]) in self.positions.iter_mut().zip(&self.pixels) {
+            let index = usize::from(y) * width + usize::from(x);
+            let is_vertical = packed[index] & 1 == 1;
+            let across = if is_vertical { 1 } else { width };
+            let strength = |index: usize| f32::from(packed[index] >> 1);
+            // Chain pixels never lie on the image border.
+            let (before, center, after) = (
+                strength(index - across),
+                strength(index),
+                strength(index + across),
+            );
+            let curvature = before - 2.0 * center + after;
+            let shift = if curvature < 0.0 {
+                (0.5 * (before - after) / curvature).clamp(-0.5, 0.5)
+            } else {
+                0.0
+            };
+            position[usize::from(!is_vertical)] += shift;
+        }
     }
 
     /// Verifies every guarantee.
@@ -259,6 +311,7 @@ mod tests {
             height: 2,
             offsets: vec![0, 1],
             pixels: vec![[2, 0]],
+            positions: vec![[2.0, 0.0]],
         };
         assert!(matches!(
             outside.check(),

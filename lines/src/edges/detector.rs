@@ -135,6 +135,7 @@ impl EdgeDetector {
         smooth_gaussian(image, &mut self.smooth_scratch, &mut self.smoothed);
         self.field.compute(&self.smoothed);
         self.router.route(&self.field, &self.options, chains);
+        chains.refine(&self.field);
     }
 }
 

@@ -33,10 +33,7 @@ pub(super) fn build(
         return None;
     }
     let chain_pixels = input.chains.chain(chain as usize);
-    let [first, last] = [fitted.first, fitted.last].map(|position| {
-        let [x, y] = chain_pixels[position];
-        Vector2::new(f64::from(x), f64::from(y)) - fitted.sums.origin
-    });
+    let [first, last] = fitted.ends;
     let ends = [
         end(fitted, first, input.camera, options)?,
         end(fitted, last, input.camera, options)?,

@@ -40,12 +40,14 @@ pub struct FitInput<'a> {
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
 /// section III-B, Algorithm 1.
 ///
-/// *Differs from the paper*; all but the first and last differences can be switched off in [`FitOptions`]:
+/// *Differs from the paper*; all but the first and the last can be switched off in [`FitOptions`]:
 /// - The first window is tested, and slid by one pixel when its pixels are on no line, instead of being taken as it is.
 /// - Inverse depth, weighted, is fitted instead of depth: it is what is linear along the image of a line.
 /// - A depth within a few of its own standard deviations is an inlier even beyond e2, which far away is below any
 ///   sensor's noise.
 /// - Both lines follow their inliers while the segment grows; the direction of L pixels is too rough to be extrapolated.
+/// - Pixels count where the crest of the gradient crosses them: of an edge nearly level with the pixel grid, ten pixels
+///   in a row show nothing but the row, and e1 is less than the step to the next.
 /// - After a segment the search goes on behind its last inlier, not behind the outliers that ended it: they are the
 ///   beginning of the next one.
 #[derive(Debug, Clone)]
@@ -56,6 +58,7 @@ pub struct SegmentFitter {
 /// One chain under way.
 struct Chain<'a> {
     pixels: &'a [[u16; 2]],
+    positions: &'a [[f32; 2]],
     /// Position of the chain's first pixel among all chain pixels.
     start: usize,
     index: u32,
@@ -89,6 +92,8 @@ pub(super) struct Fitted {
     /// First and last inlier, as positions in the chain.
     pub(super) first: usize,
     pub(super) last: usize,
+    /// Their places in the image, relative to the origin of the sums.
+    pub(super) ends: [Vector2<f64>; 2],
 }
 
 impl SegmentFitter {
@@ -110,9 +115,11 @@ impl SegmentFitter {
     pub fn fit_into(&self, input: &FitInput<'_>, segments: &mut Vec<Segment>) {
         let limits = Limits::new(&self.options, input.chains.width(), input.chains.height());
         for (index, pixels) in input.chains.iter().enumerate() {
+            let start = input.chains.start(index);
             let chain = Chain {
                 pixels,
-                start: input.chains.start(index),
+                positions: &input.chains.positions()[start..start + pixels.len()],
+                start,
                 index: index as u32,
                 depths: input.depths,
                 focal_px: input.camera.mean_focal_px(),
@@ -155,8 +162,13 @@ impl Chain<'_> {
     }
 
     pub(super) fn pixel(&self, position: usize) -> Vector2<f64> {
-        let [x, y] = self.pixels[position];
-        Vector2::new(f64::from(x), f64::from(y))
+        if self.options.subpixel {
+            let [x, y] = self.positions[position];
+            Vector2::new(f64::from(x), f64::from(y))
+        } else {
+            let [x, y] = self.pixels[position];
+            Vector2::new(f64::from(x), f64::from(y))
+        }
     }
 
     fn depth(&self, position: usize) -> Option<InverseDepth> {
@@ -344,11 +356,16 @@ impl Chain<'_> {
             return None;
         }
         let lines = self.lines(&refined, lines.image.direction)?;
+        let ends = [first, last].map(|position| self.pixel(position) - refined.origin);
         Some(Fitted {
             sums: refined,
             lines,
             first,
             last,
+            ends,
         })
     }
 }
+
+#[cfg(test)]
+mod tests;

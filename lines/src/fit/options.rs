@@ -36,6 +36,8 @@ pub struct FitOptions {
     pub depth_gate_sigmas: f64,
     /// The quantity that is fitted.
     pub depth_model: DepthModel,
+    /// Edge pixels count at the crest of the gradient instead of at their centre.
+    pub subpixel: bool,
     /// Both lines are refitted while the segment grows; `false` keeps the first fit, as the paper does.
     pub refit_while_growing: bool,
     /// Least share of inliers among the pixels from the first to the last inlier.
@@ -59,6 +61,7 @@ impl Default for FitOptions {
             depth_tolerance_share: 0.003,
             depth_gate_sigmas: 2.0,
             depth_model: DepthModel::InverseDepth,
+            subpixel: true,
             refit_while_growing: true,
             minimum_inlier_share: 0.5,
             minimum_view_angle_rad: 30.0_f64.to_radians(),
@@ -70,11 +73,13 @@ impl Default for FitOptions {
 }
 
 impl FitOptions {
-    /// The paper's algorithm as printed: depth by total least squares, no refit while growing, no gate by sigma.
+    /// The paper's algorithm as printed: whole pixels, depth by total least squares, no refit while growing, no gate by
+    /// sigma.
     pub fn paper() -> Self {
         Self {
             depth_gate_sigmas: 0.0,
             depth_model: DepthModel::Depth,
+            subpixel: false,
             refit_while_growing: false,
             minimum_inlier_share: 0.0,
             ..Self::default()

@@ -141,13 +141,25 @@ fn hostile_depth_is_unknown() {
         color_from_depth: &turned,
         noise: &noise(),
     };
+    // Rows of good depth between hostile ones, so that cells mix both.
     let hostile: Vec<f32> = (0..WIDTH * HEIGHT)
-        .map(|i| [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e-38, f32::MAX, 1.0][i % 7])
+        .map(|i| match i / WIDTH % 3 {
+            0 => 1.0,
+            _ => [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e-38, f32::MAX, 1.0][i % 7],
+        })
         .collect();
     let depth = Plane::new(WIDTH, HEIGHT, hostile).unwrap();
     let mut map = InverseDepthMap::unknown(WIDTH, HEIGHT).unwrap();
     // Everything lies behind a camera that looks the other way.
     register(&depth, &registration, &mut map);
+    assert_eq!(map.known_count(), 0);
+    // A depth camera far beside and just behind: huge pixel coordinates.
+    let aside = Isometry3::translation(1e30, -1e30, -1.0 + 1e-7);
+    let far = Registration {
+        color_from_depth: &aside,
+        ..registration
+    };
+    register(&depth, &far, &mut map);
     assert_eq!(map.known_count(), 0);
     let straight = Registration {
         color_from_depth: &Isometry3::identity(),

@@ -44,6 +44,29 @@ fn straight_edges_of_every_direction_are_one_chain() {
 }
 
 #[test]
+fn positions_follow_the_edge_within_a_tenth_of_a_pixel() {
+    for degrees in [
+        1.0_f64, 2.0, 5.0, 20.0, 45.0, 70.0, 88.0, 91.0, 137.0, 178.0,
+    ] {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let half = image(160, 120, |x, y| {
+            let distance = (x - 80.3) * cos + (y - 60.2) * sin;
+            128.0 + 100.0 * distance.clamp(-1.0, 1.0)
+        });
+        let chains = detect(&half);
+        let (mut sum, mut count) = (0.0, 0);
+        for &[x, y] in chains.positions() {
+            let distance = (f64::from(x) - 80.3) * cos + (f64::from(y) - 60.2) * sin;
+            assert!(distance.abs() < 0.6, "{degrees} degrees: {distance}");
+            sum += distance * distance;
+            count += 1;
+        }
+        let rms = (sum / f64::from(count)).sqrt();
+        assert!(rms < 0.1, "{degrees} degrees: {rms} px");
+    }
+}
+
+#[test]
 fn circle_is_followed_around() {
     let disc = image(120, 120, |x, y| {
         128.0 + 100.0 * ((x - 60.0).hypot(y - 60.0) - 40.0).clamp(-1.0, 1.0)
