@@ -11,6 +11,7 @@
 mod associate;
 mod calibration;
 mod error;
+mod inspect;
 mod layout;
 mod layouts;
 mod load;
@@ -26,8 +27,13 @@ use nalgebra::Isometry3;
 
 pub use calibration::{ImageSize, SIDECAR};
 pub use error::{FrameError, SequenceError};
+pub use inspect::{
+    CameraFacts, Consistency, DepthFacts, Hypothesis, ImageFacts, InspectOptions, MotionFacts,
+    SequenceFacts, inspect,
+};
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
+pub(crate) use text::{TextFile, parse_stamp_ns};
 pub use warning::Warning;
 
 /// One posed image of a sequence, with its depth image when there is one. Nothing is decoded yet.

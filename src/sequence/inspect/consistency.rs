@@ -1,0 +1,308 @@
+//! Do depth images agree with each other under the poses? And would they under another convention?
+
+use linecarve_lines::camera::Camera;
+use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{forgive, quantile, spread};
+use crate::sequence::{DepthImage, FrameError, Sequence};
+
+/// Depth is compared at one pixel in so many, across and down.
+const STRIDE: usize = 8;
+
+/// Depth agrees when it differs by less than this share.
+const AGREEMENT: f64 = 0.01;
+
+/// Another reading is suspected when its median residual is below this share of that as read: a wrong one is worse by
+/// an order of magnitude, noise and drift move it by tenths.
+const SUSPICION: f64 = 0.5;
+
+/// Scales of depth images that exist: millimetres, TUM RGB-D, RealSense L515, and a power of two.
+const SCALES: [f64; 4] = [1000.0, 5000.0, 4000.0, 256.0];
+
+/// Agreement of depth between frames a fixed number of frames apart.
+#[derive(Debug, Clone, Serialize)]
+pub struct Consistency {
+    /// Distance in frames.
+    pub gap: usize,
+    /// How many pairs of images were compared.
+    pub pairs: usize,
+    /// Under the poses as read.
+    pub as_read: Hypothesis,
+    /// Under other readings, the best first.
+    pub others: Vec<Hypothesis>,
+}
+
+/// Agreement of depth under one reading of the files.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Hypothesis {
+    /// The reading, in words.
+    pub reading: String,
+    /// Number of pixels compared.
+    pub pixels: usize,
+    /// Median difference between depth carried over and depth measured, in units of the poses.
+    pub median_difference: f64,
+    /// The same as a share of depth, by which readings are compared.
+    pub median_relative: f64,
+    /// Share of the compared pixels that differ by less than 1 %.
+    pub share_within_1_percent: f64,
+}
+
+impl Consistency {
+    /// A warning when another reading fits much better.
+    pub(super) fn suspicion(&self) -> Option<String> {
+        let best = self.others.first()?;
+        // A reading under which hardly anything overlaps has proven nothing.
+        let is_comparable = best.pixels * 4 >= self.as_read.pixels;
+        (is_comparable && best.median_relative < SUSPICION * self.as_read.median_relative).then(|| {
+            format!(
+                "depth images {} frames apart agree better with {} (median difference {:.2} % of depth) than as read \
+                 ({:.2} %): check the convention of the files",
+                self.gap,
+                best.reading,
+                100.0 * best.median_relative,
+                100.0 * self.as_read.median_relative
+            )
+        })
+    }
+}
+
+/// A reading of poses and depth.
+struct Reading {
+    words: String,
+    /// What poses as read become.
+    poses: PoseReading,
+    /// What depth as read is multiplied by.
+    factor: f64,
+}
+
+#[derive(Clone, Copy)]
+enum PoseReading {
+    AsRead,
+    Inverse,
+    OpenGl,
+    InverseOpenGl,
+}
+
+impl PoseReading {
+    /// The motion between two cameras.
+    fn b_from_a(self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> Matrix4<f64> {
+        // Camera axes x right, y up, z backward.
+        let flip = Matrix4::new_nonuniform_scaling(&Vector3::new(1.0, -1.0, -1.0));
+        match self {
+            Self::AsRead => (b.inverse() * a).to_homogeneous(),
+            Self::Inverse => (b * a.inverse()).to_homogeneous(),
+            Self::OpenGl => flip * (b.inverse() * a).to_homogeneous() * flip,
+            Self::InverseOpenGl => flip * (b * a.inverse()).to_homogeneous() * flip,
+        }
+    }
+}
+
+fn readings(scale: f64) -> Vec<Reading> {
+    let poses = [
+        (PoseReading::AsRead, "the files as read"),
+        (
+            PoseReading::Inverse,
+            "the inverse poses (camera from world)",
+        ),
+        (PoseReading::OpenGl, "camera axes y up, z backward (OpenGL)"),
+        (
+            PoseReading::InverseOpenGl,
+            "the inverse poses with axes y up, z backward",
+        ),
+    ];
+    let mut all: Vec<Reading> = poses
+        .into_iter()
+        .map(|(poses, words)| Reading {
+            words: words.to_owned(),
+            poses,
+            factor: 1.0,
+        })
+        .collect();
+    for other in SCALES
+        .into_iter()
+        .filter(|other| (other / scale - 1.0).abs() > 1e-3)
+    {
+        all.push(Reading {
+            words: format!("a depth scale of {other} instead of {scale}"),
+            poses: PoseReading::AsRead,
+            factor: scale / other,
+        });
+    }
+    all
+}
+
+/// Compares pairs of depth images `gap` frames apart; `None` when there are none that can be compared.
+pub(super) fn measure(
+    sequence: &Sequence,
+    gap: usize,
+    pairs: usize,
+) -> Result<Option<Consistency>, FrameError> {
+    let Some(calibration) = sequence.depth_calibration() else {
+        return Ok(None);
+    };
+    let frames = sequence.frames();
+    let candidates: Vec<usize> = (0..frames.len().saturating_sub(gap))
+        .filter(|&i| gap > 0 && frames[i].depth.is_some() && frames[i + gap].depth.is_some())
+        .collect();
+    let readings = readings(calibration.scale);
+    let pose = |index: usize| frames[index].world_from_camera * calibration.color_from_depth;
+    let measured = spread(candidates.len(), pairs)
+        .par_iter()
+        .map(|&at| {
+            let (i, j) = (candidates[at], candidates[at] + gap);
+            let (Some(a), Some(b)) = (
+                forgive(sequence.load_depth(i))?.flatten(),
+                forgive(sequence.load_depth(j))?.flatten(),
+            ) else {
+                return Ok(None);
+            };
+            let residuals: Vec<_> = readings
+                .iter()
+                .map(|reading| {
+                    let b_from_a = reading.poses.b_from_a(&pose(i), &pose(j));
+                    compare(&a, &b, &b_from_a, reading.factor, &calibration.camera)
+                })
+                .collect();
+            Ok(Some(residuals))
+        })
+        .collect::<Result<Vec<_>, FrameError>>()?;
+    let pairs = measured.iter().flatten().count();
+    let mut hypotheses: Vec<Hypothesis> = readings
+        .into_iter()
+        .enumerate()
+        .filter_map(|(r, reading)| {
+            let all = || {
+                measured
+                    .iter()
+                    .flatten()
+                    .flat_map(|residuals| &residuals[r])
+            };
+            let mut absolute: Vec<f64> = all().map(|residual| residual.0).collect();
+            let mut relative: Vec<f64> = all().map(|residual| residual.1).collect();
+            let within = relative.iter().filter(|&&value| value < AGREEMENT).count();
+            Some(Hypothesis {
+                reading: reading.words,
+                pixels: relative.len(),
+                median_difference: quantile(&mut absolute, 0.5)?,
+                median_relative: quantile(&mut relative, 0.5)?,
+                share_within_1_percent: within as f64 / relative.len() as f64,
+            })
+        })
+        .collect();
+    let is_as_read = |hypothesis: &Hypothesis| hypothesis.reading == "the files as read";
+    let Some(at) = hypotheses.iter().position(is_as_read) else {
+        return Ok(None);
+    };
+    let as_read = hypotheses.remove(at);
+    hypotheses.sort_by(|a, b| a.median_relative.total_cmp(&b.median_relative));
+    Ok(Some(Consistency {
+        gap,
+        pairs,
+        as_read,
+        others: hypotheses,
+    }))
+}
+
+/// Differences between depth of `a` carried into `b` and depth of `b`, absolute and as a share of depth.
+fn compare(
+    a: &DepthImage,
+    b: &DepthImage,
+    b_from_a: &Matrix4<f64>,
+    factor: f64,
+    camera: &Camera,
+) -> Vec<(f64, f64)> {
+    let mut out = Vec::new();
+    for y in (STRIDE / 2..a.height()).step_by(STRIDE) {
+        for x in (STRIDE / 2..a.width()).step_by(STRIDE) {
+            let Some(&z) = a.get(x, y).filter(|&&z| z > 0.0) else {
+                continue;
+            };
+            let pixel = Point2::new(x as f64, y as f64);
+            let Ok(point) = camera.point_at_depth(&pixel, f64::from(z) * factor) else {
+                continue;
+            };
+            let carried: Point3<f64> = b_from_a.transform_point(&point);
+            let Some(seen) = camera.project(&carried) else {
+                continue;
+            };
+            let (u, v) = (seen.x.round(), seen.y.round());
+            if u < 0.0 || v < 0.0 {
+                continue;
+            }
+            let Some(&there) = b.get(u as usize, v as usize).filter(|&&z| z > 0.0) else {
+                continue;
+            };
+            let measured = f64::from(there) * factor;
+            let difference = (carried.z - measured).abs();
+            out.push((difference, difference / measured));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use linecarve_lines::image::Plane;
+    use nalgebra::{Translation3, UnitQuaternion};
+
+    /// Depth of the inside of a sphere of radius 3 around the world's origin.
+    fn depth_at(world_from_camera: &Isometry3<f64>, camera: &Camera) -> DepthImage {
+        let samples = (0..80 * 60)
+            .map(|i| {
+                let pixel = Point2::new(f64::from(i % 80), f64::from(i / 80));
+                let ray = camera.point_at_depth(&pixel, 1.0).unwrap().coords;
+                let (from, along) = (
+                    world_from_camera.translation.vector,
+                    world_from_camera.rotation * ray,
+                );
+                let (a, b, c) = (
+                    along.norm_squared(),
+                    from.dot(&along),
+                    from.norm_squared() - 9.0,
+                );
+                ((-b + (b * b - a * c).sqrt()) / a) as f32
+            })
+            .collect();
+        Plane::new(80, 60, samples).unwrap()
+    }
+
+    #[test]
+    fn true_poses_agree_and_wrong_conventions_do_not() {
+        let camera = Camera::pinhole(60.0, 60.0, 39.5, 29.5).unwrap();
+        let a = Isometry3::from_parts(
+            Translation3::new(0.5, 0.2, -0.3),
+            UnitQuaternion::from_euler_angles(0.3, 0.5, 0.1),
+        );
+        let b = Isometry3::from_parts(
+            Translation3::new(0.1, -0.2, 0.4),
+            UnitQuaternion::from_euler_angles(0.1, 0.2, 0.4),
+        );
+        let (depth_a, depth_b) = (depth_at(&a, &camera), depth_at(&b, &camera));
+        let median = |reading: PoseReading, factor: f64| {
+            let residuals = compare(
+                &depth_a,
+                &depth_b,
+                &reading.b_from_a(&a, &b),
+                factor,
+                &camera,
+            );
+            assert!(residuals.len() > 10);
+            let mut relative: Vec<f64> = residuals.iter().map(|r| r.1).collect();
+            quantile(&mut relative, 0.5).unwrap()
+        };
+        let right = median(PoseReading::AsRead, 1.0);
+        assert!(right < 0.01, "{right}");
+        for (reading, factor) in [
+            (PoseReading::Inverse, 1.0),
+            (PoseReading::OpenGl, 1.0),
+            (PoseReading::InverseOpenGl, 1.0),
+            (PoseReading::AsRead, 5.0),
+            (PoseReading::AsRead, 0.2),
+        ] {
+            assert!(median(reading, factor) > 2.0 * right);
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! What `linecarve info` tells of a sequence: facts, measured on a sample of its images, and a test of its conventions.
+
+mod consistency;
+mod facts;
+
+pub use consistency::{Consistency, Hypothesis};
+pub use facts::{CameraFacts, DepthFacts, ImageFacts, MotionFacts, SequenceFacts};
+
+use serde::{Deserialize, Serialize};
+
+use super::{FrameError, Sequence, Warning};
+
+/// How much of a sequence is looked at.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InspectOptions {
+    /// Images that are decoded, spread evenly over the sequence.
+    pub samples: usize,
+    /// Pairs of depth images that are compared at each gap, spread evenly.
+    pub pairs: usize,
+    /// Distances in frames between the images of a pair.
+    pub gaps: Vec<usize>,
+}
+
+impl Default for InspectOptions {
+    fn default() -> Self {
+        Self {
+            samples: 60,
+            pairs: 20,
+            gaps: vec![1, 10],
+        }
+    }
+}
+
+/// Measures the facts of a sequence.
+///
+/// Depth of one frame is carried into another by their poses and compared with what was measured there: as read, with
+/// the inverse poses, with camera axes of the OpenGL convention, and with other depth scales. When one of these fits
+/// much better, the facts carry a warning. Images that cannot be decoded are counted and passed over.
+///
+/// # Errors
+/// When an image shows that the whole sequence is unusable (size, format of depth).
+pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<SequenceFacts, FrameError> {
+    let mut facts = facts::measure(sequence, options.samples)?;
+    for &gap in &options.gaps {
+        if let Some(consistency) = consistency::measure(sequence, gap, options.pairs)? {
+            if let Some(warning) = consistency.suspicion() {
+                facts.warnings.push(Warning::statement(warning));
+            }
+            facts.consistency.push(consistency);
+        }
+    }
+    Ok(facts)
+}
+
+/// At most `count` of the numbers below `total`, spread evenly.
+fn spread(total: usize, count: usize) -> Vec<usize> {
+    let count = count.min(total);
+    (0..count)
+        .map(|i| (2 * i + 1) * total / (2 * count))
+        .collect()
+}
+
+/// `None` for an image that can be passed over.
+fn forgive<T>(outcome: Result<T, FrameError>) -> Result<Option<T>, FrameError> {
+    match outcome {
+        Ok(value) => Ok(Some(value)),
+        Err(error) if error.is_limited_to_frame() => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// The value that a share of the others lies below; `None` of nothing.
+fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+    if values.is_empty() {
+        return None;
+    }
+    let rank = ((values.len() - 1) as f64 * share).round() as usize;
+    let (_, &mut value, _) = values.select_nth_unstable_by(rank, f64::total_cmp);
+    Some(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_spread() {
+        assert_eq!(spread(10, 2), [2, 7]);
+        assert_eq!(spread(3, 9), [0, 1, 2]);
+        assert_eq!(spread(0, 5), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn quantiles_are_values() {
+        let mut values = [3.0, 1.0, 2.0];
+        assert_eq!(quantile(&mut values, 0.5), Some(2.0));
+        assert_eq!(quantile(&mut values, 1.0), Some(3.0));
+        assert_eq!(quantile(&mut [], 0.5), None);
+    }
+}
