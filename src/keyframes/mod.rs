@@ -6,10 +6,14 @@
 
 mod explicit;
 mod options;
+mod overlap;
 mod select;
+mod selector;
 mod sharpness;
 
 pub use explicit::{ListError, every, named};
 pub use options::{KeyframeOptions, KeyframeOptionsError};
-pub use select::{Selector, select};
+pub use overlap::FlatScene;
+pub use select::select;
+pub use selector::Selector;
 pub use sharpness::sharpness;

@@ -5,14 +5,14 @@ use std::path::Path;
 use super::SequenceError;
 
 /// A text file in memory.
-pub(crate) struct TextFile<'a> {
+pub(super) struct TextFile<'a> {
     path: &'a Path,
     text: String,
 }
 
 impl<'a> TextFile<'a> {
     /// Reads a file as UTF-8 (a byte order mark is skipped) or, when its mark says so, UTF-16.
-    pub(crate) fn read(path: &'a Path) -> Result<Self, SequenceError> {
+    pub(super) fn read(path: &'a Path) -> Result<Self, SequenceError> {
         let bytes = std::fs::read(path).map_err(|source| SequenceError::Unreadable {
             path: path.to_owned(),
             source,
@@ -45,7 +45,7 @@ impl<'a> TextFile<'a> {
     }
 
     /// The lines that hold something: blank lines and those that start with `#` are passed over.
-    pub(crate) fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+    pub(super) fn rows(&self) -> impl Iterator<Item = Row<'_>> {
         self.text
             .lines()
             .enumerate()
@@ -58,14 +58,14 @@ impl<'a> TextFile<'a> {
     }
 
     /// The whole text.
-    pub(crate) fn text(&self) -> &str {
+    pub(super) fn text(&self) -> &str {
         &self.text
     }
 }
 
 /// A line of a text file.
 #[derive(Clone, Copy)]
-pub(crate) struct Row<'a> {
+pub(super) struct Row<'a> {
     path: &'a Path,
     number: usize,
     text: &'a str,
@@ -73,19 +73,19 @@ pub(crate) struct Row<'a> {
 
 impl<'a> Row<'a> {
     /// The line without blanks at its ends.
-    pub(crate) fn text(&self) -> &'a str {
+    pub(super) fn text(&self) -> &'a str {
         self.text
     }
 
     /// What stands between blanks or commas.
-    pub(crate) fn fields(&self) -> impl Iterator<Item = &'a str> {
+    pub(super) fn fields(&self) -> impl Iterator<Item = &'a str> {
         self.text
             .split(|c: char| c.is_whitespace() || c == ',' || c == ';')
             .filter(|field| !field.is_empty())
     }
 
     /// An error at this line.
-    pub(crate) fn error(&self, problem: String) -> SequenceError {
+    pub(super) fn error(&self, problem: String) -> SequenceError {
         SequenceError::Line {
             path: self.path.to_owned(),
             line: self.number,
@@ -137,7 +137,7 @@ pub(super) fn parse_number(field: &str) -> Option<f64> {
 ///
 /// Whole numbers of 16 digits and more are nanoseconds already. `None` when the text is not a number or does not fit.
 /// Digits beyond the ninth decimal are rounded half away from zero.
-pub(crate) fn parse_stamp_ns(field: &str) -> Option<i64> {
+pub(super) fn parse_stamp_ns(field: &str) -> Option<i64> {
     let (is_negative, unsigned) = match field.as_bytes().first()? {
         b'-' => (true, &field[1..]),
         b'+' => (false, &field[1..]),

