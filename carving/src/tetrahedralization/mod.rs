@@ -69,6 +69,7 @@ pub use move_vertex::{Move, MoveError};
 pub use point::{MAX_COORDINATE, MIN_COORDINATE, PointError, accept};
 
 pub use remove::UnknownVertex;
+pub(crate) use spatial_order::spatial_order;
 
 use nalgebra::Point3;
 

@@ -98,7 +98,7 @@ fn scramble(index: u64) -> u64 {
 /// # Complexity
 ///
 /// `n log n` for the sort; eight bytes a point.
-pub(super) fn spatial_order(points: &[Point3<f64>]) -> Vec<u64> {
+pub(crate) fn spatial_order(points: &[Point3<f64>]) -> Vec<u64> {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for point in points {

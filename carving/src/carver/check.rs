@@ -1,0 +1,138 @@
+//! Recomputes everything.
+
+use thiserror::Error;
+
+use super::Carver;
+use super::ids::{PointId, ViewId};
+use crate::surface::SurfaceViolation;
+use crate::tetrahedralization::{CellId, VertexId, Violation};
+use crate::visibility::{RayId, crosses_cell, crosses_ghost};
+
+/// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum CarverViolation {
+    /// The tetrahedralisation is broken.
+    #[error(transparent)]
+    Tetrahedra(#[from] Violation),
+    /// The surface is broken.
+    #[error(transparent)]
+    Surface(#[from] SurfaceViolation),
+    /// A point's vertex is at another position.
+    #[error("point {} is not at its vertex", point.0)]
+    Vertex {
+        /// The point.
+        point: PointId,
+    },
+    /// A ray crosses a cell that does not list it, or the reverse.
+    #[error("{cell:?} lists the ray of view {} and point {}: {listed}; that is wrong", view.0, point.0)]
+    Crossing {
+        /// The cell.
+        cell: CellId,
+        /// The view.
+        view: ViewId,
+        /// The point.
+        point: PointId,
+        /// Whether the cell lists the ray.
+        listed: bool,
+    },
+    /// The weight of a cell is not the sum over its rays.
+    #[error("{cell:?} has weight {recorded} on record, its rays have {found}")]
+    Weight {
+        /// The cell.
+        cell: CellId,
+        /// The weight on record.
+        recorded: u64,
+        /// The sum.
+        found: u64,
+    },
+}
+
+impl Carver {
+    /// Verifies tetrahedra, crossing lists, labels and surface; meant for tests.
+    ///
+    /// Every ray is tested against every cell, exactly and without any walk.
+    ///
+    /// # Errors
+    ///
+    /// The first [`CarverViolation`].
+    ///
+    /// # Complexity
+    ///
+    /// Rays times cells.
+    pub fn check(&self) -> Result<(), CarverViolation> {
+        self.tetrahedra.check()?;
+        for point in self.points() {
+            let at = self.vertex_of(point).map(|v| self.tetrahedra.position(v));
+            if at != self.point(point) {
+                return Err(CarverViolation::Vertex { point });
+            }
+        }
+        let mut is_listed = vec![false; self.rays.capacity()];
+        for cell in self.tetrahedra.cells() {
+            let mut found = 0;
+            for ray in self.crossings.rays(cell) {
+                is_listed[ray.0 as usize] = true;
+            }
+            for ray in self.rays.all() {
+                let listed = std::mem::take(&mut is_listed[ray.0 as usize]);
+                let crosses = self.crosses(ray, cell);
+                found += u64::from(crosses) * u64::from(self.rays.weight(ray));
+                // Rays that run in the boundary of the cell may be listed as well.
+                if crosses != listed && (crosses || !self.rays.is_degenerate(ray)) {
+                    return Err(CarverViolation::Crossing {
+                        cell,
+                        view: ViewId(self.rays.view(ray)),
+                        point: PointId(self.rays.point(ray)),
+                        listed,
+                    });
+                }
+            }
+            if found != self.weight(cell) {
+                return Err(CarverViolation::Weight {
+                    cell,
+                    recorded: self.weight(cell),
+                    found,
+                });
+            }
+        }
+        self.check_surface()?;
+        Ok(())
+    }
+
+    /// Whether a ray crosses a cell, by the rule alone.
+    pub(super) fn crosses(&self, ray: RayId, cell: CellId) -> bool {
+        let center = self.views.center(self.rays.view(ray));
+        let target = VertexId::from_index(self.rays.vertex(ray) as usize);
+        let target = self.tetrahedra.coordinates(target);
+        let vertices = self.tetrahedra.cell_vertices(cell);
+        if self.tetrahedra.is_ghost(cell) {
+            let facet = [0, 1, 2].map(|k| self.tetrahedra.coordinates(vertices[k]));
+            crosses_ghost(center, target, facet)
+        } else {
+            let corners = vertices.map(|v| self.tetrahedra.coordinates(v));
+            crosses_cell(center, target, corners)
+        }
+    }
+
+    /// Verifies labels and surface: that each label follows from its weight, and that the surface, with the hull facets
+    /// of free cells, is closed and oriented.
+    ///
+    /// # Errors
+    ///
+    /// The first [`SurfaceViolation`].
+    ///
+    /// # Complexity
+    ///
+    /// Linear in the number of cells.
+    pub fn check_surface(&self) -> Result<(), SurfaceViolation> {
+        let is_free = |cell| {
+            !self.tetrahedra.is_ghost(cell) && self.labels.is_free(self.crossings.weight(cell))
+        };
+        crate::surface::check(
+            &self.tetrahedra,
+            &self.facets,
+            |cell| self.crossings.weight(cell),
+            is_free,
+        )
+    }
+}

@@ -1,0 +1,385 @@
+//! Making the changes of a transaction.
+
+use std::time::{Duration, Instant};
+
+use nalgebra::Point3;
+use rustc_hash::FxHashMap;
+
+use super::Carver;
+use super::events::EventError;
+use super::ids::{PointId, ViewId};
+use super::transaction::{Fate, Plan, Transaction};
+use crate::surface::SurfaceDelta;
+use crate::tetrahedralization::{
+    Changes, Edit, Insertion, Move, Tetrahedralization, VertexId, spatial_order,
+};
+use crate::visibility::{RayId, Rewalk};
+
+/// What a transaction did.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CommitReport {
+    /// The change of the surface.
+    pub surface: SurfaceDelta,
+    /// New points whose position was taken; they share the vertex there.
+    pub duplicates: usize,
+    /// Cells destroyed, ghost cells included.
+    pub destroyed_cells: usize,
+    /// Cells created, ghost cells included.
+    pub created_cells: usize,
+    /// Where the time went.
+    pub times: CommitTimes,
+}
+
+/// Time spent by a commit, by part.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CommitTimes {
+    /// Inserting, removing and moving vertices.
+    pub tetrahedra: Duration,
+    /// Walking rays.
+    pub carving: Duration,
+    /// Labels and surface.
+    pub surface: Duration,
+}
+
+/// Makes the changes of a transaction, or none.
+pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, EventError> {
+    let Transaction { carver, mut plan } = transaction;
+    plan.drop_idle_moves(carver);
+    plan.check_lengths(carver)?;
+    Ok(carver.make(&plan))
+}
+
+/// Entries of a map in the order of their keys, so that hash order stays inside.
+fn sorted(map: &FxHashMap<u32, Fate>) -> Vec<(u32, Fate)> {
+    let mut entries: Vec<(u32, Fate)> = map.iter().map(|(&id, &fate)| (id, fate)).collect();
+    entries.sort_unstable_by_key(|(id, _)| *id);
+    entries
+}
+
+impl Plan {
+    /// Forgets moves to where things are.
+    fn drop_idle_moves(&mut self, carver: &Carver) {
+        self.points.retain(|&point, fate| {
+            carver
+                .points
+                .get(point)
+                .is_none_or(|old| *fate != Fate::Moved(old.position))
+        });
+        self.views
+            .retain(|&view, fate| *fate != Fate::Moved(*carver.views.center(view)));
+    }
+
+    /// Where a point is after the transaction.
+    fn final_point(&self, carver: &Carver, point: u32) -> Option<[f64; 3]> {
+        match (point as usize).checked_sub(carver.points.capacity()) {
+            Some(new) => self.new_points[new],
+            None => match self.points.get(&point) {
+                Some(Fate::Removed) => None,
+                Some(Fate::Moved(position)) => Some(*position),
+                None => carver.points.get(point).map(|record| record.position),
+            },
+        }
+    }
+
+    /// Where a view is after the transaction.
+    fn final_view(&self, carver: &Carver, view: u32) -> Option<[f64; 3]> {
+        match (view as usize).checked_sub(carver.views.capacity()) {
+            Some(new) => self.new_views[new],
+            None => match self.views.get(&view) {
+                Some(Fate::Removed) => None,
+                Some(Fate::Moved(center)) => Some(*center),
+                None => carver
+                    .views
+                    .is_alive(view)
+                    .then(|| *carver.views.center(view)),
+            },
+        }
+    }
+
+    /// Whether an observation of before the transaction is not there after it.
+    fn ends(&self, carver: &Carver, ray: RayId) -> bool {
+        let (view, point) = (carver.rays.view(ray), carver.rays.point(ray));
+        self.observations.get(&(view, point)) == Some(&None)
+            || self.views.get(&view) == Some(&Fate::Removed)
+            || self.points.get(&point) == Some(&Fate::Removed)
+    }
+
+    /// Observations of before the transaction that end, or whose ray or weight changes; sorted.
+    fn concerned(&self, carver: &Carver) -> Vec<RayId> {
+        let rays = &carver.rays;
+        let mut concerned: Vec<RayId> = Vec::new();
+        for &point in self.points.keys() {
+            concerned.extend(rays.of_point(point));
+        }
+        for &view in self.views.keys() {
+            concerned.extend(rays.of_view(view));
+        }
+        concerned.extend(
+            self.order
+                .iter()
+                .filter_map(|&(view, point)| rays.find(view, point)),
+        );
+        concerned.sort_unstable();
+        concerned.dedup();
+        concerned
+    }
+
+    /// No observation may end where it begins.
+    fn check_lengths(&self, carver: &Carver) -> Result<(), EventError> {
+        let check = |view: u32, point: u32| {
+            let ends = (
+                self.final_view(carver, view),
+                self.final_point(carver, point),
+            );
+            match ends {
+                (Some(center), Some(position)) if center == position => {
+                    let (view, point) = (ViewId(view), PointId(point));
+                    Err(EventError::ZeroLengthRay { view, point })
+                }
+                _ => Ok(()),
+            }
+        };
+        for key in &self.order {
+            if self.observations[key].is_some() {
+                check(key.0, key.1)?;
+            }
+        }
+        for ray in self.concerned(carver) {
+            if !self.ends(carver, ray) {
+                check(carver.rays.view(ray), carver.rays.point(ray))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Carver {
+    fn rewalk(&mut self) -> Rewalk<'_> {
+        Rewalk {
+            tetrahedra: &self.tetrahedra,
+            views: &mut self.views,
+            rays: &mut self.rays,
+            crossings: &mut self.crossings,
+            scratch: &mut self.scratch,
+        }
+    }
+
+    /// Makes changes that have been found valid.
+    fn make(&mut self, plan: &Plan) -> CommitReport {
+        let mut report = CommitReport::default();
+        let start = Instant::now();
+        let first_new_view = self.views.capacity() as u32;
+        let concerned = plan.concerned(self);
+        // When most rays change, or there were no cells to list them, all are walked anew.
+        let anew = self.tetrahedra.dimension() < 3 || concerned.len() > self.rays.len() / 2;
+        let mut again = Vec::with_capacity(concerned.len());
+        for &ray in &concerned {
+            if !anew {
+                self.rewalk().remove(ray);
+            }
+            if plan.ends(self, ray) {
+                self.rays.remove(ray);
+            } else {
+                again.push(ray);
+            }
+        }
+        self.update_views(plan);
+        report.times.carving += start.elapsed();
+
+        let start = Instant::now();
+        let mut changes = std::mem::take(&mut self.changes);
+        self.update_points(plan, &mut changes, &mut report);
+        report.destroyed_cells = changes.destroyed.len();
+        report.created_cells = changes.created.len();
+        report.times.tetrahedra += start.elapsed();
+
+        let start = Instant::now();
+        for &ray in &again {
+            let point = self.rays.point(ray);
+            if let Some(record) = self.points.get(point) {
+                self.rays.set_vertex(ray, record.vertex);
+            }
+            if let Some(Some(weight)) = plan.observations.get(&(self.rays.view(ray), point)) {
+                self.rays.set_weight(ray, *weight);
+            }
+        }
+        self.add_rays(plan, first_new_view, &mut again);
+        if anew {
+            self.crossings.clear();
+        }
+        self.rewalk().update(&changes);
+        if anew {
+            again.clear();
+            again.extend(self.rays.all());
+        }
+        for &ray in &again {
+            self.rewalk().add(ray);
+        }
+        report.times.carving += start.elapsed();
+
+        let start = Instant::now();
+        let mut flipped = std::mem::take(self.crossings.flipped());
+        if anew {
+            flipped.clear();
+            flipped.extend(self.tetrahedra.cells());
+        }
+        let (tetrahedra, crossings, labels) = (&self.tetrahedra, &self.crossings, self.labels);
+        self.facets.update(
+            tetrahedra,
+            &changes,
+            &flipped,
+            |cell| !tetrahedra.is_ghost(cell) && labels.is_free(crossings.weight(cell)),
+            &mut report.surface,
+        );
+        flipped.clear();
+        *self.crossings.flipped() = flipped;
+        self.changes = changes;
+        report.times.surface += start.elapsed();
+        report
+    }
+
+    fn update_views(&mut self, plan: &Plan) {
+        for (view, fate) in sorted(&plan.views) {
+            match fate {
+                Fate::Removed => self.views.remove(view),
+                Fate::Moved(center) => self.views.move_to(view, center),
+            }
+        }
+        for center in &plan.new_views {
+            // The id is used up even if the view was removed again.
+            let view = self.views.add(center.unwrap_or_default());
+            if center.is_none() {
+                self.views.remove(view);
+            }
+        }
+    }
+
+    /// Adds the rays of new observations and lists them in `added`.
+    fn add_rays(&mut self, plan: &Plan, first_new_view: u32, added: &mut Vec<RayId>) {
+        for key in &plan.order {
+            let Some(weight) = plan.observations[key] else {
+                continue;
+            };
+            let &(view, point) = key;
+            let Some(record) = self.points.get(point) else {
+                continue;
+            };
+            let vertex = record.vertex;
+            let is_new = view >= first_new_view || self.rays.find(view, point).is_none();
+            if self.views.is_alive(view) && is_new {
+                added.push(self.rays.add(view, point, vertex, weight));
+            }
+        }
+    }
+
+    /// Changes the vertices and lists the net effect on the cells.
+    fn update_points(&mut self, plan: &Plan, changes: &mut Changes, report: &mut CommitReport) {
+        let mut vertices = Vertices {
+            edit: self.tetrahedra.edit(changes),
+            before: FxHashMap::default(),
+        };
+        let fates = sorted(&plan.points);
+        for &(point, fate) in &fates {
+            if fate == Fate::Removed
+                && let Some((vertex, 0)) = self.points.detach(point)
+            {
+                vertices.remove(vertex);
+            }
+        }
+        for &(point, fate) in &fates {
+            let Fate::Moved(position) = fate else {
+                continue;
+            };
+            if let Some((vertex, users)) = self.points.detach(point) {
+                let vertex = if users == 0 {
+                    vertices.move_to(vertex, position)
+                } else {
+                    vertices.insert(position).0
+                };
+                self.points.attach(point, position, vertex);
+            }
+        }
+        let first = self.points.capacity() as u32;
+        let (ids, positions): (Vec<u32>, Vec<Point3<f64>>) = (first..)
+            .zip(&plan.new_points)
+            .filter_map(|(id, position)| position.map(|p| (id, Point3::from(p))))
+            .unzip();
+        for _ in &plan.new_points {
+            self.points.reserve_id();
+        }
+        for index in spatial_order(&positions) {
+            let position = positions[index as usize].into();
+            let (vertex, is_new) = vertices.insert(position);
+            report.duplicates += usize::from(!is_new);
+            self.points.attach(ids[index as usize], position, vertex);
+        }
+        let before = vertices.finish();
+        report.surface.moved = before
+            .into_iter()
+            .map(|(vertex, position)| (VertexId::from_index(vertex as usize), position))
+            .filter(|(vertex, position)| {
+                self.tetrahedra.is_vertex(*vertex)
+                    && self.tetrahedra.coordinates(*vertex) != position
+            })
+            .map(|(vertex, _)| vertex)
+            .collect();
+        report.surface.moved.sort_unstable();
+    }
+}
+
+/// Vertices under edit, with the positions that they had before.
+struct Vertices<'a> {
+    edit: Edit<'a>,
+    before: FxHashMap<u32, [f64; 3]>,
+}
+
+impl Vertices<'_> {
+    fn tetrahedra(&self) -> &Tetrahedralization {
+        self.edit.tetrahedra()
+    }
+
+    fn remember(&mut self, vertex: VertexId) {
+        let position = *self.tetrahedra().coordinates(vertex);
+        self.before.entry(vertex.index() as u32).or_insert(position);
+    }
+
+    fn remove(&mut self, vertex: u32) {
+        let vertex = VertexId::from_index(vertex as usize);
+        self.remember(vertex);
+        self.edit
+            .remove(vertex)
+            .expect("the vertex of a point is in use");
+    }
+
+    /// The vertex at a position, and whether it is new.
+    fn insert(&mut self, position: [f64; 3]) -> (u32, bool) {
+        let outcome = self
+            .edit
+            .insert(Point3::from(position), None)
+            .expect("positions were accepted, and room checked, when the event was");
+        let is_new = matches!(outcome, Insertion::Inserted(_));
+        (outcome.vertex().index() as u32, is_new)
+    }
+
+    /// Moves a vertex that no other point uses; returns the one that is at the position then.
+    fn move_to(&mut self, vertex: u32, position: [f64; 3]) -> u32 {
+        let id = VertexId::from_index(vertex as usize);
+        self.remember(id);
+        let outcome = self
+            .edit
+            .move_vertex(id, Point3::from(position))
+            .expect("positions were accepted, and room checked, when the event was");
+        match outcome {
+            Move::InPlace | Move::Reinserted => vertex,
+            Move::Duplicate(taken) => {
+                self.remove(vertex);
+                taken.index() as u32
+            }
+        }
+    }
+
+    fn finish(self) -> FxHashMap<u32, [f64; 3]> {
+        self.edit.finish();
+        self.before
+    }
+}

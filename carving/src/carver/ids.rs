@@ -1,0 +1,9 @@
+//! Identifiers of points and views.
+
+/// A point of a [`Carver`](super::Carver); given once, never to another point.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct PointId(pub u32);
+
+/// A view of a [`Carver`](super::Carver); given once, never to another view.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct ViewId(pub u32);

@@ -1,0 +1,333 @@
+//! Points, views and observations in; free space and its surface out.
+//!
+//! [`Carver`] holds points with positions, views with centres, and observations, each of a point by a view with a weight.
+//! All of them may be added, moved and removed at any time. After any sequence of changes the tetrahedra, labels and
+//! surface are identical to those built from scratch from the final state in any order; nothing is forgotten and nothing
+//! depends on history.
+//!
+//! # Example
+//!
+//! A view in the middle of a cube of eight points sees the corners one by one and carves the cube free.
+//!
+//! ```
+//! use linecarve_carving::carver::{Carver, CarverOptions};
+//! use linecarve_carving::surface::{ExportOptions, Hull};
+//! use nalgebra::Point3;
+//!
+//! let mut carver = Carver::new(CarverOptions { hull: Hull::Keep, ..Default::default() });
+//! let mut keyframe = carver.transaction();
+//! let view = keyframe.add_view(Point3::new(0.5, 0.4, 0.45))?;
+//! for corner in 0..8 {
+//!     let corner = Point3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64);
+//!     let point = keyframe.add_point(corner)?;
+//!     keyframe.add_observation(view, point, 1)?;
+//! }
+//! let report = keyframe.commit()?;
+//! assert_eq!(report.surface.added.len(), 12);
+//!
+//! let mesh = carver.mesh(&ExportOptions::default());
+//! assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (8, 12));
+//! # Ok::<(), linecarve_carving::carver::EventError>(())
+//! ```
+
+mod check;
+mod commit;
+mod events;
+mod ids;
+mod points;
+mod snapshot;
+mod transaction;
+
+pub use check::CarverViolation;
+pub use commit::{CommitReport, CommitTimes};
+pub use events::{Event, EventError};
+pub use ids::{PointId, ViewId};
+pub use snapshot::{CarvedCell, Snapshot};
+pub use transaction::Transaction;
+
+use std::num::NonZeroU64;
+
+use nalgebra::Point3;
+
+use crate::labels::Votes;
+use crate::surface::{ExportOptions, Facets, Hull, IndexedMesh, Triangle};
+use crate::tetrahedralization::{CellId, Changes, Tetrahedralization, VertexId};
+use crate::visibility::{Crossings, Rays, RewalkScratch, Views};
+
+use points::Points;
+
+/// Settings of a [`Carver`], fixed for its life.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CarverOptions {
+    /// A cell is free when the weights of the rays across it add up to this; 1 by default.
+    pub free_threshold: NonZeroU64,
+    /// Whether facets between free cells and the outside of the hull are part of the surface.
+    pub hull: Hull,
+}
+
+impl Default for CarverOptions {
+    fn default() -> Self {
+        Self {
+            free_threshold: NonZeroU64::MIN,
+            hull: Hull::default(),
+        }
+    }
+}
+
+/// A tetrahedralisation carved by rays; see the [module](self).
+///
+/// Ids of points and views are given once and never again. Points at equal positions share a vertex and keep rays of
+/// their own.
+///
+/// *What it does not do:* it does not judge points (a wrong point carves what is in front of it), and it knows free and
+/// occupied only: what no ray crosses is occupied, seen or not.
+#[derive(Clone, Debug)]
+pub struct Carver {
+    labels: Votes,
+    tetrahedra: Tetrahedralization,
+    points: Points,
+    views: Views,
+    rays: Rays,
+    crossings: Crossings,
+    facets: Facets,
+    changes: Changes,
+    scratch: RewalkScratch,
+}
+
+impl Default for Carver {
+    fn default() -> Self {
+        Self::new(CarverOptions::default())
+    }
+}
+
+impl Carver {
+    /// Nothing seen yet.
+    pub fn new(options: CarverOptions) -> Self {
+        let labels = Votes {
+            threshold: options.free_threshold,
+        };
+        Self {
+            labels,
+            tetrahedra: Tetrahedralization::new(),
+            points: Points::default(),
+            views: Views::default(),
+            rays: Rays::default(),
+            crossings: Crossings::new(options.free_threshold.get()),
+            facets: Facets::new(options.hull),
+            changes: Changes::new(),
+            scratch: RewalkScratch::default(),
+        }
+    }
+
+    /// The settings.
+    pub fn options(&self) -> CarverOptions {
+        CarverOptions {
+            free_threshold: self.labels.threshold,
+            hull: self.facets.hull(),
+        }
+    }
+
+    /// The tetrahedra of all points.
+    pub fn tetrahedra(&self) -> &Tetrahedralization {
+        &self.tetrahedra
+    }
+
+    /// Number of points, those that share a vertex counted each.
+    pub fn point_count(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Number of views.
+    pub fn view_count(&self) -> usize {
+        self.views.ids().count()
+    }
+
+    /// Number of observations.
+    pub fn ray_count(&self) -> usize {
+        self.rays.len()
+    }
+
+    /// Number of entries in the crossing lists: pairs of a ray and a cell that it crosses, ghost cells included, or runs
+    /// in the boundary of.
+    pub fn crossing_count(&self) -> u64 {
+        self.crossings.total()
+    }
+
+    /// Bytes of the crossing lists, the largest part of the memory.
+    pub fn crossing_bytes(&self) -> usize {
+        self.crossings.bytes()
+    }
+
+    /// Position of a point; `None` if it was removed or never added.
+    pub fn point(&self, point: PointId) -> Option<Point3<f64>> {
+        self.points
+            .get(point.0)
+            .map(|record| Point3::from(record.position))
+    }
+
+    /// Vertex of a point; shared by all points at the same position. `None` if it was removed or never added.
+    pub fn vertex_of(&self, point: PointId) -> Option<VertexId> {
+        self.points
+            .get(point.0)
+            .map(|record| VertexId::from_index(record.vertex as usize))
+    }
+
+    /// Centre of a view; `None` if it was removed or never added.
+    pub fn view(&self, view: ViewId) -> Option<Point3<f64>> {
+        self.views
+            .is_alive(view.0)
+            .then(|| Point3::from(*self.views.center(view.0)))
+    }
+
+    /// Weight of an observation; `None` if there is none.
+    pub fn observation(&self, view: ViewId, point: PointId) -> Option<u32> {
+        self.rays
+            .find(view.0, point.0)
+            .map(|ray| self.rays.weight(ray))
+    }
+
+    /// All observations with their weights, by view; within a view in no particular order.
+    pub fn observations(&self) -> impl Iterator<Item = (ViewId, PointId, u32)> + '_ {
+        self.rays.all().map(|ray| {
+            (
+                ViewId(self.rays.view(ray)),
+                PointId(self.rays.point(ray)),
+                self.rays.weight(ray),
+            )
+        })
+    }
+
+    /// Ids of all points, increasing.
+    pub fn points(&self) -> impl Iterator<Item = PointId> + '_ {
+        self.points.ids().map(PointId)
+    }
+
+    /// Ids of all views, increasing.
+    pub fn views(&self) -> impl Iterator<Item = ViewId> + '_ {
+        self.views.ids().map(ViewId)
+    }
+
+    /// Whether a cell is free. Ghost cells, the space outside the hull, never are.
+    ///
+    /// # Panics
+    ///
+    /// For ids that were never given out.
+    pub fn is_free(&self, cell: CellId) -> bool {
+        self.facets.is_free(cell)
+    }
+
+    /// Total weight of the rays across a cell. For a ghost cell: of those that enter the hull through its facet.
+    ///
+    /// # Panics
+    ///
+    /// For ids that were never given out.
+    pub fn weight(&self, cell: CellId) -> u64 {
+        self.crossings.weight(cell)
+    }
+
+    /// The observations whose rays cross a cell, in no particular order.
+    ///
+    /// # Panics
+    ///
+    /// For ids that were never given out.
+    pub fn rays_across(&self, cell: CellId) -> impl Iterator<Item = (ViewId, PointId)> + '_ {
+        self.crossings
+            .rays(cell)
+            .filter(move |&ray| !self.rays.is_degenerate(ray) || self.crosses(ray, cell))
+            .map(|ray| (ViewId(self.rays.view(ray)), PointId(self.rays.point(ray))))
+    }
+
+    /// Number of surface triangles.
+    pub fn triangle_count(&self) -> usize {
+        self.facets.len()
+    }
+
+    /// All surface triangles, in no particular order; positions are those of
+    /// [`tetrahedra`](Self::tetrahedra)`().position(vertex)`.
+    pub fn triangles(&self) -> impl Iterator<Item = Triangle> + '_ {
+        self.facets
+            .iter()
+            .map(|(cell, facet)| crate::surface::triangle(&self.tetrahedra, cell, facet))
+    }
+
+    /// A copy of the surface, in an order that depends on the surface alone.
+    ///
+    /// # Complexity
+    ///
+    /// `n log n` in the number of triangles, and a scan of one byte a cell.
+    pub fn mesh(&self, options: &ExportOptions) -> IndexedMesh {
+        crate::surface::extract(&self.tetrahedra, &self.facets, options)
+    }
+
+    /// Begins a set of changes that take effect together.
+    pub fn transaction(&mut self) -> Transaction<'_> {
+        Transaction::new(self)
+    }
+
+    /// Applies a sequence of events as one transaction.
+    ///
+    /// Ids of points and views added by the sequence follow those given before: the first point is
+    /// [`next_point`](Self::next_point), the first view [`next_view`](Self::next_view), and so on upwards.
+    ///
+    /// # Errors
+    ///
+    /// The first [`EventError`]; the state is unchanged.
+    pub fn apply(&mut self, events: &[Event]) -> Result<CommitReport, EventError> {
+        let mut transaction = self.transaction();
+        for &event in events {
+            transaction.push(event)?;
+        }
+        transaction.commit()
+    }
+
+    /// The id of the next point to be added.
+    pub fn next_point(&self) -> PointId {
+        PointId(self.points.capacity() as u32)
+    }
+
+    /// The id of the next view to be added.
+    pub fn next_view(&self) -> ViewId {
+        ViewId(self.views.capacity() as u32)
+    }
+
+    /// Adds one point; see [`Transaction::add_point`].
+    ///
+    /// # Errors
+    ///
+    /// [`EventError`]; the state is unchanged.
+    pub fn add_point(&mut self, position: Point3<f64>) -> Result<PointId, EventError> {
+        let mut transaction = self.transaction();
+        let point = transaction.add_point(position)?;
+        transaction.commit().map(|_| point)
+    }
+
+    /// Adds one view; see [`Transaction::add_view`].
+    ///
+    /// # Errors
+    ///
+    /// [`EventError`]; the state is unchanged.
+    pub fn add_view(&mut self, center: Point3<f64>) -> Result<ViewId, EventError> {
+        let mut transaction = self.transaction();
+        let view = transaction.add_view(center)?;
+        transaction.commit().map(|_| view)
+    }
+
+    /// Adds one observation; see [`Transaction::add_observation`].
+    ///
+    /// # Errors
+    ///
+    /// [`EventError`]; the state is unchanged.
+    pub fn add_observation(
+        &mut self,
+        view: ViewId,
+        point: PointId,
+        weight: u32,
+    ) -> Result<CommitReport, EventError> {
+        let mut transaction = self.transaction();
+        transaction.add_observation(view, point, weight)?;
+        transaction.commit()
+    }
+}
+
+#[cfg(test)]
+mod tests;

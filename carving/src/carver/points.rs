@@ -1,0 +1,63 @@
+//! The table of points and how many of them share a vertex.
+
+/// A point in use.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    pub(super) position: [f64; 3],
+    pub(super) vertex: u32,
+}
+
+/// Points by id; the entry of a removed point is dead for good.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Points {
+    records: Vec<Option<Point>>,
+    alive: usize,
+    /// Per vertex the number of points there.
+    users: Vec<u32>,
+}
+
+impl Points {
+    /// Number of points in use.
+    pub(super) fn len(&self) -> usize {
+        self.alive
+    }
+
+    /// Number of ids given out.
+    pub(super) fn capacity(&self) -> usize {
+        self.records.len()
+    }
+
+    pub(super) fn get(&self, point: u32) -> Option<&Point> {
+        self.records.get(point as usize)?.as_ref()
+    }
+
+    /// Ids in use, increasing.
+    pub(super) fn ids(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.records.len() as u32).filter(|&p| self.get(p).is_some())
+    }
+
+    /// Gives out an id for a point that gets its vertex later.
+    pub(super) fn reserve_id(&mut self) -> u32 {
+        self.records.push(None);
+        (self.records.len() - 1) as u32
+    }
+
+    /// Puts a point, new or detached, at a vertex.
+    pub(super) fn attach(&mut self, point: u32, position: [f64; 3], vertex: u32) {
+        self.records[point as usize] = Some(Point { position, vertex });
+        self.alive += 1;
+        if self.users.len() <= vertex as usize {
+            self.users.resize(vertex as usize + 1, 0);
+        }
+        self.users[vertex as usize] += 1;
+    }
+
+    /// Takes a point from its vertex, which is returned with the number of points that remain there.
+    pub(super) fn detach(&mut self, point: u32) -> Option<(u32, u32)> {
+        let record = self.records[point as usize].take()?;
+        self.alive -= 1;
+        let users = &mut self.users[record.vertex as usize];
+        *users -= 1;
+        Some((record.vertex, *users))
+    }
+}

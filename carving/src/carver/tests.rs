@@ -1,0 +1,279 @@
+//! The law: whatever led to a state, tetrahedra, labels and surface are those built from it from scratch.
+
+use nalgebra::Point3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+
+/// Where the coordinates of a sequence come from.
+#[derive(Clone, Copy, Debug)]
+enum Space {
+    /// Small integers: points repeat, rays meet vertices and edges and run inside facets.
+    Grid,
+    /// Points on a grid, everything else anywhere.
+    GridPoints,
+    /// Far from the origin with millimetre detail.
+    Far,
+    /// Uniform.
+    Cube,
+    /// A sheet of points, views on both sides: the dimension changes.
+    Sheet,
+}
+
+const SPACES: [Space; 5] = [
+    Space::Grid,
+    Space::GridPoints,
+    Space::Far,
+    Space::Cube,
+    Space::Sheet,
+];
+
+fn integer(rng: &mut ChaCha8Rng, low: i32, high: i32) -> f64 {
+    f64::from(rng.random_range(low..=high))
+}
+
+fn position(rng: &mut ChaCha8Rng, space: Space) -> Point3<f64> {
+    let mut draw = || match space {
+        Space::Grid | Space::GridPoints | Space::Sheet => integer(rng, 0, 3),
+        Space::Far => 1e7 + integer(rng, 0, 3000) / 1000.0,
+        Space::Cube => rng.random_range(0.0..3.0),
+    };
+    let (x, y, z) = (draw(), draw(), draw());
+    if matches!(space, Space::Sheet) && rng.random_range(0..8) > 0 {
+        return Point3::new(x, y, 1.0);
+    }
+    Point3::new(x, y, z)
+}
+
+/// Inside, on the boundary and outside of where the points are.
+fn center(rng: &mut ChaCha8Rng, space: Space) -> Point3<f64> {
+    match space {
+        Space::Grid | Space::Sheet => Point3::from(std::array::from_fn(|_| {
+            f64::from(rng.random_range(-3..=9)) / 2.0
+        })),
+        Space::Far => Point3::from(std::array::from_fn(|_| {
+            1e7 + integer(rng, -1000, 4000) / 1000.0
+        })),
+        _ => Point3::from(std::array::from_fn(|_| rng.random_range(-1.0..4.0))),
+    }
+}
+
+/// A random event, not necessarily valid.
+fn event(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Event {
+    let view = ViewId(rng.random_range(0..carver.next_view().0.max(1)));
+    let point = PointId(rng.random_range(0..carver.next_point().0.max(1)));
+    match rng.random_range(0..20) {
+        0..5 => Event::AddPoint {
+            position: position(rng, space),
+        },
+        5 => Event::AddView {
+            center: center(rng, space),
+        },
+        6..12 => Event::AddObservation {
+            view,
+            point,
+            weight: rng.random_range(1..1000),
+        },
+        12..14 => Event::RemovePoint { point },
+        14..16 => Event::MovePoint {
+            point,
+            position: position(rng, space),
+        },
+        16 if rng.random_range(0..3) == 0 => Event::RemoveView { view },
+        16 | 17 => Event::MoveView {
+            view,
+            center: center(rng, space),
+        },
+        _ => Event::RemoveObservation { view, point },
+    }
+}
+
+/// A view and some points that it sees, and some older ones.
+fn keyframe(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Vec<Event> {
+    let view = carver.next_view();
+    let mut events = vec![Event::AddView {
+        center: center(rng, space),
+    }];
+    let first = carver.next_point().0;
+    let count = rng.random_range(0..8);
+    for _ in 0..count {
+        events.push(Event::AddPoint {
+            position: position(rng, space),
+        });
+    }
+    for point in (0..first + count).map(PointId) {
+        let known = point.0 >= first || carver.point(point).is_some();
+        if known && rng.random_range(0..3) > 0 {
+            events.push(Event::AddObservation {
+                view,
+                point,
+                weight: rng.random_range(1..1000),
+            });
+        }
+    }
+    events
+}
+
+/// The triangles that a reader of deltas holds.
+#[derive(Default)]
+struct Follower {
+    triangles: std::collections::BTreeMap<Triangle, [[u64; 3]; 3]>,
+}
+
+impl Follower {
+    fn follow(&mut self, carver: &Carver, delta: &crate::surface::SurfaceDelta) {
+        let at = |v: VertexId| carver.tetrahedra().coordinates(v).map(f64::to_bits);
+        for triangle in &delta.removed {
+            assert!(self.triangles.remove(triangle).is_some());
+        }
+        for (triangle, positions) in &mut self.triangles {
+            for (vertex, position) in triangle.iter().zip(positions) {
+                if delta.moved.contains(vertex) {
+                    *position = at(*vertex);
+                }
+            }
+        }
+        for triangle in &delta.added {
+            let before = self.triangles.insert(*triangle, triangle.map(at));
+            assert_eq!(before, None);
+        }
+        let expected: std::collections::BTreeMap<_, _> =
+            carver.triangles().map(|t| (t, t.map(at))).collect();
+        assert_eq!(self.triangles, expected);
+    }
+}
+
+/// A violation with the geometry of its witness.
+fn describe(carver: &Carver, violation: CarverViolation) -> String {
+    if let CarverViolation::Weight { cell, .. } = violation {
+        let listed: Vec<_> = (carver.crossings.rays(cell))
+            .map(|r| {
+                let (view, point) = (carver.rays.view(r), carver.rays.point(r));
+                let at = (carver.views.center(view), carver.point(PointId(point)));
+                let weight = carver.rays.weight(r);
+                (
+                    r,
+                    view,
+                    point,
+                    weight,
+                    at,
+                    carver.crosses(r, cell),
+                    carver.rays.is_degenerate(r),
+                )
+            })
+            .collect();
+        return format!(
+            "{violation}: {:?} {listed:#?}",
+            carver.tetrahedra.cell_vertices(cell)
+        );
+    }
+    let CarverViolation::Crossing {
+        cell, view, point, ..
+    } = violation
+    else {
+        return violation.to_string();
+    };
+    let t = carver.tetrahedra();
+    let corners: Vec<_> = (t.cell_vertices(cell).into_iter())
+        .filter(|v| !v.is_ghost())
+        .map(|v| t.coordinates(v))
+        .collect();
+    let ray = carver
+        .rays
+        .find(view.0, point.0)
+        .map(|r| carver.rays.is_degenerate(r));
+    let (center, target) = (carver.view(view), carver.point(point));
+    let at = carver.views.viewpoint(view.0);
+    format!("{violation}: {corners:?}, {center:?} ({at:?}) -> {target:?}, degenerate {ray:?}")
+}
+
+/// Runs a random sequence of transactions and verifies the law on the way and at the end.
+fn run(seed: u64, steps: usize) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let space = SPACES[(seed % SPACES.len() as u64) as usize];
+    let options = CarverOptions {
+        free_threshold: NonZeroU64::new(rng.random_range(1..1500)).unwrap_or(NonZeroU64::MIN),
+        hull: if rng.random() { Hull::Keep } else { Hull::Drop },
+    };
+    let mut carver = Carver::new(options);
+    let mut follower = Follower::default();
+    for step in 0..steps {
+        let before = (step % 7 == 3).then(|| carver.snapshot());
+        let result = match rng.random_range(0..8) {
+            0 | 1 => {
+                let events = keyframe(&mut rng, space, &carver);
+                carver.apply(&events)
+            }
+            // Several events together; those that do not apply are left out.
+            2..4 => {
+                let events: Vec<Event> = (0..rng.random_range(2..12))
+                    .map(|_| event(&mut rng, space, &carver))
+                    .collect();
+                let mut transaction = carver.transaction();
+                for event in events {
+                    let _ = transaction.push(event);
+                }
+                transaction.commit()
+            }
+            _ => {
+                let event = event(&mut rng, space, &carver);
+                carver.apply(&[event])
+            }
+        };
+        match result {
+            Ok(report) => follower.follow(&carver, &report.surface),
+            Err(error) => {
+                if let Some(before) = before {
+                    assert_eq!(
+                        carver.snapshot(),
+                        before,
+                        "seed {seed} step {step}: {error}"
+                    );
+                }
+            }
+        }
+        if step % 4 == 0
+            && let Err(violation) = carver.check()
+        {
+            panic!(
+                "seed {seed} step {step} in {space:?}: {}",
+                describe(&carver, violation)
+            );
+        }
+    }
+    if let Err(violation) = carver.check() {
+        panic!("seed {seed} in {space:?}: {}", describe(&carver, violation));
+    }
+    let snapshot = carver.snapshot();
+    for reverse in [false, true] {
+        assert_eq!(
+            carver.rebuilt(reverse).snapshot(),
+            snapshot,
+            "seed {seed} in {space:?}"
+        );
+    }
+    // Taken apart again, point by point, nothing is left.
+    let points: Vec<PointId> = carver.points().collect();
+    for point in points {
+        let report = carver.apply(&[Event::RemovePoint { point }]).unwrap();
+        follower.follow(&carver, &report.surface);
+    }
+    assert_eq!((carver.ray_count(), carver.crossing_count()), (0, 0));
+    assert_eq!(carver.triangle_count(), 0);
+}
+
+/// The long mode is asked for by `LINECARVE_LONG=1`.
+fn sequences(normal: u64, long: u64) -> u64 {
+    match std::env::var("LINECARVE_LONG") {
+        Ok(value) if value == "1" => long,
+        _ => normal,
+    }
+}
+
+#[test]
+fn any_sequence_of_events_leads_to_the_state_built_from_scratch() {
+    for seed in 0..sequences(400, 10_000) {
+        run(seed, 40);
+    }
+}

@@ -1,0 +1,275 @@
+//! Changes that take effect together.
+
+use nalgebra::Point3;
+use rustc_hash::FxHashMap;
+
+use super::Carver;
+use super::commit::CommitReport;
+use super::events::{Event, EventError};
+use super::ids::{PointId, ViewId};
+use crate::tetrahedralization::accept;
+use crate::visibility::Rays;
+
+/// Largest number of points of a carver.
+const MAX_POINTS: usize = 1 << 26;
+/// Largest number of observations of a carver.
+const MAX_RAYS: usize = (u32::MAX - 1) as usize;
+
+/// What a transaction makes of a point or a view that existed before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Fate {
+    Removed,
+    Moved([f64; 3]),
+}
+
+/// The net effect of a transaction's events.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Plan {
+    /// New points in order of their ids; `None` if removed again.
+    pub(super) new_points: Vec<Option<[f64; 3]>>,
+    /// New views in order of their ids; `None` if removed again.
+    pub(super) new_views: Vec<Option<[f64; 3]>>,
+    pub(super) points: FxHashMap<u32, Fate>,
+    pub(super) views: FxHashMap<u32, Fate>,
+    /// Final weight of each observation `(view, point)` touched, `None` if there is none any more. Ends that are
+    /// removed after all take precedence.
+    pub(super) observations: FxHashMap<(u32, u32), Option<u32>>,
+    /// The keys of `observations` in the order of first mention.
+    pub(super) order: Vec<(u32, u32)>,
+}
+
+/// A set of changes to a [`Carver`] that take effect together on [`commit`](Self::commit); dropped without, it leaves the
+/// carver as it was.
+///
+/// Every event is checked against the state that the events before it would lead to, and its effect on cells, labels and
+/// surface is computed once for all: a ray is walked again once however many points around it move.
+#[derive(Debug)]
+pub struct Transaction<'a> {
+    pub(super) carver: &'a mut Carver,
+    pub(super) plan: Plan,
+}
+
+impl<'a> Transaction<'a> {
+    pub(super) fn new(carver: &'a mut Carver) -> Self {
+        Self {
+            carver,
+            plan: Plan::default(),
+        }
+    }
+
+    fn require_point(&self, point: PointId) -> Result<(), EventError> {
+        let old = self.carver.points.capacity();
+        let exists = match (point.0 as usize).checked_sub(old) {
+            Some(new) => matches!(self.plan.new_points.get(new), Some(Some(_))),
+            None => {
+                self.carver.points.get(point.0).is_some()
+                    && self.plan.points.get(&point.0) != Some(&Fate::Removed)
+            }
+        };
+        exists
+            .then_some(())
+            .ok_or(EventError::UnknownPoint { point })
+    }
+
+    fn require_view(&self, view: ViewId) -> Result<(), EventError> {
+        let old = self.carver.views.capacity();
+        let exists = match (view.0 as usize).checked_sub(old) {
+            Some(new) => matches!(self.plan.new_views.get(new), Some(Some(_))),
+            None => {
+                self.carver.views.is_alive(view.0)
+                    && self.plan.views.get(&view.0) != Some(&Fate::Removed)
+            }
+        };
+        exists.then_some(()).ok_or(EventError::UnknownView { view })
+    }
+
+    /// Current weight of an observation whose ends exist.
+    fn weight(&self, view: ViewId, point: PointId) -> Option<u32> {
+        match self.plan.observations.get(&(view.0, point.0)) {
+            Some(weight) => *weight,
+            None => self.carver.observation(view, point),
+        }
+    }
+
+    fn set_weight(&mut self, view: ViewId, point: PointId, weight: Option<u32>) {
+        let key = (view.0, point.0);
+        if self.plan.observations.insert(key, weight).is_none() {
+            self.plan.order.push(key);
+        }
+    }
+
+    /// Adds a view.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError::Position`] when the centre is NaN or out of range; [`EventError::Full`].
+    pub fn add_view(&mut self, center: Point3<f64>) -> Result<ViewId, EventError> {
+        let center = accept(&center)?;
+        let id = self.carver.views.capacity() + self.plan.new_views.len();
+        if id >= Rays::MAX_VIEWS {
+            return Err(EventError::Full);
+        }
+        self.plan.new_views.push(Some(center));
+        Ok(ViewId(id as u32))
+    }
+
+    /// Adds a point. Points at the same position share a vertex.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError::Position`] when the position is NaN or out of range; [`EventError::Full`].
+    pub fn add_point(&mut self, position: Point3<f64>) -> Result<PointId, EventError> {
+        let position = accept(&position)?;
+        let id = self.carver.points.capacity() + self.plan.new_points.len();
+        let alive = self.carver.points.len() + self.plan.new_points.len();
+        if id >= u32::MAX as usize || alive >= MAX_POINTS {
+            return Err(EventError::Full);
+        }
+        self.plan.new_points.push(Some(position));
+        Ok(PointId(id as u32))
+    }
+
+    /// Lets a view see a point. If it does already, the weights add up.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError`] when the view or point does not exist, the weight is zero or the sum exceeds 32 bits.
+    pub fn add_observation(
+        &mut self,
+        view: ViewId,
+        point: PointId,
+        weight: u32,
+    ) -> Result<(), EventError> {
+        self.require_view(view)?;
+        self.require_point(point)?;
+        if weight == 0 {
+            return Err(EventError::ZeroWeight { view, point });
+        }
+        if self.carver.rays.len() + self.plan.order.len() >= MAX_RAYS {
+            return Err(EventError::Full);
+        }
+        let before = self.weight(view, point).unwrap_or(0);
+        let weight = before
+            .checked_add(weight)
+            .ok_or(EventError::WeightOverflow { view, point })?;
+        self.set_weight(view, point, Some(weight));
+        Ok(())
+    }
+
+    /// Removes a view with all its observations.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError::UnknownView`].
+    pub fn remove_view(&mut self, view: ViewId) -> Result<(), EventError> {
+        self.require_view(view)?;
+        match (view.0 as usize).checked_sub(self.carver.views.capacity()) {
+            Some(new) => self.plan.new_views[new] = None,
+            None => {
+                self.plan.views.insert(view.0, Fate::Removed);
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes a point with all its observations.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError::UnknownPoint`].
+    pub fn remove_point(&mut self, point: PointId) -> Result<(), EventError> {
+        self.require_point(point)?;
+        match (point.0 as usize).checked_sub(self.carver.points.capacity()) {
+            Some(new) => self.plan.new_points[new] = None,
+            None => {
+                self.plan.points.insert(point.0, Fate::Removed);
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes an observation, whatever its weight.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError`] when view, point or observation does not exist.
+    pub fn remove_observation(&mut self, view: ViewId, point: PointId) -> Result<(), EventError> {
+        self.require_view(view)?;
+        self.require_point(point)?;
+        if self.weight(view, point).is_none() {
+            return Err(EventError::UnknownObservation { view, point });
+        }
+        self.set_weight(view, point, None);
+        Ok(())
+    }
+
+    /// Moves a view; its observations stay.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError::UnknownView`]; [`EventError::Position`] when the centre is NaN or out of range.
+    pub fn move_view(&mut self, view: ViewId, center: Point3<f64>) -> Result<(), EventError> {
+        self.require_view(view)?;
+        let center = accept(&center)?;
+        match (view.0 as usize).checked_sub(self.carver.views.capacity()) {
+            Some(new) => self.plan.new_views[new] = Some(center),
+            None => {
+                self.plan.views.insert(view.0, Fate::Moved(center));
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves a point; its observations stay.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError::UnknownPoint`]; [`EventError::Position`] when the position is NaN or out of range.
+    pub fn move_point(&mut self, point: PointId, position: Point3<f64>) -> Result<(), EventError> {
+        self.require_point(point)?;
+        let position = accept(&position)?;
+        match (point.0 as usize).checked_sub(self.carver.points.capacity()) {
+            Some(new) => self.plan.new_points[new] = Some(position),
+            None => {
+                self.plan.points.insert(point.0, Fate::Moved(position));
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds one event.
+    ///
+    /// # Errors
+    ///
+    /// Those of the method that the event names; the transaction stays as it was.
+    pub fn push(&mut self, event: Event) -> Result<(), EventError> {
+        match event {
+            Event::AddView { center } => self.add_view(center).map(|_| ()),
+            Event::AddPoint { position } => self.add_point(position).map(|_| ()),
+            Event::AddObservation {
+                view,
+                point,
+                weight,
+            } => self.add_observation(view, point, weight),
+            Event::RemoveView { view } => self.remove_view(view),
+            Event::RemovePoint { point } => self.remove_point(point),
+            Event::RemoveObservation { view, point } => self.remove_observation(view, point),
+            Event::MoveView { view, center } => self.move_view(view, center),
+            Event::MovePoint { point, position } => self.move_point(point, position),
+        }
+    }
+
+    /// Makes the changes.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError::ZeroLengthRay`] when a view would see a point at its very centre; nothing is changed.
+    ///
+    /// # Complexity
+    ///
+    /// Per ray that is new, or whose point or view moved: the cells that it crosses. Per cell replaced: the rays across
+    /// it. Independent of the rest of the map, apart from one test per view.
+    pub fn commit(self) -> Result<CommitReport, EventError> {
+        super::commit::commit(self)
+    }
+}

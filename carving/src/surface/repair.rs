@@ -1,0 +1,120 @@
+//! Components of the surface, and its non-manifold edges and vertices.
+//!
+//! At an edge where more than two triangles meet, those two belong together that bound the same wedge of free cells
+//! around the edge. Connected in this way every edge has two triangles (or one at a border), and the corners that remain
+//! connected around a vertex form one fan.
+
+use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
+
+use super::delta::Triangle;
+use super::extract::{ExportOptions, Sheet};
+use super::facets::Facets;
+
+/// Disjoint sets with the smallest member as representative.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn new(count: usize) -> Self {
+        Self((0..count as u32).collect())
+    }
+
+    fn find(&mut self, mut member: u32) -> u32 {
+        while self.0[member as usize] != member {
+            let parent = self.0[member as usize];
+            self.0[member as usize] = self.0[parent as usize];
+            member = parent;
+        }
+        member
+    }
+
+    fn unite(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        let (low, high) = (a.min(b), a.max(b));
+        self.0[high as usize] = low;
+    }
+}
+
+/// The surface facet that bounds the same free wedge around the edge `a b` as the given one; `None` at a border.
+fn across(
+    tetrahedra: &Tetrahedralization,
+    facets: &Facets,
+    (cell, facet): (CellId, usize),
+    a: VertexId,
+    b: VertexId,
+) -> Option<(CellId, usize)> {
+    let (mut cell, mut entered) = (cell, facet);
+    loop {
+        let vertices = tetrahedra.cell_vertices(cell);
+        // The other facet of the cell that has the edge is opposite the corner of the entered one off the edge.
+        let exit = (0..4).find(|&k| k != entered && vertices[k] != a && vertices[k] != b)?;
+        if facets.is_surface(cell, exit) {
+            return Some((cell, exit));
+        }
+        (cell, entered) = tetrahedra.neighbor(cell, exit);
+        if !facets.is_free(cell) {
+            return None;
+        }
+    }
+}
+
+/// Drops small components and assigns copies of vertices as the options ask. `chosen` is in canonical order.
+pub(super) fn split_into_manifold(
+    tetrahedra: &Tetrahedralization,
+    facets: &Facets,
+    chosen: &[(Triangle, (CellId, usize))],
+    options: &ExportOptions,
+) -> Sheet {
+    let mut sheet = Sheet {
+        triangles: chosen.iter().map(|(triangle, _)| *triangle).collect(),
+        copies: vec![[0; 3]; chosen.len()],
+    };
+    if !options.manifold && options.minimum_component <= 1 {
+        return sheet;
+    }
+    let mut place: Vec<((CellId, usize), u32)> =
+        chosen.iter().map(|(_, at)| *at).zip(0..).collect();
+    place.sort_unstable();
+    let mut components = Sets::new(chosen.len());
+    let mut fans = Sets::new(3 * chosen.len());
+    for (index, (triangle, at)) in (0u32..).zip(chosen) {
+        for k in 0..3 {
+            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+            let Some(partner) = across(tetrahedra, facets, *at, a, b) else {
+                continue;
+            };
+            // The partner may have been filtered out.
+            let Ok(found) = place.binary_search_by_key(&partner, |(at, _)| *at) else {
+                continue;
+            };
+            let other = place[found].1;
+            components.unite(index, other);
+            for (corner, vertex) in [(k, a), ((k + 1) % 3, b)] {
+                let twin = chosen[other as usize]
+                    .0
+                    .iter()
+                    .position(|&v| v == vertex)
+                    .expect("partners share the edge");
+                fans.unite(3 * index + corner as u32, 3 * other + twin as u32);
+            }
+        }
+    }
+    if options.manifold {
+        for (index, copies) in (0u32..).zip(&mut sheet.copies) {
+            *copies = [0, 1, 2].map(|k| fans.find(3 * index + k));
+        }
+    }
+    if options.minimum_component > 1 {
+        let mut sizes = vec![0usize; chosen.len()];
+        for index in 0..chosen.len() as u32 {
+            sizes[components.find(index) as usize] += 1;
+        }
+        let keep: Vec<bool> = (0..chosen.len() as u32)
+            .map(|index| sizes[components.find(index) as usize] >= options.minimum_component)
+            .collect();
+        let mut kept = keep.iter();
+        sheet.triangles.retain(|_| *kept.next().unwrap_or(&true));
+        let mut kept = keep.iter();
+        sheet.copies.retain(|_| *kept.next().unwrap_or(&true));
+    }
+    sheet
+}
