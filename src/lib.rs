@@ -10,4 +10,5 @@ pub mod mesh;
 pub mod raycast;
 pub mod render;
 pub mod sequence;
+mod srgb;
 pub mod synth;

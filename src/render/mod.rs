@@ -17,6 +17,7 @@ mod view;
 
 pub use options::{BackFaces, Background, RenderOptions, RenderOptionsError};
 pub use picture::{PictureError, Renderer, write_png};
+pub(crate) use view::upright_rotation;
 pub use view::{View, up_direction};
 
 #[cfg(test)]

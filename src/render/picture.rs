@@ -12,11 +12,12 @@ use super::occlusion::Openness;
 use super::options::{Background, RenderOptions, RenderOptionsError};
 use super::outline::outline_at;
 use super::segments::draw_segments;
-use super::shade::{Albedo, Light, encoded, linear_color};
+use super::shade::{Albedo, Light};
 use super::view::View;
 use crate::files::{WriteError, write_atomically};
 use crate::mesh::{LineSet, TriangleMesh};
 use crate::raycast::RayScene;
+use crate::srgb::{encoded_color, linear_color};
 
 /// A mesh ready to be drawn from any number of views.
 ///
@@ -138,7 +139,7 @@ impl<'a> Renderer<'a> {
         }
         let mut picture = RgbImage::new(view.width, view.height);
         for (pixel, color) in picture.pixels_mut().zip(&light) {
-            *pixel = Rgb(color.map(encoded));
+            *pixel = Rgb(encoded_color(*color));
         }
         Ok(picture)
     }

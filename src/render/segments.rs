@@ -4,9 +4,9 @@ use nalgebra::{Point3, Vector2};
 
 use super::buffer::SampleBuffer;
 use super::options::RenderOptions;
-use super::shade::linear_color;
 use super::view::View;
 use crate::mesh::LineSet;
+use crate::srgb::linear_color;
 
 /// The part of a line in front of the camera, in the picture.
 struct Projected {

@@ -1,39 +1,14 @@
-//! Light on a sample, and colour spaces.
+//! Light on a sample.
 
 use nalgebra::Vector3;
 
 use super::buffer::Sample;
 use super::options::{BackFaces, RenderOptions};
 use crate::mesh::TriangleMesh;
+use crate::srgb::linear_color;
 
 /// Linear colour of back faces: what they are is mixed with this.
 const BACK_TINT: [f64; 3] = [0.42, 0.16, 0.15];
-
-/// Linear intensity of an sRGB byte.
-pub(super) fn linear(byte: u8) -> f64 {
-    let value = f64::from(byte) / 255.0;
-    if value <= 0.040_45 {
-        value / 12.92
-    } else {
-        ((value + 0.055) / 1.055).powf(2.4)
-    }
-}
-
-/// sRGB byte of a linear intensity.
-pub(super) fn encoded(value: f64) -> u8 {
-    let value = value.clamp(0.0, 1.0);
-    let curve = if value <= 0.003_130_8 {
-        12.92 * value
-    } else {
-        1.055 * value.powf(1.0 / 2.4) - 0.055
-    };
-    (curve * 255.0).round() as u8
-}
-
-/// Linear colour of an sRGB colour.
-pub(super) fn linear_color(color: [u8; 3]) -> [f64; 3] {
-    color.map(linear)
-}
 
 /// The colours of a mesh, ready for blending.
 pub(super) struct Albedo {

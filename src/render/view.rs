@@ -156,7 +156,7 @@ pub fn up_direction(poses: &[Isometry3<f64>]) -> Vector3<f64> {
 
 /// `world_from_camera` rotation that looks along `forward` and keeps `up` at the top of the picture; any roll when both
 /// are parallel.
-fn upright_rotation(forward: &Vector3<f64>, up: &Vector3<f64>) -> UnitQuaternion<f64> {
+pub(crate) fn upright_rotation(forward: &Vector3<f64>, up: &Vector3<f64>) -> UnitQuaternion<f64> {
     let z = forward.try_normalize(0.0).unwrap_or_else(Vector3::z);
     let up = up.try_normalize(0.0).unwrap_or_else(|| -Vector3::y());
     let across = z.cross(&up);

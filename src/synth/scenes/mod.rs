@@ -1,0 +1,6 @@
+//! The scenes themselves.
+
+mod boxes;
+mod corner;
+mod furniture;
+mod room;
