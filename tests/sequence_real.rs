@@ -25,7 +25,12 @@ fn open(name: &str) -> Option<Sequence> {
 }
 
 fn chosen(sequence: &Sequence, options: &KeyframeOptions) -> Vec<usize> {
-    let facts = inspect(sequence, &InspectOptions::default()).unwrap();
+    let few = InspectOptions {
+        samples: 9,
+        gaps: Vec::new(),
+        ..InspectOptions::default()
+    };
+    let facts = inspect(sequence, &few).unwrap();
     let [_, median_depth, _] = facts.depth.unwrap().percentiles.unwrap();
     let mut last = 0;
     let chosen = select(sequence, options, median_depth, |done| last = done).unwrap();
@@ -97,26 +102,25 @@ fn fixed_motion_gives_the_known_keyframes() {
 fn default_motion_knows_no_metre_and_lands_nearby() {
     for (name, expected) in [("seven-scenes", 48), ("livingroom-synthetic", 18)] {
         let Some(sequence) = open(name) else { continue };
-        for sharpness_window in [1, 2, 3, 4, 5] {
+        for sharpness_window in [1, 3] {
             let options = KeyframeOptions {
                 sharpness_window,
                 ..KeyframeOptions::default()
             };
             let keyframes = chosen(&sequence, &options);
+            let found = keyframes.len();
+            assert!(found.abs_diff(expected) * 5 <= expected, "{name}: {found}");
             let mut sharp: Vec<f64> = keyframes
                 .iter()
                 .map(|&index| sharpness(&sequence.load_gray(index).unwrap()))
                 .collect();
             sharp.sort_by(f64::total_cmp);
             println!(
-                "{name}, window {sharpness_window}: {} keyframes, sharpness least {:.2}, median {:.2}",
-                keyframes.len(),
+                "{name}, window {sharpness_window}: {found} keyframes, sharpness least {:.2}, median {:.2}",
                 sharp[0],
                 sharp[sharp.len() / 2]
             );
         }
-        let found = chosen(&sequence, &KeyframeOptions::default()).len();
-        assert!(found.abs_diff(expected) * 5 <= expected, "{name}: {found}");
     }
 }
 

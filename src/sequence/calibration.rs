@@ -6,7 +6,7 @@ use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
-use super::{SequenceError, rigid};
+use super::{SequenceError, Warning, rigid};
 
 /// Name of the sidecar file in the folder of a sequence.
 pub const SIDECAR: &str = "linecarve.toml";
@@ -27,6 +27,37 @@ pub(super) struct CalibratedCamera {
     pub(super) size: Option<ImageSize>,
     /// Where it comes from, for messages and for `info`.
     pub(super) origin: String,
+    /// What to tell when the camera is a guess and no sidecar replaces it.
+    pub(super) guess: Option<Warning>,
+}
+
+impl CalibratedCamera {
+    /// A camera that a file or the data set itself gives.
+    pub(super) fn known(
+        camera: Camera,
+        size: Option<ImageSize>,
+        origin: impl Into<String>,
+    ) -> Self {
+        Self {
+            camera,
+            size,
+            origin: origin.into(),
+            guess: None,
+        }
+    }
+
+    /// A camera for images of 640 x 480 that is usual where nothing is known, with what to tell about it.
+    pub(super) fn usual(camera: Camera, origin: &str, guess: String) -> Self {
+        Self {
+            camera,
+            size: Some(ImageSize {
+                width: 640,
+                height: 480,
+            }),
+            origin: origin.to_owned(),
+            guess: Some(Warning::statement(guess)),
+        }
+    }
 }
 
 /// A depth camera of its own.
@@ -216,11 +247,7 @@ impl CameraSection {
         };
         let camera = Camera::with_distortion(self.fx, self.fy, self.cx, self.cy, distortion)
             .map_err(|error| in_section(error.to_string()))?;
-        Ok(CalibratedCamera {
-            camera,
-            size,
-            origin: origin.to_owned(),
-        })
+        Ok(CalibratedCamera::known(camera, size, origin))
     }
 }
 
@@ -345,11 +372,8 @@ mod tests {
 
     #[test]
     fn poses_of_a_depth_camera_need_one() {
-        let camera = CalibratedCamera {
-            camera: Camera::pinhole(1.0, 1.0, 0.0, 0.0).unwrap(),
-            size: None,
-            origin: String::new(),
-        };
+        let camera = Camera::pinhole(1.0, 1.0, 0.0, 0.0).unwrap();
+        let camera = CalibratedCamera::known(camera, None, "");
         let mut calibration = Calibration {
             color: camera,
             depth: None,

@@ -39,7 +39,7 @@ impl Sequence {
         let Recording {
             frames,
             mut calibration,
-            warnings,
+            mut warnings,
             mut conventions,
         } = layout.read(&folder)?;
         if let Some((path, sidecar)) = sidecar {
@@ -48,6 +48,7 @@ impl Sequence {
                 .apply(&mut calibration)
                 .map_err(|problem| SequenceError::Content { path, problem })?;
         }
+        warnings.extend(calibration.color.guess.take());
         let frames = frames_of_color_camera(frames, &calibration);
         let color_size = first_size(folder.path(), &frames)?;
         check_color_size(&calibration, &color_size)?;
@@ -84,6 +85,19 @@ impl Sequence {
                 (depth, None)
             }
         };
+        if let Some(depth) = &depth {
+            let whose = match (depth.registered, calibration.pose_camera) {
+                (true, _) => "registered to colour",
+                (false, PoseCamera::Color) => "of a camera of its own",
+                (false, PoseCamera::Depth) => {
+                    "of a camera of its own, which the poses in the files are of"
+                }
+            };
+            conventions.push(format!(
+                "depth: 16 bits, {} per unit of the poses, 0 and 65535 unknown, {whose}",
+                depth.scale
+            ));
+        }
         let sequence = Self {
             folder: folder.path().to_owned(),
             layout: layout.name(),

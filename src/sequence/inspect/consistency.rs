@@ -8,8 +8,8 @@ use serde::Serialize;
 use super::{forgive, quantile, spread};
 use crate::sequence::{DepthImage, FrameError, Sequence};
 
-/// Depth is compared at one pixel in so many, across and down.
-const STRIDE: usize = 8;
+/// Depth is compared at about this many pixels across an image, and as densely down.
+const ACROSS: usize = 80;
 
 /// Depth agrees when it differs by less than this share.
 const AGREEMENT: f64 = 0.01;
@@ -17,6 +17,10 @@ const AGREEMENT: f64 = 0.01;
 /// Another reading is suspected when its median residual is below this share of that as read: a wrong one is worse by
 /// an order of magnitude, noise and drift move it by tenths.
 const SUSPICION: f64 = 0.5;
+
+/// Depth that agrees within this share as read is not suspected, whatever fits even better: over short distances or
+/// before flat walls every reading does.
+const GOOD: f64 = 0.01;
 
 /// Scales of depth images that exist: millimetres, TUM RGB-D, RealSense L515, and a power of two.
 const SCALES: [f64; 4] = [1000.0, 5000.0, 4000.0, 256.0];
@@ -53,6 +57,9 @@ impl Consistency {
     /// A warning when another reading fits much better.
     pub(super) fn suspicion(&self) -> Option<String> {
         let best = self.others.first()?;
+        if self.as_read.median_relative < GOOD {
+            return None;
+        }
         // A reading under which hardly anything overlaps has proven nothing.
         let is_comparable = best.pixels * 4 >= self.as_read.pixels;
         (is_comparable && best.median_relative < SUSPICION * self.as_read.median_relative).then(|| {
@@ -214,8 +221,9 @@ fn compare(
     camera: &Camera,
 ) -> Vec<(f64, f64)> {
     let mut out = Vec::new();
-    for y in (STRIDE / 2..a.height()).step_by(STRIDE) {
-        for x in (STRIDE / 2..a.width()).step_by(STRIDE) {
+    let stride = (a.width() / ACROSS).max(1);
+    for y in (stride / 2..a.height()).step_by(stride) {
+        for x in (stride / 2..a.width()).step_by(stride) {
             let Some(&z) = a.get(x, y).filter(|&&z| z > 0.0) else {
                 continue;
             };

@@ -59,7 +59,6 @@ impl Layout for Open3dLog {
             warnings,
             conventions: vec![
                 "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal".to_owned(),
-                "depth: 16 bits, 1000 a metre, 0 and 65535 unknown, registered to colour".to_owned(),
                 "the layout knows no time: time stamps are image numbers".to_owned(),
             ],
         })
@@ -294,22 +293,17 @@ fn intrinsics(
         }
         return camera_of(first, camera, warnings);
     }
-    warnings.push(Warning::statement(
-        "no camera JSON: the camera that Open3D assumes is taken (PrimeSense: f 525, c 319.5 239.5)",
-    ));
     let camera =
         Camera::pinhole(525.0, 525.0, 319.5, 239.5).map_err(|error| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: error.to_string(),
         })?;
-    Ok(CalibratedCamera {
+    let guess = "no camera JSON: the camera that Open3D assumes is taken (PrimeSense: f 525, c 319.5 239.5)";
+    Ok(CalibratedCamera::usual(
         camera,
-        size: Some(ImageSize {
-            width: 640,
-            height: 480,
-        }),
-        origin: "default of Open3D (PrimeSense)".to_owned(),
-    })
+        "default of Open3D (PrimeSense)",
+        guess.to_owned(),
+    ))
 }
 
 fn camera_of(
@@ -344,15 +338,14 @@ fn camera_of(
         ));
     }
     let camera = Camera::pinhole(m[0], m[4], cx, cy).map_err(|error| content(error.to_string()))?;
-    Ok(CalibratedCamera {
+    let size = ImageSize {
+        width: file.width,
+        height: file.height,
+    };
+    let origin = path.file_name().unwrap_or(path.as_os_str());
+    Ok(CalibratedCamera::known(
         camera,
-        size: Some(ImageSize {
-            width: file.width,
-            height: file.height,
-        }),
-        origin: path
-            .file_name()
-            .map(|name| name.to_string_lossy().into_owned())
-            .unwrap_or_default(),
-    })
+        Some(size),
+        origin.to_string_lossy(),
+    ))
 }

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
-use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
+use super::super::calibration::{CalibratedCamera, Calibration, PoseCamera};
 use super::super::layout::{Folder, Layout, RecordedFrame, Recording, image_stem};
 use super::super::text::TextFile;
 use super::super::warning::Tally;
-use super::super::{SequenceError, Warning, rigid};
+use super::super::{SequenceError, rigid};
 
 /// The reader.
 pub(in super::super) struct SevenScenes;
@@ -66,7 +66,8 @@ impl Layout for SevenScenes {
                 reason: out.reason(total),
             });
         }
-        let (calibration, mut warnings) = intrinsics(folder)?;
+        let calibration = intrinsics(folder)?;
+        let mut warnings = Vec::new();
         let poses = total - out.pose_missing.count() - out.color_missing.count();
         warnings.extend(
             out.pose_missing
@@ -94,7 +95,6 @@ impl Layout for SevenScenes {
             warnings,
             conventions: vec![
                 "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal".to_owned(),
-                "depth: 16 bits, 1000 a metre, 0 and 65535 unknown".to_owned(),
                 "the layout knows no time: time stamps are frame numbers".to_owned(),
             ],
         })
@@ -224,8 +224,7 @@ fn read_matrix<const N: usize>(path: &Path) -> Result<[[f64; N]; N], SequenceErr
     Ok(matrix)
 }
 
-fn intrinsics(folder: &Folder) -> Result<(Calibration, Vec<Warning>), SequenceError> {
-    let mut warnings = Vec::new();
+fn intrinsics(folder: &Folder) -> Result<Calibration, SequenceError> {
     let color = match folder.entry(INTRINSICS) {
         Some(path) => {
             let k = read_matrix::<3>(&path)?;
@@ -244,38 +243,26 @@ fn intrinsics(folder: &Folder) -> Result<(Calibration, Vec<Warning>), SequenceEr
             }
             let camera = Camera::pinhole(k[0][0], k[1][1], k[0][2], k[1][2])
                 .map_err(|error| content(error.to_string()))?;
-            CalibratedCamera {
-                camera,
-                size: None,
-                origin: INTRINSICS.to_owned(),
-            }
+            CalibratedCamera::known(camera, None, INTRINSICS)
         }
         None => {
-            warnings.push(Warning::statement(format!(
-                "no {INTRINSICS}: the depth camera of 7-Scenes is assumed for both images (f 585, c 320 240); its colour \
-                 images are not registered to depth, a linecarve.toml can tell both cameras"
-            )));
             let camera = Camera::pinhole(585.0, 585.0, 320.0, 240.0).map_err(|error| {
                 SequenceError::Content {
                     path: folder.path().to_owned(),
                     problem: error.to_string(),
                 }
             })?;
-            CalibratedCamera {
-                camera,
-                size: Some(ImageSize {
-                    width: 640,
-                    height: 480,
-                }),
-                origin: "default of 7-Scenes".to_owned(),
-            }
+            let guess = format!(
+                "no {INTRINSICS}: the depth camera of 7-Scenes is assumed for both images (f 585, c 320 240); its colour \
+                 images are not registered to depth, a linecarve.toml can tell both cameras"
+            );
+            CalibratedCamera::usual(camera, "default of 7-Scenes", guess)
         }
     };
-    let calibration = Calibration {
+    Ok(Calibration {
         color,
         depth: None,
         depth_scale: 1000.0,
         pose_camera: PoseCamera::Color,
-    };
-    Ok((calibration, warnings))
+    })
 }

@@ -63,11 +63,10 @@ impl Layout for TumRgbd {
                 ),
             });
         }
-        let (color, warning) = intrinsics(folder).map_err(|error| SequenceError::Content {
+        let color = intrinsics(folder).map_err(|error| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: error.to_string(),
         })?;
-        warnings.extend(warning);
         Ok(Recording {
             frames,
             calibration: Calibration {
@@ -80,7 +79,6 @@ impl Layout for TumRgbd {
             conventions: vec![
                 "poses: stamp tx ty tz qx qy qz qw, world from colour camera, unit metre".to_owned(),
                 "each colour image has the nearest pose and depth image within 0.02 s, none is used twice".to_owned(),
-                "depth: 16 bits, 5000 a metre, 0 and 65535 unknown, registered to colour".to_owned(),
             ],
         })
     }
@@ -272,55 +270,39 @@ fn join(
 /// # Reference
 /// J. Sturm, N. Engelhard, F. Endres, W. Burgard, D. Cremers, A Benchmark for the Evaluation of RGB-D SLAM Systems,
 /// IROS, 2012, and the calibration tables published with the data set.
-fn intrinsics(folder: &Folder) -> Result<(CalibratedCamera, Option<Warning>), CameraError> {
+fn intrinsics(folder: &Folder) -> Result<CalibratedCamera, CameraError> {
     let name = folder.own_name().to_ascii_lowercase();
     let has = |sensor: &str| {
         name.contains(&format!("freiburg{sensor}")) || name.contains(&format!("fr{sensor}_"))
     };
     let brown = |k1, k2, p1, p2, k3| Distortion::RadialTangential { k1, k2, p1, p2, k3 };
-    let size = Some(ImageSize {
+    let (camera, sensor) = if has("1") {
+        let lens = brown(0.2624, -0.9531, -0.0054, 0.0026, 1.1633);
+        (
+            Camera::with_distortion(517.3, 516.5, 318.6, 255.3, lens)?,
+            "1",
+        )
+    } else if has("2") {
+        let lens = brown(0.2312, -0.7849, -0.0033, -0.0001, 0.9172);
+        (
+            Camera::with_distortion(520.9, 521.0, 325.1, 249.7, lens)?,
+            "2",
+        )
+    } else if has("3") {
+        (Camera::pinhole(535.4, 539.2, 320.1, 247.6)?, "3")
+    } else {
+        return Ok(CalibratedCamera::usual(
+            Camera::pinhole(525.0, 525.0, 319.5, 239.5)?,
+            "default of the ROS driver",
+            "no calibration: the name of the folder has no freiburg1, 2 or 3, the default of the ROS driver is assumed \
+             (f 525, c 319.5 239.5); a linecarve.toml can tell the camera"
+                .to_owned(),
+        ));
+    };
+    let size = ImageSize {
         width: 640,
         height: 480,
-    });
-    let known = |camera: Camera, sensor: &str| CalibratedCamera {
-        camera,
-        size,
-        origin: format!("default of TUM freiburg{sensor}, by the name of the folder"),
     };
-    if has("1") {
-        let lens = brown(0.2624, -0.9531, -0.0054, 0.0026, 1.1633);
-        return Ok((
-            known(
-                Camera::with_distortion(517.3, 516.5, 318.6, 255.3, lens)?,
-                "1",
-            ),
-            None,
-        ));
-    }
-    if has("2") {
-        let lens = brown(0.2312, -0.7849, -0.0033, -0.0001, 0.9172);
-        return Ok((
-            known(
-                Camera::with_distortion(520.9, 521.0, 325.1, 249.7, lens)?,
-                "2",
-            ),
-            None,
-        ));
-    }
-    if has("3") {
-        return Ok((
-            known(Camera::pinhole(535.4, 539.2, 320.1, 247.6)?, "3"),
-            None,
-        ));
-    }
-    let camera = CalibratedCamera {
-        camera: Camera::pinhole(525.0, 525.0, 319.5, 239.5)?,
-        size,
-        origin: "default of the ROS driver".to_owned(),
-    };
-    let warning = Warning::statement(
-        "no calibration: the name of the folder has no freiburg1, 2 or 3, the default of the ROS driver is assumed \
-         (f 525, c 319.5 239.5); a linecarve.toml can tell the camera",
-    );
-    Ok((camera, Some(warning)))
+    let origin = format!("default of TUM freiburg{sensor}, by the name of the folder");
+    Ok(CalibratedCamera::known(camera, Some(size), origin))
 }
