@@ -14,6 +14,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use linecarve_lines::cluster::{ClusterOptions, SegmentClusterer};
 use linecarve_lines::depth::{DepthSensor, EdgeDepthOptions, SensorNoise};
 use linecarve_lines::fit::{DepthModel, FitOptions, Segment};
 use linecarve_lines::image::GrayImage;
@@ -32,6 +33,7 @@ struct Settings {
     pictures: usize,
     farthest: f64,
     shortest_px: f64,
+    offset_share: f64,
 }
 
 fn settings() -> Result<Settings, AnyError> {
@@ -46,6 +48,7 @@ fn settings() -> Result<Settings, AnyError> {
         pictures: 3,
         farthest: f64::INFINITY,
         shortest_px: 0.0,
+        offset_share: ClusterOptions::default().offset_share,
     };
     for argument in std::env::args().skip(1) {
         let fit = &mut settings.options.fit;
@@ -81,6 +84,7 @@ fn settings() -> Result<Settings, AnyError> {
                 "turn" => settings.turn_rad = number()?.to_radians(),
                 "pictures" => settings.pictures = value.parse()?,
                 "far" => settings.farthest = number()?,
+                "offset" => settings.offset_share = number()?,
                 "shortest" => settings.shortest_px = number()?,
                 _ => return Err(format!("unknown setting {key}").into()),
             }
@@ -152,6 +156,13 @@ fn main() -> Result<(), AnyError> {
         all.extend(extraction.segments.into_iter().map(|s| (s, index)));
     }
     write_obj(&all, &keyframes, &settings.out)?;
+    write_clusters(
+        &all,
+        &keyframes,
+        &medians,
+        settings.offset_share,
+        &settings.out,
+    )?;
     let n = keyframes.len().max(1) as u32;
     let mut lengths: Vec<f64> = all.iter().map(|(s, _)| s.length_px()).collect();
     lengths.sort_unstable_by(f64::total_cmp);
@@ -181,6 +192,50 @@ fn median_depth(samples: &[f32]) -> f64 {
     }
     let middle = known.len() / 2;
     f64::from(*known.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// Clusters the segments in their order and writes the representatives of those with at least three members.
+fn write_clusters(
+    all: &[(Segment, usize)],
+    keyframes: &[View],
+    medians: &[f64],
+    offset_share: f64,
+    out: &std::path::Path,
+) -> Result<(), AnyError> {
+    let mut sorted = medians.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
+    let options = ClusterOptions {
+        offset_share,
+        ..ClusterOptions::default()
+    };
+    let mut clusterer = SegmentClusterer::new(options, median)?;
+    let mut events = Vec::new();
+    let start = std::time::Instant::now();
+    for (segment, keyframe) in all {
+        clusterer.insert(
+            segment.ends_in_world(&keyframes[*keyframe].world_from_camera),
+            &mut events,
+        );
+    }
+    let elapsed = start.elapsed();
+    let mut text = String::new();
+    let mut count = 0;
+    for (_, cluster) in clusterer.clusters() {
+        for end in &cluster.representative.ends {
+            writeln!(text, "v {:.6} {:.6} {:.6}", end.x, end.y, end.z)?;
+        }
+        count += 1;
+        writeln!(text, "l {} {}", 2 * count - 1, 2 * count)?;
+    }
+    std::fs::write(out.join("clusters.obj"), text)?;
+    let members: u32 = clusterer.clusters().map(|(_, cluster)| cluster.size).sum();
+    eprintln!(
+        "{count} clusters of {members} segments (of {} clusters in all), {:.2?} a segment",
+        clusterer.all_clusters().count(),
+        elapsed / all.len().max(1) as u32
+    );
+    Ok(())
 }
 
 fn write_obj(

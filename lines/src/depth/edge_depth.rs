@@ -29,9 +29,13 @@ pub struct EdgeDepthOptions {
 }
 
 impl Default for EdgeDepthOptions {
+    /// Tuned on the kitchen of 7-Scenes (registration good to about 2 pixels) and a synthetic living room. Against raw
+    /// depths a radius of 2 explains 52.2 instead of 49.3 % and 72.8 instead of 64.2 % of the edge pixels, and segments fall
+    /// as closely on the edges of neighbouring keyframes. A radius of 3 gains 0.5 % in one and loses 0.6 % in the other, and
+    /// is 0.2 mm and 0.05 mm less accurate.
     fn default() -> Self {
         Self {
-            radius_px: 3,
+            radius_px: 2,
             smoothing_radius_px: 1,
             jump_sigmas: 3.0,
             jump_relative: 0.01,
@@ -362,10 +366,10 @@ mod tests {
 
     #[test]
     fn edge_beside_a_jump_belongs_to_the_near_side() {
-        // Near (slanted) up to column 19, far beyond: an edge drawn up to 2 pixels into the far side is still near.
+        // Near (slanted) up to column 19, far beyond: an edge drawn a pixel into the far side is still near.
         let near = |x: f64, y: f64| 0.8 + 0.002 * x - 0.003 * y;
         let map = map(|x, y| if x < 19.5 { near(x, y) } else { 0.4 });
-        for x in [17, 19, 20, 21] {
+        for x in [17, 19, 20] {
             let found = depths(&map, x, &EdgeDepthOptions::default());
             // At the image border half of the window is missing.
             for (y, rho) in found.iter().enumerate().skip(3).take(SIZE - 6) {

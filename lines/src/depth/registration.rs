@@ -40,6 +40,8 @@ struct Corner {
     x: f32,
     y: f32,
     rho: f32,
+    rho_in_depth: f32,
+    reach: f32,
 }
 
 /// Fills `map` (all unknown, of the size of the colour image) with the nearest surface along each pixel's ray.
@@ -150,6 +152,8 @@ impl ProjectedRow {
             x: self.x[x],
             y: self.y[x],
             rho: self.rho[x],
+            rho_in_depth: self.rho_in_depth[x],
+            reach: self.reach[x],
         }
     }
 }
@@ -157,18 +161,13 @@ impl ProjectedRow {
 /// Fills the cell of the columns x - 1 and x.
 ///
 /// ```text
-/// 0 - 1    A cell with one unknown corner, or a jump to it, is still a triangle.
+/// a - b    A cell with one unknown corner, or a jump to it, is still a triangle.
 /// | / |
-/// 2 - 3
+/// c - d
 /// ```
 fn fill_cell(above: &ProjectedRow, below: &ProjectedRow, x: usize, map: &mut InverseDepthMap) {
-    let corners = [
-        above.corner(x - 1),
-        above.corner(x),
-        below.corner(x - 1),
-        below.corner(x),
-    ];
-    let [a, b, c, d] = corners;
+    let (a, b) = (above.corner(x - 1), above.corner(x));
+    let (c, d) = (below.corner(x - 1), below.corner(x));
     // Most cells hold no pixel centre, or only one: look for it first.
     let columns = whole_numbers(
         a.x.min(b.x).min(c.x.min(d.x)),
@@ -183,35 +182,23 @@ fn fill_cell(above: &ProjectedRow, below: &ProjectedRow, x: usize, map: &mut Inv
     if columns.is_empty() || rows.is_empty() {
         return;
     }
-    let (known_b, known_c) = (b.rho > 0.0, c.rho > 0.0);
-    let triangles = if known_b && known_c {
-        [[0, 1, 2], [3, 2, 1]]
+    if b.rho > 0.0 && c.rho > 0.0 {
+        fill_triangle(&a, &b, &c, &columns, &rows, map);
+        fill_triangle(&d, &c, &b, &columns, &rows, map);
     } else {
-        [[1, 3, 0], [2, 0, 3]]
-    };
-    let in_depth = [
-        above.rho_in_depth[x - 1],
-        above.rho_in_depth[x],
-        below.rho_in_depth[x - 1],
-        below.rho_in_depth[x],
-    ];
-    let reach = [
-        above.reach[x - 1],
-        above.reach[x],
-        below.reach[x - 1],
-        below.reach[x],
-    ];
-    for triangle in triangles {
-        let [a, b, c] = triangle.map(|i: usize| corners[i]);
-        if a.rho > 0.0 && b.rho > 0.0 && c.rho > 0.0 {
-            let [p, q, r] = triangle.map(|i| in_depth[i]);
-            let spread = p.max(q).max(r) - p.min(q).min(r);
-            let [p, q, r] = triangle.map(|i| reach[i]);
-            if spread <= p.max(q).max(r) {
-                fill_triangle(&a, &b, &c, &columns, &rows, map);
-            }
-        }
+        fill_triangle(&b, &d, &a, &columns, &rows, map);
+        fill_triangle(&c, &a, &d, &columns, &rows, map);
     }
+}
+
+/// Whether three neighbouring depth pixels are known and may belong to one surface.
+fn is_surface(a: &Corner, b: &Corner, c: &Corner) -> bool {
+    if a.rho <= 0.0 || b.rho <= 0.0 || c.rho <= 0.0 {
+        return false;
+    }
+    let nearest = a.rho_in_depth.max(b.rho_in_depth).max(c.rho_in_depth);
+    let farthest = a.rho_in_depth.min(b.rho_in_depth).min(c.rho_in_depth);
+    nearest - farthest <= a.reach.max(b.reach).max(c.reach)
 }
 
 /// The whole numbers within a range, limited to `0..count`; none when an end is NaN (all corners are unknown).
@@ -236,6 +223,9 @@ fn fill_triangle(
     rows: &std::ops::Range<usize>,
     map: &mut InverseDepthMap,
 ) {
+    if !is_surface(a, b, c) {
+        return;
+    }
     let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
     if area == 0.0 || !area.is_finite() {
         return;

@@ -54,12 +54,15 @@ pub struct FitOptions {
 }
 
 impl Default for FitOptions {
+    /// The paper's shares; the rest was tuned on the kitchen of 7-Scenes and a synthetic living room (48 and 18
+    /// keyframes). The gate: 0 explains 44.5 and 68.0 % of the edge pixels, 3 explains 54.4 and 73.0 %, at mean distances from
+    /// the surface of 10.5 and 3.95 mm against 11.0 and 3.94 mm (that of all depths at edge pixels is 10.6 and 3.5 mm).
     fn default() -> Self {
         Self {
             window_share: 0.02,
             image_tolerance_share: 0.002,
             depth_tolerance_share: 0.003,
-            depth_gate_sigmas: 2.0,
+            depth_gate_sigmas: 3.0,
             depth_model: DepthModel::InverseDepth,
             subpixel: true,
             refit_while_growing: true,
