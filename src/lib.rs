@@ -4,11 +4,16 @@
 //! [`keyframes`] chooses among them, the crates `linecarve-lines` and `linecarve-carving` find segments and carve,
 //! [`mesh`] writes what comes out, [`render`] draws it, [`synth`] makes sequences with exact ground truth.
 
+pub mod cli;
+pub mod commands;
 pub mod files;
 pub mod keyframes;
 pub mod mesh;
+pub mod pipeline;
+pub mod progress;
 pub mod raycast;
 pub mod render;
+pub mod report;
 pub mod sequence;
 mod srgb;
 pub mod synth;

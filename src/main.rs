@@ -1,3 +1,23 @@
-//! The `linecarve` program.
+//! The `linecarve` program: parses the command line, runs a command, turns its outcome into an exit status.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::Parser;
+use linecarve::cli::Cli;
+use linecarve::commands::{self, Outcome};
+
+fn main() -> ExitCode {
+    // clap ends the process itself on bad usage, with status 2, and on --help and --version, with status 0.
+    let cli = Cli::parse();
+    match commands::run(&cli) {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Negative(reason)) => {
+            eprintln!("linecarve: {reason}");
+            ExitCode::from(1)
+        }
+        Err(error) => {
+            eprintln!("linecarve: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! The command line: names, options and help texts, nothing that acts.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::synth::{SceneKind, SequenceLayout};
+
+/// Turns posed keyframes into a surface by carving free space with 3D line segments.
+///
+/// Exit status: 0 done, 1 ran but the result is empty or negative, 2 bad usage or input.
+#[derive(Debug, Parser)]
+#[command(name = "linecarve", version, max_term_width = 110)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+
+    /// More lines on standard error: what was assumed, what was left out and why. Twice: also what each stage does.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+
+    /// Nothing on standard error but errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+
+    /// Worker threads; the results do not depend on it. Default: one per core.
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<usize>,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Sequence in, surface out: one update and one file per keyframe, the final mesh, segments, picture, report.
+    Reconstruct(ReconstructArgs),
+    /// Only the 3D line segments of a sequence and their clusters.
+    Lines(LinesArgs),
+    /// What a sequence holds, which conventions are assumed for it, and whether its own images agree with them.
+    Info(InfoArgs),
+    /// Render a procedural scene to a posed RGB-D sequence with its ground-truth mesh.
+    Synth(SynthArgs),
+    /// Draw a mesh, and lines over it, to a PNG: from outside, from a frame's view, or from any point.
+    Render(RenderArgs),
+}
+
+/// Where a sequence lies and how to read it.
+#[derive(Debug, Args)]
+pub struct SequenceArgs {
+    /// Folder of the sequence; its layout is recognised by what lies in it (`linecarve info` tells).
+    pub sequence: PathBuf,
+
+    /// Calibration in place of what the layout says; default: `linecarve.toml` in the folder, when there is one.
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+}
+
+/// Which frames become keyframes.
+#[derive(Debug, Args)]
+pub struct KeyframeArgs {
+    /// Take every N-th frame in place of choosing by motion.
+    #[arg(long, value_name = "N", conflicts_with_all = ["keyframes", "min_translation", "min_rotation"])]
+    pub every: Option<usize>,
+
+    /// Take the frames that this file names, one name or index a line.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_translation", "min_rotation"])]
+    pub keyframes: Option<PathBuf>,
+
+    /// A new keyframe after this much motion, in units of the poses; default: a share of the median scene depth.
+    #[arg(long, value_name = "LENGTH")]
+    pub min_translation: Option<f64>,
+
+    /// A new keyframe after this much rotation.
+    #[arg(long, value_name = "DEGREES")]
+    pub min_rotation: Option<f64>,
+
+    /// Among this many frames the sharpest becomes the keyframe; 1 takes the first that has moved enough.
+    #[arg(long, value_name = "N", conflicts_with_all = ["every", "keyframes"])]
+    pub sharpness_window: Option<usize>,
+
+    /// Stop after this many keyframes.
+    #[arg(long, value_name = "N")]
+    pub max_keyframes: Option<usize>,
+}
+
+/// Options that both `reconstruct` and `lines` have.
+#[derive(Debug, Args)]
+pub struct StageArgs {
+    /// Where depth comes from.
+    #[arg(long, value_enum, default_value_t = DepthSource::Auto)]
+    pub depth: DepthSource,
+
+    /// TOML file with the parameters of the stages; flags win over it. `report.json` of a run holds them all.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+
+    /// Formats of meshes and lines.
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Format::Glb, Format::Obj, Format::Ply])]
+    pub format: Vec<Format>,
+
+    /// One JSON object about the run on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `reconstruct`.
+#[derive(Debug, Args)]
+pub struct ReconstructArgs {
+    /// Which sequence.
+    #[command(flatten)]
+    pub input: SequenceArgs,
+
+    /// Folder for everything that comes out; made when missing.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+
+    /// Which keyframes.
+    #[command(flatten)]
+    pub selection: KeyframeArgs,
+
+    /// Stages and formats.
+    #[command(flatten)]
+    pub stages: StageArgs,
+
+    /// Leave out the surface of every single keyframe (`keyframes/NNNNNN.glb`).
+    #[arg(long)]
+    pub final_only: bool,
+
+    /// Leave out the picture.
+    #[arg(long)]
+    pub no_picture: bool,
+}
+
+/// Arguments of `lines`.
+#[derive(Debug, Args)]
+pub struct LinesArgs {
+    /// Which sequence.
+    #[command(flatten)]
+    pub input: SequenceArgs,
+
+    /// Folder for everything that comes out; made when missing.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+
+    /// Which keyframes.
+    #[command(flatten)]
+    pub selection: KeyframeArgs,
+
+    /// Stages and formats.
+    #[command(flatten)]
+    pub stages: StageArgs,
+}
+
+/// Arguments of `info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// Which sequence.
+    #[command(flatten)]
+    pub input: SequenceArgs,
+
+    /// One JSON object on standard output in place of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Where depth comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DepthSource {
+    /// The sensor's, which the sequence must then have.
+    Auto,
+    /// The sensor's.
+    Sensor,
+}
+
+/// File formats of meshes and lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub enum Format {
+    /// glTF 2.0, binary, +Y up.
+    Glb,
+    /// Wavefront OBJ in the frame of the poses.
+    Obj,
+    /// Binary PLY in the frame of the poses.
+    Ply,
+}
+
+/// Arguments of `synth`.
+#[derive(Debug, Args)]
+pub struct SynthArgs {
+    /// The scene.
+    #[arg(value_enum, default_value_t = SceneKind::Room)]
+    pub scene: SceneKind,
+
+    /// Folder for the sequence and its ground truth; must be empty or missing.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+
+    /// Number of frames, spread evenly over the path.
+    #[arg(long, value_name = "N", default_value_t = 36)]
+    pub frames: u32,
+
+    /// Image size.
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = parse_size)]
+    pub size: (u32, u32),
+
+    /// Focal length in pixels; default: that of a 640 pixel wide image with 525.
+    #[arg(long, value_name = "PIXELS")]
+    pub focal: Option<f64>,
+
+    /// Layout of the files.
+    #[arg(long, value_enum, default_value_t = SequenceLayout::Tum)]
+    pub layout: SequenceLayout,
+
+    /// Write colour as JPEG of this quality (1 to 100) in place of PNG.
+    #[arg(long, value_name = "QUALITY")]
+    pub jpeg_quality: Option<u8>,
+
+    /// Errors of the depth camera.
+    #[arg(long, value_enum, default_value_t = NoiseModel::None)]
+    pub noise: NoiseModel,
+
+    /// How strong those errors are; 1 is the sensor as modelled.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub noise_strength: f64,
+
+    /// Standard deviation of the noise of colour images, in 8-bit steps.
+    #[arg(long, value_name = "STEPS", default_value_t = 0.0)]
+    pub color_noise: f64,
+
+    /// Largest relative change of the exposure along the path.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub exposure_change: f64,
+
+    /// Seed of path and errors.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Errors of the depth camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum NoiseModel {
+    /// Exact up to the resolution of the files.
+    None,
+    /// Structured light: disparity noise and steps, dropouts at edges, a largest range.
+    Kinect,
+}
+
+/// Arguments of `render`.
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// Mesh to draw, as OBJ.
+    pub mesh: PathBuf,
+
+    /// Lines to draw over it, as OBJ with `l` elements.
+    #[arg(long, value_name = "FILE.obj")]
+    pub lines: Option<PathBuf>,
+
+    /// The picture.
+    #[arg(long, value_name = "FILE.png")]
+    pub out: PathBuf,
+
+    /// Draw what a frame of this sequence saw. Without a sequence and without --eye: the mesh from outside and above,
+    /// faces that turn away left out.
+    #[arg(long, value_name = "DIR")]
+    pub sequence: Option<PathBuf>,
+
+    /// Which frame of the sequence, by name or index.
+    #[arg(long, value_name = "NAME", requires = "sequence", default_value = "0")]
+    pub frame: String,
+
+    /// Calibration in place of what the layout says.
+    #[arg(long, value_name = "FILE", requires = "sequence")]
+    pub calibration: Option<PathBuf>,
+
+    /// Draw from this point.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, conflicts_with = "sequence", requires = "target")]
+    pub eye: Option<[f64; 3]>,
+
+    /// Look at this point.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "eye")]
+    pub target: Option<[f64; 3]>,
+
+    /// Which way is up, for views that no sequence gives.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, default_value = "0,-1,0")]
+    pub up: [f64; 3],
+
+    /// Vertical field of view of --eye.
+    #[arg(long, value_name = "DEGREES", default_value_t = 60.0)]
+    pub field_of_view: f64,
+
+    /// Size of the picture, for views that no sequence gives.
+    #[arg(long, value_name = "WxH", default_value = "1280x960", value_parser = parse_size)]
+    pub size: (u32, u32),
+}
+
+/// `1,2.5,-3` as a point.
+fn parse_point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|part| part.trim().parse().unwrap_or(f64::NAN))
+        .collect();
+    match <[f64; 3]>::try_from(numbers) {
+        Ok(point) if point.iter().all(|number| number.is_finite()) => Ok(point),
+        _ => Err("write it as X,Y,Z, for example 0,-1.5,2".to_owned()),
+    }
+}
+
+/// `640x480` as width and height.
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let parts: Vec<&str> = text.split(['x', 'X']).collect();
+    let [width, height] = parts[..] else {
+        return Err("write it as WIDTHxHEIGHT, for example 640x480".to_owned());
+    };
+    let parse = |part: &str| match part.trim().parse::<u32>() {
+        Ok(length @ 16..=8192) => Ok(length),
+        _ => Err(format!("{part}: width and height lie between 16 and 8192")),
+    };
+    Ok((parse(width)?, parse(height)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn points_have_three_finite_numbers() {
+        assert_eq!(parse_point("1, -2.5,3"), Ok([1.0, -2.5, 3.0]));
+        for bad in ["1,2", "1,2,3,4", "1,2,x", "1,2,inf"] {
+            assert!(parse_point(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn sizes_have_two_sides_within_bounds() {
+        assert_eq!(parse_size("640x480"), Ok((640, 480)));
+        for bad in ["640", "640x", "8x8", "640x480x3", "-1x5"] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+    }
+}

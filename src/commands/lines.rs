@@ -1,0 +1,68 @@
+//! `linecarve lines`: the segments of a sequence and their clusters.
+
+use std::time::Instant;
+
+use crate::cli::LinesArgs;
+use crate::commands::Outcome;
+use crate::commands::output::{OutputFolder, write_lines};
+use crate::commands::run_report::{RunLog, keyframe_report};
+use crate::commands::sequence::prepare;
+use crate::pipeline;
+use crate::pipeline::segment_map::SegmentMap;
+use crate::progress::{Progress, Verbosity};
+use crate::report::milliseconds;
+
+pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let started = Instant::now();
+    let mut output = OutputFolder::create(&args.out)?;
+    let prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;
+    let mut map = SegmentMap::new(prepared.options.cluster, prepared.median_depth)?;
+    let mut log = RunLog::new("lines", &prepared, verbosity);
+    let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);
+    pipeline::run(
+        &prepared.sequence,
+        &prepared.sensor,
+        &prepared.keyframes,
+        prepared.options.extract(),
+        |_, keyframe| -> anyhow::Result<()> {
+            let Some(mut keyframe) = log.accept(keyframe, &progress)? else {
+                progress.step(String::new);
+                return Ok(());
+            };
+            keyframe.world_from_camera.translation.vector -= prepared.origin;
+            let clustering = Instant::now();
+            map.push(&keyframe);
+            let mut report = keyframe_report(&keyframe, &prepared.sequence);
+            report.milliseconds.cluster = milliseconds(clustering.elapsed());
+            report.clusters = map.cluster_count();
+            log.push(report);
+            progress.step(|| format!("{} segments", map.segment_count()));
+            Ok(())
+        },
+    )?;
+    progress.finish();
+    log.demand_a_keyframe()?;
+
+    let mut segments = map.segments();
+    let mut clusters = map.clusters();
+    segments.translate(&prepared.origin);
+    clusters.translate(&prepared.origin);
+    if segments.is_empty() {
+        let reason = log.reason_for_nothing();
+        log.write(&mut output, started, args.stages.json)?;
+        return Ok(Outcome::Negative(format!("no segment was found: {reason}")));
+    }
+    for (name, lines) in [("segments", &segments), ("clusters", &clusters)] {
+        write_lines(
+            &mut output,
+            name,
+            lines,
+            &args.stages.format,
+            &prepared.origin,
+        )?;
+    }
+    log.result().segments = segments.lines.len();
+    log.result().clusters = clusters.lines.len();
+    log.write(&mut output, started, args.stages.json)?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,54 @@
+//! The commands, one file each: they read options, run the library and print; the work itself is elsewhere.
+
+mod info;
+mod lines;
+mod output;
+mod picture;
+mod reconstruct;
+mod render;
+mod run_report;
+mod sequence;
+mod synth;
+
+use anyhow::Context;
+
+use crate::cli::{Cli, Command};
+use crate::progress::Verbosity;
+
+/// How a command that ran to its end came out.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Outcome {
+    /// It has a result.
+    Done,
+    /// It ran, but the result is empty or negative, for this reason.
+    Negative(String),
+}
+
+/// Runs the command that `cli` names.
+///
+/// # Errors
+/// On bad input or options, or when an output cannot be written; the chain of messages names the file and the remedy.
+pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
+    let verbosity = match (cli.quiet, cli.verbose) {
+        (true, _) => Verbosity::Quiet,
+        (false, 0) => Verbosity::Normal,
+        (false, _) => Verbosity::Verbose,
+    };
+    if let Some(threads) = cli.threads {
+        anyhow::ensure!(
+            threads > 0,
+            "--threads 0: give at least one, or leave the option out for one per core"
+        );
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .context("cannot start the worker threads")?;
+    }
+    match &cli.command {
+        Command::Reconstruct(args) => reconstruct::run(args, verbosity),
+        Command::Lines(args) => lines::run(args, verbosity),
+        Command::Info(args) => info::run(args, verbosity),
+        Command::Synth(args) => synth::run(args, verbosity),
+        Command::Render(args) => render::run(args),
+    }
+}

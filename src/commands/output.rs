@@ -1,0 +1,137 @@
+//! The output folder, and meshes and lines in the formats asked for.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+
+use nalgebra::Vector3;
+
+use crate::cli::Format;
+use crate::mesh::{
+    Geometry, GlbPart, LineSet, TriangleMesh, write_glb, write_lines_obj, write_lines_ply,
+    write_mesh_obj, write_mesh_ply,
+};
+
+/// A folder that results go to, and the names of the files that went there.
+pub(super) struct OutputFolder {
+    root: PathBuf,
+    written: Vec<String>,
+}
+
+impl OutputFolder {
+    /// Makes the folder when it is missing and proves that files can be made in it, before any work is spent.
+    pub(super) fn create(root: &Path) -> anyhow::Result<Self> {
+        let remedy = || {
+            format!(
+                "cannot write to the output folder {}: choose another with --out, or make it writable",
+                root.display()
+            )
+        };
+        std::fs::create_dir_all(root).with_context(remedy)?;
+        tempfile::NamedTempFile::new_in(root).with_context(remedy)?;
+        Ok(Self {
+            root: root.to_owned(),
+            written: Vec::new(),
+        })
+    }
+
+    /// A folder inside, made when it is missing.
+    pub(super) fn subfolder(&self, name: &str) -> anyhow::Result<PathBuf> {
+        let path = self.root.join(name);
+        std::fs::create_dir_all(&path)
+            .with_context(|| format!("cannot make the folder {}", path.display()))?;
+        Ok(path)
+    }
+
+    /// The path of a file that is about to be written; `name` is remembered.
+    pub(super) fn file(&mut self, name: &str) -> PathBuf {
+        self.written.push(name.to_owned());
+        self.root.join(name)
+    }
+
+    /// The folder itself.
+    pub(super) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Names of the files so far, in the order of writing.
+    pub(super) fn written(&self) -> &[String] {
+        &self.written
+    }
+}
+
+/// Colour of meshes that have none of their own.
+pub(super) const CLAY: [u8; 3] = [214, 206, 192];
+/// Colour of segments.
+pub(super) const SEGMENT: [u8; 3] = [222, 88, 40];
+/// Colour of clusters.
+pub(super) const CLUSTER: [u8; 3] = [32, 96, 200];
+
+/// Writes lines as `<name>.<extension>` in each of the formats.
+pub(super) fn write_lines(
+    output: &mut OutputFolder,
+    name: &str,
+    lines: &LineSet,
+    formats: &[Format],
+    origin: &Vector3<f64>,
+) -> anyhow::Result<()> {
+    for format in distinct(formats) {
+        let path = output.file(&format!("{name}.{}", extension(format)));
+        match format {
+            Format::Glb => {
+                let part = GlbPart {
+                    name,
+                    geometry: Geometry::Lines(lines),
+                    color: SEGMENT,
+                };
+                write_glb(&path, &[part], origin)?;
+            }
+            Format::Obj => write_lines_obj(&path, lines)?,
+            Format::Ply => write_lines_ply(&path, lines)?,
+        }
+    }
+    Ok(())
+}
+
+/// Writes a mesh as `<name>.<extension>` in each of the formats.
+pub(super) fn write_mesh(
+    output: &mut OutputFolder,
+    name: &str,
+    mesh: &TriangleMesh,
+    formats: &[Format],
+    origin: &Vector3<f64>,
+) -> anyhow::Result<()> {
+    for format in distinct(formats) {
+        let path = output.file(&format!("{name}.{}", extension(format)));
+        match format {
+            Format::Glb => {
+                let part = GlbPart {
+                    name: "surface",
+                    geometry: Geometry::Mesh(mesh),
+                    color: CLAY,
+                };
+                write_glb(&path, &[part], origin)?;
+            }
+            Format::Obj => write_mesh_obj(&path, mesh)?,
+            Format::Ply => write_mesh_ply(&path, mesh)?,
+        }
+    }
+    Ok(())
+}
+
+/// The formats asked for, each once, in a fixed order.
+fn distinct(asked: &[Format]) -> Vec<Format> {
+    let mut formats = asked.to_vec();
+    formats.sort_unstable();
+    formats.dedup();
+    formats
+}
+
+/// The file name extension of a format.
+fn extension(format: Format) -> &'static str {
+    match format {
+        Format::Glb => "glb",
+        Format::Obj => "obj",
+        Format::Ply => "ply",
+    }
+}

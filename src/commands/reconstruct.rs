@@ -1,0 +1,233 @@
+//! `linecarve reconstruct`: sequence in, surface out.
+
+use std::time::Instant;
+
+use anyhow::Context;
+use nalgebra::{Isometry3, Vector3};
+
+use crate::cli::{Format, ReconstructArgs};
+use crate::commands::Outcome;
+use crate::commands::output::{OutputFolder, write_lines, write_mesh};
+use crate::commands::picture::{Shot, write_overview};
+use crate::commands::run_report::{RunLog, keyframe_report};
+use crate::commands::sequence::{Prepared, prepare};
+use crate::mesh::{Geometry, GlbPart, LineSet, TriangleMesh, write_glb};
+use crate::pipeline::{self, BackEnd, Keyframe};
+use crate::progress::{Progress, Verbosity};
+use crate::report::{KeyframeReport, milliseconds};
+
+pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let started = Instant::now();
+    let mut output = OutputFolder::create(&args.out)?;
+    let prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;
+    let mut log = RunLog::new("reconstruct", &prepared, verbosity);
+    let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);
+    let mut map = BackEnd::new(
+        &prepared.options,
+        prepared.sequence.color_camera(),
+        prepared.sensor.noise,
+        prepared.median_depth,
+    )?;
+    let mut path = CameraPath::default();
+    let growth = if args.final_only {
+        None
+    } else {
+        Some(output.subfolder(GROWTH)?)
+    };
+
+    pipeline::run(
+        &prepared.sequence,
+        &prepared.sensor,
+        &prepared.keyframes,
+        prepared.options.extract(),
+        |_, keyframe| -> anyhow::Result<()> {
+            let Some(mut keyframe) = log.accept(keyframe, &progress)? else {
+                progress.step(String::new);
+                return Ok(());
+            };
+            keyframe.world_from_camera.translation.vector -= prepared.origin;
+            let mut report = keyframe_report(&keyframe, &prepared.sequence);
+            add_to_map(&mut map, &keyframe, &mut report)?;
+            if growth.is_some() {
+                let name = format!("{GROWTH}/{:06}.glb", path.poses.len());
+                write_growth(&mut output, &name, &map, &prepared.origin, &mut report)?;
+            }
+            path.push(&keyframe);
+            progress.step(|| {
+                format!(
+                    "{} segments, {} points, {} triangles",
+                    map.segments().segment_count(),
+                    map.carver().point_count(),
+                    map.carver().triangle_count()
+                )
+            });
+            log.push(report);
+            Ok(())
+        },
+    )?;
+    progress.finish();
+    log.demand_a_keyframe()?;
+
+    let mesh = map.surface();
+    let result = log.result();
+    result.segments = map.segments().segment_count();
+    result.clusters = map.segments().cluster_count();
+    result.points = map.carver().point_count();
+    result.rays = map.carver().ray_count();
+    result.cells = map.carver().tetrahedra().finite_cell_count();
+    result.vertices = mesh.positions.len();
+    result.triangles = mesh.triangles.len();
+    write_results(args, &prepared, &map, mesh, &path, &mut output, verbosity)?;
+
+    let outcome = if map.surface().is_empty() {
+        Outcome::Negative(format!("the mesh is empty: {}", log.reason_for_nothing()))
+    } else {
+        Outcome::Done
+    };
+    log.write(&mut output, started, args.stages.json)?;
+    Ok(outcome)
+}
+
+/// Folder of the surfaces after each keyframe.
+const GROWTH: &str = "keyframes";
+
+/// Where the camera was, and which keyframe saw most.
+#[derive(Default)]
+struct CameraPath {
+    poses: Vec<Isometry3<f64>>,
+    richest: Option<Richest>,
+}
+
+struct Richest {
+    segments: usize,
+    frame: usize,
+    world_from_camera: Isometry3<f64>,
+}
+
+impl CameraPath {
+    fn push(&mut self, keyframe: &Keyframe) {
+        self.poses.push(keyframe.world_from_camera);
+        let segments = keyframe.segments.len();
+        if self
+            .richest
+            .as_ref()
+            .is_none_or(|richest| segments > richest.segments)
+        {
+            self.richest = Some(Richest {
+                segments,
+                frame: keyframe.frame,
+                world_from_camera: keyframe.world_from_camera,
+            });
+        }
+    }
+}
+
+/// Joins a keyframe to the map and notes what that did.
+fn add_to_map(
+    map: &mut BackEnd,
+    keyframe: &Keyframe,
+    report: &mut KeyframeReport,
+) -> anyhow::Result<()> {
+    let update = map.push(keyframe)?;
+    report.clusters = map.segments().cluster_count();
+    report.new_points = update.new_points;
+    report.observed_again = update.observed_again;
+    report.rays = map.carver().ray_count();
+    report.cells = map.carver().tetrahedra().finite_cell_count();
+    report.changed_triangles = update.changed_triangles;
+    report.triangles = map.carver().triangle_count();
+    report.milliseconds.cluster = milliseconds(update.clustering);
+    report.milliseconds.points = milliseconds(update.matching);
+    report.milliseconds.carve = milliseconds(update.carving);
+    Ok(())
+}
+
+/// Writes the surface as it stands after a keyframe.
+fn write_growth(
+    output: &mut OutputFolder,
+    name: &str,
+    map: &BackEnd,
+    origin: &Vector3<f64>,
+    report: &mut KeyframeReport,
+) -> anyhow::Result<()> {
+    let start = Instant::now();
+    let mut surface = map.surface();
+    surface.translate(origin);
+    let extracted = start.elapsed();
+    let part = GlbPart {
+        name: "surface",
+        geometry: Geometry::Mesh(&surface),
+        color: super::output::CLAY,
+    };
+    write_glb(&output.file(name), &[part], origin)?;
+    report.milliseconds.surface = milliseconds(extracted);
+    report.milliseconds.write = milliseconds(start.elapsed() - extracted);
+    Ok(())
+}
+
+/// Writes everything that comes at the end but the report.
+fn write_results(
+    args: &ReconstructArgs,
+    prepared: &Prepared,
+    map: &BackEnd,
+    mut mesh: TriangleMesh,
+    path: &CameraPath,
+    output: &mut OutputFolder,
+    verbosity: Verbosity,
+) -> anyhow::Result<()> {
+    let (mut segments, mut clusters) = (map.segments().segments(), map.segments().clusters());
+    // The picture is drawn before the shift is taken back: rays want coordinates near zero.
+    if !args.no_picture
+        && let Some(richest) = &path.richest
+    {
+        let shot = Shot {
+            sequence: &prepared.sequence,
+            frame: richest.frame,
+            world_from_camera: richest.world_from_camera,
+            poses: &path.poses,
+        };
+        write_overview(
+            &output.file("picture.png"),
+            &mesh,
+            &clusters,
+            &shot,
+            verbosity,
+        )
+        .context("the picture could not be made (--no-picture leaves it out)")?;
+    }
+    mesh.translate(&prepared.origin);
+    segments.translate(&prepared.origin);
+    clusters.translate(&prepared.origin);
+    let formats = &args.stages.format;
+    write_mesh(output, "mesh", &mesh, formats, &prepared.origin)?;
+    for (name, lines) in [("segments", &segments), ("clusters", &clusters)] {
+        write_lines(output, name, lines, formats, &prepared.origin)?;
+    }
+    if formats.contains(&Format::Glb) {
+        write_scene(output, &mesh, &segments, &clusters, &prepared.origin)?;
+    }
+    Ok(())
+}
+
+/// Mesh, segments and clusters as three nodes of one file.
+fn write_scene(
+    output: &mut OutputFolder,
+    mesh: &TriangleMesh,
+    segments: &LineSet,
+    clusters: &LineSet,
+    origin: &Vector3<f64>,
+) -> anyhow::Result<()> {
+    use super::output::{CLAY, CLUSTER, SEGMENT};
+    let part = |name, geometry, color| GlbPart {
+        name,
+        geometry,
+        color,
+    };
+    let parts = [
+        part("surface", Geometry::Mesh(mesh), CLAY),
+        part("segments", Geometry::Lines(segments), SEGMENT),
+        part("clusters", Geometry::Lines(clusters), CLUSTER),
+    ];
+    write_glb(&output.file("scene.glb"), &parts, origin)?;
+    Ok(())
+}

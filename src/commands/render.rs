@@ -1,0 +1,90 @@
+//! `linecarve render`: a picture of a mesh, and of lines over it.
+
+use anyhow::{Context, ensure};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use crate::cli::RenderArgs;
+use crate::commands::Outcome;
+use crate::mesh::{TriangleMesh, read_obj};
+use crate::render::{BackFaces, RenderOptions, Renderer, View, up_direction, write_png};
+use crate::sequence::{OpenOptions, Sequence};
+
+pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
+    let mesh = read_obj(&args.mesh)?.mesh;
+    let lines = match &args.lines {
+        Some(path) => Some(read_obj(path)?.lines),
+        None => None,
+    };
+    let mut options = RenderOptions::default();
+    let view = if let Some(folder) = &args.sequence {
+        let open = OpenOptions {
+            calibration: args.calibration.clone(),
+        };
+        view_of_frame(&Sequence::open(folder, &open)?, &args.frame)?
+    } else if let (Some(eye), Some(target)) = (args.eye, args.target) {
+        view_from(eye, target, args)?
+    } else {
+        options.back_faces = BackFaces::Hidden;
+        let Some(view) = outside_view(&mesh, args) else {
+            return Ok(Outcome::Negative(format!(
+                "{} has no triangle to draw",
+                args.mesh.display()
+            )));
+        };
+        view
+    };
+    let picture = Renderer::new(&mesh).draw(lines.as_ref(), &view, &options, &|_, _| {})?;
+    write_png(&args.out, &picture)?;
+    Ok(Outcome::Done)
+}
+
+/// What a frame, given by name or index, saw.
+fn view_of_frame(sequence: &Sequence, wanted: &str) -> anyhow::Result<View> {
+    let frames = sequence.frames();
+    let index = frames
+        .iter()
+        .position(|frame| frame.name == wanted)
+        .or_else(|| wanted.parse().ok())
+        .filter(|index| *index < frames.len())
+        .with_context(|| {
+            format!(
+                "--frame {wanted}: neither a name (such as {}) nor an index below {}",
+                frames.first().map_or("", |frame| &frame.name),
+                frames.len()
+            )
+        })?;
+    let poses: Vec<Isometry3<f64>> = frames.iter().map(|frame| frame.world_from_camera).collect();
+    let size = sequence.color_size();
+    Ok(View::from_keyframe(
+        sequence.color_camera(),
+        size.width,
+        size.height,
+        poses[index],
+        up_direction(&poses),
+    ))
+}
+
+fn view_from(eye: [f64; 3], target: [f64; 3], args: &RenderArgs) -> anyhow::Result<View> {
+    ensure!(eye != target, "--eye and --target are the same point");
+    ensure!(
+        args.field_of_view > 0.0 && args.field_of_view < 170.0,
+        "--field-of-view {}: give an angle between 0 and 170 degrees",
+        args.field_of_view
+    );
+    let view = View::look_at(
+        &Point3::from(eye),
+        &Point3::from(target),
+        &Vector3::from(args.up),
+        args.size,
+        args.field_of_view.to_radians(),
+    )?;
+    Ok(view)
+}
+
+/// From outside and above, where "above" is what `--up` says: as seen by cameras that were held so.
+fn outside_view(mesh: &TriangleMesh, args: &RenderArgs) -> Option<View> {
+    let upright = UnitQuaternion::rotation_between(&-Vector3::y(), &Vector3::from(args.up))
+        .unwrap_or_else(|| UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::PI));
+    let pose = Isometry3::from_parts(Vector3::zeros().into(), upright);
+    View::dollhouse(mesh, &[pose], args.size)
+}

@@ -1,0 +1,155 @@
+//! What `reconstruct` and `lines` do first: open the sequence, choose keyframes, set up the depth camera.
+
+use anyhow::{Context, bail};
+use linecarve_lines::depth::{DepthSensor, SensorNoise};
+use nalgebra::Vector3;
+
+use crate::cli::{KeyframeArgs, SequenceArgs, StageArgs};
+use crate::keyframes;
+use crate::pipeline::Options;
+use crate::pipeline::scale::median_scene_depth;
+use crate::progress::{Progress, Verbosity};
+use crate::sequence::{OpenOptions, Sequence};
+
+/// A sequence that is ready to be worked on.
+pub(super) struct Prepared {
+    pub(super) sequence: Sequence,
+    pub(super) options: Options,
+    /// Indices of the chosen frames.
+    pub(super) keyframes: Vec<usize>,
+    pub(super) sensor: DepthSensor,
+    /// Median depth of the scene in units of the poses.
+    pub(super) median_depth: f64,
+    /// Taken off all coordinates while computing.
+    pub(super) origin: Vector3<f64>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Opens a sequence.
+pub(super) fn open(args: &SequenceArgs) -> anyhow::Result<Sequence> {
+    let options = OpenOptions {
+        calibration: args.calibration.clone(),
+    };
+    Ok(Sequence::open(&args.sequence, &options)?)
+}
+
+/// Opens a sequence and prepares everything that comes before its first keyframe.
+pub(super) fn prepare(
+    input: &SequenceArgs,
+    selection: &KeyframeArgs,
+    stages: &StageArgs,
+    verbosity: Verbosity,
+) -> anyhow::Result<Prepared> {
+    let mut options = match &stages.config {
+        Some(path) => Options::read(path)?,
+        None => Options::default(),
+    };
+    let sequence = open(input)?;
+    let mut warnings: Vec<String> = sequence
+        .warnings()
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    let Some(calibration) = sequence.depth_calibration() else {
+        bail!(
+            "{} has no depth images (layout {}): this version needs a depth camera; give a sequence with one",
+            input.sequence.display(),
+            sequence.layout()
+        );
+    };
+    let all: Vec<usize> = (0..sequence.frames().len()).collect();
+    let median_depth = median_scene_depth(&sequence, &all)?.with_context(|| {
+        format!(
+            "{}: none of the depth images looked at holds a depth: are they the right files?",
+            input.sequence.display()
+        )
+    })?;
+    let sensor = DepthSensor {
+        camera: calibration.camera.clone(),
+        color_from_depth: calibration.color_from_depth,
+        is_registered: calibration.registered,
+        noise: SensorNoise::relative_at(
+            options.sensor.relative_noise,
+            median_depth,
+            1.0 / calibration.scale,
+        ),
+    };
+    let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
+    let origin = origin_of(&sequence, &keyframes, median_depth);
+    if origin != Vector3::zeros() {
+        warnings.push(format!(
+            "coordinates lie far from zero: computed relative to ({}, {}, {})",
+            origin.x, origin.y, origin.z
+        ));
+    }
+    Ok(Prepared {
+        options,
+        keyframes,
+        sensor,
+        median_depth,
+        origin,
+        warnings,
+        sequence,
+    })
+}
+
+/// Camera positions further from zero than this many median depths are computed on after a shift: an `f32` then still
+/// resolves a few millionths of the depth.
+const FAR_FROM_ZERO: f64 = 1000.0;
+
+/// The shift that is taken off all coordinates: zero, or the first keyframe's position in whole units.
+fn origin_of(sequence: &Sequence, keyframes: &[usize], median_depth: f64) -> Vector3<f64> {
+    let positions = || {
+        keyframes.iter().map(|frame| {
+            sequence.frames()[*frame]
+                .world_from_camera
+                .translation
+                .vector
+        })
+    };
+    let farthest = positions()
+        .map(|position| position.amax())
+        .fold(0.0, f64::max);
+    match positions().next() {
+        Some(first) if farthest > FAR_FROM_ZERO * median_depth => first.map(f64::round),
+        _ => Vector3::zeros(),
+    }
+}
+
+/// The keyframes that the options ask for; what the flags say goes into `options`, so that the report tells it.
+fn choose(
+    sequence: &Sequence,
+    selection: &KeyframeArgs,
+    options: &mut Options,
+    median_depth: f64,
+    verbosity: Verbosity,
+) -> anyhow::Result<Vec<usize>> {
+    let chosen = &mut options.keyframes;
+    chosen.translation = selection.min_translation.or(chosen.translation);
+    chosen.rotation_degrees = selection.min_rotation.unwrap_or(chosen.rotation_degrees);
+    chosen.sharpness_window = selection
+        .sharpness_window
+        .unwrap_or(chosen.sharpness_window);
+    let count = sequence.frames().len();
+    let mut keyframes = if let Some(n) = selection.every {
+        anyhow::ensure!(n > 0, "--every 0: give 1 for every frame");
+        keyframes::every(n, count)
+    } else if let Some(path) = &selection.keyframes {
+        keyframes::named(path, sequence.frames())?
+    } else {
+        let mut progress = Progress::start("frames", count, verbosity);
+        let keyframes = keyframes::select(sequence, chosen, median_depth, |looked_at| {
+            progress.set(looked_at, || "choosing keyframes".to_owned());
+        })?;
+        progress.finish();
+        keyframes
+    };
+    if let Some(limit) = selection.max_keyframes {
+        anyhow::ensure!(
+            limit > 0,
+            "--max-keyframes 0: at least one keyframe is needed"
+        );
+        keyframes.truncate(limit);
+    }
+    Ok(keyframes)
+}

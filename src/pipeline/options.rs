@@ -1,0 +1,220 @@
+//! The parameters of every stage, as `--config` reads and `report.json` repeats them.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::ExtractOptions;
+use linecarve_lines::cluster::ClusterOptions;
+use linecarve_lines::depth::{EdgeDepthOptions, SensorNoise};
+use linecarve_lines::edges::EdgeOptions;
+use linecarve_lines::fit::FitOptions;
+use serde::{Deserialize, Serialize};
+
+use super::landmarks::LandmarkOptions;
+use super::segment_points::SegmentPointOptions;
+use crate::keyframes::KeyframeOptions;
+
+/// The parameters of every stage. A missing section or key has its default; an unknown one is refused.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Options {
+    /// Which frames become keyframes.
+    pub keyframes: KeyframeOptions,
+    /// The depth camera.
+    pub sensor: SensorOptions,
+    /// Edge chains.
+    pub edges: EdgeOptions,
+    /// The depth of edge pixels.
+    pub edge_depth: EdgeDepthOptions,
+    /// Segments along chains.
+    pub fit: FitOptions,
+    /// Clusters of segments.
+    pub cluster: ClusterOptions,
+    /// Points along segments.
+    pub segment_points: SegmentPointOptions,
+    /// Points that several keyframes see.
+    pub landmarks: LandmarkOptions,
+    /// Free space.
+    pub carving: CarvingOptions,
+    /// The surface that is written.
+    pub surface: SurfaceOptions,
+}
+
+/// The depth camera.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SensorOptions {
+    /// Standard deviation of a depth at the scene's median depth, as a share of it. Inverse depth has the same deviation
+    /// everywhere.
+    pub relative_noise: f64,
+}
+
+impl Default for SensorOptions {
+    fn default() -> Self {
+        Self {
+            relative_noise: SensorNoise::STRUCTURED_LIGHT_RELATIVE,
+        }
+    }
+}
+
+/// Free space.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CarvingOptions {
+    /// A tetrahedron is free when at least this many rays cross it.
+    pub free_threshold: u32,
+}
+
+impl Default for CarvingOptions {
+    fn default() -> Self {
+        Self { free_threshold: 1 }
+    }
+}
+
+/// The surface that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SurfaceOptions {
+    /// Triangles with an edge longer than this share of the scene's median depth are left out: they span what no
+    /// keyframe measured. `None` keeps them.
+    pub longest_edge_share: Option<f64>,
+    /// Connected pieces of fewer triangles are left out.
+    pub minimum_component: usize,
+    /// Whether facets on the convex hull of the map are kept.
+    pub keep_hull: bool,
+    /// Vertices and edges where more than one sheet of the surface meet are split, so that every edge has at most two
+    /// triangles.
+    pub manifold: bool,
+}
+
+impl Default for SurfaceOptions {
+    fn default() -> Self {
+        Self {
+            longest_edge_share: Some(0.25),
+            minimum_component: 8,
+            keep_hull: false,
+            manifold: true,
+        }
+    }
+}
+
+/// Why parameters are refused.
+#[derive(Debug, thiserror::Error)]
+pub enum OptionsError {
+    /// The file cannot be read.
+    #[error("cannot read the configuration {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The file is not what it should be; the message tells line and key.
+    #[error("the configuration {} is refused: {source}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Where and why.
+        source: Box<toml::de::Error>,
+    },
+    /// A value is out of range.
+    #[error("{key} = {value}: {expected}")]
+    Range {
+        /// Section and key.
+        key: &'static str,
+        /// What was given.
+        value: String,
+        /// What would do.
+        expected: &'static str,
+    },
+}
+
+impl Options {
+    /// Reads a TOML file.
+    ///
+    /// # Errors
+    /// When the file cannot be read, has an unknown key, or a value out of range.
+    pub fn read(path: &Path) -> Result<Self, OptionsError> {
+        let text = std::fs::read_to_string(path).map_err(|source| OptionsError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let options: Self = toml::from_str(&text).map_err(|source| OptionsError::Parse {
+            path: path.to_owned(),
+            source: Box::new(source),
+        })?;
+        options.validate()?;
+        Ok(options)
+    }
+
+    /// What the front end takes.
+    pub fn extract(&self) -> ExtractOptions {
+        ExtractOptions {
+            edges: self.edges,
+            edge_depth: self.edge_depth,
+            fit: self.fit,
+        }
+    }
+
+    /// Checks the ranges of what this module holds itself; the stages check their own when they start.
+    ///
+    /// # Errors
+    /// The first value out of range.
+    pub fn validate(&self) -> Result<(), OptionsError> {
+        let positive = |key, value: f64| {
+            if value.is_finite() && value > 0.0 {
+                return Ok(());
+            }
+            Err(OptionsError::Range {
+                key,
+                value: value.to_string(),
+                expected: "a positive, finite number is needed",
+            })
+        };
+        positive("sensor.relative_noise", self.sensor.relative_noise)?;
+        positive("landmarks.lateral_px", self.landmarks.lateral_px)?;
+        positive("landmarks.depth_sigmas", self.landmarks.depth_sigmas)?;
+        if let Some(spacing) = self.segment_points.spacing_px {
+            positive("segment_points.spacing_px", spacing)?;
+        }
+        if let Some(share) = self.surface.longest_edge_share {
+            positive("surface.longest_edge_share", share)?;
+        }
+        if self.carving.free_threshold == 0 {
+            return Err(OptionsError::Range {
+                key: "carving.free_threshold",
+                value: "0".to_owned(),
+                expected: "with 0 everything would be free; 1 or more is needed",
+            });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_within_range_and_survive_the_file() {
+        let options = Options::default();
+        options.validate().unwrap();
+        let text = toml::to_string(&options).unwrap();
+        assert_eq!(toml::from_str::<Options>(&text).unwrap(), options);
+    }
+
+    #[test]
+    fn faults_name_file_and_key() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("options.toml");
+        for (text, expected) in [
+            ("[carving]\nfree_treshold = 2\n", "free_treshold"),
+            ("[landmarks]\nlateral_px = -1.0\n", "landmarks.lateral_px"),
+            ("[carving]\nfree_threshold = 0\n", "carving.free_threshold"),
+            ("[carving\n", "options.toml"),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let message = Options::read(&path).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

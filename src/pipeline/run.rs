@@ -1,0 +1,66 @@
+//! Front ends in parallel, the back end in order.
+
+use std::ops::Range;
+
+use linecarve_lines::depth::DepthSensor;
+use linecarve_lines::{ExtractError, ExtractOptions};
+use rayon::prelude::*;
+
+use super::front_end::{FrontEnd, FrontEndError, Keyframe};
+use crate::sequence::Sequence;
+
+/// What the front end made of one keyframe.
+type Prepared = Result<Keyframe, FrontEndError>;
+
+/// Runs the front end over `frames` of a sequence and hands each result to `consume`, in order, on the calling thread's
+/// side: while one group of keyframes is consumed, the next is prepared. At most two groups, each of one keyframe a
+/// worker thread, are in memory. What `consume` sees does not depend on the number of threads.
+///
+/// # Errors
+/// When `consume` fails, or the options are out of range. A front end's failure goes to `consume`, which decides whether
+/// it ends the run.
+pub fn run<E>(
+    sequence: &Sequence,
+    sensor: &DepthSensor,
+    frames: &[usize],
+    options: ExtractOptions,
+    mut consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
+) -> Result<(), E>
+where
+    E: From<ExtractError> + Send,
+{
+    // Options are checked once, so that building a front end for each worker cannot fail differently.
+    FrontEnd::new(sequence, sensor, options)?;
+    let group = rayon::current_num_threads().max(1);
+    let prepare = |keyframes: Range<usize>| -> Result<Vec<Prepared>, ExtractError> {
+        keyframes
+            .into_par_iter()
+            .map_init(
+                || FrontEnd::new(sequence, sensor, options),
+                |front_end, keyframe| match front_end {
+                    Ok(front_end) => Ok(front_end.process(frames[keyframe], keyframe as u32)),
+                    Err(error) => Err(error.clone()),
+                },
+            )
+            .collect()
+    };
+
+    let mut ready = prepare(0..group.min(frames.len()))?;
+    let mut start = 0;
+    while !ready.is_empty() {
+        let next = start + ready.len();
+        let (consumed, prepared) = rayon::join(
+            || {
+                for (offset, keyframe) in ready.drain(..).enumerate() {
+                    consume(start + offset, keyframe)?;
+                }
+                Ok::<(), E>(())
+            },
+            || prepare(next..(next + group).min(frames.len())),
+        );
+        consumed?;
+        ready = prepared?;
+        start = next;
+    }
+    Ok(())
+}

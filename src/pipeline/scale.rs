@@ -1,0 +1,58 @@
+//! The scene's own unit of length.
+
+use crate::sequence::{FrameError, Sequence};
+
+/// Frames that are looked at, evenly spread over the sequence.
+const SAMPLES: usize = 9;
+
+/// The median depth of a sequence in units of the poses: the median over a few frames, evenly spread, of each frame's
+/// median depth. Lengths that are not given by pixels or noise are shares of it, so that no constant has a unit.
+///
+/// Frames that cannot be read or have no depth are passed over; `None` when none is left.
+///
+/// # Errors
+/// When depth images contradict the calibration, which no other frame would mend.
+pub fn median_scene_depth(
+    sequence: &Sequence,
+    frames: &[usize],
+) -> Result<Option<f64>, FrameError> {
+    let count = frames.len().min(SAMPLES);
+    let mut medians = Vec::with_capacity(count);
+    for sample in 0..count {
+        // Middles of equal parts: neither the first nor the last frame, which often show something else.
+        let index = frames[(2 * sample + 1) * frames.len() / (2 * count)];
+        match sequence.load_depth(index) {
+            Ok(Some(depth)) => {
+                let mut known: Vec<f32> = depth
+                    .samples()
+                    .iter()
+                    .copied()
+                    .filter(|depth| depth.is_finite() && *depth > 0.0)
+                    .collect();
+                medians.extend(median(&mut known).map(f64::from));
+            }
+            Ok(None) => {}
+            Err(error) if error.is_limited_to_frame() => {}
+            Err(error) => return Err(error),
+        }
+    }
+    medians.sort_by(f64::total_cmp);
+    Ok(medians.get(medians.len() / 2).copied())
+}
+
+/// The upper median, `None` of nothing.
+fn median(values: &mut [f32]) -> Option<f32> {
+    let middle = values.len() / 2;
+    (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_needs_no_order() {
+        assert_eq!(median(&mut [3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(&mut []), None);
+    }
+}

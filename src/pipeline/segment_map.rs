@@ -1,0 +1,65 @@
+//! Segments of all keyframes in the world, and their clusters.
+
+use linecarve_lines::cluster::{
+    ClusterEvent, ClusterOptions, ClusterOptionsError, SegmentClusterer,
+};
+use nalgebra::Point3;
+
+use super::front_end::Keyframe;
+use crate::mesh::LineSet;
+
+/// Segments of all keyframes in the world, and their clusters.
+pub struct SegmentMap {
+    segments: Vec<[Point3<f64>; 2]>,
+    clusterer: SegmentClusterer,
+    events: Vec<ClusterEvent>,
+}
+
+impl SegmentMap {
+    /// No segment yet; `median_depth` is that of the scene, in units of the poses.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub fn new(options: ClusterOptions, median_depth: f64) -> Result<Self, ClusterOptionsError> {
+        Ok(Self {
+            segments: Vec::new(),
+            clusterer: SegmentClusterer::new(options, median_depth)?,
+            events: Vec::new(),
+        })
+    }
+
+    /// Adds a keyframe's segments, in its order.
+    pub fn push(&mut self, keyframe: &Keyframe) {
+        for segment in &keyframe.segments {
+            let ends = segment.ends_in_world(&keyframe.world_from_camera);
+            self.events.clear();
+            if self.clusterer.insert(ends, &mut self.events).is_some() {
+                self.segments.push(ends);
+            }
+        }
+    }
+
+    /// Number of segments.
+    pub fn segment_count(&self) -> usize {
+        self.segments.len()
+    }
+
+    /// Number of clusters that are large enough. Linear in the number of clusters.
+    pub fn cluster_count(&self) -> usize {
+        self.clusterer.clusters().count()
+    }
+
+    /// The segments, in the order of keyframes.
+    pub fn segments(&self) -> LineSet {
+        LineSet::from_segments(self.segments.iter().copied())
+    }
+
+    /// The representatives of the clusters that are large enough, oldest first.
+    pub fn clusters(&self) -> LineSet {
+        LineSet::from_segments(
+            self.clusterer
+                .clusters()
+                .map(|(_, cluster)| cluster.representative.ends),
+        )
+    }
+}

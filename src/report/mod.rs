@@ -1,0 +1,206 @@
+//! `report.json`: what a run was asked, what it did, and how long each stage took.
+
+use std::path::Path;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::files::{WriteError, write_atomically};
+
+/// Everything that a run says about itself. Counts and parameters repeat from run to run; durations and memory do not.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report<P: Serialize> {
+    /// `linecarve <version>`.
+    pub generator: String,
+    /// The command that ran: `reconstruct` or `lines`.
+    pub command: &'static str,
+    /// What was read.
+    pub sequence: SequenceSummary,
+    /// Every parameter of every stage; as TOML it is a `--config` that repeats the run.
+    pub parameters: P,
+    /// One entry a keyframe, in the order of processing.
+    pub keyframes: Vec<KeyframeReport>,
+    /// What came out at the end.
+    pub result: ResultSummary,
+    /// Warnings, in the order in which they arose.
+    pub warnings: Vec<String>,
+    /// Sums over the run.
+    pub timing: TimingSummary,
+}
+
+/// What was read.
+#[derive(Debug, Clone, Serialize)]
+pub struct SequenceSummary {
+    /// Name of the folder.
+    pub name: String,
+    /// The recognised layout.
+    pub layout: String,
+    /// Posed frames in it.
+    pub frames: usize,
+    /// Keyframes chosen.
+    pub keyframes: usize,
+    /// Keyframes whose images could not be used.
+    pub skipped: usize,
+    /// Whether depth images take part.
+    pub depth: &'static str,
+    /// Median depth of the scene in units of the poses: the unit of every parameter that is a share.
+    pub median_depth: f64,
+    /// Shift that was taken off all coordinates while computing, because they are large; outputs have it added again.
+    pub origin: [f64; 3],
+}
+
+/// Counts and durations of one keyframe.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct KeyframeReport {
+    /// Name of the frame in the sequence.
+    pub frame: String,
+    /// Position of the frame in the sequence.
+    pub index: usize,
+    /// Edge chains in the image and pixels on them.
+    pub edge_chains: usize,
+    /// Pixels on edge chains.
+    pub edge_pixels: usize,
+    /// Share of those pixels that have a depth.
+    pub edge_depth_share: f64,
+    /// 3D segments found in this keyframe.
+    pub segments: usize,
+    /// Clusters of segments so far, those below the minimum size left out.
+    pub clusters: usize,
+    /// Points that this keyframe added to the tetrahedralisation.
+    pub new_points: usize,
+    /// Older points that it saw again.
+    pub observed_again: usize,
+    /// Visibility rays so far.
+    pub rays: usize,
+    /// Tetrahedra so far.
+    pub cells: usize,
+    /// Triangles between free and occupied space after this keyframe, those included that files leave out.
+    pub triangles: usize,
+    /// Triangles that came and went with this keyframe.
+    pub changed_triangles: usize,
+    /// Milliseconds of each stage.
+    pub milliseconds: StageTimes,
+}
+
+/// Milliseconds of the stages of one keyframe.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct StageTimes {
+    /// Reading and decoding images.
+    pub load: f64,
+    /// Depth of the keyframe in the colour camera.
+    pub depth: f64,
+    /// Edge chains.
+    pub edges: f64,
+    /// Segments fitted along the chains.
+    pub fit: f64,
+    /// Segments joined to clusters.
+    pub cluster: f64,
+    /// Points chosen along the segments and matched with older ones.
+    pub points: f64,
+    /// Points inserted, rays walked, cells labelled.
+    pub carve: f64,
+    /// Surface extracted.
+    pub surface: f64,
+    /// Files written.
+    pub write: f64,
+}
+
+impl StageTimes {
+    /// All stages together.
+    pub fn total(&self) -> f64 {
+        self.load
+            + self.depth
+            + self.edges
+            + self.fit
+            + self.cluster
+            + self.points
+            + self.carve
+            + self.surface
+            + self.write
+    }
+
+    /// Stage by stage mean over `count`; zero of nothing.
+    pub fn divided_by(&self, count: usize) -> Self {
+        let mean = |sum: f64| (sum / count.max(1) as f64 * 1e3).round() / 1e3;
+        Self {
+            load: mean(self.load),
+            depth: mean(self.depth),
+            edges: mean(self.edges),
+            fit: mean(self.fit),
+            cluster: mean(self.cluster),
+            points: mean(self.points),
+            carve: mean(self.carve),
+            surface: mean(self.surface),
+            write: mean(self.write),
+        }
+    }
+
+    /// Stage by stage sum.
+    pub fn add(&mut self, other: &Self) {
+        self.load += other.load;
+        self.depth += other.depth;
+        self.edges += other.edges;
+        self.fit += other.fit;
+        self.cluster += other.cluster;
+        self.points += other.points;
+        self.carve += other.carve;
+        self.surface += other.surface;
+        self.write += other.write;
+    }
+}
+
+/// What came out at the end.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct ResultSummary {
+    /// 3D segments of all keyframes.
+    pub segments: usize,
+    /// Clusters that are large enough.
+    pub clusters: usize,
+    /// Points in the tetrahedralisation.
+    pub points: usize,
+    /// Visibility rays.
+    pub rays: usize,
+    /// Tetrahedra.
+    pub cells: usize,
+    /// Vertices of the mesh.
+    pub vertices: usize,
+    /// Triangles of the mesh.
+    pub triangles: usize,
+    /// Files written, relative to the output folder.
+    pub files: Vec<String>,
+}
+
+/// Sums over the run.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct TimingSummary {
+    /// Mean milliseconds per keyframe and stage.
+    pub mean_milliseconds: StageTimes,
+    /// Seconds from the start of the command to the report.
+    pub seconds: f64,
+    /// Largest resident memory of the process in MB, where the system tells.
+    pub peak_memory_mb: Option<f64>,
+}
+
+/// Writes a report as indented JSON.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_report<P: Serialize>(path: &Path, report: &Report<P>) -> Result<(), WriteError> {
+    write_atomically(path, |out| {
+        serde_json::to_writer_pretty(&mut *out, report).map_err(std::io::Error::other)?;
+        out.write_all(b"\n")
+    })
+}
+
+/// A duration in milliseconds, rounded to microseconds.
+pub fn milliseconds(duration: Duration) -> f64 {
+    (duration.as_secs_f64() * 1e6).round() / 1e3
+}
+
+/// Largest resident memory of this process so far in MB (10^6 bytes); `None` where the system does not tell.
+pub fn peak_memory_mb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    let kibibytes: f64 = line.split_ascii_whitespace().nth(1)?.parse().ok()?;
+    Some((kibibytes * 1.024).round() / 1e3)
+}

@@ -1,0 +1,84 @@
+//! What the end-to-end tests share: the program, a small rendered sequence, comparison of folders.
+
+#![allow(dead_code, reason = "each test binary uses a part")]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use assert_cmd::Command;
+use tempfile::TempDir;
+
+/// Runs the program to its end.
+pub(crate) fn linecarve<S: AsRef<std::ffi::OsStr>>(
+    arguments: impl IntoIterator<Item = S>,
+) -> Output {
+    Command::cargo_bin("linecarve")
+        .expect("cargo builds the program before its tests")
+        .args(arguments)
+        .output()
+        .expect("the program starts")
+}
+
+/// Runs the program and demands an exit status; both outputs are shown when it is another.
+pub(crate) fn expect_status<S: AsRef<std::ffi::OsStr>>(
+    status: i32,
+    arguments: impl IntoIterator<Item = S>,
+) -> Output {
+    let output = linecarve(arguments);
+    assert_eq!(
+        output.status.code(),
+        Some(status),
+        "\nstdout: {}\nstderr: {}",
+        String::from_utf8_lossy(&output.stdout),
+        stderr(&output)
+    );
+    output
+}
+
+/// Standard error as text.
+pub(crate) fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A rendered sequence in a folder of its own.
+pub(crate) fn small_sequence(frames: usize, layout: &str) -> TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let out = folder.path().join("sequence");
+    let frames = frames.to_string();
+    expect_status(
+        0,
+        [
+            "synth",
+            "boxes",
+            "--frames",
+            &frames,
+            "--size",
+            "320x240",
+            "--layout",
+            layout,
+            "--quiet",
+            "--out",
+            out.to_str().expect("temporary paths are UTF-8"),
+        ],
+    );
+    folder
+}
+
+/// Every file below a folder with its bytes, by relative path.
+pub(crate) fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    fn walk(root: &Path, folder: &Path, into: &mut BTreeMap<PathBuf, Vec<u8>>) {
+        for entry in std::fs::read_dir(folder).expect("a readable folder") {
+            let path = entry.expect("a readable entry").path();
+            if path.is_dir() {
+                walk(root, &path, into);
+            } else {
+                let name = path.strip_prefix(root).expect("below the root").to_owned();
+                into.insert(name, std::fs::read(&path).expect("a readable file"));
+            }
+        }
+    }
+    let mut files = BTreeMap::new();
+    walk(folder, folder, &mut files);
+    files
+}

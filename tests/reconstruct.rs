@@ -1,0 +1,109 @@
+//! The main job end to end on a rendered sequence: what comes out, that it repeats, and how good it is.
+
+mod program;
+
+use std::path::Path;
+
+use program::{contents, expect_status, small_sequence};
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("temporary paths are UTF-8")
+}
+
+fn reconstruct(sequence: &Path, out: &Path, threads: &str) {
+    expect_status(
+        0,
+        [
+            "reconstruct",
+            text(sequence),
+            "--every",
+            "1",
+            "--threads",
+            threads,
+            "--quiet",
+            "--out",
+            text(out),
+        ],
+    );
+}
+
+#[test]
+fn every_output_is_there_and_repeats_for_any_number_of_threads() {
+    let folder = small_sequence(5, "tum");
+    let sequence = folder.path().join("sequence");
+    let [one, two, again] = ["one", "two", "again"].map(|name| folder.path().join(name));
+    reconstruct(&sequence, &one, "1");
+    reconstruct(&sequence, &two, "2");
+    reconstruct(&sequence, &again, "2");
+
+    let mut first = contents(&one);
+    let report = first.remove(Path::new("report.json")).unwrap();
+    for name in [
+        "mesh.glb",
+        "mesh.obj",
+        "mesh.ply",
+        "segments.glb",
+        "segments.obj",
+        "segments.ply",
+        "clusters.glb",
+        "clusters.obj",
+        "clusters.ply",
+        "scene.glb",
+        "picture.png",
+        "keyframes/000000.glb",
+        "keyframes/000004.glb",
+    ] {
+        assert!(first.contains_key(Path::new(name)), "{name} is missing");
+    }
+    for other in [&two, &again] {
+        let mut second = contents(other);
+        second.remove(Path::new("report.json")).unwrap();
+        assert_eq!(
+            first.keys().collect::<Vec<_>>(),
+            second.keys().collect::<Vec<_>>()
+        );
+        for (name, bytes) in &first {
+            assert!(bytes == &second[name], "{} differs", name.display());
+        }
+    }
+
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(report["keyframes"].as_array().unwrap().len(), 5);
+    assert!(report["result"]["triangles"].as_u64().unwrap() > 100);
+    let rays: Vec<u64> = report["keyframes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|keyframe| keyframe["rays"].as_u64().unwrap())
+        .collect();
+    assert!(rays.is_sorted() && rays[0] > 0, "{rays:?}");
+}
+
+#[test]
+fn the_surface_of_the_last_keyframe_is_the_mesh() {
+    let folder = small_sequence(3, "tum");
+    let out = folder.path().join("out");
+    reconstruct(&folder.path().join("sequence"), &out, "2");
+    let read = |name: &str| std::fs::read(out.join(name)).unwrap();
+    assert!(read("keyframes/000002.glb") == read("mesh.glb"));
+}
+
+#[test]
+fn layouts_of_one_scene_agree() {
+    // TUM stores depth five times finer, so that only the order of magnitude is the same for all three.
+    let mut triangles = Vec::new();
+    for layout in ["tum", "7-scenes", "open3d"] {
+        let folder = small_sequence(4, layout);
+        let out = folder.path().join("out");
+        reconstruct(&folder.path().join("sequence"), &out, "2");
+        let report = std::fs::read(out.join("report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+        triangles.push(report["result"]["triangles"].as_f64().unwrap());
+    }
+    let (least, most) = triangles
+        .iter()
+        .fold((f64::MAX, 0.0_f64), |(low, high), &n| {
+            (low.min(n), high.max(n))
+        });
+    assert!(least > 0.8 * most, "{triangles:?}");
+}
