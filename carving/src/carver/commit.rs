@@ -173,10 +173,10 @@ impl Carver {
         // When most rays change, or there were no cells to list them, all are walked anew.
         let anew = self.tetrahedra.dimension() < 3 || concerned.len() > self.rays.len() / 2;
         let mut again = Vec::with_capacity(concerned.len());
+        if !anew {
+            self.rewalk().remove(&concerned);
+        }
         for &ray in &concerned {
-            if !anew {
-                self.rewalk().remove(ray);
-            }
             if plan.ends(self, ray) {
                 self.rays.remove(ray);
             } else {
@@ -212,9 +212,7 @@ impl Carver {
             again.clear();
             again.extend(self.rays.all());
         }
-        for &ray in &again {
-            self.rewalk().add(ray);
-        }
+        self.rewalk().add_all(&mut again);
         report.times.carving += start.elapsed();
 
         let start = Instant::now();

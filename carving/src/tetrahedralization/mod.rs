@@ -69,7 +69,7 @@ pub use move_vertex::{Move, MoveError};
 pub use point::{MAX_COORDINATE, MIN_COORDINATE, PointError, accept};
 
 pub use remove::UnknownVertex;
-pub(crate) use spatial_order::spatial_order;
+pub(crate) use spatial_order::{hilbert_rank, spatial_order};
 
 use nalgebra::Point3;
 

@@ -73,7 +73,7 @@ const fn hilbert_table() -> Table {
 const HILBERT: Table = hilbert_table();
 
 /// Rank along the Hilbert curve of the grid cell `(x, y, z)`, each below 2^`levels`.
-fn hilbert_rank([x, y, z]: [u32; 3], levels: u32) -> u64 {
+pub(crate) fn hilbert_rank([x, y, z]: [u32; 3], levels: u32) -> u64 {
     let mut state = 0;
     let mut rank = 0;
     for level in (0..levels).rev() {

@@ -10,6 +10,12 @@ use crate::predicates::orient3d;
 /// 80 is rounded up to 96 to cover terms of second order and the rounding of the bound.
 const SIDE_BOUND: f64 = 96.0 * (f64::EPSILON / 2.0);
 
+/// The larger of two numbers, neither of which is NaN; one machine instruction.
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
 /// A line through two points, prepared for many side tests.
 ///
 /// Space is sheared along the line onto the coordinate plane most nearly perpendicular to it: there the line is the
@@ -34,7 +40,6 @@ pub(crate) struct Corner {
     first: f64,
     second: f64,
     largest: f64,
-    position: [f64; 3],
 }
 
 impl Beam {
@@ -86,29 +91,34 @@ impl Beam {
             vertex,
             first: along(&self.first),
             second: along(&self.second),
-            largest: w[0].abs().max(w[1].abs()).max(w[2].abs()),
-            position: *position,
+            largest: larger(larger(w[0].abs(), w[1].abs()), w[2].abs()),
         }
     }
 
-    /// Exact sign of `orient3d(center, target, a, b)`.
+    /// Exact sign of `orient3d(center, target, a, b)`. `position` looks up vertices; it is asked where rounding leaves
+    /// the sign in doubt.
     ///
     /// A line from its target to its centre pierces a triangle from the side on which it turns counter-clockwise
     /// when the sides of its three directed edges are all positive, and from the other side when all are negative.
     #[inline(always)]
-    pub(crate) fn side(&self, a: &Corner, b: &Corner) -> f64 {
+    pub(crate) fn side<'p>(
+        &self,
+        a: &Corner,
+        b: &Corner,
+        position: impl Fn(u32) -> &'p [f64; 3],
+    ) -> f64 {
         let determinant = a.first * b.second - a.second * b.first;
         if determinant.abs() > SIDE_BOUND * a.largest * b.largest {
             determinant
         } else {
-            self.side_exact(a, b)
+            self.side_exact(position(a.vertex), position(b.vertex))
         }
     }
 
     #[cold]
     #[inline(never)]
-    fn side_exact(&self, a: &Corner, b: &Corner) -> f64 {
-        orient3d(&self.center, &self.target, &a.position, &b.position)
+    fn side_exact(&self, a: &[f64; 3], b: &[f64; 3]) -> f64 {
+        orient3d(&self.center, &self.target, a, b)
     }
 }
 
@@ -134,7 +144,8 @@ mod tests {
             let [center, target, a, b] = p.map(|p| place(p, far));
             prop_assume!(center != target);
             let beam = Beam::new(&center, &target);
-            let side = beam.side(&beam.corner(0, &a), &beam.corner(1, &b));
+            let position = |vertex| if vertex == 0 { &a } else { &b };
+            let side = beam.side(&beam.corner(0, &a), &beam.corner(1, &b), position);
             let exact = robust::orient3d(
                 robust::Coord3D { x: center[0], y: center[1], z: center[2] },
                 robust::Coord3D { x: target[0], y: target[1], z: target[2] },
@@ -155,7 +166,8 @@ mod tests {
             let at = |t: f64| -> [f64; 3] { std::array::from_fn(|k| center[k] + t * (target[k] - center[k])) };
             let (a, b) = (at(t[0]), at(t[1]));
             let beam = Beam::new(&center, &target);
-            let side = beam.side(&beam.corner(0, &a), &beam.corner(1, &b));
+            let position = |vertex| if vertex == 0 { &a } else { &b };
+            let side = beam.side(&beam.corner(0, &a), &beam.corner(1, &b), position);
             prop_assert_eq!(
                 side.partial_cmp(&0.0),
                 orient3d(&center, &target, &a, &b).partial_cmp(&0.0)

@@ -51,6 +51,8 @@ pub(crate) struct Crossings {
     watched: u64,
     /// Cells whose weight has passed the watched value upwards or downwards, possibly repeatedly.
     flipped: Vec<CellId>,
+    /// Reused memory.
+    kept: Vec<RayId>,
 }
 
 impl Crossings {
@@ -63,6 +65,7 @@ impl Crossings {
             total: 0,
             watched,
             flipped: Vec::new(),
+            kept: Vec::new(),
         }
     }
 
@@ -92,6 +95,17 @@ impl Crossings {
     /// Adds a ray that is not in the list of `cell`.
     #[inline]
     pub(crate) fn add(&mut self, cell: CellId, ray: RayId, weight: u32) {
+        self.push(cell, ray);
+        let list = &mut self.lists[cell.index()];
+        let before = list.weight;
+        list.weight += u64::from(weight);
+        if before < self.watched && list.weight >= self.watched {
+            self.flipped.push(cell);
+        }
+    }
+
+    #[inline]
+    fn push(&mut self, cell: CellId, ray: RayId) {
         let list = &mut self.lists[cell.index()];
         let place = list.len as usize % CHUNK_RAYS;
         if place == 0 {
@@ -111,43 +125,29 @@ impl Crossings {
         self.chunks[list.first as usize][place] = ray.0;
         list.len += 1;
         self.total += 1;
+    }
+
+    /// Takes `weight` from a cell, without a look at its list.
+    #[inline]
+    pub(crate) fn lighten(&mut self, cell: CellId, weight: u32) {
+        let list = &mut self.lists[cell.index()];
         let before = list.weight;
-        list.weight += u64::from(weight);
-        if before < self.watched && list.weight >= self.watched {
+        list.weight -= u64::from(weight);
+        if before >= self.watched && list.weight < self.watched {
             self.flipped.push(cell);
         }
     }
 
-    /// Takes a ray out of the list of `cell`; false if it was not there.
-    pub(crate) fn remove(&mut self, cell: CellId, ray: RayId, weight: u32) -> bool {
-        let list = &mut self.lists[cell.index()];
-        let mut chunk = list.first;
-        let mut len = list.first_len();
-        while chunk != NO_CHUNK {
-            let slots = &self.chunks[chunk as usize];
-            if let Some(place) = slots[..len].iter().position(|&r| r == ray.0) {
-                // The last id of the first chunk fills the gap.
-                let last_place = list.first_len() - 1;
-                let first = list.first as usize;
-                self.chunks[chunk as usize][place] = self.chunks[first][last_place];
-                if last_place == 0 {
-                    list.first = self.chunks[first][CHUNK_RAYS];
-                    self.chunks[first][CHUNK_RAYS] = self.free;
-                    self.free = first as u32;
-                }
-                list.len -= 1;
-                self.total -= 1;
-                let before = list.weight;
-                list.weight -= u64::from(weight);
-                if before >= self.watched && list.weight < self.watched {
-                    self.flipped.push(cell);
-                }
-                return true;
-            }
-            chunk = slots[CHUNK_RAYS];
-            len = CHUNK_RAYS;
+    /// Drops the rays from the list of `cell` that do not satisfy `keep`. The weight stays as it is.
+    pub(crate) fn retain(&mut self, cell: CellId, keep: impl Fn(RayId) -> bool) {
+        let list = self.lists[cell.index()];
+        let mut rays = std::mem::take(&mut self.kept);
+        self.take(cell, &mut rays);
+        self.lists[cell.index()].weight = list.weight;
+        for &ray in rays.iter().filter(|&&ray| keep(ray)) {
+            self.push(cell, ray);
         }
-        false
+        self.kept = rays;
     }
 
     /// Whether `ray` is in the list of `cell`; linear in the length of the list.
@@ -223,9 +223,9 @@ mod tests {
             (100, 200)
         );
         assert_eq!(crossings.flipped().len(), 2);
-        for ray in (0..100).step_by(3) {
-            assert!(crossings.remove(one, RayId(ray), 2));
-            assert!(!crossings.remove(one, RayId(ray), 2));
+        crossings.retain(one, |ray| ray.0 % 3 != 0);
+        for _ in (0..100).step_by(3) {
+            crossings.lighten(one, 2);
         }
         let mut rest: Vec<u32> = crossings.rays(one).map(|r| r.0).collect();
         rest.sort_unstable();
@@ -242,8 +242,13 @@ mod tests {
         );
         for ray in rest {
             assert!(crossings.contains(one, RayId(ray)));
-            assert!(crossings.remove(one, RayId(ray), 2));
         }
+        assert!(!crossings.contains(one, RayId(3)));
+        assert_eq!((crossings.total(), crossings.weight(one)), (66, 132));
+        crossings.flipped().clear();
+        crossings.lighten(one, 130);
+        assert_eq!(crossings.flipped().as_slice(), [one]);
+        crossings.retain(one, |_| false);
         assert_eq!((crossings.total(), crossings.rays(one).count()), (0, 0));
     }
 

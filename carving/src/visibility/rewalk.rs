@@ -17,7 +17,7 @@
 //! the cells around each part of it one at least lists it, and not all of them are destroyed without that being
 //! noticed. (Where a part is outside the hull the rule for ghost cells sees to that.)
 
-use crate::tetrahedralization::{CellId, Changes, VertexId};
+use crate::tetrahedralization::{CellId, Changes, VertexId, hilbert_rank};
 
 use super::crossings::Crossings;
 use super::rays::{RayId, Rays};
@@ -34,10 +34,10 @@ pub(crate) struct RewalkScratch {
     listed: Vec<RayId>,
     /// Rays to walk from their vertex over their full length.
     whole: Vec<RayId>,
-    /// Per ray the number of the update that queued it last.
+    /// Per ray the number of the update that queued (or removed) it last.
     queued: Vec<u32>,
     update: u32,
-    /// Per cell, whether the running update created it.
+    /// Per cell, whether the running update created it (or has it on its list).
     is_new: Vec<bool>,
 }
 
@@ -59,6 +59,16 @@ impl RewalkScratch {
             self.whole.push(ray);
         }
     }
+}
+
+/// Rank of a direction along a space-filling curve.
+fn direction_rank(center: &[f64; 3], target: &[f64; 3]) -> u64 {
+    /// Grid cells of about a thousandth of a right angle.
+    const LEVELS: u32 = 10;
+    let d: [f64; 3] = std::array::from_fn(|k| target[k] - center[k]);
+    let largest = d.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
+    let half = f64::from((1u32 << (LEVELS - 1)) - 1);
+    hilbert_rank(d.map(|x| ((x / largest + 1.0) * half) as u32), LEVELS)
 }
 
 /// The parts of a carver's state that rays concern.
@@ -250,11 +260,26 @@ impl Rewalk<'_> {
         self.scratch.whole = whole;
     }
 
-    /// Records a ray that is in no list.
-    pub(crate) fn add(&mut self, ray: RayId) {
+    /// Records rays that are in no list; sorts `rays`.
+    ///
+    /// Rays from one view in similar directions follow each other, as they cross the same cells.
+    pub(crate) fn add_all(&mut self, rays: &mut [RayId]) {
         if self.tetrahedra.dimension() < 3 {
             return;
         }
+        rays.sort_by_cached_key(|&ray| {
+            let view = self.rays.view(ray);
+            let center = self.views.center(view);
+            let target = VertexId::from_index(self.rays.vertex(ray) as usize);
+            let target = self.tetrahedra.coordinates(target);
+            (view, direction_rank(center, target), ray)
+        });
+        for &ray in &*rays {
+            self.add(ray);
+        }
+    }
+
+    fn add(&mut self, ray: RayId) {
         let walker = Walker {
             tetrahedra: self.tetrahedra,
             views: self.views,
@@ -271,9 +296,10 @@ impl Rewalk<'_> {
         }
     }
 
-    /// Takes a ray out of all lists: finds them by walking it once more.
-    pub(crate) fn remove(&mut self, ray: RayId) {
-        if self.tetrahedra.dimension() < 3 {
+    /// Takes rays out of all lists. The lists concerned are found by walking each ray once more, and then passed over
+    /// once for all rays.
+    pub(crate) fn remove(&mut self, rays: &[RayId]) {
+        if self.tetrahedra.dimension() < 3 || rays.is_empty() {
             return;
         }
         let walker = Walker {
@@ -281,14 +307,26 @@ impl Rewalk<'_> {
             views: self.views,
             rays: self.rays,
         };
-        walker.walk(ray, &mut self.scratch.walk);
-        let weight = self.rays.weight(ray);
-        for &cell in &self.scratch.walk.cells {
-            let found = self.crossings.remove(cell, ray, weight);
-            debug_assert!(found, "{cell:?} does not list {ray:?}, which crosses it");
+        let scratch = &mut *self.scratch;
+        scratch.begin(self.tetrahedra.cell_capacity(), self.rays.capacity());
+        let mut concerned: Vec<CellId> = Vec::new();
+        for &ray in rays {
+            scratch.queued[ray.0 as usize] = scratch.update;
+            walker.walk(ray, &mut scratch.walk);
+            let weight = self.rays.weight(ray);
+            for &cell in &scratch.walk.cells {
+                self.crossings.lighten(cell, weight);
+            }
+            for &cell in scratch.walk.cells.iter().chain(&scratch.walk.beside) {
+                if !std::mem::replace(&mut scratch.is_new[cell.index()], true) {
+                    concerned.push(cell);
+                }
+            }
         }
-        for &cell in &self.scratch.walk.beside {
-            self.crossings.remove(cell, ray, 0);
+        for cell in concerned {
+            scratch.is_new[cell.index()] = false;
+            self.crossings
+                .retain(cell, |ray| scratch.queued[ray.0 as usize] != scratch.update);
         }
     }
 }

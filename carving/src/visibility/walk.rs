@@ -76,6 +76,15 @@ impl<'a> Walker<'a> {
         beam.corner(vertex.index() as u32, self.tetrahedra.coordinates(vertex))
     }
 
+    /// The side on which the beam passes the edge from `a` to `b`.
+    #[inline(always)]
+    fn side(&self, beam: &Beam, a: &Corner, b: &Corner) -> f64 {
+        beam.side(a, b, |vertex| {
+            self.tetrahedra
+                .coordinates(VertexId::from_index(vertex as usize))
+        })
+    }
+
     #[inline]
     pub(super) fn target(&self, ray: RayId) -> VertexId {
         VertexId::from_index(self.rays.vertex(ray) as usize)
@@ -106,11 +115,11 @@ impl<'a> Walker<'a> {
         let [i, j, k] = Tetrahedralization::FACET[facet];
         let a = self.corner(beam, vertices[i]);
         let b = self.corner(beam, vertices[j]);
-        if beam.side(&a, &b) <= 0.0 {
+        if self.side(beam, &a, &b) <= 0.0 {
             return None;
         }
         let c = self.corner(beam, vertices[k]);
-        if beam.side(&b, &c) <= 0.0 || beam.side(&c, &a) <= 0.0 {
+        if self.side(beam, &b, &c) <= 0.0 || self.side(beam, &c, &a) <= 0.0 {
             return None;
         }
         let (cell, back) = self.tetrahedra.neighbor(inner, facet);
@@ -154,9 +163,9 @@ impl<'a> Walker<'a> {
             //     /     \
             //    a-------b
             let v = self.corner(beam, vertices[back]);
-            let side = beam.side(&a, &v);
+            let side = self.side(beam, &a, &v);
             let leaves_b = if side < 0.0 {
-                let side = beam.side(&b, &v);
+                let side = self.side(beam, &b, &v);
                 if side == 0.0 {
                     return Err(Degenerate);
                 }
@@ -166,7 +175,7 @@ impl<'a> Walker<'a> {
                 if side == 0.0 {
                     return Err(Degenerate);
                 }
-                let side = beam.side(&c, &v);
+                let side = self.side(beam, &c, &v);
                 if side == 0.0 {
                     return Err(Degenerate);
                 }
@@ -211,7 +220,7 @@ impl<'a> Walker<'a> {
                 if opposite == entered {
                     continue;
                 }
-                let side = beam.side(&corners[i], &corners[(i + 1) % 3]);
+                let side = self.side(beam, &corners[i], &corners[(i + 1) % 3]);
                 if side < 0.0 {
                     (cell, entered) = tetrahedra.neighbor(cell, opposite);
                     continue 'around;
