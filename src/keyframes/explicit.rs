@@ -1,8 +1,12 @@
 //! Keyframes that the user names.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::sequence::Frame;
+use crate::sequence::{Frame, parse_stamp_ns};
+
+/// A time stamp names the frame nearest to it within this: programs print stamps with microseconds or fewer digits.
+const STAMP_TOLERANCE_NS: u64 = 1_000_000;
 
 /// Why a list of keyframes is refused.
 #[derive(Debug, thiserror::Error)]
@@ -16,7 +20,7 @@ pub enum ListError {
         source: std::io::Error,
     },
     /// A line names no frame.
-    #[error("{}, line {line}: {entry:?} is neither the name of a frame (such as {example:?}) nor an index below {count}", path.display())]
+    #[error("{}, line {line}: {entry:?} is neither the name of a frame (such as {example:?}), nor an index below {count}, nor the time stamp of one in seconds", path.display())]
     Unknown {
         /// The file.
         path: PathBuf,
@@ -42,8 +46,11 @@ pub fn every(n: usize, count: usize) -> Vec<usize> {
     (0..count).step_by(n.max(1)).collect()
 }
 
-/// The frames that a text file names, one name or index a line, in the order of the sequence and each once. Empty lines
-/// and what follows a `#` are passed over. A name wins over an index.
+/// The frames that a text file names, one a line, in the order of the sequence and each once. Empty lines and what
+/// follows a `#` are passed over.
+///
+/// A line, or its first word, is the name of a frame, the file name of its image, an index from 0, or a time stamp in
+/// seconds with a decimal point, in this order of precedence: keyframe trajectories of other programs serve as lists.
 ///
 /// # Errors
 /// When the file cannot be read, names a frame that is not there, or names none.
@@ -54,15 +61,16 @@ pub fn named(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, ListError> {
     })?;
     let text = String::from_utf8_lossy(&bytes);
     let text = text.trim_start_matches('\u{feff}');
+    let names = Names::new(frames);
     let mut chosen = Vec::new();
     for (index, line) in text.lines().enumerate() {
         let entry = line.split('#').next().unwrap_or_default().trim();
         if entry.is_empty() {
             continue;
         }
-        let by_name = frames.iter().position(|frame| frame.name == entry);
-        let by_index = || entry.parse().ok().filter(|index| *index < frames.len());
-        let Some(frame) = by_name.or_else(by_index) else {
+        let is_separator = |c: char| c.is_whitespace() || c == ',';
+        let word = entry.split(is_separator).next().unwrap_or_default();
+        let Some(frame) = names.find(entry).or_else(|| names.find(word)) else {
             return Err(ListError::Unknown {
                 path: path.to_owned(),
                 line: index + 1,
@@ -85,6 +93,63 @@ pub fn named(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, ListError> {
     Ok(chosen)
 }
 
+/// What frames can be called by.
+struct Names<'a> {
+    by_name: HashMap<&'a str, usize>,
+    /// Ascending.
+    by_stamp: Vec<(i64, usize)>,
+    count: usize,
+}
+
+impl<'a> Names<'a> {
+    fn new(frames: &'a [Frame]) -> Self {
+        let mut by_name = HashMap::new();
+        for (index, frame) in frames.iter().enumerate() {
+            by_name.entry(frame.name.as_str()).or_insert(index);
+        }
+        for (index, frame) in frames.iter().enumerate() {
+            if let Some(name) = frame.color.file_name().and_then(|name| name.to_str()) {
+                by_name.entry(name).or_insert(index);
+            }
+        }
+        let mut by_stamp: Vec<_> = (0..)
+            .zip(frames)
+            .map(|(index, frame)| (frame.timestamp_ns, index))
+            .collect();
+        by_stamp.sort_unstable();
+        Self {
+            by_name,
+            by_stamp,
+            count: frames.len(),
+        }
+    }
+
+    fn find(&self, entry: &str) -> Option<usize> {
+        let file_name = entry.rsplit(['/', '\\']).next().unwrap_or(entry);
+        let by_name = [entry, file_name]
+            .into_iter()
+            .find_map(|name| self.by_name.get(name).copied());
+        let by_index = || entry.parse().ok().filter(|index| *index < self.count);
+        let by_stamp = || {
+            let stamp_ns = parse_stamp_ns(entry).filter(|_| entry.contains('.'))?;
+            self.nearest(stamp_ns)
+        };
+        by_name.or_else(by_index).or_else(by_stamp)
+    }
+
+    fn nearest(&self, stamp_ns: i64) -> Option<usize> {
+        let after = self
+            .by_stamp
+            .partition_point(|&(other, _)| other < stamp_ns);
+        self.by_stamp[after.saturating_sub(1)..self.by_stamp.len().min(after + 1)]
+            .iter()
+            .map(|&(other, index)| (other.abs_diff(stamp_ns), index))
+            .min()
+            .filter(|(difference, _)| *difference <= STAMP_TOLERANCE_NS)
+            .map(|(_, index)| index)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Isometry3;
@@ -96,9 +161,9 @@ mod tests {
             .into_iter()
             .map(|name| Frame {
                 name: name.to_owned(),
-                timestamp_ns: 0,
+                timestamp_ns: 1_305_031_102_175_304_000 + name.len() as i64 * 1_000_000_000,
                 world_from_camera: Isometry3::identity(),
-                color: PathBuf::new(),
+                color: Path::new("rgb").join(name).with_extension("png"),
                 depth: None,
             })
             .collect()
@@ -127,6 +192,14 @@ mod tests {
         assert!(matches!(read(b"3"), Err(ListError::Unknown { .. })));
         assert!(matches!(read(b"\xff\xfe0"), Err(ListError::Unknown { .. })));
         assert!(matches!(read(b"# nothing\n"), Err(ListError::Empty { .. })));
+    }
+
+    #[test]
+    fn image_files_and_time_stamps_name_frames_too() {
+        assert_eq!(read(b"rgb/frame-000003.png\nC:\\7.png").unwrap(), [1, 2]);
+        // Seven digits and a pose, as other programs write keyframe trajectories.
+        assert_eq!(read(b"1305031103.1753041 1 2 3 0 0 0 1").unwrap(), [2]);
+        assert!(read(b"1305031103.2").is_err());
     }
 
     #[test]

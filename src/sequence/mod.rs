@@ -33,6 +33,7 @@ pub use inspect::{
 };
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
+pub(crate) use text::parse_stamp_ns;
 pub use warning::Warning;
 
 /// One posed image of a sequence, with its depth image when there is one. Nothing is decoded yet.

@@ -137,7 +137,7 @@ pub(super) fn parse_number(field: &str) -> Option<f64> {
 ///
 /// Whole numbers of 16 digits and more are nanoseconds already. `None` when the text is not a number or does not fit.
 /// Digits beyond the ninth decimal are rounded half away from zero.
-pub(super) fn parse_stamp_ns(field: &str) -> Option<i64> {
+pub(crate) fn parse_stamp_ns(field: &str) -> Option<i64> {
     let (is_negative, unsigned) = match field.as_bytes().first()? {
         b'-' => (true, &field[1..]),
         b'+' => (false, &field[1..]),
