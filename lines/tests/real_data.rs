@@ -19,7 +19,7 @@ fn data(name: &str) -> Option<PathBuf> {
         .map(|folder| PathBuf::from(folder).join(name));
     let found = folder.filter(|folder| folder.is_dir());
     if found.is_none() {
-        println!("skipped: LINECARVE_DATA does not name a folder with {name}");
+        eprintln!("skipped: LINECARVE_DATA does not name a folder with {name}");
     }
     found
 }
@@ -28,26 +28,18 @@ fn extract(
     sequence: &Sequence,
     extractor: &mut SegmentExtractor,
     view: &sequence::View,
-) -> Extraction {
-    let image = sequence.gray(view).unwrap();
-    let depth = sequence.depth(view).unwrap();
+) -> Result<Extraction, AnyError> {
+    let image = sequence.gray(view)?;
+    let depth = sequence.depth(view)?;
     let sensor = DepthSensor {
         camera: sequence.depth_camera.clone(),
         color_from_depth: sequence.color_from_depth,
         is_registered: sequence.is_registered,
         noise: SensorNoise::relative_at(SensorNoise::STRUCTURED_LIGHT_RELATIVE, 2.0, 0.001),
     };
-    let map = sensor
-        .inverse_depth(
-            &depth,
-            &sequence.color_camera,
-            image.width(),
-            image.height(),
-        )
-        .unwrap();
-    extractor
-        .extract(&image, &map, &sequence.color_camera, 0)
-        .unwrap()
+    let (width, height) = (image.width(), image.height());
+    let map = sensor.inverse_depth(&depth, &sequence.color_camera, width, height)?;
+    Ok(extractor.extract(&image, &map, &sequence.color_camera, 0)?)
 }
 
 #[test]
@@ -61,10 +53,10 @@ fn chains_keep_their_guarantees_and_runs_agree() {
             .iter()
             .step_by(4)
         {
-            let first = extract(&sequence, &mut reused, view);
+            let first = extract(&sequence, &mut reused, view).unwrap();
             assert_eq!(reused.chains().check(), Ok(()), "{name} {}", view.name);
             let mut fresh = SegmentExtractor::new(ExtractOptions::default()).unwrap();
-            let second = extract(&sequence, &mut fresh, view);
+            let second = extract(&sequence, &mut fresh, view).unwrap();
             assert_eq!(first.segments, second.segments, "{name} {}", view.name);
             assert_eq!(reused.chains(), fresh.chains());
             // No pixel belongs to two segments.
@@ -88,7 +80,7 @@ fn segments_explain_most_edges_that_have_depth() {
             .iter()
             .step_by(3)
         {
-            let extraction = extract(&sequence, &mut extractor, view);
+            let extraction = extract(&sequence, &mut extractor, view).unwrap();
             inliers += extraction
                 .segments
                 .iter()
