@@ -12,16 +12,16 @@ const IN_SPHERE_BOUND: f64 = 400.0 * UNIT_ROUNDOFF;
 
 /// A point relative to the point being tested, each coordinate rounded once, and its squared distance.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Lifted {
-    pub(crate) x: f64,
-    pub(crate) y: f64,
-    pub(crate) z: f64,
-    pub(crate) lift: f64,
+struct Lifted {
+    x: f64,
+    y: f64,
+    z: f64,
+    lift: f64,
 }
 
 impl Lifted {
     #[inline(always)]
-    pub(crate) fn new(point: &[f64; 3], origin: &[f64; 3]) -> Self {
+    fn new(point: &[f64; 3], origin: &[f64; 3]) -> Self {
         let (x, y, z) = (
             point[0] - origin[0],
             point[1] - origin[1],
@@ -33,7 +33,7 @@ impl Lifted {
 
     /// The larger of both magnitudes, coordinate by coordinate.
     #[inline(always)]
-    pub(crate) fn extent(&self, other: &Self) -> Self {
+    fn extent(&self, other: &Self) -> Self {
         Self {
             x: larger(self.x.abs(), other.x.abs()),
             y: larger(self.y.abs(), other.y.abs()),
@@ -44,14 +44,14 @@ impl Lifted {
 
     /// Bound on the rounding error of [`in_sphere_determinant`] for points of no larger magnitudes than these.
     #[inline(always)]
-    pub(crate) fn in_sphere_error(&self) -> f64 {
+    fn in_sphere_error(&self) -> f64 {
         IN_SPHERE_BOUND * self.x.abs() * self.y.abs() * self.z.abs() * self.lift
     }
 }
 
 /// The in-sphere determinant of four points relative to the fifth, rounded.
 #[inline(always)]
-pub(crate) fn in_sphere_determinant(a: &Lifted, b: &Lifted, c: &Lifted, d: &Lifted) -> f64 {
+fn in_sphere_determinant(a: &Lifted, b: &Lifted, c: &Lifted, d: &Lifted) -> f64 {
     let ab = a.x * b.y - b.x * a.y;
     let bc = b.x * c.y - c.x * b.y;
     let cd = c.x * d.y - d.x * c.y;

@@ -21,10 +21,11 @@
 //! predicates", RNC 2008 (bounds from maximal differences).
 
 mod insphere;
+mod neighbor_spheres;
 mod orient;
 
-pub(crate) use insphere::{Lifted, in_sphere_determinant};
 pub use insphere::{in_sphere, in_sphere_perturbed};
+pub(crate) use neighbor_spheres::{FacetNormals, determinant_error, lifted_row, widen};
 pub(crate) use orient::orient3d_from_differences;
 pub use orient::{are_collinear, orient3d};
 

@@ -27,21 +27,21 @@ use super::Tetrahedralization;
 use super::changes::Changes;
 use super::ids::{CellId, GHOST, NO_CELL};
 use super::storage::{Cell, FACET, NO_LABEL, Storage, state};
-use crate::predicates::{Lifted, in_sphere_determinant, in_sphere_perturbed, orient3d};
+use crate::predicates::{
+    FacetNormals, determinant_error, in_sphere_perturbed, lifted_row, orient3d, widen,
+};
 
-/// Fewest rows of the edge table, and most (1 MiB). On average a search meets 35 vertices.
-const TABLE_VERTICES: std::ops::RangeInclusive<usize> = 64..=512;
+/// Fewest rows of the edge table, and most (1 MiB). On average a hole has 16 vertices.
+const TABLE_VERTICES: std::ops::RangeInclusive<usize> = 32..=512;
 
-/// Label of the ghost among the vertices that a search has met.
+/// Label of the ghost among the vertices of a hole.
 const GHOST_LABEL: u32 = 0;
 
-/// A vertex met by the running search.
-#[derive(Clone, Copy, Debug)]
+/// A vertex on the boundary of the hole.
+#[derive(Clone, Copy, Debug, Default)]
 struct Corner {
-    /// Relative to the new point.
-    relative: Lifted,
     vertex: u32,
-    /// One of the new cells around it, if it is on the boundary of the hole.
+    /// One of the new cells around it.
     cell: u32,
 }
 
@@ -59,10 +59,12 @@ struct BoundaryFacet {
 /// Reused memory of insertions.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CavityScratch {
-    /// Cells in conflict with the labels of their corners; also the queue of the search.
-    conflict: Vec<(u32, [u32; 4])>,
-    boundary: Vec<BoundaryFacet>,
-    /// The vertices met, by label; label 0 is the ghost's.
+    /// Cells in conflict; also the queue of the search.
+    conflict: Found,
+    /// Facets between conflict and rest, `4 * cell + facet` on the inner side.
+    boundary: Found,
+    facets: Vec<BoundaryFacet>,
+    /// The vertices of the hole, by label; label 0 is the ghost's.
     corners: Vec<Corner>,
     /// For labels `i`, `j` of a directed edge: the new facet on its left, `4 * cell + facet`.
     table: Vec<u32>,
@@ -70,53 +72,35 @@ pub(super) struct CavityScratch {
     map: FxHashMap<(u32, u32), u32>,
 }
 
-/// Positions relative to the new point and the bound that holds for all of them.
-struct Labels<'a> {
-    corners: &'a mut Vec<Corner>,
-    origin: [f64; 3],
-    extent: Lifted,
-    /// Error bound of the in-sphere determinant for any four of the corners.
-    error: f64,
+/// A list that is added to without a branch: every candidate is written, and kept if the length advances.
+#[derive(Clone, Debug, Default)]
+struct Found {
+    /// What lies beyond `length` is meaningless.
+    slots: Vec<u32>,
+    length: usize,
 }
 
-impl<'a> Labels<'a> {
-    fn new(corners: &'a mut Vec<Corner>, origin: [f64; 3]) -> Self {
-        let zero = Lifted::new(&origin, &origin);
-        corners.clear();
-        corners.push(Corner {
-            relative: zero,
-            vertex: GHOST,
-            cell: NO_CELL,
-        });
-        Self {
-            corners,
-            origin,
-            extent: zero,
-            error: 0.0,
-        }
+impl Found {
+    fn clear(&mut self) {
+        self.length = 0;
     }
 
-    /// The label of a vertex other than the ghost, given now if it has none.
-    #[inline]
-    fn of(&mut self, storage: &mut Storage, vertex: u32) -> u32 {
-        let record = &mut storage.vertices[vertex as usize];
-        if record.label == NO_LABEL {
-            let relative = Lifted::new(&record.position, &self.origin);
-            record.label = self.corners.len() as u32;
-            self.corners.push(Corner {
-                relative,
-                vertex,
-                cell: NO_CELL,
-            });
-            self.extent = self.extent.extent(&relative);
-            self.error = self.extent.in_sphere_error();
+    /// Makes room for the candidates of one cell.
+    #[inline(always)]
+    fn make_room(&mut self) {
+        if self.slots.len() < self.length + 4 {
+            self.slots.resize(2 * self.length + 64, 0);
         }
-        record.label
     }
 
     #[inline(always)]
-    fn relative(&self, label: u32) -> &Lifted {
-        &self.corners[label as usize].relative
+    fn add_if(&mut self, keep: bool, candidate: u32) {
+        self.slots[self.length] = candidate;
+        self.length += usize::from(keep);
+    }
+
+    fn iter(&self) -> impl Iterator<Item = u32> + '_ {
+        self.slots[..self.length].iter().copied()
     }
 }
 
@@ -156,85 +140,82 @@ impl Tetrahedralization {
     pub(super) fn connect(&mut self, vertex: u32, start: u32, changes: &mut Changes) {
         let mut scratch = std::mem::take(&mut self.cavity);
         self.find_conflicts(vertex, start, &mut scratch);
+        self.label_facets(&mut scratch);
         self.fill_hole(vertex, &mut scratch, changes);
         self.cavity = scratch;
     }
 
     /// Lists the cells in conflict and the facets around them. The region is connected.
     ///
-    /// Each cell is tested from a neighbour in conflict, with which it shares three corners; only the fourth is
-    /// looked up. The error bound covers all corners met so far; where it is too coarse the general predicate
-    /// decides with one of its own.
+    /// Which neighbours are in conflict is as good as random, so the loop is written without branches on it: the
+    /// four neighbours of a cell are tested together, whether that is still needed or not, and what is found is stored
+    /// first and kept or not after. The error bound covers all corners met so far; where it is too coarse the general
+    /// predicate decides with one of its own.
     #[inline(never)]
     fn find_conflicts(&mut self, vertex: u32, start: u32, scratch: &mut CavityScratch) {
         let p = *self.storage.position(vertex);
         let CavityScratch {
-            conflict,
-            boundary,
-            corners,
-            ..
+            conflict, boundary, ..
         } = scratch;
-        let mut labels = Labels::new(corners, p);
         conflict.clear();
         boundary.clear();
-        for corner in self.storage.cell(start).vertices {
-            if corner != GHOST {
-                labels.of(&mut self.storage, corner);
-            }
-        }
-        self.add_conflict(start, conflict);
+        conflict.make_room();
+        conflict.add_if(true, start);
+        self.storage.states[start as usize] = state::CONFLICT;
+        let mut extent = [0.0; 4];
         let mut next = 0;
-        while let Some(&(current, corners)) = conflict.get(next) {
+        while next < conflict.length {
+            let current = conflict.slots[next];
             next += 1;
-            let neighbors = self.storage.cell(current).neighbors;
-            // All four neighbours are fetched before the first is tested: they are the cache misses of the search.
-            let fetch = |n: u32| self.storage.cells[(n >> 2) as usize].vertices[(n & 3) as usize];
-            let [n0, n1, n2, n3] = neighbors;
-            let apexes = [fetch(n0), fetch(n1), fetch(n2), fetch(n3)];
-            let current_is_ghost = corners[3] == GHOST_LABEL;
-            for facet in 0..4 {
+            conflict.make_room();
+            boundary.make_room();
+            let Cell {
+                vertices,
+                neighbors,
+            } = *self.storage.cell(current);
+            let apex = |facet: usize| {
                 let packed = neighbors[facet];
-                let other = packed >> 2;
+                self.storage.cells[(packed >> 2) as usize].vertices[(packed & 3) as usize]
+            };
+            let apexes = [apex(0), apex(1), apex(2), apex(3)];
+            let mut dets = [0.0; 4];
+            // A ghost among the corners leaves every test in doubt.
+            if vertices[3] != GHOST {
+                let storage = &self.storage;
+                let row = |v: u32| lifted_row(storage.position(v), &p);
+                let apex_row = |v: u32| if v == GHOST { [0.0; 4] } else { row(v) };
+                let rows = [
+                    row(vertices[0]),
+                    row(vertices[1]),
+                    row(vertices[2]),
+                    row(vertices[3]),
+                ];
+                let apex_rows = [
+                    apex_row(apexes[0]),
+                    apex_row(apexes[1]),
+                    apex_row(apexes[2]),
+                    apex_row(apexes[3]),
+                ];
+                for (row, apex_row) in rows.iter().zip(&apex_rows) {
+                    widen(&mut extent, row);
+                    widen(&mut extent, apex_row);
+                }
+                dets = FacetNormals::new(&rows).determinants(&apex_rows);
+            }
+            let error = determinant_error(&extent);
+            for facet in 0..4 {
+                let other = neighbors[facet] >> 2;
                 let mark = self.storage.states[other as usize];
-                if mark == state::CONFLICT {
-                    continue;
+                let untested = mark == state::ALIVE;
+                let mut hit = dets[facet] > 0.0;
+                if untested && dets[facet].abs() <= error {
+                    hit = self.is_in_conflict_again(other, &p);
                 }
-                // The facet as a face of the other cell and of the new one: both are on its other side.
-                let [f0, f2, f1] = FACET[facet].map(|k| corners[k]);
-                if mark == state::ALIVE {
-                    let apex = apexes[facet];
-                    let finite = apex != GHOST && (!current_is_ghost || facet == 3);
-                    let mut hit = None;
-                    if finite {
-                        let apex = labels.of(&mut self.storage, apex);
-                        let det = in_sphere_determinant(
-                            labels.relative(f0),
-                            labels.relative(f1),
-                            labels.relative(f2),
-                            labels.relative(apex),
-                        );
-                        hit = (det.abs() > labels.error).then_some(det > 0.0);
-                    }
-                    let hit = hit.unwrap_or_else(|| self.is_in_conflict_again(other, &p));
-                    if hit {
-                        if !finite && apex != GHOST {
-                            labels.of(&mut self.storage, apex);
-                        }
-                        self.add_conflict(other, conflict);
-                        continue;
-                    }
-                    self.storage.states[other as usize] = state::OUTSIDE;
-                }
-                let labels = match (current_is_ghost, f0, f1) {
-                    (true, GHOST_LABEL, _) => [f1, f2, f0],
-                    (true, _, GHOST_LABEL) => [f2, f0, f1],
-                    _ => [f0, f1, f2],
-                };
-                boundary.push(BoundaryFacet {
-                    outside: packed,
-                    labels,
-                    cell: NO_CELL,
-                });
+                let tested = if hit { state::CONFLICT } else { state::OUTSIDE };
+                let mark = if untested { tested } else { mark };
+                self.storage.states[other as usize] = mark;
+                conflict.add_if(untested & hit, other);
+                boundary.add_if(mark == state::OUTSIDE, 4 * current + facet as u32);
             }
         }
     }
@@ -246,15 +227,53 @@ impl Tetrahedralization {
         self.is_in_conflict(self.storage.cell(cell), p)
     }
 
-    /// Queues a cell in conflict, whose corners have labels.
-    #[inline]
-    fn add_conflict(&mut self, cell: u32, conflict: &mut Vec<(u32, [u32; 4])>) {
+    /// Labels the vertices of the hole and lists its facets.
+    fn label_facets(&mut self, scratch: &mut CavityScratch) {
         let storage = &mut self.storage;
-        storage.states[cell as usize] = state::CONFLICT;
-        let [a, b, c, d] = storage.cells[cell as usize].vertices;
-        let label = |v: u32| storage.vertices[v as usize].label;
-        let last = if d == GHOST { GHOST_LABEL } else { label(d) };
-        conflict.push((cell, [label(a), label(b), label(c), last]));
+        let CavityScratch {
+            boundary,
+            facets,
+            corners,
+            ..
+        } = scratch;
+        facets.clear();
+        corners.clear();
+        corners.push(Corner {
+            vertex: GHOST,
+            cell: NO_CELL,
+        });
+        for packed in boundary.iter() {
+            let inner = *storage.cell(packed >> 2);
+            let facet = (packed & 3) as usize;
+            // (f0, f2, f1) turns positively around the corner inside, so (f0, f1, f2) follows the new vertex.
+            let [f0, f2, f1] = FACET[facet];
+            let mut label = |slot: usize| {
+                let vertex = inner.vertices[slot];
+                if vertex == GHOST {
+                    return GHOST_LABEL;
+                }
+                let record = &mut storage.vertices[vertex as usize];
+                if record.label == NO_LABEL {
+                    record.label = corners.len() as u32;
+                    corners.push(Corner {
+                        vertex,
+                        cell: NO_CELL,
+                    });
+                }
+                record.label
+            };
+            let [l0, l1, l2] = [label(f0), label(f1), label(f2)];
+            let labels = match (l0, l1) {
+                (GHOST_LABEL, _) => [l1, l2, l0],
+                (_, GHOST_LABEL) => [l2, l0, l1],
+                _ => [l0, l1, l2],
+            };
+            facets.push(BoundaryFacet {
+                outside: inner.neighbors[facet],
+                labels,
+                cell: NO_CELL,
+            });
+        }
     }
 
     /// Replaces the cells in conflict by cells that join `vertex` to the boundary facets.
@@ -263,12 +282,13 @@ impl Tetrahedralization {
         let storage = &mut self.storage;
         let CavityScratch {
             conflict,
-            boundary,
+            facets: boundary,
             corners,
             table,
             map,
+            ..
         } = scratch;
-        for &(cell, _) in conflict.iter() {
+        for cell in conflict.iter() {
             storage.destroy_cell(cell);
             changes.destroyed.push(CellId::from_raw(cell));
         }
@@ -316,9 +336,7 @@ impl Tetrahedralization {
         for corner in &corners[1..] {
             let record = &mut storage.vertices[corner.vertex as usize];
             record.label = NO_LABEL;
-            if corner.cell != NO_CELL {
-                record.cell = corner.cell;
-            }
+            record.cell = corner.cell;
         }
         if let Some(facet) = boundary.first() {
             storage.vertices[vertex as usize].cell = facet.cell;
