@@ -210,9 +210,13 @@ pub struct SynthArgs {
     #[arg(long, value_enum, default_value_t = SequenceLayout::Tum)]
     pub layout: SequenceLayout,
 
-    /// Write colour as JPEG of this quality (1 to 100) in place of PNG.
-    #[arg(long, value_name = "QUALITY")]
-    pub jpeg_quality: Option<u8>,
+    /// Quality of the colour images, which are JPEG, 1 to 100.
+    #[arg(long, value_name = "QUALITY", default_value_t = 90)]
+    pub jpeg_quality: u8,
+
+    /// Write colour as PNG, without loss.
+    #[arg(long, conflicts_with = "jpeg_quality")]
+    pub png: bool,
 
     /// Errors of the depth camera.
     #[arg(long, value_enum, default_value_t = NoiseModel::None)]

@@ -16,9 +16,12 @@ pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         height,
         focal_px: args.focal,
         layout: args.layout,
-        color: match args.jpeg_quality {
-            Some(quality) => ColorFormat::Jpeg { quality },
-            None => ColorFormat::Png,
+        color: if args.png {
+            ColorFormat::Png
+        } else {
+            ColorFormat::Jpeg {
+                quality: args.jpeg_quality,
+            }
         },
         noise: match args.noise {
             NoiseModel::None => DepthNoise::Exact,
@@ -49,30 +52,60 @@ pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     Ok(Outcome::Done)
 }
 
-/// The command that makes the same folder again, with every option that matters; the output folder is left open.
+/// The command that makes the same folder again: every option that is not as it would be anyway.
 fn command_line(args: &SynthArgs) -> String {
     use clap::ValueEnum;
     let name = |value: Option<clap::builder::PossibleValue>| {
         value.map_or_else(String::new, |value| value.get_name().to_owned())
     };
-    let (width, height) = args.size;
+    let usual = SynthOptions::default();
     let mut line = format!(
-        "linecarve synth {} --frames {} --size {width}x{height} --layout {} --noise {} --noise-strength {} \
-         --color-noise {} --exposure-change {} --seed {}",
+        "linecarve synth {} --frames {} --seed {}",
         name(args.scene.to_possible_value()),
         args.frames,
-        name(args.layout.to_possible_value()),
-        name(args.noise.to_possible_value()),
-        args.noise_strength,
-        args.color_noise,
-        args.exposure_change,
         args.seed
     );
+    let mut add = |is_unusual: bool, option: String| {
+        if is_unusual {
+            line += " ";
+            line += &option;
+        }
+    };
+    let (width, height) = args.size;
+    add(
+        args.size != (usual.width, usual.height),
+        format!("--size {width}x{height}"),
+    );
     if let Some(focal) = args.focal {
-        line += &format!(" --focal {focal}");
+        add(true, format!("--focal {focal}"));
     }
-    if let Some(quality) = args.jpeg_quality {
-        line += &format!(" --jpeg-quality {quality}");
-    }
+    add(
+        args.layout != usual.layout,
+        format!("--layout {}", name(args.layout.to_possible_value())),
+    );
+    let jpeg = ColorFormat::Jpeg {
+        quality: args.jpeg_quality,
+    };
+    add(args.png, "--png".to_owned());
+    add(
+        !args.png && jpeg != usual.color,
+        format!("--jpeg-quality {}", args.jpeg_quality),
+    );
+    add(
+        args.noise != NoiseModel::None,
+        format!(
+            "--noise {} --noise-strength {}",
+            name(args.noise.to_possible_value()),
+            args.noise_strength
+        ),
+    );
+    add(
+        args.color_noise != usual.color_noise,
+        format!("--color-noise {}", args.color_noise),
+    );
+    add(
+        args.exposure_change != usual.exposure_change,
+        format!("--exposure-change {}", args.exposure_change),
+    );
     line + " --out DIR"
 }
