@@ -1,9 +1,10 @@
 //! What is rendered, and how.
 
+use clap::ValueEnum;
 use linecarve_lines::camera::{Camera, CameraError};
 
 /// The scenes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum SceneKind {
     /// A furnished room with a doorway to a corridor, seen all around.
     #[default]
@@ -15,7 +16,7 @@ pub enum SceneKind {
 }
 
 /// Layouts of the folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum SequenceLayout {
     /// TUM RGB-D: rgb/, depth/ and lists with time stamps; depth 5000 a metre.
     #[default]
@@ -88,8 +89,6 @@ pub struct SynthOptions {
     pub exposure_change: f64,
     /// Seed of the path's unsteadiness and of all noise.
     pub seed: u64,
-    /// The command line that the folder's README names, when there is one.
-    pub command: Option<String>,
 }
 
 impl Default for SynthOptions {
@@ -101,12 +100,11 @@ impl Default for SynthOptions {
             height: 480,
             focal_px: None,
             layout: SequenceLayout::Tum,
-            color: ColorFormat::Jpeg { quality: 90 },
+            color: ColorFormat::Jpeg { quality: 85 },
             noise: DepthNoise::Exact,
             color_noise: 0.0,
             exposure_change: 0.0,
             seed: 1,
-            command: None,
         }
     }
 }
@@ -192,6 +190,60 @@ impl SynthOptions {
             return Err(SynthOptionsError::Range { name, value, range });
         }
         self.camera().map(|_| ())
+    }
+
+    /// The command that renders the same bytes into a folder DIR: options that differ from the defaults are named.
+    pub fn command_line(&self) -> String {
+        let default = Self::default();
+        let name = |value: &dyn Fn() -> Option<clap::builder::PossibleValue>| {
+            value().map_or_else(String::new, |value| value.get_name().to_owned())
+        };
+        let mut line = format!(
+            "linecarve synth {} --frames {} --seed {}",
+            name(&|| self.scene.to_possible_value()),
+            self.frames,
+            self.seed
+        );
+        let mut add = |differs: bool, text: String| {
+            if differs {
+                line.push(' ');
+                line += &text;
+            }
+        };
+        add(
+            self.width != default.width,
+            format!("--width {}", self.width),
+        );
+        add(
+            self.height != default.height,
+            format!("--height {}", self.height),
+        );
+        if let Some(focal) = self.focal_px {
+            add(true, format!("--focal {focal:?}"));
+        }
+        add(
+            self.layout != default.layout,
+            format!("--layout {}", name(&|| self.layout.to_possible_value())),
+        );
+        match self.color {
+            ColorFormat::Png => add(true, "--color png".to_owned()),
+            ColorFormat::Jpeg { quality } => {
+                add(self.color != default.color, format!("--quality {quality}"));
+            }
+        }
+        if let DepthNoise::Kinect { strength } = self.noise {
+            add(true, "--noise kinect".to_owned());
+            add(strength != 1.0, format!("--noise-strength {strength:?}"));
+        }
+        add(
+            self.color_noise != default.color_noise,
+            format!("--color-noise {:?}", self.color_noise),
+        );
+        add(
+            self.exposure_change != default.exposure_change,
+            format!("--exposure-change {:?}", self.exposure_change),
+        );
+        line + " --out DIR"
     }
 
     /// The camera of the images; its principal point is their centre.

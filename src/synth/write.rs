@@ -87,6 +87,16 @@ pub fn write_sequence(
     out: &Path,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<SynthSummary, SynthError> {
+    write_selected(options, out, &|_| true, progress)
+}
+
+/// [`write_sequence`] that leaves out the images of frames that are not selected.
+pub(super) fn write_selected(
+    options: &SynthOptions,
+    out: &Path,
+    is_selected: &(dyn Fn(usize) -> bool + Sync),
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<SynthSummary, SynthError> {
     options.validate()?;
     let files = Files::new(options, out);
     files.make_folders()?;
@@ -99,6 +109,7 @@ pub fn write_sequence(
     let with_depth: Vec<u64> = poses
         .par_iter()
         .enumerate()
+        .filter(|(frame, _)| is_selected(*frame))
         .map(|(frame, pose)| {
             let valid = write_frame(&photographer, options, &files, frame, pose)?;
             progress(done.fetch_add(1, Ordering::Relaxed) + 1, poses.len());
@@ -350,10 +361,6 @@ fn readme(
     camera: &Camera,
     summary: &SynthSummary,
 ) -> String {
-    let made_by = options.command.as_ref().map_or_else(
-        || "by the library function `synth::write_sequence`".to_owned(),
-        |command| format!("by\n\n    {command}\n\n"),
-    );
     let depth = match options.noise {
         DepthNoise::Exact => "exact, through the centre of each pixel".to_owned(),
         DepthNoise::Kinect { strength } => {
@@ -362,14 +369,15 @@ fn readme(
     };
     format!(
         "# {title}\n\n\
-         A sequence rendered {made_by} (seed {seed}); rendering it again gives the same bytes.\n\n\
+         A rendered sequence. It was made, and can be made again byte for byte, by\n\n    \
+         {command}\n\n\
          - {frames} frames of {width} x {height} pixels, pinhole camera with focal length {focal} px.\n\
          - Poses are exact: metres, world from camera, the world with z up, the camera with x right, y down, z forward.\n\
          - Depth is {depth}, {scale} raw units a metre, registered to colour; 0 is unknown.\n\
          - `ground-truth.ply` is the whole surface: {triangles} triangles that face free space.\n\
          - `ground-truth-observed.ply` is what at least one frame sees of it: {share:.1} % of its area.\n",
         title = scene.title,
-        seed = options.seed,
+        command = options.command_line(),
         frames = options.frames,
         width = options.width,
         height = options.height,

@@ -50,19 +50,19 @@ impl Scene {
         scene.window();
         scene.walls_with_pictures();
         scene.things();
-        scene.ambient = [0.40, 0.40, 0.41];
+        scene.ambient = [0.45, 0.45, 0.46];
         scene.lamps = vec![
             Lamp {
                 centre: Point3::new(2.5, 1.9, HEIGHT - 0.06),
                 half_u: Vector3::new(0.5, 0.0, 0.0),
                 half_v: Vector3::new(0.0, -0.5, 0.0),
-                power: [2.55, 2.45, 2.25],
+                power: [3.0, 2.88, 2.65],
             },
             Lamp {
                 centre: Point3::new(1.4, DEPTH - 0.05, 1.5),
                 half_u: Vector3::new(0.0, 0.0, 0.5),
                 half_v: Vector3::new(-0.6, 0.0, 0.0),
-                power: [1.9, 2.03, 2.25],
+                power: [2.2, 2.35, 2.6],
             },
             Lamp {
                 centre: Point3::new(-0.9, 1.5, HEIGHT - 0.06),
