@@ -211,7 +211,7 @@ pub struct SynthArgs {
     pub layout: SequenceLayout,
 
     /// Quality of the colour images, which are JPEG, 1 to 100.
-    #[arg(long, value_name = "QUALITY", default_value_t = 90)]
+    #[arg(long, value_name = "QUALITY", default_value_t = 85)]
     pub jpeg_quality: u8,
 
     /// Write colour as PNG, without loss.

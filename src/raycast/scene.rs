@@ -153,12 +153,26 @@ impl RayScene {
     /// Whether anything lies on a ray at a distance of at most `max` lengths of the direction. Faster than
     /// [`RayScene::cast`], because any hit will do.
     pub fn is_occluded(&self, origin: &Point3<f64>, direction: &Vector3<f64>, max: f64) -> bool {
+        self.is_occluded_where(origin, direction, max, |_| true)
+    }
+
+    /// [`RayScene::is_occluded`] that sees only the triangles which `visible` admits.
+    pub fn is_occluded_where(
+        &self,
+        origin: &Point3<f64>,
+        direction: &Vector3<f64>,
+        max: f64,
+        visible: impl Fn(u32) -> bool,
+    ) -> bool {
         let Some(ray) = PreparedRay::new(origin, direction) else {
             return false;
         };
         self.tree
             .leaves(|node| enters(&ray, node, max).is_some())
-            .any(|triangle| ray.hits_triangle(self.corners(triangle), max).is_some())
+            .any(|triangle| {
+                let hit = ray.hits_triangle(self.corners(triangle), max);
+                hit.is_some() && visible(triangle)
+            })
     }
 
     /// The nearest point of the mesh no farther than `max` from `point`; `None` when there is none or `point` is not

@@ -1,9 +1,10 @@
 //! How open the surroundings are above each point: the shade in corners and under tables.
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::buffer::{Sample, SampleBuffer, ViewRays};
+use super::options::BackFaces;
 use super::view::View;
 use crate::raycast::RayScene;
 
@@ -28,7 +29,7 @@ impl Openness {
         scene: &RayScene,
         view: &View,
         buffer: &SampleBuffer,
-        rays_per_pixel: u32,
+        (rays_per_pixel, back_faces): (u32, BackFaces),
         row_done: &(dyn Fn() + Sync),
     ) -> Self {
         let (width, height) = (view.width as usize, view.height as usize);
@@ -41,6 +42,12 @@ impl Openness {
             };
         };
         let reach = REACH * median_depth * f64::from(view.width) / view.camera.fx();
+        let eye = Point3::from(view.world_from_camera.translation.vector);
+        // What is not drawn takes no light either.
+        let is_drawn = |triangle: u32| {
+            let toward_eye = eye - scene.corners(triangle)[0];
+            back_faces != BackFaces::Hidden || scene.normal(triangle).dot(&toward_eye) > 0.0
+        };
         let count = rays_per_pixel as usize;
         let directions = directions(count * PATTERN * PATTERN);
         let rays = ViewRays::new(view, buffer.supersampling);
@@ -66,7 +73,9 @@ impl Openness {
                         let [a, b, c, length] =
                             directions[(ray * PATTERN * PATTERN + start) % directions.len()];
                         let direction = tangent * a + bitangent * b + normal * c;
-                        if !scene.is_occluded(&point, &direction, reach * length) {
+                        let closed =
+                            scene.is_occluded_where(&point, &direction, reach * length, is_drawn);
+                        if !closed {
                             open += 1;
                         }
                     }

@@ -129,7 +129,7 @@ impl<'a> Renderer<'a> {
                 &self.scene,
                 view,
                 &buffer,
-                options.occlusion_rays,
+                (options.occlusion_rays, options.back_faces),
                 &row_done,
             )
         });

@@ -11,6 +11,8 @@ const OUTSIDE_FIELD_OF_VIEW_RAD: f64 = 0.55;
 const OUTSIDE_ELEVATION_RAD: f64 = 0.72;
 /// Outside views fit this share of the vertices along each axis: carved surfaces may have a few far away.
 const OUTSIDE_SHARE: f64 = 0.98;
+/// They fit the others, too, on a side on which these reach no farther than this share of that extent.
+const OUTSIDE_EXTENSION: f64 = 0.6;
 
 /// A pinhole camera somewhere in the world and the size of its picture.
 #[derive(Debug, Clone, PartialEq)]
@@ -233,8 +235,18 @@ fn central_box(
         } else {
             (along.len() as f64 * 0.5 * (1.0 - OUTSIDE_SHARE)) as usize
         };
-        low[index] = along[cut];
-        high[index] = along[along.len() - 1 - cut];
+        let (first, last) = (along[0], along[along.len() - 1]);
+        let (mut from, mut to) = (along[cut], along[along.len() - 1 - cut]);
+        // Vertices may be dense on small things: what sticks out moderately belongs to the scene.
+        let reach = OUTSIDE_EXTENSION * (to - from);
+        if from - first <= reach {
+            from = first;
+        }
+        if last - to <= reach {
+            to = last;
+        }
+        low[index] = from;
+        high[index] = to;
     }
     Some((low, high))
 }

@@ -192,7 +192,8 @@ impl SynthOptions {
         self.camera().map(|_| ())
     }
 
-    /// The command that renders the same bytes into a folder DIR: options that differ from the defaults are named.
+    /// The command that renders the same bytes into a folder DIR; of most options it names those that differ from the
+    /// defaults.
     pub fn command_line(&self) -> String {
         let default = Self::default();
         let name = |value: &dyn Fn() -> Option<clap::builder::PossibleValue>| {
@@ -211,12 +212,8 @@ impl SynthOptions {
             }
         };
         add(
-            self.width != default.width,
-            format!("--width {}", self.width),
-        );
-        add(
-            self.height != default.height,
-            format!("--height {}", self.height),
+            (self.width, self.height) != (default.width, default.height),
+            format!("--size {}x{}", self.width, self.height),
         );
         if let Some(focal) = self.focal_px {
             add(true, format!("--focal {focal:?}"));
@@ -226,9 +223,12 @@ impl SynthOptions {
             format!("--layout {}", name(&|| self.layout.to_possible_value())),
         );
         match self.color {
-            ColorFormat::Png => add(true, "--color png".to_owned()),
+            ColorFormat::Png => add(true, "--png".to_owned()),
             ColorFormat::Jpeg { quality } => {
-                add(self.color != default.color, format!("--quality {quality}"));
+                add(
+                    self.color != default.color,
+                    format!("--jpeg-quality {quality}"),
+                );
             }
         }
         if let DepthNoise::Kinect { strength } = self.noise {

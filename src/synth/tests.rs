@@ -397,12 +397,12 @@ fn the_command_line_names_what_differs_from_the_defaults() {
     };
     assert_eq!(
         options.command_line(),
-        "linecarve synth boxes --frames 3 --seed 1 --width 96 --height 72 --layout 7-scenes --noise kinect \
+        "linecarve synth boxes --frames 3 --seed 1 --size 96x72 --layout 7-scenes --noise kinect \
          --noise-strength 2.0 --out DIR"
     );
 }
 
-/// The sample that the README reconstructs is what the defaults render: all lists and meshes, and two of its frames.
+/// The sample that the README reconstructs is what its command renders: all lists and meshes, and two of its frames.
 #[test]
 fn the_sample_is_what_its_command_renders() {
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
@@ -413,13 +413,11 @@ fn the_sample_is_what_its_command_renders() {
     let folder = tempfile::tempdir().unwrap();
     let selected = [7, 23];
     let is_selected = |frame: usize| selected.contains(&frame);
-    write_selected(
-        &SynthOptions::default(),
-        folder.path(),
-        &is_selected,
-        &|_, _| {},
-    )
-    .unwrap();
+    let options = SynthOptions {
+        color: ColorFormat::Jpeg { quality: 85 },
+        ..SynthOptions::default()
+    };
+    write_selected(&options, folder.path(), &is_selected, &|_, _| {}).unwrap();
     let (expected, rendered) = (contents(&sample), contents(folder.path()));
     for (name, bytes) in &rendered {
         assert!(expected.get(name) == Some(bytes), "{name} differs");
