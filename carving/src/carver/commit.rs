@@ -46,6 +46,12 @@ pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, Event
     let Transaction { carver, mut plan } = transaction;
     plan.drop_idle_moves(carver);
     plan.check_lengths(carver)?;
+    if !carver
+        .tetrahedra
+        .has_room_for(plan.points.len() + plan.new_points.len())
+    {
+        return Err(EventError::Full);
+    }
     Ok(carver.make(&plan))
 }
 

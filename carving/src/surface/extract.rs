@@ -18,14 +18,15 @@ pub struct ExportOptions {
     /// triangles by sharing free space.
     pub minimum_component: usize,
     /// Give non-manifold edges and vertices one copy for each sheet of the surface, so that every edge has at most two
-    /// triangles and every vertex one fan.
+    /// triangles and every vertex one fan. Where a sheet meets itself along an edge, the edge is split at its midpoint.
     pub manifold: bool,
 }
 
 /// Triangles with indexed vertices.
 ///
 /// Vertices are in lexicographic order of their coordinates (copies of one vertex in the order of their first
-/// triangles), triangles start at their smallest index and are sorted. Equal surfaces thus have equal meshes, whatever
+/// triangles), after them come midpoints of edges that a repair had to split; triangles start at their smallest index
+/// and are sorted. Equal surfaces thus have equal meshes, whatever
 /// led to them. There are no unused vertices.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct IndexedMesh {
@@ -35,12 +36,15 @@ pub struct IndexedMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// One corner of a triangle to be exported; equal copies share an index in the mesh.
+/// The triangles to be exported and how they hang together.
 pub(super) struct Sheet {
     /// Triangles with their vertices.
     pub(super) triangles: Vec<Triangle>,
-    /// For each triangle the copy of each vertex; all 0 without repair.
+    /// For each corner the copy of its vertex; all 0 without repair.
     pub(super) copies: Vec<[u32; 3]>,
+    /// For each edge, which starts at the corner of the same place, a number that it has in common with the edge of the
+    /// neighbouring triangle only.
+    pub(super) edges: Vec<[u32; 3]>,
 }
 
 /// Exports the surface.
@@ -81,23 +85,79 @@ pub(crate) fn extract(
     let all_corners = corners.clone();
     corners.sort_unstable();
     corners.dedup();
-    let mesh_vertices = corners
-        .iter()
-        .map(|&(r, _)| tetrahedra.position(vertices[r as usize]))
-        .collect();
+    let mut mesh = IndexedMesh {
+        vertices: corners
+            .iter()
+            .map(|&(r, _)| tetrahedra.position(vertices[r as usize]))
+            .collect(),
+        triangles: Vec::with_capacity(sheet.triangles.len()),
+    };
     let index = |corner: &(u32, u32)| {
         corners
             .binary_search(corner)
             .expect("every corner has been listed") as u32
     };
-    let mut triangles: Vec<[u32; 3]> = all_corners
-        .chunks_exact(3)
-        .map(|c| rotate_smallest_first([index(&c[0]), index(&c[1]), index(&c[2])]))
-        .collect();
-    triangles.sort_unstable();
-    IndexedMesh {
-        vertices: mesh_vertices,
-        triangles,
+    mesh.triangles.extend(
+        all_corners
+            .chunks_exact(3)
+            .map(|c| [index(&c[0]), index(&c[1]), index(&c[2])]),
+    );
+    if options.manifold {
+        split_repeated_edges(&mut mesh, &sheet.edges);
+    }
+    for triangle in &mut mesh.triangles {
+        *triangle = rotate_smallest_first(*triangle);
+    }
+    mesh.triangles.sort_unstable();
+    mesh
+}
+
+/// Splits edges at their midpoints where several of different number have the same ends, all but the first.
+fn split_repeated_edges(mesh: &mut IndexedMesh, edges: &[[u32; 3]]) {
+    let mut ends: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * edges.len());
+    for (triangle, numbers) in mesh.triangles.iter().zip(edges) {
+        for k in 0..3 {
+            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+            ends.push((a.min(b), a.max(b), numbers[k]));
+        }
+    }
+    ends.sort_unstable();
+    ends.dedup();
+    let mut midpoints: FxHashMap<u32, u32> = FxHashMap::default();
+    for pair in ends.windows(2) {
+        let ((a, b, _), (c, d, number)) = (pair[0], pair[1]);
+        if (a, b) == (c, d) {
+            let middle = nalgebra::center(&mesh.vertices[a as usize], &mesh.vertices[b as usize]);
+            midpoints.insert(number, mesh.vertices.len() as u32);
+            mesh.vertices.push(middle);
+        }
+    }
+    if midpoints.is_empty() {
+        return;
+    }
+    let whole = std::mem::take(&mut mesh.triangles);
+    for (triangle, numbers) in whole.into_iter().zip(edges) {
+        let middle = numbers.map(|number| midpoints.get(&number).copied());
+        // The boundary of the triangle with its midpoints, cut into ears at the midpoints.
+        let mut boundary: Vec<(u32, bool)> = Vec::with_capacity(6);
+        for k in 0..3 {
+            boundary.push((triangle[k], false));
+            boundary.extend(middle[k].map(|m| (m, true)));
+        }
+        while boundary.len() > 3 {
+            // A corner between two other vertices of which one is a midpoint makes a triangle with them.
+            let n = boundary.len();
+            let ear = (0..n).find(|&k| {
+                !boundary[k].1 && (boundary[(k + 1) % n].1 || boundary[(k + n - 1) % n].1)
+            });
+            let Some(ear) = ear else { break };
+            let [before, at, after] =
+                [(ear + n - 1) % n, ear, (ear + 1) % n].map(|k| boundary[k].0);
+            mesh.triangles.push([before, at, after]);
+            boundary.remove(ear);
+        }
+        mesh.triangles
+            .push([boundary[0].0, boundary[1].0, boundary[2].0]);
     }
 }
 

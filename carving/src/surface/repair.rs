@@ -2,7 +2,8 @@
 //!
 //! At an edge where more than two triangles meet, those two belong together that bound the same wedge of free cells
 //! around the edge. Connected in this way every edge has two triangles (or one at a border), and the corners that remain
-//! connected around a vertex form one fan.
+//! connected around a vertex form one fan. Two edges of one fan may still have the same ends; all but one of them are
+//! split at their midpoints.
 
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 
@@ -67,6 +68,9 @@ pub(super) fn split_into_manifold(
     let mut sheet = Sheet {
         triangles: chosen.iter().map(|(triangle, _)| *triangle).collect(),
         copies: vec![[0; 3]; chosen.len()],
+        edges: (0..chosen.len() as u32)
+            .map(|index| [3 * index, 3 * index + 1, 3 * index + 2])
+            .collect(),
     };
     if !options.manifold && options.minimum_component <= 1 {
         return sheet;
@@ -88,6 +92,10 @@ pub(super) fn split_into_manifold(
             };
             let other = place[found].1;
             components.unite(index, other);
+            let back = chosen[other as usize].0.iter().position(|&v| v == b);
+            let back = 3 * other + back.expect("partners share the edge") as u32;
+            let edge = &mut sheet.edges[index as usize][k];
+            *edge = back.min(*edge);
             for (corner, vertex) in [(k, a), ((k + 1) % 3, b)] {
                 let twin = chosen[other as usize]
                     .0
@@ -115,6 +123,8 @@ pub(super) fn split_into_manifold(
         sheet.triangles.retain(|_| *kept.next().unwrap_or(&true));
         let mut kept = keep.iter();
         sheet.copies.retain(|_| *kept.next().unwrap_or(&true));
+        let mut kept = keep.iter();
+        sheet.edges.retain(|_| *kept.next().unwrap_or(&true));
     }
     sheet
 }

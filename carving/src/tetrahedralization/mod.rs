@@ -241,6 +241,11 @@ impl Tetrahedralization {
             .map(VertexId)
     }
 
+    /// Whether so many more points certainly find room.
+    pub(crate) fn has_room_for(&self, points: usize) -> bool {
+        self.storage.has_room_for(points)
+    }
+
     /// One of the cells that have `vertex` as a corner; `None` below dimension three and for dead vertices.
     #[inline]
     pub fn cell_of(&self, vertex: VertexId) -> Option<CellId> {

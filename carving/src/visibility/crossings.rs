@@ -51,8 +51,6 @@ pub(crate) struct Crossings {
     watched: u64,
     /// Cells whose weight has passed the watched value upwards or downwards, possibly repeatedly.
     flipped: Vec<CellId>,
-    /// Reused memory.
-    kept: Vec<RayId>,
 }
 
 impl Crossings {
@@ -65,7 +63,6 @@ impl Crossings {
             total: 0,
             watched,
             flipped: Vec::new(),
-            kept: Vec::new(),
         }
     }
 
@@ -141,13 +138,60 @@ impl Crossings {
     /// Drops the rays from the list of `cell` that do not satisfy `keep`. The weight stays as it is.
     pub(crate) fn retain(&mut self, cell: CellId, keep: impl Fn(RayId) -> bool) {
         let list = self.lists[cell.index()];
-        let mut rays = std::mem::take(&mut self.kept);
-        self.take(cell, &mut rays);
-        self.lists[cell.index()].weight = list.weight;
-        for &ray in rays.iter().filter(|&&ray| keep(ray)) {
-            self.push(cell, ray);
+        // Chunks that are full again, the one that is not, and how many ids that one has.
+        let (mut full, mut partial, mut partial_len) = (NO_CHUNK, NO_CHUNK, 0);
+        let mut kept_count = 0;
+        let (mut chunk, mut len) = (list.first, list.first_len());
+        while chunk != NO_CHUNK {
+            let mut slots = self.chunks[chunk as usize];
+            let next = slots[CHUNK_RAYS];
+            let mut kept = 0;
+            for place in 0..len {
+                slots[kept] = slots[place];
+                kept += usize::from(keep(RayId(slots[place])));
+            }
+            kept_count += kept;
+            // Fill up from the partial chunk.
+            let moved = partial_len.min(CHUNK_RAYS - kept);
+            if moved > 0 {
+                let source = &self.chunks[partial as usize][partial_len - moved..partial_len];
+                slots[kept..kept + moved].copy_from_slice(source);
+                partial_len -= moved;
+                kept += moved;
+            }
+            let is_full = kept == CHUNK_RAYS;
+            slots[CHUNK_RAYS] = if is_full { full } else { NO_CHUNK };
+            self.chunks[chunk as usize] = slots;
+            if is_full {
+                full = chunk;
+            } else {
+                // The partial chunk is empty now.
+                self.release(partial);
+                (partial, partial_len) = (chunk, kept);
+            }
+            chunk = next;
+            len = CHUNK_RAYS;
         }
-        self.kept = rays;
+        if partial_len == 0 {
+            self.release(partial);
+            partial = full;
+        } else {
+            self.chunks[partial as usize][CHUNK_RAYS] = full;
+        }
+        self.total -= u64::from(list.len) - kept_count as u64;
+        self.lists[cell.index()] = List {
+            first: partial,
+            len: kept_count as u32,
+            weight: list.weight,
+        };
+    }
+
+    /// Makes a chunk, if it is one, the next to be used.
+    fn release(&mut self, chunk: u32) {
+        if chunk != NO_CHUNK {
+            self.chunks[chunk as usize][CHUNK_RAYS] = self.free;
+            self.free = chunk;
+        }
     }
 
     /// Whether `ray` is in the list of `cell`; linear in the length of the list.
@@ -180,11 +224,10 @@ impl Crossings {
         self.total -= u64::from(list.len);
         let (mut chunk, mut len) = (list.first, list.first_len());
         while chunk != NO_CHUNK {
-            let slots = &mut self.chunks[chunk as usize];
+            let slots = &self.chunks[chunk as usize];
             rays.extend(slots[..len].iter().map(|&r| RayId(r)));
             let next = slots[CHUNK_RAYS];
-            slots[CHUNK_RAYS] = self.free;
-            self.free = chunk;
+            self.release(chunk);
             chunk = next;
             len = CHUNK_RAYS;
         }
@@ -250,6 +293,31 @@ mod tests {
         assert_eq!(crossings.flipped().as_slice(), [one]);
         crossings.retain(one, |_| false);
         assert_eq!((crossings.total(), crossings.rays(one).count()), (0, 0));
+    }
+
+    #[test]
+    fn any_choice_of_rays_can_be_dropped() {
+        let mut crossings = Crossings::new(1);
+        crossings.grow(1);
+        let cell = CellId::from_index(0);
+        for count in 0..64u32 {
+            // Multiplicative hashing makes the choices irregular.
+            for choice in 0..40u32 {
+                let keep = |r: u32| (r + 1).wrapping_mul(choice * 0x9e37 + 1) >> 3 & 3 < choice % 5;
+                for ray in 0..count {
+                    crossings.add(cell, RayId(ray), 1);
+                }
+                crossings.retain(cell, |ray| keep(ray.0));
+                let mut rest: Vec<u32> = crossings.rays(cell).map(|r| r.0).collect();
+                rest.sort_unstable();
+                let expected: Vec<u32> = (0..count).filter(|&r| keep(r)).collect();
+                assert_eq!(rest, expected, "{count} {choice}");
+                assert_eq!(crossings.total(), expected.len() as u64);
+                crossings.add(cell, RayId(1000), 1);
+                assert_eq!(crossings.rays(cell).count(), expected.len() + 1);
+                crossings.clear();
+            }
+        }
     }
 
     #[test]

@@ -1,0 +1,545 @@
+//! The carver from outside: known answers, refusals, export.
+
+#![allow(clippy::unwrap_used)] // Helpers of tests fail like tests.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::num::NonZeroU64;
+
+use linecarve_carving::carver::{Carver, CarverOptions, Event, EventError, PointId, ViewId};
+use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh};
+use linecarve_carving::tetrahedralization::PointError;
+use nalgebra::{Matrix3, Point3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+fn closed(threshold: u64) -> Carver {
+    Carver::new(CarverOptions {
+        free_threshold: NonZeroU64::new(threshold).unwrap(),
+        hull: Hull::Keep,
+    })
+}
+
+/// A view at the centre and points on the walls of the cube from 0 to `side`, all seen.
+fn add_room(carver: &mut Carver, side: i32, center: Point3<f64>) -> (ViewId, Vec<PointId>) {
+    let mut transaction = carver.transaction();
+    let view = transaction.add_view(center).unwrap();
+    let mut points = vec![];
+    for i in 0..(side + 1).pow(3) {
+        let p = [
+            i % (side + 1),
+            i / (side + 1) % (side + 1),
+            i / (side + 1).pow(2),
+        ];
+        if p.iter().any(|&c| c == 0 || c == side) {
+            let point = transaction
+                .add_point(Point3::from(p.map(f64::from)))
+                .unwrap();
+            transaction.add_observation(view, point, 1).unwrap();
+            points.push(point);
+        }
+    }
+    transaction.commit().unwrap();
+    (view, points)
+}
+
+fn six_volumes(corners: [Point3<f64>; 4]) -> f64 {
+    let [a, b, c, d] = corners;
+    Matrix3::from_columns(&[b - a, c - a, d - a]).determinant()
+}
+
+/// Six times the volume enclosed by a closed mesh whose triangles look inwards.
+fn mesh_volume(mesh: &IndexedMesh) -> f64 {
+    let at = |t: &[u32; 3]| t.map(|v| mesh.vertices[v as usize]);
+    let volume = |t| {
+        let [a, b, c] = at(t);
+        -six_volumes([Point3::origin(), a, b, c])
+    };
+    mesh.triangles.iter().map(volume).sum()
+}
+
+fn free_volume(carver: &Carver) -> f64 {
+    let t = carver.tetrahedra();
+    let free = t.cells().filter(|&c| carver.is_free(c));
+    free.map(|c| six_volumes(t.cell_vertices(c).map(|v| t.position(v))))
+        .sum()
+}
+
+/// Free points in a cube, seen from several places: a carving with caves and bridges.
+fn random_carving(seed: u64, hull: Hull) -> Carver {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut carver = Carver::new(CarverOptions {
+        hull,
+        ..Default::default()
+    });
+    let mut transaction = carver.transaction();
+    let grid = seed.is_multiple_of(2);
+    let points: Vec<PointId> = (0..80)
+        .map(|_| {
+            let p: [f64; 3] = std::array::from_fn(|_| rng.random_range(0.0..6.0));
+            let p = if grid { p.map(f64::round) } else { p };
+            transaction.add_point(Point3::from(p)).unwrap()
+        })
+        .collect();
+    for _ in 0..3 {
+        let center = std::array::from_fn(|_| rng.random_range(-1.1..7.3));
+        let view = transaction.add_view(Point3::from(center)).unwrap();
+        for &point in &points {
+            if rng.random_range(0..3) == 0 {
+                transaction.add_observation(view, point, 1).unwrap();
+            }
+        }
+    }
+    transaction.commit().unwrap();
+    carver
+}
+
+#[test]
+fn a_closed_surface_encloses_the_free_cells() {
+    for seed in 0..20 {
+        let carver = random_carving(seed, Hull::Keep);
+        carver.check_surface().unwrap();
+        let (mesh, free) = (
+            mesh_volume(&carver.mesh(&ExportOptions::default())),
+            free_volume(&carver),
+        );
+        assert!(free > 0.0);
+        // Sums of some hundred products of order 6^3: rounding stays far below this.
+        assert!((mesh - free).abs() < 1e-9 * free, "{seed}: {mesh} {free}");
+    }
+}
+
+#[test]
+fn a_view_in_a_room_frees_the_cells_around_it_and_leaves_the_cells_it_does_not_see() {
+    let mut carver = closed(1);
+    let (view, points) = add_room(&mut carver, 4, Point3::new(2.1, 1.9, 2.05));
+    carver.check().unwrap();
+    let t = carver.tetrahedra();
+    for cell in t.cells() {
+        let rays: Vec<_> = carver.rays_across(cell).collect();
+        assert_eq!(carver.weight(cell), rays.len() as u64);
+        assert_eq!(carver.is_free(cell), !t.is_ghost(cell) && !rays.is_empty());
+    }
+    assert!(free_volume(&carver) <= 6.0 * 64.0 + 1e-9);
+    // Without the view nothing is free.
+    carver.apply(&[Event::RemoveView { view }]).unwrap();
+    assert_eq!((carver.ray_count(), carver.triangle_count()), (0, 0));
+    assert_eq!(carver.point_count(), points.len());
+}
+
+#[test]
+fn a_wall_hides_what_is_behind_it() {
+    // A sheet at x = 1 seen from the origin side, points behind it at x = 2 seen by nobody.
+    let mut carver = Carver::default();
+    let mut transaction = carver.transaction();
+    let centers = [
+        [-3.0, 0.1, 0.2],
+        [-0.5, 1.1, 1.0],
+        [-0.5, -1.0, 1.1],
+        [-0.5, 1.0, -1.1],
+        [-0.5, -1.1, -1.0],
+    ];
+    let views = centers.map(|c| transaction.add_view(Point3::from(c)).unwrap());
+    for i in 0..25 {
+        let (y, z) = (f64::from(i % 5) - 2.0, f64::from(i / 5) - 2.0);
+        let near = transaction.add_point(Point3::new(1.0, y, z)).unwrap();
+        transaction.add_point(Point3::new(2.0, y, z)).unwrap();
+        for view in views {
+            transaction.add_observation(view, near, 1).unwrap();
+        }
+    }
+    // What is in front of the sheet has to be spanned by points as well.
+    let apex = transaction.add_point(Point3::new(-4.0, 0.0, 0.0)).unwrap();
+    let report = transaction.commit().unwrap();
+    carver.check().unwrap();
+    let t = carver.tetrahedra();
+    for cell in t.cells().filter(|&c| carver.is_free(c)) {
+        for v in t.cell_vertices(cell) {
+            assert!(t.position(v).x <= 1.0, "a cell behind the sheet is free");
+        }
+    }
+    // 16 squares of two triangles, looking towards the views.
+    let sheet: Vec<_> = report
+        .surface
+        .added
+        .iter()
+        .map(|triangle| triangle.map(|v| t.position(v)))
+        .filter(|corners| corners.iter().all(|p| p.x == 1.0))
+        .collect();
+    assert_eq!(sheet.len(), 32);
+    for [a, b, c] in sheet {
+        assert!((b - a).cross(&(c - a)).x < 0.0);
+    }
+    // Without the apex, the hull ends at the sheet: all rays end where they enter.
+    carver.apply(&[Event::RemovePoint { point: apex }]).unwrap();
+    assert_eq!(carver.triangle_count(), 0);
+    carver.check().unwrap();
+}
+
+#[test]
+fn points_at_one_position_share_a_vertex_and_keep_their_rays() {
+    let mut carver = closed(2);
+    let (view, points) = add_room(&mut carver, 1, Point3::new(0.4, 0.5, 0.45));
+    // Every ray but one crosses the same cells no more than once.
+    let before = carver.snapshot();
+    let position = carver.point(points[0]).unwrap();
+    let twin = carver.add_point(position).unwrap();
+    assert_eq!(carver.vertex_of(twin), carver.vertex_of(points[0]));
+    assert_eq!(carver.snapshot(), before);
+    carver.add_observation(view, twin, 1).unwrap();
+    assert_ne!(carver.snapshot(), before);
+    carver.check().unwrap();
+    // The twin stays when the first goes, and the state is as if it had been the only one.
+    carver
+        .apply(&[Event::RemovePoint { point: points[0] }])
+        .unwrap();
+    assert_eq!(carver.snapshot(), before);
+    assert_eq!(carver.point(twin), Some(position));
+    // Moved apart, then together again.
+    let aside = Point3::new(0.1, 0.2, 0.3);
+    let there = |position| Event::MovePoint {
+        point: twin,
+        position,
+    };
+    carver.apply(&[there(aside)]).unwrap();
+    carver.check().unwrap();
+    assert_ne!(carver.snapshot(), before);
+    carver.apply(&[there(position)]).unwrap();
+    assert_eq!(carver.snapshot(), before);
+}
+
+#[test]
+fn rays_wait_until_there_are_cells() {
+    let mut carver = closed(1);
+    let view = carver.add_view(Point3::new(0.25, 0.25, 0.25)).unwrap();
+    for p in [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]] {
+        let point = carver.add_point(Point3::from(p)).unwrap();
+        let report = carver.add_observation(view, point, 1).unwrap();
+        assert!(report.surface.is_empty());
+    }
+    assert_eq!((carver.ray_count(), carver.crossing_count()), (4, 0));
+    let apex = carver.add_point(Point3::new(0.0, 0.0, 1.0)).unwrap();
+    carver.check().unwrap();
+    assert!(carver.triangle_count() > 0);
+    carver.apply(&[Event::RemovePoint { point: apex }]).unwrap();
+    assert_eq!((carver.triangle_count(), carver.crossing_count()), (0, 0));
+    assert_eq!(carver.ray_count(), 4);
+}
+
+#[test]
+fn weights_add_up_to_the_threshold() {
+    let mut carver = closed(1000);
+    // Eight rays of weight 1.
+    let (view, points) = add_room(&mut carver, 1, Point3::new(0.4, 0.5, 0.45));
+    carver.add_observation(view, points[0], 989).unwrap();
+    assert_eq!(carver.observation(view, points[0]), Some(990));
+    assert_eq!(carver.triangle_count(), 0);
+    let report = carver.add_observation(view, points[0], 10).unwrap();
+    assert_eq!(report.surface.added.len(), carver.triangle_count());
+    assert!(carver.triangle_count() > 0);
+    let point = points[0];
+    let report = carver
+        .apply(&[Event::RemoveObservation { view, point }])
+        .unwrap();
+    assert!(!report.surface.removed.is_empty());
+    assert_eq!(carver.triangle_count(), 0);
+}
+
+#[test]
+fn refusals_name_the_cause_and_leave_the_state_as_it_was() {
+    let mut carver = closed(1);
+    let center = Point3::new(0.4, 0.5, 0.45);
+    let (view, points) = add_room(&mut carver, 1, center);
+    let (gone, point) = (points[3], points[0]);
+    let missing = points[1];
+    carver
+        .apply(&[
+            Event::RemovePoint { point: gone },
+            Event::RemoveObservation {
+                view,
+                point: missing,
+            },
+        ])
+        .unwrap();
+    let before = carver.snapshot();
+    let next = (carver.next_point(), carver.next_view());
+    let nan = Point3::new(0.0, f64::NAN, 0.0);
+    let far = Point3::new(f64::INFINITY, 0.0, 0.0);
+    let unknown_view = ViewId(77);
+    let cases = [
+        (
+            Event::AddPoint { position: nan },
+            EventError::Position(PointError::NotANumber { axis: 'y' }),
+        ),
+        (
+            Event::AddView { center: far },
+            EventError::Position(PointError::TooLarge {
+                axis: 'x',
+                value: f64::INFINITY,
+            }),
+        ),
+        (
+            Event::MovePoint {
+                point,
+                position: nan,
+            },
+            EventError::Position(PointError::NotANumber { axis: 'y' }),
+        ),
+        (
+            Event::MoveView { view, center: nan },
+            EventError::Position(PointError::NotANumber { axis: 'y' }),
+        ),
+        (
+            Event::RemovePoint { point: gone },
+            EventError::UnknownPoint { point: gone },
+        ),
+        (
+            Event::AddObservation {
+                view,
+                point: PointId(1000),
+                weight: 1,
+            },
+            EventError::UnknownPoint {
+                point: PointId(1000),
+            },
+        ),
+        (
+            Event::AddObservation {
+                view: unknown_view,
+                point,
+                weight: 1,
+            },
+            EventError::UnknownView { view: unknown_view },
+        ),
+        (
+            Event::RemoveObservation {
+                view,
+                point: missing,
+            },
+            EventError::UnknownObservation {
+                view,
+                point: missing,
+            },
+        ),
+        (
+            Event::AddObservation {
+                view,
+                point,
+                weight: 0,
+            },
+            EventError::ZeroWeight { view, point },
+        ),
+        (
+            Event::AddObservation {
+                view,
+                point,
+                weight: u32::MAX,
+            },
+            EventError::WeightOverflow { view, point },
+        ),
+        (
+            Event::MovePoint {
+                point,
+                position: center,
+            },
+            EventError::ZeroLengthRay { view, point },
+        ),
+        (
+            Event::MoveView {
+                view,
+                center: Point3::origin(),
+            },
+            EventError::ZeroLengthRay { view, point },
+        ),
+    ];
+    for (event, expected) in cases {
+        // A valid event before it must not take effect either.
+        let valid = Event::AddPoint {
+            position: Point3::new(0.3, 0.2, 0.1),
+        };
+        assert_eq!(carver.apply(&[valid, event]), Err(expected));
+        assert!(!expected.to_string().is_empty());
+        assert_eq!(carver.snapshot(), before);
+        assert_eq!((carver.next_point(), carver.next_view()), next);
+    }
+    carver.check().unwrap();
+}
+
+#[test]
+fn a_dropped_transaction_has_no_effect() {
+    let mut carver = closed(1);
+    add_room(&mut carver, 2, Point3::new(0.9, 1.1, 0.8));
+    let before = carver.snapshot();
+    let mut transaction = carver.transaction();
+    transaction.add_point(Point3::new(0.5, 0.5, 0.5)).unwrap();
+    transaction.remove_point(PointId(3)).unwrap();
+    assert!(transaction.remove_point(PointId(3)).is_err());
+    drop(transaction);
+    assert_eq!(carver.snapshot(), before);
+}
+
+#[test]
+fn within_a_transaction_only_the_final_state_counts() {
+    let mut carver = closed(1);
+    let (view, points) = add_room(&mut carver, 2, Point3::new(0.9, 1.1, 0.8));
+    let before = carver.snapshot();
+    let position = carver.point(points[4]).unwrap();
+    let point = points[4];
+    let mut transaction = carver.transaction();
+    // On the way the ray has no length.
+    transaction
+        .move_point(point, Point3::new(0.9, 1.1, 0.8))
+        .unwrap();
+    transaction.move_point(point, position).unwrap();
+    let passing = transaction.add_point(Point3::new(0.7, 0.6, 0.5)).unwrap();
+    transaction.add_observation(view, passing, 9).unwrap();
+    transaction.remove_point(passing).unwrap();
+    transaction.remove_observation(view, point).unwrap();
+    transaction.add_observation(view, point, 1).unwrap();
+    let report = transaction.commit().unwrap();
+    assert!(report.surface.is_empty());
+    assert_eq!(report.destroyed_cells, 0);
+    assert_eq!(carver.snapshot(), before);
+    assert_eq!(carver.point(passing), None);
+}
+
+/// Triangles by undirected edge.
+fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {
+    let mut edges: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+    for (index, t) in mesh.triangles.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = (t[k], t[(k + 1) % 3]);
+            edges.entry((a.min(b), a.max(b))).or_default().push(index);
+        }
+    }
+    edges
+}
+
+#[test]
+fn repaired_meshes_are_manifold_and_cover_the_same_surface() {
+    let mut split = 0;
+    for seed in 0..20 {
+        let carver = random_carving(
+            seed,
+            if seed % 3 == 0 {
+                Hull::Drop
+            } else {
+                Hull::Keep
+            },
+        );
+        let plain = carver.mesh(&ExportOptions::default());
+        let repaired = carver.mesh(&ExportOptions {
+            manifold: true,
+            ..Default::default()
+        });
+        split += repaired.vertices.len() - plain.vertices.len();
+        let corners = |mesh: &IndexedMesh| -> BTreeSet<[[u64; 3]; 3]> {
+            let at = |v: u32| {
+                let p = mesh.vertices[v as usize];
+                [p.x, p.y, p.z].map(f64::to_bits)
+            };
+            (mesh.triangles.iter())
+                .map(|t| {
+                    let mut corners = t.map(at);
+                    let first = (0..3).min_by_key(|&k| corners[k]).unwrap();
+                    corners.rotate_left(first);
+                    corners
+                })
+                .collect()
+        };
+        let common = corners(&plain).intersection(&corners(&repaired)).count();
+        let halved = plain.triangles.len() - common;
+        assert!(repaired.triangles.len() >= common + 2 * halved);
+        let area = |mesh: &IndexedMesh| -> f64 {
+            let one = |t: &[u32; 3]| {
+                let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
+                (b - a).cross(&(c - a)).norm()
+            };
+            mesh.triangles.iter().map(one).sum()
+        };
+        assert!((area(&plain) - area(&repaired)).abs() < 1e-9 * area(&plain));
+        for (edge, triangles) in edges(&repaired) {
+            assert!(
+                triangles.len() <= 2,
+                "seed {seed}: {edge:?} has {triangles:?}"
+            );
+            if carver.options().hull == Hull::Keep {
+                assert_eq!(triangles.len(), 2);
+            }
+        }
+        // One fan per vertex: its triangles hang together by edges at the vertex.
+        let edges = edges(&repaired);
+        let mut at_vertex: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for (index, t) in repaired.triangles.iter().enumerate() {
+            for &v in t {
+                at_vertex.entry(v).or_default().push(index);
+            }
+        }
+        assert_eq!(at_vertex.len(), repaired.vertices.len());
+        for (vertex, around) in at_vertex {
+            let mut reached = BTreeSet::from([around[0]]);
+            let mut queue = vec![around[0]];
+            while let Some(triangle) = queue.pop() {
+                for &other in &repaired.triangles[triangle] {
+                    let key = (vertex.min(other), vertex.max(other));
+                    for &next in edges.get(&key).into_iter().flatten() {
+                        if reached.insert(next) {
+                            queue.push(next);
+                        }
+                    }
+                }
+            }
+            assert_eq!(reached.len(), around.len(), "seed {seed}: vertex {vertex}");
+        }
+    }
+    assert!(split > 0, "no case needed repair");
+}
+
+#[test]
+fn filters_drop_long_triangles_and_small_components() {
+    for seed in 0..10 {
+        let carver = random_carving(seed, Hull::Drop);
+        let all = carver.mesh(&ExportOptions::default());
+        let length = |mesh: &IndexedMesh, a: u32, b: u32| {
+            (mesh.vertices[a as usize] - mesh.vertices[b as usize]).norm()
+        };
+        let longest = 4.0;
+        let short = carver.mesh(&ExportOptions {
+            longest_edge: Some(longest),
+            ..Default::default()
+        });
+        let is_short = |mesh: &IndexedMesh, t: &&[u32; 3]| {
+            (0..3).all(|k| length(mesh, t[k], t[(k + 1) % 3]) <= longest)
+        };
+        let expected = all.triangles.iter().filter(|t| is_short(&all, t)).count();
+        assert_eq!(short.triangles.len(), expected);
+        assert!(short.triangles.iter().all(|t| is_short(&short, &t)));
+        let large = carver.mesh(&ExportOptions {
+            minimum_component: 5,
+            manifold: true,
+            ..Default::default()
+        });
+        // In a repaired mesh, components are what vertices connect.
+        let mut component: Vec<usize> = (0..large.vertices.len()).collect();
+        fn root(component: &mut [usize], mut v: usize) -> usize {
+            while component[v] != v {
+                component[v] = component[component[v]];
+                v = component[v];
+            }
+            v
+        }
+        for t in &large.triangles {
+            for k in 1..3 {
+                let a = root(&mut component, t[0] as usize);
+                let b = root(&mut component, t[k] as usize);
+                component[a] = b;
+            }
+        }
+        let mut sizes: BTreeMap<usize, usize> = BTreeMap::new();
+        for t in &large.triangles {
+            *sizes
+                .entry(root(&mut component, t[0] as usize))
+                .or_default() += 1;
+        }
+        assert!(sizes.values().all(|&size| size >= 5), "{sizes:?}");
+    }
+}
