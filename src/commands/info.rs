@@ -108,6 +108,18 @@ fn describe(facts: &SequenceFacts, out: &mut String) -> std::fmt::Result {
             )?;
         }
     }
+    if let Some(registration) = &facts.registration {
+        let [x, y] = registration.best_shift_px;
+        writeln!(
+            out,
+            "outlines   of depth lie {:.2} px from colour edges on {} images; at best {:.2} px, scaled by {:.2} and shifted \
+             by ({x:.0}, {y:.0}) px",
+            registration.mean_distance_px,
+            registration.frames,
+            registration.best_distance_px,
+            registration.best_scale,
+        )?;
+    }
     for convention in &facts.conventions {
         writeln!(out, "assumed    {convention}")?;
     }

@@ -29,7 +29,7 @@ pub use calibration::{ImageSize, SIDECAR};
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
     CameraFacts, Consistency, DepthFacts, Hypothesis, ImageFacts, InspectOptions, MotionFacts,
-    SequenceFacts, inspect,
+    RegistrationFacts, SequenceFacts, inspect,
 };
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;

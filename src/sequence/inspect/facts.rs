@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::consistency::Consistency;
+use super::registration::RegistrationFacts;
 use super::{forgive, quantile, spread};
 use crate::keyframes::sharpness;
 use crate::sequence::{FrameError, Sequence, Warning};
@@ -26,6 +27,8 @@ pub struct SequenceFacts {
     pub depth: Option<DepthFacts>,
     /// How well depth images agree with each other under the poses, for each gap at which any could be compared.
     pub consistency: Vec<Consistency>,
+    /// How well outlines in depth lie on edges in colour; `None` when there are too few.
+    pub registration: Option<RegistrationFacts>,
     /// What the layout takes for granted.
     pub conventions: Vec<String>,
     /// What was left out or looks wrong.
@@ -145,6 +148,7 @@ pub(super) fn measure(sequence: &Sequence, samples: usize) -> Result<SequenceFac
         images: images(sequence, samples)?,
         depth: depth(sequence, samples)?,
         consistency: Vec::new(),
+        registration: None,
         conventions: sequence.conventions().to_vec(),
         warnings: sequence.warnings().to_vec(),
     };

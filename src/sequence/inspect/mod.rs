@@ -2,9 +2,11 @@
 
 mod consistency;
 mod facts;
+mod registration;
 
 pub use consistency::{Consistency, Hypothesis};
 pub use facts::{CameraFacts, DepthFacts, ImageFacts, MotionFacts, SequenceFacts};
+pub use registration::RegistrationFacts;
 
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +22,8 @@ pub struct InspectOptions {
     pub pairs: usize,
     /// Distances in frames between the images of a pair.
     pub gaps: Vec<usize>,
+    /// Frames whose outlines in depth are compared with edges in colour, spread evenly.
+    pub registrations: usize,
 }
 
 impl Default for InspectOptions {
@@ -28,6 +32,7 @@ impl Default for InspectOptions {
             samples: 60,
             pairs: 20,
             gaps: vec![1, 10],
+            registrations: 12,
         }
     }
 }
@@ -36,7 +41,8 @@ impl Default for InspectOptions {
 ///
 /// Depth of one frame is carried into another by their poses and compared with what was measured there: as read, with
 /// the inverse poses, with camera axes of the OpenGL convention, and with other depth scales. When one of these fits
-/// much better, the facts carry a warning. Images that cannot be decoded are counted and passed over.
+/// much better, the facts carry a warning. Outlines in depth are compared with edges in colour, as they are and moved, to
+/// find depth that is not registered as assumed. Images that cannot be decoded are counted and passed over.
 ///
 /// # Errors
 /// When an image shows that the whole sequence is unusable (size, format of depth).
@@ -49,6 +55,14 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
             }
             facts.consistency.push(consistency);
         }
+    }
+    facts.registration = registration::measure(sequence, options.registrations)?;
+    if let Some(warning) = facts
+        .registration
+        .as_ref()
+        .and_then(RegistrationFacts::suspicion)
+    {
+        facts.warnings.push(Warning::statement(warning));
     }
     Ok(facts)
 }
