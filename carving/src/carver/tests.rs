@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use super::*;
 
@@ -188,8 +189,20 @@ fn describe(carver: &Carver, violation: CarverViolation) -> String {
     format!("{violation}: {corners:?}, {center:?} ({at:?}) -> {target:?}, degenerate {ray:?}")
 }
 
+/// Names the sequence that a panic comes from.
+struct Named(u64);
+
+impl Drop for Named {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("in the sequence of seed {}", self.0);
+        }
+    }
+}
+
 /// Runs a random sequence of transactions and verifies the law on the way and at the end.
 fn run(seed: u64, steps: usize) {
+    let _named = Named(seed);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let space = SPACES[(seed % SPACES.len() as u64) as usize];
     let options = CarverOptions {
@@ -273,7 +286,7 @@ fn sequences(normal: u64, long: u64) -> u64 {
 
 #[test]
 fn any_sequence_of_events_leads_to_the_state_built_from_scratch() {
-    for seed in 0..sequences(250, 10_000) {
-        run(seed, 40);
-    }
+    (0..sequences(250, 10_000))
+        .into_par_iter()
+        .for_each(|seed| run(seed, 40));
 }

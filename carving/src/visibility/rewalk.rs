@@ -13,9 +13,9 @@
 //! facet; steps between surviving cells have not changed, so the mark stays right.
 //!
 //! A degenerate ray may run inside facets and along edges, where it crosses nothing, and be in the interior of a cell
-//! created there later. So it is also listed, without weight, by the cells that it runs beside when it is walked: of
-//! the cells around each part of it one at least lists it, and not all of them are destroyed without that being
-//! noticed. (Where a part is outside the hull the rule for ghost cells sees to that.)
+//! created there later. So it is also listed, without weight, by the cells, finite and ghost, in whose boundary a part
+//! of it runs. As destroyed and created cells fill the same region, whatever part runs in the boundary of a created
+//! cell did so for a destroyed one, or was outside the hull, where the rule for ghost cells sees to it.
 
 use crate::tetrahedralization::{CellId, Changes, VertexId, hilbert_rank};
 

@@ -126,7 +126,10 @@ pub(super) enum Relation {
     /// One point, on the boundary.
     Touches,
     /// A part of the segment that runs inside a facet or along an edge.
-    RunsInBoundary,
+    RunsInBoundary {
+        /// Whether it runs in the closed facet opposite each corner.
+        facets: [bool; 4],
+    },
     /// A part of the segment in the open interior.
     Crosses,
 }
@@ -139,7 +142,10 @@ pub(super) fn relate(center: &[f64; 3], target: &[f64; 3], cell: [&[f64; 3]; 4])
     } else if passage.meets_interior() {
         Relation::Crosses
     } else if passage.overlaps() {
-        Relation::RunsInBoundary
+        // The segment is in the plane of such a facet, which has nothing but the facet in common with the cell.
+        let is_flat = |i: usize| passage.at_target[i] == 0.0 && passage.at_center[i] == 0.0;
+        let facets = [is_flat(0), is_flat(1), is_flat(2), is_flat(3)];
+        Relation::RunsInBoundary { facets }
     } else {
         Relation::Touches
     }

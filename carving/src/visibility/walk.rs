@@ -37,7 +37,7 @@ enum Departure {
 pub(crate) struct WalkScratch {
     /// Cells that the ray of the latest walk crosses.
     pub(crate) cells: Vec<CellId>,
-    /// Finite cells in the boundary of which a part of it runs, while it does not cross them.
+    /// Cells that it does not cross, while a part of it runs in their boundary; of ghost cells, in their hull facet.
     pub(crate) beside: Vec<CellId>,
     queue: Vec<CellId>,
     /// Per cell the number of the wide walk that saw it last.
@@ -366,7 +366,15 @@ impl<'a> Walker<'a> {
             let relation = relate(center, end, corners);
             match relation {
                 Relation::Crosses => scratch.cells.push(cell),
-                Relation::RunsInBoundary => scratch.beside.push(cell),
+                Relation::RunsInBoundary { facets } => {
+                    scratch.beside.push(cell);
+                    for facet in (0..4).filter(|&facet| facets[facet]) {
+                        let (other, _) = tetrahedra.neighbor(cell, facet);
+                        if tetrahedra.is_ghost(other) {
+                            scratch.beside.push(other);
+                        }
+                    }
+                }
                 Relation::Touches | Relation::Apart => {}
             }
             if relation != Relation::Apart {

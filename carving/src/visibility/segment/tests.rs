@@ -89,7 +89,13 @@ proptest! {
             match clipped {
                 None => Relation::Apart,
                 Some(_) if crosses_by_clipping(c, t, integers) => Relation::Crosses,
-                Some((low, high)) if low.0 * high.1 < high.0 * low.1 => Relation::RunsInBoundary,
+                Some((low, high)) if low.0 * high.1 < high.0 * low.1 => {
+                    let facets = FACET.map(|facet| {
+                        let [i, j, k] = facet.map(|k| integers[k]);
+                        [c, t].iter().all(|end| exact_orient([i, j, k, *end]) == 0)
+                    });
+                    Relation::RunsInBoundary { facets }
+                }
                 Some(_) => Relation::Touches,
             }
         );
