@@ -24,6 +24,7 @@ pub(crate) struct Sequence {
     pub(crate) depth_camera: Camera,
     pub(crate) color_from_depth: Isometry3<f64>,
     pub(crate) is_registered: bool,
+    depth_scale: f32,
 }
 
 fn numbers(text: &str) -> Vec<f64> {
@@ -53,7 +54,9 @@ fn sorted(folder: &Path, ending: &str) -> Result<Vec<PathBuf>, AnyError> {
 
 impl Sequence {
     pub(crate) fn open(folder: &Path) -> Result<Self, AnyError> {
-        if folder.join("trajectory.log").exists() {
+        if folder.join("groundtruth.txt").exists() {
+            Self::open_tum(folder)
+        } else if folder.join("trajectory.log").exists() {
             Self::open_log(folder)
         } else {
             Self::open_seven_scenes(folder)
@@ -84,6 +87,51 @@ impl Sequence {
             depth_camera: Camera::pinhole(585.0, 585.0, 320.0, 240.0)?,
             color_from_depth,
             is_registered: false,
+            depth_scale: 1000.0,
+        })
+    }
+
+    /// A rendered sequence in the TUM layout: each image has a depth image and a pose of the same position in its list.
+    fn open_tum(folder: &Path) -> Result<Self, AnyError> {
+        let read = |name: &str| std::fs::read_to_string(folder.join(name));
+        let rows = |text: String| -> Vec<Vec<String>> {
+            text.lines()
+                .filter(|line| !line.starts_with('#'))
+                .map(|line| line.split_whitespace().map(str::to_owned).collect())
+                .collect()
+        };
+        let (colors, depths) = (rows(read("rgb.txt")?), rows(read("depth.txt")?));
+        let poses = rows(read("groundtruth.txt")?);
+        let mut views = Vec::new();
+        for ((color, depth), pose) in colors.iter().zip(&depths).zip(&poses) {
+            let p: Vec<f64> = pose.iter().filter_map(|word| word.parse().ok()).collect();
+            let rotation = nalgebra::Quaternion::new(p[7], p[4], p[5], p[6]);
+            views.push(View {
+                name: color[0].clone(),
+                color: folder.join(&color[1]),
+                depth: folder.join(&depth[1]),
+                world_from_camera: Isometry3::from_parts(
+                    Translation3::new(p[1], p[2], p[3]),
+                    UnitQuaternion::from_quaternion(rotation),
+                ),
+            });
+        }
+        let sidecar = read("linecarve.toml")?;
+        let value = |key: &str| -> Result<f64, AnyError> {
+            let line = sidecar
+                .lines()
+                .find(|line| line.starts_with(key))
+                .ok_or("key missing")?;
+            Ok(line.split('=').nth(1).ok_or("no value")?.trim().parse()?)
+        };
+        let camera = Camera::pinhole(value("fx")?, value("fy")?, value("cx")?, value("cy")?)?;
+        Ok(Self {
+            views,
+            color_camera: camera.clone(),
+            depth_camera: camera,
+            color_from_depth: Isometry3::identity(),
+            is_registered: true,
+            depth_scale: value("scale")? as f32,
         })
     }
 
@@ -117,6 +165,7 @@ impl Sequence {
             depth_camera: camera,
             color_from_depth: Isometry3::identity(),
             is_registered: true,
+            depth_scale: 1000.0,
         })
     }
 
@@ -152,7 +201,7 @@ impl Sequence {
             if z == u16::MAX {
                 0.0
             } else {
-                f32::from(z) / 1000.0
+                f32::from(z) / self.depth_scale
             }
         });
         Ok(Plane::new(

@@ -169,17 +169,12 @@ fn fill_cell(above: &ProjectedRow, below: &ProjectedRow, x: usize, map: &mut Inv
     let (a, b) = (above.corner(x - 1), above.corner(x));
     let (c, d) = (below.corner(x - 1), below.corner(x));
     // Most cells hold no pixel centre, or only one: look for it first.
-    let columns = whole_numbers(
-        a.x.min(b.x).min(c.x.min(d.x)),
-        a.x.max(b.x).max(c.x.max(d.x)),
-        map.width(),
-    );
-    let rows = whole_numbers(
-        a.y.min(b.y).min(c.y.min(d.y)),
-        a.y.max(b.y).max(c.y.max(d.y)),
-        map.height(),
-    );
-    if columns.is_empty() || rows.is_empty() {
+    let columns = whole_numbers([a.x, b.x, c.x, d.x], map.width());
+    if columns.is_empty() {
+        return;
+    }
+    let rows = whole_numbers([a.y, b.y, c.y, d.y], map.height());
+    if rows.is_empty() {
         return;
     }
     if b.rho > 0.0 && c.rho > 0.0 {
@@ -201,17 +196,25 @@ fn is_surface(a: &Corner, b: &Corner, c: &Corner) -> bool {
     nearest - farthest <= a.reach.max(b.reach).max(c.reach)
 }
 
-/// The whole numbers within a range, limited to `0..count`; none when an end is NaN (all corners are unknown).
-fn whole_numbers(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
-    let is_met = to >= 0.0 && from < count as f32;
-    if !is_met {
+/// The whole numbers between the smallest and the largest of four, limited to `0..count`. Unknown corners are NaN and
+/// count for nothing.
+fn whole_numbers([a, b, c, d]: [f32; 4], count: usize) -> std::ops::Range<usize> {
+    // Comparisons with NaN are false, so that each of these keeps the other number, or its start.
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    for value in [a, b, c, d] {
+        low = if value < low { value } else { low };
+        high = if value > high { value } else { high };
+    }
+    if high < 0.0 || low >= count as f32 {
         return 0..0;
     }
-    // Both lie within 0..count now: casts truncate.
-    let low = from.max(0.0);
-    let first = low as usize;
-    let last = to.min((count - 1) as f32) as usize;
-    first + usize::from(low > first as f32)..last + 1
+    // Both lie within 0..count now, which fits 16 bits: casts truncate.
+    let low = if low < 0.0 { 0.0 } else { low };
+    let end = (count - 1) as f32;
+    let high = if high > end { end } else { high };
+    let first = low as i32;
+    let first = first + i32::from(low > first as f32);
+    first as usize..(high as i32 + 1) as usize
 }
 
 /// Fills those pixels of a box whose centres lie in a triangle; the nearest surface wins.

@@ -156,8 +156,8 @@ fn the_best_fit_wins_over_the_first() {
     let mut events = Vec::new();
     let at = |y: f64| [Point3::new(0.0, y, 1.0), Point3::new(1.0, y, 1.0)];
     clusterer.insert(at(0.0), &mut events).unwrap();
-    clusterer.insert(at(0.0105), &mut events).unwrap();
-    let (_, cluster) = clusterer.insert(at(0.008), &mut events).unwrap();
+    clusterer.insert(at(0.0065), &mut events).unwrap();
+    let (_, cluster) = clusterer.insert(at(0.005), &mut events).unwrap();
     assert_eq!(cluster, ClusterId(1));
 }
 
