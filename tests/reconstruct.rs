@@ -107,3 +107,37 @@ fn layouts_of_one_scene_agree() {
         });
     assert!(least > 0.8 * most, "{triangles:?}");
 }
+
+#[test]
+fn real_sequences_run_to_the_end() {
+    let Some(data) = std::env::var_os("LINECARVE_DATA") else {
+        println!("skipped: LINECARVE_DATA names no folder of real sequences");
+        return;
+    };
+    // Least numbers of triangles after the first eight keyframes, about half of what is seen.
+    for (name, least) in [("seven-scenes", 8000), ("livingroom-synthetic", 4000)] {
+        let sequence = Path::new(&data).join(name);
+        if !sequence.is_dir() {
+            println!("skipped: {} does not exist", sequence.display());
+            continue;
+        }
+        let out = tempfile::tempdir().unwrap();
+        expect_status(
+            0,
+            [
+                "reconstruct",
+                text(&sequence),
+                "--max-keyframes",
+                "8",
+                "--quiet",
+                "--out",
+                text(out.path()),
+            ],
+        );
+        let report = std::fs::read(out.path().join("report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+        let triangles = report["result"]["triangles"].as_u64().unwrap();
+        assert!(triangles >= least, "{name}: {triangles}");
+        assert!(out.path().join("keyframes/000007.glb").exists());
+    }
+}
