@@ -36,10 +36,24 @@ impl OutputFolder {
     }
 
     /// A folder inside, made when it is missing.
-    pub(super) fn subfolder(&self, name: &str) -> anyhow::Result<PathBuf> {
+    fn subfolder(&self, name: &str) -> anyhow::Result<PathBuf> {
         let path = self.root.join(name);
         std::fs::create_dir_all(&path)
             .with_context(|| format!("cannot make the folder {}", path.display()))?;
+        Ok(path)
+    }
+
+    /// A folder inside for numbered files, those of an earlier run removed: a shorter run would leave a mixture.
+    pub(super) fn numbered(&self, name: &str) -> anyhow::Result<PathBuf> {
+        let path = self.subfolder(name)?;
+        let entries =
+            std::fs::read_dir(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        for entry in entries.flatten() {
+            if is_numbered(&entry.file_name().to_string_lossy()) {
+                std::fs::remove_file(entry.path())
+                    .with_context(|| format!("cannot remove {}", entry.path().display()))?;
+            }
+        }
         Ok(path)
     }
 
@@ -58,6 +72,12 @@ impl OutputFolder {
     pub(super) fn written(&self) -> &[String] {
         &self.written
     }
+}
+
+/// Whether a file name is six digits and `.glb`, as this program writes them.
+fn is_numbered(name: &str) -> bool {
+    name.strip_suffix(".glb")
+        .is_some_and(|stem| stem.len() == 6 && stem.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// Colour of meshes that have none of their own.
@@ -133,5 +153,24 @@ fn extension(format: Format) -> &'static str {
         Format::Glb => "glb",
         Format::Obj => "obj",
         Format::Ply => "ply",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbered_files_of_an_earlier_run_go_and_others_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path().join("out");
+        let output = OutputFolder::create(&root).unwrap();
+        let inside = output.numbered("keyframes").unwrap();
+        for name in ["000041.glb", "notes.txt", "1.glb"] {
+            std::fs::write(inside.join(name), "old").unwrap();
+        }
+        output.numbered("keyframes").unwrap();
+        assert!(!inside.join("000041.glb").exists());
+        assert!(inside.join("notes.txt").exists() && inside.join("1.glb").exists());
     }
 }

@@ -32,7 +32,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let growth = if args.final_only {
         None
     } else {
-        Some(output.subfolder(GROWTH)?)
+        Some(output.numbered(GROWTH)?)
     };
 
     pipeline::run(
