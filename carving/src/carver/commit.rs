@@ -45,14 +45,15 @@ pub struct CommitTimes {
 pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, EventError> {
     let Transaction { carver, mut plan } = transaction;
     plan.drop_idle_moves(carver);
-    plan.check_lengths(carver)?;
+    let concerned = plan.concerned(carver);
+    plan.check_lengths(carver, &concerned)?;
     if !carver
         .tetrahedra
         .has_room_for(plan.points.len() + plan.new_points.len())
     {
         return Err(EventError::Full);
     }
-    Ok(carver.make(&plan))
+    Ok(carver.make(&plan, &concerned))
 }
 
 /// Entries of a map in the order of their keys, so that hash order stays inside.
@@ -120,18 +121,16 @@ impl Plan {
         for &view in self.views.keys() {
             concerned.extend(rays.of_view(view));
         }
-        concerned.extend(
-            self.order
-                .iter()
-                .filter_map(|&(view, point)| rays.find(view, point)),
-        );
+        let views = carver.views.capacity() as u32;
+        let old = self.order.iter().filter(|(view, _)| *view < views);
+        concerned.extend(old.filter_map(|&(view, point)| rays.find(view, point)));
         concerned.sort_unstable();
         concerned.dedup();
         concerned
     }
 
     /// No observation may end where it begins.
-    fn check_lengths(&self, carver: &Carver) -> Result<(), EventError> {
+    fn check_lengths(&self, carver: &Carver, concerned: &[RayId]) -> Result<(), EventError> {
         let check = |view: u32, point: u32| {
             let ends = (
                 self.final_view(carver, view),
@@ -150,7 +149,7 @@ impl Plan {
                 check(key.0, key.1)?;
             }
         }
-        for ray in self.concerned(carver) {
+        for &ray in concerned {
             if !self.ends(carver, ray) {
                 check(carver.rays.view(ray), carver.rays.point(ray))?;
             }
@@ -171,18 +170,17 @@ impl Carver {
     }
 
     /// Makes changes that have been found valid.
-    fn make(&mut self, plan: &Plan) -> CommitReport {
+    fn make(&mut self, plan: &Plan, concerned: &[RayId]) -> CommitReport {
         let mut report = CommitReport::default();
         let start = Instant::now();
         let first_new_view = self.views.capacity() as u32;
-        let concerned = plan.concerned(self);
         // When most rays change, or there were no cells to list them, all are walked anew.
         let anew = self.tetrahedra.dimension() < 3 || concerned.len() > self.rays.len() / 2;
         let mut again = Vec::with_capacity(concerned.len());
         if !anew {
-            self.rewalk().remove(&concerned);
+            self.rewalk().remove(concerned);
         }
-        for &ray in &concerned {
+        for &ray in concerned {
             if plan.ends(self, ray) {
                 self.rays.remove(ray);
             } else {

@@ -87,6 +87,8 @@ impl<'a> Transaction<'a> {
     fn weight(&self, view: ViewId, point: PointId) -> Option<u32> {
         match self.plan.observations.get(&(view.0, point.0)) {
             Some(weight) => *weight,
+            // A new view has seen nothing before.
+            None if view >= self.carver.next_view() => None,
             None => self.carver.observation(view, point),
         }
     }

@@ -21,8 +21,8 @@
 //! D. Lovi, N. Birkbeck, D. Cobzas, M. Jagersand, "Incremental free-space carving for real-time 3D reconstruction",
 //! 3DPVT 2010: free space from rays, updated by events. *Differs from the paper:* every cell remembers all rays
 //! that cross it, not one, so that nothing is lost when cells are replaced. That incremental updates equal the
-//! reconstruction from scratch is the aim of A. Sugiura, A. Torii, M. Okutomi, "3D surface reconstruction from
-//! point-and-line cloud" and "Incremental tetrahedra carving", ICCV workshops 2013.
+//! reconstruction from scratch is the aim of Sugiura, Torii, Okutomi, incremental tetrahedra carving, ICCV workshops
+//! 2013.
 
 mod beam;
 mod crossings;
