@@ -53,13 +53,18 @@ pub(crate) fn extract(
     facets: &Facets,
     options: &ExportOptions,
 ) -> IndexedMesh {
-    let mut chosen: Vec<(Triangle, (CellId, usize))> = facets
+    let facets_in_use: Vec<(Triangle, (CellId, usize))> = facets
         .iter()
         .map(|(cell, facet)| (triangle(tetrahedra, cell, facet), (cell, facet)))
         .filter(|(corners, _)| is_short(tetrahedra, corners, options.longest_edge))
         .collect();
     // An order that depends on positions only.
-    let mut vertices: Vec<VertexId> = chosen.iter().flat_map(|(corners, _)| *corners).collect();
+    let mut vertices: Vec<VertexId> = facets_in_use
+        .iter()
+        .flat_map(|(corners, _)| *corners)
+        .collect();
+    vertices.sort_unstable();
+    vertices.dedup();
     let by_position = |a: &VertexId, b: &VertexId| {
         let (a, b) = (tetrahedra.coordinates(*a), tetrahedra.coordinates(*b));
         (0..3)
@@ -67,10 +72,18 @@ pub(crate) fn extract(
             .fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
     };
     vertices.sort_unstable_by(by_position);
-    vertices.dedup();
-    let rank: FxHashMap<VertexId, u32> = vertices.iter().copied().zip(0..).collect();
-    let key = |corners: &Triangle| rotate_smallest_first(corners.map(|v| rank[&v]));
-    chosen.sort_unstable_by_key(|(corners, _)| key(corners));
+    let mut rank = vec![0u32; tetrahedra.vertex_capacity()];
+    for (place, vertex) in (0..).zip(&vertices) {
+        rank[vertex.index()] = place;
+    }
+    let rank = |v: VertexId| rank[v.index()];
+    let mut keyed: Vec<_> = facets_in_use
+        .into_iter()
+        .map(|chosen| (rotate_smallest_first(chosen.0.map(rank)), chosen))
+        .collect();
+    keyed.sort_unstable_by_key(|(key, _)| *key);
+    let chosen: Vec<(Triangle, (CellId, usize))> =
+        keyed.into_iter().map(|(_, chosen)| chosen).collect();
     let sheet = split_into_manifold(tetrahedra, facets, &chosen, options);
 
     let mut corners: Vec<(u32, u32)> = sheet
@@ -78,7 +91,7 @@ pub(crate) fn extract(
         .iter()
         .zip(&sheet.copies)
         .flat_map(|(triangle, copies)| {
-            let corner = |k: usize| (rank[&triangle[k]], copies[k]);
+            let corner = |k: usize| (rank(triangle[k]), copies[k]);
             [corner(0), corner(1), corner(2)]
         })
         .collect();
