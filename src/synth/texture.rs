@@ -16,6 +16,8 @@ pub(super) struct Texture {
     other: Rgb,
     /// Varies what two textures of the same kind look like.
     seed: u64,
+    /// Where on a larger sheet the lower left corner lies: neighbours with one pattern fit together.
+    offset: (f64, f64),
     /// The part of its colour that a surface sends out by itself, 0 to 1: windows and screens.
     pub(super) glow: f64,
 }
@@ -35,6 +37,13 @@ enum Pattern {
     Stripes {
         period: f64,
     },
+    /// Lines of the second colour around squares.
+    Grid {
+        period: f64,
+        line: f64,
+    },
+    /// Boards below a rail, wallpaper above it, a border below the ceiling.
+    Wall,
     Rug,
     Poster {
         kind: u32,
@@ -52,6 +61,7 @@ impl Texture {
             color: linear_color(color),
             other: linear_color(other),
             seed,
+            offset: (0.0, 0.0),
             glow: 0.0,
         }
     }
@@ -76,6 +86,28 @@ impl Texture {
 
     pub(super) fn stripes(color: [u8; 3], other: [u8; 3], period: f64, seed: u64) -> Self {
         Self::new(Pattern::Stripes { period }, color, other, seed)
+    }
+
+    pub(super) fn grid(
+        color: [u8; 3],
+        other: [u8; 3],
+        (period, line): (f64, f64),
+        seed: u64,
+    ) -> Self {
+        Self::new(Pattern::Grid { period, line }, color, other, seed)
+    }
+
+    /// `color` is that of the wallpaper, `other` that of the boards.
+    pub(super) fn wall(color: [u8; 3], other: [u8; 3], seed: u64) -> Self {
+        Self::new(Pattern::Wall, color, other, seed)
+    }
+
+    /// The part of the pattern whose lower left corner lies at (u, v).
+    pub(super) fn from(self, u: f64, v: f64) -> Self {
+        Self {
+            offset: (u, v),
+            ..self
+        }
     }
 
     pub(super) fn rug(color: [u8; 3], other: [u8; 3], seed: u64) -> Self {
@@ -110,6 +142,7 @@ impl Texture {
 
     /// The colour of the surface at (u, v) of a rectangle of the given size.
     pub(super) fn color_at(&self, u: f64, v: f64, size: (f64, f64)) -> Rgb {
+        let (u, v) = (u + self.offset.0, v + self.offset.1);
         let color = match self.pattern {
             Pattern::Plain => self.color,
             Pattern::Wood => self.wood_at(u, v, self.seed),
@@ -122,6 +155,15 @@ impl Texture {
                     self.other
                 }
             }
+            Pattern::Grid { period, line } => {
+                let beside = |x: f64| (x / period).rem_euclid(1.0) * period < line;
+                if beside(u) || beside(v) {
+                    self.other
+                } else {
+                    self.color
+                }
+            }
+            Pattern::Wall => self.wall_at(u, v),
             Pattern::Rug => self.rug_at(u, v, size),
             Pattern::Poster { kind } => self.poster_at(kind, u, v, size),
             Pattern::Spine => self.spine_at(u / size.0, v / size.1),
@@ -162,6 +204,32 @@ impl Texture {
             self.color
         } else {
             self.other
+        }
+    }
+
+    fn wall_at(&self, u: f64, v: f64) -> Rgb {
+        let white = linear_color([238, 236, 230]);
+        match v {
+            // Boards with grooves.
+            v if v < 0.86 => {
+                if u.rem_euclid(0.3) < 0.012 {
+                    scale(self.other, 0.55)
+                } else {
+                    self.other
+                }
+            }
+            v if v < 0.93 => white,
+            v if v > 2.42 => white,
+            v if v > 2.36 => self.other,
+            // Stripes of wallpaper: broad ones, each with a narrow one in its middle.
+            _ => {
+                let place = u.rem_euclid(0.44);
+                if place < 0.2 || (0.31..0.33).contains(&place) {
+                    scale(self.color, 0.8)
+                } else {
+                    self.color
+                }
+            }
         }
     }
 

@@ -23,7 +23,8 @@ impl Scene {
         color: [u8; 3],
         seed: u64,
     ) {
-        let top = Look::hanging(Texture::wood(color, seed));
+        let top = Look::hanging(Texture::wood(color, seed))
+            .with(Face::Top, Texture::planks(color, 0.11, 2.0, seed));
         let (x, y) = (-0.5 * width, -0.5 * depth);
         self.part(place, ([x, y, height - 0.035], [width, depth, 0.035]), &top);
         let leg = Look::standing(Texture::wood(color, seed + 1)).without(Face::Top);
@@ -181,7 +182,10 @@ impl Scene {
 
     /// A sofa; its back is at the +y side of `place`.
     pub(super) fn sofa(&mut self, place: &Isometry3<f64>, width: f64, seed: u64) {
-        let cloth = |s: u64| Look::standing(Texture::plain([96, 112, 122], seed + s));
+        let weave = |s: u64| {
+            Texture::grid([96, 112, 122], [136, 150, 156], (0.12, 0.012), seed + s).from(0.05, 0.05)
+        };
+        let cloth = |s: u64| Look::standing(weave(s));
         let half = 0.5 * width;
         self.part(
             place,
@@ -226,6 +230,7 @@ impl Scene {
         seed: u64,
     ) {
         let body = Look::standing(Texture::wood([122, 84, 58], seed))
+            .with(Face::Top, Texture::planks([122, 84, 58], 0.105, 2.0, seed))
             .with(Face::South, Texture::plain([66, 46, 34], seed + 1));
         let (x, y) = (-0.5 * width, -0.5 * depth);
         self.part(place, ([x, y, 0.08], [width, depth, height - 0.08]), &body);

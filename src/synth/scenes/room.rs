@@ -39,7 +39,7 @@ impl Scene {
                     [
                         2.35 - 1.3 * angle.cos(),
                         1.9 - 1.1 * angle.sin(),
-                        0.72 + 0.34 * (5.0 * angle).sin(),
+                        1.0 + 0.5 * (5.0 * angle).sin(),
                     ]
                 },
                 closed: true,
@@ -88,19 +88,18 @@ impl Scene {
             Texture::rug([142, 52, 48], [42, 66, 98], 12),
         );
         self.surfaces.push(floor);
-        let white = |seed| Texture::plain([236, 234, 228], seed);
         self.rectangle(
             [0.0, DEPTH, HEIGHT],
             [WIDTH, 0.0, 0.0],
             [0.0, -DEPTH, 0.0],
-            white(13),
+            Texture::grid([236, 234, 228], [176, 174, 168], (0.6, 0.015), 13).from(0.1, 0.2),
         );
     }
 
     /// What lies behind the doorway, and the opening in the wall.
     fn corridor(&mut self) {
         let (south, north, top) = DOOR;
-        let wall = |seed| Texture::plain([206, 212, 204], seed);
+        let wall = |seed| Texture::wall([212, 216, 206], [178, 160, 136], seed);
         let far = -1.5;
         let (low, high) = (-0.4, 3.2);
         let (length, reach) = (high - low, -WALL - far);
@@ -140,7 +139,7 @@ impl Scene {
         );
 
         // The wall on both sides: towards the corridor it faces west, towards the room east.
-        let room = |seed| Texture::plain([224, 214, 192], seed);
+        let room = |y: f64, z: f64| Texture::wall([226, 216, 196], [150, 164, 150], 28).from(y, z);
         for (y0, y1, z0) in [(low, south, 0.0), (south, north, top), (north, high, 0.0)] {
             self.rectangle(
                 [-WALL, y1, z0],
@@ -154,7 +153,7 @@ impl Scene {
                 [0.0, y0, z0],
                 [0.0, y1 - y0, 0.0],
                 [0.0, 0.0, HEIGHT - z0],
-                room(28),
+                room(y0, z0),
             );
         }
         // The sides and the top of the opening.
@@ -188,20 +187,20 @@ impl Scene {
     /// The north wall with its window.
     fn window(&mut self) {
         let ([left, right], [low, high]) = WINDOW;
-        let wall = |seed| Texture::plain([226, 228, 226], seed);
+        let wall = |x: f64, z: f64| Texture::wall([226, 226, 220], [150, 164, 150], 41).from(x, z);
         // Seen from the room, right is west to east for a wall that faces south.
-        let mut piece = |x0: f64, x1: f64, z0: f64, z1: f64, seed| {
+        let mut piece = |x0: f64, x1: f64, z0: f64, z1: f64| {
             self.rectangle(
                 [x0, DEPTH, z0],
                 [x1 - x0, 0.0, 0.0],
                 [0.0, 0.0, z1 - z0],
-                wall(seed),
+                wall(x0, z0),
             );
         };
-        piece(0.0, left, 0.0, HEIGHT, 41);
-        piece(right, WIDTH, 0.0, HEIGHT, 42);
-        piece(left, right, 0.0, low, 43);
-        piece(left, right, high, HEIGHT, 44);
+        piece(0.0, left, 0.0, HEIGHT);
+        piece(right, WIDTH, 0.0, HEIGHT);
+        piece(left, right, 0.0, low);
+        piece(left, right, high, HEIGHT);
         let white = |seed| Texture::plain([242, 242, 240], seed);
         let deep = 0.12;
         let (w, h) = (right - left, high - low);
@@ -273,7 +272,7 @@ impl Scene {
             Point3::new(WIDTH, 0.0, 0.0),
             Vector3::new(-WIDTH, 0.0, 0.0),
             Vector3::new(0.0, 0.0, HEIGHT),
-            Texture::plain([214, 220, 224], 61),
+            Texture::wall([206, 216, 224], [150, 164, 150], 61),
         )
         .with_decal(
             (1.75, 1.2),
@@ -290,7 +289,7 @@ impl Scene {
             Point3::new(WIDTH, DEPTH, 0.0),
             Vector3::new(0.0, -DEPTH, 0.0),
             Vector3::new(0.0, 0.0, HEIGHT),
-            Texture::plain([222, 216, 206], 64),
+            Texture::wall([228, 218, 204], [150, 164, 150], 64),
         )
         .with_decal(
             (1.15, 1.25),
