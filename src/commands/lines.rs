@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::cli::LinesArgs;
 use crate::commands::Outcome;
-use crate::commands::output::{OutputFolder, write_lines};
+use crate::commands::output::{OutputFolder, clusters_part, segments_part, write_geometry};
 use crate::commands::run_report::{RunLog, keyframe_report};
 use crate::commands::sequence::prepare;
 use crate::pipeline;
@@ -52,11 +52,11 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         log.write(&mut output, started, args.stages.json)?;
         return Ok(Outcome::Negative(format!("no segment was found: {reason}")));
     }
-    for (name, lines) in [("segments", &segments), ("clusters", &clusters)] {
-        write_lines(
+    for part in [segments_part(&segments), clusters_part(&clusters)] {
+        write_geometry(
             &mut output,
-            name,
-            lines,
+            part.name,
+            part,
             &args.stages.format,
             &prepared.origin,
         )?;

@@ -81,62 +81,58 @@ fn is_numbered(name: &str) -> bool {
 }
 
 /// Colour of meshes that have none of their own.
-pub(super) const CLAY: [u8; 3] = [214, 206, 192];
+const CLAY: [u8; 3] = [214, 206, 192];
 /// Colour of segments.
-pub(super) const SEGMENT: [u8; 3] = [222, 88, 40];
+const SEGMENT: [u8; 3] = [222, 88, 40];
 /// Colour of clusters.
-pub(super) const CLUSTER: [u8; 3] = [32, 96, 200];
+const CLUSTER: [u8; 3] = [32, 96, 200];
 
-/// Writes lines as `<name>.<extension>` in each of the formats.
-pub(super) fn write_lines(
+/// Writes a mesh or lines as `<name>.<extension>` in each of the formats.
+pub(super) fn write_geometry(
     output: &mut OutputFolder,
     name: &str,
-    lines: &LineSet,
+    part: GlbPart<'_>,
     formats: &[Format],
     origin: &Vector3<f64>,
 ) -> anyhow::Result<()> {
     for format in distinct(formats) {
         let path = output.file(&format!("{name}.{}", extension(format)));
-        match format {
-            Format::Glb => {
-                let part = GlbPart {
-                    name,
-                    geometry: Geometry::Lines(lines),
-                    color: SEGMENT,
-                };
-                write_glb(&path, &[part], origin)?;
-            }
-            Format::Obj => write_lines_obj(&path, lines)?,
-            Format::Ply => write_lines_ply(&path, lines)?,
+        match (format, part.geometry) {
+            (Format::Glb, _) => write_glb(&path, &[part], origin)?,
+            (Format::Obj, Geometry::Mesh(mesh)) => write_mesh_obj(&path, mesh)?,
+            (Format::Obj, Geometry::Lines(lines)) => write_lines_obj(&path, lines)?,
+            (Format::Ply, Geometry::Mesh(mesh)) => write_mesh_ply(&path, mesh)?,
+            (Format::Ply, Geometry::Lines(lines)) => write_lines_ply(&path, lines)?,
         }
     }
     Ok(())
 }
 
-/// Writes a mesh as `<name>.<extension>` in each of the formats.
-pub(super) fn write_mesh(
-    output: &mut OutputFolder,
-    name: &str,
-    mesh: &TriangleMesh,
-    formats: &[Format],
-    origin: &Vector3<f64>,
-) -> anyhow::Result<()> {
-    for format in distinct(formats) {
-        let path = output.file(&format!("{name}.{}", extension(format)));
-        match format {
-            Format::Glb => {
-                let part = GlbPart {
-                    name: "surface",
-                    geometry: Geometry::Mesh(mesh),
-                    color: CLAY,
-                };
-                write_glb(&path, &[part], origin)?;
-            }
-            Format::Obj => write_mesh_obj(&path, mesh)?,
-            Format::Ply => write_mesh_ply(&path, mesh)?,
-        }
+/// The surface as a node of a GLB file.
+pub(super) fn surface_part(mesh: &TriangleMesh) -> GlbPart<'_> {
+    GlbPart {
+        name: "surface",
+        geometry: Geometry::Mesh(mesh),
+        color: CLAY,
     }
-    Ok(())
+}
+
+/// The segments of all keyframes as a node of a GLB file.
+pub(super) fn segments_part(lines: &LineSet) -> GlbPart<'_> {
+    GlbPart {
+        name: "segments",
+        geometry: Geometry::Lines(lines),
+        color: SEGMENT,
+    }
+}
+
+/// The clusters of segments as a node of a GLB file.
+pub(super) fn clusters_part(lines: &LineSet) -> GlbPart<'_> {
+    GlbPart {
+        name: "clusters",
+        geometry: Geometry::Lines(lines),
+        color: CLUSTER,
+    }
 }
 
 /// The formats asked for, each once, in a fixed order.

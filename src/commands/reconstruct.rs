@@ -7,11 +7,13 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::cli::{Format, ReconstructArgs};
 use crate::commands::Outcome;
-use crate::commands::output::{OutputFolder, write_lines, write_mesh};
+use crate::commands::output::{
+    OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
+};
 use crate::commands::picture::{Shot, write_overview};
 use crate::commands::run_report::{RunLog, keyframe_report};
 use crate::commands::sequence::{Prepared, prepare};
-use crate::mesh::{Geometry, GlbPart, LineSet, TriangleMesh, write_glb};
+use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{self, BackEnd, Keyframe};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, milliseconds};
@@ -77,9 +79,10 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     result.cells = map.carver().tetrahedra().finite_cell_count();
     result.vertices = mesh.positions.len();
     result.triangles = mesh.triangles.len();
+    let is_empty = mesh.is_empty();
     write_results(args, &prepared, &map, mesh, &path, &mut output, verbosity)?;
 
-    let outcome = if map.surface().is_empty() {
+    let outcome = if is_empty {
         Outcome::Negative(format!("the mesh is empty: {}", log.reason_for_nothing()))
     } else {
         Outcome::Done
@@ -154,12 +157,7 @@ fn write_growth(
     let mut surface = map.surface();
     surface.translate(origin);
     let extracted = start.elapsed();
-    let part = GlbPart {
-        name: "surface",
-        geometry: Geometry::Mesh(&surface),
-        color: super::output::CLAY,
-    };
-    write_glb(&output.file(name), &[part], origin)?;
+    write_glb(&output.file(name), &[surface_part(&surface)], origin)?;
     report.milliseconds.surface = milliseconds(extracted);
     report.milliseconds.write = milliseconds(start.elapsed() - extracted);
     Ok(())
@@ -199,35 +197,16 @@ fn write_results(
     segments.translate(&prepared.origin);
     clusters.translate(&prepared.origin);
     let formats = &args.stages.format;
-    write_mesh(output, "mesh", &mesh, formats, &prepared.origin)?;
-    for (name, lines) in [("segments", &segments), ("clusters", &clusters)] {
-        write_lines(output, name, lines, formats, &prepared.origin)?;
+    let parts = [
+        surface_part(&mesh),
+        segments_part(&segments),
+        clusters_part(&clusters),
+    ];
+    for (name, part) in ["mesh", "segments", "clusters"].into_iter().zip(parts) {
+        write_geometry(output, name, part, formats, &prepared.origin)?;
     }
     if formats.contains(&Format::Glb) {
-        write_scene(output, &mesh, &segments, &clusters, &prepared.origin)?;
+        write_glb(&output.file("scene.glb"), &parts, &prepared.origin)?;
     }
-    Ok(())
-}
-
-/// Mesh, segments and clusters as three nodes of one file.
-fn write_scene(
-    output: &mut OutputFolder,
-    mesh: &TriangleMesh,
-    segments: &LineSet,
-    clusters: &LineSet,
-    origin: &Vector3<f64>,
-) -> anyhow::Result<()> {
-    use super::output::{CLAY, CLUSTER, SEGMENT};
-    let part = |name, geometry, color| GlbPart {
-        name,
-        geometry,
-        color,
-    };
-    let parts = [
-        part("surface", Geometry::Mesh(mesh), CLAY),
-        part("segments", Geometry::Lines(segments), SEGMENT),
-        part("clusters", Geometry::Lines(clusters), CLUSTER),
-    ];
-    write_glb(&output.file("scene.glb"), &parts, origin)?;
     Ok(())
 }
