@@ -8,6 +8,7 @@ pub mod cli;
 pub mod commands;
 pub mod files;
 pub mod keyframes;
+pub mod map_points;
 pub mod mesh;
 pub mod pipeline;
 pub mod progress;

@@ -1,0 +1,45 @@
+//! Points with visibility.
+
+use linecarve_lines::camera::Camera;
+use nalgebra::{Isometry3, Point3};
+
+/// Views and the points that they see. Views are in the order of recording where that is known.
+#[derive(Debug, Clone, Default)]
+pub struct PointModel {
+    /// The posed views.
+    pub views: Vec<ModelView>,
+    /// The points.
+    pub points: Vec<ModelPoint>,
+}
+
+/// A posed view of a model.
+#[derive(Debug, Clone)]
+pub struct ModelView {
+    /// Name of the image or keyframe, as the model has it.
+    pub name: String,
+    /// `point_in_world = world_from_camera * point_in_camera`; camera x right, y down, z forward.
+    pub world_from_camera: Isometry3<f64>,
+    /// The camera of the stored image, `None` when the model does not say.
+    pub camera: Option<Camera>,
+}
+
+/// A point of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelPoint {
+    /// Position in the frame of the poses.
+    pub point_in_world: Point3<f64>,
+    /// sRGB colour, when the model has one.
+    pub color: Option<[u8; 3]>,
+    /// Who sees the point: ascending by view, each view once.
+    pub sightings: Vec<Sighting>,
+}
+
+/// A point seen by a view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sighting {
+    /// Index into [`PointModel::views`].
+    pub view: u32,
+    /// Where in the stored image, in pixels with the centre of the top-left pixel at (0, 0); `None` when the model does
+    /// not say.
+    pub pixel: Option<[f64; 2]>,
+}
