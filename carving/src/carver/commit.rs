@@ -15,6 +15,9 @@ use crate::tetrahedralization::{
 };
 use crate::visibility::{RayId, Rewalk};
 
+/// Entries of crossing lists below which the way that they are brought up to date does not matter.
+const MANY_ENTRIES: u64 = 1 << 14;
+
 /// What a transaction did.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CommitReport {
@@ -175,7 +178,7 @@ impl Carver {
         let start = Instant::now();
         let first_new_view = self.views.capacity() as u32;
         // When most rays change, or there were no cells to list them, all are walked anew.
-        let anew = self.tetrahedra.dimension() < 3 || concerned.len() > self.rays.len() / 2;
+        let mut anew = self.tetrahedra.dimension() < 3 || concerned.len() > self.rays.len() / 2;
         let mut again = Vec::with_capacity(concerned.len());
         if !anew {
             self.rewalk().remove(concerned);
@@ -208,6 +211,10 @@ impl Carver {
             }
         }
         self.add_rays(plan, first_new_view, &mut again);
+        // Walking again inside half of the lists costs as much as walking all rays.
+        let destroyed = changes.destroyed.iter();
+        let listed: u64 = destroyed.map(|&cell| self.crossings.listed(cell)).sum();
+        anew |= listed > (self.crossings.total() / 2).max(MANY_ENTRIES);
         if anew {
             self.crossings.clear();
         }

@@ -290,3 +290,69 @@ fn any_sequence_of_events_leads_to_the_state_built_from_scratch() {
         .into_par_iter()
         .for_each(|seed| run(seed, 40));
 }
+
+/// Rays of large transactions are walked in parallel; degenerate ones among them one by one.
+#[test]
+fn rays_walked_by_several_threads_are_recorded_alike() {
+    let build = |space, threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.unwrap().install(|| {
+            let mut rng = ChaCha8Rng::seed_from_u64(5);
+            let mut carver = Carver::new(CarverOptions::default());
+            for _ in 0..3 {
+                let mut transaction = carver.transaction();
+                let center = center(&mut rng, space);
+                let view = transaction.add_view(center).unwrap();
+                for _ in 0..700 {
+                    let position = position(&mut rng, space);
+                    let point = transaction.add_point(position).unwrap();
+                    if position != center {
+                        transaction.add_observation(view, point, 1).unwrap();
+                    }
+                }
+                transaction.commit().unwrap();
+            }
+            carver
+        })
+    };
+    for space in SPACES {
+        let [one, three] = [1, 3].map(|threads| build(space, threads));
+        assert_eq!(one.snapshot(), three.snapshot(), "{space:?}");
+        three.check().unwrap();
+    }
+}
+
+/// Two points in five move: few enough rays to take them out one by one, while most cells are destroyed.
+#[test]
+fn moves_that_destroy_most_cells_lead_to_the_state_built_from_scratch() {
+    for space in [Space::Cube, Space::Far] {
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let mut carver = Carver::new(CarverOptions::default());
+        let mut transaction = carver.transaction();
+        let views: Vec<ViewId> = (0..6)
+            .map(|_| transaction.add_view(center(&mut rng, space)).unwrap())
+            .collect();
+        let mut points = vec![];
+        for _ in 0..900 {
+            let point = transaction.add_point(position(&mut rng, space)).unwrap();
+            for &view in &views {
+                transaction.add_observation(view, point, 1).unwrap();
+            }
+            points.push(point);
+        }
+        transaction.commit().unwrap();
+        assert!(carver.crossings.total() / 2 > 1 << 14);
+        let moves: Vec<Event> = (points
+            .iter()
+            .step_by(5)
+            .chain(points.iter().skip(1).step_by(5)))
+        .map(|&point| Event::MovePoint {
+            point,
+            position: position(&mut rng, space),
+        })
+        .collect();
+        carver.apply(&moves).unwrap();
+        carver.check().unwrap();
+        assert_eq!(carver.snapshot(), carver.rebuilt(true).snapshot());
+    }
+}

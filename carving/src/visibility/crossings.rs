@@ -79,6 +79,13 @@ impl Crossings {
         self.lists[cell.index()].weight
     }
 
+    /// Number of entries of the list of `cell`.
+    pub(crate) fn listed(&self, cell: CellId) -> u64 {
+        self.lists
+            .get(cell.index())
+            .map_or(0, |list| list.len.into())
+    }
+
     /// Number of entries of all lists.
     pub(crate) fn total(&self) -> u64 {
         self.total

@@ -17,6 +17,8 @@
 //! of it runs. As destroyed and created cells fill the same region, whatever part runs in the boundary of a created
 //! cell did so for a destroyed one, or was outside the hull, where the rule for ghost cells sees to it.
 
+use rayon::prelude::*;
+
 use crate::tetrahedralization::{CellId, Changes, VertexId, hilbert_rank};
 
 use super::crossings::Crossings;
@@ -25,6 +27,11 @@ use super::segment::crosses_ghost;
 use super::views::Views;
 use super::walk::{WalkScratch, Walker};
 use crate::tetrahedralization::Tetrahedralization;
+
+/// Rays that one thread walks at a time: enough to be worth a task.
+const PARALLEL_CHUNK: usize = 64;
+/// Rays walked before their cells are recorded: few enough that the cells stay in the cache.
+const PARALLEL_BLOCK: usize = 2048;
 
 /// Reused memory of [`Rewalk`].
 #[derive(Clone, Debug, Default)]
@@ -274,8 +281,54 @@ impl Rewalk<'_> {
             let target = self.tetrahedra.coordinates(target);
             (view, direction_rank(center, target), ray)
         });
-        for &ray in &*rays {
-            self.add(ray);
+        if rayon::current_num_threads() == 1 || rays.len() < 2 * PARALLEL_CHUNK {
+            for &ray in &*rays {
+                self.add(ray);
+            }
+        } else {
+            for block in rays.chunks(PARALLEL_BLOCK) {
+                self.add_block(block);
+            }
+        }
+    }
+
+    /// Records rays after they have been walked in parallel: walks only read. The lists come out as from [`Self::add`].
+    fn add_block(&mut self, block: &[RayId]) {
+        let walker = Walker {
+            tetrahedra: self.tetrahedra,
+            views: self.views,
+            rays: self.rays,
+        };
+        // Per chunk the cells of its rays one after another, and per ray where they end, if it is not degenerate.
+        let walked: Vec<(Vec<CellId>, Vec<Option<usize>>)> = block
+            .par_chunks(PARALLEL_CHUNK)
+            .map(|chunk| {
+                let (mut cells, mut ends) = (Vec::new(), Vec::with_capacity(chunk.len()));
+                for &ray in chunk {
+                    let before = cells.len();
+                    let strict = walker.walk_strict(ray, &mut cells);
+                    if strict.is_err() {
+                        cells.truncate(before);
+                    }
+                    ends.push(strict.ok().map(|()| cells.len()));
+                }
+                (cells, ends)
+            })
+            .collect();
+        for (chunk, (cells, ends)) in block.chunks(PARALLEL_CHUNK).zip(&walked) {
+            let mut begin = 0;
+            for (&ray, end) in chunk.iter().zip(ends) {
+                let Some(end) = *end else {
+                    self.add(ray);
+                    continue;
+                };
+                self.rays.set_degenerate(ray, false);
+                let weight = self.rays.weight(ray);
+                for &cell in &cells[begin..end] {
+                    self.crossings.add(cell, ray, weight);
+                }
+                begin = end;
+            }
         }
     }
 

@@ -324,15 +324,22 @@ impl<'a> Walker<'a> {
     pub(crate) fn walk(&self, ray: RayId, scratch: &mut WalkScratch) -> bool {
         scratch.cells.clear();
         scratch.beside.clear();
-        let strict = self.last_cell(ray).and_then(|last| {
-            let beam = self.beam(ray);
-            self.follow_from_vertex(&beam, ray, last, |_| true, &mut scratch.cells)
-        });
+        let strict = self.walk_strict(ray, &mut scratch.cells);
         if strict == Err(Degenerate) {
             scratch.cells.clear();
             self.walk_wide(ray, scratch);
         }
         strict == Err(Degenerate)
+    }
+
+    /// Appends to `cells` those that the ray crosses; gives up, with part of them appended, where it is degenerate.
+    pub(super) fn walk_strict(
+        &self,
+        ray: RayId,
+        cells: &mut Vec<CellId>,
+    ) -> Result<(), Degenerate> {
+        let last = self.last_cell(ray)?;
+        self.follow_from_vertex(&self.beam(ray), ray, last, |_| true, cells)
     }
 
     /// All cells that a ray in any position crosses or runs beside.
