@@ -1,10 +1,14 @@
 //! The command line: names, options and help texts, nothing that acts.
 
+mod stream;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::synth::{SceneKind, SequenceLayout};
+
+pub use stream::StreamArgs;
 
 /// Turns posed keyframes into a surface by carving free space with 3D line segments.
 ///
@@ -36,6 +40,8 @@ pub enum Command {
     Reconstruct(ReconstructArgs),
     /// Only the 3D line segments of a sequence and their clusters.
     Lines(LinesArgs),
+    /// Keyframes of a running SLAM as JSON lines on standard input, changes of the surface on standard output.
+    Stream(StreamArgs),
     /// What a sequence holds, which conventions are assumed for it, and whether its own images agree with them.
     Info(InfoArgs),
     /// Render a procedural scene to a posed RGB-D sequence with its ground-truth mesh.

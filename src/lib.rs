@@ -17,4 +17,5 @@ pub mod render;
 pub mod report;
 pub mod sequence;
 mod srgb;
+pub mod stream;
 pub mod synth;

@@ -8,6 +8,7 @@ mod reconstruct;
 mod render;
 mod run_report;
 mod sequence;
+mod stream;
 mod synth;
 
 use anyhow::Context;
@@ -47,6 +48,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
     match &cli.command {
         Command::Reconstruct(args) => reconstruct::run(args, verbosity),
         Command::Lines(args) => lines::run(args, verbosity),
+        Command::Stream(args) => stream::run(args, verbosity),
         Command::Info(args) => info::run(args, verbosity),
         Command::Synth(args) => synth::run(args, verbosity),
         Command::Render(args) => render::run(args),

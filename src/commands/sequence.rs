@@ -2,12 +2,12 @@
 
 use anyhow::{Context, bail};
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use crate::cli::{KeyframeArgs, SequenceArgs, StageArgs};
 use crate::keyframes;
 use crate::pipeline::Options;
-use crate::pipeline::scale::median_scene_depth;
+use crate::pipeline::scale::{far_origin, median_scene_depth};
 use crate::progress::{Progress, Verbosity};
 use crate::sequence::{OpenOptions, Sequence};
 
@@ -75,7 +75,11 @@ pub(super) fn prepare(
         ),
     };
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
-    let origin = origin_of(&sequence, &keyframes, median_depth);
+    let positions = keyframes.iter().map(|frame| {
+        let pose = &sequence.frames()[*frame].world_from_camera;
+        Point3::from(pose.translation.vector)
+    });
+    let origin = far_origin(positions, median_depth);
     if origin != Vector3::zeros() {
         warnings.push(format!(
             "coordinates lie far from zero: computed relative to ({}, {}, {})",
@@ -91,29 +95,6 @@ pub(super) fn prepare(
         warnings,
         sequence,
     })
-}
-
-/// Camera positions further from zero than this many median depths are computed on after a shift: an `f32` then still
-/// resolves a few millionths of the depth.
-const FAR_FROM_ZERO: f64 = 1000.0;
-
-/// The shift that is taken off all coordinates: zero, or the first keyframe's position in whole units.
-fn origin_of(sequence: &Sequence, keyframes: &[usize], median_depth: f64) -> Vector3<f64> {
-    let positions = || {
-        keyframes.iter().map(|frame| {
-            sequence.frames()[*frame]
-                .world_from_camera
-                .translation
-                .vector
-        })
-    };
-    let farthest = positions()
-        .map(|position| position.amax())
-        .fold(0.0, f64::max);
-    match positions().next() {
-        Some(first) if farthest > FAR_FROM_ZERO * median_depth => first.map(f64::round),
-        _ => Vector3::zeros(),
-    }
 }
 
 /// The keyframes that the options ask for; what the flags say goes into `options`, so that the report tells it.

@@ -1,5 +1,7 @@
 //! The scene's own unit of length.
 
+use nalgebra::{Point3, Vector3};
+
 use crate::sequence::{FrameError, Sequence};
 
 /// Frames that are looked at, evenly spread over the sequence.
@@ -38,6 +40,30 @@ pub fn median_scene_depth(
     }
     medians.sort_by(f64::total_cmp);
     Ok(medians.get(medians.len() / 2).copied())
+}
+
+/// Camera positions further from zero than this many median depths are computed on after a shift: an `f32` then still
+/// resolves a few millionths of the depth.
+const FAR_FROM_ZERO: f64 = 1000.0;
+
+/// The shift that is taken off all coordinates: zero, or where cameras are far from it the position of the first in whole
+/// units.
+pub fn far_origin(
+    camera_positions: impl IntoIterator<Item = Point3<f64>>,
+    median_depth: f64,
+) -> Vector3<f64> {
+    let mut positions = camera_positions.into_iter().map(|position| position.coords);
+    let Some(first) = positions.next() else {
+        return Vector3::zeros();
+    };
+    let farthest = positions.fold(first.amax(), |farthest, position| {
+        farthest.max(position.amax())
+    });
+    if farthest > FAR_FROM_ZERO * median_depth {
+        first.map(f64::round)
+    } else {
+        Vector3::zeros()
+    }
 }
 
 /// The upper median, `None` of nothing.

@@ -109,7 +109,17 @@ impl Sidecar {
     }
 
     fn parse(text: &str, origin: &str) -> Result<Self, String> {
-        let file: SidecarFile = toml::from_str(text).map_err(|error| error.to_string())?;
+        let file = toml::from_str(text).map_err(|error| error.to_string())?;
+        Self::check(file, origin)
+    }
+
+    /// The same from a JSON object with the same keys.
+    pub(super) fn from_json(value: &serde_json::Value, origin: &str) -> Result<Self, String> {
+        let file = SidecarFile::deserialize(value).map_err(|error| error.to_string())?;
+        Self::check(file, origin)
+    }
+
+    fn check(file: SidecarFile, origin: &str) -> Result<Self, String> {
         let color = file
             .color
             .map(|section| section.camera("color", origin))

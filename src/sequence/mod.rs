@@ -14,9 +14,10 @@ mod error;
 mod inspect;
 mod layout;
 mod layouts;
+mod live;
 mod load;
 mod open;
-mod rigid;
+pub(crate) mod rigid;
 mod text;
 mod warning;
 
@@ -31,6 +32,7 @@ pub use inspect::{
     CameraFacts, Consistency, DepthFacts, Hypothesis, ImageFacts, InspectOptions, MotionFacts,
     RegistrationFacts, SequenceFacts, inspect,
 };
+pub use live::{LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
 pub(crate) use text::parse_stamp_ns;

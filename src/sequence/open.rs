@@ -36,21 +36,32 @@ impl Sequence {
             },
         };
         let layout = recognise(&folder)?;
+        let mut recording = layout.read(&folder)?;
+        if let Some((path, sidecar)) = sidecar {
+            let line = format!("calibration: {}", path.display());
+            recording.conventions.push(line);
+            sidecar
+                .apply(&mut recording.calibration)
+                .map_err(|problem| SequenceError::Content { path, problem })?;
+        }
+        Self::assemble(folder.path(), layout.name(), recording)
+    }
+
+    /// The sequence of what a layout has read, the calibration being final.
+    pub(super) fn assemble(
+        folder: &Path,
+        layout: &'static str,
+        recording: Recording,
+    ) -> Result<Self, SequenceError> {
         let Recording {
             frames,
             mut calibration,
             mut warnings,
             mut conventions,
-        } = layout.read(&folder)?;
-        if let Some((path, sidecar)) = sidecar {
-            conventions.push(format!("calibration: {}", path.display()));
-            sidecar
-                .apply(&mut calibration)
-                .map_err(|problem| SequenceError::Content { path, problem })?;
-        }
+        } = recording;
         warnings.extend(calibration.color.guess.take());
         let frames = frames_of_color_camera(frames, &calibration);
-        let color_size = first_size(folder.path(), &frames)?;
+        let color_size = first_size(folder, &frames)?;
         check_color_size(&calibration, &color_size)?;
         let depth_size = frames
             .iter()
@@ -99,8 +110,8 @@ impl Sequence {
             ));
         }
         let sequence = Self {
-            folder: folder.path().to_owned(),
-            layout: layout.name(),
+            folder: folder.to_owned(),
+            layout,
             frames,
             color_camera,
             stored_color_camera: calibration.color.camera,
@@ -128,12 +139,17 @@ impl Sequence {
     }
 }
 
-/// Poses that are of the depth camera are moved to the colour camera.
-fn frames_of_color_camera(frames: Vec<RecordedFrame>, calibration: &Calibration) -> Vec<Frame> {
-    let recorded_from_color = match (calibration.pose_camera, &calibration.depth) {
+/// From the colour camera to the camera that the poses of the files are of.
+pub(super) fn recorded_from_color(calibration: &Calibration) -> Isometry3<f64> {
+    match (calibration.pose_camera, &calibration.depth) {
         (PoseCamera::Depth, Some(geometry)) => geometry.color_from_depth.inverse(),
         _ => Isometry3::identity(),
-    };
+    }
+}
+
+/// Poses that are of the depth camera are moved to the colour camera.
+fn frames_of_color_camera(frames: Vec<RecordedFrame>, calibration: &Calibration) -> Vec<Frame> {
+    let recorded_from_color = recorded_from_color(calibration);
     frames
         .into_iter()
         .map(|frame| Frame {

@@ -8,7 +8,7 @@ const ROTATION_TOLERANCE: f64 = 0.02;
 
 /// Why numbers are not a rigid motion.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub(super) enum NotRigid {
+pub(crate) enum NotRigid {
     #[error("holds numbers that are not finite")]
     NotFinite,
     #[error(
@@ -24,7 +24,7 @@ pub(super) enum NotRigid {
 }
 
 /// The rigid motion nearest to a row-major 4x4 matrix.
-pub(super) fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, NotRigid> {
+pub(crate) fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, NotRigid> {
     if rows.iter().flatten().any(|value| !value.is_finite()) {
         return Err(NotRigid::NotFinite);
     }
@@ -69,7 +69,7 @@ fn nearest_rotation(block: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, NotRigi
 }
 
 /// A rigid motion from a translation and a quaternion (x, y, z, w) of about unit length.
-pub(super) fn from_translation_quaternion(
+pub(crate) fn from_translation_quaternion(
     translation: [f64; 3],
     [x, y, z, w]: [f64; 4],
 ) -> Result<Isometry3<f64>, NotRigid> {

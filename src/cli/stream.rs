@@ -1,0 +1,23 @@
+//! Arguments of `stream`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Format;
+
+/// Arguments of `stream`.
+#[derive(Debug, Args)]
+pub struct StreamArgs {
+    /// Folder for mesh, segments and clusters at the end; made when missing. Default: nothing is written but the replies.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+
+    /// TOML file with the parameters of the stages.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+
+    /// Formats of meshes and lines in the output folder.
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Format::Glb, Format::Obj, Format::Ply])]
+    pub format: Vec<Format>,
+}

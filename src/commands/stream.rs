@@ -1,0 +1,143 @@
+//! `linecarve stream`: messages on standard input, changes of the surface on standard output.
+
+use std::io::{BufRead, ErrorKind, Write};
+
+use anyhow::Context;
+
+use crate::cli::StreamArgs;
+use crate::commands::Outcome;
+use crate::commands::output::{
+    OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
+};
+use crate::pipeline::Options;
+use crate::progress::Verbosity;
+use crate::stream::{Message, Reply, Session, Summary};
+
+/// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.
+const LONGEST_MESSAGE: u64 = 1 << 28;
+
+pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let options = match &args.config {
+        Some(path) => Options::read(path)?,
+        None => Options::default(),
+    };
+    let mut output = args.out.as_deref().map(OutputFolder::create).transpose()?;
+    let mut session = Session::new(options).context("cannot make a folder for temporary files")?;
+    let mut replies = Replies::default();
+    let mut input = std::io::stdin().lock();
+    let mut number = 0;
+    loop {
+        number += 1;
+        let answer = match next(&mut input)? {
+            Line::End => break,
+            Line::Unusable(problem) => Err(problem),
+            Line::Text(text) if text.trim().is_empty() => continue,
+            Line::Text(text) => match serde_json::from_str::<Message>(&text) {
+                Ok(Message::End {}) => break,
+                Ok(message) => session.handle(&message).map_err(|error| error.to_string()),
+                Err(error) => Err(format!("not a message: {error}")),
+            },
+        };
+        match answer {
+            Ok(Some(reply)) => replies.send(&reply)?,
+            Ok(None) => {}
+            Err(message) => {
+                if verbosity > Verbosity::Quiet {
+                    eprintln!("warning: line {number}: {message}");
+                }
+                replies.send(&Reply::Error {
+                    line: number,
+                    message,
+                })?;
+            }
+        }
+        if replies.nobody_listens {
+            break;
+        }
+    }
+    let summary = session.summary();
+    if let Some(output) = &mut output {
+        write_results(args, &summary, output)?;
+    }
+    replies.send(&Reply::End {
+        keyframes: summary.keyframes,
+        vertices: summary.mesh.positions.len(),
+        triangles: summary.mesh.triangles.len(),
+        files: output.map_or_else(Vec::new, |output| output.written().to_vec()),
+    })?;
+    Ok(if summary.mesh.is_empty() {
+        Outcome::Negative(format!(
+            "the mesh is empty after {} keyframe(s)",
+            summary.keyframes
+        ))
+    } else {
+        Outcome::Done
+    })
+}
+
+enum Line {
+    Text(String),
+    /// It was read to its end, and cannot be a message for this reason.
+    Unusable(String),
+    End,
+}
+
+/// The next line of the input.
+fn next(input: &mut impl BufRead) -> anyhow::Result<Line> {
+    let mut bytes = Vec::new();
+    let context = "cannot read standard input";
+    let mut limited = std::io::Read::take(&mut *input, LONGEST_MESSAGE);
+    limited.read_until(b'\n', &mut bytes).context(context)?;
+    if bytes.is_empty() {
+        return Ok(Line::End);
+    }
+    if bytes.len() as u64 == LONGEST_MESSAGE && bytes.last() != Some(&b'\n') {
+        input.skip_until(b'\n').context(context)?;
+        return Ok(Line::Unusable(format!(
+            "longer than {LONGEST_MESSAGE} bytes: give images as files, or compressed"
+        )));
+    }
+    Ok(match String::from_utf8(bytes) {
+        Ok(text) => Line::Text(text),
+        Err(_) => Line::Unusable("not UTF-8".to_owned()),
+    })
+}
+
+/// Standard output, a reply a line.
+#[derive(Default)]
+struct Replies {
+    /// The reader has gone away, so that more messages have no use.
+    nobody_listens: bool,
+}
+
+impl Replies {
+    fn send(&mut self, reply: &Reply) -> anyhow::Result<()> {
+        let mut line = serde_json::to_vec(reply)?;
+        line.push(b'\n');
+        let mut output = std::io::stdout().lock();
+        match output.write_all(&line).and_then(|()| output.flush()) {
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => {
+                self.nobody_listens = true;
+                Ok(())
+            }
+            outcome => outcome.context("cannot write to standard output"),
+        }
+    }
+}
+
+/// Writes what there is at the end.
+fn write_results(
+    args: &StreamArgs,
+    summary: &Summary,
+    output: &mut OutputFolder,
+) -> anyhow::Result<()> {
+    let parts = [
+        ("mesh", surface_part(&summary.mesh)),
+        ("segments", segments_part(&summary.segments)),
+        ("clusters", clusters_part(&summary.clusters)),
+    ];
+    for (name, part) in parts {
+        write_geometry(output, name, part, &args.format, &summary.origin)?;
+    }
+    Ok(())
+}
