@@ -1,5 +1,7 @@
 //! Streaming: the surface of a live session is that of a run over the recording, whatever happened on the way.
 
+#![allow(clippy::unwrap_used, reason = "what the tests share is part of them")]
+
 mod program;
 
 use std::path::Path;
