@@ -4,7 +4,7 @@ mod program;
 
 use std::path::Path;
 
-use linecarve::mesh::{LineSet, read_obj};
+use linecarve::mesh::{LineSet, read_geometry};
 use linecarve::raycast::RayScene;
 use linecarve::synth::{Scene, SceneKind};
 use nalgebra::Point3;
@@ -61,7 +61,7 @@ fn segments_and_clusters_lie_on_the_surface() {
     let out = tempfile::tempdir().unwrap();
     run_on_sample("lines", out.path());
     for (name, least_count) in [("segments.obj", 5000), ("clusters.obj", 500)] {
-        let lines = read_obj(&out.path().join(name)).unwrap().lines;
+        let lines = read_geometry(&out.path().join(name)).unwrap().into_lines();
         assert!(
             lines.lines.len() >= least_count,
             "{name}: {}",
@@ -81,7 +81,9 @@ fn segments_and_clusters_lie_on_the_surface() {
 fn the_surface_follows_the_room() {
     let out = tempfile::tempdir().unwrap();
     run_on_sample("reconstruct", out.path());
-    let mesh = read_obj(&out.path().join("mesh.obj")).unwrap().mesh;
+    let mesh = read_geometry(&out.path().join("mesh.obj"))
+        .unwrap()
+        .into_mesh();
     assert!(mesh.triangles.len() > 10_000, "{}", mesh.triangles.len());
 
     // Vertices are measured points: exact depth leaves only pixels and fits to err.

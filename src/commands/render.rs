@@ -5,14 +5,14 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::cli::RenderArgs;
 use crate::commands::Outcome;
-use crate::mesh::{TriangleMesh, read_obj};
+use crate::mesh::{TriangleMesh, read_geometry};
 use crate::render::{BackFaces, RenderOptions, Renderer, View, up_direction, write_png};
 use crate::sequence::{OpenOptions, Sequence};
 
 pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
-    let mesh = read_obj(&args.mesh)?.mesh;
+    let mesh = read_geometry(&args.mesh)?.into_mesh();
     let lines = match &args.lines {
-        Some(path) => Some(read_obj(path)?.lines),
+        Some(path) => Some(read_geometry(path)?.into_lines()),
         None => None,
     };
     let mut options = RenderOptions::default();

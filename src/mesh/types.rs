@@ -113,7 +113,7 @@ impl LineSet {
     }
 }
 
-fn validate<const N: usize>(
+pub(super) fn validate<const N: usize>(
     points: &[Point3<f64>],
     elements: &[[u32; N]],
     colors: Option<&[[u8; 3]]>,
@@ -127,6 +127,21 @@ fn validate<const N: usize>(
             return Err(GeometryFault::NotFinite { index, position });
         }
     }
+    validate_indices(count, elements)?;
+    match colors {
+        Some(colors) if colors.len() != count => Err(GeometryFault::Colors {
+            colors: colors.len(),
+            vertices: count,
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// That every element names one of `count` vertices.
+pub(super) fn validate_indices<const N: usize>(
+    count: usize,
+    elements: &[[u32; N]],
+) -> Result<(), GeometryFault> {
     for (element, vertices) in elements.iter().enumerate() {
         if let Some(&vertex) = vertices.iter().find(|vertex| **vertex as usize >= count) {
             return Err(GeometryFault::OutOfRange {
@@ -136,13 +151,7 @@ fn validate<const N: usize>(
             });
         }
     }
-    match colors {
-        Some(colors) if colors.len() != count => Err(GeometryFault::Colors {
-            colors: colors.len(),
-            vertices: count,
-        }),
-        _ => Ok(()),
-    }
+    Ok(())
 }
 
 /// Smallest and largest coordinates, `None` of nothing.
