@@ -1,11 +1,15 @@
 //! The command line: names, options and help texts, nothing that acts.
 
+mod diff;
+mod evaluate;
 mod stream;
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub use self::diff::DiffArgs;
+pub use self::evaluate::{AlignBy, EvaluateArgs};
 use crate::synth::{SceneKind, SequenceLayout};
 
 pub use stream::StreamArgs;
@@ -48,6 +52,11 @@ pub enum Command {
     Synth(SynthArgs),
     /// Draw a mesh, and lines over it, to a PNG: from outside, from a frame's view, or from any point.
     Render(RenderArgs),
+    /// Measure a mesh, lines or a cloud against a ground truth: accuracy, completeness, precision, recall, F.
+    Evaluate(EvaluateArgs),
+    /// Whether two meshes are the same within a tolerance, and where they differ. Exit status: 0 same, 1 different, 2 could
+    /// not compare.
+    Diff(DiffArgs),
 }
 
 /// Where a sequence lies and how to read it.
@@ -257,11 +266,11 @@ pub enum NoiseModel {
 /// Arguments of `render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// Mesh to draw, as OBJ.
+    /// Mesh to draw: GLB, OBJ, PLY or STL.
     pub mesh: PathBuf,
 
-    /// Lines to draw over it, as OBJ with `l` elements.
-    #[arg(long, value_name = "FILE.obj")]
+    /// Lines to draw over it: GLB, OBJ or PLY.
+    #[arg(long, value_name = "FILE")]
     pub lines: Option<PathBuf>,
 
     /// The picture.

@@ -6,6 +6,8 @@
 
 pub mod cli;
 pub mod commands;
+pub mod diff;
+pub mod evaluation;
 pub mod files;
 pub mod keyframes;
 pub mod map_points;

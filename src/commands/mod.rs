@@ -1,5 +1,8 @@
 //! The commands, one file each: they read options, run the library and print; the work itself is elsewhere.
 
+mod diff;
+mod evaluate;
+mod heat_map;
 mod info;
 mod lines;
 mod output;
@@ -52,5 +55,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Info(args) => info::run(args, verbosity),
         Command::Synth(args) => synth::run(args, verbosity),
         Command::Render(args) => render::run(args),
+        Command::Evaluate(args) => evaluate::run(args, verbosity),
+        Command::Diff(args) => diff::run(args),
     }
 }

@@ -98,7 +98,7 @@ pub(super) fn prepare(
 }
 
 /// The keyframes that the options ask for; what the flags say goes into `options`, so that the report tells it.
-fn choose(
+pub(super) fn choose(
     sequence: &Sequence,
     selection: &KeyframeArgs,
     options: &mut Options,

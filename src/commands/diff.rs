@@ -1,0 +1,112 @@
+//! `linecarve diff`: whether two meshes are the same.
+
+use std::path::Path;
+
+use anyhow::Context;
+
+use crate::cli::DiffArgs;
+use crate::commands::Outcome;
+use crate::commands::heat_map::{Colored, write_heat_map};
+use crate::commands::run_report::{print_object, print_text};
+use crate::diff::{DiffOptions, Difference, compare, write_junit, write_junit_failure};
+use crate::evaluation::{Reference, ShapeFacts};
+use crate::mesh::{Shape, read_geometry};
+
+pub(super) fn run(args: &DiffArgs) -> anyhow::Result<Outcome> {
+    let subject = format!("{} {}", name(&args.expected), name(&args.actual));
+    let compared = compared(args);
+    if let (Err(error), Some(path)) = (&compared, &args.junit) {
+        write_junit_failure(path, &subject, &format!("{error:#}"))?;
+    }
+    let (expected, actual, difference) = compared?;
+    if let Some(path) = &args.junit {
+        write_junit(path, &subject, &difference)?;
+    }
+    if let Some(path) = &args.heat_map {
+        let largest = difference.worst.map_or(0.0, |worst| worst.distance);
+        let (to_expected, to_actual) = (Reference::new(&expected), Reference::new(&actual));
+        let parts = [
+            Colored {
+                name: "actual",
+                distances: to_expected.distances(&actual.positions),
+                shape: actual,
+            },
+            Colored {
+                name: "expected",
+                distances: to_actual.distances(&expected.positions),
+                shape: expected,
+            },
+        ];
+        write_heat_map(path, parts, largest)?;
+    }
+    if args.json {
+        print_object(&difference)?;
+    } else {
+        print_text(&in_words(&difference))?;
+    }
+    if difference.is_same {
+        return Ok(Outcome::Done);
+    }
+    let failed: Vec<&str> = difference
+        .checks
+        .iter()
+        .filter(|outcome| !outcome.passed)
+        .map(|outcome| outcome.check.name())
+        .collect();
+    Ok(Outcome::Negative(format!(
+        "{} differs from {}: {}",
+        args.actual.display(),
+        args.expected.display(),
+        failed.join(", ")
+    )))
+}
+
+fn compared(args: &DiffArgs) -> anyhow::Result<(Shape, Shape, Difference)> {
+    let expected = read_geometry(&args.expected)?;
+    let actual = read_geometry(&args.actual)?;
+    let options = DiffOptions {
+        tolerance: args.tolerance,
+        checks: args.check.clone(),
+        samples: args.samples,
+        seed: args.seed,
+    };
+    let difference = compare(&expected, &actual, &options).with_context(|| {
+        format!(
+            "{} and {} cannot be compared",
+            args.expected.display(),
+            args.actual.display()
+        )
+    })?;
+    Ok((expected, actual, difference))
+}
+
+fn name(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
+}
+
+fn in_words(difference: &Difference) -> String {
+    let size = |facts: &ShapeFacts| {
+        format!(
+            "{} vertices, {} triangles, {:.4} from corner to corner",
+            facts.vertices, facts.triangles, facts.diagonal
+        )
+    };
+    let mut text = format!(
+        "expected     {}\nactual       {}\ntolerance    {:.6}\n\n",
+        size(&difference.expected),
+        size(&difference.actual),
+        difference.tolerance
+    );
+    for outcome in &difference.checks {
+        text += &format!(
+            "{:<12} {:<9} {}\n",
+            outcome.check.name(),
+            if outcome.passed { "same" } else { "DIFFERENT" },
+            outcome.message
+        );
+    }
+    text
+}
