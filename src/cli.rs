@@ -1,5 +1,6 @@
 //! The command line: names, options and help texts, nothing that acts.
 
+mod convert;
 mod diff;
 mod evaluate;
 mod stream;
@@ -10,6 +11,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::diff::DiffArgs;
 pub use self::evaluate::{AlignBy, EvaluateArgs};
+pub use convert::{ConvertArgs, Target};
+
 use crate::synth::{SceneKind, SequenceLayout};
 
 pub use stream::StreamArgs;
@@ -57,13 +60,23 @@ pub enum Command {
     /// Whether two meshes are the same within a tolerance, and where they differ. Exit status: 0 same, 1 different, 2 could
     /// not compare.
     Diff(DiffArgs),
+    /// Write the trajectory or map of a sequence, or a mesh or lines, in the format of another program.
+    Convert(ConvertArgs),
 }
 
 /// Where a sequence lies and how to read it.
 #[derive(Debug, Args)]
 pub struct SequenceArgs {
-    /// Folder of the sequence; its layout is recognised by what lies in it (`linecarve info` tells).
+    /// Folder of the sequence, or a model file; its layout is recognised by what lies there (`linecarve info` tells).
     pub sequence: PathBuf,
+
+    /// Layout in place of the one that is recognised first.
+    #[arg(long, value_name = "NAME")]
+    pub layout: Option<String>,
+
+    /// Trajectory in place of the poses of the layout: TUM, EuRoC, KITTI or Open3D, in seconds or nanoseconds.
+    #[arg(long, value_name = "FILE")]
+    pub poses: Option<PathBuf>,
 
     /// Calibration in place of what the layout says; default: `linecarve.toml` in the folder, when there is one.
     #[arg(long, value_name = "FILE")]

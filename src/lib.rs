@@ -8,6 +8,7 @@ pub mod cli;
 pub mod commands;
 pub mod diff;
 pub mod evaluation;
+pub mod exchange;
 pub mod files;
 pub mod keyframes;
 pub mod map_points;

@@ -9,6 +9,9 @@ use crate::commands::sequence::open;
 use crate::progress::Verbosity;
 use crate::sequence::{CameraFacts, InspectOptions, SequenceFacts, inspect};
 
+/// So many other readings are printed; the JSON object has them all.
+const SHOWN: usize = 5;
+
 pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let sequence = open(&args.input)?;
     let facts = inspect(&sequence, &InspectOptions::default())?;
@@ -96,7 +99,8 @@ fn describe(facts: &SequenceFacts, out: &mut String) -> std::fmt::Result {
             "agreement  of depth {} frame(s) apart, {} pairs:",
             consistency.gap, consistency.pairs
         )?;
-        let readings = std::iter::once(&consistency.as_read).chain(&consistency.others);
+        let readings =
+            std::iter::once(&consistency.as_read).chain(consistency.others.iter().take(SHOWN));
         for reading in readings {
             writeln!(
                 out,
@@ -105,6 +109,41 @@ fn describe(facts: &SequenceFacts, out: &mut String) -> std::fmt::Result {
                 reading.median_difference,
                 100.0 * reading.median_relative,
                 100.0 * reading.share_within_1_percent
+            )?;
+        }
+    }
+    if let Some(points) = &facts.map_points {
+        write!(
+            out,
+            "points     {} of {} views, {:.1} views each, {:.1} % of the sightings before their camera",
+            points.points,
+            points.views,
+            points.mean_sightings,
+            100.0 * points.share_in_front
+        )?;
+        if let Some(median) = points.median_reprojection_px {
+            write!(
+                out,
+                ", median {median:.2} px from where they were seen ({} sightings)",
+                points.compared
+            )?;
+        }
+        writeln!(out)?;
+    }
+    if let Some(epipolar) = &facts.epipolar {
+        writeln!(
+            out,
+            "corners    {} that look alike in {} pairs of images lie off their epipolar lines by:",
+            epipolar.matches, epipolar.pairs
+        )?;
+        let readings = std::iter::once(&epipolar.as_read).chain(epipolar.others.iter().take(SHOWN));
+        for reading in readings {
+            writeln!(
+                out,
+                "           {:<44} median {:.2} px, {:.0} % within 2 px",
+                reading.reading,
+                reading.median_px,
+                100.0 * reading.share_within_2_px
             )?;
         }
     }

@@ -1,5 +1,6 @@
 //! The commands, one file each: they read options, run the library and print; the work itself is elsewhere.
 
+mod convert;
 mod diff;
 mod evaluate;
 mod heat_map;
@@ -57,5 +58,6 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Render(args) => render::run(args),
         Command::Evaluate(args) => evaluate::run(args, verbosity),
         Command::Diff(args) => diff::run(args),
+        Command::Convert(args) => convert::run(args, verbosity),
     }
 }

@@ -19,6 +19,7 @@ pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
     let view = if let Some(folder) = &args.sequence {
         let open = OpenOptions {
             calibration: args.calibration.clone(),
+            ..OpenOptions::default()
         };
         view_of_frame(&Sequence::open(folder, &open)?, &args.frame)?
     } else if let (Some(eye), Some(target)) = (args.eye, args.target) {

@@ -29,6 +29,8 @@ pub(super) struct Prepared {
 pub(super) fn open(args: &SequenceArgs) -> anyhow::Result<Sequence> {
     let options = OpenOptions {
         calibration: args.calibration.clone(),
+        poses: args.poses.clone(),
+        layout: args.layout.clone(),
     };
     Ok(Sequence::open(&args.sequence, &options)?)
 }
@@ -45,6 +47,11 @@ pub(super) fn prepare(
         None => Options::default(),
     };
     let sequence = open(input)?;
+    anyhow::ensure!(
+        !sequence.frames().is_empty(),
+        "{}: none of the images of the model is there; without images only its points can be used",
+        input.sequence.display()
+    );
     let mut warnings: Vec<String> = sequence
         .warnings()
         .iter()

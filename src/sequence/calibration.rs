@@ -6,6 +6,7 @@ use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
+use super::pose_reading::{CameraAxes, PoseDirection, PoseReading, QuaternionOrder};
 use super::{SequenceError, Warning, rigid};
 
 /// Name of the sidecar file in the folder of a sequence.
@@ -67,24 +68,43 @@ pub(super) struct DepthGeometry {
     pub(super) color_from_depth: Isometry3<f64>,
 }
 
-/// Which camera the poses of the files are of.
+/// What the poses of the files are of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum PoseCamera {
     #[default]
     Color,
     Depth,
+    /// What the cameras are mounted on, such as an inertial unit.
+    Body,
 }
 
 /// Everything about the cameras of a sequence.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Calibration {
-    pub(super) color: CalibratedCamera,
+    /// `None` when no file tells it: a sidecar must.
+    pub(super) color: Option<CalibratedCamera>,
     /// `None` when depth is registered to colour.
     pub(super) depth: Option<DepthGeometry>,
     /// Raw units per unit of the poses.
     pub(super) depth_scale: f64,
-    pub(super) pose_camera: PoseCamera,
+    /// `point_in_body = body_from_color * point_in_color`, when the cameras are mounted on something that has poses.
+    pub(super) body_from_color: Option<Isometry3<f64>>,
+    /// How the poses as recorded are to be understood.
+    pub(super) poses: PoseReading,
+}
+
+impl Calibration {
+    /// A colour camera with registered depth in millimetres, and poses of it in metres.
+    pub(super) fn of_color(color: Option<CalibratedCamera>) -> Self {
+        Self {
+            color,
+            depth: None,
+            depth_scale: 1000.0,
+            body_from_color: None,
+            poses: PoseReading::default(),
+        }
+    }
 }
 
 /// What a sidecar says; what is absent stays as the layout has it.
@@ -93,7 +113,8 @@ pub(super) struct Sidecar {
     pub(super) color: Option<CalibratedCamera>,
     pub(super) depth: Option<DepthGeometry>,
     pub(super) depth_scale: Option<f64>,
-    pub(super) pose_camera: Option<PoseCamera>,
+    pub(super) body_from_color: Option<Isometry3<f64>>,
+    poses: PosesSection,
 }
 
 impl Sidecar {
@@ -132,14 +153,21 @@ impl Sidecar {
             color,
             depth,
             depth_scale,
-            pose_camera: file.poses.map(|section| section.camera),
+            body_from_color: file
+                .poses
+                .as_ref()
+                .and_then(|section| section.body_from_color)
+                .map(|rows| rigid::from_matrix(&rows))
+                .transpose()
+                .map_err(|error| format!("[poses] body_from_color {error}"))?,
+            poses: file.poses.unwrap_or_default(),
         })
     }
 
     /// Replaces in `calibration` what the sidecar gives.
     pub(super) fn apply(self, calibration: &mut Calibration) -> Result<(), String> {
         if let Some(color) = self.color {
-            calibration.color = color;
+            calibration.color = Some(color);
         }
         if let Some(depth) = self.depth {
             calibration.depth = Some(depth);
@@ -147,17 +175,27 @@ impl Sidecar {
         if let Some(scale) = self.depth_scale {
             calibration.depth_scale = scale;
         }
-        if let Some(camera) = self.pose_camera {
-            calibration.pose_camera = camera;
+        if let Some(body_from_color) = self.body_from_color {
+            calibration.body_from_color = Some(body_from_color);
         }
-        if calibration.pose_camera == PoseCamera::Depth && calibration.depth.is_none() {
-            return Err(
+        let reading = &mut calibration.poses;
+        reading.camera = self.poses.camera.unwrap_or(reading.camera);
+        reading.direction = self.poses.direction.unwrap_or(reading.direction);
+        reading.axes = self.poses.axes.unwrap_or(reading.axes);
+        reading.quaternion = self.poses.quaternion.unwrap_or(reading.quaternion);
+        match reading.camera {
+            PoseCamera::Depth if calibration.depth.is_none() => Err(
                 "[poses] camera = \"depth\" needs a [depth] section with the depth camera (fx, fy, cx, cy, \
                  color_from_depth); without one depth is registered to colour"
                     .to_owned(),
-            );
+            ),
+            PoseCamera::Body if calibration.body_from_color.is_none() => Err(
+                "[poses] camera = \"body\" needs body_from_color, a 4x4 matrix that carries points of the camera to the \
+                 body"
+                    .to_owned(),
+            ),
+            _ => Ok(()),
         }
-        Ok(())
     }
 }
 
@@ -208,10 +246,14 @@ struct DepthSection {
     color_from_depth: Option<[[f64; 4]; 4]>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PosesSection {
-    camera: PoseCamera,
+    camera: Option<PoseCamera>,
+    direction: Option<PoseDirection>,
+    axes: Option<CameraAxes>,
+    quaternion: Option<QuaternionOrder>,
+    body_from_color: Option<[[f64; 4]; 4]>,
 }
 
 impl CameraSection {
@@ -342,7 +384,7 @@ mod tests {
         assert_eq!(depth.camera.camera.fy(), 585.0);
         assert_eq!(depth.color_from_depth.translation.x, -0.0304);
         assert_eq!(sidecar.depth_scale, Some(1000.0));
-        assert_eq!(sidecar.pose_camera, Some(PoseCamera::Depth));
+        assert_eq!(sidecar.poses.camera, Some(PoseCamera::Depth));
         assert_eq!(Sidecar::parse("", "x").unwrap(), Sidecar::default());
     }
 
@@ -384,12 +426,7 @@ mod tests {
     fn poses_of_a_depth_camera_need_one() {
         let camera = Camera::pinhole(1.0, 1.0, 0.0, 0.0).unwrap();
         let camera = CalibratedCamera::known(camera, None, "");
-        let mut calibration = Calibration {
-            color: camera,
-            depth: None,
-            depth_scale: 1000.0,
-            pose_camera: PoseCamera::Color,
-        };
+        let mut calibration = Calibration::of_color(Some(camera));
         let sidecar = Sidecar::parse("[poses]\ncamera = \"depth\"", "x").unwrap();
         assert!(
             sidecar
@@ -397,6 +434,29 @@ mod tests {
                 .unwrap_err()
                 .contains("[depth] section")
         );
+        let sidecar = Sidecar::parse("[poses]\ncamera = \"body\"", "x").unwrap();
+        assert!(
+            sidecar
+                .apply(&mut calibration)
+                .unwrap_err()
+                .contains("body_from_color")
+        );
+    }
+
+    #[test]
+    fn the_reading_of_poses_is_read() {
+        let text = "[poses]\ndirection = \"inverse\"\naxes = \"y-and-z-flipped\"\nquaternion = \"w-first\"";
+        let mut calibration = Calibration::of_color(None);
+        let sidecar = Sidecar::parse(text, "x").unwrap();
+        sidecar.apply(&mut calibration).unwrap();
+        let expected = PoseReading {
+            camera: PoseCamera::Color,
+            direction: PoseDirection::Inverse,
+            axes: CameraAxes::YAndZFlipped,
+            quaternion: QuaternionOrder::WFirst,
+        };
+        assert_eq!(calibration.poses, expected);
+        assert!(Sidecar::parse("[poses]\ndirection = \"backwards\"", "x").is_err());
     }
 
     proptest! {

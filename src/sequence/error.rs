@@ -39,6 +39,14 @@ pub enum SequenceError {
         /// A remedy, when one can be guessed.
         hint: String,
     },
+    /// No layout has this name.
+    #[error("there is no layout {name}: --layout takes one of {known}")]
+    UnknownLayoutName {
+        /// The name as given.
+        name: String,
+        /// The names that there are.
+        known: String,
+    },
     /// A file or folder cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Unreadable {
@@ -54,6 +62,16 @@ pub enum SequenceError {
         path: PathBuf,
         /// Its line, from 1.
         line: usize,
+        /// What is wrong and what would be right.
+        problem: String,
+    },
+    /// A binary file is wrong.
+    #[error("{}, byte {offset}: {problem}", path.display())]
+    Byte {
+        /// The file.
+        path: PathBuf,
+        /// Where, counted from 0.
+        offset: u64,
         /// What is wrong and what would be right.
         problem: String,
     },

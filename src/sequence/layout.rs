@@ -4,12 +4,38 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
 
-use super::calibration::Calibration;
+use super::calibration::{CalibratedCamera, Calibration};
+use super::layouts::orb_slam::{ImagesAndPoses, OrbSlam};
+use super::layouts::{colmap::Colmap, euroc::Euroc, nvm::Nvm, openmvs::OpenMvs};
 use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumRgbd};
+use super::layouts::{stella::Stella, transforms::Transforms};
+use super::pose_reading::QuaternionOrder;
 use super::{SequenceError, Warning};
+use crate::map_points::PointModel;
 
-/// The layouts in the order in which they are asked whether a folder is theirs. A new one is added here.
-pub(super) static LAYOUTS: [&dyn Layout; 3] = [&SevenScenes, &TumRgbd, &Open3dLog];
+/// The layouts in the order of preference. A new one is added here.
+pub(super) static LAYOUTS: [&dyn Layout; 11] = [
+    &SevenScenes,
+    &TumRgbd,
+    &Open3dLog,
+    &Colmap,
+    &Nvm,
+    &OpenMvs,
+    &Transforms,
+    &Stella,
+    &OrbSlam,
+    &Euroc,
+    &ImagesAndPoses,
+];
+
+/// Where poses come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PoseOrigin {
+    /// The layout's own files.
+    Layout,
+    /// A file that the user names: the layout reads no poses and misses none.
+    Elsewhere,
+}
 
 /// A way in which posed images lie in a folder.
 pub(super) trait Layout: Sync {
@@ -23,8 +49,24 @@ pub(super) trait Layout: Sync {
     /// [`Layout::read`], which can name it.
     fn recognises(&self, folder: &Folder) -> bool;
 
-    /// Reads poses and calibration; images are only listed.
-    fn read(&self, folder: &Folder) -> Result<Recording, SequenceError>;
+    /// The same when poses come from elsewhere.
+    fn recognises_with_poses(&self, folder: &Folder) -> bool {
+        self.recognises(folder)
+    }
+
+    /// Whether a file of this name is a sequence of this layout in itself, the folder being its own.
+    fn recognises_file(&self, name: &str) -> bool {
+        let _ = name;
+        false
+    }
+
+    /// Whether poses can come from elsewhere; not where they are one with what else the files hold.
+    fn takes_poses(&self) -> bool {
+        true
+    }
+
+    /// Reads calibration and, unless they come from elsewhere, poses; images are only listed.
+    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError>;
 }
 
 /// What a layout reads: poses and calibration as the files have them.
@@ -32,9 +74,34 @@ pub(super) trait Layout: Sync {
 pub(super) struct Recording {
     pub(super) frames: Vec<RecordedFrame>,
     pub(super) calibration: Calibration,
+    /// Cameras that frames name, when there is more than one.
+    pub(super) cameras: Vec<CalibratedCamera>,
+    /// Whether time stamps are times; otherwise they are numbers of images.
+    pub(super) has_time: bool,
+    /// Another order of quaternions that is worth a try when poses do not fit; `None` when there are no quaternions or
+    /// programs have written them.
+    pub(super) other_quaternion: Option<QuaternionOrder>,
+    /// Points with the views that see them.
+    pub(super) map_points: Option<PointModel>,
     pub(super) warnings: Vec<Warning>,
     /// Conventions that the layout assumes, a sentence each.
     pub(super) conventions: Vec<String>,
+}
+
+impl Recording {
+    /// Frames with time stamps under one calibration.
+    pub(super) fn new(frames: Vec<RecordedFrame>, calibration: Calibration) -> Self {
+        Self {
+            frames,
+            calibration,
+            cameras: Vec::new(),
+            has_time: true,
+            other_quaternion: None,
+            map_points: None,
+            warnings: Vec::new(),
+            conventions: Vec::new(),
+        }
+    }
 }
 
 /// A frame as a layout reads it.
@@ -42,10 +109,13 @@ pub(super) struct Recording {
 pub(super) struct RecordedFrame {
     pub(super) name: String,
     pub(super) timestamp_ns: i64,
-    /// World from the camera that [`Calibration::pose_camera`] names.
-    pub(super) world_from_camera: Isometry3<f64>,
+    /// World from what [`super::pose_reading::PoseReading::camera`] names, as the format says; `None` when poses come
+    /// from elsewhere.
+    pub(super) pose: Option<Isometry3<f64>>,
     pub(super) color: PathBuf,
     pub(super) depth: Option<PathBuf>,
+    /// Index into [`Recording::cameras`]; `None` for the camera of the calibration.
+    pub(super) camera: Option<u32>,
 }
 
 /// A folder and the names in it, listed once.
@@ -54,6 +124,8 @@ pub(super) struct Folder {
     path: PathBuf,
     /// Sorted; names that are not UTF-8 are left out, no layout has such.
     names: Vec<String>,
+    /// The one file in it that the user named.
+    file: Option<String>,
 }
 
 impl Folder {
@@ -89,7 +161,30 @@ impl Folder {
         Ok(Self {
             path: path.to_owned(),
             names,
+            file: None,
         })
+    }
+
+    /// Lists a folder, or the folder of a file that some layout reads by itself.
+    pub(super) fn of_input(path: &Path) -> Result<Self, SequenceError> {
+        let is_file = std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file());
+        let name = path.file_name().and_then(|name| name.to_str());
+        if let Some(name) = name.filter(|_| is_file)
+            && LAYOUTS.iter().any(|layout| layout.recognises_file(name))
+        {
+            let parent = path
+                .parent()
+                .filter(|parent| !parent.as_os_str().is_empty());
+            let mut folder = Self::list(parent.unwrap_or(Path::new(".")))?;
+            folder.file = Some(name.to_owned());
+            return Ok(folder);
+        }
+        Self::list(path)
+    }
+
+    /// The one file in it that the user named.
+    pub(super) fn file(&self) -> Option<&str> {
+        self.file.as_deref()
     }
 
     /// Where the folder lies.
@@ -138,15 +233,50 @@ pub(super) fn image_stem(name: &str) -> Option<&str> {
     (is_image && !stem.is_empty()).then_some(stem)
 }
 
-/// The layout of a folder.
-pub(super) fn recognise(folder: &Folder) -> Result<&'static dyn Layout, SequenceError> {
+/// The layout of a folder, or the one of the given name, and the others that it could have been read as.
+pub(super) fn recognise(
+    folder: &Folder,
+    forced: Option<&str>,
+    origin: PoseOrigin,
+) -> Result<(&'static dyn Layout, Vec<&'static str>), SequenceError> {
     if folder.names().is_empty() {
         return Err(SequenceError::EmptyFolder {
             folder: folder.path().to_owned(),
         });
     }
-    if let Some(layout) = known(folder) {
-        return Ok(layout);
+    let fits = |layout: &&dyn Layout| match folder.file() {
+        Some(name) => layout.recognises_file(name),
+        None if origin == PoseOrigin::Elsewhere => layout.recognises_with_poses(folder),
+        None => layout.recognises(folder),
+    };
+    let others = |chosen: &str| {
+        LAYOUTS
+            .iter()
+            .filter(|layout| layout.name() != chosen && fits(layout))
+            .map(|layout| layout.name())
+            .collect()
+    };
+    if let Some(name) = forced {
+        let layout = LAYOUTS
+            .iter()
+            .copied()
+            .find(|layout| layout.name() == name)
+            .ok_or_else(|| SequenceError::UnknownLayoutName {
+                name: name.to_owned(),
+                known: layout_names().join(", "),
+            })?;
+        if origin == PoseOrigin::Elsewhere && !layout.takes_poses() {
+            return Err(poses_refused(folder, layout));
+        }
+        return Ok((layout, others(name)));
+    }
+    let recognised = || LAYOUTS.iter().copied().filter(fits);
+    let takes = |layout: &&dyn Layout| origin == PoseOrigin::Layout || layout.takes_poses();
+    if let Some(layout) = recognised().find(takes) {
+        return Ok((layout, others(layout.name())));
+    }
+    if let Some(layout) = recognised().next() {
+        return Err(poses_refused(folder, layout));
     }
     let looked_for: Vec<String> = LAYOUTS
         .iter()
@@ -158,6 +288,22 @@ pub(super) fn recognise(folder: &Folder) -> Result<&'static dyn Layout, Sequence
         found: some_of(folder.names()),
         hint: hint_at_subfolder(folder),
     })
+}
+
+/// The names of all layouts, in the order of preference.
+pub(super) fn layout_names() -> Vec<&'static str> {
+    LAYOUTS.iter().map(|layout| layout.name()).collect()
+}
+
+fn poses_refused(folder: &Folder, layout: &dyn Layout) -> SequenceError {
+    SequenceError::Content {
+        path: folder.path().to_owned(),
+        problem: format!(
+            "is read as {}, whose poses belong together with its points and cameras: leave --poses out, or give a \
+             folder of images",
+            layout.name()
+        ),
+    }
 }
 
 fn known(folder: &Folder) -> Option<&'static dyn Layout> {

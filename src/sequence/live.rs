@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
 
-use super::calibration::{Calibration, PoseCamera, Sidecar};
+use super::calibration::{Calibration, Sidecar};
 use super::layout::{RecordedFrame, Recording};
-use super::open::recorded_from_color;
+use super::open::{assemble, mounting};
+use super::pose_reading::{Mounting, PoseReading};
 use super::{Frame, Sequence, SequenceError};
 
 /// A frame as its recorder tells it.
@@ -26,14 +27,12 @@ pub struct LiveFrame {
 #[derive(Debug)]
 pub struct LiveSequence {
     sequence: Sequence,
-    recorded_from_color: Isometry3<f64>,
+    reading: PoseReading,
+    mounting: Mounting,
 }
 
 /// What messages call the calibration of a live sequence.
 const ORIGIN: &str = "calibration";
-
-/// Raw units per unit of the poses where the calibration does not say: millimetres, poses in metres.
-const USUAL_DEPTH_SCALE: f64 = 1000.0;
 
 impl LiveSequence {
     /// A sequence of one frame. `calibration` has the keys of the sidecar file, of which `color` is needed.
@@ -42,22 +41,21 @@ impl LiveSequence {
     /// When the calibration is malformed, or does not fit the size of the image, or the image cannot be read.
     pub fn begin(calibration: &serde_json::Value, first: LiveFrame) -> Result<Self, SequenceError> {
         let calibration = parse(calibration)?;
-        let recorded_from_color = recorded_from_color(&calibration);
-        let recording = Recording {
-            frames: vec![RecordedFrame {
-                name: first.name,
-                timestamp_ns: 0,
-                world_from_camera: first.world_from_camera,
-                color: first.color,
-                depth: first.depth,
-            }],
-            calibration,
-            warnings: Vec::new(),
-            conventions: Vec::new(),
+        let (reading, mounting) = (calibration.poses, mounting(&calibration));
+        let frame = RecordedFrame {
+            name: first.name,
+            timestamp_ns: 0,
+            pose: Some(first.world_from_camera),
+            color: first.color,
+            depth: first.depth,
+            camera: None,
         };
+        let mut recording = Recording::new(vec![frame], calibration);
+        recording.has_time = false;
         Ok(Self {
-            sequence: Sequence::assemble(Path::new("."), "live", recording)?,
-            recorded_from_color,
+            sequence: assemble(Path::new("."), "live", recording)?,
+            reading,
+            mounting,
         })
     }
 
@@ -76,12 +74,15 @@ impl LiveSequence {
 
     /// The pose of the colour camera where a recorder tells `world_from_camera`.
     pub fn color_pose(&self, world_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
-        world_from_camera * self.recorded_from_color
+        self.reading
+            .world_from_color(world_from_camera, &self.mounting)
     }
 
     /// Adds a frame; returns its index. A depth image is passed over when the first frame had none.
     pub fn append(&mut self, frame: LiveFrame) -> usize {
         let world_from_camera = self.color_pose(&frame.world_from_camera);
+        self.sequence.recorded_poses.push(frame.world_from_camera);
+        self.sequence.camera_of_frame.push(None);
         let frames = &mut self.sequence.frames;
         frames.push(Frame {
             name: frame.name,
@@ -100,12 +101,7 @@ fn parse(calibration: &serde_json::Value) -> Result<Calibration, SequenceError> 
         let color = sidecar.color.clone().ok_or(
             "`color` is missing: give fx, fy, cx, cy of the camera of the images, in pixels",
         )?;
-        let mut parsed = Calibration {
-            color,
-            depth: None,
-            depth_scale: USUAL_DEPTH_SCALE,
-            pose_camera: PoseCamera::Color,
-        };
+        let mut parsed = Calibration::of_color(Some(color));
         sidecar.apply(&mut parsed)?;
         Ok(parsed)
     };

@@ -1,9 +1,11 @@
 //! Images of a frame, decoded one at a time.
 
+use std::borrow::Cow;
 use std::io::{BufReader, Cursor};
 use std::path::Path;
 
 use image::{DynamicImage, ImageFormat, ImageReader};
+use linecarve_lines::camera::UndistortionMap;
 use linecarve_lines::image::{GrayImage, Plane};
 
 use super::calibration::ImageSize;
@@ -44,10 +46,29 @@ impl Sequence {
             other => Plane::from_rgb8(width, height, other.to_rgb8().as_raw()),
         }
         .map_err(too_large)?;
-        Ok(match &self.color_undistortion {
+        Ok(match self.map_of_frame(index, path)?.as_deref() {
             Some(map) => map.resample(&gray),
             None => gray,
         })
+    }
+
+    /// How the image of a frame becomes one of [`Sequence::color_camera`]; `None` when it is one.
+    ///
+    /// A map for the camera of most frames is kept; one for another camera is made when it is asked for, as a model may
+    /// have a camera for every image and a map takes eight bytes a pixel.
+    fn map_of_frame(
+        &self,
+        index: usize,
+        path: &Path,
+    ) -> Result<Option<Cow<'_, UndistortionMap>>, FrameError> {
+        let own = self.camera_of_frame[index].and_then(|at| self.other_cameras.get(at as usize));
+        let Some(camera) = own.filter(|camera| **camera != self.stored_color_camera) else {
+            return Ok(self.color_undistortion.as_ref().map(Cow::Borrowed));
+        };
+        let ImageSize { width, height } = self.color_size;
+        UndistortionMap::new(camera, &self.color_camera, width as usize, height as usize)
+            .map(|map| Some(Cow::Owned(map)))
+            .map_err(|error| undecodable(path, error.to_string()))
     }
 
     /// The colour image of a frame, without lens distortion; a grey image gives equal channels.
@@ -60,7 +81,7 @@ impl Sequence {
     pub fn load_color(&self, index: usize) -> Result<ColorImage, FrameError> {
         let path = &self.frames[index].color;
         let mut color = self.decode_color(path)?.to_rgb8();
-        if let Some(map) = &self.color_undistortion {
+        if let Some(map) = self.map_of_frame(index, path)? {
             let (width, height) = (color.width() as usize, color.height() as usize);
             for channel in 0..3 {
                 let samples = color.pixels().map(|pixel| pixel.0[channel]).collect();
@@ -114,9 +135,9 @@ impl Sequence {
         let depth = Plane::new(size.width as usize, size.height as usize, samples)
             .map_err(|error| undecodable(path, error.to_string()))?;
         let map = if calibration.registered {
-            &self.color_undistortion
+            self.map_of_frame(index, path)?
         } else {
-            &self.depth_undistortion
+            self.depth_undistortion.as_ref().map(Cow::Borrowed)
         };
         Ok(Some(match map {
             Some(map) => map.resample_depth(&depth),

@@ -9,6 +9,7 @@
 //! A new layout is one file in `layouts/` that implements `Layout`, and one entry in the list in `layout.rs`.
 
 mod associate;
+mod bytes;
 mod calibration;
 mod error;
 mod inspect;
@@ -16,25 +17,33 @@ mod layout;
 mod layouts;
 mod live;
 mod load;
+mod model;
 mod open;
+mod pose_reading;
+mod poses;
 pub(crate) mod rigid;
 mod text;
 mod warning;
+mod yaml;
 
 use std::path::PathBuf;
 
 use linecarve_lines::camera::{Camera, UndistortionMap};
 use nalgebra::Isometry3;
 
+use crate::map_points::PointModel;
+
 pub use calibration::{ImageSize, SIDECAR};
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
-    CameraFacts, Consistency, DepthFacts, Hypothesis, ImageFacts, InspectOptions, MotionFacts,
-    RegistrationFacts, SequenceFacts, inspect,
+    CameraFacts, Consistency, DepthFacts, EpipolarFacts, EpipolarHypothesis, Hypothesis,
+    ImageFacts, InspectOptions, MapPointFacts, MotionFacts, RegistrationFacts, SequenceFacts,
+    inspect,
 };
 pub use live::{LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
+use pose_reading::{Mounting, PoseReading, QuaternionOrder};
 pub(crate) use text::parse_stamp_ns;
 pub use warning::Warning;
 
@@ -67,7 +76,8 @@ pub struct DepthCalibration {
     pub registered: bool,
 }
 
-/// A posed image sequence. Frames are in the order of recording; there is at least one.
+/// A posed image sequence. Frames are in the order of recording; there is at least one, unless the images of a model are
+/// not there and only its points can be used.
 ///
 /// ```no_run
 /// use std::path::Path;
@@ -101,6 +111,18 @@ pub struct Sequence {
     stored_depth_size: Option<ImageSize>,
     color_undistortion: Option<UndistortionMap>,
     depth_undistortion: Option<UndistortionMap>,
+    /// Cameras of frames whose images another camera took than the others; same size.
+    other_cameras: Vec<Camera>,
+    /// For each frame an index into `other_cameras`.
+    camera_of_frame: Vec<Option<u32>>,
+    /// Poses as the files have them, and how they were understood.
+    recorded_poses: Vec<Isometry3<f64>>,
+    /// Whether time stamps are times; otherwise they are numbers of images.
+    has_time: bool,
+    pose_reading: PoseReading,
+    mounting: Mounting,
+    other_quaternion: Option<QuaternionOrder>,
+    map_points: Option<PointModel>,
     warnings: Vec<Warning>,
     conventions: Vec<String>,
 }
@@ -116,7 +138,7 @@ impl Sequence {
         self.layout
     }
 
-    /// The frames in the order of recording, at least one.
+    /// The frames in the order of recording; none when only points can be used.
     pub fn frames(&self) -> &[Frame] {
         &self.frames
     }
@@ -129,6 +151,28 @@ impl Sequence {
     /// The camera of the image files, with its lens distortion.
     pub fn stored_color_camera(&self) -> &Camera {
         &self.stored_color_camera
+    }
+
+    /// Whether time stamps of frames are times; otherwise they are numbers of images.
+    pub fn has_time(&self) -> bool {
+        self.has_time
+    }
+
+    /// How the colour camera is mounted on the body whose motion was recorded, when a file says:
+    /// `point_in_body = body_from_color * point_in_color`.
+    pub fn body_from_color(&self) -> Option<&Isometry3<f64>> {
+        self.mounting.body_from_color.as_ref()
+    }
+
+    /// The camera of the image file of a frame, with its lens distortion; another than
+    /// [`Sequence::stored_color_camera`] in models of several cameras.
+    ///
+    /// # Panics
+    /// When there is no such frame.
+    pub fn stored_camera_of(&self, index: usize) -> &Camera {
+        self.camera_of_frame[index]
+            .and_then(|at| self.other_cameras.get(at as usize))
+            .unwrap_or(&self.stored_color_camera)
     }
 
     /// Which file or default the colour camera comes from.
@@ -144,6 +188,11 @@ impl Sequence {
     /// How depth is read; `None` when no frame has a depth image.
     pub fn depth_calibration(&self) -> Option<&DepthCalibration> {
         self.depth.as_ref()
+    }
+
+    /// Points and the views that see them, when the layout holds such; they carve without a look at the images.
+    pub fn map_points(&self) -> Option<&PointModel> {
+        self.map_points.as_ref()
     }
 
     /// What was left out or assumed, to be told to the user.

@@ -5,26 +5,36 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::{Camera, UndistortionMap};
 use nalgebra::Isometry3;
 
-use super::calibration::{Calibration, ImageSize, PoseCamera, SIDECAR, Sidecar};
-use super::layout::{Folder, RecordedFrame, Recording, recognise};
+use super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera, SIDECAR, Sidecar};
+use super::layout::{Folder, PoseOrigin, RecordedFrame, Recording, recognise};
 use super::load::{image_size, size_error};
-use super::{DepthCalibration, Frame, FrameError, Sequence, SequenceError};
+use super::pose_reading::{Mounting, PoseReading};
+use super::poses::{self, TrajectoryFormat};
+use super::warning::Tally;
+use super::{DepthCalibration, Frame, FrameError, Sequence, SequenceError, Warning};
 
 /// How a sequence is to be opened.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
     /// A calibration file to use in place of `linecarve.toml` in the folder.
     pub calibration: Option<PathBuf>,
+    /// A trajectory to use in place of the poses of the layout: TUM, EuRoC, KITTI, matrices or Open3D, recognised by its
+    /// lines.
+    pub poses: Option<PathBuf>,
+    /// The name of the layout, when it is not to be recognised.
+    pub layout: Option<String>,
 }
 
 impl Sequence {
-    /// Recognises the layout of a folder and reads poses and calibration. Of the images only the first headers are read.
+    /// Recognises the layout of a folder (or of a file that holds a model) and reads poses and calibration. Of the images
+    /// only the first headers are read.
     ///
     /// # Errors
-    /// When the folder is missing, a file, empty or of no known layout; when a file is malformed (naming file and line);
-    /// when no frame has both an image and a pose; when the calibration does not fit the size of the images.
-    pub fn open(folder: &Path, options: &OpenOptions) -> Result<Self, SequenceError> {
-        let folder = Folder::list(folder)?;
+    /// When the folder is missing, a file, empty or of no known layout; when a file is malformed (naming file and line or
+    /// byte); when no frame has both an image and a pose and there are no points either; when the calibration does not
+    /// fit the size of the images.
+    pub fn open(input: &Path, options: &OpenOptions) -> Result<Self, SequenceError> {
+        let folder = Folder::of_input(input)?;
         let sidecar = match &options.calibration {
             Some(path) => Some((path.clone(), Sidecar::read(path)?)),
             None => match folder.entry(SIDECAR) {
@@ -35,131 +45,276 @@ impl Sequence {
                 None => None,
             },
         };
-        let layout = recognise(&folder)?;
-        let mut recording = layout.read(&folder)?;
+        let origin = match options.poses {
+            Some(_) => PoseOrigin::Elsewhere,
+            None => PoseOrigin::Layout,
+        };
+        let (layout, others) = recognise(&folder, options.layout.as_deref(), origin)?;
+        let mut recording = layout.read(&folder, origin)?;
+        if !others.is_empty() {
+            recording.conventions.insert(
+                0,
+                format!(
+                    "read as {}; the folder could also be read as {} (--layout NAME)",
+                    layout.name(),
+                    others.join(", ")
+                ),
+            );
+        }
+        if let Some(path) = &options.poses {
+            attach_poses(&mut recording, path)?;
+        }
         if let Some((path, sidecar)) = sidecar {
-            let line = format!("calibration: {}", path.display());
-            recording.conventions.push(line);
+            recording
+                .conventions
+                .push(format!("calibration: {}", path.display()));
+            if sidecar.color.is_some() && !recording.cameras.is_empty() {
+                for frame in &mut recording.frames {
+                    frame.camera = None;
+                }
+            }
             sidecar
                 .apply(&mut recording.calibration)
                 .map_err(|problem| SequenceError::Content { path, problem })?;
         }
-        Self::assemble(folder.path(), layout.name(), recording)
-    }
-
-    /// The sequence of what a layout has read, the calibration being final.
-    pub(super) fn assemble(
-        folder: &Path,
-        layout: &'static str,
-        recording: Recording,
-    ) -> Result<Self, SequenceError> {
-        let Recording {
-            frames,
-            mut calibration,
-            mut warnings,
-            mut conventions,
-        } = recording;
-        warnings.extend(calibration.color.guess.take());
-        let frames = frames_of_color_camera(frames, &calibration);
-        let color_size = first_size(folder, &frames)?;
-        check_color_size(&calibration, &color_size)?;
-        let depth_size = frames
-            .iter()
-            .filter_map(|frame| frame.depth.as_deref())
-            .find_map(|path| image_size(path).ok().map(|size| (path.to_owned(), size)));
-        let has_depth = frames.iter().any(|frame| frame.depth.is_some());
-
-        let (color_camera, color_undistortion) =
-            undistort(&calibration.color.camera, color_size.size, &color_size.path)?;
-        let (depth, depth_undistortion) = match calibration.depth.as_ref().filter(|_| has_depth) {
-            Some(geometry) => {
-                // Without one readable header there will be no depth image to resample either.
-                let (camera, map) = match &depth_size {
-                    Some((path, size)) => undistort(&geometry.camera.camera, *size, path)?,
-                    None => (geometry.camera.camera.without_distortion(), None),
-                };
-                let depth = DepthCalibration {
-                    camera,
-                    scale: calibration.depth_scale,
-                    color_from_depth: geometry.color_from_depth,
-                    registered: false,
-                };
-                (Some(depth), map)
-            }
-            None => {
-                let depth = has_depth.then(|| DepthCalibration {
-                    camera: color_camera.clone(),
-                    scale: calibration.depth_scale,
-                    color_from_depth: Isometry3::identity(),
-                    registered: true,
-                });
-                (depth, None)
-            }
-        };
-        if let Some(depth) = &depth {
-            let whose = match (depth.registered, calibration.pose_camera) {
-                (true, _) => "registered to colour",
-                (false, PoseCamera::Color) => "of a camera of its own",
-                (false, PoseCamera::Depth) => {
-                    "of a camera of its own, which the poses in the files are of"
-                }
-            };
-            conventions.push(format!(
-                "depth: 16 bits, {} per unit of the poses, 0 and 65535 unknown, {whose}",
-                depth.scale
-            ));
-        }
-        let sequence = Self {
-            folder: folder.to_owned(),
-            layout,
-            frames,
-            color_camera,
-            stored_color_camera: calibration.color.camera,
-            color_size_origin: match calibration.color.size {
-                Some(_) => format!("by {}", calibration.color.origin),
-                None => format!("as {}", color_size.path.display()),
-            },
-            color_origin: calibration.color.origin,
-            color_size: color_size.size,
-            depth,
-            stored_depth_size: calibration
-                .depth
-                .as_ref()
-                .and_then(|geometry| geometry.camera.size)
-                .or(depth_size.as_ref().map(|(_, size)| *size)),
-            color_undistortion,
-            depth_undistortion,
-            warnings,
-            conventions,
-        };
-        if let Some((path, size)) = depth_size {
-            sequence.check_depth_size(&path, size)?;
-        }
-        Ok(sequence)
+        assemble(folder.path(), layout.name(), recording)
     }
 }
 
-/// From the colour camera to the camera that the poses of the files are of.
-pub(super) fn recorded_from_color(calibration: &Calibration) -> Isometry3<f64> {
-    match (calibration.pose_camera, &calibration.depth) {
-        (PoseCamera::Depth, Some(geometry)) => geometry.color_from_depth.inverse(),
-        _ => Isometry3::identity(),
+/// Gives the frames the poses of a trajectory file.
+fn attach_poses(recording: &mut Recording, path: &Path) -> Result<(), SequenceError> {
+    let trajectory = poses::read_trajectory(path)?;
+    let format = trajectory.format;
+    recording.other_quaternion = format.other_quaternion_order();
+    let frames = std::mem::take(&mut recording.frames);
+    recording.frames = poses::attach(
+        frames,
+        recording.has_time,
+        trajectory,
+        path,
+        &mut recording.warnings,
+    )?;
+    let is_of_body =
+        format == TrajectoryFormat::EurocCsv && recording.calibration.body_from_color.is_some();
+    recording.calibration.poses.camera = if is_of_body {
+        PoseCamera::Body
+    } else {
+        PoseCamera::Color
+    };
+    recording.conventions.push(format!(
+        "poses: {}, {}, world from {}",
+        path.display(),
+        format.name(),
+        if is_of_body { "body" } else { "camera" }
+    ));
+    Ok(())
+}
+
+/// The sequence of what a layout has read, the calibration being final, once cameras, images and poses are known to fit
+/// together.
+pub(super) fn assemble(
+    folder: &Path,
+    layout: &'static str,
+    recording: Recording,
+) -> Result<Sequence, SequenceError> {
+    let Recording {
+        frames,
+        mut calibration,
+        cameras,
+        has_time,
+        other_quaternion,
+        map_points,
+        mut warnings,
+        mut conventions,
+    } = recording;
+    let Some(mut color) = calibration.color.take() else {
+        return Err(SequenceError::Content {
+            path: folder.to_owned(),
+            problem: format!(
+                "no file tells the camera: write focal lengths and principal point to {SIDECAR} beside the images \
+                 ([color] fx, fy, cx, cy), or give --calibration FILE"
+            ),
+        });
+    };
+    warnings.extend(color.guess.take());
+    let frames = frames_of_size(frames, &color, &cameras, &mut warnings);
+    let mounting = mounting(&calibration);
+    let camera_of_frame: Vec<Option<u32>> = frames.iter().map(|frame| frame.camera).collect();
+    let (frames, recorded_poses) = posed(frames, &calibration.poses, &mounting);
+    let color_size = match first_size(folder, &frames) {
+        Ok(found) => found,
+        // Points carve without images; what the camera would be for is not asked.
+        Err(_) if frames.is_empty() && map_points.is_some() => FirstSize {
+            path: folder.to_owned(),
+            size: color.size.unwrap_or(ImageSize {
+                width: 1,
+                height: 1,
+            }),
+        },
+        Err(error) => return Err(error),
+    };
+    if !frames.is_empty() {
+        check_color_size(&color, &color_size)?;
+    }
+    let depth_size = frames
+        .iter()
+        .filter_map(|frame| frame.depth.as_deref())
+        .find_map(|path| image_size(path).ok().map(|size| (path.to_owned(), size)));
+    let (color_camera, color_undistortion) = if frames.is_empty() {
+        (color.camera.without_distortion(), None)
+    } else {
+        undistort(&color.camera, color_size.size, &color_size.path)?
+    };
+    let has_depth = frames.iter().any(|frame| frame.depth.is_some());
+    let (depth, depth_undistortion) = if has_depth {
+        let (depth, map) = depth_calibration(&calibration, &color_camera, depth_size.as_ref())?;
+        conventions.push(depth_in_words(&depth, calibration.poses.camera));
+        (Some(depth), map)
+    } else {
+        (None, None)
+    };
+    if calibration.poses != PoseReading::default() {
+        conventions.push(format!("poses are read with {}", calibration.poses));
+    }
+    let sequence = Sequence {
+        folder: folder.to_owned(),
+        layout,
+        frames,
+        color_camera,
+        color_size_origin: match color.size {
+            Some(_) => format!("by {}", color.origin),
+            None => format!("as {}", color_size.path.display()),
+        },
+        stored_color_camera: color.camera,
+        color_origin: color.origin,
+        color_size: color_size.size,
+        depth,
+        stored_depth_size: calibration
+            .depth
+            .as_ref()
+            .and_then(|geometry| geometry.camera.size)
+            .or(depth_size.as_ref().map(|(_, size)| *size)),
+        color_undistortion,
+        depth_undistortion,
+        other_cameras: cameras.into_iter().map(|camera| camera.camera).collect(),
+        camera_of_frame,
+        recorded_poses,
+        has_time,
+        pose_reading: calibration.poses,
+        mounting,
+        other_quaternion,
+        map_points,
+        warnings,
+        conventions,
+    };
+    if let Some((path, size)) = depth_size {
+        sequence.check_depth_size(&path, size)?;
+    }
+    Ok(sequence)
+}
+
+/// What lies between the colour camera and what poses may be of.
+pub(super) fn mounting(calibration: &Calibration) -> Mounting {
+    Mounting {
+        color_from_depth: calibration
+            .depth
+            .as_ref()
+            .map(|geometry| geometry.color_from_depth),
+        body_from_color: calibration.body_from_color,
     }
 }
 
-/// Poses that are of the depth camera are moved to the colour camera.
-fn frames_of_color_camera(frames: Vec<RecordedFrame>, calibration: &Calibration) -> Vec<Frame> {
-    let recorded_from_color = recorded_from_color(calibration);
+/// Leaves out the frames whose camera takes images of another size than the main one.
+fn frames_of_size(
+    frames: Vec<RecordedFrame>,
+    color: &CalibratedCamera,
+    cameras: &[CalibratedCamera],
+    warnings: &mut Vec<Warning>,
+) -> Vec<RecordedFrame> {
+    let total = frames.len();
+    let mut others = Tally::default();
+    let kept = frames
+        .into_iter()
+        .filter(|frame| {
+            let own = frame
+                .camera
+                .and_then(|camera| cameras.get(camera as usize))
+                .map_or(color.size, |camera| camera.size);
+            let fits = own.is_none() || color.size.is_none() || own == color.size;
+            if !fits {
+                others.add(frame.name.clone());
+            }
+            fits
+        })
+        .collect();
+    warnings.extend(others.into_warning(
+        total,
+        "images have another size than most and were left out",
+    ));
+    kept
+}
+
+/// How depth is read, and the map that removes the distortion of a depth camera of its own.
+fn depth_calibration(
+    calibration: &Calibration,
+    color_camera: &Camera,
+    depth_size: Option<&(PathBuf, ImageSize)>,
+) -> Result<(DepthCalibration, Option<UndistortionMap>), FrameError> {
+    let Some(geometry) = &calibration.depth else {
+        let registered = DepthCalibration {
+            camera: color_camera.clone(),
+            scale: calibration.depth_scale,
+            color_from_depth: Isometry3::identity(),
+            registered: true,
+        };
+        return Ok((registered, None));
+    };
+    // Without one readable header there will be no depth image to resample either.
+    let (camera, map) = match depth_size {
+        Some((path, size)) => undistort(&geometry.camera.camera, *size, path)?,
+        None => (geometry.camera.camera.without_distortion(), None),
+    };
+    let depth = DepthCalibration {
+        camera,
+        scale: calibration.depth_scale,
+        color_from_depth: geometry.color_from_depth,
+        registered: false,
+    };
+    Ok((depth, map))
+}
+
+fn depth_in_words(depth: &DepthCalibration, poses_of: PoseCamera) -> String {
+    let whose = match (depth.registered, poses_of) {
+        (true, _) => "registered to colour",
+        (false, PoseCamera::Depth) => "of a camera of its own, which the poses in the files are of",
+        (false, PoseCamera::Color | PoseCamera::Body) => "of a camera of its own",
+    };
+    format!(
+        "depth: 16 bits, {} per unit of the poses, 0 and 65535 unknown, {whose}",
+        depth.scale
+    )
+}
+
+/// Frames with the poses of the colour camera, and the poses as recorded.
+fn posed(
+    frames: Vec<RecordedFrame>,
+    reading: &PoseReading,
+    mounting: &Mounting,
+) -> (Vec<Frame>, Vec<Isometry3<f64>>) {
     frames
         .into_iter()
-        .map(|frame| Frame {
-            name: frame.name,
-            timestamp_ns: frame.timestamp_ns,
-            world_from_camera: frame.world_from_camera * recorded_from_color,
-            color: frame.color,
-            depth: frame.depth,
+        .map(|frame| {
+            let recorded = frame.pose.unwrap_or_default();
+            let posed = Frame {
+                name: frame.name,
+                timestamp_ns: frame.timestamp_ns,
+                world_from_camera: reading.world_from_color(&recorded, mounting),
+                color: frame.color,
+                depth: frame.depth,
+            };
+            (posed, recorded)
         })
-        .collect()
+        .unzip()
 }
 
 /// Size of the first image whose header can be read.
@@ -193,20 +348,20 @@ fn first_size(folder: &Path, frames: &[Frame]) -> Result<FirstSize, SequenceErro
     })
 }
 
-fn check_color_size(calibration: &Calibration, first: &FirstSize) -> Result<(), FrameError> {
+fn check_color_size(color: &CalibratedCamera, first: &FirstSize) -> Result<(), FrameError> {
     let ImageSize { width, height } = first.size;
-    if let Some(expected) = calibration.color.size
+    if let Some(expected) = color.size
         && expected != first.size
     {
         return Err(size_error(
             &first.path,
             first.size,
             expected,
-            format!("by {}", calibration.color.origin),
+            format!("by {}", color.origin),
             "give the intrinsics of images of this size (linecarve.toml or --calibration FILE)",
         ));
     }
-    let (cx, cy) = (calibration.color.camera.cx(), calibration.color.camera.cy());
+    let (cx, cy) = (color.camera.cx(), color.camera.cy());
     let is_inside = |c: f64, size: u32| c >= -0.5 && c <= f64::from(size) - 0.5;
     if !(is_inside(cx, width) && is_inside(cy, height)) {
         return Err(FrameError::PrincipalPoint {

@@ -41,20 +41,28 @@ impl<'a> TextFile<'a> {
         if text.contains('\0') {
             return Err(not_text());
         }
+        // Lines that end with a carriage return alone.
+        let text = if text.contains('\r') && !text.contains('\n') {
+            text.replace('\r', "\n")
+        } else {
+            text
+        };
         Ok(Self { path, text })
     }
 
     /// The lines that hold something: blank lines and those that start with `#` are passed over.
     pub(super) fn rows(&self) -> impl Iterator<Item = Row<'_>> {
-        self.text
-            .lines()
-            .enumerate()
-            .map(|(index, text)| Row {
-                path: self.path,
-                number: index + 1,
-                text: text.trim(),
-            })
+        self.lines()
             .filter(|row| !row.text.is_empty() && !row.text.starts_with('#'))
+    }
+
+    /// All lines.
+    pub(super) fn lines(&self) -> impl Iterator<Item = Row<'_>> {
+        self.text.lines().enumerate().map(|(index, text)| Row {
+            path: self.path,
+            number: index + 1,
+            text: text.trim(),
+        })
     }
 
     /// The whole text.
@@ -93,16 +101,38 @@ impl<'a> Row<'a> {
         }
     }
 
+    /// The number of the line in its file, from 1.
+    pub(super) fn number(&self) -> usize {
+        self.number
+    }
+
     /// Exactly `N` numbers, which may be NaN or infinite.
     pub(super) fn numbers<const N: usize>(&self) -> Result<[f64; N], SequenceError> {
-        let mut out = [0.0; N];
         let count = self.fields().count();
         if count != N {
             return Err(self.error(format!("{N} numbers expected, {count} found")));
         }
-        for (slot, field) in out.iter_mut().zip(self.fields()) {
+        self.numbers_from(0)
+    }
+
+    /// `N` numbers after the first `skipped` fields; what follows is not looked at.
+    pub(super) fn numbers_from<const N: usize>(
+        &self,
+        skipped: usize,
+    ) -> Result<[f64; N], SequenceError> {
+        let mut out = [0.0; N];
+        let mut count = 0;
+        for (slot, field) in out.iter_mut().zip(self.fields().skip(skipped)) {
             *slot = parse_number(field)
                 .ok_or_else(|| self.error(format!("'{}' is not a number", shorten(field))))?;
+            count += 1;
+        }
+        if count < N {
+            return Err(self.error(format!(
+                "{} fields expected at least, {} found",
+                skipped + N,
+                skipped + count
+            )));
         }
         Ok(out)
     }
@@ -135,9 +165,106 @@ pub(super) fn parse_number(field: &str) -> Option<f64> {
 /// Seconds in decimal or scientific notation as whole nanoseconds, without passing through a float: a stamp of the
 /// year 2011 has ten digits before the point, and a double would round its nanoseconds to multiples of 238.
 ///
-/// Whole numbers of 16 digits and more are nanoseconds already. `None` when the text is not a number or does not fit.
-/// Digits beyond the ninth decimal are rounded half away from zero.
+/// Numbers of 16 digits and more before the point are nanoseconds already. `None` when the text is not a number or does
+/// not fit. Digits beyond the ninth decimal are rounded half away from zero.
 pub(crate) fn parse_stamp_ns(field: &str) -> Option<i64> {
+    parse_stamp(field)?.as_written_ns()
+}
+
+/// A unit of time stamps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum TimeUnit {
+    Second,
+    Millisecond,
+    Microsecond,
+    Nanosecond,
+}
+
+impl TimeUnit {
+    pub(super) const ALL: [Self; 4] = [
+        Self::Second,
+        Self::Nanosecond,
+        Self::Microsecond,
+        Self::Millisecond,
+    ];
+
+    /// The unit in words.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Second => "seconds",
+            Self::Millisecond => "milliseconds",
+            Self::Microsecond => "microseconds",
+            Self::Nanosecond => "nanoseconds",
+        }
+    }
+}
+
+/// A time stamp whose unit is still open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Stamp {
+    /// A billion times the number.
+    billionths: i128,
+    /// Whether it is written as nanoseconds usually are: 16 digits and more before the point, no exponent.
+    pub(super) is_nanoseconds: bool,
+}
+
+impl std::fmt::Display for Stamp {
+    /// The number itself, with as many decimals as it needs.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let unit: u128 = 1_000_000_000;
+        let magnitude = self.billionths.unsigned_abs();
+        if self.billionths < 0 {
+            write!(f, "-")?;
+        }
+        write!(f, "{}", magnitude / unit)?;
+        match magnitude % unit {
+            0 => Ok(()),
+            decimals => write!(f, ".{decimals:09}"),
+        }
+    }
+}
+
+impl Stamp {
+    /// The unit that the way of writing suggests.
+    pub(super) fn unit_as_written(self) -> TimeUnit {
+        if self.is_nanoseconds {
+            TimeUnit::Nanosecond
+        } else {
+            TimeUnit::Second
+        }
+    }
+
+    /// The stamp in the unit that the way of writing suggests; `None` when that does not fit.
+    pub(super) fn as_written_ns(self) -> Option<i64> {
+        self.in_nanoseconds(self.unit_as_written())
+    }
+
+    /// The number itself, when it is whole and not negative.
+    pub(super) fn whole_number(self) -> Option<u64> {
+        let unit: i128 = 1_000_000_000;
+        (self.billionths % unit == 0)
+            .then(|| u64::try_from(self.billionths / unit).ok())
+            .flatten()
+    }
+
+    /// The stamp if its number counts `unit`s; `None` when that does not fit.
+    pub(super) fn in_nanoseconds(self, unit: TimeUnit) -> Option<i64> {
+        let divisor: i128 = match unit {
+            TimeUnit::Second => 1,
+            TimeUnit::Millisecond => 1_000,
+            TimeUnit::Microsecond => 1_000_000,
+            TimeUnit::Nanosecond => 1_000_000_000,
+        };
+        let half = self.billionths.signum() * (divisor / 2);
+        i64::try_from((self.billionths + half) / divisor).ok()
+    }
+}
+
+/// A number in decimal or scientific notation with nine exact decimals; `None` when the text is not a number or is
+/// beyond any time.
+pub(super) fn parse_stamp(field: &str) -> Option<Stamp> {
+    /// A time of 64 bits in nanoseconds has fewer digits, nine decimals included.
+    const MOST_DIGITS: i64 = 31;
     let (is_negative, unsigned) = match field.as_bytes().first()? {
         b'-' => (true, &field[1..]),
         b'+' => (false, &field[1..]),
@@ -152,20 +279,15 @@ pub(crate) fn parse_stamp_ns(field: &str) -> Option<i64> {
     if whole.len() + decimals.len() == 0 || !is_digits(whole) || !is_digits(decimals) {
         return None;
     }
-    let is_bare = whole.len() == unsigned.len();
-    let exponent = if is_bare && whole.trim_start_matches('0').len() >= 16 {
-        -9
-    } else {
-        exponent
-    };
-    // The value is 0.DIGITS * 10^(whole.len() + exponent); its nanoseconds are the first `kept` digits.
+    let has_exponent = mantissa.len() != unsigned.len();
+    // The value is 0.DIGITS * 10^(whole.len() + exponent); its billionths are the first `kept` digits.
     let digits = whole.bytes().chain(decimals.bytes()).map(|b| b - b'0');
     let kept = i64::try_from(whole.len()).ok()? + i64::from(exponent) + 9;
     let available = (whole.len() + decimals.len()) as i64;
-    let mut value: i64 = 0;
+    let mut value: i128 = 0;
     for (position, digit) in (0_i64..).zip(digits) {
         if position < kept {
-            value = value.checked_mul(10)?.checked_add(i64::from(digit))?;
+            value = value.checked_mul(10)?.checked_add(i128::from(digit))?;
         } else {
             if position == kept && digit >= 5 {
                 value = value.checked_add(1)?;
@@ -174,11 +296,21 @@ pub(crate) fn parse_stamp_ns(field: &str) -> Option<i64> {
         }
     }
     if value != 0 {
+        if kept - available > MOST_DIGITS {
+            return None;
+        }
         for _ in available..kept {
             value = value.checked_mul(10)?;
         }
     }
-    Some(if is_negative { -value } else { value })
+    // Room for rounding when the unit is chosen.
+    if value > i128::MAX / 4 {
+        return None;
+    }
+    Some(Stamp {
+        billionths: if is_negative { -value } else { value },
+        is_nanoseconds: !has_exponent && whole.trim_start_matches('0').len() >= 16,
+    })
 }
 
 #[cfg(test)]
@@ -196,6 +328,7 @@ mod tests {
             ("1.305031102175304001e+09", 1_305_031_102_175_304_001),
             ("1305031102175304001e-9", 1_305_031_102_175_304_001),
             ("1305031102175304001", 1_305_031_102_175_304_001),
+            ("1403715274312143104.0000000000", 1_403_715_274_312_143_104),
             ("12", 12_000_000_000),
             ("12.", 12_000_000_000),
             (".5", 500_000_000),

@@ -68,6 +68,11 @@ impl Tally {
         self.count
     }
 
+    /// The first name.
+    pub(super) fn first(&self) -> Option<&str> {
+        self.examples.first().map(String::as_str)
+    }
+
     /// The warning, when there was any.
     pub(super) fn into_warning(self, total: usize, what: &str) -> Option<Warning> {
         (self.count > 0).then(|| Warning {
@@ -76,6 +81,17 @@ impl Tally {
             examples: self.examples,
         })
     }
+}
+
+/// A time in seconds with nine decimals.
+pub(super) fn stamp_text(ns: i64) -> String {
+    let magnitude = ns.unsigned_abs();
+    let sign = if ns < 0 { "-" } else { "" };
+    format!(
+        "{sign}{}.{:09}",
+        magnitude / 1_000_000_000,
+        magnitude % 1_000_000_000
+    )
 }
 
 #[cfg(test)]

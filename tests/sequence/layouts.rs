@@ -155,6 +155,7 @@ fn a_sidecar_moves_poses_of_the_depth_camera_to_the_colour_camera() {
     std::fs::write(&elsewhere, text).unwrap();
     let options = OpenOptions {
         calibration: Some(elsewhere.clone()),
+        ..OpenOptions::default()
     };
     let sequence = Sequence::open(folder.path(), &options).unwrap();
     let offset = poses(1)[0].inverse() * sequence.frames()[0].world_from_camera;
@@ -171,6 +172,7 @@ fn a_sidecar_moves_poses_of_the_depth_camera_to_the_colour_camera() {
     );
     let missing = OpenOptions {
         calibration: Some(folder.path().join("missing.toml")),
+        ..OpenOptions::default()
     };
     assert!(
         Sequence::open(folder.path(), &missing)

@@ -3,14 +3,22 @@
 #![allow(clippy::unwrap_used)]
 
 mod damage;
+mod exchange;
 mod faults;
 mod layouts;
+mod models;
+mod mutated;
 mod support;
+mod writers;
 
 use std::path::Path;
 
 use linecarve::sequence::{OpenOptions, Sequence};
 use support::{write_open3d, write_seven_scenes, write_tum};
+use writers::{
+    write_colmap_binary, write_colmap_text, write_euroc, write_mvs, write_nvm, write_orb_slam,
+    write_pose_list, write_stella, write_transforms,
+};
 
 pub(crate) fn open(folder: &Path) -> Result<Sequence, String> {
     Sequence::open(folder, &OpenOptions::default()).map_err(|error| error.to_string())
@@ -56,4 +64,16 @@ pub(crate) const LAYOUTS: [(&str, Writer); 3] = [
     ("7-scenes", |folder| write_seven_scenes(folder, 6)),
     ("tum-rgbd", |folder| write_tum(folder, 6)),
     ("open3d-log", |folder| write_open3d(folder, 11, 2)),
+];
+/// Layouts of other systems: name, writer, whether they hold points.
+pub(crate) const MODELS: [(&str, Writer, bool); 9] = [
+    ("colmap", write_colmap_text, true),
+    ("colmap", write_colmap_binary, true),
+    ("nvm", write_nvm, true),
+    ("openmvs", write_mvs, true),
+    ("transforms-json", write_transforms, false),
+    ("stella-vslam", write_stella, true),
+    ("orb-slam", write_orb_slam, true),
+    ("euroc", write_euroc, false),
+    ("images-and-poses", write_pose_list, false),
 ];

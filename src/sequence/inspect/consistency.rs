@@ -1,10 +1,11 @@
 //! Do depth images agree with each other under the poses? And would they under another convention?
 
 use linecarve_lines::camera::Camera;
-use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3};
+use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::readings::{AS_READ, PoseHypothesis, pose_hypotheses};
 use super::{forgive, quantile, spread};
 use crate::sequence::{DepthImage, FrameError, Sequence};
 
@@ -51,6 +52,8 @@ pub struct Hypothesis {
     pub median_relative: f64,
     /// Share of the compared pixels that differ by less than 1 %.
     pub share_within_1_percent: f64,
+    /// What in a sidecar makes the sequence be read so; `None` as read.
+    pub remedy: Option<String>,
 }
 
 impl Consistency {
@@ -65,11 +68,14 @@ impl Consistency {
         (is_comparable && best.median_relative < SUSPICION * self.as_read.median_relative).then(|| {
             format!(
                 "depth images {} frames apart agree better with {} (median difference {:.2} % of depth) than as read \
-                 ({:.2} %): check the convention of the files",
+                 ({:.2} %): check the convention of the files{}",
                 self.gap,
                 best.reading,
                 100.0 * best.median_relative,
-                100.0 * self.as_read.median_relative
+                100.0 * self.as_read.median_relative,
+                best.remedy
+                    .as_ref()
+                    .map_or_else(String::new, |remedy| format!(" (in linecarve.toml: {remedy})"))
             )
         })
     }
@@ -78,51 +84,20 @@ impl Consistency {
 /// A reading of poses and depth.
 struct Reading {
     words: String,
-    /// What poses as read become.
-    poses: PoseReading,
+    /// What in a sidecar makes the sequence be read so.
+    remedy: Option<String>,
+    poses: PoseHypothesis,
     /// What depth as read is multiplied by.
     factor: f64,
 }
 
-#[derive(Clone, Copy)]
-enum PoseReading {
-    AsRead,
-    Inverse,
-    OpenGl,
-    InverseOpenGl,
-}
-
-impl PoseReading {
-    /// The motion between two cameras.
-    fn b_from_a(self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> Matrix4<f64> {
-        // Camera axes x right, y up, z backward.
-        let flip = Matrix4::new_nonuniform_scaling(&Vector3::new(1.0, -1.0, -1.0));
-        match self {
-            Self::AsRead => (b.inverse() * a).to_homogeneous(),
-            Self::Inverse => (b * a.inverse()).to_homogeneous(),
-            Self::OpenGl => flip * (b.inverse() * a).to_homogeneous() * flip,
-            Self::InverseOpenGl => flip * (b * a.inverse()).to_homogeneous() * flip,
-        }
-    }
-}
-
-fn readings(scale: f64) -> Vec<Reading> {
-    let poses = [
-        (PoseReading::AsRead, "the files as read"),
-        (
-            PoseReading::Inverse,
-            "the inverse poses (camera from world)",
-        ),
-        (PoseReading::OpenGl, "camera axes y up, z backward (OpenGL)"),
-        (
-            PoseReading::InverseOpenGl,
-            "the inverse poses with axes y up, z backward",
-        ),
-    ];
-    let mut all: Vec<Reading> = poses
+/// The sequence as read, then other readings of its poses, then other scales of its depth.
+fn readings(sequence: &Sequence, scale: f64) -> Vec<Reading> {
+    let mut all: Vec<Reading> = pose_hypotheses(sequence)
         .into_iter()
-        .map(|(poses, words)| Reading {
-            words: words.to_owned(),
+        .map(|poses| Reading {
+            words: poses.words.clone(),
+            remedy: poses.remedy.clone(),
             poses,
             factor: 1.0,
         })
@@ -131,11 +106,13 @@ fn readings(scale: f64) -> Vec<Reading> {
         .into_iter()
         .filter(|other| (other / scale - 1.0).abs() > 1e-3)
     {
-        all.push(Reading {
+        let as_read = pose_hypotheses(sequence).into_iter().next();
+        all.extend(as_read.map(|poses| Reading {
             words: format!("a depth scale of {other} instead of {scale}"),
-            poses: PoseReading::AsRead,
+            remedy: Some(format!("[depth] scale = {other:?}")),
+            poses,
             factor: scale / other,
-        });
+        }));
     }
     all
 }
@@ -153,8 +130,7 @@ pub(super) fn measure(
     let candidates: Vec<usize> = (0..frames.len().saturating_sub(gap))
         .filter(|&i| gap > 0 && frames[i].depth.is_some() && frames[i + gap].depth.is_some())
         .collect();
-    let readings = readings(calibration.scale);
-    let pose = |index: usize| frames[index].world_from_camera * calibration.color_from_depth;
+    let readings = readings(sequence, calibration.scale);
     let measured = spread(candidates.len(), pairs)
         .par_iter()
         .map(|&at| {
@@ -168,7 +144,11 @@ pub(super) fn measure(
             let residuals: Vec<_> = readings
                 .iter()
                 .map(|reading| {
-                    let b_from_a = reading.poses.b_from_a(&pose(i), &pose(j));
+                    let pose = |index: usize| {
+                        reading.poses.world_from_color(sequence, index)
+                            * calibration.color_from_depth
+                    };
+                    let b_from_a = pose(j).inverse() * pose(i);
                     compare(&a, &b, &b_from_a, reading.factor, &calibration.camera)
                 })
                 .collect();
@@ -191,6 +171,7 @@ pub(super) fn measure(
             let within = relative.iter().filter(|&&value| value < AGREEMENT).count();
             Some(Hypothesis {
                 reading: reading.words,
+                remedy: reading.remedy,
                 pixels: relative.len(),
                 median_difference: quantile(&mut absolute, 0.5)?,
                 median_relative: quantile(&mut relative, 0.5)?,
@@ -198,7 +179,7 @@ pub(super) fn measure(
             })
         })
         .collect();
-    let is_as_read = |hypothesis: &Hypothesis| hypothesis.reading == "the files as read";
+    let is_as_read = |hypothesis: &Hypothesis| hypothesis.reading == AS_READ;
     let Some(at) = hypotheses.iter().position(is_as_read) else {
         return Ok(None);
     };
@@ -216,7 +197,7 @@ pub(super) fn measure(
 fn compare(
     a: &DepthImage,
     b: &DepthImage,
-    b_from_a: &Matrix4<f64>,
+    b_from_a: &Isometry3<f64>,
     factor: f64,
     camera: &Camera,
 ) -> Vec<(f64, f64)> {
@@ -231,7 +212,7 @@ fn compare(
             let Ok(point) = camera.point_at_depth(&pixel, f64::from(z) * factor) else {
                 continue;
             };
-            let carried: Point3<f64> = b_from_a.transform_point(&point);
+            let carried = b_from_a * point;
             let Some(seen) = camera.project(&carried) else {
                 continue;
             };

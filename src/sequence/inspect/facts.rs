@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::consistency::Consistency;
+use super::epipolar::EpipolarFacts;
 use super::registration::RegistrationFacts;
 use super::{forgive, quantile, spread};
 use crate::keyframes::sharpness;
@@ -25,8 +26,12 @@ pub struct SequenceFacts {
     pub images: Option<ImageFacts>,
     /// Its depth; `None` when it has none.
     pub depth: Option<DepthFacts>,
+    /// Its points with the views that see them; `None` when it has none.
+    pub map_points: Option<MapPointFacts>,
     /// How well depth images agree with each other under the poses, for each gap at which any could be compared.
     pub consistency: Vec<Consistency>,
+    /// How well corners that look alike lie on each other's epipolar lines; `None` when there are too few.
+    pub epipolar: Option<EpipolarFacts>,
     /// How well outlines in depth lie on edges in colour; `None` when there are too few.
     pub registration: Option<RegistrationFacts>,
     /// What the layout takes for granted.
@@ -115,6 +120,73 @@ pub struct DepthFacts {
     pub percentiles: Option<[f64; 3]>,
 }
 
+/// Points that the layout holds.
+#[derive(Debug, Clone, Serialize)]
+pub struct MapPointFacts {
+    /// How many points.
+    pub points: usize,
+    /// How many views, with or without an image.
+    pub views: usize,
+    /// Mean number of views that see a point.
+    pub mean_sightings: f64,
+    /// How many sightings know their pixel and a camera to compare it with.
+    pub compared: usize,
+    /// Median distance in pixels between where a view saw a point and where its pose puts it.
+    pub median_reprojection_px: Option<f64>,
+    /// Share of all sightings whose point lies before the view.
+    pub share_in_front: f64,
+}
+
+impl MapPointFacts {
+    /// A warning when points and poses do not belong together.
+    fn suspicion(&self) -> Option<Warning> {
+        /// A few points behind their cameras are outliers of the model.
+        const LEAST_IN_FRONT: f64 = 0.95;
+        const LARGEST_PX: f64 = 4.0;
+        if self.share_in_front < LEAST_IN_FRONT {
+            return Some(Warning::statement(format!(
+                "only {:.0} % of the sightings of map points lie before their camera: poses and points do not belong \
+                 together, or the poses have another convention",
+                100.0 * self.share_in_front
+            )));
+        }
+        let median = self.median_reprojection_px.filter(|px| *px > LARGEST_PX)?;
+        Some(Warning::statement(format!(
+            "map points lie {median:.1} px (median) from where the views saw them: cameras, poses and points do not belong \
+             together"
+        )))
+    }
+}
+
+fn map_points(sequence: &Sequence) -> Option<MapPointFacts> {
+    let model = sequence.map_points()?;
+    let mut errors = Vec::new();
+    let (mut sightings, mut in_front) = (0_usize, 0_usize);
+    for point in &model.points {
+        for sighting in &point.sightings {
+            let Some(view) = model.views.get(sighting.view as usize) else {
+                continue;
+            };
+            let point_in_camera = view.world_from_camera.inverse() * point.point_in_world;
+            sightings += 1;
+            in_front += usize::from(point_in_camera.z > 0.0);
+            if let (Some([x, y]), Some(camera)) = (sighting.pixel, &view.camera)
+                && let Some(seen) = camera.project(&point_in_camera)
+            {
+                errors.push((seen.x - x).hypot(seen.y - y));
+            }
+        }
+    }
+    Some(MapPointFacts {
+        points: model.points.len(),
+        views: model.views.len(),
+        mean_sightings: sightings as f64 / model.points.len().max(1) as f64,
+        compared: errors.len(),
+        median_reprojection_px: quantile(&mut errors, 0.5),
+        share_in_front: in_front as f64 / sightings.max(1) as f64,
+    })
+}
+
 fn camera_facts(camera: &Camera, size: Option<(u32, u32)>, origin: String) -> CameraFacts {
     CameraFacts {
         width: size.map(|s| s.0),
@@ -147,11 +219,16 @@ pub(super) fn measure(sequence: &Sequence, samples: usize) -> Result<SequenceFac
         motion: motion(sequence),
         images: images(sequence, samples)?,
         depth: depth(sequence, samples)?,
+        map_points: map_points(sequence),
         consistency: Vec::new(),
+        epipolar: None,
         registration: None,
         conventions: sequence.conventions().to_vec(),
         warnings: sequence.warnings().to_vec(),
     };
+    if let Some(points) = &facts.map_points {
+        facts.warnings.extend(points.suspicion());
+    }
     if let Some(depth) = facts
         .depth
         .as_ref()
@@ -189,8 +266,8 @@ fn motion(sequence: &Sequence) -> MotionFacts {
         }
     }
     MotionFacts {
-        path_length: steps.iter().sum(),
-        extent: [0, 1, 2].map(|axis| high[axis] - low[axis]),
+        path_length: steps.iter().fold(0.0, |sum, step| sum + step),
+        extent: [0, 1, 2].map(|axis| (high[axis] - low[axis]).max(0.0)),
         median_step: quantile(&mut steps, 0.5).unwrap_or(0.0),
         largest_step: largest.map_or(0.0, |(step, _)| step),
         largest_step_to: largest.map(|(_, index)| frames[index].name.clone()),

@@ -1,11 +1,15 @@
 //! What `linecarve info` tells of a sequence: facts, measured on a sample of its images, and a test of its conventions.
 
 mod consistency;
+mod corners;
+mod epipolar;
 mod facts;
+mod readings;
 mod registration;
 
 pub use consistency::{Consistency, Hypothesis};
-pub use facts::{CameraFacts, DepthFacts, ImageFacts, MotionFacts, SequenceFacts};
+pub use epipolar::{EpipolarFacts, EpipolarHypothesis};
+pub use facts::{CameraFacts, DepthFacts, ImageFacts, MapPointFacts, MotionFacts, SequenceFacts};
 pub use registration::RegistrationFacts;
 
 use serde::{Deserialize, Serialize};
@@ -22,6 +26,8 @@ pub struct InspectOptions {
     pub pairs: usize,
     /// Distances in frames between the images of a pair.
     pub gaps: Vec<usize>,
+    /// Pairs of images whose corners are matched at each gap, spread evenly.
+    pub matched_pairs: usize,
     /// Frames whose outlines in depth are compared with edges in colour, spread evenly.
     pub registrations: usize,
 }
@@ -32,6 +38,7 @@ impl Default for InspectOptions {
             samples: 60,
             pairs: 20,
             gaps: vec![1, 10],
+            matched_pairs: 8,
             registrations: 12,
         }
     }
@@ -40,8 +47,9 @@ impl Default for InspectOptions {
 /// Measures the facts of a sequence.
 ///
 /// Depth of one frame is carried into another by their poses and compared with what was measured there: as read, with
-/// the inverse poses, with camera axes of the OpenGL convention, and with other depth scales. When one of these fits
-/// much better, the facts carry a warning. Outlines in depth are compared with edges in colour, as they are and moved, to
+/// the inverse poses, with camera axes of the OpenGL convention, and with other depth scales. Corners that look alike are
+/// compared with the epipolar lines on which the poses put them, under the same readings of the poses. When one of these
+/// fits much better, the facts carry a warning that says how to ask for it. Outlines in depth are compared with edges in colour, as they are and moved, to
 /// find depth that is not registered as assumed. Images that cannot be decoded are counted and passed over.
 ///
 /// # Errors
@@ -55,6 +63,17 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
             }
             facts.consistency.push(consistency);
         }
+    }
+    facts.epipolar = epipolar::measure(sequence, &options.gaps, options.matched_pairs)?;
+    // Depth is the sharper test: what it says is not said twice.
+    let is_suspected = facts.consistency.iter().any(|c| c.suspicion().is_some());
+    if let Some(warning) = facts
+        .epipolar
+        .as_ref()
+        .filter(|_| !is_suspected)
+        .and_then(EpipolarFacts::suspicion)
+    {
+        facts.warnings.push(Warning::statement(warning));
     }
     facts.registration = registration::measure(sequence, options.registrations)?;
     if let Some(warning) = facts

@@ -1,5 +1,14 @@
-//! One file for each layout.
+//! One file for each layout, and what several of them share.
 
+pub(super) mod colmap;
+mod dumped_points;
+pub(super) mod euroc;
+mod images;
+pub(super) mod nvm;
 pub(super) mod open3d_log;
+pub(super) mod openmvs;
+pub(super) mod orb_slam;
 pub(super) mod seven_scenes;
+pub(super) mod stella;
+pub(super) mod transforms;
 pub(super) mod tum;

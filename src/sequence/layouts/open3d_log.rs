@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use linecarve_lines::camera::Camera;
-use nalgebra::Isometry3;
 use serde::Deserialize;
 
-use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
-use super::super::layout::{Folder, Layout, RecordedFrame, Recording, image_stem};
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
+use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording, image_stem};
+use super::super::poses::{LogEntry, read_log};
 use super::super::text::TextFile;
 use super::super::warning::Tally;
 use super::super::{SequenceError, Warning, rigid};
@@ -34,9 +34,12 @@ impl Layout for Open3dLog {
             || (folder.first_entry(&IMAGE_FOLDERS).is_some() && logs(folder).next().is_some())
     }
 
-    fn read(&self, folder: &Folder) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
         let mut warnings = Vec::new();
-        let trajectory = read_trajectory(&trajectory_path(folder)?)?;
+        let trajectory = match origin {
+            PoseOrigin::Layout => Some(read_log(&trajectory_path(folder)?)?),
+            PoseOrigin::Elsewhere => None,
+        };
         let images_path = folder.first_entry(&IMAGE_FOLDERS).ok_or_else(|| SequenceError::Content {
             path: folder.path().join(IMAGE_FOLDERS[0]),
             problem: "is missing: the images of the trajectory are looked for in image/, color/ or rgb/".to_owned(),
@@ -46,22 +49,27 @@ impl Layout for Open3dLog {
             Some(path) => numbered_images(&path)?,
             None => BTreeMap::new(),
         };
-        let frames = join(folder, images, &depths, &trajectory, &mut warnings)?;
+        let frames = join(
+            folder,
+            images,
+            &depths,
+            trajectory.as_deref(),
+            &mut warnings,
+        )?;
         let color = intrinsics(folder, &mut warnings)?;
-        Ok(Recording {
-            frames,
-            calibration: Calibration {
-                color,
-                depth: None,
-                depth_scale: 1000.0,
-                pose_camera: PoseCamera::Color,
-            },
-            warnings,
-            conventions: vec![
-                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal".to_owned(),
-                "the layout knows no time: time stamps are image numbers".to_owned(),
-            ],
-        })
+        let mut recording = Recording::new(frames, Calibration::of_color(Some(color)));
+        recording.has_time = false;
+        recording.warnings = warnings;
+        if origin == PoseOrigin::Layout {
+            recording.conventions.push(
+                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal"
+                    .to_owned(),
+            );
+        }
+        recording
+            .conventions
+            .push("the layout knows no time: time stamps are image numbers".to_owned());
+        Ok(recording)
     }
 }
 
@@ -87,55 +95,10 @@ fn trajectory_path(folder: &Folder) -> Result<PathBuf, SequenceError> {
     }
 }
 
-/// An entry of a trajectory: its own number and its pose.
-struct Entry {
-    number: u64,
-    pose: Result<Isometry3<f64>, rigid::NotRigid>,
-}
-
-/// Entries of five lines: three whole numbers, then a 4x4 matrix.
-fn read_trajectory(path: &Path) -> Result<Vec<Entry>, SequenceError> {
-    let file = TextFile::read(path)?;
-    let mut rows = file.rows();
-    let mut entries: Vec<Entry> = Vec::new();
-    while let Some(head) = rows.next() {
-        let number = head
-            .fields()
-            .next()
-            .and_then(|field| field.parse::<u64>().ok())
-            .filter(|_| head.fields().count() == 3)
-            .ok_or_else(|| {
-                head.error(format!(
-                    "the head of entry {} expected: three whole numbers 'i i i+1', then four rows of a matrix",
-                    entries.len()
-                ))
-            })?;
-        let mut matrix = [[0.0; 4]; 4];
-        for (r, slot) in matrix.iter_mut().enumerate() {
-            let row = rows.next().ok_or_else(|| {
-                head.error(format!(
-                    "the matrix of this entry has {r} rows instead of 4 (cut off?)"
-                ))
-            })?;
-            *slot = row.numbers()?;
-        }
-        entries.push(Entry {
-            number,
-            pose: rigid::from_matrix(&matrix),
-        });
-    }
-    if entries.is_empty() {
-        return Err(SequenceError::Content {
-            path: path.to_owned(),
-            problem: "holds no pose: entries of five lines expected, 'i i i+1' and a 4x4 matrix"
-                .to_owned(),
-        });
-    }
-    Ok(entries)
-}
-
 /// Images by the number that ends their name.
-fn numbered_images(path: &Path) -> Result<BTreeMap<u64, (String, PathBuf)>, SequenceError> {
+pub(super) fn numbered_images(
+    path: &Path,
+) -> Result<BTreeMap<u64, (String, PathBuf)>, SequenceError> {
     let folder = Folder::list(path)?;
     let mut images = BTreeMap::new();
     for name in folder.names() {
@@ -152,14 +115,16 @@ fn numbered_images(path: &Path) -> Result<BTreeMap<u64, (String, PathBuf)>, Sequ
     Ok(images)
 }
 
-/// Gives each image its entry: by number; by order when numbers do not fit but counts do.
+/// Gives each image its entry: by number; by order when numbers do not fit but counts do. Without entries images have
+/// no poses.
 fn join(
     folder: &Folder,
     images: BTreeMap<u64, (String, PathBuf)>,
     depths: &BTreeMap<u64, (String, PathBuf)>,
-    entries: &[Entry],
+    trajectory: Option<&[LogEntry]>,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<RecordedFrame>, SequenceError> {
+    let entries = trajectory.unwrap_or_default();
     let mut by_number: BTreeMap<u64, usize> = BTreeMap::new();
     for (at, entry) in entries.iter().enumerate() {
         by_number.entry(entry.number).or_insert(at);
@@ -172,7 +137,7 @@ fn join(
         ));
     }
     let fits = images.keys().all(|number| by_number.contains_key(number));
-    let is_by_order = !fits && images.len() == entries.len();
+    let is_by_order = !fits && trajectory.is_some() && images.len() == entries.len();
     if is_by_order {
         warnings.push(Warning::statement(
             "the numbers of images and trajectory differ, their counts agree: they are joined in order",
@@ -192,11 +157,12 @@ fn join(
         } else {
             by_number.get(&number).copied()
         };
-        let Some(entry) = at.and_then(|at| entries.get(at)) else {
+        let entry = at.and_then(|at| entries.get(at));
+        if entry.is_none() && trajectory.is_some() {
             without_pose.add(name);
             continue;
-        };
-        let world_from_camera = match entry.pose {
+        }
+        let pose = match entry.map(|entry| entry.pose).transpose() {
             Ok(pose) => pose,
             Err(rigid::NotRigid::NotFinite) => {
                 not_finite.add(name);
@@ -214,9 +180,10 @@ fn join(
         frames.push(RecordedFrame {
             name,
             timestamp_ns: i64::try_from(number).unwrap_or(i64::MAX),
-            world_from_camera,
+            pose,
             color,
             depth,
+            camera: None,
         });
     }
     if frames.is_empty() {

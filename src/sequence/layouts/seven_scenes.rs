@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
-use super::super::calibration::{CalibratedCamera, Calibration, PoseCamera};
-use super::super::layout::{Folder, Layout, RecordedFrame, Recording, image_stem};
+use super::super::calibration::{CalibratedCamera, Calibration};
+use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording, image_stem};
 use super::super::text::TextFile;
 use super::super::warning::Tally;
 use super::super::{SequenceError, rigid};
@@ -39,7 +39,7 @@ impl Layout for SevenScenes {
         folder.names().iter().any(|name| part_of(name).is_some())
     }
 
-    fn read(&self, folder: &Folder) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
         let mut by_number: BTreeMap<(u64, &str), Files> = BTreeMap::new();
         for name in folder.names() {
             let Some((frame, number, part)) = part_of(name) else {
@@ -58,7 +58,7 @@ impl Layout for SevenScenes {
         let total = by_number.len();
         let has_depth = by_number.values().any(|files| files.depth.is_some());
         for ((number, frame), files) in by_number {
-            out.add(frame, number, files, has_depth)?;
+            out.add(frame, number, files, has_depth, origin)?;
         }
         if out.frames.is_empty() {
             return Err(SequenceError::NoFrames {
@@ -89,15 +89,19 @@ impl Layout for SevenScenes {
             out.depth_missing
                 .into_warning(out.frames.len(), "frames have no depth image"),
         );
-        Ok(Recording {
-            frames: out.frames,
-            calibration,
-            warnings,
-            conventions: vec![
-                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal".to_owned(),
-                "the layout knows no time: time stamps are frame numbers".to_owned(),
-            ],
-        })
+        let mut recording = Recording::new(out.frames, calibration);
+        recording.has_time = false;
+        recording.warnings = warnings;
+        if origin == PoseOrigin::Layout {
+            recording.conventions.push(
+                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal"
+                    .to_owned(),
+            );
+        }
+        recording
+            .conventions
+            .push("the layout knows no time: time stamps are frame numbers".to_owned());
+        Ok(recording)
     }
 }
 
@@ -119,27 +123,31 @@ impl Collected {
         number: u64,
         files: Files,
         has_depth: bool,
+        origin: PoseOrigin,
     ) -> Result<(), SequenceError> {
         let Some(color) = files.color else {
             self.color_missing.add(frame);
             return Ok(());
         };
-        let Some(pose) = files.pose else {
-            self.pose_missing.add(frame);
-            return Ok(());
-        };
-        let world_from_camera = match read_pose(&pose)? {
-            Ok(pose) => pose,
-            Err(problem) => {
-                if problem == rigid::NotRigid::NotFinite {
-                    self.not_finite.add(frame);
-                } else {
-                    self.not_rigid.add(format!("{frame} {problem}"));
-                }
-                self.first_problem
-                    .get_or_insert_with(|| format!("{} {problem}", pose.display()));
+        let pose = match (origin, files.pose) {
+            (PoseOrigin::Elsewhere, _) => None,
+            (PoseOrigin::Layout, None) => {
+                self.pose_missing.add(frame);
                 return Ok(());
             }
+            (PoseOrigin::Layout, Some(path)) => match read_pose(&path)? {
+                Ok(pose) => Some(pose),
+                Err(problem) => {
+                    if problem == rigid::NotRigid::NotFinite {
+                        self.not_finite.add(frame);
+                    } else {
+                        self.not_rigid.add(format!("{frame} {problem}"));
+                    }
+                    self.first_problem
+                        .get_or_insert_with(|| format!("{} {problem}", path.display()));
+                    return Ok(());
+                }
+            },
         };
         if has_depth && files.depth.is_none() {
             self.depth_missing.add(frame);
@@ -147,9 +155,10 @@ impl Collected {
         self.frames.push(RecordedFrame {
             name: frame.to_owned(),
             timestamp_ns: i64::try_from(number).unwrap_or(i64::MAX),
-            world_from_camera,
+            pose,
             color,
             depth: files.depth,
+            camera: None,
         });
         Ok(())
     }
@@ -259,10 +268,5 @@ fn intrinsics(folder: &Folder) -> Result<Calibration, SequenceError> {
             CalibratedCamera::usual(camera, "default of 7-Scenes", guess)
         }
     };
-    Ok(Calibration {
-        color,
-        depth: None,
-        depth_scale: 1000.0,
-        pose_camera: PoseCamera::Color,
-    })
+    Ok(Calibration::of_color(Some(color)))
 }

@@ -5,22 +5,24 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::{Camera, CameraError, Distortion};
 use nalgebra::Isometry3;
 
-use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
-use super::super::layout::{Folder, Layout, RecordedFrame, Recording};
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
+use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording};
+use super::super::poses::{Poses, TrajectoryFormat, distinct, read_stamped_quaternions};
 use super::super::text::{TextFile, parse_number, parse_stamp_ns, shorten};
 use super::super::warning::Tally;
-use super::super::{SequenceError, Warning, associate, rigid};
+use super::super::{SequenceError, Warning, associate};
+use super::orb_slam;
 
 /// The reader.
 pub(in super::super) struct TumRgbd;
 
-const IMAGES: &str = "rgb.txt";
+pub(super) const IMAGES: &str = "rgb.txt";
 const DEPTHS: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
 
 /// Largest difference between the stamps of a colour image and of its pose or depth image, as in the tools of the
 /// data set.
-const MAX_DIFFERENCE_NS: i64 = 20_000_000;
+pub(super) const MAX_DIFFERENCE_NS: i64 = 20_000_000;
 
 impl Layout for TumRgbd {
     fn name(&self) -> &'static str {
@@ -32,27 +34,35 @@ impl Layout for TumRgbd {
     }
 
     fn recognises(&self, folder: &Folder) -> bool {
+        // Without ground truth the trajectory of a run may be what is there.
         folder.entry(IMAGES).is_some()
+            && (folder.entry(POSES).is_some() || orb_slam::orb_trajectory(folder).is_none())
     }
 
-    fn read(&self, folder: &Folder) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
         let mut warnings = Vec::new();
         let list = |name: &str| folder.entry(name);
         let images = list(IMAGES).map_or_else(
             || Ok(Vec::new()),
             |path| read_list(&path, folder, &mut warnings),
         )?;
-        let poses_path = list(POSES).ok_or_else(|| SequenceError::Content {
-            path: folder.path().join(POSES),
-            problem: "is missing: poses are read from it, one 'stamp tx ty tz qx qy qz qw' a line"
-                .to_owned(),
-        })?;
-        let poses = read_poses(&poses_path, &mut warnings)?;
+        let poses = match origin {
+            PoseOrigin::Layout => {
+                let path = list(POSES).ok_or_else(|| SequenceError::Content {
+                    path: folder.path().join(POSES),
+                    problem: "is missing: poses are read from it, one 'stamp tx ty tz qx qy qz qw' a line; a trajectory \
+                              of another name is given with --poses FILE"
+                        .to_owned(),
+                })?;
+                Some(read_poses(&path, &mut warnings)?)
+            }
+            PoseOrigin::Elsewhere => None,
+        };
         let depths = match list(DEPTHS) {
             Some(path) => read_list(&path, folder, &mut warnings)?,
             None => Vec::new(),
         };
-        let frames = join(images, depths, poses, &mut warnings);
+        let frames = join(images, depths, poses.as_deref(), &mut warnings);
         if frames.is_empty() {
             return Err(SequenceError::NoFrames {
                 folder: folder.path().to_owned(),
@@ -67,21 +77,36 @@ impl Layout for TumRgbd {
             path: folder.path().to_owned(),
             problem: error.to_string(),
         })?;
-        Ok(Recording {
-            frames,
-            calibration: Calibration {
-                color,
-                depth: None,
-                depth_scale: 5000.0,
-                pose_camera: PoseCamera::Color,
-            },
-            warnings,
-            conventions: vec![
-                "poses: stamp tx ty tz qx qy qz qw, world from colour camera, unit metre".to_owned(),
-                "each colour image has the nearest pose and depth image within 0.02 s, none is used twice".to_owned(),
-            ],
-        })
+        let mut calibration = Calibration::of_color(Some(color));
+        calibration.depth_scale = 5000.0;
+        let mut recording = Recording::new(frames, calibration);
+        recording.warnings = warnings;
+        if origin == PoseOrigin::Layout {
+            recording.other_quaternion = TrajectoryFormat::Tum.other_quaternion_order();
+            recording.conventions.push(
+                "poses: stamp tx ty tz qx qy qz qw, world from colour camera, unit metre"
+                    .to_owned(),
+            );
+        }
+        recording.conventions.push(
+            "each colour image has the nearest pose and depth image within 0.02 s, none is used twice"
+                .to_owned(),
+        );
+        Ok(recording)
     }
+}
+
+/// The images that the lists of a folder name, with their depth images, without poses.
+pub(super) fn list_frames(
+    folder: &Folder,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<RecordedFrame>, SequenceError> {
+    let mut list = |name: &str| match folder.entry(name) {
+        Some(path) => read_list(&path, folder, warnings),
+        None => Ok(Vec::new()),
+    };
+    let (images, depths) = (list(IMAGES)?, list(DEPTHS)?);
+    Ok(join(images, depths, None, warnings))
 }
 
 fn first_of(warnings: &[Warning]) -> String {
@@ -92,44 +117,6 @@ fn first_of(warnings: &[Warning]) -> String {
 
 /// Something with a time stamp.
 type Stamped<T> = (i64, T);
-
-/// Sorts by stamp and keeps the first of each.
-fn distinct<T>(
-    mut rows: Vec<Stamped<T>>,
-    file: &str,
-    warnings: &mut Vec<Warning>,
-) -> Vec<Stamped<T>> {
-    let total = rows.len();
-    if rows.windows(2).any(|pair| pair[1].0 < pair[0].0) {
-        warnings.push(Warning::statement(format!(
-            "{file}: time stamps do not ascend; they were sorted"
-        )));
-    }
-    rows.sort_by_key(|row| row.0);
-    let mut repeated = Tally::default();
-    rows.dedup_by(|later, earlier| {
-        let is_repeated = later.0 == earlier.0;
-        if is_repeated {
-            repeated.add(stamp_text(later.0));
-        }
-        is_repeated
-    });
-    warnings.extend(repeated.into_warning(
-        total,
-        &format!("time stamps in {file} stand there before; the first line of each counts"),
-    ));
-    rows
-}
-
-fn stamp_text(ns: i64) -> String {
-    let magnitude = ns.unsigned_abs();
-    let sign = if ns < 0 { "-" } else { "" };
-    format!(
-        "{sign}{}.{:09}",
-        magnitude / 1_000_000_000,
-        magnitude % 1_000_000_000
-    )
-}
 
 /// An image of a list.
 struct Listed {
@@ -192,45 +179,38 @@ fn read_poses(
     path: &Path,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<Stamped<Isometry3<f64>>>, SequenceError> {
-    let file = TextFile::read(path)?;
-    let mut rows = Vec::new();
-    let (mut not_finite, mut not_rigid, mut total) = (Tally::default(), Tally::default(), 0);
-    for row in file.rows() {
-        let stamp = row.fields().next().unwrap_or_default();
-        if total == 0 && parse_number(stamp).is_none() {
-            // A head line without the usual #.
-            continue;
-        }
-        total += 1;
-        let [_, tx, ty, tz, qx, qy, qz, qw] = row.numbers::<8>()?;
-        let Some(stamp_ns) = parse_stamp_ns(stamp) else {
-            if parse_number(stamp).is_some_and(f64::is_finite) {
-                return Err(row.error(format!(
-                    "'{}' is not a time stamp in seconds",
-                    shorten(stamp)
-                )));
+    let trajectory = read_stamped_quaternions(path)?;
+    warnings.extend(trajectory.warnings);
+    let Poses::Stamped(rows) = trajectory.poses else {
+        return Ok(Vec::new());
+    };
+    let total = rows.len();
+    let mut beyond = Tally::default();
+    let rows = rows
+        .into_iter()
+        .filter_map(|(stamp, pose)| {
+            let stamp_ns = stamp.as_written_ns();
+            if stamp_ns.is_none() {
+                beyond.add(stamp.to_string());
             }
-            not_finite.add(shorten(stamp));
-            continue;
-        };
-        match rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw]) {
-            Ok(pose) => rows.push((stamp_ns, pose)),
-            Err(rigid::NotRigid::NotFinite) => not_finite.add(stamp),
-            Err(problem) => not_rigid.add(format!("{stamp} {problem}")),
-        }
-    }
-    warnings.extend(not_finite.into_warning(total, "poses are not finite and were left out"));
-    warnings.extend(not_rigid.into_warning(total, "poses are not rigid motions and were left out"));
+            Some((stamp_ns?, pose))
+        })
+        .collect();
+    warnings.extend(beyond.into_warning(
+        total,
+        "time stamps are too large for seconds; their poses were left out",
+    ));
     Ok(distinct(rows, POSES, warnings))
 }
 
-/// Frames in the order of time: each image with its pose and, when there is one, its depth image.
+/// Frames in the order of time: each image with its pose (none when there is no list of poses) and, when there is one, its depth image.
 fn join(
     images: Vec<Stamped<Listed>>,
     depths: Vec<Stamped<Listed>>,
-    poses: Vec<Stamped<Isometry3<f64>>>,
+    trajectory: Option<&[Stamped<Isometry3<f64>>]>,
     warnings: &mut Vec<Warning>,
 ) -> Vec<RecordedFrame> {
+    let poses = trajectory.unwrap_or_default();
     let stamps = |rows: &[Stamped<Listed>]| rows.iter().map(|row| row.0).collect::<Vec<_>>();
     let image_stamps = stamps(&images);
     let pose_stamps: Vec<i64> = poses.iter().map(|row| row.0).collect();
@@ -240,10 +220,11 @@ fn join(
     let (mut without_pose, mut without_depth) = (Tally::default(), Tally::default());
     let mut frames = Vec::new();
     for (index, (timestamp_ns, image)) in images.into_iter().enumerate() {
-        let Some(pose) = pose_of[index] else {
+        let pose = pose_of[index].map(|at| poses[at].1);
+        if pose.is_none() && trajectory.is_some() {
             without_pose.add(image.name);
             continue;
-        };
+        }
         let depth = depth_of[index].map(|at| depths[at].1.path.clone());
         if depth.is_none() && !depths.is_empty() {
             without_depth.add(image.name.clone());
@@ -251,9 +232,10 @@ fn join(
         frames.push(RecordedFrame {
             name: image.name,
             timestamp_ns,
-            world_from_camera: poses[pose].1,
+            pose,
             color: image.path,
             depth,
+            camera: None,
         });
     }
     warnings.extend(

@@ -1,0 +1,56 @@
+//! Options of `convert`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+/// Arguments of `convert`.
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// A sequence (folder or model file), or a mesh or line file (OBJ, PLY, GLB, STL).
+    pub input: PathBuf,
+
+    /// What to write: a file, or for COLMAP a folder, which is made when missing.
+    #[arg(long, value_name = "PATH")]
+    pub out: PathBuf,
+
+    /// Format to write; default: by the extension of --out (.txt TUM, .csv EuRoC, .log Open3D, .json transforms.json, none
+    /// COLMAP; .obj, .ply, .glb).
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub to: Option<Target>,
+
+    /// Layout of the sequence in place of the one that is recognised first.
+    #[arg(long, value_name = "NAME")]
+    pub layout: Option<String>,
+
+    /// Trajectory in place of the poses of the layout.
+    #[arg(long, value_name = "FILE")]
+    pub poses: Option<PathBuf>,
+
+    /// Calibration in place of what the layout says.
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+}
+
+/// Formats that `convert` writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Target {
+    /// Trajectory: `stamp tx ty tz qx qy qz qw`, seconds.
+    Tum,
+    /// Trajectory: `stamp,px,py,pz,qw,qx,qy,qz`, nanoseconds.
+    Euroc,
+    /// Trajectory: twelve numbers a line.
+    Kitti,
+    /// Trajectory: `i i i+1` and a 4x4 matrix.
+    Open3dLog,
+    /// Trajectory and map: cameras.txt, images.txt, points3D.txt.
+    Colmap,
+    /// Trajectory: nerfstudio's transforms.json.
+    Transforms,
+    /// Mesh or lines: Wavefront OBJ.
+    Obj,
+    /// Mesh or lines: binary PLY.
+    Ply,
+    /// Mesh or lines: binary glTF, +Y up.
+    Glb,
+}

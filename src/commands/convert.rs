@@ -1,0 +1,148 @@
+//! `linecarve convert`: trajectories, maps, meshes and lines in the formats of other programs.
+
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use nalgebra::Vector3;
+
+use crate::cli::{ConvertArgs, SequenceArgs, Target};
+use crate::commands::Outcome;
+use crate::commands::sequence::open;
+use crate::exchange::{
+    TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
+};
+use crate::mesh::{
+    Geometry, GlbPart, LineSet, TriangleMesh, read_geometry, write_glb, write_lines_obj,
+    write_lines_ply, write_mesh_obj, write_mesh_ply,
+};
+use crate::progress::Verbosity;
+use crate::sequence::Sequence;
+
+/// Colour of what has none of its own.
+const CLAY: [u8; 3] = [214, 206, 192];
+
+pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let target = match args.to {
+        Some(target) => target,
+        None => by_extension(&args.out)?,
+    };
+    let is_geometry = matches!(target, Target::Obj | Target::Ply | Target::Glb);
+    if is_geometry {
+        return convert_geometry(&args.input, &args.out, target);
+    }
+    let sequence = open(&SequenceArgs {
+        sequence: args.input.clone(),
+        layout: args.layout.clone(),
+        poses: args.poses.clone(),
+        calibration: args.calibration.clone(),
+    })
+    .with_context(|| format!("{target:?} is written from a sequence"))?;
+    if verbosity > Verbosity::Quiet {
+        for warning in sequence.warnings() {
+            eprintln!("warning: {warning}");
+        }
+    }
+    convert_sequence(&sequence, &args.out, target)
+}
+
+/// The format that the extension of the output asks for.
+fn by_extension(out: &Path) -> anyhow::Result<Target> {
+    let extension = out
+        .extension()
+        .map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+    Ok(match extension.as_deref() {
+        None => Target::Colmap,
+        Some("txt") => Target::Tum,
+        Some("csv") => Target::Euroc,
+        Some("log") => Target::Open3dLog,
+        Some("json") => Target::Transforms,
+        Some("obj") => Target::Obj,
+        Some("ply") => Target::Ply,
+        Some("glb") => Target::Glb,
+        Some(other) => bail!("no format is known for .{other}: name it with --to"),
+    })
+}
+
+fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::Result<Outcome> {
+    let format = match target {
+        Target::Tum => TrajectoryFile::Tum,
+        Target::Euroc => TrajectoryFile::Euroc,
+        Target::Kitti => TrajectoryFile::Kitti,
+        Target::Open3dLog => TrajectoryFile::Open3dLog,
+        Target::Transforms => {
+            write_transforms(out, sequence)?;
+            return Ok(Outcome::Done);
+        }
+        _ => {
+            std::fs::create_dir_all(out)
+                .with_context(|| format!("cannot make the folder {}", out.display()))?;
+            write_colmap(out, sequence)?;
+            return Ok(Outcome::Done);
+        }
+    };
+    let mut images = posed_images(sequence);
+    if let (TrajectoryFile::Euroc, Some(body_from_color)) = (format, sequence.body_from_color()) {
+        // The format is of the body, and is read so where the mounting is known.
+        for image in &mut images {
+            image.world_from_camera *= body_from_color.inverse();
+        }
+    }
+    if images.is_empty() {
+        return Ok(Outcome::Negative(
+            "the images of the model are not there, and without images there is no trajectory (--to colmap writes all views)"
+                .to_owned(),
+        ));
+    }
+    write_trajectory(out, format, &images)?;
+    Ok(Outcome::Done)
+}
+
+fn convert_geometry(input: &Path, out: &Path, target: Target) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(
+        input.is_file(),
+        "{}: meshes and lines are read from files (OBJ, PLY, GLB, STL); a sequence becomes tum, euroc, kitti, open3d-log, \
+         colmap or transforms",
+        input.display()
+    );
+    let shape = read_geometry(input)?;
+    let lines: &LineSet = &shape.clone().into_lines();
+    let mesh: &TriangleMesh = &shape.into_mesh();
+    if mesh.is_empty() && lines.is_empty() {
+        return Ok(Outcome::Negative(format!(
+            "{} holds neither triangles nor lines",
+            input.display()
+        )));
+    }
+    let both = !mesh.is_empty() && !lines.is_empty();
+    if target == Target::Glb {
+        let mut parts = Vec::new();
+        if !mesh.is_empty() {
+            parts.push(GlbPart {
+                name: "surface",
+                geometry: Geometry::Mesh(mesh),
+                color: CLAY,
+            });
+        }
+        if !lines.is_empty() {
+            parts.push(GlbPart {
+                name: "lines",
+                geometry: Geometry::Lines(lines),
+                color: CLAY,
+            });
+        }
+        write_glb(out, &parts, &Vector3::zeros())?;
+        return Ok(Outcome::Done);
+    }
+    anyhow::ensure!(
+        !both,
+        "{} holds triangles and lines: only GLB keeps both",
+        input.display()
+    );
+    match (target, lines.is_empty()) {
+        (Target::Obj, true) => write_mesh_obj(out, mesh)?,
+        (Target::Obj, false) => write_lines_obj(out, lines)?,
+        (_, true) => write_mesh_ply(out, mesh)?,
+        (_, false) => write_lines_ply(out, lines)?,
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,164 @@
+//! Little-endian binary files of models, with errors that name file and byte.
+
+use std::path::Path;
+
+use super::SequenceError;
+
+/// A binary file in memory and a place in it.
+pub(super) struct ByteReader<'a> {
+    path: &'a Path,
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl<'a> ByteReader<'a> {
+    pub(super) fn new(path: &'a Path, bytes: &'a [u8]) -> Self {
+        Self { path, bytes, at: 0 }
+    }
+
+    /// An error at this place.
+    pub(super) fn error(&self, problem: impl Into<String>) -> SequenceError {
+        SequenceError::Byte {
+            path: self.path.to_owned(),
+            offset: self.at as u64,
+            problem: problem.into(),
+        }
+    }
+
+    /// Whether nothing is left.
+    pub(super) fn is_at_end(&self) -> bool {
+        self.at == self.bytes.len()
+    }
+
+    /// The next `count` bytes.
+    pub(super) fn take(&mut self, count: usize) -> Result<&'a [u8], SequenceError> {
+        let rest = &self.bytes[self.at..];
+        let taken = rest.get(..count).ok_or_else(|| {
+            self.error(format!(
+                "the file ends {} bytes too early (cut off?)",
+                count - rest.len()
+            ))
+        })?;
+        self.at += count;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], SequenceError> {
+        let mut out = [0; N];
+        out.copy_from_slice(self.take(N)?);
+        Ok(out)
+    }
+
+    pub(super) fn u8(&mut self) -> Result<u8, SequenceError> {
+        self.array::<1>().map(|[byte]| byte)
+    }
+
+    pub(super) fn u32(&mut self) -> Result<u32, SequenceError> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub(super) fn u64(&mut self) -> Result<u64, SequenceError> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    pub(super) fn f32(&mut self) -> Result<f32, SequenceError> {
+        self.array().map(f32::from_le_bytes)
+    }
+
+    pub(super) fn f64(&mut self) -> Result<f64, SequenceError> {
+        self.array().map(f64::from_le_bytes)
+    }
+
+    pub(super) fn f64s<const N: usize>(&mut self) -> Result<[f64; N], SequenceError> {
+        let mut out = [0.0; N];
+        for slot in &mut out {
+            *slot = self.f64()?;
+        }
+        Ok(out)
+    }
+
+    /// A count of things that take at least `bytes_each`: one that the rest of the file cannot hold is refused, so that
+    /// nothing is ever reserved for it.
+    pub(super) fn count(&mut self, of: &str, bytes_each: usize) -> Result<usize, SequenceError> {
+        let place = self.at;
+        let count = self.u64()?;
+        let most = ((self.bytes.len() - self.at) / bytes_each.max(1)) as u64;
+        if count > most {
+            return Err(SequenceError::Byte {
+                path: self.path.to_owned(),
+                offset: place as u64,
+                problem: format!(
+                    "{count} {of} are announced, the rest of the file holds {most} at most (cut off, or not this format?)"
+                ),
+            });
+        }
+        // No more than the length of the file.
+        Ok(count as usize)
+    }
+
+    /// Text up to a zero byte.
+    pub(super) fn text_to_zero(&mut self) -> Result<String, SequenceError> {
+        let rest = &self.bytes[self.at..];
+        let length = rest
+            .iter()
+            .position(|&byte| byte == 0)
+            .ok_or_else(|| self.error("a name does not end"))?;
+        let name = self.text_of(length)?;
+        self.at += 1;
+        Ok(name)
+    }
+
+    /// Text of a known length.
+    pub(super) fn text_of(&mut self, length: usize) -> Result<String, SequenceError> {
+        let place = self.at;
+        let bytes = self.take(length)?;
+        std::str::from_utf8(bytes)
+            .map(str::to_owned)
+            .map_err(|_| SequenceError::Byte {
+                path: self.path.to_owned(),
+                offset: place as u64,
+                problem: "a name is not UTF-8".to_owned(),
+            })
+    }
+}
+
+/// The bytes of a whole file.
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SequenceError> {
+    std::fs::read(path).map_err(|source| SequenceError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_end_and_huge_counts_are_named() {
+        let mut bytes = 3_u32.to_le_bytes().to_vec();
+        bytes.extend(u64::MAX.to_le_bytes());
+        let mut reader = ByteReader::new(Path::new("m.bin"), &bytes);
+        assert_eq!(reader.u32().unwrap(), 3);
+        let error = reader.count("points", 8).unwrap_err().to_string();
+        assert!(
+            error.starts_with("m.bin, byte 4: 18446744073709551615 points"),
+            "{error}"
+        );
+        assert!(reader.is_at_end());
+        let error = reader.f64().unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "m.bin, byte 12: the file ends 8 bytes too early (cut off?)"
+        );
+    }
+
+    #[test]
+    fn names_end_or_are_refused() {
+        let mut reader = ByteReader::new(Path::new("x"), b"a.png\0rest");
+        assert_eq!(reader.text_to_zero().unwrap(), "a.png");
+        assert!(reader.text_to_zero().is_err());
+        let mut reader = ByteReader::new(Path::new("x"), b"\xFF\0");
+        assert!(reader.text_to_zero().is_err());
+    }
+}

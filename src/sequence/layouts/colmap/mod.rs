@@ -1,0 +1,146 @@
+//! COLMAP: `cameras`, `images` and `points3D` as text or binary, in the folder itself, in `colmap/` or in `sparse/`.
+//!
+//! `rigs` and `frames` of newer versions repeat what `images` says and are not read.
+
+mod binary;
+mod camera;
+mod text;
+
+use std::path::{Path, PathBuf};
+
+use super::super::SequenceError;
+use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
+use super::super::model::SparseModel;
+
+/// The reader.
+pub(in super::super) struct Colmap;
+
+/// Where a model lies under the folder of a sequence, in the order of preference.
+const PLACES: [&str; 8] = [
+    "",
+    "colmap",
+    "colmap/sparse/0",
+    "colmap/sparse",
+    "colmap/0",
+    "sparse/0",
+    "sparse",
+    "dense/sparse",
+];
+
+/// The files of a model are of one kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Binary,
+    Text,
+}
+
+fn kind_of(folder: &Path) -> Option<Kind> {
+    let has = |end: &str| {
+        ["cameras", "images"]
+            .iter()
+            .all(|name| folder.join(format!("{name}.{end}")).is_file())
+    };
+    // As COLMAP itself prefers.
+    if has("bin") {
+        Some(Kind::Binary)
+    } else if has("txt") {
+        Some(Kind::Text)
+    } else {
+        None
+    }
+}
+
+fn place(folder: &Folder) -> Option<(PathBuf, Kind)> {
+    PLACES.iter().find_map(|place| {
+        let path = if place.is_empty() {
+            folder.path().to_owned()
+        } else {
+            folder.path().join(place)
+        };
+        kind_of(&path).map(|kind| (path, kind))
+    })
+}
+
+impl Layout for Colmap {
+    fn name(&self) -> &'static str {
+        "colmap"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "cameras and images as .txt or .bin, there or in colmap/ or sparse/0/"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        place(folder).is_some()
+    }
+
+    fn takes_poses(&self) -> bool {
+        false
+    }
+
+    fn read(&self, folder: &Folder, _origin: PoseOrigin) -> Result<Recording, SequenceError> {
+        let (path, kind) = place(folder).ok_or_else(|| SequenceError::Content {
+            path: folder.path().to_owned(),
+            problem: "has no COLMAP model: cameras.txt and images.txt, or .bin, are looked for there, in colmap/ and in \
+                      sparse/0/"
+                .to_owned(),
+        })?;
+        let model = match kind {
+            Kind::Binary => binary::read(&path)?,
+            Kind::Text => text::read(&path)?,
+        };
+        let mut recording = into_recording(model, folder, &path)?;
+        recording.conventions.push(format!(
+            "poses: COLMAP {} in {}, camera from world, inverted; pixels are moved by half a pixel, as the centre of the \
+             first one is (0.5, 0.5) there",
+            match kind {
+                Kind::Binary => "binary",
+                Kind::Text => "text",
+            },
+            path.display()
+        ));
+        Ok(recording)
+    }
+}
+
+/// Images lie in `images/` beside the model, in the folder itself, or where models are unpacked.
+fn into_recording(
+    model: SparseModel,
+    folder: &Folder,
+    model_path: &Path,
+) -> Result<Recording, SequenceError> {
+    let mut roots = Vec::new();
+    // The model may be what was opened: then the images lie beside or above it.
+    let mut base = Some(folder.path().to_owned());
+    let absolute = std::fs::canonicalize(model_path).ok();
+    let above = absolute.as_deref().into_iter().flat_map(|path| {
+        path.ancestors()
+            .skip(1)
+            .take(3)
+            .map(Path::to_owned)
+            .collect::<Vec<_>>()
+    });
+    let mut bases: Vec<PathBuf> = base.take().into_iter().collect();
+    bases.extend(above);
+    for base in bases {
+        for name in [
+            "images",
+            "",
+            "image",
+            "rgb",
+            "color",
+            "dense/images",
+            "input",
+        ] {
+            let root = if name.is_empty() {
+                base.clone()
+            } else {
+                base.join(name)
+            };
+            if root.is_dir() && !roots.contains(&root) {
+                roots.push(root);
+            }
+        }
+    }
+    model.into_recording(model_path, &roots)
+}

@@ -1,0 +1,283 @@
+//! EuRoC / ASL: `mav0/cam0/data/<ns>.png` with `data.csv` and `sensor.yaml`; poses of the body in
+//! `mav0/state_groundtruth_estimate0/data.csv`.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::camera::{Camera, Distortion};
+use serde::Deserialize;
+
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
+use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording, image_stem};
+use super::super::poses;
+use super::super::text::{TextFile, parse_stamp_ns, shorten};
+use super::super::warning::Tally;
+use super::super::{SequenceError, Warning, rigid, yaml};
+
+/// The reader.
+pub(in super::super) struct Euroc;
+
+const TRAJECTORIES: [&str; 3] = [
+    "state_groundtruth_estimate0/data.csv",
+    "vicon0/data.csv",
+    "mocap0/data.csv",
+];
+
+/// The folder of the left camera, and the folder that holds it beside the other sensors.
+struct Place {
+    sensors: PathBuf,
+    camera: PathBuf,
+}
+
+fn place(folder: &Folder) -> Option<Place> {
+    [folder.path().join("mav0"), folder.path().to_owned()]
+        .into_iter()
+        .map(|sensors| Place {
+            camera: sensors.join("cam0"),
+            sensors,
+        })
+        .find(|place| place.camera.is_dir())
+}
+
+impl Layout for Euroc {
+    fn name(&self) -> &'static str {
+        "euroc"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "mav0/cam0 with data.csv and sensor.yaml"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        let has_camera = folder.entry("mav0").is_some() || folder.entry("cam0").is_some();
+        has_camera
+            && place(folder).is_some_and(|place| {
+                ["data", "data.csv", "sensor.yaml"]
+                    .iter()
+                    .any(|name| place.camera.join(name).exists())
+            })
+    }
+
+    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
+        let place = place(folder).ok_or_else(|| SequenceError::Content {
+            path: folder.path().to_owned(),
+            problem: "has no mav0/cam0".to_owned(),
+        })?;
+        let mut warnings = Vec::new();
+        let frames = images(&place.camera, &mut warnings)?;
+        if frames.is_empty() {
+            return Err(SequenceError::NoFrames {
+                folder: place.camera,
+                reason: format!(
+                    "data/ holds no image that data.csv lists or whose name is a time stamp{}",
+                    warnings
+                        .first()
+                        .map_or_else(String::new, |warning| format!(" ({warning})"))
+                ),
+            });
+        }
+        let calibration = calibration(&place.camera.join("sensor.yaml"))?;
+        let mut recording = Recording::new(frames, calibration);
+        recording.warnings = warnings;
+        recording
+            .conventions
+            .push("cam0: time stamps in nanoseconds, T_BS is body from camera".to_owned());
+        if origin == PoseOrigin::Layout {
+            own_poses(folder, &place, &mut recording)?;
+        }
+        Ok(recording)
+    }
+}
+
+/// Images by `data.csv`, or by their names where that is missing.
+fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFrame>, SequenceError> {
+    let list = camera.join("data.csv");
+    let data = Folder::list(&camera.join("data"))?;
+    let mut listed: Vec<(i64, String)> = Vec::new();
+    let (mut missing, mut total) = (Tally::default(), 0);
+    if list.is_file() {
+        let file = TextFile::read(&list)?;
+        for row in file.rows() {
+            let mut fields = row.fields();
+            let stamp = fields.next().unwrap_or_default();
+            let Some(stamp_ns) = parse_stamp_ns(stamp) else {
+                // A head line without the usual #.
+                if total == 0 {
+                    continue;
+                }
+                return Err(row.error(format!(
+                    "'{}' is not a time stamp in nanoseconds",
+                    shorten(stamp)
+                )));
+            };
+            total += 1;
+            let name = fields
+                .next()
+                .map_or_else(|| format!("{stamp}.png"), str::to_owned);
+            // Re-encoded copies keep the list of the original.
+            let stem = image_stem(&name).unwrap_or(&name);
+            let found = if data.entry(&name).is_some() {
+                Some(name.clone())
+            } else {
+                data.names()
+                    .iter()
+                    .find(|other| image_stem(other) == Some(stem))
+                    .cloned()
+            };
+            match found {
+                Some(name) => listed.push((stamp_ns, name)),
+                None => missing.add(shorten(&name)),
+            }
+        }
+    } else {
+        for name in data.names() {
+            if let Some(stamp_ns) = image_stem(name).and_then(parse_stamp_ns) {
+                listed.push((stamp_ns, name.clone()));
+            }
+        }
+        warnings.push(Warning::statement(format!(
+            "{} is missing: the names of the images are taken for their time stamps",
+            list.display()
+        )));
+    }
+    warnings.extend(missing.into_warning(
+        total,
+        "images that data.csv lists do not exist and were left out",
+    ));
+    let listed = poses::distinct(listed, "data.csv", warnings);
+    Ok(listed
+        .into_iter()
+        .map(|(timestamp_ns, name)| RecordedFrame {
+            name: image_stem(&name).unwrap_or(&name).to_owned(),
+            timestamp_ns,
+            pose: None,
+            color: data.path().join(&name),
+            depth: None,
+            camera: None,
+        })
+        .collect())
+}
+
+/// Poses of the body beside the cameras.
+fn own_poses(
+    folder: &Folder,
+    place: &Place,
+    recording: &mut Recording,
+) -> Result<(), SequenceError> {
+    let found = TRAJECTORIES
+        .iter()
+        .map(|name| place.sensors.join(name))
+        .find(|path| path.is_file());
+    let Some(path) = found else {
+        let candidates = poses::candidates(folder);
+        let hint = match candidates.first() {
+            None => String::new(),
+            Some(path) => format!(" (for example --poses {})", path.display()),
+        };
+        return Err(SequenceError::Content {
+            path: place.sensors.join(TRAJECTORIES[0]),
+            problem: format!(
+                "is missing, and with it the poses: give a trajectory with --poses FILE{hint}"
+            ),
+        });
+    };
+    let trajectory = poses::read_trajectory(&path)?;
+    recording.other_quaternion = trajectory.format.other_quaternion_order();
+    let frames = std::mem::take(&mut recording.frames);
+    recording.frames = poses::attach(frames, true, trajectory, &path, &mut recording.warnings)?;
+    if recording.calibration.body_from_color.is_some() {
+        recording.calibration.poses.camera = PoseCamera::Body;
+    }
+    recording.conventions.push(format!(
+        "poses: {}, world from body, quaternion w first; the nearest within 0.02 s",
+        path.display()
+    ));
+    Ok(())
+}
+
+/// `sensor.yaml` of a camera.
+#[derive(Deserialize)]
+struct SensorFile {
+    #[serde(rename = "T_BS")]
+    body_from_sensor: Option<yaml::Matrix>,
+    resolution: Option<[u32; 2]>,
+    camera_model: Option<String>,
+    intrinsics: [f64; 4],
+    distortion_model: Option<String>,
+    #[serde(default)]
+    distortion_coefficients: Vec<f64>,
+}
+
+pub(super) fn calibration(path: &Path) -> Result<Calibration, SequenceError> {
+    let file = TextFile::read(path)?;
+    let sensor: SensorFile = yaml::parse(&file, path)?;
+    let content = |problem: String| SequenceError::Content {
+        path: path.to_owned(),
+        problem,
+    };
+    if let Some(model) = sensor
+        .camera_model
+        .as_deref()
+        .filter(|name| *name != "pinhole")
+    {
+        return Err(content(format!(
+            "camera_model {model} is not known: pinhole is (with distortion_model radial-tangential or equidistant)"
+        )));
+    }
+    let [fx, fy, cx, cy] = sensor.intrinsics;
+    let distortion = distortion(
+        sensor.distortion_model.as_deref().unwrap_or("none"),
+        &sensor.distortion_coefficients,
+    )
+    .map_err(content)?;
+    let camera = Camera::with_distortion(fx, fy, cx, cy, distortion)
+        .map_err(|error| content(error.to_string()))?;
+    let size = match sensor.resolution {
+        Some([width, height]) if width > 0 && height > 0 => Some(ImageSize { width, height }),
+        Some(_) => return Err(content("resolution: positive numbers expected".to_owned())),
+        None => None,
+    };
+    let mut calibration = Calibration::of_color(Some(CalibratedCamera::known(
+        camera,
+        size,
+        path.display().to_string(),
+    )));
+    calibration.body_from_color = sensor
+        .body_from_sensor
+        .map(|matrix| {
+            let rows = matrix
+                .rows_of_four()
+                .map_err(|error| format!("T_BS {error}"))?;
+            rigid::from_matrix(&rows).map_err(|error| format!("T_BS {error}"))
+        })
+        .transpose()
+        .map_err(content)?;
+    Ok(calibration)
+}
+
+/// The distortion models of EuRoC and Kalibr by their names.
+fn distortion(model: &str, coefficients: &[f64]) -> Result<Distortion, String> {
+    let radial_tangential = [
+        "radial-tangential",
+        "radtan",
+        "plumb_bob",
+        "radial_tangential",
+    ];
+    let equidistant = ["equidistant", "equi", "kannala_brandt"];
+    if radial_tangential.contains(&model) && matches!(coefficients.len(), 4 | 5) {
+        let [k1, k2, p1, p2] = [0, 1, 2, 3].map(|at| coefficients[at]);
+        let k3 = coefficients.get(4).copied().unwrap_or(0.0);
+        return Ok(Distortion::RadialTangential { k1, k2, p1, p2, k3 });
+    }
+    if equidistant.contains(&model) && coefficients.len() == 4 {
+        let [k1, k2, k3, k4] = [0, 1, 2, 3].map(|at| coefficients[at]);
+        return Ok(Distortion::KannalaBrandt { k1, k2, k3, k4 });
+    }
+    if model == "none" && coefficients.iter().all(|value| *value == 0.0) {
+        return Ok(Distortion::None);
+    }
+    Err(format!(
+        "distortion_model {model} with {} coefficients is not known: radial-tangential with 4 or 5, equidistant with 4, \
+         none are",
+        coefficients.len()
+    ))
+}

@@ -1,0 +1,316 @@
+//! Images that some list or their own names give a time or a number, without poses: what layouts with a trajectory file
+//! beside an image folder have in common.
+
+use std::path::{Path, PathBuf};
+
+use super::super::layout::{Folder, RecordedFrame, image_stem};
+use super::super::model::compare_names;
+use super::super::text::{TextFile, parse_stamp, parse_stamp_ns, shorten};
+use super::super::warning::Tally;
+use super::super::{SequenceError, Warning, associate, poses};
+use super::tum;
+
+/// Folders of colour images, in the order of preference.
+pub(super) const COLOR_FOLDERS: [&str; 11] = [
+    "rgb",
+    "color",
+    "image",
+    "images",
+    "colour",
+    "cam0/data",
+    "mav0/cam0/data",
+    "image_0",
+    "image_2",
+    "left",
+    "data",
+];
+
+/// Folders of depth images.
+const DEPTH_FOLDERS: [&str; 3] = ["depth", "depths", "depth_images"];
+
+/// Lists of pairs of colour and depth images.
+const ASSOCIATIONS: [&str; 4] = [
+    "associations.txt",
+    "associate.txt",
+    "association.txt",
+    "associated.txt",
+];
+
+/// Lists of the times of numbered images.
+const TIMES: [&str; 3] = ["times.txt", "timestamps.txt", "timestamp.txt"];
+
+/// Images of a folder, in the order of time or number.
+pub(super) struct Listing {
+    pub(super) frames: Vec<RecordedFrame>,
+    /// Whether time stamps are times; otherwise they are numbers.
+    pub(super) has_time: bool,
+    /// Where times come from, for the list of conventions.
+    pub(super) origin: String,
+}
+
+/// The folder of colour images, `None` when there is none.
+pub(super) fn color_folder(folder: &Folder) -> Option<PathBuf> {
+    COLOR_FOLDERS
+        .iter()
+        .map(|name| folder.path().join(name))
+        .find(|path| path.is_dir())
+        .or_else(|| {
+            let has_images = folder.names().iter().any(|name| image_stem(name).is_some());
+            has_images.then(|| folder.path().to_owned())
+        })
+}
+
+/// Lists the images of a folder: by a list of pairs, by `rgb.txt`, or by the files of its image folder.
+pub(super) fn list(folder: &Folder, warnings: &mut Vec<Warning>) -> Result<Listing, SequenceError> {
+    if let Some(path) = folder.first_entry(&ASSOCIATIONS) {
+        let frames = read_associations(&path, folder, warnings)?;
+        return Ok(Listing {
+            frames,
+            has_time: true,
+            origin: path.display().to_string(),
+        });
+    }
+    if folder.entry(tum::IMAGES).is_some() {
+        return Ok(Listing {
+            frames: tum::list_frames(folder, warnings)?,
+            has_time: true,
+            origin: tum::IMAGES.to_owned(),
+        });
+    }
+    let path = color_folder(folder).ok_or_else(|| SequenceError::Content {
+        path: folder.path().to_owned(),
+        problem: format!(
+            "has no images: they are looked for in {}, or there",
+            COLOR_FOLDERS.join("/, ")
+        ),
+    })?;
+    from_files(folder, &path, warnings)
+}
+
+/// Lines `t_color color t_depth depth`, or depth first.
+fn read_associations(
+    path: &Path,
+    folder: &Folder,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<RecordedFrame>, SequenceError> {
+    let file = TextFile::read(path)?;
+    let mut rows = Vec::new();
+    let (mut missing, mut total) = (Tally::default(), 0);
+    for row in file.rows() {
+        total += 1;
+        let fields: Vec<&str> = row.fields().collect();
+        let [first_time, first, second_time, second] = fields[..] else {
+            return Err(row.error(format!(
+                "'time image time image' expected, {} fields found",
+                fields.len()
+            )));
+        };
+        let is_depth_first = first.contains("depth") && !second.contains("depth");
+        let (time, color, depth) = if is_depth_first {
+            (second_time, second, first)
+        } else {
+            (first_time, first, second)
+        };
+        let timestamp_ns = parse_stamp_ns(time)
+            .ok_or_else(|| row.error(format!("'{}' is not a time stamp", shorten(time))))?;
+        let (color, depth) = (folder.path().join(color), folder.path().join(depth));
+        if !color.is_file() {
+            missing.add(shorten(&color.display().to_string()));
+            continue;
+        }
+        rows.push((
+            timestamp_ns,
+            RecordedFrame {
+                name: time.to_owned(),
+                timestamp_ns,
+                pose: None,
+                color,
+                depth: Some(depth).filter(|path| path.is_file()),
+                camera: None,
+            },
+        ));
+    }
+    warnings.extend(missing.into_warning(
+        total,
+        "images that the list of associations names do not exist and were left out",
+    ));
+    let rows = poses::distinct(rows, "associations", warnings);
+    Ok(rows.into_iter().map(|(_, frame)| frame).collect())
+}
+
+/// An image file with the time or number that its name is.
+struct Named {
+    stem: String,
+    path: PathBuf,
+}
+
+fn images_in(path: &Path) -> Result<Vec<Named>, SequenceError> {
+    let folder = Folder::list(path)?;
+    let mut images: Vec<Named> = folder
+        .names()
+        .iter()
+        .filter_map(|name| {
+            Some(Named {
+                stem: image_stem(name)?.to_owned(),
+                path: path.join(name),
+            })
+        })
+        .collect();
+    images.sort_by(|a, b| compare_names(&a.stem, &b.stem));
+    images.dedup_by(|later, earlier| later.stem == earlier.stem);
+    Ok(images)
+}
+
+/// The number that ends a name.
+fn number_of(stem: &str) -> Option<u64> {
+    let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    stem[stem.len() - digits..].parse().ok()
+}
+
+/// Whether a name is a time: decimal seconds, or nanoseconds.
+fn stamp_of(stem: &str) -> Option<i64> {
+    let stamp = parse_stamp(stem)?;
+    let is_time = stamp.is_nanoseconds || (stem.contains('.') && stem.len() > 6);
+    is_time.then(|| stamp.as_written_ns()).flatten()
+}
+
+fn from_files(
+    folder: &Folder,
+    path: &Path,
+    warnings: &mut Vec<Warning>,
+) -> Result<Listing, SequenceError> {
+    let images = images_in(path)?;
+    let depths = match DEPTH_FOLDERS
+        .iter()
+        .map(|name| folder.path().join(name))
+        .find(|path| path.is_dir())
+    {
+        Some(path) => images_in(&path)?,
+        None => Vec::new(),
+    };
+    let times = folder.first_entry(&TIMES);
+    let by_list = match &times {
+        Some(path) => Some(read_times(path, &images)?),
+        None => None,
+    };
+    let by_name = || {
+        images
+            .iter()
+            .map(|image| stamp_of(&image.stem))
+            .collect::<Option<Vec<_>>>()
+    };
+    let (stamps, origin) = match (by_list, by_name()) {
+        (Some(stamps), _) => (Some(stamps), "a list of times"),
+        (None, Some(stamps)) => (Some(stamps), "the names of the images"),
+        (None, None) => (None, "none: time stamps are image numbers"),
+    };
+    let has_time = stamps.is_some();
+    let stamps = stamps.unwrap_or_else(|| {
+        let numbers: Option<Vec<i64>> = images
+            .iter()
+            .map(|image| number_of(&image.stem).and_then(|number| i64::try_from(number).ok()))
+            .collect();
+        let are_distinct = |numbers: &Vec<i64>| {
+            let mut sorted = numbers.clone();
+            sorted.sort_unstable();
+            sorted.windows(2).all(|pair| pair[0] != pair[1])
+        };
+        numbers
+            .filter(are_distinct)
+            .unwrap_or_else(|| (0..images.len() as i64).collect())
+    });
+    let depth_of = depths_of(&images, &stamps, &depths, has_time);
+    let mut without_depth = Tally::default();
+    let mut frames: Vec<RecordedFrame> = images
+        .into_iter()
+        .zip(stamps)
+        .zip(depth_of)
+        .map(|((image, timestamp_ns), depth)| {
+            if depth.is_none() {
+                without_depth.add(image.stem.clone());
+            }
+            RecordedFrame {
+                name: image.stem,
+                timestamp_ns,
+                pose: None,
+                color: image.path,
+                depth,
+                camera: None,
+            }
+        })
+        .collect();
+    frames.sort_by_key(|frame| frame.timestamp_ns);
+    if !depths.is_empty() {
+        warnings.extend(without_depth.into_warning(frames.len(), "frames have no depth image"));
+    }
+    Ok(Listing {
+        frames,
+        has_time,
+        origin: origin.to_owned(),
+    })
+}
+
+/// One time a line (the last field of it), in the order of the images.
+fn read_times(path: &Path, images: &[Named]) -> Result<Vec<i64>, SequenceError> {
+    let file = TextFile::read(path)?;
+    let mut stamps = Vec::new();
+    for row in file.rows() {
+        let field = row.fields().next().unwrap_or_default();
+        stamps.push(
+            parse_stamp_ns(field)
+                .ok_or_else(|| row.error(format!("'{}' is not a time stamp", shorten(field))))?,
+        );
+    }
+    if stamps.len() != images.len() {
+        return Err(SequenceError::Content {
+            path: path.to_owned(),
+            problem: format!(
+                "has {} times for {} images: one for each is needed, in their order",
+                stamps.len(),
+                images.len()
+            ),
+        });
+    }
+    Ok(stamps)
+}
+
+/// The depth image of each image: of the same name, of the same number, or nearest in time.
+fn depths_of(
+    images: &[Named],
+    stamps: &[i64],
+    depths: &[Named],
+    has_time: bool,
+) -> Vec<Option<PathBuf>> {
+    let by_name: Vec<Option<PathBuf>> = images
+        .iter()
+        .map(|image| {
+            let same = |depth: &&Named| {
+                depth.stem == image.stem
+                    || (!has_time
+                        && number_of(&depth.stem).is_some()
+                        && number_of(&depth.stem) == number_of(&image.stem))
+            };
+            depths.iter().find(same).map(|depth| depth.path.clone())
+        })
+        .collect();
+    if by_name.iter().any(Option::is_some) || !has_time {
+        return by_name;
+    }
+    let mut timed: Vec<(i64, &PathBuf)> = depths
+        .iter()
+        .filter_map(|depth| Some((stamp_of(&depth.stem)?, &depth.path)))
+        .collect();
+    timed.sort();
+    timed.dedup_by_key(|row| row.0);
+    let mut order: Vec<usize> = (0..stamps.len()).collect();
+    order.sort_by_key(|&at| stamps[at]);
+    order.dedup_by_key(|&mut at| stamps[at]);
+    let left: Vec<i64> = order.iter().map(|&at| stamps[at]).collect();
+    let right: Vec<i64> = timed.iter().map(|row| row.0).collect();
+    let partners = associate::nearest_unique(&left, &right, tum::MAX_DIFFERENCE_NS);
+    let mut found = vec![None; images.len()];
+    for (&at, partner) in order.iter().zip(partners) {
+        found[at] = partner.map(|partner| timed[partner].1.clone());
+    }
+    found
+}

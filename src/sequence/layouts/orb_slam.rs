@@ -1,0 +1,291 @@
+//! ORB-SLAM2 and ORB-SLAM3: a saved trajectory and a settings file beside a folder of images, with a dump of map points
+//! where there is one. The same reader takes any image folder with a trajectory beside it.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::camera::{Camera, Distortion};
+use serde::Deserialize;
+
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
+use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
+use super::super::poses::{self, TrajectoryFormat};
+use super::super::text::TextFile;
+use super::super::{SequenceError, rigid, yaml};
+use super::{dumped_points, euroc, images};
+
+/// The reader of ORB-SLAM's own files.
+pub(in super::super) struct OrbSlam;
+
+/// The reader of images with some trajectory beside them.
+pub(in super::super) struct ImagesAndPoses;
+
+/// What ORB-SLAM saves, keyframes first: their poses are the optimised ones.
+const ORB_TRAJECTORIES: [&str; 3] = [
+    "KeyFrameTrajectory.txt",
+    "CameraTrajectory.txt",
+    "FrameTrajectory.txt",
+];
+
+/// Usual names of trajectories.
+const TRAJECTORIES: [&str; 8] = [
+    "poses.txt",
+    "pose.txt",
+    "trajectory.txt",
+    "traj.txt",
+    "traj.gt.sim",
+    "groundtruth.txt",
+    "trajectory.csv",
+    "poses.csv",
+];
+
+pub(super) fn orb_trajectory(folder: &Folder) -> Option<PathBuf> {
+    folder.first_entry(&ORB_TRAJECTORIES).or_else(|| {
+        // ORB-SLAM3 puts the name of the run into that of the file; kf is of keyframes.
+        ["kf_", "f_"].iter().find_map(|start| {
+            folder
+                .names()
+                .iter()
+                .find(|name| name.starts_with(start) && name.ends_with(".txt"))
+                .map(|name| folder.path().join(name))
+        })
+    })
+}
+
+impl Layout for OrbSlam {
+    fn name(&self) -> &'static str {
+        "orb-slam"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "KeyFrameTrajectory.txt or CameraTrajectory.txt beside images"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        orb_trajectory(folder).is_some()
+    }
+
+    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
+        let path = orb_trajectory(folder).ok_or_else(|| SequenceError::Content {
+            path: folder.path().join(ORB_TRAJECTORIES[0]),
+            problem: "is missing: ORB-SLAM saves it at its end".to_owned(),
+        });
+        let path = match origin {
+            PoseOrigin::Layout => Some(path?),
+            PoseOrigin::Elsewhere => None,
+        };
+        read(folder, path)
+    }
+}
+
+impl Layout for ImagesAndPoses {
+    fn name(&self) -> &'static str {
+        "images-and-poses"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "a folder of images with poses.txt, pose.txt or trajectory.txt beside it"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        folder.first_entry(&TRAJECTORIES).is_some() && images::color_folder(folder).is_some()
+    }
+
+    fn recognises_with_poses(&self, folder: &Folder) -> bool {
+        images::color_folder(folder).is_some()
+    }
+
+    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
+        let path = match origin {
+            PoseOrigin::Layout => {
+                Some(folder.first_entry(&TRAJECTORIES).ok_or_else(|| {
+                    SequenceError::Content {
+                        path: folder.path().to_owned(),
+                        problem: format!(
+                            "has no trajectory: one of {} is looked for, another is given with --poses FILE",
+                            TRAJECTORIES.join(", ")
+                        ),
+                    }
+                })?)
+            }
+            PoseOrigin::Elsewhere => None,
+        };
+        read(folder, path)
+    }
+}
+
+fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, SequenceError> {
+    let mut warnings = Vec::new();
+    let listing = images::list(folder, &mut warnings)?;
+    if listing.frames.is_empty() {
+        return Err(SequenceError::NoFrames {
+            folder: folder.path().to_owned(),
+            reason: "there are no images".to_owned(),
+        });
+    }
+    let settings = settings(folder)?;
+    let mut recording = Recording::new(listing.frames, settings);
+    recording.has_time = listing.has_time;
+    recording.warnings = warnings;
+    recording
+        .conventions
+        .push(format!("times of the images: {}", listing.origin));
+    if let Some(path) = trajectory {
+        let trajectory = poses::read_trajectory(&path)?;
+        let format = trajectory.format;
+        recording.other_quaternion = format.other_quaternion_order();
+        let frames = std::mem::take(&mut recording.frames);
+        recording.frames = poses::attach(
+            frames,
+            recording.has_time,
+            trajectory,
+            &path,
+            &mut recording.warnings,
+        )?;
+        recording.conventions.push(format!(
+            "poses: {}, {}, world from {}",
+            path.display(),
+            format.name(),
+            if format == TrajectoryFormat::EurocCsv {
+                "body, taken for the camera as no file tells how it is mounted"
+            } else {
+                "camera"
+            }
+        ));
+    }
+    dumped_points::read_into(folder, &mut recording)?;
+    Ok(recording)
+}
+
+/// The keys of settings files that are read: those of version 2 and, where they differ, of version 3.
+#[derive(Deserialize, Default)]
+struct Settings {
+    #[serde(rename = "Camera.type")]
+    kind: Option<String>,
+    #[serde(rename = "Camera.fx", alias = "Camera1.fx")]
+    fx: Option<f64>,
+    #[serde(rename = "Camera.fy", alias = "Camera1.fy")]
+    fy: Option<f64>,
+    #[serde(rename = "Camera.cx", alias = "Camera1.cx")]
+    cx: Option<f64>,
+    #[serde(rename = "Camera.cy", alias = "Camera1.cy")]
+    cy: Option<f64>,
+    #[serde(rename = "Camera.k1", alias = "Camera1.k1", default)]
+    k1: f64,
+    #[serde(rename = "Camera.k2", alias = "Camera1.k2", default)]
+    k2: f64,
+    #[serde(rename = "Camera.k3", alias = "Camera1.k3", default)]
+    k3: f64,
+    #[serde(rename = "Camera.k4", alias = "Camera1.k4", default)]
+    k4: f64,
+    #[serde(rename = "Camera.p1", alias = "Camera1.p1", default)]
+    p1: f64,
+    #[serde(rename = "Camera.p2", alias = "Camera1.p2", default)]
+    p2: f64,
+    #[serde(rename = "Camera.width")]
+    width: Option<u32>,
+    #[serde(rename = "Camera.height")]
+    height: Option<u32>,
+    #[serde(rename = "DepthMapFactor", alias = "RGBD.DepthMapFactor")]
+    depth_map_factor: Option<f64>,
+    /// Camera to inertial unit.
+    #[serde(rename = "IMU.T_b_c1", alias = "Tbc")]
+    body_from_camera: Option<yaml::Matrix>,
+}
+
+/// The calibration of the one settings file in the folder; without a camera when there is none.
+fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
+    let mut found: Option<(PathBuf, Settings)> = None;
+    for name in folder.names() {
+        if !(name.ends_with(".yaml") || name.ends_with(".yml")) {
+            continue;
+        }
+        let path = folder.path().join(name);
+        let file = TextFile::read(&path)?;
+        // Other programs keep YAML files too.
+        if !(file.text().contains("Camera.fx") || file.text().contains("Camera1.fx")) {
+            continue;
+        }
+        if let Some((other, _)) = &found {
+            return Err(SequenceError::Content {
+                path,
+                problem: format!(
+                    "is a second settings file beside {}: remove one, or give --calibration FILE",
+                    other.display()
+                ),
+            });
+        }
+        let settings = yaml::parse(&file, &path)?;
+        found = Some((path, settings));
+    }
+    let Some((path, settings)) = found else {
+        // The data of EuRoC bring their own.
+        let sensor = folder.path().join("mav0/cam0/sensor.yaml");
+        return if sensor.is_file() {
+            euroc::calibration(&sensor)
+        } else {
+            Ok(Calibration::of_color(None))
+        };
+    };
+    calibration(&path, &settings).map_err(|problem| SequenceError::Content { path, problem })
+}
+
+fn calibration(path: &Path, settings: &Settings) -> Result<Calibration, String> {
+    let (Some(fx), Some(fy), Some(cx), Some(cy)) =
+        (settings.fx, settings.fy, settings.cx, settings.cy)
+    else {
+        return Err("needs fx, fy, cx and cy, as Camera.fx or Camera1.fx".to_owned());
+    };
+    let s = settings;
+    let distortion = match s.kind.as_deref().unwrap_or("PinHole") {
+        kind if kind.eq_ignore_ascii_case("pinhole") => {
+            if [s.k1, s.k2, s.p1, s.p2, s.k3]
+                .iter()
+                .all(|value| *value == 0.0)
+            {
+                Distortion::None
+            } else {
+                Distortion::RadialTangential {
+                    k1: s.k1,
+                    k2: s.k2,
+                    p1: s.p1,
+                    p2: s.p2,
+                    k3: s.k3,
+                }
+            }
+        }
+        "Rectified" => Distortion::None,
+        kind if kind.starts_with("KannalaBrandt") => Distortion::KannalaBrandt {
+            k1: s.k1,
+            k2: s.k2,
+            k3: s.k3,
+            k4: s.k4,
+        },
+        kind => {
+            return Err(format!(
+                "Camera.type {kind} is not known: PinHole, Rectified and KannalaBrandt8 are"
+            ));
+        }
+    };
+    let camera =
+        Camera::with_distortion(fx, fy, cx, cy, distortion).map_err(|error| error.to_string())?;
+    let size = match (s.width, s.height) {
+        (Some(width), Some(height)) if width > 0 && height > 0 => Some(ImageSize { width, height }),
+        _ => None,
+    };
+    let known = CalibratedCamera::known(camera, size, path.display().to_string());
+    let mut calibration = Calibration::of_color(Some(known));
+    if let Some(factor) = s.depth_map_factor {
+        if !(factor.is_finite() && factor > 0.0) {
+            return Err(format!("DepthMapFactor {factor} must be positive"));
+        }
+        calibration.depth_scale = factor;
+    }
+    if let Some(matrix) = &s.body_from_camera {
+        let motion = matrix
+            .rows_of_four()
+            .and_then(|rows| rigid::from_matrix(&rows).map_err(|error| error.to_string()))
+            .map_err(|error| format!("IMU.T_b_c1 or Tbc {error}"))?;
+        calibration.body_from_color = Some(motion);
+    }
+    Ok(calibration)
+}

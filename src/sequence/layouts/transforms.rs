@@ -1,0 +1,290 @@
+//! nerfstudio and instant-ngp: `transforms.json` with a pose, a camera and a file for each frame.
+//!
+//! Camera axes there are those of OpenGL (x right, y up, z backward), poses world from camera; pixel coordinates have the
+//! corner of the first pixel at (0, 0), as in COLMAP, from whose models most of these files are made.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::camera::{Camera, Distortion};
+use nalgebra::Isometry3;
+use serde::Deserialize;
+
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
+use super::super::layout::{
+    Folder, IMAGE_EXTENSIONS, Layout, PoseOrigin, RecordedFrame, Recording, image_stem,
+};
+use super::super::load::image_size;
+use super::super::pose_reading::half_turn_about_x;
+use super::super::text::TextFile;
+use super::super::warning::Tally;
+use super::super::{SequenceError, rigid};
+
+/// The reader.
+pub(in super::super) struct Transforms;
+
+/// The usual name, and the split of synthetic scenes.
+const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
+
+#[derive(Deserialize, Clone, Default)]
+struct Intrinsics {
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+    camera_angle_x: Option<f64>,
+    camera_model: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct File {
+    #[serde(flatten)]
+    intrinsics: Intrinsics,
+    frames: Vec<FrameEntry>,
+    /// Units of depth images in units of the poses.
+    depth_unit_scale_factor: Option<f64>,
+}
+
+#[derive(Deserialize)]
+struct FrameEntry {
+    file_path: String,
+    transform_matrix: Vec<Vec<f64>>,
+    #[serde(alias = "depth_path")]
+    depth_file_path: Option<String>,
+    #[serde(flatten)]
+    intrinsics: Intrinsics,
+}
+
+impl Layout for Transforms {
+    fn name(&self) -> &'static str {
+        "transforms-json"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "transforms.json"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        folder.first_entry(&NAMES).is_some()
+    }
+
+    fn recognises_file(&self, name: &str) -> bool {
+        name.starts_with("transforms") && name.ends_with(".json")
+    }
+
+    fn takes_poses(&self) -> bool {
+        false
+    }
+
+    fn read(&self, folder: &Folder, _origin: PoseOrigin) -> Result<Recording, SequenceError> {
+        let path = match folder.file() {
+            Some(name) => folder.path().join(name),
+            None => folder
+                .first_entry(&NAMES)
+                .unwrap_or_else(|| folder.path().join(NAMES[0])),
+        };
+        let text = TextFile::read(&path)?;
+        let file: File =
+            serde_json::from_str(text.text()).map_err(|error| SequenceError::Line {
+                path: path.clone(),
+                line: error.line(),
+                problem: format!("is not a transforms.json: {error}"),
+            })?;
+        read(folder, &path, &file)
+    }
+}
+
+fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, SequenceError> {
+    let content = |problem: String| SequenceError::Content {
+        path: path.to_owned(),
+        problem,
+    };
+    let (mut missing, mut not_rigid) = (Tally::default(), Tally::default());
+    let mut cameras: Vec<CalibratedCamera> = Vec::new();
+    let mut uses: Vec<usize> = Vec::new();
+    let mut frames = Vec::new();
+    let total = file.frames.len();
+    for (number, entry) in file.frames.iter().enumerate() {
+        let Some(color) = find_image(folder.path(), &entry.file_path) else {
+            missing.add(super::super::text::shorten(&entry.file_path));
+            continue;
+        };
+        let pose = match pose(&entry.transform_matrix) {
+            Ok(pose) => pose,
+            Err(problem) => {
+                not_rigid.add(format!(
+                    "{} {problem}",
+                    super::super::text::shorten(&entry.file_path)
+                ));
+                continue;
+            }
+        };
+        let camera = camera(&entry.intrinsics, &file.intrinsics, &color).map_err(|problem| {
+            content(format!("frame {number} ({}): {problem}", entry.file_path))
+        })?;
+        let camera = CalibratedCamera {
+            origin: path.display().to_string(),
+            ..camera
+        };
+        let at = cameras
+            .iter()
+            .position(|other| *other == camera)
+            .unwrap_or_else(|| {
+                cameras.push(camera);
+                uses.push(0);
+                cameras.len() - 1
+            });
+        uses[at] += 1;
+        frames.push(RecordedFrame {
+            name: image_stem(&entry.file_path)
+                .unwrap_or(&entry.file_path)
+                .rsplit('/')
+                .next()
+                .unwrap_or(&entry.file_path)
+                .to_owned(),
+            timestamp_ns: number as i64,
+            pose: Some(pose),
+            color,
+            depth: entry
+                .depth_file_path
+                .as_deref()
+                .map(|name| folder.path().join(name))
+                .filter(|path| path.is_file()),
+            camera: Some(at as u32),
+        });
+    }
+    if frames.is_empty() {
+        return Err(SequenceError::NoFrames {
+            folder: folder.path().to_owned(),
+            reason: format!(
+                "of {total} frames of {} {} have no image, {} no rigid motion",
+                path.display(),
+                missing.count(),
+                not_rigid.count()
+            ),
+        });
+    }
+    let most = uses.iter().copied().max().unwrap_or(0);
+    let main = uses.iter().position(|&count| count == most).unwrap_or(0);
+    let mut calibration = Calibration::of_color(cameras.get(main).cloned());
+    if let Some(factor) = file.depth_unit_scale_factor {
+        if !(factor.is_finite() && factor > 0.0) {
+            return Err(content(format!(
+                "depth_unit_scale_factor {factor} must be positive"
+            )));
+        }
+        calibration.depth_scale = 1.0 / factor;
+    }
+    let mut recording = Recording::new(frames, calibration);
+    recording.cameras = cameras;
+    recording.has_time = false;
+    recording
+        .warnings
+        .extend(missing.into_warning(total, "images do not exist and were left out"));
+    recording
+        .warnings
+        .extend(not_rigid.into_warning(total, "poses are not rigid motions and were left out"));
+    recording.conventions.push(format!(
+        "poses: {}, world from camera with axes y up, z backward; the corner of the first pixel is (0, 0) there",
+        path.display()
+    ));
+    Ok(recording)
+}
+
+/// Files are named with or without an extension, and with backslashes by some.
+fn find_image(folder: &Path, name: &str) -> Option<PathBuf> {
+    let name = name.replace('\\', "/");
+    let plain = folder.join(name.trim_start_matches("./"));
+    if plain.is_file() {
+        return Some(plain);
+    }
+    IMAGE_EXTENSIONS
+        .iter()
+        .map(|extension| folder.join(format!("{}.{extension}", name.trim_start_matches("./"))))
+        .find(|path| path.is_file())
+}
+
+fn pose(rows: &[Vec<f64>]) -> Result<Isometry3<f64>, String> {
+    let has_shape = matches!(rows.len(), 3 | 4) && rows.iter().all(|row| row.len() == 4);
+    if !has_shape {
+        return Err("has no matrix of 4 rows of 4 numbers".to_owned());
+    }
+    let mut matrix = [
+        [0.0, 0.0, 0.0, 0.0],
+        [0.0; 4],
+        [0.0; 4],
+        [0.0, 0.0, 0.0, 1.0],
+    ];
+    for (slot, row) in matrix.iter_mut().zip(rows) {
+        slot.copy_from_slice(row);
+    }
+    let mut pose = rigid::from_matrix(&matrix).map_err(|problem| problem.to_string())?;
+    pose.rotation *= half_turn_about_x();
+    Ok(pose)
+}
+
+/// The camera of a frame: its own values, else those of the whole file, else by the image.
+fn camera(own: &Intrinsics, shared: &Intrinsics, image: &Path) -> Result<CalibratedCamera, String> {
+    let pick = |of: fn(&Intrinsics) -> Option<f64>| of(own).or_else(|| of(shared));
+    let stated = match (pick(|i| i.w), pick(|i| i.h)) {
+        (Some(w), Some(h)) if w >= 1.0 && h >= 1.0 && w < 1e6 && h < 1e6 => Some(ImageSize {
+            width: w as u32,
+            height: h as u32,
+        }),
+        (None, None) => None,
+        (w, h) => return Err(format!("an image size of {w:?} x {h:?} is not one")),
+    };
+    let size = match stated {
+        Some(size) => size,
+        None => image_size(image).map_err(|error| error.to_string())?,
+    };
+    let (width, height) = (f64::from(size.width), f64::from(size.height));
+    let fx = pick(|i| i.fl_x)
+        .or_else(|| pick(|i| i.camera_angle_x).map(|angle| 0.5 * width / (0.5 * angle).tan()))
+        .ok_or("has neither fl_x nor camera_angle_x")?;
+    let fy = pick(|i| i.fl_y).unwrap_or(fx);
+    let cx = pick(|i| i.cx).unwrap_or(0.5 * width) - 0.5;
+    let cy = pick(|i| i.cy).unwrap_or(0.5 * height) - 0.5;
+    let [k1, k2, k3, k4, p1, p2] = [
+        pick(|i| i.k1),
+        pick(|i| i.k2),
+        pick(|i| i.k3),
+        pick(|i| i.k4),
+        pick(|i| i.p1),
+        pick(|i| i.p2),
+    ]
+    .map(|value| value.unwrap_or(0.0));
+    let model = own
+        .camera_model
+        .as_deref()
+        .or(shared.camera_model.as_deref())
+        .unwrap_or("OPENCV");
+    let distortion = match model {
+        "OPENCV_FISHEYE" => Distortion::KannalaBrandt { k1, k2, k3, k4 },
+        "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "perspective" => {
+            if k4 != 0.0 {
+                return Err(format!("camera_model {model} with k4 = {k4} is not known"));
+            }
+            if [k1, k2, k3, p1, p2].iter().all(|value| *value == 0.0) {
+                Distortion::None
+            } else {
+                Distortion::RadialTangential { k1, k2, p1, p2, k3 }
+            }
+        }
+        other => {
+            return Err(format!(
+                "camera_model {other} is not known: OPENCV, OPENCV_FISHEYE and PINHOLE are"
+            ));
+        }
+    };
+    let camera =
+        Camera::with_distortion(fx, fy, cx, cy, distortion).map_err(|error| error.to_string())?;
+    Ok(CalibratedCamera::known(camera, Some(size), ""))
+}

@@ -1,0 +1,83 @@
+//! Trajectories: poses in a file of their own, in whichever of the usual formats, and their association with images.
+
+mod attach;
+mod log;
+mod read;
+
+pub(super) use attach::{attach, distinct};
+pub(super) use log::{LogEntry, read_log};
+pub(super) use read::{candidates, read_stamped_quaternions, read_trajectory};
+
+use nalgebra::Isometry3;
+
+use super::Warning;
+use super::pose_reading::QuaternionOrder;
+use super::text::Stamp;
+
+/// The formats of trajectories.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum TrajectoryFormat {
+    /// `stamp tx ty tz qx qy qz qw`: TUM, and ORB-SLAM's own files in seconds or nanoseconds.
+    Tum,
+    /// `stamp, px, py, pz, qw, qx, qy, qz` and what may follow: ground truth of EuRoC, of the body.
+    EurocCsv,
+    /// Three rows of a matrix in a line, no stamp.
+    Kitti,
+    /// Four rows of a matrix in a line, no stamp.
+    Matrices,
+    /// `tx ty tz qx qy qz qw`, no stamp.
+    Unstamped,
+    /// Entries of five lines, `i i i+1` and four rows of a matrix: Open3D and Redwood.
+    Open3dLog,
+}
+
+impl TrajectoryFormat {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Tum => "TUM (stamp tx ty tz qx qy qz qw)",
+            Self::EurocCsv => "EuRoC (stamp, px, py, pz, qw, qx, qy, qz, ...)",
+            Self::Kitti => "KITTI (3x4 matrices, no stamps)",
+            Self::Matrices => "4x4 matrices, no stamps",
+            Self::Unstamped => "tx ty tz qx qy qz qw, no stamps",
+            Self::Open3dLog => "Open3D .log (i i i+1, 4x4 matrix)",
+        }
+    }
+
+    /// The order in which another reading of its quaternions may be tried; `None` when it has no quaternions.
+    pub(super) fn other_quaternion_order(self) -> Option<QuaternionOrder> {
+        match self {
+            Self::Tum | Self::Unstamped => Some(QuaternionOrder::WFirst),
+            Self::EurocCsv => Some(QuaternionOrder::WLast),
+            Self::Kitti | Self::Matrices | Self::Open3dLog => None,
+        }
+    }
+}
+
+/// A trajectory file.
+#[derive(Debug)]
+pub(super) struct Trajectory {
+    pub(super) format: TrajectoryFormat,
+    pub(super) poses: Poses,
+    pub(super) warnings: Vec<Warning>,
+}
+
+/// Poses and what tells the images that they belong to.
+#[derive(Debug)]
+pub(super) enum Poses {
+    /// By time; in the order of the file.
+    Stamped(Vec<(Stamp, Isometry3<f64>)>),
+    /// By number of the image; in the order of the file. `None` where a pose cannot be used.
+    Numbered(Vec<(u64, Option<Isometry3<f64>>)>),
+    /// The k-th belongs to the k-th image. `None` where a pose cannot be used.
+    InOrder(Vec<Option<Isometry3<f64>>>),
+}
+
+impl Poses {
+    fn len(&self) -> usize {
+        match self {
+            Self::Stamped(rows) => rows.len(),
+            Self::Numbered(rows) => rows.len(),
+            Self::InOrder(rows) => rows.len(),
+        }
+    }
+}

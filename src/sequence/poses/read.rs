@@ -1,0 +1,259 @@
+//! Reading of trajectory files; the format is told by what stands in the lines.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Isometry3;
+
+use super::super::layout::Folder;
+use super::super::text::{Row, TextFile, parse_number, parse_stamp, shorten};
+use super::super::warning::Tally;
+use super::super::{SequenceError, Warning, rigid};
+use super::{Poses, Trajectory, TrajectoryFormat, log};
+
+/// How the lines of a file are laid out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Columns {
+    format: TrajectoryFormat,
+    /// Fields of every line; `None` when lines may be longer.
+    count: Option<usize>,
+    /// Fields before the stamp or the first number of the pose, such as a running index.
+    skipped: usize,
+}
+
+/// Reads a trajectory of any known format.
+///
+/// # Errors
+/// When the file cannot be read, is of no known format, or a line is not of the format of the first.
+pub(in super::super) fn read_trajectory(path: &Path) -> Result<Trajectory, SequenceError> {
+    let file = TextFile::read(path)?;
+    let columns = detect(&file, path)?;
+    if columns.format == TrajectoryFormat::Open3dLog {
+        return Ok(log::trajectory(log::entries(&file, path)?));
+    }
+    read_rows(&file, path, columns)
+}
+
+/// Reads lines `stamp tx ty tz qx qy qz qw` and nothing else.
+pub(in super::super) fn read_stamped_quaternions(path: &Path) -> Result<Trajectory, SequenceError> {
+    let file = TextFile::read(path)?;
+    let columns = Columns {
+        format: TrajectoryFormat::Tum,
+        count: Some(8),
+        skipped: 0,
+    };
+    read_rows(&file, path, columns)
+}
+
+/// Files of a folder that look like trajectories, for a message that proposes them.
+pub(in super::super) fn candidates(folder: &Folder) -> Vec<PathBuf> {
+    const LOOKED_AT: usize = 40;
+    const LARGEST_BYTES: u64 = 64 << 20;
+    folder
+        .names()
+        .iter()
+        .filter(|name| {
+            [".txt", ".csv", ".log", ".tum"]
+                .iter()
+                .any(|end| name.ends_with(end))
+        })
+        .take(LOOKED_AT)
+        .map(|name| folder.path().join(name))
+        .filter(|path| {
+            std::fs::metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() < LARGEST_BYTES)
+                && read_trajectory(path).is_ok_and(|found| found.poses.len() > 1)
+        })
+        .collect()
+}
+
+/// Whether a line is the head of a table: its first field is no number.
+fn is_head(row: &Row) -> bool {
+    row.fields()
+        .next()
+        .is_some_and(|field| parse_number(field).is_none())
+}
+
+/// The format by the head line, when there is one, and the fields of the first rows.
+fn detect(file: &TextFile, path: &Path) -> Result<Columns, SequenceError> {
+    let unknown = |problem: String| SequenceError::Content {
+        path: path.to_owned(),
+        problem: format!(
+            "{problem}; trajectories are read as TUM (stamp tx ty tz qx qy qz qw), EuRoC (stamp, px, py, pz, qw, qx, qy, \
+             qz, ...), KITTI (12 numbers), 4x4 matrices (16 numbers), tx ty tz qx qy qz qw, or Open3D .log"
+        ),
+    };
+    let rows: Vec<Row> = file
+        .rows()
+        .enumerate()
+        .filter(|(at, row)| *at > 0 || !is_head(row))
+        .map(|(_, row)| row)
+        .take(3)
+        .collect();
+    let first = rows
+        .first()
+        .ok_or_else(|| unknown("holds no pose".to_owned()))?;
+    let count = first.fields().count();
+    let columns = |format, count, skipped| Columns {
+        format,
+        count,
+        skipped,
+    };
+    if count == 3 && rows.get(1).is_some_and(|row| row.fields().count() == 4) {
+        return Ok(columns(TrajectoryFormat::Open3dLog, None, 0));
+    }
+    let has_stamp = |row: &Row| {
+        row.fields()
+            .next()
+            .and_then(parse_stamp)
+            .is_some_and(|stamp| stamp.is_nanoseconds)
+    };
+    let is_w_first = w_comes_first(file);
+    let has_commas = first.text().contains(',');
+    match count {
+        7 => Ok(columns(TrajectoryFormat::Unstamped, Some(7), 0)),
+        8 if is_w_first.unwrap_or(has_commas && has_stamp(first)) => {
+            Ok(columns(TrajectoryFormat::EurocCsv, Some(8), 0))
+        }
+        8 => Ok(columns(TrajectoryFormat::Tum, Some(8), 0)),
+        9 if is_running_index(&rows) && !is_w_first.unwrap_or(false) => {
+            Ok(columns(TrajectoryFormat::Tum, Some(9), 1))
+        }
+        12 => Ok(columns(TrajectoryFormat::Kitti, Some(12), 0)),
+        16 => Ok(columns(TrajectoryFormat::Matrices, Some(16), 0)),
+        17.. if has_commas || is_w_first == Some(true) => {
+            Ok(columns(TrajectoryFormat::EurocCsv, None, 0))
+        }
+        _ => Err(first.error(format!(
+            "{count} fields: no known trajectory has such lines (TUM 8, EuRoC 8 or 17, KITTI 12, 4x4 matrices 16, \
+             tx ty tz qx qy qz qw 7, Open3D .log 3 and then 4)"
+        ))),
+    }
+}
+
+/// What the head line says about the place of w in quaternions; `None` when it says nothing.
+fn w_comes_first(file: &TextFile) -> Option<bool> {
+    let head = file
+        .text()
+        .lines()
+        .find(|line| !line.trim().is_empty())?
+        .to_ascii_lowercase();
+    let place = |names: &[&str]| names.iter().find_map(|name| head.find(name));
+    let w = place(&["q_rs_w", "qw", "q_w", "quat_w", "rotation_w"])?;
+    let x = place(&["q_rs_x", "qx", "q_x", "quat_x", "rotation_x"])?;
+    Some(w < x)
+}
+
+/// Whether the first field counts lines.
+fn is_running_index(rows: &[Row]) -> bool {
+    let index = |row: &Row| {
+        row.fields()
+            .next()
+            .and_then(|field| field.parse::<u64>().ok())
+    };
+    rows.windows(2).all(|pair| {
+        index(&pair[0])
+            .zip(index(&pair[1]))
+            .is_some_and(|(a, b)| b > a && b - a < 1000)
+    }) && rows
+        .first()
+        .is_some_and(|row| index(row).is_some_and(|i| i < 1_000_000))
+}
+
+fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<Trajectory, SequenceError> {
+    let mut stamped = Vec::new();
+    let mut in_order = Vec::new();
+    let (mut not_finite, mut not_rigid, mut total) = (Tally::default(), Tally::default(), 0);
+    for row in file.rows() {
+        if total == 0 && is_head(&row) {
+            continue;
+        }
+        total += 1;
+        let found = row.fields().count();
+        if let Some(count) = columns.count
+            && found != count
+        {
+            return Err(row.error(format!("{count} numbers expected, {found} found")));
+        }
+        let place = format!("line {}", row.number());
+        let mut note = |problem: rigid::NotRigid, place: String| match problem {
+            rigid::NotRigid::NotFinite => not_finite.add(place),
+            problem => not_rigid.add(format!("{place} {problem}")),
+        };
+        let pose = pose_of(&row, columns)?;
+        if !matches!(
+            columns.format,
+            TrajectoryFormat::Tum | TrajectoryFormat::EurocCsv
+        ) {
+            in_order.push(pose.map_err(|problem| note(problem, place)).ok());
+            continue;
+        }
+        let field = row.fields().nth(columns.skipped).unwrap_or_default();
+        let Some(stamp) = parse_stamp(field) else {
+            if parse_number(field).is_none_or(f64::is_finite) {
+                return Err(row.error(format!("'{}' is not a time stamp", shorten(field))));
+            }
+            note(rigid::NotRigid::NotFinite, shorten(field));
+            continue;
+        };
+        match pose {
+            Ok(pose) => stamped.push((stamp, pose)),
+            Err(problem) => note(problem, shorten(field)),
+        }
+    }
+    let mut warnings = Vec::new();
+    warnings.extend(not_finite.into_warning(total, "poses are not finite and were left out"));
+    warnings.extend(not_rigid.into_warning(total, "poses are not rigid motions and were left out"));
+    let poses = if in_order.is_empty() {
+        Poses::Stamped(stamped)
+    } else {
+        Poses::InOrder(in_order)
+    };
+    if columns.skipped > 0 {
+        warnings.push(Warning::statement(format!(
+            "{}: the first field of each line is taken for a running index",
+            path.display()
+        )));
+    }
+    Ok(Trajectory {
+        format: columns.format,
+        poses,
+        warnings,
+    })
+}
+
+/// The pose of a line; the inner error is about one that can be left out.
+fn pose_of(
+    row: &Row,
+    columns: Columns,
+) -> Result<Result<Isometry3<f64>, rigid::NotRigid>, SequenceError> {
+    let skipped = columns.skipped;
+    let of_rows = |values: &[f64]| {
+        let mut rows = [
+            [0.0, 0.0, 0.0, 0.0],
+            [0.0; 4],
+            [0.0; 4],
+            [0.0, 0.0, 0.0, 1.0],
+        ];
+        for (slot, value) in rows.iter_mut().flatten().zip(values) {
+            *slot = *value;
+        }
+        rigid::from_matrix(&rows)
+    };
+    Ok(match columns.format {
+        TrajectoryFormat::Tum => {
+            let [tx, ty, tz, qx, qy, qz, qw] = row.numbers_from(skipped + 1)?;
+            rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
+        }
+        TrajectoryFormat::EurocCsv => {
+            let [tx, ty, tz, qw, qx, qy, qz] = row.numbers_from(skipped + 1)?;
+            rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
+        }
+        TrajectoryFormat::Unstamped => {
+            let [tx, ty, tz, qx, qy, qz, qw] = row.numbers_from(skipped)?;
+            rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
+        }
+        TrajectoryFormat::Kitti => of_rows(&row.numbers_from::<12>(skipped)?),
+        TrajectoryFormat::Matrices | TrajectoryFormat::Open3dLog => {
+            of_rows(&row.numbers_from::<16>(skipped)?)
+        }
+    })
+}

@@ -1,0 +1,178 @@
+//! What is written for other programs reads back the same.
+
+use std::path::Path;
+use std::process::Command;
+
+use linecarve::exchange::{
+    TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
+};
+use linecarve::sequence::{OpenOptions, Sequence};
+
+use super::support::write_seven_scenes;
+use super::writers::{
+    write_colmap_text, write_euroc, write_mvs, write_nvm, write_orb_slam, write_pose_list,
+};
+use super::{Writer, folder_with, open};
+
+fn assert_same(a: &Sequence, b: &Sequence, what: &str) {
+    assert_eq!(a.frames().len(), b.frames().len(), "{what}");
+    for (x, y) in a.frames().iter().zip(b.frames()) {
+        let difference =
+            x.world_from_camera.to_homogeneous() - y.world_from_camera.to_homogeneous();
+        assert!(difference.amax() < 1e-9, "{what}: {difference}");
+    }
+}
+
+/// Layouts that take poses, with times, with numbers, and with neither.
+const TAKING: [(&str, Writer); 4] = [
+    ("euroc", write_euroc),
+    ("orb-slam", write_orb_slam),
+    ("images-and-poses", write_pose_list),
+    ("7-scenes", |folder| write_seven_scenes(folder, 5)),
+];
+
+#[test]
+fn trajectories_come_back_in_every_format() {
+    for (name, write) in TAKING {
+        let folder = folder_with(write);
+        let sequence = open(folder.path()).unwrap();
+        let path = folder.path().join("written.txt");
+        for format in [
+            TrajectoryFile::Tum,
+            TrajectoryFile::Euroc,
+            TrajectoryFile::Kitti,
+            TrajectoryFile::Open3dLog,
+        ] {
+            let mut images = posed_images(&sequence);
+            if let (TrajectoryFile::Euroc, Some(mounting)) = (format, sequence.body_from_color()) {
+                for image in &mut images {
+                    image.world_from_camera *= mounting.inverse();
+                }
+            }
+            write_trajectory(&path, format, &images).unwrap();
+            let options = OpenOptions {
+                poses: Some(path.clone()),
+                layout: Some(name.to_owned()),
+                ..OpenOptions::default()
+            };
+            let back = Sequence::open(folder.path(), &options).unwrap();
+            assert_same(&sequence, &back, &format!("{name}, {format:?}"));
+        }
+    }
+}
+
+#[test]
+fn maps_come_back_as_colmap_with_their_tracks() {
+    for write in [
+        write_colmap_text as Writer,
+        write_mvs,
+        write_nvm,
+        write_euroc,
+    ] {
+        let folder = folder_with(write);
+        let sequence = open(folder.path()).unwrap();
+        let out = folder.path().join("written");
+        std::fs::create_dir(&out).unwrap();
+        write_colmap(&out, &sequence).unwrap();
+        let back = open(&out).unwrap();
+        assert_eq!(back.layout(), "colmap");
+        assert_same(&sequence, &back, sequence.layout());
+        let camera = (sequence.stored_color_camera(), back.stored_color_camera());
+        assert!((camera.0.cx() - camera.1.cx()).abs() < 1e-9);
+        assert_eq!(camera.0.distortion(), camera.1.distortion());
+        match (sequence.map_points(), back.map_points()) {
+            (Some(a), Some(b)) => {
+                assert_eq!(a.points.len(), b.points.len());
+                for (p, q) in a.points.iter().zip(&b.points) {
+                    assert!((p.point_in_world - q.point_in_world).norm() < 1e-9);
+                    let views = |point: &linecarve::map_points::ModelPoint| {
+                        point.sightings.iter().map(|s| s.view).collect::<Vec<_>>()
+                    };
+                    assert_eq!(views(p), views(q));
+                    for (s, t) in p.sightings.iter().zip(&q.sightings) {
+                        if let (Some(s), Some(t)) = (s.pixel, t.pixel) {
+                            assert!((s[0] - t[0]).hypot(s[1] - t[1]) < 1e-9);
+                        }
+                    }
+                }
+            }
+            (None, None) => {}
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn transforms_come_back() {
+    for write in [write_colmap_text as Writer, write_euroc, |folder: &Path| {
+        write_seven_scenes(folder, 5);
+    }] {
+        let folder = folder_with(write);
+        let sequence = open(folder.path()).unwrap();
+        write_transforms(&folder.path().join("transforms.json"), &sequence).unwrap();
+        let options = OpenOptions {
+            layout: Some("transforms-json".to_owned()),
+            ..OpenOptions::default()
+        };
+        let back = Sequence::open(folder.path(), &options).unwrap();
+        assert_same(&sequence, &back, sequence.layout());
+        let scale = |s: &Sequence| s.depth_calibration().map(|d| d.scale);
+        assert_eq!(scale(&sequence), scale(&back));
+    }
+}
+
+fn convert(arguments: &[&str]) -> (Option<i32>, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_linecarve"))
+        .arg("convert")
+        .args(arguments)
+        .output()
+        .unwrap();
+    (
+        output.status.code(),
+        String::from_utf8_lossy(&output.stderr).into_owned(),
+    )
+}
+
+#[test]
+fn the_command_chooses_by_the_extension() {
+    let folder = folder_with(write_colmap_text);
+    let input = folder.path().to_str().unwrap();
+    for name in ["a.txt", "a.csv", "a.log", "a.json", "model"] {
+        let out = folder.path().join(name);
+        let (code, message) = convert(&[input, "--out", out.to_str().unwrap()]);
+        assert_eq!(code, Some(0), "{name}: {message}");
+        assert!(out.exists(), "{name}");
+    }
+    let (code, message) = convert(&[input, "--out", "a.xyz"]);
+    assert_eq!(code, Some(2));
+    assert!(message.contains("--to"), "{message}");
+    let (code, message) = convert(&[input, "--out", "a.ply"]);
+    assert_eq!(code, Some(2));
+    assert!(message.contains("read from files"), "{message}");
+}
+
+#[test]
+fn meshes_and_lines_change_their_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    std::fs::write(path("m.obj"), "v 0 0 1\nv 1 0 0\nv 0 1 0.5\nf 1 2 3\n").unwrap();
+    std::fs::write(path("l.obj"), "v 0 0 1\nv 1 0 0\nl 1 2\n").unwrap();
+    std::fs::write(path("empty.obj"), "v 0 0 1\n").unwrap();
+    for from in ["m", "l"] {
+        for (a, b) in [("obj", "ply"), ("ply", "glb"), ("glb", "obj")] {
+            let input = path(&format!("{from}.{a}"));
+            let (code, message) = convert(&[&input, "--out", &path(&format!("{from}.{b}"))]);
+            assert_eq!(code, Some(0), "{from} {a} {b}: {message}");
+        }
+        let shape =
+            linecarve::mesh::read_geometry(Path::new(&path(&format!("{from}.obj")))).unwrap();
+        let elements = shape.triangles.len() + shape.lines.len();
+        let points = shape.positions;
+        assert_eq!(elements, 1);
+        assert!((points[0] - nalgebra::Point3::new(0.0, 0.0, 1.0)).norm() < 1e-6);
+    }
+    assert_eq!(
+        convert(&[&path("empty.obj"), "--out", &path("e.ply")]).0,
+        Some(1)
+    );
+}
