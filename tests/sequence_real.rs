@@ -173,7 +173,14 @@ fn depth_that_is_not_registered_is_suspected() {
         let Some(folder) = data(name) else { return };
         let taken_as_registered = tempfile::NamedTempFile::new().unwrap();
         let calibration = (!is_right).then(|| taken_as_registered.path().to_owned());
-        let sequence = Sequence::open(&folder, &OpenOptions { calibration }).unwrap();
+        let sequence = Sequence::open(
+            &folder,
+            &OpenOptions {
+                calibration,
+                ..OpenOptions::default()
+            },
+        )
+        .unwrap();
         let facts = inspect(&sequence, &options).unwrap();
         println!("{name}: {:?}", facts.registration);
         let is_suspected = facts

@@ -113,6 +113,8 @@ fn observe(
     let sequence = open(&SequenceArgs {
         sequence: folder.to_owned(),
         calibration: args.calibration.clone(),
+        layout: None,
+        poses: None,
     })?;
     let calibration = sequence.depth_calibration().with_context(|| {
         format!(

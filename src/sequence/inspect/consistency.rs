@@ -234,6 +234,7 @@ fn compare(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sequence::pose_reading::{CameraAxes, Mounting, PoseDirection, PoseReading};
     use linecarve_lines::image::Plane;
     use nalgebra::{Translation3, UnitQuaternion};
 
@@ -270,14 +271,19 @@ mod tests {
             UnitQuaternion::from_euler_angles(0.2, 0.4, 0.2),
         );
         let (depth_a, depth_b) = (depth_at(&a, &camera), depth_at(&b, &camera));
-        let median = |reading: PoseReading, factor: f64| {
-            let residuals = compare(
-                &depth_a,
-                &depth_b,
-                &reading.b_from_a(&a, &b),
-                factor,
-                &camera,
-            );
+        let median = |direction: PoseDirection, axes: CameraAxes, factor: f64| {
+            let reading = PoseReading {
+                direction,
+                axes,
+                ..PoseReading::default()
+            };
+            let mounting = Mounting {
+                color_from_depth: None,
+                body_from_color: None,
+            };
+            let pose = |recorded| reading.world_from_color(recorded, &mounting);
+            let b_from_a = pose(&b).inverse() * pose(&a);
+            let residuals = compare(&depth_a, &depth_b, &b_from_a, factor, &camera);
             // A wrong reading may leave nothing in common, which speaks against it as well.
             if residuals.len() < 10 {
                 return f64::INFINITY;
@@ -285,16 +291,18 @@ mod tests {
             let mut relative: Vec<f64> = residuals.iter().map(|r| r.1).collect();
             quantile(&mut relative, 0.5).unwrap()
         };
-        let right = median(PoseReading::AsRead, 1.0);
+        let (as_read, axes) = (PoseDirection::AsRead, CameraAxes::AsRead);
+        let right = median(as_read, axes, 1.0);
         assert!(right < 0.01, "{right}");
-        for (reading, factor) in [
-            (PoseReading::Inverse, 1.0),
-            (PoseReading::OpenGl, 1.0),
-            (PoseReading::InverseOpenGl, 1.0),
-            (PoseReading::AsRead, 5.0),
-            (PoseReading::AsRead, 0.2),
+        for (direction, axes, factor) in [
+            (PoseDirection::Inverse, axes, 1.0),
+            (PoseDirection::RotationInverse, axes, 1.0),
+            (as_read, CameraAxes::YAndZFlipped, 1.0),
+            (PoseDirection::Inverse, CameraAxes::YAndZFlipped, 1.0),
+            (as_read, axes, 5.0),
+            (as_read, axes, 0.2),
         ] {
-            assert!(median(reading, factor) > 2.0 * right);
+            assert!(median(direction, axes, factor) > 2.0 * right);
         }
     }
 }

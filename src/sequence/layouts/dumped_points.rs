@@ -3,7 +3,7 @@
 //! Which frame sees which point is guessed from where they fall: inside the image, and not clearly behind a nearer point in
 //! the same part of it. That is weaker than what a model knows, and said so.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point3};
@@ -83,7 +83,7 @@ pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<()
 }
 
 /// Lines `x y z` and what may follow.
-fn read(path: &PathBuf, warnings: &mut Vec<Warning>) -> Result<Vec<Point3<f64>>, SequenceError> {
+fn read(path: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<Point3<f64>>, SequenceError> {
     let file = TextFile::read(path)?;
     let mut points = Vec::new();
     let (mut not_finite, mut total) = (Tally::default(), 0);
