@@ -11,9 +11,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::diff::DiffArgs;
 pub use self::evaluate::{AlignBy, EvaluateArgs};
-pub use convert::{ConvertArgs, Target};
-
+use crate::pipeline::LabelKind;
 use crate::synth::{SceneKind, SequenceLayout};
+pub use convert::{ConvertArgs, Target};
 
 pub use stream::StreamArgs;
 
@@ -149,6 +149,10 @@ pub struct ReconstructArgs {
     /// Stages and formats.
     #[command(flatten)]
     pub stages: StageArgs,
+
+    /// How tetrahedra are labelled; default: what the configuration says, votes when it says nothing.
+    #[arg(long, value_enum)]
+    pub labels: Option<LabelKind>,
 
     /// Leave out the surface of every single keyframe (`keyframes/NNNNNN.glb`).
     #[arg(long)]

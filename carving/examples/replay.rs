@@ -17,6 +17,7 @@ use std::time::Instant;
 use linecarve_carving::carver::{
     Carver, CarverOptions, CommitReport, EventError, PointId, Snapshot, Transaction, ViewId,
 };
+use linecarve_carving::labels::{CutOptions, Labels, Votes};
 use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
@@ -26,7 +27,7 @@ use serde::Deserialize;
 const HELP: &str = "\
 Replays keyframes and changes through a carver; prints one JSON object.
 
-usage: replay [EVENTS.jsonl] [--mesh OUT.obj] [--check] [--threshold N] [--hull keep|drop]
+usage: replay [EVENTS.jsonl] [--mesh OUT.obj] [--check] [--threshold N] [--labels votes|cut] [--hull keep|drop]
 
 EVENTS.jsonl   one JSON object a line:
   {\"keyframe\":i,\"camera\":[x,y,z],\"new_points\":[[id,x,y,z],...],\"observations\":[id,...]}
@@ -38,6 +39,7 @@ EVENTS.jsonl   one JSON object a line:
 --mesh FILE    writes the final surface as OBJ
 --check        also builds the final state from scratch, in two orders, and fails on any difference (exit 1)
 --threshold N  crossing weight from which a cell is free (default 1)
+--labels KIND  votes (default), or cut: a minimum cut with soft visibility
 --hull         whether the surface is closed along the hull of the points (default drop)
 ";
 
@@ -64,9 +66,17 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Option<Options>,
             "--mesh" => options.mesh = Some(value()?.into()),
             "--threshold" => {
                 let text = value()?;
-                options.carver.free_threshold = text
+                let threshold = text
                     .parse::<NonZeroU64>()
                     .map_err(|_| format!("--threshold {text}: expected a whole number from 1"))?;
+                options.carver.labels = Labels::Votes(Votes { threshold });
+            }
+            "--labels" => {
+                options.carver.labels = match value()?.as_str() {
+                    "votes" => Labels::Votes(Votes::default()),
+                    "cut" => Labels::Cut(CutOptions::default()),
+                    other => return Err(format!("--labels {other}: use votes or cut")),
+                }
             }
             "--hull" => {
                 options.carver.hull = match value()?.as_str() {

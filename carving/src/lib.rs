@@ -5,6 +5,7 @@
 //! removed. [`Tetrahedralization`](tetrahedralization::Tetrahedralization) is the kernel below, of use by itself.
 
 pub mod carver;
+pub mod flow;
 pub mod labels;
 pub mod predicates;
 pub mod surface;

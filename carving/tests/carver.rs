@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroU64;
 
 use linecarve_carving::carver::{Carver, CarverOptions, Event, EventError, PointId, ViewId};
+use linecarve_carving::labels::{Labels, Votes};
 use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh};
 use linecarve_carving::tetrahedralization::PointError;
 use nalgebra::{Matrix3, Point3};
@@ -14,7 +15,9 @@ use rand_chacha::ChaCha8Rng;
 
 fn closed(threshold: u64) -> Carver {
     Carver::new(CarverOptions {
-        free_threshold: NonZeroU64::new(threshold).unwrap(),
+        labels: Labels::Votes(Votes {
+            threshold: NonZeroU64::new(threshold).unwrap(),
+        }),
         hull: Hull::Keep,
     })
 }

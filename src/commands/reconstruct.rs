@@ -21,7 +21,9 @@ use crate::report::{KeyframeReport, milliseconds};
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let mut output = OutputFolder::create(&args.out)?;
-    let prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;
+    let mut prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;
+    let labels = &mut prepared.options.carving.labels;
+    *labels = args.labels.unwrap_or(*labels);
     let mut log = RunLog::new("reconstruct", &prepared, verbosity);
     let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);
     let mut map = BackEnd::new(

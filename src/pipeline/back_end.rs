@@ -1,6 +1,5 @@
 //! What a keyframe adds to the map: clusters, landmarks, free space, surface. Strictly one keyframe after another.
 
-use std::num::NonZeroU64;
 use std::time::{Duration, Instant};
 
 use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId};
@@ -78,7 +77,6 @@ impl BackEnd {
         noise: SensorNoise,
         median_depth: f64,
     ) -> Result<Self, BackEndError> {
-        let threshold = NonZeroU64::new(options.carving.free_threshold.into());
         Ok(Self {
             options: options.clone(),
             camera: camera.clone(),
@@ -89,7 +87,7 @@ impl BackEnd {
             landmarks: Landmarks::new(options.landmarks),
             points: Vec::new(),
             carver: Carver::new(CarverOptions {
-                free_threshold: threshold.unwrap_or(NonZeroU64::MIN),
+                labels: options.carving.labels(),
                 hull: if options.surface.keep_hull {
                     Hull::Keep
                 } else {
@@ -136,6 +134,8 @@ impl BackEnd {
                         let point = transaction
                             .add_point(measurement.point_in_world)
                             .map_err(refused)?;
+                        let sigma = self.options.carving.cut.sigma_factor * measurement.sigma;
+                        transaction.set_sigma(point, Some(sigma)).map_err(refused)?;
                         self.points.push(point);
                         self.seen.push(landmark);
                         update.new_points += 1;

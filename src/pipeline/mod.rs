@@ -5,6 +5,7 @@
 
 mod back_end;
 mod front_end;
+mod labels;
 pub mod landmarks;
 mod options;
 mod run;
@@ -14,5 +15,6 @@ pub mod segment_points;
 
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
 pub use front_end::{FrontEnd, FrontEndError, Keyframe};
+pub use labels::{CutSettings, LabelKind};
 pub use options::{Options, OptionsError};
 pub use run::run;

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use linecarve_carving::labels::CutOptionsError;
 use linecarve_lines::ExtractOptions;
 use linecarve_lines::cluster::ClusterOptions;
 use linecarve_lines::depth::{EdgeDepthOptions, SensorNoise};
@@ -9,6 +10,7 @@ use linecarve_lines::edges::EdgeOptions;
 use linecarve_lines::fit::FitOptions;
 use serde::{Deserialize, Serialize};
 
+use super::labels::{CutSettings, LabelKind};
 use super::landmarks::LandmarkOptions;
 use super::segment_points::SegmentPointOptions;
 use crate::keyframes::KeyframeOptions;
@@ -57,16 +59,24 @@ impl Default for SensorOptions {
 }
 
 /// Free space.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CarvingOptions {
-    /// A tetrahedron is free when at least this many rays cross it.
+    /// How tetrahedra are labelled.
+    pub labels: LabelKind,
+    /// With votes, a tetrahedron is free when at least this many rays cross it.
     pub free_threshold: u32,
+    /// Settings of the cut.
+    pub cut: CutSettings,
 }
 
 impl Default for CarvingOptions {
     fn default() -> Self {
-        Self { free_threshold: 1 }
+        Self {
+            labels: LabelKind::default(),
+            free_threshold: 1,
+            cut: CutSettings::default(),
+        }
     }
 }
 
@@ -116,6 +126,9 @@ pub enum OptionsError {
         /// Where and why.
         source: Box<toml::de::Error>,
     },
+    /// A setting of the labels by minimum cut is out of range.
+    #[error("carving.cut: {0}")]
+    Cut(#[from] CutOptionsError),
     /// A value is out of range.
     #[error("{key} = {value}: {expected}")]
     Range {
@@ -179,6 +192,8 @@ impl Options {
         if let Some(share) = self.surface.longest_edge_share {
             positive("surface.longest_edge_share", share)?;
         }
+        positive("carving.cut.sigma_factor", self.carving.cut.sigma_factor)?;
+        self.carving.cut.options().validate()?;
         if self.carving.free_threshold == 0 {
             return Err(OptionsError::Range {
                 key: "carving.free_threshold",
@@ -210,6 +225,8 @@ mod tests {
             ("[carving]\nfree_treshold = 2\n", "free_treshold"),
             ("[landmarks]\nlateral_px = -1.0\n", "landmarks.lateral_px"),
             ("[carving]\nfree_threshold = 0\n", "carving.free_threshold"),
+            ("[carving]\nlabels = \"cuts\"\n", "cuts"),
+            ("[carving.cut]\nbehind_sigmas = -1.0\n", "behind_sigmas"),
             ("[carving\n", "options.toml"),
         ] {
             std::fs::write(&path, text).unwrap();

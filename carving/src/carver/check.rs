@@ -2,11 +2,12 @@
 
 use thiserror::Error;
 
-use super::Carver;
 use super::ids::{PointId, ViewId};
+use super::{Carver, Labeling};
+use crate::flow::FlowViolation;
 use crate::surface::SurfaceViolation;
 use crate::tetrahedralization::{CellId, VertexId, Violation};
-use crate::visibility::{RayId, crosses_cell, crosses_ghost};
+use crate::visibility::{CellEvidence, RayId, Walker, crosses_cell, crosses_ghost};
 
 /// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -34,6 +35,15 @@ pub enum CarverViolation {
         point: PointId,
         /// Whether the cell lists the ray.
         listed: bool,
+    },
+    /// The flow behind the labels is broken.
+    #[error(transparent)]
+    Flow(#[from] FlowViolation),
+    /// What the rays say about a cell is not what is on record, or the flow network says otherwise.
+    #[error("the evidence or the capacities of {cell:?} are wrong")]
+    Evidence {
+        /// The cell.
+        cell: CellId,
     },
     /// The weight of a cell is not the sum over its rays.
     #[error("{cell:?} has weight {recorded} on record, its rays have {found}")]
@@ -95,8 +105,47 @@ impl Carver {
                 });
             }
         }
+        self.check_cut()?;
         self.check_surface()?;
         Ok(())
+    }
+
+    /// Adds up what every ray says about every cell, and verifies the flow.
+    fn check_cut(&self) -> Result<(), CarverViolation> {
+        let Labeling::Cut(cut) = &self.labels else {
+            return Ok(());
+        };
+        let tetrahedra = &self.tetrahedra;
+        let walker = Walker {
+            tetrahedra,
+            views: &self.views,
+            rays: &self.rays,
+        };
+        for cell in tetrahedra.cells() {
+            if tetrahedra.is_ghost(cell) {
+                continue;
+            }
+            let corners = tetrahedra
+                .cell_vertices(cell)
+                .map(|v| tetrahedra.coordinates(v));
+            let mut found = CellEvidence::default();
+            for ray in self.rays.all() {
+                let exit = self.evidence.sight(&walker, ray).exit(corners);
+                if self.crosses(ray, cell)
+                    && let Some(said) = self.evidence.passage(&walker, cell, ray, exit)
+                {
+                    found.add(&said);
+                }
+                found.matter += self.evidence.tie(&walker, cell, ray);
+            }
+            if found != *self.evidence.of(cell) {
+                return Err(CarverViolation::Evidence { cell });
+            }
+        }
+        match cut.check(tetrahedra, &self.evidence)? {
+            Some(cell) => Err(CarverViolation::Evidence { cell }),
+            None => Ok(()),
+        }
     }
 
     /// Whether a ray crosses a cell, by the rule alone.
@@ -125,9 +174,8 @@ impl Carver {
     ///
     /// Linear in the number of cells.
     pub fn check_surface(&self) -> Result<(), SurfaceViolation> {
-        let is_free = |cell| {
-            !self.tetrahedra.is_ghost(cell) && self.labels.is_free(self.crossings.weight(cell))
-        };
+        let is_free =
+            |cell| !self.tetrahedra.is_ghost(cell) && self.labels.is_free(cell, &self.crossings);
         crate::surface::check(
             &self.tetrahedra,
             &self.facets,

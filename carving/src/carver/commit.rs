@@ -5,15 +5,15 @@ use std::time::{Duration, Instant};
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
-use super::Carver;
 use super::events::EventError;
 use super::ids::{PointId, ViewId};
 use super::transaction::{Fate, Plan, Transaction};
+use super::{Carver, Labeling};
 use crate::surface::SurfaceDelta;
 use crate::tetrahedralization::{
-    Changes, Edit, Insertion, Move, Tetrahedralization, VertexId, spatial_order,
+    CellId, Changes, Edit, Insertion, Move, Tetrahedralization, VertexId, spatial_order,
 };
-use crate::visibility::{RayId, Rewalk};
+use crate::visibility::{Crossings, RayId, Rewalk};
 
 /// Entries of crossing lists below which the way that they are brought up to date does not matter.
 const MANY_ENTRIES: u64 = 1 << 14;
@@ -77,6 +77,8 @@ impl Plan {
         });
         self.views
             .retain(|&view, fate| *fate != Fate::Moved(*carver.views.center(view)));
+        self.sigmas
+            .retain(|&point, sigma| carver.points.sigma(point) != *sigma);
     }
 
     /// Where a point is after the transaction.
@@ -120,6 +122,11 @@ impl Plan {
         let mut concerned: Vec<RayId> = Vec::new();
         for &point in self.points.keys() {
             concerned.extend(rays.of_point(point));
+        }
+        if carver.evidence.is_on() {
+            for &point in self.sigmas.keys() {
+                concerned.extend(rays.of_point(point));
+            }
         }
         for &view in self.views.keys() {
             concerned.extend(rays.of_view(view));
@@ -168,6 +175,7 @@ impl Carver {
             views: &mut self.views,
             rays: &mut self.rays,
             crossings: &mut self.crossings,
+            evidence: &mut self.evidence,
             scratch: &mut self.scratch,
         }
     }
@@ -196,6 +204,9 @@ impl Carver {
         let start = Instant::now();
         let mut changes = std::mem::take(&mut self.changes);
         self.update_points(plan, &mut changes, &mut report);
+        for (&point, &sigma) in &plan.sigmas {
+            self.points.set_sigma(point, sigma);
+        }
         report.destroyed_cells = changes.destroyed.len();
         report.created_cells = changes.created.len();
         report.times.tetrahedra += start.elapsed();
@@ -215,8 +226,13 @@ impl Carver {
         let destroyed = changes.destroyed.iter();
         let listed: u64 = destroyed.map(|&cell| self.crossings.listed(cell)).sum();
         anew |= listed > (self.crossings.total() / 2).max(MANY_ENTRIES);
+        for &ray in &again {
+            let sigma = self.points.sigma(self.rays.point(ray));
+            self.evidence.describe(ray, sigma);
+        }
         if anew {
             self.crossings.clear();
+            self.evidence.clear();
         }
         self.rewalk().update(&changes);
         if anew {
@@ -232,12 +248,21 @@ impl Carver {
             flipped.clear();
             flipped.extend(self.tetrahedra.cells());
         }
-        let (tetrahedra, crossings, labels) = (&self.tetrahedra, &self.crossings, self.labels);
+        if let Labeling::Cut(cut) = &mut self.labels {
+            if anew {
+                for &cell in &flipped {
+                    self.evidence.touch(cell);
+                }
+            }
+            cut.update(&self.tetrahedra, &changes, &mut self.evidence);
+            flipped.extend(cut.flipped());
+        }
+        let (tetrahedra, crossings, labels) = (&self.tetrahedra, &self.crossings, &self.labels);
         self.facets.update(
             tetrahedra,
             &changes,
             &flipped,
-            |cell| !tetrahedra.is_ghost(cell) && labels.is_free(crossings.weight(cell)),
+            |cell| !tetrahedra.is_ghost(cell) && labels.is_free(cell, crossings),
             &mut report.surface,
         );
         flipped.clear();
@@ -333,6 +358,16 @@ impl Carver {
             .map(|(vertex, _)| vertex)
             .collect();
         report.surface.moved.sort_unstable();
+    }
+}
+
+impl Labeling {
+    /// Whether a finite cell is free.
+    pub(super) fn is_free(&self, cell: CellId, crossings: &Crossings) -> bool {
+        match self {
+            Labeling::Votes(votes) => votes.is_free(crossings.weight(cell)),
+            Labeling::Cut(cut) => cut.is_free(cell),
+        }
     }
 }
 

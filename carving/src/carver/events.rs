@@ -19,6 +19,13 @@ pub enum Event {
         /// The position.
         position: Point3<f64>,
     },
+    /// A point is known this well; see [`Transaction::set_sigma`](super::Transaction::set_sigma).
+    SetSigma {
+        /// The point.
+        point: PointId,
+        /// Standard deviation in units of the coordinates; `None`: unknown.
+        sigma: Option<f64>,
+    },
     /// A view sees a point. Seen again, the weights add up.
     AddObservation {
         /// Who sees.
@@ -87,6 +94,14 @@ pub enum EventError {
     /// A position or centre is NaN, infinite or out of range.
     #[error("position refused: {0}")]
     Position(#[from] PointError),
+    /// A standard deviation is negative, NaN or infinite.
+    #[error("the standard deviation {sigma} of point {} is refused; it must be finite and not negative", point.0)]
+    Sigma {
+        /// The point.
+        point: PointId,
+        /// The value given.
+        sigma: f64,
+    },
     /// A weight of zero.
     #[error("the observation of point {} by view {} has weight 0; leave it out", point.0, view.0)]
     ZeroWeight {

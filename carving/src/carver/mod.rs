@@ -45,33 +45,29 @@ pub use ids::{PointId, ViewId};
 pub use snapshot::{CarvedCell, Snapshot};
 pub use transaction::Transaction;
 
-use std::num::NonZeroU64;
-
 use nalgebra::Point3;
 
-use crate::labels::Votes;
+use crate::labels::{Cut, Labels, Votes};
 use crate::surface::{ExportOptions, Facets, Hull, IndexedMesh, Triangle};
 use crate::tetrahedralization::{CellId, Changes, Tetrahedralization, VertexId};
-use crate::visibility::{Crossings, Rays, RewalkScratch, Views};
+use crate::visibility::{Crossings, Evidence, Rays, RewalkScratch, Views};
 
 use points::Points;
 
 /// Settings of a [`Carver`], fixed for its life.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CarverOptions {
-    /// A cell is free when the weights of the rays across it add up to this; 1 by default.
-    pub free_threshold: NonZeroU64,
+    /// Which cells are free; by default those that a ray crosses.
+    pub labels: Labels,
     /// Whether facets between free cells and the outside of the hull are part of the surface.
     pub hull: Hull,
 }
 
-impl Default for CarverOptions {
-    fn default() -> Self {
-        Self {
-            free_threshold: NonZeroU64::MIN,
-            hull: Hull::default(),
-        }
-    }
+/// Labels with what they remember.
+#[derive(Clone, Debug)]
+enum Labeling {
+    Votes(Votes),
+    Cut(Box<Cut>),
 }
 
 /// A tetrahedralisation carved by rays; see the [module](self).
@@ -79,16 +75,17 @@ impl Default for CarverOptions {
 /// Ids of points and views are given once and never again. Points at equal positions share a vertex and keep rays of
 /// their own.
 ///
-/// *What it does not do:* it does not judge points (a wrong point carves what is in front of it), and it knows free and
-/// occupied only: what no ray crosses is occupied, seen or not.
+/// *What it does not do:* with [`Labels::Votes`] it does not judge points (a wrong point carves what is in front of it); and
+/// it knows free and occupied only: what no ray crosses is occupied, seen or not.
 #[derive(Clone, Debug)]
 pub struct Carver {
-    labels: Votes,
+    labels: Labeling,
     tetrahedra: Tetrahedralization,
     points: Points,
     views: Views,
     rays: Rays,
     crossings: Crossings,
+    evidence: Evidence,
     facets: Facets,
     changes: Changes,
     scratch: RewalkScratch,
@@ -103,8 +100,12 @@ impl Default for Carver {
 impl Carver {
     /// Nothing seen yet.
     pub fn new(options: CarverOptions) -> Self {
-        let labels = Votes {
-            threshold: options.free_threshold,
+        let (labels, watched, softness) = match options.labels {
+            Labels::Votes(votes) => (Labeling::Votes(votes), votes.threshold.get(), None),
+            Labels::Cut(cut) => {
+                let labels = Labeling::Cut(Box::new(Cut::new(cut)));
+                (labels, u64::MAX, Some(cut.softness()))
+            }
         };
         Self {
             labels,
@@ -112,7 +113,8 @@ impl Carver {
             points: Points::default(),
             views: Views::default(),
             rays: Rays::default(),
-            crossings: Crossings::new(options.free_threshold.get()),
+            crossings: Crossings::new(watched),
+            evidence: Evidence::new(softness),
             facets: Facets::new(options.hull),
             changes: Changes::new(),
             scratch: RewalkScratch::default(),
@@ -122,7 +124,10 @@ impl Carver {
     /// The settings.
     pub fn options(&self) -> CarverOptions {
         CarverOptions {
-            free_threshold: self.labels.threshold,
+            labels: match &self.labels {
+                Labeling::Votes(votes) => Labels::Votes(*votes),
+                Labeling::Cut(cut) => Labels::Cut(cut.options()),
+            },
             hull: self.facets.hull(),
         }
     }
@@ -170,6 +175,11 @@ impl Carver {
         self.points
             .get(point.0)
             .map(|record| VertexId::from_index(record.vertex as usize))
+    }
+
+    /// Standard deviation of a point along its rays, where it was given one.
+    pub fn sigma(&self, point: PointId) -> Option<f64> {
+        self.points.sigma(point.0)
     }
 
     /// Centre of a view; `None` if it was removed or never added.

@@ -12,6 +12,8 @@ pub(super) struct Point {
 pub(super) struct Points {
     records: Vec<Option<Point>>,
     alive: usize,
+    /// Standard deviations of points that have one; shorter than `records` where the last have none.
+    sigmas: Vec<Option<f64>>,
     /// Per vertex the number of points there.
     users: Vec<u32>,
 }
@@ -34,6 +36,19 @@ impl Points {
     /// Ids in use, increasing.
     pub(super) fn ids(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.records.len() as u32).filter(|&p| self.get(p).is_some())
+    }
+
+    /// Standard deviation of a point in use.
+    pub(super) fn sigma(&self, point: u32) -> Option<f64> {
+        self.get(point)?;
+        *self.sigmas.get(point as usize)?
+    }
+
+    pub(super) fn set_sigma(&mut self, point: u32, sigma: Option<f64>) {
+        if self.sigmas.len() <= point as usize {
+            self.sigmas.resize(point as usize + 1, None);
+        }
+        self.sigmas[point as usize] = sigma;
     }
 
     /// Gives out an id for a point that gets its vertex later.

@@ -97,7 +97,9 @@ mod rebuild {
         let mut points = vec![PointId(0); source.next_point().0 as usize];
         for point in in_order(source.points().collect(), reverse) {
             if let Some(position) = source.point(point) {
-                points[point.0 as usize] = transaction.add_point(position)?;
+                let copy = transaction.add_point(position)?;
+                transaction.set_sigma(copy, source.sigma(point))?;
+                points[point.0 as usize] = copy;
             }
         }
         for (view, point, weight) in in_order(source.observations().collect(), reverse) {

@@ -1,11 +1,14 @@
 //! The law: whatever led to a state, tetrahedra, labels and surface are those built from it from scratch.
 
+use std::num::NonZeroU64;
+
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::*;
+use crate::labels::CutOptions;
 
 /// Where the coordinates of a sequence come from.
 #[derive(Clone, Copy, Debug)]
@@ -64,7 +67,7 @@ fn center(rng: &mut ChaCha8Rng, space: Space) -> Point3<f64> {
 fn event(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Event {
     let view = ViewId(rng.random_range(0..carver.next_view().0.max(1)));
     let point = PointId(rng.random_range(0..carver.next_point().0.max(1)));
-    match rng.random_range(0..20) {
+    match rng.random_range(0..22) {
         0..5 => Event::AddPoint {
             position: position(rng, space),
         },
@@ -86,7 +89,16 @@ fn event(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Event {
             view,
             center: center(rng, space),
         },
-        _ => Event::RemoveObservation { view, point },
+        18 => Event::RemoveObservation { view, point },
+        _ => Event::SetSigma {
+            point,
+            sigma: match rng.random_range(0..4) {
+                0 => None,
+                1 => Some(0.0),
+                2 => Some(0.5),
+                _ => Some(rng.random_range(0.0..2.0)),
+            },
+        },
     }
 }
 
@@ -205,8 +217,21 @@ fn run(seed: u64, steps: usize) {
     let _named = Named(seed);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let space = SPACES[(seed % SPACES.len() as u64) as usize];
+    let labels = if rng.random() {
+        Labels::Votes(Votes {
+            threshold: NonZeroU64::new(rng.random_range(1..1500)).unwrap_or(NonZeroU64::MIN),
+        })
+    } else {
+        // On a grid, points behind points lie in cells, on facets, edges and vertices.
+        Labels::Cut(CutOptions {
+            relative_sigma: rng.random_range(0.0..0.3),
+            behind_sigmas: rng.random_range(0.0..3.0),
+            matter_weight: rng.random_range(0.0..4.0),
+            quality_weight: rng.random_range(0.0..300.0),
+        })
+    };
     let options = CarverOptions {
-        free_threshold: NonZeroU64::new(rng.random_range(1..1500)).unwrap_or(NonZeroU64::MIN),
+        labels,
         hull: if rng.random() { Hull::Keep } else { Hull::Drop },
     };
     let mut carver = Carver::new(options);

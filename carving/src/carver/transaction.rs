@@ -31,6 +31,8 @@ pub(super) struct Plan {
     pub(super) new_views: Vec<Option<[f64; 3]>>,
     pub(super) points: FxHashMap<u32, Fate>,
     pub(super) views: FxHashMap<u32, Fate>,
+    /// New standard deviations, of points old and new.
+    pub(super) sigmas: FxHashMap<u32, Option<f64>>,
     /// Final weight of each observation `(view, point)` touched, `None` if there is none any more. Ends that are
     /// removed after all take precedence.
     pub(super) observations: FxHashMap<(u32, u32), Option<u32>>,
@@ -129,6 +131,23 @@ impl<'a> Transaction<'a> {
         }
         self.plan.new_points.push(Some(position));
         Ok(PointId(id as u32))
+    }
+
+    /// Says how well a point is known: the standard deviation of its position along the rays to it, in units of the
+    /// coordinates; `None`, as for new points, leaves it to the labels to assume one. Votes do not ask for it.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError::UnknownPoint`]; [`EventError::Sigma`] when the value is negative, NaN or infinite.
+    pub fn set_sigma(&mut self, point: PointId, sigma: Option<f64>) -> Result<(), EventError> {
+        self.require_point(point)?;
+        if let Some(sigma) = sigma
+            && !(sigma.is_finite() && sigma >= 0.0)
+        {
+            return Err(EventError::Sigma { point, sigma });
+        }
+        self.plan.sigmas.insert(point.0, sigma);
+        Ok(())
     }
 
     /// Lets a view see a point. If it does already, the weights add up.
@@ -248,6 +267,7 @@ impl<'a> Transaction<'a> {
         match event {
             Event::AddView { center } => self.add_view(center).map(|_| ()),
             Event::AddPoint { position } => self.add_point(position).map(|_| ()),
+            Event::SetSigma { point, sigma } => self.set_sigma(point, sigma),
             Event::AddObservation {
                 view,
                 point,

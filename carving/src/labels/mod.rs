@@ -1,8 +1,29 @@
 //! Labels: which cells are free.
 //!
-//! A labelling reads the crossing weights and decides; the surface reads the labels. [`Votes`] decides for every cell by
-//! itself.
+//! A labelling reads what the rays say and decides; the surface reads the labels. [`Votes`] decides for every cell by
+//! itself, [`CutOptions`] for all together: the labels are those of the cheapest surface.
 
+mod cut;
+mod cut_options;
+mod quality;
 mod votes;
 
+pub(crate) use cut::Cut;
+pub use cut_options::{CutOptions, CutOptionsError};
 pub use votes::Votes;
+
+/// How cells are labelled.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Labels {
+    /// Each cell by the weight of the rays across it.
+    Votes(Votes),
+    /// All cells together, by a minimum cut.
+    Cut(CutOptions),
+}
+
+impl Default for Labels {
+    /// One ray frees a cell.
+    fn default() -> Self {
+        Labels::Votes(Votes::default())
+    }
+}

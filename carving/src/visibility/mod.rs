@@ -14,6 +14,7 @@
 //!   searching all cells that it touches;
 //! * `crossings`: per cell the rays that cross it and their total weight;
 //! * `rays`, `views`: the tables;
+//! * `softness`, `evidence`: what a ray says about facets, and the cells behind its point, beyond crossing cells;
 //! * `rewalk`: what to walk again after cells have been destroyed and created.
 //!
 //! # Reference
@@ -26,14 +27,19 @@
 
 mod beam;
 mod crossings;
+mod evidence;
 mod rays;
 mod rewalk;
 mod segment;
+mod softness;
 mod views;
 mod walk;
 
 pub(crate) use crossings::Crossings;
+pub(crate) use evidence::{CellEvidence, Evidence};
 pub(crate) use rays::{RayId, Rays};
 pub(crate) use rewalk::{Rewalk, RewalkScratch};
 pub use segment::{crosses_cell, crosses_ghost};
+pub(crate) use softness::{Softness, UNIT};
 pub(crate) use views::Views;
+pub(crate) use walk::Walker;

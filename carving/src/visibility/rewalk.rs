@@ -22,8 +22,9 @@ use rayon::prelude::*;
 use crate::tetrahedralization::{CellId, Changes, VertexId, hilbert_rank};
 
 use super::crossings::Crossings;
+use super::evidence::Evidence;
 use super::rays::{RayId, Rays};
-use super::segment::crosses_ghost;
+use super::segment::{Exit, crosses_ghost};
 use super::views::Views;
 use super::walk::{WalkScratch, Walker};
 use crate::tetrahedralization::Tetrahedralization;
@@ -84,6 +85,7 @@ pub(crate) struct Rewalk<'a> {
     pub(crate) views: &'a mut Views,
     pub(crate) rays: &'a mut Rays,
     pub(crate) crossings: &'a mut Crossings,
+    pub(crate) evidence: &'a mut Evidence,
     pub(crate) scratch: &'a mut RewalkScratch,
 }
 
@@ -96,6 +98,8 @@ impl Rewalk<'_> {
         self.scratch
             .begin(self.tetrahedra.cell_capacity(), self.rays.capacity());
         self.crossings.grow(self.tetrahedra.cell_capacity());
+        self.evidence
+            .grow(self.tetrahedra.cell_capacity(), self.rays.capacity());
         for cell in changes.created.iter().chain(&changes.reshaped) {
             self.scratch.is_new[cell.index()] = true;
         }
@@ -109,6 +113,7 @@ impl Rewalk<'_> {
         let mut reshaped = Vec::new();
         for &cell in &changes.reshaped {
             self.crossings.take(cell, &mut listed);
+            self.evidence.reset(cell);
             reshaped.push((cell, listed.clone()));
         }
         for (cell, rays) in &reshaped {
@@ -116,6 +121,7 @@ impl Rewalk<'_> {
         }
         for &cell in &changes.destroyed {
             self.crossings.take(cell, &mut listed);
+            self.evidence.reset(cell);
             if self.tetrahedra.dimension() == 3 && !listed.is_empty() {
                 self.rewalk_cell(cell, &listed);
             }
@@ -123,6 +129,11 @@ impl Rewalk<'_> {
         self.scratch.listed = listed;
         self.queue_beside_hull(changes);
         self.rewalk_whole();
+        self.evidence.locate_adrift(&Walker {
+            tetrahedra: self.tetrahedra,
+            views: self.views,
+            rays: self.rays,
+        });
         for cell in changes.created.iter().chain(&changes.reshaped) {
             self.scratch.is_new[cell.index()] = false;
         }
@@ -175,11 +186,12 @@ impl Rewalk<'_> {
             rays: self.rays,
         };
         let RewalkScratch {
-            walk: WalkScratch { cells, .. },
+            walk: WalkScratch { cells, exits, .. },
             is_new,
             ..
         } = &mut *self.scratch;
         cells.clear();
+        exits.clear();
         let within = |cell: CellId| is_new[cell.index()];
         let beam = walker.beam(ray);
         let walked = match entry {
@@ -189,17 +201,18 @@ impl Rewalk<'_> {
                 };
                 walker
                     .last_cell(ray)
-                    .and_then(|last| walker.follow(&beam, front, last, within, cells))
+                    .and_then(|last| walker.follow(&beam, front, last, within, (cells, exits)))
             }
-            None => walker
-                .last_cell(ray)
-                .and_then(|last| walker.follow_from_vertex(&beam, ray, last, within, cells)),
+            None => walker.last_cell(ray).and_then(|last| {
+                walker.follow_from_vertex(&beam, ray, last, within, (cells, exits))
+            }),
         };
         match walked {
             Ok(()) => {
                 let weight = self.rays.weight(ray);
-                for &cell in cells.iter() {
+                for (&cell, &exit) in cells.iter().zip(&*exits) {
                     self.crossings.add(cell, ray, weight);
+                    self.evidence.add(&walker, cell, ray, exit);
                 }
             }
             Err(_) => {
@@ -255,12 +268,28 @@ impl Rewalk<'_> {
             let degenerate = walker.walk(ray, &mut self.scratch.walk);
             self.rays.set_degenerate(ray, degenerate);
             let weight = self.rays.weight(ray);
-            let WalkScratch { cells, beside, .. } = &self.scratch.walk;
-            let crossed = cells.iter().map(|&cell| (cell, weight));
-            for (cell, weight) in crossed.chain(beside.iter().map(|&cell| (cell, 0))) {
-                // Another stretch of the ray may have been recorded before it was found to be degenerate.
-                if self.scratch.is_new[cell.index()] && !self.crossings.contains(cell, ray) {
+            let walker = Walker {
+                tetrahedra: self.tetrahedra,
+                views: self.views,
+                rays: self.rays,
+            };
+            let WalkScratch {
+                cells,
+                exits,
+                beside,
+                ..
+            } = &self.scratch.walk;
+            // Another stretch of the ray may have been recorded before it was found to be degenerate.
+            let is_new = &self.scratch.is_new;
+            for (&cell, &exit) in cells.iter().zip(exits) {
+                if is_new[cell.index()] && !self.crossings.contains(cell, ray) {
                     self.crossings.add(cell, ray, weight);
+                    self.evidence.add(&walker, cell, ray, exit);
+                }
+            }
+            for &cell in beside {
+                if is_new[cell.index()] && !self.crossings.contains(cell, ray) {
+                    self.crossings.add(cell, ray, 0);
                 }
             }
         }
@@ -299,23 +328,27 @@ impl Rewalk<'_> {
             views: self.views,
             rays: self.rays,
         };
-        // Per chunk the cells of its rays one after another, and per ray where they end, if it is not degenerate.
-        let walked: Vec<(Vec<CellId>, Vec<Option<usize>>)> = block
+        // Per chunk the cells of its rays one after another with the exits, and per ray where they end, if it is not
+        // degenerate.
+        type Walked = ((Vec<CellId>, Vec<Exit>), Vec<Option<usize>>);
+        let walked: Vec<Walked> = block
             .par_chunks(PARALLEL_CHUNK)
             .map(|chunk| {
-                let (mut cells, mut ends) = (Vec::new(), Vec::with_capacity(chunk.len()));
+                let (mut cells, mut exits) = (Vec::new(), Vec::new());
+                let mut ends = Vec::with_capacity(chunk.len());
                 for &ray in chunk {
                     let before = cells.len();
-                    let strict = walker.walk_strict(ray, &mut cells);
+                    let strict = walker.walk_strict(ray, (&mut cells, &mut exits));
                     if strict.is_err() {
                         cells.truncate(before);
+                        exits.truncate(before);
                     }
                     ends.push(strict.ok().map(|()| cells.len()));
                 }
-                (cells, ends)
+                ((cells, exits), ends)
             })
             .collect();
-        for (chunk, (cells, ends)) in block.chunks(PARALLEL_CHUNK).zip(&walked) {
+        for (chunk, ((cells, exits), ends)) in block.chunks(PARALLEL_CHUNK).zip(&walked) {
             let mut begin = 0;
             for (&ray, end) in chunk.iter().zip(ends) {
                 let Some(end) = *end else {
@@ -324,9 +357,16 @@ impl Rewalk<'_> {
                 };
                 self.rays.set_degenerate(ray, false);
                 let weight = self.rays.weight(ray);
-                for &cell in &cells[begin..end] {
+                let walker = Walker {
+                    tetrahedra: self.tetrahedra,
+                    views: self.views,
+                    rays: self.rays,
+                };
+                for (&cell, &exit) in cells[begin..end].iter().zip(&exits[begin..end]) {
                     self.crossings.add(cell, ray, weight);
+                    self.evidence.add(&walker, cell, ray, exit);
                 }
+                self.evidence.place(&walker, ray);
                 begin = end;
             }
         }
@@ -341,12 +381,20 @@ impl Rewalk<'_> {
         let degenerate = walker.walk(ray, &mut self.scratch.walk);
         self.rays.set_degenerate(ray, degenerate);
         let weight = self.rays.weight(ray);
-        for &cell in &self.scratch.walk.cells {
+        let walker = Walker {
+            tetrahedra: self.tetrahedra,
+            views: self.views,
+            rays: self.rays,
+        };
+        let walk = &self.scratch.walk;
+        for (&cell, &exit) in walk.cells.iter().zip(&walk.exits) {
             self.crossings.add(cell, ray, weight);
+            self.evidence.add(&walker, cell, ray, exit);
         }
-        for &cell in &self.scratch.walk.beside {
+        for &cell in &walk.beside {
             self.crossings.add(cell, ray, 0);
         }
+        self.evidence.place(&walker, ray);
     }
 
     /// Takes rays out of all lists. The lists concerned are found by walking each ray once more, and then passed over
@@ -367,9 +415,11 @@ impl Rewalk<'_> {
             scratch.queued[ray.0 as usize] = scratch.update;
             walker.walk(ray, &mut scratch.walk);
             let weight = self.rays.weight(ray);
-            for &cell in &scratch.walk.cells {
+            for (&cell, &exit) in scratch.walk.cells.iter().zip(&scratch.walk.exits) {
                 self.crossings.lighten(cell, weight);
+                self.evidence.subtract(&walker, cell, ray, exit);
             }
+            self.evidence.lift(&walker, ray);
             for &cell in scratch.walk.cells.iter().chain(&scratch.walk.beside) {
                 if !std::mem::replace(&mut scratch.is_new[cell.index()], true) {
                     concerned.push(cell);

@@ -118,6 +118,32 @@ pub fn crosses_ghost(center: &[f64; 3], target: &[f64; 3], facet: [&[f64; 3]; 3]
     inside(a, b) && inside(b, c) && inside(c, a)
 }
 
+/// Where a ray leaves a cell on its way from its target to its centre.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Exit {
+    /// Through the open interior of the facet opposite this corner.
+    Through(usize),
+    /// It does not: the closed cell holds the centre.
+    AtCenter,
+    /// Through an edge or a vertex; or the cell is a ghost.
+    Elsewhere,
+}
+
+/// Where a ray leaves a positively oriented cell that it crosses.
+pub(super) fn exit(center: &[f64; 3], target: &[f64; 3], cell: [&[f64; 3]; 4]) -> Exit {
+    let passage = Passage::new(center, target, cell);
+    if passage.at_center.iter().all(|&side| side >= 0.0) {
+        return Exit::AtCenter;
+    }
+    let is_pierced = |i: usize| {
+        let opposite_sides = passage.at_center[i] < 0.0 && passage.at_target[i] > 0.0;
+        opposite_sides && (0..4).all(|j| j == i || passage.order(i, j) < 0.0)
+    };
+    (0..4)
+        .find(|&i| is_pierced(i))
+        .map_or(Exit::Elsewhere, Exit::Through)
+}
+
 /// What a closed segment and a closed cell have in common.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Relation {

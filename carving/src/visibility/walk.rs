@@ -9,7 +9,7 @@ use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 
 use super::beam::{Beam, Corner};
 use super::rays::{RayId, Rays};
-use super::segment::{Relation, crosses_ghost, relate};
+use super::segment::{Exit, Relation, crosses_ghost, exit, relate};
 use super::views::{Viewpoint, Views};
 
 /// The ray meets an edge or a vertex on its way, or runs inside a facet.
@@ -37,6 +37,8 @@ enum Departure {
 pub(crate) struct WalkScratch {
     /// Cells that the ray of the latest walk crosses.
     pub(crate) cells: Vec<CellId>,
+    /// Where it leaves each of them.
+    pub(crate) exits: Vec<Exit>,
     /// Cells that it does not cross, while a part of it runs in their boundary; of ghost cells, in their hull facet.
     pub(crate) beside: Vec<CellId>,
     queue: Vec<CellId>,
@@ -130,7 +132,7 @@ impl<'a> Walker<'a> {
         })
     }
 
-    /// Appends to `cells` those from `front` on, up to the last that satisfies `within`, the last of the ray, or the
+    /// Appends to the cells, and where it leaves each, those from `front` on, up to the last that satisfies `within`, the last of the ray, or the
     /// ghost cell by which the ray leaves the hull.
     #[inline]
     pub(super) fn follow(
@@ -139,7 +141,7 @@ impl<'a> Walker<'a> {
         front: Front,
         last: Option<CellId>,
         within: impl Fn(CellId) -> bool,
-        cells: &mut Vec<CellId>,
+        (cells, exits): (&mut Vec<CellId>, &mut Vec<Exit>),
     ) -> Result<(), Degenerate> {
         let Front {
             mut cell,
@@ -149,10 +151,12 @@ impl<'a> Walker<'a> {
         while within(cell) {
             cells.push(cell);
             if last == Some(cell) {
+                exits.push(Exit::AtCenter);
                 break;
             }
             let vertices = self.tetrahedra.cell_vertices(cell);
             if vertices[3].is_ghost() {
+                exits.push(Exit::Elsewhere);
                 break;
             }
             // The ray leaves through the facet of the new corner whose two outer edges it passes on the right side.
@@ -187,6 +191,7 @@ impl<'a> Walker<'a> {
                 _ => std::mem::replace(&mut c, v),
             };
             let exit = slot_of(&vertices, dropped.vertex);
+            exits.push(Exit::Through(exit));
             (cell, back) = self.tetrahedra.neighbor(cell, exit);
         }
         Ok(())
@@ -240,18 +245,19 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Appends to `cells` those that satisfy `within`, from the ray's vertex until the first that does not.
+    /// Appends to the cells, and where it leaves each, those that satisfy `within`, from the ray's vertex until the first that does not.
     pub(super) fn follow_from_vertex(
         &self,
         beam: &Beam,
         ray: RayId,
         last: Option<CellId>,
         within: impl Fn(CellId) -> bool,
-        cells: &mut Vec<CellId>,
+        (cells, exits): (&mut Vec<CellId>, &mut Vec<Exit>),
     ) -> Result<(), Degenerate> {
         match self.depart(beam, self.target(ray))? {
             Departure::Away(ghost) => {
                 self.ghosts_in_sight(ray, ghost, within, cells);
+                exits.resize(cells.len(), Exit::Elsewhere);
                 Ok(())
             }
             Departure::Into(cell, front) => {
@@ -260,9 +266,13 @@ impl<'a> Walker<'a> {
                 }
                 cells.push(cell);
                 if last == Some(cell) {
+                    exits.push(Exit::AtCenter);
                     return Ok(());
                 }
-                self.follow(beam, front, last, within, cells)
+                let vertices = self.tetrahedra.cell_vertices(cell);
+                let target = self.rays.vertex(ray);
+                exits.push(Exit::Through(slot_of(&vertices, target)));
+                self.follow(beam, front, last, within, (cells, exits))
             }
         }
     }
@@ -323,23 +333,25 @@ impl<'a> Walker<'a> {
     /// Linear in the number of cells crossed; for degenerate rays in that of cells touched.
     pub(crate) fn walk(&self, ray: RayId, scratch: &mut WalkScratch) -> bool {
         scratch.cells.clear();
+        scratch.exits.clear();
         scratch.beside.clear();
-        let strict = self.walk_strict(ray, &mut scratch.cells);
+        let strict = self.walk_strict(ray, (&mut scratch.cells, &mut scratch.exits));
         if strict == Err(Degenerate) {
             scratch.cells.clear();
+            scratch.exits.clear();
             self.walk_wide(ray, scratch);
         }
         strict == Err(Degenerate)
     }
 
-    /// Appends to `cells` those that the ray crosses; gives up, with part of them appended, where it is degenerate.
+    /// Appends to the cells, and where it leaves each, those that the ray crosses; gives up, with part of them appended, where it is degenerate.
     pub(super) fn walk_strict(
         &self,
         ray: RayId,
-        cells: &mut Vec<CellId>,
+        steps: (&mut Vec<CellId>, &mut Vec<Exit>),
     ) -> Result<(), Degenerate> {
         let last = self.last_cell(ray)?;
-        self.follow_from_vertex(&self.beam(ray), ray, last, |_| true, cells)
+        self.follow_from_vertex(&self.beam(ray), ray, last, |_| true, steps)
     }
 
     /// All cells that a ray in any position crosses or runs beside.
@@ -366,13 +378,17 @@ impl<'a> Walker<'a> {
                 let facet = [0, 1, 2].map(|k| tetrahedra.coordinates(vertices[k]));
                 if crosses_ghost(center, end, facet) {
                     scratch.cells.push(cell);
+                    scratch.exits.push(Exit::Elsewhere);
                 }
                 continue;
             }
             let corners = vertices.map(|v| tetrahedra.coordinates(v));
             let relation = relate(center, end, corners);
             match relation {
-                Relation::Crosses => scratch.cells.push(cell),
+                Relation::Crosses => {
+                    scratch.cells.push(cell);
+                    scratch.exits.push(exit(center, end, corners));
+                }
                 Relation::RunsInBoundary { facets } => {
                     scratch.beside.push(cell);
                     for facet in (0..4).filter(|&facet| facets[facet]) {

@@ -1,0 +1,283 @@
+//! Nodes, arcs and what may be changed about them.
+
+use std::collections::VecDeque;
+
+/// A node of a [`Network`].
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct NodeId(pub u32);
+
+/// Stands for no joint.
+pub(super) const NOWHERE: u32 = u32::MAX;
+
+/// What connects a node to its tree.
+pub(super) mod parent {
+    /// An excess or a deficit of its own. Smaller values are the slot of the arc to the parent.
+    pub(in super::super) const ROOT: u8 = 4;
+    /// Nothing: in no tree, or an orphan.
+    pub(in super::super) const NONE: u8 = 5;
+}
+
+/// The search tree that a node belongs to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Tree {
+    /// Reached from no terminal.
+    None,
+    /// The source reaches it through arcs with a residual.
+    Source,
+    /// It reaches the sink through arcs with a residual.
+    Sink,
+}
+
+/// A node with its outgoing arcs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Node {
+    /// What the arc of each slot can still take.
+    pub(super) residual: [i64; 4],
+    /// The slot at the other end, as `4 * node + slot`.
+    pub(super) across: [u32; 4],
+    /// What the terminal grants minus what leaves by the arcs. Positive: supply left; negative: demand left.
+    pub(super) excess: i64,
+    /// Steps to the root, as known at `stamp`.
+    pub(super) distance: u32,
+    pub(super) stamp: u32,
+    pub(super) parent: u8,
+    pub(super) tree: Tree,
+    pub(super) is_active: bool,
+    pub(super) is_touched: bool,
+}
+
+impl Node {
+    const EMPTY: Node = Node {
+        residual: [0; 4],
+        across: [NOWHERE; 4],
+        excess: 0,
+        distance: 0,
+        stamp: 0,
+        parent: parent::NONE,
+        tree: Tree::None,
+        is_active: false,
+        is_touched: false,
+    };
+
+    /// The node across a slot and the slot by which that node looks back.
+    #[inline]
+    pub(super) fn across(&self, slot: usize) -> Option<(usize, usize)> {
+        let packed = self.across[slot];
+        (packed != NOWHERE).then_some(((packed >> 2) as usize, (packed & 3) as usize))
+    }
+}
+
+/// A flow network of nodes with four slots each; see the [module](super).
+///
+/// Capacities and terminals are at most 2^60 in size, and so must be the sum of all terminals of one sign. About 120
+/// bytes a node.
+#[derive(Clone, Debug, Default)]
+pub struct Network {
+    pub(super) nodes: Vec<Node>,
+    pub(super) capacities: Vec<[i64; 4]>,
+    pub(super) terminals: Vec<i64>,
+    /// Number of the current repair of the trees, for `Node::stamp`.
+    pub(super) time: u32,
+    pub(super) touched: Vec<u32>,
+    pub(super) active: VecDeque<u32>,
+    pub(super) orphans: VecDeque<u32>,
+    pub(super) flipped: Vec<NodeId>,
+}
+
+impl Network {
+    /// No nodes.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    /// Adds nodes without arcs until there are `nodes`, 2^30 - 1 at most.
+    pub fn grow(&mut self, nodes: usize) {
+        if self.nodes.len() < nodes {
+            self.nodes.resize(nodes, Node::EMPTY);
+            self.capacities.resize(nodes, [0; 4]);
+            self.terminals.resize(nodes, 0);
+        }
+    }
+
+    /// Takes all joints, terminals and flow away. Every node is on the sink side then.
+    pub fn clear(&mut self) {
+        for index in 0..self.nodes.len() {
+            if self.nodes[index].tree == Tree::Source {
+                self.flipped.push(NodeId(index as u32));
+            }
+        }
+        self.nodes.fill(Node::EMPTY);
+        self.capacities.fill([0; 4]);
+        self.terminals.fill(0);
+        self.touched.clear();
+        self.active.clear();
+        self.orphans.clear();
+        self.time = 0;
+    }
+
+    #[inline]
+    pub(super) fn touch(&mut self, node: usize) {
+        if !std::mem::replace(&mut self.nodes[node].is_touched, true) {
+            self.touched.push(node as u32);
+        }
+    }
+
+    /// Joins a slot of one node with a slot of another, after cutting what they were joined with. The arcs of a new joint
+    /// have capacity zero. Nothing happens where the two are joined already.
+    ///
+    /// # Panics
+    ///
+    /// For nodes and slots that do not exist.
+    pub fn join(&mut self, a: NodeId, a_slot: usize, b: NodeId, b_slot: usize) {
+        let pack = |node: NodeId, slot: usize| node.0 << 2 | slot as u32;
+        let (a_index, b_index) = (a.0 as usize, b.0 as usize);
+        if self.nodes[a_index].across[a_slot] == pack(b, b_slot) {
+            return;
+        }
+        self.cut_joint(a, a_slot);
+        self.cut_joint(b, b_slot);
+        self.nodes[a_index].across[a_slot] = pack(b, b_slot);
+        self.nodes[b_index].across[b_slot] = pack(a, a_slot);
+    }
+
+    /// Takes a joint away, with its two arcs. What flowed there becomes an excess before it and a deficit behind it.
+    ///
+    /// # Panics
+    ///
+    /// For nodes and slots that do not exist.
+    pub fn cut_joint(&mut self, node: NodeId, slot: usize) {
+        let node = node.0 as usize;
+        let Some((other, back)) = self.nodes[node].across(slot) else {
+            return;
+        };
+        let flow = self.capacities[node][slot] - self.nodes[node].residual[slot];
+        self.nodes[node].excess += flow;
+        self.nodes[other].excess -= flow;
+        for (node, slot) in [(node, slot), (other, back)] {
+            self.capacities[node][slot] = 0;
+            let state = &mut self.nodes[node];
+            state.residual[slot] = 0;
+            state.across[slot] = NOWHERE;
+            if usize::from(state.parent) == slot {
+                state.parent = parent::NONE;
+            }
+            self.touch(node);
+        }
+    }
+
+    /// Takes all joints and the terminal of a node away.
+    ///
+    /// # Panics
+    ///
+    /// For nodes that do not exist.
+    pub fn isolate(&mut self, node: NodeId) {
+        for slot in 0..4 {
+            self.cut_joint(node, slot);
+        }
+        self.set_terminal(node, 0);
+    }
+
+    /// Sets what a node may take from the source, minus what it may give to the sink.
+    ///
+    /// Of two arcs, one from the source and one to the sink, only the difference matters to the cut.
+    ///
+    /// # Panics
+    ///
+    /// For nodes that do not exist.
+    pub fn set_terminal(&mut self, node: NodeId, granted: i64) {
+        let node = node.0 as usize;
+        let before = std::mem::replace(&mut self.terminals[node], granted);
+        if before != granted {
+            self.nodes[node].excess += granted - before;
+            self.touch(node);
+        }
+    }
+
+    /// Sets the capacity of the arc that leaves a node by a slot; without effect where the slot is not joined.
+    ///
+    /// What flowed there beyond the new capacity becomes an excess before the arc and a deficit behind it.
+    ///
+    /// # Panics
+    ///
+    /// For nodes and slots that do not exist; with debug assertions for negative capacities.
+    pub fn set_capacity(&mut self, node: NodeId, slot: usize, capacity: i64) {
+        debug_assert!(capacity >= 0, "capacities are not negative");
+        let node = node.0 as usize;
+        let Some((other, back)) = self.nodes[node].across(slot) else {
+            return;
+        };
+        let before = std::mem::replace(&mut self.capacities[node][slot], capacity);
+        if before == capacity {
+            return;
+        }
+        let residual = self.nodes[node].residual[slot] + (capacity - before);
+        self.nodes[node].residual[slot] = residual.max(0);
+        if residual < 0 {
+            self.nodes[node].excess -= residual;
+            self.nodes[other].excess += residual;
+            self.nodes[other].residual[back] += residual;
+        }
+        self.touch(node);
+        self.touch(other);
+    }
+
+    /// Capacity of the arc that leaves a node by a slot.
+    ///
+    /// # Panics
+    ///
+    /// For nodes and slots that do not exist.
+    pub fn capacity(&self, node: NodeId, slot: usize) -> i64 {
+        self.capacities[node.0 as usize][slot]
+    }
+
+    /// Whether the source reaches the node in the residual graph, as of the latest [`maximize`](Self::maximize).
+    ///
+    /// # Panics
+    ///
+    /// For nodes that do not exist.
+    #[inline]
+    pub fn is_source_side(&self, node: NodeId) -> bool {
+        self.nodes[node.0 as usize].tree == Tree::Source
+    }
+
+    /// Nodes that may have changed sides since the list was last emptied, in no particular order and possibly repeated.
+    pub fn flipped(&mut self) -> &mut Vec<NodeId> {
+        &mut self.flipped
+    }
+
+    /// What the cut costs: the arcs from source side to sink side, demands on the source side and supplies on the sink side.
+    /// After [`maximize`](Self::maximize) that is the maximum flow.
+    ///
+    /// # Complexity
+    ///
+    /// Linear in the number of nodes.
+    pub fn cut_value(&self) -> i64 {
+        let mut value = 0;
+        for (index, node) in self.nodes.iter().enumerate() {
+            let terminal = self.terminals[index];
+            if node.tree != Tree::Source {
+                value += terminal.max(0);
+                continue;
+            }
+            value += (-terminal).max(0);
+            for slot in 0..4 {
+                if let Some((other, _)) = node.across(slot)
+                    && self.nodes[other].tree != Tree::Source
+                {
+                    value += self.capacities[index][slot];
+                }
+            }
+        }
+        value
+    }
+}

@@ -1,0 +1,165 @@
+//! Labels by minimum cut, kept up to date.
+
+use crate::flow::{FlowViolation, Network, NodeId};
+use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
+use crate::visibility::{CellEvidence, Evidence};
+
+use super::cut_options::CutOptions;
+use super::quality::cosines;
+
+/// The network of cells: one node a cell, one joint a facet between finite cells.
+///
+/// A cell grants what is said for free space in it minus what is said for matter, and an arc into a cell has the cost of
+/// entering matter there. Ghost cells are not joined: what rays bring from outside comes from the source.
+#[derive(Clone, Debug)]
+pub(crate) struct Cut {
+    options: CutOptions,
+    quality: i64,
+    network: Network,
+    /// Per cell and facet; see [`cosines`].
+    cosines: Vec<[i16; 4]>,
+    touched: Vec<CellId>,
+    flipped: Vec<CellId>,
+}
+
+fn node(cell: CellId) -> NodeId {
+    NodeId(cell.index() as u32)
+}
+
+impl Cut {
+    pub(crate) fn new(options: CutOptions) -> Self {
+        Self {
+            options,
+            quality: options.quality_units(),
+            network: Network::new(),
+            cosines: Vec::new(),
+            touched: Vec::new(),
+            flipped: Vec::new(),
+        }
+    }
+
+    pub(crate) fn options(&self) -> CutOptions {
+        self.options
+    }
+
+    /// Whether a cell is free; ghost cells never are.
+    #[inline]
+    pub(crate) fn is_free(&self, cell: CellId) -> bool {
+        self.network.is_source_side(node(cell))
+    }
+
+    /// Follows a change of cells and evidence. Afterwards [`flipped`](Self::flipped) lists the cells whose label may have
+    /// changed.
+    ///
+    /// # Complexity
+    ///
+    /// Follows the cells that changed and the flow to be rerouted.
+    pub(crate) fn update(
+        &mut self,
+        tetrahedra: &Tetrahedralization,
+        changes: &Changes,
+        evidence: &mut Evidence,
+    ) {
+        self.network.grow(tetrahedra.cell_capacity());
+        self.cosines.resize(tetrahedra.cell_capacity(), [0; 4]);
+        for &cell in &changes.destroyed {
+            self.network.isolate(node(cell));
+        }
+        for &cell in changes.created.iter().chain(&changes.reshaped) {
+            evidence.touch(cell);
+            for neighbor in tetrahedra.neighbors(cell) {
+                evidence.touch(neighbor);
+            }
+            if tetrahedra.is_ghost(cell) {
+                continue;
+            }
+            let vertices = tetrahedra.cell_vertices(cell);
+            self.cosines[cell.index()] = cosines(vertices.map(|v| tetrahedra.coordinates(v)));
+            for facet in 0..4 {
+                let (other, back) = tetrahedra.neighbor(cell, facet);
+                if !tetrahedra.is_ghost(other) {
+                    self.network.join(node(cell), facet, node(other), back);
+                }
+            }
+        }
+        let mut touched = std::mem::take(&mut self.touched);
+        evidence.take_touched(&mut touched);
+        for &cell in &touched {
+            if tetrahedra.is_cell(cell) && !tetrahedra.is_ghost(cell) {
+                self.settle(tetrahedra, cell, evidence.of(cell));
+            }
+        }
+        self.touched = touched;
+        self.network.maximize();
+        self.flipped.clear();
+        let flipped = self.network.flipped().drain(..);
+        self.flipped
+            .extend(flipped.map(|node| CellId::from_index(node.0 as usize)));
+    }
+
+    /// Cells whose label may have changed by the latest update, in no particular order and possibly repeated.
+    pub(crate) fn flipped(&self) -> &[CellId] {
+        &self.flipped
+    }
+
+    /// Sets the terminal of a cell and the capacities of the arcs into it.
+    fn settle(&mut self, tetrahedra: &Tetrahedralization, cell: CellId, sums: &CellEvidence) {
+        let mut granted = sums.free as i64 - sums.matter as i64;
+        for facet in 0..4 {
+            let (other, back) = tetrahedra.neighbor(cell, facet);
+            if tetrahedra.is_ghost(other) {
+                granted += sums.entered[facet] as i64;
+            } else {
+                let capacity = self.capacity(cell, facet, other, back, sums);
+                self.network.set_capacity(node(other), back, capacity);
+            }
+        }
+        self.network.set_terminal(node(cell), granted);
+    }
+
+    /// Cost of a surface at a facet whose matter is in `cell`.
+    fn capacity(
+        &self,
+        cell: CellId,
+        facet: usize,
+        other: CellId,
+        back: usize,
+        sums: &CellEvidence,
+    ) -> i64 {
+        let cosine = self.cosines[cell.index()][facet].min(self.cosines[other.index()][back]);
+        let shape = self.quality * (crate::visibility::UNIT as i64 - i64::from(cosine));
+        sums.entered[facet] as i64 + shape / crate::visibility::UNIT as i64
+    }
+
+    /// Verifies the flow, and that capacities are what the evidence says; `Ok(Some(cell))` names one where they are not.
+    pub(crate) fn check(
+        &self,
+        tetrahedra: &Tetrahedralization,
+        evidence: &Evidence,
+    ) -> Result<Option<CellId>, FlowViolation> {
+        self.network.check()?;
+        for cell in tetrahedra.cells() {
+            if tetrahedra.is_ghost(cell) {
+                if self.is_free(cell) {
+                    return Ok(Some(cell));
+                }
+                continue;
+            }
+            let vertices = tetrahedra.cell_vertices(cell);
+            if self.cosines[cell.index()] != cosines(vertices.map(|v| tetrahedra.coordinates(v))) {
+                return Ok(Some(cell));
+            }
+            for facet in 0..4 {
+                let (other, back) = tetrahedra.neighbor(cell, facet);
+                if tetrahedra.is_ghost(other) {
+                    continue;
+                }
+                let expected = self.capacity(cell, facet, other, back, evidence.of(cell));
+                if self.network.capacity(node(other), back) != expected {
+                    return Ok(Some(cell));
+                }
+            }
+        }
+        Ok(None)
+    }
+}

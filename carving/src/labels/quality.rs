@@ -1,0 +1,105 @@
+//! How well a facet fits into the empty spheres of its two cells.
+
+use crate::visibility::UNIT;
+
+fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// For the facet opposite each corner the cosine of its angle with the circumsphere, in units of 1/[`UNIT`]: 1 when the
+/// sphere's centre is far inside, -1 when it is far on the other side of the facet. 0 where rounding leaves nothing.
+///
+/// The result depends on positions alone, not on the order of the corners.
+pub(super) fn cosines(corners: [&[f64; 3]; 4]) -> [i16; 4] {
+    let mut order = [0, 1, 2, 3];
+    order.sort_unstable_by(|&i, &j| {
+        let pairs = corners[i].iter().zip(corners[j]);
+        pairs
+            .map(|(a, b)| a.total_cmp(b))
+            .fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
+    });
+    let p = order.map(|i| corners[i]);
+    // The circumcentre relative to the first corner.
+    let edges = [1, 2, 3].map(|k| minus(p[k], p[0]));
+    let normals = [
+        cross(&edges[1], &edges[2]),
+        cross(&edges[2], &edges[0]),
+        cross(&edges[0], &edges[1]),
+    ];
+    let twice_determinant = 2.0 * dot(&edges[0], &normals[0]);
+    let squares = edges.map(|e| dot(&e, &e));
+    let center: [f64; 3] = std::array::from_fn(|k| {
+        (0..3).map(|i| squares[i] * normals[i][k]).sum::<f64>() / twice_determinant
+    });
+    let radius = dot(&center, &center).sqrt();
+    let mut cosines = [0; 4];
+    for opposite in 0..4 {
+        let [a, b, c] = match opposite {
+            0 => [1, 2, 3],
+            1 => [0, 2, 3],
+            2 => [0, 1, 3],
+            _ => [0, 1, 2],
+        };
+        let normal = cross(&minus(p[b], p[a]), &minus(p[c], p[a]));
+        let inwards = dot(&normal, &minus(p[opposite], p[a])).signum();
+        let from_corner = minus(&center, &minus(p[a], p[0]));
+        let cosine = inwards * dot(&normal, &from_corner) / (dot(&normal, &normal).sqrt() * radius);
+        // A cast takes NaN to 0.
+        cosines[order[opposite]] = (cosine.clamp(-1.0, 1.0) * UNIT as f64).round() as i16;
+    }
+    cosines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_regular_cell_has_a_third_and_the_order_of_corners_does_not_matter() {
+        let p = [
+            [1.0, 1.0, 1.0],
+            [1.0, -1.0, -1.0],
+            [-1.0, 1.0, -1.0],
+            [-1.0, -1.0, 1.0],
+        ];
+        // The centre is at a third of the circumradius from each facet: 256 / 3.
+        assert_eq!(cosines([&p[0], &p[1], &p[2], &p[3]]), [85; 4]);
+        let q = [
+            [0.3, 0.1, 0.2],
+            [2.0, 0.4, 0.1],
+            [0.2, 3.0, 0.3],
+            [0.5, 0.4, 0.9],
+        ];
+        let all = cosines([&q[0], &q[1], &q[2], &q[3]]);
+        assert_eq!(
+            cosines([&q[3], &q[1], &q[0], &q[2]]),
+            [all[3], all[1], all[0], all[2]]
+        );
+    }
+
+    #[test]
+    fn a_flat_cell_is_bad_on_the_side_away_from_its_centre() {
+        // Three corners of a wide triangle and a low apex over its middle: the centre is far below.
+        let p = [
+            [0.0, 0.0, 0.0],
+            [2.0, 0.0, 0.0],
+            [0.0, 2.0, 0.0],
+            [0.6, 0.6, 0.05],
+        ];
+        let cosines = cosines([&p[0], &p[1], &p[2], &p[3]]);
+        assert!(cosines[3] < -240, "{cosines:?}");
+        assert!(cosines[..3].iter().all(|&c| c > 200), "{cosines:?}");
+    }
+}

@@ -1,0 +1,179 @@
+//! What one ray says about one facet: how sure it is that the facet is not matter.
+
+use super::segment::{Exit, exit};
+
+/// How far from its point a ray speaks for free space. Without units: lengths come from a point's own standard deviation, or
+/// from the length of the ray where there is none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Softness {
+    /// Standard deviation of points without their own, as a share of the ray's length.
+    pub(crate) relative_sigma: f64,
+    /// Points are tied to matter so many standard deviations behind them.
+    pub(crate) behind_sigmas: f64,
+    /// Weight of that tie, in `UNIT`s of the ray's.
+    pub(crate) tie: u64,
+}
+
+/// Full weight of a ray of weight 1. Contributions are rounded to integers one by one, so their sums do not depend on the
+/// order.
+pub(crate) const UNIT: u64 = 256;
+/// A ray counts for this many at most. With [`UNIT`], and four billion rays, sums stay below 2^60.
+pub(crate) const MAX_WEIGHT: u32 = (1 << 16) - 1;
+
+/// A ray as evidence.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sight<'a> {
+    pub(crate) center: &'a [f64; 3],
+    pub(crate) target: &'a [f64; 3],
+    /// Standard deviation of the target along the ray.
+    pub(crate) sigma: Option<f64>,
+    pub(crate) weight: u32,
+}
+
+fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn precedes(a: &[f64; 3], b: &[f64; 3]) -> bool {
+    (a[0], a[1], a[2]) < (b[0], b[1], b[2])
+}
+
+/// The corners of a facet in an order that depends on their positions alone, so that rounding is the same whatever the
+/// ids.
+fn in_order([mut a, mut b, mut c]: [&[f64; 3]; 3]) -> [&[f64; 3]; 3] {
+    if precedes(b, a) {
+        std::mem::swap(&mut a, &mut b);
+    }
+    if precedes(c, b) {
+        std::mem::swap(&mut b, &mut c);
+        if precedes(b, a) {
+            std::mem::swap(&mut a, &mut b);
+        }
+    }
+    [a, b, c]
+}
+
+impl Sight<'_> {
+    /// The ray's weight in `UNIT`s of nothing less.
+    #[inline]
+    pub(crate) fn full(&self) -> u64 {
+        u64::from(self.weight.min(MAX_WEIGHT)) * UNIT
+    }
+
+    /// The weight of the tie to matter behind the target.
+    #[inline]
+    pub(crate) fn tie(&self, softness: &Softness) -> u64 {
+        u64::from(self.weight.min(MAX_WEIGHT)) * softness.tie
+    }
+
+    /// `w (1 - exp(-d^2 / 2 s^2))`, rounded, for a facet that the ray pierces at distance `d` from its target.
+    pub(crate) fn cost(&self, softness: &Softness, facet: [&[f64; 3]; 3]) -> u64 {
+        /// From this exponent on the weight is rounded to its full amount.
+        const SATURATED: f64 = 8.0;
+        let [a, b, c] = in_order(facet);
+        let normal = cross(&minus(b, a), &minus(c, a));
+        let ray = minus(self.center, self.target);
+        let share = dot(&normal, &minus(a, self.target)) / dot(&normal, &ray);
+        let deviations = match self.sigma {
+            Some(sigma) => share * dot(&ray, &ray).sqrt() / sigma,
+            None => share / softness.relative_sigma,
+        };
+        let exponent = 0.5 * deviations * deviations;
+        let soft = if exponent < SATURATED {
+            (-(-exponent).exp_m1() * UNIT as f64).round() as u64
+        } else {
+            // Also for deviations of zero, and where the facet is so thin that its plane is lost in rounding.
+            UNIT
+        };
+        u64::from(self.weight.min(MAX_WEIGHT)) * soft
+    }
+
+    /// Where matter is expected: behind the target as seen from the centre.
+    pub(crate) fn behind(&self, softness: &Softness) -> [f64; 3] {
+        let ray = minus(self.target, self.center);
+        /// Of the ray's length: however sure the point, the place is behind it and not at it.
+        const LEAST: f64 = 1.0 / (1 << 20) as f64;
+        let share = softness.behind_sigmas
+            * match self.sigma {
+                Some(sigma) => sigma / dot(&ray, &ray).sqrt(),
+                None => softness.relative_sigma,
+            };
+        let share = share.max(LEAST);
+        std::array::from_fn(|k| self.target[k] + share * ray[k])
+    }
+
+    /// Where the ray leaves a finite cell that it crosses, by the rule alone.
+    pub(crate) fn exit(&self, cell: [&[f64; 3]; 4]) -> Exit {
+        exit(self.center, self.target, cell)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HARD: Softness = Softness {
+        relative_sigma: 0.01,
+        behind_sigmas: 2.0,
+        tie: UNIT,
+    };
+
+    #[test]
+    fn the_cost_rises_from_nothing_to_the_full_weight() {
+        let facet = |z: f64| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]];
+        let sight = Sight {
+            center: &[0.25, 0.25, 10.0],
+            target: &[0.25, 0.25, 0.0],
+            sigma: Some(0.5),
+            weight: 3,
+        };
+        let cost = |z: f64| {
+            let [a, b, c] = facet(z);
+            let cost = sight.cost(&HARD, [&a, &b, &c]);
+            for order in [[&b, &c, &a], [&c, &b, &a], [&a, &c, &b]] {
+                assert_eq!(sight.cost(&HARD, order), cost);
+            }
+            cost
+        };
+        // 1 - exp(-1/2) = 0.39347, of 256: 100.7.
+        assert_eq!([cost(0.0), cost(0.5), cost(5.0)], [0, 303, 768]);
+        let relative = Sight {
+            sigma: None,
+            ..sight
+        };
+        let [a, b, c] = facet(0.1);
+        assert_eq!(relative.cost(&HARD, [&a, &b, &c]), 303);
+        let behind = relative.behind(&HARD);
+        assert!((behind[2] + 0.2).abs() < 1e-12, "{behind:?}");
+        assert_eq!(sight.behind(&HARD), [0.25, 0.25, -1.0]);
+    }
+
+    #[test]
+    fn a_deviation_of_zero_makes_every_facet_hard() {
+        let sight = Sight {
+            center: &[0.25, 0.25, 10.0],
+            target: &[0.25, 0.25, 0.0],
+            sigma: Some(0.0),
+            weight: 1,
+        };
+        let facet = [[0.0, 0.0, 1e-9], [1.0, 0.0, 1e-9], [0.0, 1.0, 1e-9]];
+        let [a, b, c] = &facet;
+        assert_eq!(sight.cost(&HARD, [a, b, c]), UNIT);
+        assert_eq!(
+            sight.behind(&HARD),
+            [0.25, 0.25, -10.0 / f64::from(1 << 20)]
+        );
+    }
+}
