@@ -7,7 +7,9 @@ use super::{Carver, Labeling};
 use crate::flow::FlowViolation;
 use crate::surface::SurfaceViolation;
 use crate::tetrahedralization::{CellId, VertexId, Violation};
-use crate::visibility::{CellEvidence, RayId, Walker, crosses_cell, crosses_ghost};
+use crate::visibility::{
+    CellEvidence, RayId, Walker, crosses_cell, crosses_ghost, triangle_meets_cell,
+};
 
 /// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -44,6 +46,16 @@ pub enum CarverViolation {
     Evidence {
         /// The cell.
         cell: CellId,
+    },
+    /// The list of a cell misses a segment whose triangle meets it, repeats one, or holds one that is gone.
+    #[error("{cell:?} has a wrong list of segments, seen at view {} and points {} and {}", view.0, ends[0].0, ends[1].0)]
+    Segment {
+        /// The cell.
+        cell: CellId,
+        /// The view.
+        view: ViewId,
+        /// The points at the ends.
+        ends: [PointId; 2],
     },
     /// The weight of a cell is not the sum over its rays.
     #[error("{cell:?} has weight {recorded} on record, its rays have {found}")]
@@ -97,6 +109,7 @@ impl Carver {
                     });
                 }
             }
+            found += self.check_sheets(cell)?;
             if found != self.weight(cell) {
                 return Err(CarverViolation::Weight {
                     cell,
@@ -146,6 +159,37 @@ impl Carver {
             Some(cell) => Err(CarverViolation::Evidence { cell }),
             None => Ok(()),
         }
+    }
+
+    /// Verifies that a finite cell lists the sheets that meet it, each once, and gives their weight.
+    fn check_sheets(&self, cell: CellId) -> Result<u64, CarverViolation> {
+        let mut listed: Vec<RayId> = self.meetings.rays(cell).collect();
+        listed.sort_unstable();
+        let is_repeated = listed.windows(2).any(|pair| pair[0] == pair[1]);
+        let is_stale = listed.iter().any(|sheet| !self.sheets.is_in_use(*sheet));
+        let mut found = 0;
+        for sheet in self.sheets.all() {
+            let record = self.sheets.get(sheet);
+            let vertices = self.tetrahedra.cell_vertices(cell);
+            let meets = !self.tetrahedra.is_ghost(cell) && {
+                let [a, b] = record.vertices.map(|v| {
+                    self.tetrahedra
+                        .coordinates(VertexId::from_index(v as usize))
+                });
+                let corners = vertices.map(|v| self.tetrahedra.coordinates(v));
+                triangle_meets_cell([self.views.center(record.view), a, b], corners)
+            };
+            found += u64::from(meets) * u64::from(record.weight);
+            let is_listed = listed.binary_search(&sheet).is_ok();
+            if is_repeated || is_stale || (meets && !is_listed) {
+                return Err(CarverViolation::Segment {
+                    cell,
+                    view: ViewId(record.view),
+                    ends: record.points.map(PointId),
+                });
+            }
+        }
+        Ok(found)
     }
 
     /// Whether a ray crosses a cell, by the rule alone.

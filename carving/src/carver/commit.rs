@@ -13,7 +13,7 @@ use crate::surface::SurfaceDelta;
 use crate::tetrahedralization::{
     CellId, Changes, Edit, Insertion, Move, Tetrahedralization, VertexId, spatial_order,
 };
-use crate::visibility::{Crossings, RayId, Rewalk};
+use crate::visibility::{Crossings, RayId, Rewalk, Sheet, SheetWalk};
 
 /// Entries of crossing lists below which the way that they are brought up to date does not matter.
 const MANY_ENTRIES: u64 = 1 << 14;
@@ -48,8 +48,11 @@ pub struct CommitTimes {
 pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, EventError> {
     let Transaction { carver, mut plan } = transaction;
     plan.drop_idle_moves(carver);
-    let concerned = plan.concerned(carver);
-    plan.check_lengths(carver, &concerned)?;
+    let concerned = Concerned {
+        rays: plan.concerned(carver),
+        sheets: plan.concerned_sheets(carver),
+    };
+    plan.check_lengths(carver, &concerned.rays)?;
     if !carver
         .tetrahedra
         .has_room_for(plan.points.len() + plan.new_points.len())
@@ -57,6 +60,12 @@ pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, Event
         return Err(EventError::Full);
     }
     Ok(carver.make(&plan, &concerned))
+}
+
+/// What of before the transaction ends or changes; sorted.
+struct Concerned {
+    rays: Vec<RayId>,
+    sheets: Vec<RayId>,
 }
 
 /// Entries of a map in the order of their keys, so that hash order stays inside.
@@ -139,6 +148,35 @@ impl Plan {
         concerned
     }
 
+    /// Whether a segment of before the transaction is not there after it.
+    fn ends_sheet(&self, carver: &Carver, sheet: RayId) -> bool {
+        let &Sheet { view, points, .. } = carver.sheets.get(sheet);
+        let is_removed = |point| self.points.get(point) == Some(&Fate::Removed);
+        self.segments.get(&(view, points)) == Some(&None)
+            || self.views.get(&view) == Some(&Fate::Removed)
+            || points.iter().any(is_removed)
+    }
+
+    /// Segments of before the transaction that end, or whose triangle or weight changes; sorted.
+    fn concerned_sheets(&self, carver: &Carver) -> Vec<RayId> {
+        let sheets = &carver.sheets;
+        let mut concerned: Vec<RayId> = Vec::new();
+        for &point in self.points.keys() {
+            concerned.extend(sheets.of_point(point));
+        }
+        for &view in self.views.keys() {
+            concerned.extend(sheets.of_view(view));
+        }
+        concerned.extend(
+            self.segment_order
+                .iter()
+                .filter_map(|&(view, points)| sheets.find(view, points)),
+        );
+        concerned.sort_unstable();
+        concerned.dedup();
+        concerned
+    }
+
     /// No observation may end where it begins.
     fn check_lengths(&self, carver: &Carver, concerned: &[RayId]) -> Result<(), EventError> {
         let check = |view: u32, point: u32| {
@@ -180,22 +218,43 @@ impl Carver {
         }
     }
 
+    fn sheet_walk(&mut self) -> SheetWalk<'_> {
+        SheetWalk {
+            tetrahedra: &self.tetrahedra,
+            views: &self.views,
+            sheets: &mut self.sheets,
+            lists: &mut self.meetings,
+            weights: &mut self.crossings,
+            scratch: &mut self.sheet_scratch,
+        }
+    }
+
     /// Makes changes that have been found valid.
-    fn make(&mut self, plan: &Plan, concerned: &[RayId]) -> CommitReport {
+    fn make(&mut self, plan: &Plan, concerned: &Concerned) -> CommitReport {
         let mut report = CommitReport::default();
         let start = Instant::now();
         let first_new_view = self.views.capacity() as u32;
         // When most rays change, or there were no cells to list them, all are walked anew.
-        let mut anew = self.tetrahedra.dimension() < 3 || concerned.len() > self.rays.len() / 2;
-        let mut again = Vec::with_capacity(concerned.len());
+        let mut anew =
+            self.tetrahedra.dimension() < 3 || concerned.rays.len() > self.rays.len() / 2;
+        let mut again = Vec::with_capacity(concerned.rays.len());
+        let mut sheets_again = Vec::with_capacity(concerned.sheets.len());
         if !anew {
-            self.rewalk().remove(concerned);
+            self.rewalk().remove(&concerned.rays);
+            self.sheet_walk().remove(&concerned.sheets);
         }
-        for &ray in concerned {
+        for &ray in &concerned.rays {
             if plan.ends(self, ray) {
                 self.rays.remove(ray);
             } else {
                 again.push(ray);
+            }
+        }
+        for &sheet in &concerned.sheets {
+            if plan.ends_sheet(self, sheet) {
+                self.sheets.remove(sheet);
+            } else {
+                sheets_again.push(sheet);
             }
         }
         self.update_views(plan);
@@ -230,16 +289,22 @@ impl Carver {
             let sigma = self.points.sigma(self.rays.point(ray));
             self.evidence.describe(ray, sigma);
         }
+        self.update_sheets(plan, &mut sheets_again);
         if anew {
             self.crossings.clear();
+            self.meetings.clear();
             self.evidence.clear();
         }
         self.rewalk().update(&changes);
+        self.sheet_walk().update(&changes);
         if anew {
             again.clear();
             again.extend(self.rays.all());
+            sheets_again.clear();
+            sheets_again.extend(self.sheets.all());
         }
         self.rewalk().add_all(&mut again);
+        self.sheet_walk().add_all(&sheets_again);
         report.times.carving += start.elapsed();
 
         let start = Instant::now();
@@ -302,6 +367,31 @@ impl Carver {
             let is_new = view >= first_new_view || self.rays.find(view, point).is_none();
             if self.views.is_alive(view) && is_new {
                 added.push(self.rays.add(view, point, vertex, weight));
+            }
+        }
+    }
+
+    /// Gives changed segments their vertices and weights, adds the new ones and lists them in `added`.
+    fn update_sheets(&mut self, plan: &Plan, added: &mut Vec<RayId>) {
+        for &sheet in added.iter() {
+            let Sheet { view, points, .. } = *self.sheets.get(sheet);
+            let vertices = points.map(|point| self.points.get(point).map(|record| record.vertex));
+            let record = self.sheets.get_mut(sheet);
+            if let [Some(a), Some(b)] = vertices {
+                record.vertices = [a, b];
+            }
+            if let Some(Some(weight)) = plan.segments.get(&(view, points)) {
+                record.weight = *weight;
+            }
+        }
+        for key in &plan.segment_order {
+            let &(view, points) = key;
+            let vertices = points.map(|point| self.points.get(point).map(|record| record.vertex));
+            let (Some(weight), [Some(a), Some(b)]) = (plan.segments[key], vertices) else {
+                continue;
+            };
+            if self.views.is_alive(view) && self.sheets.find(view, points).is_none() {
+                added.push(self.sheets.add(view, points, [a, b], weight));
             }
         }
     }

@@ -66,6 +66,23 @@ pub enum Event {
         /// The new position.
         position: Point3<f64>,
     },
+    /// A view sees the whole segment between two points: the triangle between its centre and the segment is free of
+    /// matter. Seen again, the weights add up. The rays to the end points are events of their own.
+    AddSegment {
+        /// Who sees.
+        view: ViewId,
+        /// The points at the ends of the segment, in any order.
+        ends: [PointId; 2],
+        /// At least 1.
+        weight: u32,
+    },
+    /// A view does not see a segment any more, whatever its weight.
+    RemoveSegment {
+        /// Who saw.
+        view: ViewId,
+        /// The points at the ends of the segment, in any order.
+        ends: [PointId; 2],
+    },
 }
 
 /// Why an event, or the transaction it belongs to, was refused. The state is unchanged.
@@ -90,6 +107,28 @@ pub enum EventError {
         view: ViewId,
         /// The point given.
         point: PointId,
+    },
+    /// The view does not see the segment.
+    #[error(
+        "view {} does not see the segment of points {} and {}; it never did or it was removed",
+        view.0, ends[0].0, ends[1].0
+    )]
+    UnknownSegment {
+        /// The view given.
+        view: ViewId,
+        /// The points given.
+        ends: [PointId; 2],
+    },
+    /// A segment with a weight of zero, or with a sum of weights that 32 bits do not hold.
+    #[error(
+        "the segment of points {} and {} seen by view {} has a weight of 0, or of more than {} in sum",
+        ends[0].0, ends[1].0, view.0, u32::MAX
+    )]
+    SegmentWeight {
+        /// The view given.
+        view: ViewId,
+        /// The points given.
+        ends: [PointId; 2],
     },
     /// A position or centre is NaN, infinite or out of range.
     #[error("position refused: {0}")]

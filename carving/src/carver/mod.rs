@@ -50,7 +50,7 @@ use nalgebra::Point3;
 use crate::labels::{Cut, Labels, Votes};
 use crate::surface::{ExportOptions, Facets, Hull, IndexedMesh, Triangle};
 use crate::tetrahedralization::{CellId, Changes, Tetrahedralization, VertexId};
-use crate::visibility::{Crossings, Evidence, Rays, RewalkScratch, Views};
+use crate::visibility::{Crossings, Evidence, Rays, RewalkScratch, SheetScratch, Sheets, Views};
 
 use points::Points;
 
@@ -84,11 +84,16 @@ pub struct Carver {
     points: Points,
     views: Views,
     rays: Rays,
+    /// Lists of rays, and the weight of each cell by rays and sheets together.
     crossings: Crossings,
     evidence: Evidence,
+    sheets: Sheets,
+    /// Lists of sheets.
+    meetings: Crossings,
     facets: Facets,
     changes: Changes,
     scratch: RewalkScratch,
+    sheet_scratch: SheetScratch,
 }
 
 impl Default for Carver {
@@ -115,9 +120,12 @@ impl Carver {
             rays: Rays::default(),
             crossings: Crossings::new(watched),
             evidence: Evidence::new(softness),
+            sheets: Sheets::default(),
+            meetings: Crossings::new(u64::MAX),
             facets: Facets::new(options.hull),
             changes: Changes::new(),
             scratch: RewalkScratch::default(),
+            sheet_scratch: SheetScratch::default(),
         }
     }
 
@@ -150,6 +158,26 @@ impl Carver {
     /// Number of observations.
     pub fn ray_count(&self) -> usize {
         self.rays.len()
+    }
+
+    /// Number of segments seen by views, each view counted.
+    pub fn segment_count(&self) -> usize {
+        self.sheets.len()
+    }
+
+    /// Weight with which a view sees the segment between two points; `None` if it does not.
+    pub fn segment(&self, view: ViewId, ends: [PointId; 2]) -> Option<u32> {
+        self.sheets
+            .find(view.0, ordered(ends))
+            .map(|sheet| self.sheets.get(sheet).weight)
+    }
+
+    /// All segments seen by views with their weights, in no particular order; of the two points the older first.
+    pub fn segments(&self) -> impl Iterator<Item = (ViewId, [PointId; 2], u32)> + '_ {
+        self.sheets.all().map(|sheet| {
+            let sheet = self.sheets.get(sheet);
+            (ViewId(sheet.view), sheet.points.map(PointId), sheet.weight)
+        })
     }
 
     /// Number of entries in the crossing lists: pairs of a ray and a cell that it crosses, ghost cells included, or runs
@@ -226,7 +254,7 @@ impl Carver {
         self.facets.is_free(cell)
     }
 
-    /// Total weight of the rays across a cell. For a ghost cell: of those that enter the hull through its facet.
+    /// Total weight of the rays across a cell and of the segments whose triangles meet it. For a ghost cell: of those that enter the hull through its facet.
     ///
     /// # Panics
     ///
@@ -337,6 +365,12 @@ impl Carver {
         transaction.add_observation(view, point, weight)?;
         transaction.commit()
     }
+}
+
+/// The points of a segment as keys hold them.
+fn ordered(ends: [PointId; 2]) -> [u32; 2] {
+    let [a, b] = ends.map(|end| end.0);
+    [a.min(b), a.max(b)]
 }
 
 #[cfg(test)]

@@ -109,6 +109,12 @@ mod rebuild {
                 weight,
             )?;
         }
+        let mut segments: Vec<_> = source.segments().collect();
+        segments.sort_unstable();
+        for (view, ends, weight) in in_order(segments, reverse) {
+            let ends = ends.map(|end| points[end.0 as usize]);
+            transaction.add_segment(views[view.0 as usize], ends, weight)?;
+        }
         Ok(())
     }
 

@@ -67,7 +67,20 @@ fn center(rng: &mut ChaCha8Rng, space: Space) -> Point3<f64> {
 fn event(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Event {
     let view = ViewId(rng.random_range(0..carver.next_view().0.max(1)));
     let point = PointId(rng.random_range(0..carver.next_point().0.max(1)));
-    match rng.random_range(0..22) {
+    let other = PointId(rng.random_range(0..carver.next_point().0.max(1)));
+    match rng.random_range(0..26) {
+        22..25 => Event::AddSegment {
+            view,
+            ends: [point, other],
+            weight: rng.random_range(1..1000),
+        },
+        25 => Event::RemoveSegment {
+            view,
+            ends: carver
+                .segments()
+                .nth(rng.random_range(0..8))
+                .map_or([point, other], |(_, ends, _)| ends),
+        },
         0..5 => Event::AddPoint {
             position: position(rng, space),
         },
@@ -121,6 +134,19 @@ fn keyframe(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Vec<Event> {
             events.push(Event::AddObservation {
                 view,
                 point,
+                weight: rng.random_range(1..1000),
+            });
+        }
+    }
+    for _ in 0..rng.random_range(0..4) {
+        let mut end = || PointId(rng.random_range(0..(first + count).max(1)));
+        let ends = [end(), end()];
+        let is_known =
+            |end: PointId| (first..first + count).contains(&end.0) || carver.point(end).is_some();
+        if ends.into_iter().all(is_known) {
+            events.push(Event::AddSegment {
+                view,
+                ends,
                 weight: rng.random_range(1..1000),
             });
         }
@@ -298,6 +324,7 @@ fn run(seed: u64, steps: usize) {
         follower.follow(&carver, &report.surface);
     }
     assert_eq!((carver.ray_count(), carver.crossing_count()), (0, 0));
+    assert_eq!((carver.segment_count(), carver.meetings.total()), (0, 0));
     assert_eq!(carver.triangle_count(), 0);
 }
 

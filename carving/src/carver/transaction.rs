@@ -3,10 +3,10 @@
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
-use super::Carver;
 use super::commit::CommitReport;
 use super::events::{Event, EventError};
 use super::ids::{PointId, ViewId};
+use super::{Carver, ordered};
 use crate::tetrahedralization::accept;
 use crate::visibility::Rays;
 
@@ -38,6 +38,10 @@ pub(super) struct Plan {
     pub(super) observations: FxHashMap<(u32, u32), Option<u32>>,
     /// The keys of `observations` in the order of first mention.
     pub(super) order: Vec<(u32, u32)>,
+    /// Final weight of each segment `(view, points)` touched, likewise.
+    pub(super) segments: FxHashMap<(u32, [u32; 2]), Option<u32>>,
+    /// The keys of `segments` in the order of first mention.
+    pub(super) segment_order: Vec<(u32, [u32; 2])>,
 }
 
 /// A set of changes to a [`Carver`] that take effect together on [`commit`](Self::commit); dropped without, it leaves the
@@ -224,6 +228,69 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
+    /// Current weight of a segment whose view and ends exist.
+    fn segment_weight(&self, view: ViewId, ends: [PointId; 2]) -> Option<u32> {
+        match self.plan.segments.get(&(view.0, ordered(ends))) {
+            Some(weight) => *weight,
+            None => self.carver.segment(view, ends),
+        }
+    }
+
+    fn require_segment(&self, view: ViewId, ends: [PointId; 2]) -> Result<(), EventError> {
+        self.require_view(view)?;
+        ends.into_iter().try_for_each(|end| self.require_point(end))
+    }
+
+    fn set_segment(&mut self, view: ViewId, ends: [PointId; 2], weight: Option<u32>) {
+        let key = (view.0, ordered(ends));
+        if self.plan.segments.insert(key, weight).is_none() {
+            self.plan.segment_order.push(key);
+        }
+    }
+
+    /// Lets a view see the whole segment between two points: every cell whose open interior meets the triangle between
+    /// the centre and the segment gains the weight. If it does already, the weights add up.
+    ///
+    /// A triangle without area, whether its ends are one point or the centre is in line with them, gains nothing
+    /// and meets nothing; what lies along it is for rays, which are not implied by the segment.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError`] when view or points do not exist, the weight is zero or the sum exceeds 32 bits.
+    pub fn add_segment(
+        &mut self,
+        view: ViewId,
+        ends: [PointId; 2],
+        weight: u32,
+    ) -> Result<(), EventError> {
+        self.require_segment(view, ends)?;
+        if self.carver.sheets.len() + self.plan.segment_order.len() >= MAX_RAYS {
+            return Err(EventError::Full);
+        }
+        let before = self.segment_weight(view, ends).unwrap_or(0);
+        match before.checked_add(weight) {
+            Some(sum) if weight > 0 => {
+                self.set_segment(view, ends, Some(sum));
+                Ok(())
+            }
+            _ => Err(EventError::SegmentWeight { view, ends }),
+        }
+    }
+
+    /// Lets a view no longer see a segment, whatever its weight.
+    ///
+    /// # Errors
+    ///
+    /// [`EventError`] when view, points or the segment do not exist.
+    pub fn remove_segment(&mut self, view: ViewId, ends: [PointId; 2]) -> Result<(), EventError> {
+        self.require_segment(view, ends)?;
+        if self.segment_weight(view, ends).is_none() {
+            return Err(EventError::UnknownSegment { view, ends });
+        }
+        self.set_segment(view, ends, None);
+        Ok(())
+    }
+
     /// Moves a view; its observations stay.
     ///
     /// # Errors
@@ -278,6 +345,8 @@ impl<'a> Transaction<'a> {
             Event::RemoveObservation { view, point } => self.remove_observation(view, point),
             Event::MoveView { view, center } => self.move_view(view, center),
             Event::MovePoint { point, position } => self.move_point(point, position),
+            Event::AddSegment { view, ends, weight } => self.add_segment(view, ends, weight),
+            Event::RemoveSegment { view, ends } => self.remove_segment(view, ends),
         }
     }
 

@@ -131,6 +131,17 @@ impl Crossings {
         self.total += 1;
     }
 
+    /// Adds `weight` to a cell, without a change of its list.
+    #[inline]
+    pub(crate) fn burden(&mut self, cell: CellId, weight: u32) {
+        let list = &mut self.lists[cell.index()];
+        let before = list.weight;
+        list.weight += u64::from(weight);
+        if before < self.watched && list.weight >= self.watched {
+            self.flipped.push(cell);
+        }
+    }
+
     /// Takes `weight` from a cell, without a look at its list.
     #[inline]
     pub(crate) fn lighten(&mut self, cell: CellId, weight: u32) {

@@ -15,7 +15,8 @@
 //! * `crossings`: per cell the rays that cross it and their total weight;
 //! * `rays`, `views`: the tables;
 //! * `softness`, `evidence`: what a ray says about facets, and the cells behind its point, beyond crossing cells;
-//! * `rewalk`: what to walk again after cells have been destroyed and created.
+//! * `rewalk`: what to walk again after cells have been destroyed and created;
+//! * `triangle`, `sheets`, `sheet_walk`: the same for triangles between a centre and a segment.
 //!
 //! # Reference
 //!
@@ -31,7 +32,10 @@ mod evidence;
 mod rays;
 mod rewalk;
 mod segment;
+mod sheet_walk;
+mod sheets;
 mod softness;
+mod triangle;
 mod views;
 mod walk;
 
@@ -40,6 +44,9 @@ pub(crate) use evidence::{CellEvidence, Evidence};
 pub(crate) use rays::{RayId, Rays};
 pub(crate) use rewalk::{Rewalk, RewalkScratch};
 pub use segment::{crosses_cell, crosses_ghost};
+pub(crate) use sheet_walk::{SheetScratch, SheetWalk};
+pub(crate) use sheets::{Sheet, Sheets};
 pub(crate) use softness::{Softness, UNIT};
+pub use triangle::triangle_meets_cell;
 pub(crate) use views::Views;
 pub(crate) use walk::Walker;
