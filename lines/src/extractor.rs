@@ -9,6 +9,7 @@ use crate::depth::{EdgeDepthOptions, EdgeDepths, InverseDepthMap};
 use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions, EdgeOptionsError};
 use crate::fit::{FitInput, FitOptions, FitOptionsError, Segment, SegmentFitter};
 use crate::image::GrayImage;
+use crate::triangulation::{SampleOptions, SurfaceSamples, TriangulationOptionsError};
 
 /// Settings of all stages.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -19,6 +20,8 @@ pub struct ExtractOptions {
     pub edge_depth: EdgeDepthOptions,
     /// Fitting.
     pub fit: FitOptions,
+    /// Planes around the pixels of a grid; `None` leaves them out.
+    pub samples: Option<SampleOptions>,
 }
 
 /// Why an extractor cannot be built or a keyframe not be processed.
@@ -30,6 +33,9 @@ pub enum ExtractError {
     /// A fit option is out of range.
     #[error(transparent)]
     Fit(#[from] FitOptionsError),
+    /// An option of the surface samples is out of range.
+    #[error(transparent)]
+    Samples(#[from] TriangulationOptionsError),
     /// Segments are straight only in pinhole images.
     #[error("the camera has lens distortion; undistort the image and its depth first")]
     Distorted,
@@ -58,6 +64,8 @@ pub struct StageDurations {
     pub edge_depth: Duration,
     /// Fitting.
     pub fit: Duration,
+    /// Planes around the pixels of a grid.
+    pub samples: Duration,
 }
 
 /// Segments of one keyframe, and what it took to find them.
@@ -65,6 +73,8 @@ pub struct StageDurations {
 pub struct Extraction {
     /// The segments in the order of the edge chains.
     pub segments: Vec<Segment>,
+    /// The surface between them, where depth is dense; empty when it was not asked for.
+    pub surface: SurfaceSamples,
     /// Number of pixels on edge chains.
     pub edge_pixels: usize,
     /// Number of those with a depth.
@@ -109,6 +119,7 @@ impl Extraction {
 #[derive(Debug, Clone)]
 pub struct SegmentExtractor {
     edge_depth: EdgeDepthOptions,
+    samples: Option<SampleOptions>,
     detector: EdgeDetector,
     chains: EdgeChains,
     depths: EdgeDepths,
@@ -121,8 +132,12 @@ impl SegmentExtractor {
     /// # Errors
     /// When a setting is out of range.
     pub fn new(options: ExtractOptions) -> Result<Self, ExtractError> {
+        if let Some(samples) = &options.samples {
+            samples.validate()?;
+        }
         Ok(Self {
             edge_depth: options.edge_depth,
+            samples: options.samples,
             detector: EdgeDetector::new(options.edges)?,
             chains: EdgeChains::default(),
             depths: EdgeDepths::default(),
@@ -166,8 +181,16 @@ impl SegmentExtractor {
         };
         let segments = self.fitter.fit(&input);
         let fit = start.elapsed() - edges - edge_depth;
+        let surface = self
+            .samples
+            .as_ref()
+            .map_or_else(SurfaceSamples::default, |options| {
+                SurfaceSamples::measure(depth, options)
+            });
+        let samples = start.elapsed() - edges - edge_depth - fit;
         Ok(Extraction {
             segments,
+            surface,
             edge_pixels: self.chains.pixels().len(),
             edge_pixels_with_depth: self.depths.known_count(),
             chains: self.chains.len(),
@@ -175,6 +198,7 @@ impl SegmentExtractor {
                 edges,
                 edge_depth,
                 fit,
+                samples,
             },
         })
     }

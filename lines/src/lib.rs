@@ -25,5 +25,6 @@ pub mod edges;
 mod extractor;
 pub mod fit;
 pub mod image;
+pub mod triangulation;
 
 pub use extractor::{ExtractError, ExtractOptions, Extraction, SegmentExtractor, StageDurations};

@@ -1,0 +1,364 @@
+//! The triangulation of an image, and its greedy refinement.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use nalgebra::Point2;
+use spade::handles::{FaceHandle, FixedVertexHandle, InnerTag};
+use spade::{ConstrainedDelaunayTriangulation, HasPosition, Triangulation};
+
+use super::options::RefineOptions;
+use super::samples::SurfaceSamples;
+
+/// A point of the surface, seen in the image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImageVertex {
+    /// Where it is seen.
+    pub pixel: Point2<f64>,
+    /// Its inverse depth.
+    pub rho: f64,
+}
+
+/// A triangle of an [`ImageTriangulation`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImageTriangle {
+    /// Its corners, numbers of vertices, counter-clockwise where y points up.
+    pub corners: [u32; 3],
+    /// Number of samples in it.
+    pub samples: u32,
+    /// The largest deviation of one of them from the triangle, in its standard deviations; 0 without any.
+    pub deviation_sigmas: f64,
+}
+
+/// A vertex as the triangulation holds it.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    x: f64,
+    y: f64,
+    rho: f64,
+    vertex: u32,
+}
+
+impl HasPosition for Node {
+    type Scalar = f64;
+
+    fn position(&self) -> spade::Point2<f64> {
+        spade::Point2::new(self.x, self.y)
+    }
+}
+
+/// Beyond this many pixels from the image's corner nothing is triangulated.
+const FARTHEST_PX: f64 = 1e6;
+/// Nearer to zero a coordinate counts as zero: the triangulation refuses the smallest numbers.
+const NEAREST_PX: f64 = 1e-12;
+
+/// A constrained Delaunay triangulation of points of the surface in the image.
+///
+/// Deterministic: vertices are inserted in the order given, and of equal deviations that of the earlier row and column
+/// is refined first.
+#[derive(Debug)]
+pub struct ImageTriangulation {
+    triangulation: ConstrainedDelaunayTriangulation<Node>,
+    vertices: Vec<ImageVertex>,
+    /// Node of each vertex; `None` for those that could not be used.
+    nodes: Vec<Option<FixedVertexHandle>>,
+}
+
+impl ImageTriangulation {
+    /// Triangulates vertices, with the lines between pairs of them as edges.
+    ///
+    /// A vertex that is not finite, lies far outside any image or has no positive inverse depth is left out; of several at
+    /// one pixel the last counts. A line that would cross an earlier one is left out.
+    ///
+    /// # Complexity
+    /// Expected about `n sqrt(n)`, `n log n` for neighbouring vertices in sequence.
+    pub fn new(vertices: &[ImageVertex], lines: &[[u32; 2]]) -> Self {
+        let mut triangulation = Self {
+            triangulation: ConstrainedDelaunayTriangulation::new(),
+            vertices: Vec::with_capacity(vertices.len()),
+            nodes: Vec::with_capacity(vertices.len()),
+        };
+        for vertex in vertices {
+            triangulation.insert(*vertex);
+        }
+        for [a, b] in lines {
+            let node = |index: u32| triangulation.nodes.get(index as usize).copied().flatten();
+            if let (Some(a), Some(b)) = (node(*a), node(*b))
+                && a != b
+                && triangulation.triangulation.can_add_constraint(a, b)
+            {
+                triangulation.triangulation.add_constraint(a, b);
+            }
+        }
+        triangulation
+    }
+
+    /// All vertices: those given, then those inserted.
+    pub fn vertices(&self) -> &[ImageVertex] {
+        &self.vertices
+    }
+
+    fn insert(&mut self, vertex: ImageVertex) -> Option<FixedVertexHandle> {
+        let index = self.vertices.len() as u32;
+        let coordinate = |value: f64| {
+            if value.abs() < NEAREST_PX { 0.0 } else { value }
+        };
+        let (x, y) = (coordinate(vertex.pixel.x), coordinate(vertex.pixel.y));
+        let is_usable = x.abs() <= FARTHEST_PX
+            && y.abs() <= FARTHEST_PX
+            && vertex.rho > 0.0
+            && vertex.rho.is_finite();
+        let node = is_usable
+            .then(|| {
+                self.triangulation
+                    .insert(Node {
+                        x,
+                        y,
+                        rho: vertex.rho,
+                        vertex: index,
+                    })
+                    .ok()
+            })
+            .flatten();
+        self.vertices.push(vertex);
+        self.nodes.push(node);
+        node
+    }
+
+    /// Inserts samples until none deviates from the triangle over it by more than the bound, as far as distances between
+    /// vertices allow; returns how many. They follow the vertices given.
+    ///
+    /// First each square without a vertex gets the sample nearest to its middle. The options are to be
+    /// [valid](RefineOptions::validate).
+    ///
+    /// # Complexity
+    /// Each insertion looks at the samples in the triangles around it: `n log n` expected for `n` samples.
+    pub fn refine(&mut self, samples: &SurfaceSamples, options: &RefineOptions) -> usize {
+        let before = self.vertices.len();
+        self.fill_gaps(samples, options);
+        let mut queue = BinaryHeap::new();
+        for face in self.triangulation.inner_faces() {
+            queue.extend(worst(&face, samples, options));
+        }
+        while let Some(candidate) = queue.pop() {
+            // Triangles are replaced, never restored: the same corners are the same triangle.
+            if corners(&self.triangulation.face(candidate.face)) != candidate.corners {
+                continue;
+            }
+            let Some(node) = self.insert_sample(samples, candidate.column, candidate.row) else {
+                continue;
+            };
+            for edge in self.triangulation.vertex(node).out_edges() {
+                if let Some(face) = edge.face().as_inner() {
+                    queue.extend(worst(&face, samples, options));
+                }
+            }
+        }
+        self.vertices.len() - before
+    }
+
+    fn insert_sample(
+        &mut self,
+        samples: &SurfaceSamples,
+        column: u32,
+        row: u32,
+    ) -> Option<FixedVertexHandle> {
+        let (column, row) = (column as usize, row as usize);
+        let rho = f64::from(samples.get(column, row)?.rho);
+        self.insert(ImageVertex {
+            pixel: samples.pixel(column, row),
+            rho,
+        })
+    }
+
+    /// Puts a vertex into every square that has samples and no vertex.
+    fn fill_gaps(&mut self, samples: &SurfaceSamples, options: &RefineOptions) {
+        let step = samples.step_px().max(1);
+        let side = (options.largest_gap_px / f64::from(step)).round().max(1.0) as usize;
+        let (columns, rows) = (
+            samples.columns().div_ceil(side),
+            samples.rows().div_ceil(side),
+        );
+        let mut is_taken = vec![false; columns * rows];
+        for vertex in &self.vertices {
+            let square = |along: f64| along / (f64::from(step) * side as f64);
+            let (x, y) = (square(vertex.pixel.x), square(vertex.pixel.y));
+            if x >= 0.0 && y >= 0.0 && x < columns as f64 && y < rows as f64 {
+                is_taken[y as usize * columns + x as usize] = true;
+            }
+        }
+        for row in 0..rows {
+            for column in 0..columns {
+                if is_taken[row * columns + column] {
+                    continue;
+                }
+                let middle = |index: usize| index * side + side / 2;
+                let away = |index: usize, middle: usize| index.abs_diff(middle).pow(2);
+                let nearest = (row * side..((row + 1) * side).min(samples.rows()))
+                    .flat_map(|y| {
+                        (column * side..((column + 1) * side).min(samples.columns()))
+                            .map(move |x| (x, y))
+                    })
+                    .filter(|(x, y)| samples.get(*x, *y).is_some())
+                    .min_by_key(|(x, y)| away(*x, middle(column)) + away(*y, middle(row)));
+                if let Some((x, y)) = nearest {
+                    self.insert_sample(samples, x as u32, y as u32);
+                }
+            }
+        }
+    }
+
+    /// The triangles, with how well the samples in each agree with it.
+    pub fn triangles(&self, samples: &SurfaceSamples) -> impl Iterator<Item = ImageTriangle> {
+        self.triangulation.inner_faces().map(move |face| {
+            let mut triangle = ImageTriangle {
+                corners: face.vertices().map(|vertex| vertex.data().vertex),
+                samples: 0,
+                deviation_sigmas: 0.0,
+            };
+            for_each_sample(&face, samples, |_, _, deviation| {
+                triangle.samples += 1;
+                triangle.deviation_sigmas = triangle.deviation_sigmas.max(deviation);
+            });
+            triangle
+        })
+    }
+}
+
+type Face<'a> = FaceHandle<'a, InnerTag, Node, (), spade::CdtEdge<()>, ()>;
+
+/// The sample that deviates most from a triangle.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    deviation: f64,
+    row: u32,
+    column: u32,
+    face: spade::handles::FixedFaceHandle<InnerTag>,
+    corners: [usize; 3],
+}
+
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.deviation
+            .total_cmp(&other.deviation)
+            .then((other.row, other.column).cmp(&(self.row, self.column)))
+            .then(other.corners.cmp(&self.corners))
+    }
+}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Candidate {}
+
+fn corners(face: &Face<'_>) -> [usize; 3] {
+    let mut corners = face.vertices().map(|vertex| vertex.index());
+    corners.sort_unstable();
+    corners
+}
+
+/// The sample that deviates most from a triangle, if it exceeds the bound and is far enough from the corners.
+fn worst(face: &Face<'_>, samples: &SurfaceSamples, options: &RefineOptions) -> Option<Candidate> {
+    let nodes = face.vertices().map(|vertex| *vertex.data());
+    let nearest = options.minimum_distance_px * options.minimum_distance_px;
+    let mut worst: Option<(f64, usize, usize)> = None;
+    for_each_sample(face, samples, |column, row, deviation| {
+        if deviation <= worst.map_or(options.bound_sigmas, |(largest, ..)| largest) {
+            return;
+        }
+        let pixel = samples.pixel(column, row);
+        let is_free = nodes
+            .iter()
+            .all(|node| (node.x - pixel.x).powi(2) + (node.y - pixel.y).powi(2) >= nearest);
+        if is_free {
+            worst = Some((deviation, column, row));
+        }
+    });
+    worst.map(|(deviation, column, row)| Candidate {
+        deviation,
+        row: row as u32,
+        column: column as u32,
+        face: face.fix(),
+        corners: corners(face),
+    })
+}
+
+/// Calls `visit` with column, row and deviation in standard deviations of each sample in a triangle, borders included, in
+/// order of rows.
+fn for_each_sample(
+    face: &Face<'_>,
+    samples: &SurfaceSamples,
+    mut visit: impl FnMut(usize, usize, f64),
+) {
+    let [a, b, c] = face.vertices().map(|vertex| *vertex.data());
+    let (bx, by, cx, cy) = (b.x - a.x, b.y - a.y, c.x - a.x, c.y - a.y);
+    let area = bx * cy - by * cx;
+    let step = f64::from(samples.step_px());
+    // An area that is not a number is no area either.
+    if area.is_nan() || area <= 0.0 || step == 0.0 {
+        return;
+    }
+    // Inverse depth over the triangle: a.rho + (slope, offset from a).
+    let (br, cr) = (b.rho - a.rho, c.rho - a.rho);
+    let slope_x = (br * cy - cr * by) / area;
+    let slope_y = (cr * bx - br * cx) / area;
+    let first = samples.pixel(0, 0);
+    let rows = grid_range(
+        a.y.min(b.y).min(c.y) - first.y,
+        a.y.max(b.y).max(c.y) - first.y,
+        step,
+        samples.rows(),
+    );
+    for row in rows {
+        let y = samples.pixel(0, row).y;
+        // Where the row runs inside the triangle: left of all three edges.
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let (dx, dy) = (to.x - from.x, to.y - from.y);
+            // dx (y - from.y) - dy (x - from.x) >= 0
+            let across = dx * (y - from.y);
+            if dy > 0.0 {
+                high = high.min(from.x + across / dy);
+            } else if dy < 0.0 {
+                low = low.max(from.x + across / dy);
+            } else if across < 0.0 {
+                high = f64::NEG_INFINITY;
+            }
+        }
+        for column in grid_range(low - first.x, high - first.x, step, samples.columns()) {
+            let Some(sample) = samples.get(column, row) else {
+                continue;
+            };
+            let x = samples.pixel(column, row).x;
+            let rho = a.rho + slope_x * (x - a.x) + slope_y * (y - a.y);
+            visit(
+                column,
+                row,
+                (f64::from(sample.rho) - rho).abs() / f64::from(sample.sigma),
+            );
+        }
+    }
+}
+
+/// Indices of the grid lines from `low` to `high`.
+fn grid_range(low: f64, high: f64, step: f64, count: usize) -> std::ops::Range<usize> {
+    let start = (low / step).ceil().max(0.0);
+    let end = ((high / step).floor() + 1.0).min(count as f64);
+    if start < end {
+        start as usize..end as usize
+    } else {
+        0..0
+    }
+}
+
+#[cfg(test)]
+mod tests;

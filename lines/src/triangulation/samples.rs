@@ -1,0 +1,254 @@
+//! Planes fitted to the depths around the pixels of a grid.
+
+use nalgebra::{Matrix3, Point2, Vector3};
+
+use super::options::SampleOptions;
+use crate::depth::InverseDepthMap;
+
+/// The plane that the surface follows around a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SurfaceSample {
+    /// Inverse depth at the pixel, positive.
+    pub rho: f32,
+    /// Change of the inverse depth from one pixel to the next, along x and y.
+    pub slope: [f32; 2],
+    /// Standard deviation of the inverse depth of one pixel of the window, positive. That of the plane is smaller, but
+    /// the errors of neighbouring pixels are not independent.
+    pub sigma: f32,
+}
+
+/// Planes around the pixels of a grid, where the depths of a window agree on one.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SurfaceSamples {
+    step_px: u32,
+    columns: usize,
+    rows: usize,
+    /// Row by row; an inverse depth of 0 where there is no sample.
+    samples: Vec<SurfaceSample>,
+}
+
+/// Normal equations of a plane over pixel offsets.
+#[derive(Default)]
+struct PlaneSums {
+    count: f64,
+    x: f64,
+    y: f64,
+    xx: f64,
+    xy: f64,
+    yy: f64,
+    r: f64,
+    xr: f64,
+    yr: f64,
+}
+
+impl PlaneSums {
+    #[inline]
+    fn add(&mut self, x: f64, y: f64, r: f64) {
+        self.count += 1.0;
+        self.x += x;
+        self.y += y;
+        self.xx += x * x;
+        self.xy += x * y;
+        self.yy += y * y;
+        self.r += r;
+        self.xr += x * r;
+        self.yr += y * r;
+    }
+
+    /// (value at the origin, slopes); `None` when the pixels lie on a line.
+    fn plane(&self) -> Option<Vector3<f64>> {
+        let normal = Matrix3::new(
+            self.count, self.x, self.y, self.x, self.xx, self.xy, self.y, self.xy, self.yy,
+        );
+        normal
+            .try_inverse()
+            .map(|inverse| inverse * Vector3::new(self.r, self.xr, self.yr))
+    }
+}
+
+impl SurfaceSamples {
+    /// Samples a depth map. Semi-dense maps, known along edges only, give few samples or none.
+    ///
+    /// The options are to be [valid](SampleOptions::validate); a step of 0 counts as 1.
+    ///
+    /// # Complexity
+    /// Samples times pixels of a window.
+    pub fn measure(map: &InverseDepthMap, options: &SampleOptions) -> Self {
+        let step = options.step_px.max(1) as usize;
+        let (columns, rows) = (map.width() / step, map.height() / step);
+        let mut samples = Vec::with_capacity(columns * rows);
+        for row in 0..rows {
+            for column in 0..columns {
+                let (x, y) = (column * step + step / 2, row * step + step / 2);
+                samples.push(fit(map, x, y, options).unwrap_or_default());
+            }
+        }
+        Self {
+            step_px: step as u32,
+            columns,
+            rows,
+            samples,
+        }
+    }
+
+    /// Number of samples in a row, those without a plane counted.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Distance between samples in pixels; 0 when nothing was sampled.
+    pub fn step_px(&self) -> u32 {
+        self.step_px
+    }
+
+    /// Number of pixels with a plane.
+    pub fn known_count(&self) -> usize {
+        self.samples
+            .iter()
+            .filter(|sample| sample.rho > 0.0)
+            .count()
+    }
+
+    /// The sample of a column and a row, `None` where there is none.
+    #[inline]
+    pub fn get(&self, column: usize, row: usize) -> Option<&SurfaceSample> {
+        self.samples
+            .get(row * self.columns + column)
+            .filter(|sample| sample.rho > 0.0 && column < self.columns)
+    }
+
+    /// The pixel at the centre of a sample.
+    #[inline]
+    pub fn pixel(&self, column: usize, row: usize) -> Point2<f64> {
+        let step = self.step_px as usize;
+        let at = |index: usize| (index * step + step / 2) as f64;
+        Point2::new(at(column), at(row))
+    }
+
+    /// The surface at a pixel, from the plane of the nearest sample; `None` where that has none, outside the image, and
+    /// where the plane reaches infinity before the pixel.
+    pub fn near(&self, pixel: &Point2<f64>) -> Option<SurfaceSample> {
+        let step = f64::from(self.step_px);
+        let index = |along: f64| (along / step).round();
+        let offset = f64::from(self.step_px / 2);
+        let (column, row) = (index(pixel.x - offset), index(pixel.y - offset));
+        // A pixel that is not a number fails here as well.
+        if !(column >= 0.0 && row >= 0.0 && column < 65536.0 && row < 65536.0) {
+            return None;
+        }
+        let (column, row) = (column as usize, row as usize);
+        let sample = self.get(column, row)?;
+        let away = pixel - self.pixel(column, row);
+        let rho = f64::from(sample.rho)
+            + away.x * f64::from(sample.slope[0])
+            + away.y * f64::from(sample.slope[1]);
+        (rho > 0.0).then_some(SurfaceSample {
+            rho: rho as f32,
+            ..*sample
+        })
+    }
+}
+
+/// The plane of the window around a pixel, if enough of its depths agree on one.
+///
+/// The first fit takes what is near the depth of the pixel itself, allowing for a slope; the second what is near the
+/// first plane.
+fn fit(
+    map: &InverseDepthMap,
+    x: usize,
+    y: usize,
+    options: &SampleOptions,
+) -> Option<SurfaceSample> {
+    let center = map.get(x, y)?;
+    let (rho, sigma) = (f64::from(center.rho), f64::from(center.sigma));
+    let radius = options.window_radius_px as usize;
+    let gate = options.gate_sigmas * sigma;
+    // Over the window the plane of the pixel may rise by as much again.
+    let mut plane = Vector3::new(rho, 0.0, 0.0);
+    for gate in [2.0 * gate, gate] {
+        let mut sums = PlaneSums::default();
+        for row in y.saturating_sub(radius)..=(y + radius).min(map.height().saturating_sub(1)) {
+            let dy = row as f64 - y as f64;
+            for column in x.saturating_sub(radius)..=(x + radius).min(map.width().saturating_sub(1))
+            {
+                let Some(depth) = map.get(column, row) else {
+                    continue;
+                };
+                let dx = column as f64 - x as f64;
+                let rho = f64::from(depth.rho);
+                if (rho - plane.x - dx * plane.y - dy * plane.z).abs() <= gate {
+                    sums.add(dx, dy, rho);
+                }
+            }
+        }
+        let side = 2.0 * f64::from(options.window_radius_px) + 1.0;
+        if sums.count < options.minimum_share * side * side {
+            return None;
+        }
+        plane = sums.plane()?;
+    }
+    let is_positive = plane.x > 0.0 && plane.iter().all(|value| value.is_finite());
+    is_positive.then_some(SurfaceSample {
+        rho: plane.x as f32,
+        slope: [plane.y as f32, plane.z as f32],
+        sigma: center.sigma,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::depth::InverseDepth;
+
+    fn map(rho: impl Fn(usize, usize) -> Option<f32>) -> InverseDepthMap {
+        let mut map = InverseDepthMap::unknown(64, 48).unwrap();
+        for y in 0..48 {
+            for x in 0..64 {
+                map.set(
+                    x,
+                    y,
+                    rho(x, y).and_then(|rho| InverseDepth::new(rho, 0.002)),
+                );
+            }
+        }
+        map
+    }
+
+    #[test]
+    fn a_plane_is_sampled_exactly_at_every_pixel() {
+        let plane = |x: f64, y: f64| 0.5 + 0.001 * x - 0.0005 * y;
+        let map = map(|x, y| Some(plane(x as f64, y as f64) as f32));
+        let samples = SurfaceSamples::measure(&map, &SampleOptions::default());
+        assert_eq!((samples.columns(), samples.rows()), (16, 12));
+        // Windows at the border of the image are cut off: too few pixels.
+        assert!(samples.known_count() >= 14 * 10);
+        for pixel in [Point2::new(30.0, 20.0), Point2::new(33.7, 21.2)] {
+            let sample = samples.near(&pixel).unwrap();
+            assert!((f64::from(sample.rho) - plane(pixel.x, pixel.y)).abs() < 1e-6);
+            assert!((f64::from(sample.slope[0]) - 0.001).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn there_is_no_sample_across_a_step_nor_where_depth_is_unknown() {
+        let map = map(|x, _| match x {
+            0..30 => Some(0.5),
+            30..50 => Some(0.4),
+            _ => None,
+        });
+        let samples = SurfaceSamples::measure(&map, &SampleOptions::default());
+        assert_eq!(samples.near(&Point2::new(30.0, 20.0)), None);
+        assert_eq!(samples.near(&Point2::new(58.0, 20.0)), None);
+        for (x, rho) in [(14.0, 0.5), (42.0, 0.4)] {
+            assert!((samples.near(&Point2::new(x, 20.0)).unwrap().rho - rho).abs() < 1e-6);
+        }
+        for outside in [-20.0, 1e9, f64::NAN, f64::INFINITY] {
+            assert_eq!(samples.near(&Point2::new(outside, 20.0)), None);
+        }
+    }
+}
