@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use linecarve_lines::depth::{DepthSensor, SensorError};
 use linecarve_lines::fit::Segment;
+use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use nalgebra::Isometry3;
 
@@ -19,6 +20,8 @@ pub struct Keyframe {
     pub world_from_camera: Isometry3<f64>,
     /// Its segments, in its camera frame.
     pub segments: Vec<Segment>,
+    /// The surface between them, where depth is dense.
+    pub surface: SurfaceSamples,
     /// Edge chains in its image.
     pub edge_chains: usize,
     /// Pixels on them.
@@ -128,12 +131,15 @@ impl<'a> FrontEnd<'a> {
             frame,
             world_from_camera: self.sequence.frames()[frame].world_from_camera,
             segments: extraction.segments,
+            surface: extraction.surface,
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,
             edge_pixels_with_depth: extraction.edge_pixels_with_depth,
             times: StageTimes {
                 load: milliseconds(loaded),
-                depth: milliseconds(registered + extraction.durations.edge_depth),
+                depth: milliseconds(
+                    registered + extraction.durations.edge_depth + extraction.durations.samples,
+                ),
                 edges: milliseconds(extraction.durations.edges),
                 fit: milliseconds(extraction.durations.fit),
                 ..StageTimes::default()

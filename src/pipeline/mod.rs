@@ -12,6 +12,7 @@ mod run;
 pub mod scale;
 pub mod segment_map;
 pub mod segment_points;
+pub mod surface_points;
 
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
 pub use front_end::{FrontEnd, FrontEndError, Keyframe};

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::labels::{CutSettings, LabelKind};
 use super::landmarks::LandmarkOptions;
 use super::segment_points::SegmentPointOptions;
+use super::surface_points::SurfacePointOptions;
 use crate::keyframes::KeyframeOptions;
 
 /// The parameters of every stage. A missing section or key has its default; an unknown one is refused.
@@ -33,6 +34,8 @@ pub struct Options {
     pub cluster: ClusterOptions,
     /// Points along segments.
     pub segment_points: SegmentPointOptions,
+    /// Points between the segments.
+    pub surface_points: SurfacePointOptions,
     /// Points that several keyframes see.
     pub landmarks: LandmarkOptions,
     /// Free space.
@@ -165,6 +168,10 @@ impl Options {
             edges: self.edges,
             edge_depth: self.edge_depth,
             fit: self.fit,
+            samples: self
+                .surface_points
+                .enabled
+                .then_some(self.surface_points.samples),
         }
     }
 
@@ -186,6 +193,20 @@ impl Options {
         positive("sensor.relative_noise", self.sensor.relative_noise)?;
         positive("landmarks.lateral_px", self.landmarks.lateral_px)?;
         positive("landmarks.depth_sigmas", self.landmarks.depth_sigmas)?;
+        positive(
+            "surface_points.agreement_sigmas",
+            self.surface_points.agreement_sigmas,
+        )?;
+        positive("landmarks.settling_share", self.landmarks.settling_share)?;
+        self.surface_points
+            .samples
+            .validate()
+            .and_then(|()| self.surface_points.refine.validate())
+            .map_err(|error| OptionsError::Range {
+                key: error.key,
+                value: error.value.to_string(),
+                expected: error.expected,
+            })?;
         if let Some(spacing) = self.segment_points.spacing_px {
             positive("segment_points.spacing_px", spacing)?;
         }

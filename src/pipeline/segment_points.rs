@@ -20,7 +20,7 @@ pub struct SegmentPointOptions {
 impl Default for SegmentPointOptions {
     fn default() -> Self {
         Self {
-            spacing_px: Some(32.0),
+            spacing_px: Some(48.0),
         }
     }
 }

@@ -1,0 +1,206 @@
+//! What the dense depth of a keyframe says about the map, and the points that it adds where the map lacks them.
+
+use linecarve_lines::camera::Camera;
+use linecarve_lines::triangulation::{
+    ImageTriangulation, ImageVertex, RefineOptions, SampleOptions, SurfaceSamples,
+};
+use nalgebra::{Isometry3, Point2, Point3, Unit};
+use serde::{Deserialize, Serialize};
+
+use super::landmarks::Measurement;
+
+/// Points between the segments, where depth is dense.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SurfacePointOptions {
+    /// Whether there are any; otherwise segments alone make the map.
+    pub enabled: bool,
+    /// A landmark is seen by a keyframe whose surface agrees with it within this many standard deviations; a surface that
+    /// lies further behind contradicts it.
+    pub agreement_sigmas: f64,
+    /// How depth is sampled.
+    pub samples: SampleOptions,
+    /// How closely the triangulation of a keyframe follows the samples.
+    pub refine: RefineOptions,
+}
+
+impl Default for SurfacePointOptions {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            agreement_sigmas: 3.0,
+            samples: SampleOptions::default(),
+            refine: RefineOptions::default(),
+        }
+    }
+}
+
+/// A keyframe's surface, ready to be asked.
+pub struct KeyframeSurface<'a> {
+    samples: &'a SurfaceSamples,
+    camera: &'a Camera,
+    world_from_camera: &'a Isometry3<f64>,
+    camera_from_world: Isometry3<f64>,
+    agreement_sigmas: f64,
+}
+
+/// What a keyframe says about a point of the map.
+#[derive(Debug, Clone, Copy)]
+pub enum Verdict {
+    /// Nothing: the point is outside the image, behind the surface, or where no surface was measured.
+    Silent,
+    /// It measured the surface right there.
+    Confirmed {
+        /// Where the point is seen, with its own inverse depth.
+        vertex: ImageVertex,
+        /// The surface along the same ray.
+        measurement: Measurement,
+    },
+    /// It measured a surface behind the point.
+    Contradicted,
+}
+
+impl<'a> KeyframeSurface<'a> {
+    /// The surface `samples` of a keyframe of `camera`.
+    pub fn new(
+        samples: &'a SurfaceSamples,
+        camera: &'a Camera,
+        world_from_camera: &'a Isometry3<f64>,
+        options: &SurfacePointOptions,
+    ) -> Self {
+        Self {
+            samples,
+            camera,
+            world_from_camera,
+            camera_from_world: world_from_camera.inverse(),
+            agreement_sigmas: options.agreement_sigmas,
+        }
+    }
+
+    /// A point of the world in the image; `None` when it is not before the camera.
+    pub fn vertex(&self, point_in_world: &Point3<f64>) -> Option<ImageVertex> {
+        let point = self.camera_from_world * point_in_world;
+        let pixel = self.camera.project(&point)?;
+        Some(ImageVertex {
+            pixel,
+            rho: 1.0 / point.z,
+        })
+    }
+
+    /// What the keyframe says about a point of the map.
+    pub fn judge(&self, point_in_world: &Point3<f64>) -> Verdict {
+        let Some(vertex) = self.vertex(point_in_world) else {
+            return Verdict::Silent;
+        };
+        let Some(sample) = self.samples.near(&vertex.pixel) else {
+            return Verdict::Silent;
+        };
+        let bound = self.agreement_sigmas * f64::from(sample.sigma);
+        let nearer = vertex.rho - f64::from(sample.rho);
+        if nearer > bound {
+            return Verdict::Contradicted;
+        }
+        if nearer < -bound {
+            return Verdict::Silent;
+        }
+        match self.measurement(&vertex.pixel, sample.rho.into(), sample.sigma.into()) {
+            Some(measurement) => Verdict::Confirmed {
+                vertex,
+                measurement,
+            },
+            None => Verdict::Silent,
+        }
+    }
+
+    fn measurement(&self, pixel: &Point2<f64>, rho: f64, sigma: f64) -> Option<Measurement> {
+        let point_in_camera = self.camera.point_at_depth(pixel, 1.0 / rho).ok()?;
+        let point_in_world = self.world_from_camera * point_in_camera;
+        let ray = self.world_from_camera.rotation * point_in_camera.coords;
+        Some(Measurement {
+            point_in_world,
+            direction: Unit::try_new(ray, 0.0)?,
+            pixel: 1.0 / (rho * self.camera.mean_focal_px()),
+            // d z = d rho / rho^2; along the ray the length grows with its slant.
+            sigma: sigma / rho * ray.norm(),
+        })
+    }
+
+    /// The points that are missing: refines the triangulation of what the map holds, `vertices` with `lines` between
+    /// them, until it follows the surface.
+    pub fn missing(
+        &self,
+        vertices: &[ImageVertex],
+        lines: &[[u32; 2]],
+        options: &RefineOptions,
+    ) -> Vec<Measurement> {
+        let mut triangulation = ImageTriangulation::new(vertices, lines);
+        triangulation.refine(self.samples, options);
+        triangulation.vertices()[vertices.len()..]
+            .iter()
+            .filter_map(|vertex| {
+                let sample = self.samples.near(&vertex.pixel)?;
+                self.measurement(&vertex.pixel, vertex.rho, sample.sigma.into())
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
+
+    use super::*;
+
+    fn wall() -> (SurfaceSamples, Camera, Isometry3<f64>) {
+        let mut map = InverseDepthMap::unknown(160, 120).unwrap();
+        for (x, y) in (0..160).flat_map(|x| (0..120).map(move |y| (x, y))) {
+            map.set(x, y, InverseDepth::new(0.5, 0.001));
+        }
+        let camera = Camera::pinhole(140.0, 140.0, 79.5, 59.5).unwrap();
+        let samples = SurfaceSamples::measure(&map, &SampleOptions::default());
+        (samples, camera, Isometry3::translation(1.0, 2.0, 3.0))
+    }
+
+    #[test]
+    fn points_before_on_and_behind_a_wall() {
+        let (samples, camera, pose) = wall();
+        let options = SurfacePointOptions::default();
+        let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);
+        let judge = |x: f64, z: f64| surface.judge(&Point3::new(1.0 + x, 2.0, 3.0 + z));
+        let Verdict::Confirmed {
+            vertex,
+            measurement,
+        } = judge(0.1, 2.005)
+        else {
+            panic!("the point lies on the wall");
+        };
+        assert!((vertex.rho - 1.0 / 2.005).abs() < 1e-12);
+        assert!((measurement.point_in_world.z - 5.0).abs() < 1e-6);
+        // 0.001 / 0.25 along z, and a little more along the ray.
+        assert!((measurement.sigma - 0.004).abs() < 1e-5);
+        assert!(matches!(judge(0.0, 1.9), Verdict::Contradicted));
+        assert!(matches!(judge(0.0, 2.1), Verdict::Silent));
+        assert!(matches!(judge(0.0, -2.0), Verdict::Silent));
+        assert!(matches!(judge(5.0, 2.0), Verdict::Silent));
+        assert!(matches!(judge(f64::NAN, 2.0), Verdict::Silent));
+    }
+
+    #[test]
+    fn an_unknown_wall_gets_points_and_a_known_one_none() {
+        let (samples, camera, pose) = wall();
+        let options = SurfacePointOptions::default();
+        let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);
+        let missing = surface.missing(&[], &[], &options.refine);
+        assert_eq!(missing.len(), 4 * 3);
+        assert!(
+            missing
+                .iter()
+                .all(|m| (m.point_in_world.z - 5.0).abs() < 1e-5)
+        );
+        let known: Vec<ImageVertex> = missing
+            .iter()
+            .map(|m| surface.vertex(&m.point_in_world).unwrap())
+            .collect();
+        assert_eq!(surface.missing(&known, &[], &options.refine).len(), 0);
+    }
+}
