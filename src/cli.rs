@@ -154,6 +154,10 @@ pub struct ReconstructArgs {
     #[arg(long, value_enum)]
     pub labels: Option<LabelKind>,
 
+    /// What the surface is made from.
+    #[arg(long, value_enum, default_value_t = SurfaceSource::Lines)]
+    pub from: SurfaceSource,
+
     /// Leave out the surface of every single keyframe (`keyframes/NNNNNN.glb`).
     #[arg(long)]
     pub final_only: bool,
@@ -161,6 +165,10 @@ pub struct ReconstructArgs {
     /// Leave out the picture.
     #[arg(long)]
     pub no_picture: bool,
+
+    /// Go on with a run of the same arguments that was killed; the result is that of a run without interruption.
+    #[arg(long)]
+    pub resume: bool,
 }
 
 /// Arguments of `lines`.
@@ -193,6 +201,16 @@ pub struct InfoArgs {
     /// One JSON object on standard output in place of text.
     #[arg(long)]
     pub json: bool,
+}
+
+/// What a surface is made from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SurfaceSource {
+    /// 3D line segments on the image edges.
+    Lines,
+    /// Sparse points that several views see: those that the sequence brings along, or ORB features of its images. Needs no
+    /// depth images.
+    MapPoints,
 }
 
 /// Where depth comes from.

@@ -4,6 +4,7 @@
 //! [`keyframes`] chooses among them, the crates `linecarve-lines` and `linecarve-carving` find segments and carve,
 //! [`mesh`] writes what comes out, [`render`] draws it, [`synth`] makes sequences with exact ground truth.
 
+pub mod checkpoint;
 pub mod cli;
 pub mod commands;
 pub mod diff;

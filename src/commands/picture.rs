@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use image::{GenericImage, RgbImage};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::mesh::{LineSet, TriangleMesh};
 use crate::progress::{Progress, Verbosity};
@@ -36,20 +36,42 @@ pub(super) fn write_overview(
 ) -> anyhow::Result<()> {
     let photo = shot.sequence.load_color(shot.frame)?;
     let (width, height) = photo.dimensions();
-    let up = up_direction(shot.poses);
     let inside = View::from_keyframe(
         shot.sequence.color_camera(),
         width,
         height,
         shot.world_from_camera,
-        up,
+        up_direction(shot.poses),
     );
+    write_panels(
+        path,
+        mesh,
+        clusters,
+        Some(photo),
+        &inside,
+        shot.poses,
+        verbosity,
+    )
+}
+
+/// Writes up to three panels side by side: a photo when there is one, the surface with lines over it from `inside`, and the
+/// surface from outside and above, from the side of the cameras `poses`.
+pub(super) fn write_panels(
+    path: &Path,
+    mesh: &TriangleMesh,
+    lines: &LineSet,
+    photo: Option<RgbImage>,
+    inside: &View,
+    poses: &[Isometry3<f64>],
+    verbosity: Verbosity,
+) -> anyhow::Result<()> {
+    let size = (inside.width, inside.height);
     let renderer = Renderer::new(mesh);
     let options = RenderOptions::default();
     let mut progress = Progress::start("picture", 2, verbosity);
-    let from_keyframe = renderer.draw(Some(clusters), &inside, &options, &|_, _| {})?;
+    let from_keyframe = renderer.draw(Some(lines), inside, &options, &|_, _| {})?;
     progress.step(String::new);
-    let outside = View::dollhouse(mesh, shot.poses, (width, height));
+    let outside = View::dollhouse(mesh, poses, size);
     let from_outside = match outside {
         Some(view) => {
             let options = RenderOptions {
@@ -63,10 +85,21 @@ pub(super) fn write_overview(
     progress.step(String::new);
     progress.finish();
 
-    let mut panels = vec![photo, from_keyframe];
+    let mut panels: Vec<RgbImage> = photo.into_iter().collect();
+    panels.push(from_keyframe);
     panels.extend(from_outside);
     write_png(path, &side_by_side(&panels)?)?;
     Ok(())
+}
+
+/// Three short lines through each point.
+pub(super) fn crosses(points: &[Point3<f64>], length: f64) -> LineSet {
+    LineSet::from_segments(points.iter().flat_map(|point| {
+        [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| {
+            let arm = 0.5 * length * axis;
+            [point - arm, point + arm]
+        })
+    }))
 }
 
 /// Pictures of one height in a row on white.

@@ -5,12 +5,13 @@ use std::time::Instant;
 use anyhow::Context;
 use nalgebra::{Isometry3, Vector3};
 
-use crate::cli::{Format, ReconstructArgs};
+use crate::cli::{Format, ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
 use crate::commands::output::{
     OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
 };
 use crate::commands::picture::{Shot, write_overview};
+use crate::commands::reconstruct_points;
 use crate::commands::run_report::{RunLog, keyframe_report};
 use crate::commands::sequence::{Prepared, prepare};
 use crate::mesh::{TriangleMesh, write_glb};
@@ -19,6 +20,9 @@ use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, milliseconds};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    if args.from == SurfaceSource::MapPoints {
+        return reconstruct_points::run(args, verbosity);
+    }
     let started = Instant::now();
     let mut output = OutputFolder::create(&args.out)?;
     let mut prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;

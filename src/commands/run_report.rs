@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Context;
+use nalgebra::Vector3;
 
 use crate::commands::output::OutputFolder;
 use crate::commands::sequence::Prepared;
@@ -14,6 +15,23 @@ use crate::report::{
 };
 use crate::sequence::Sequence;
 
+/// What a run is about to do.
+pub(super) struct RunHeader<'a> {
+    pub(super) command: &'static str,
+    /// What the surface is made from.
+    pub(super) from: &'static str,
+    pub(super) sequence: &'a Sequence,
+    /// Number of keyframes chosen.
+    pub(super) keyframes: usize,
+    /// Where depth comes from.
+    pub(super) depth: &'static str,
+    /// Median depth of the scene in units of the poses, 0 as long as it is not known.
+    pub(super) median_depth: f64,
+    pub(super) origin: Vector3<f64>,
+    pub(super) options: &'a Options,
+    pub(super) warnings: &'a [String],
+}
+
 /// Collects the report of a run, and decides what becomes of keyframes that cannot be used.
 pub(super) struct RunLog {
     report: Report<Options>,
@@ -22,19 +40,35 @@ pub(super) struct RunLog {
 }
 
 impl RunLog {
-    /// Begins a run; the warnings of its preparation are said.
+    /// Begins a run from lines; the warnings of its preparation are said.
     pub(super) fn new(command: &'static str, prepared: &Prepared, verbosity: Verbosity) -> Self {
+        let header = RunHeader {
+            command,
+            from: "lines",
+            sequence: &prepared.sequence,
+            keyframes: prepared.keyframes.len(),
+            depth: "sensor",
+            median_depth: prepared.median_depth,
+            origin: prepared.origin,
+            options: &prepared.options,
+            warnings: &prepared.warnings,
+        };
+        Self::begin(&header, verbosity)
+    }
+
+    /// Begins a run; the warnings of its preparation are said.
+    pub(super) fn begin(header: &RunHeader<'_>, verbosity: Verbosity) -> Self {
         if verbosity > Verbosity::Quiet {
-            for warning in &prepared.warnings {
+            for warning in header.warnings {
                 eprintln!("warning: {warning}");
             }
         }
         if verbosity >= Verbosity::Verbose {
-            for convention in prepared.sequence.conventions() {
+            for convention in header.sequence.conventions() {
                 eprintln!("assumed: {convention}");
             }
         }
-        let folder = prepared.sequence.folder();
+        let folder = header.sequence.folder();
         let name = folder
             .file_name()
             .unwrap_or(folder.as_os_str())
@@ -42,21 +76,22 @@ impl RunLog {
         Self {
             report: Report {
                 generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")).to_owned(),
-                command,
+                command: header.command,
+                from: header.from,
                 sequence: SequenceSummary {
                     name: name.into_owned(),
-                    layout: prepared.sequence.layout().to_owned(),
-                    frames: prepared.sequence.frames().len(),
-                    keyframes: prepared.keyframes.len(),
+                    layout: header.sequence.layout().to_owned(),
+                    frames: header.sequence.frames().len(),
+                    keyframes: header.keyframes,
                     skipped: 0,
-                    depth: "sensor",
-                    median_depth: prepared.median_depth,
-                    origin: prepared.origin.into(),
+                    depth: header.depth,
+                    median_depth: header.median_depth,
+                    origin: header.origin.into(),
                 },
-                parameters: prepared.options.clone(),
-                keyframes: Vec::with_capacity(prepared.keyframes.len()),
+                parameters: header.options.clone(),
+                keyframes: Vec::with_capacity(header.keyframes),
                 result: ResultSummary::default(),
-                warnings: prepared.warnings.clone(),
+                warnings: header.warnings.to_vec(),
                 timing: TimingSummary::default(),
             },
             verbosity,
@@ -73,9 +108,25 @@ impl RunLog {
         keyframe: Result<Keyframe, FrontEndError>,
         progress: &Progress,
     ) -> anyhow::Result<Option<Keyframe>> {
+        self.accept_unless(keyframe, FrontEndError::is_limited_to_frame, progress)
+    }
+
+    /// A keyframe of any kind, or `None` when its fault is limited to it, which is counted and told.
+    ///
+    /// # Errors
+    /// When the fault is not this keyframe's alone.
+    pub(super) fn accept_unless<T, E>(
+        &mut self,
+        keyframe: Result<T, E>,
+        is_limited_to_frame: impl FnOnce(&E) -> bool,
+        progress: &Progress,
+    ) -> anyhow::Result<Option<T>>
+    where
+        E: std::error::Error + Send + Sync + 'static,
+    {
         match keyframe {
             Ok(keyframe) => Ok(Some(keyframe)),
-            Err(error) if error.is_limited_to_frame() => {
+            Err(error) if is_limited_to_frame(&error) => {
                 let message = format!("left out: {error}");
                 progress.say(Verbosity::Verbose, &message);
                 self.skipped.push(message);
@@ -83,6 +134,19 @@ impl RunLog {
             }
             Err(error) => Err(error.into()),
         }
+    }
+
+    /// Notes that the run was ended before its last keyframe, and says so.
+    pub(super) fn interrupted(&mut self) -> String {
+        let (done, chosen) = (self.report.keyframes.len(), self.report.sequence.keyframes);
+        let message = format!("ended early, after {done} of {chosen} keyframes; they are saved");
+        self.report.warnings.push(message.clone());
+        message
+    }
+
+    /// Sets the median depth that the run found itself.
+    pub(super) fn set_median_depth(&mut self, median_depth: Option<f64>) {
+        self.report.sequence.median_depth = median_depth.unwrap_or(0.0);
     }
 
     /// Adds what one keyframe did.
@@ -206,12 +270,13 @@ impl RunLog {
         }
         let result = &self.report.result;
         let timing = &self.report.timing;
-        let mut line = format!(
-            "{} keyframes, {} segments in {} clusters",
-            self.report.keyframes.len(),
-            result.segments,
-            result.clusters
-        );
+        let mut line = format!("{} keyframes", self.report.keyframes.len());
+        if self.report.from == "lines" {
+            line += &format!(
+                ", {} segments in {} clusters",
+                result.segments, result.clusters
+            );
+        }
         if result.points > 0 {
             line += &format!(
                 "; {} points, {} rays, {} vertices, {} triangles",

@@ -1,7 +1,7 @@
 //! Points with visibility.
 
 use linecarve_lines::camera::Camera;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Views and the points that they see. Views are in the order of recording where that is known.
 #[derive(Debug, Clone, Default)]
@@ -10,6 +10,20 @@ pub struct PointModel {
     pub views: Vec<ModelView>,
     /// The points.
     pub points: Vec<ModelPoint>,
+}
+
+impl PointModel {
+    /// The same model, moved.
+    pub fn translated(&self, by: &Vector3<f64>) -> Self {
+        let mut moved = self.clone();
+        for view in &mut moved.views {
+            view.world_from_camera.translation.vector += by;
+        }
+        for point in &mut moved.points {
+            point.point_in_world += by;
+        }
+        moved
+    }
 }
 
 /// A posed view of a model.

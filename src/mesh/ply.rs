@@ -61,6 +61,30 @@ pub fn write_lines_ply(path: &Path, lines: &LineSet) -> Result<(), MeshFileError
     Ok(())
 }
 
+/// Writes points, with their colours when there are any.
+///
+/// # Errors
+/// When a point is not finite, there are fewer or more colours than points, or the file cannot be written.
+pub fn write_points_ply(
+    path: &Path,
+    points: &[Point3<f64>],
+    colors: Option<&[[u8; 3]]>,
+) -> Result<(), MeshFileError> {
+    let cloud = LineSet {
+        points: points.to_vec(),
+        lines: Vec::new(),
+        colors: colors.map(<[_]>::to_vec),
+    };
+    cloud.validate().map_err(MeshFileError::geometry(path))?;
+    write_atomically(path, |out| {
+        let vertices = Vertices::new(points, colors);
+        vertices.write_header(out)?;
+        writeln!(out, "end_header")?;
+        vertices.write_data(out)
+    })?;
+    Ok(())
+}
+
 /// The vertex element of a file.
 struct Vertices<'a> {
     points: &'a [Point3<f64>],
@@ -152,6 +176,17 @@ mod tests {
         assert_eq!(data[15..19], 1.5f32.to_le_bytes());
         assert_eq!(data[27..30], [1, 2, 3]);
         assert_eq!(data[45..], [3, 0, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);
+    }
+
+    #[test]
+    fn points_are_vertices_alone() {
+        let points = [Point3::origin(), Point3::new(1.0, 2.0, 3.0)];
+        let (header, data) = written(|path| write_points_ply(path, &points, Some(&[[9; 3]; 2])));
+        assert!(header.contains("element vertex 2") && !header.contains("edge"));
+        assert_eq!(data.len(), 2 * 15);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out.ply");
+        assert!(write_points_ply(&path, &points, Some(&[])).is_err());
     }
 
     #[test]

@@ -4,10 +4,13 @@
 //! order. [`run`] drives both, so that the front end of the next keyframes works beside the back end of these.
 
 mod back_end;
+pub mod feature_depth;
 mod front_end;
 mod labels;
 pub mod landmarks;
+mod map_points;
 mod options;
+mod point_model;
 mod run;
 pub mod scale;
 pub mod segment_map;
@@ -17,5 +20,10 @@ pub mod surface_points;
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
 pub use front_end::{FrontEnd, FrontEndError, Keyframe};
 pub use labels::{CutSettings, LabelKind};
+pub use map_points::{
+    PointBackEnd, PointBackEndError, PointFrontEndError, PointKeyframe, PointUpdate, find_features,
+    run_in_order, run_map_points,
+};
 pub use options::{Options, OptionsError};
+pub use point_model::{ModelCarver, ModelCounts, ModelUpdate, PointModelError, PointModelOptions};
 pub use run::run;

@@ -12,9 +12,11 @@ use serde::{Deserialize, Serialize};
 
 use super::labels::{CutSettings, LabelKind};
 use super::landmarks::LandmarkOptions;
+use super::point_model::PointModelOptions;
 use super::segment_points::SegmentPointOptions;
 use super::surface_points::SurfacePointOptions;
 use crate::keyframes::KeyframeOptions;
+use crate::map_points::{MapPointOptions, MapPointOptionsError};
 
 /// The parameters of every stage. A missing section or key has its default; an unknown one is refused.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -38,6 +40,10 @@ pub struct Options {
     pub surface_points: SurfacePointOptions,
     /// Points that several keyframes see.
     pub landmarks: LandmarkOptions,
+    /// Points from features.
+    pub map_points: MapPointOptions,
+    /// Points that a sequence brings along.
+    pub point_model: PointModelOptions,
     /// Free space.
     pub carving: CarvingOptions,
     /// The surface that is written.
@@ -142,6 +148,9 @@ pub enum OptionsError {
         /// What would do.
         expected: &'static str,
     },
+    /// An option of the map points is out of range.
+    #[error(transparent)]
+    MapPoints(#[from] MapPointOptionsError),
 }
 
 impl Options {
@@ -215,6 +224,7 @@ impl Options {
         }
         positive("carving.cut.sigma_factor", self.carving.cut.sigma_factor)?;
         self.carving.cut.options().validate()?;
+        self.map_points.validate()?;
         if self.carving.free_threshold == 0 {
             return Err(OptionsError::Range {
                 key: "carving.free_threshold",

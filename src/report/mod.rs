@@ -14,6 +14,8 @@ pub struct Report<P: Serialize> {
     pub generator: String,
     /// The command that ran: `reconstruct` or `lines`.
     pub command: &'static str,
+    /// What the surface is made from: `lines` or `map-points`.
+    pub from: &'static str,
     /// What was read.
     pub sequence: SequenceSummary,
     /// Every parameter of every stage; as TOML it is a `--config` that repeats the run.
@@ -78,8 +80,28 @@ pub struct KeyframeReport {
     pub triangles: usize,
     /// Triangles that came and went with this keyframe.
     pub changed_triangles: usize,
+    /// What became of features, when the surface is made from map points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map_points: Option<MapPointReport>,
     /// Milliseconds of each stage.
     pub milliseconds: StageTimes,
+}
+
+/// Counts of one keyframe that is looked at for map points.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct MapPointReport {
+    /// Features in the image.
+    pub features: usize,
+    /// Points that they are, seen before.
+    pub observed_again: usize,
+    /// Points tried for the first time; they are carved when enough keyframes see them.
+    pub created: usize,
+    /// Points given up.
+    pub removed: usize,
+    /// Carved points that moved.
+    pub moved: usize,
+    /// Points that are carved.
+    pub established: usize,
 }
 
 /// Milliseconds of the stages of one keyframe.
@@ -91,6 +113,8 @@ pub struct StageTimes {
     pub depth: f64,
     /// Edge chains.
     pub edges: f64,
+    /// Features.
+    pub features: f64,
     /// Segments fitted along the chains.
     pub fit: f64,
     /// Segments joined to clusters.
@@ -111,6 +135,7 @@ impl StageTimes {
         self.load
             + self.depth
             + self.edges
+            + self.features
             + self.fit
             + self.cluster
             + self.points
@@ -126,6 +151,7 @@ impl StageTimes {
             load: mean(self.load),
             depth: mean(self.depth),
             edges: mean(self.edges),
+            features: mean(self.features),
             fit: mean(self.fit),
             cluster: mean(self.cluster),
             points: mean(self.points),
@@ -140,6 +166,7 @@ impl StageTimes {
         self.load += other.load;
         self.depth += other.depth;
         self.edges += other.edges;
+        self.features += other.features;
         self.fit += other.fit;
         self.cluster += other.cluster;
         self.points += other.points;
@@ -166,6 +193,12 @@ pub struct ResultSummary {
     pub vertices: usize,
     /// Triangles of the mesh.
     pub triangles: usize,
+    /// Milliseconds for the extraction of the final surface, where no keyframe has them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface_milliseconds: Option<f64>,
+    /// Root of the mean squared distance between points and their features in the images, in pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reprojection_rms_px: Option<f64>,
     /// Files written, relative to the output folder.
     pub files: Vec<String>,
 }

@@ -1,0 +1,202 @@
+//! Files of a run that is not through.
+
+use std::path::{Path, PathBuf};
+
+use crate::files::{WriteError, write_atomically};
+
+/// Folder inside the output folder.
+pub const FOLDER: &str = ".linecarve";
+
+/// What the run is.
+const RUN: &str = "run.txt";
+
+/// Why a run cannot be resumed, or kept so that it can.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// There is nothing that could be resumed.
+    #[error(
+        "{} holds no run that could be resumed: leave out --resume to begin one", folder.display()
+    )]
+    Nothing {
+        /// The output folder.
+        folder: PathBuf,
+    },
+    /// What is there is another run.
+    #[error(
+        "the run in {} was begun differently ({difference}): repeat it as it was, or leave out --resume to begin anew",
+        folder.display()
+    )]
+    Different {
+        /// The output folder.
+        folder: PathBuf,
+        /// The first line that differs.
+        difference: String,
+    },
+    /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A file or folder cannot be read, made or removed.
+    #[error("cannot use {}: {source}", path.display())]
+    Folder {
+        /// Which.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+}
+
+/// What a run has kept so far.
+#[derive(Debug, Clone)]
+pub struct Checkpoint {
+    folder: PathBuf,
+}
+
+impl Checkpoint {
+    /// Begins to keep a run, or to go on with one. `description` says what the run is, line by line: a run goes on only
+    /// when it is the same. `Nothing` is an error only when nothing at all was begun there.
+    ///
+    /// # Errors
+    /// When there is nothing to resume, or another run, or the folder is not writable.
+    pub fn open(output: &Path, description: &str, resume: bool) -> Result<Self, CheckpointError> {
+        let folder = output.join(FOLDER);
+        let failed = |path: &Path| {
+            let path = path.to_owned();
+            move |source| CheckpointError::Folder { path, source }
+        };
+        let run = folder.join(RUN);
+        if resume {
+            let found = match std::fs::read(&run) {
+                Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                    return Err(CheckpointError::Nothing {
+                        folder: output.to_owned(),
+                    });
+                }
+                Err(error) => return Err(failed(&run)(error)),
+            };
+            if let Some(difference) = difference(&found, description) {
+                return Err(CheckpointError::Different {
+                    folder: output.to_owned(),
+                    difference,
+                });
+            }
+            return Ok(Self { folder });
+        }
+        if folder.exists() {
+            std::fs::remove_dir_all(&folder).map_err(failed(&folder))?;
+        }
+        std::fs::create_dir_all(&folder).map_err(failed(&folder))?;
+        write_atomically(&run, |out| out.write_all(description.as_bytes()))?;
+        Ok(Self { folder })
+    }
+
+    fn path(&self, keyframe: usize) -> PathBuf {
+        self.folder.join(format!("{keyframe:06}.keyframe"))
+    }
+
+    /// What was stored for a keyframe; `None` when nothing was, or it is damaged.
+    pub fn load(&self, keyframe: usize) -> Option<Vec<u8>> {
+        let mut bytes = std::fs::read(self.path(keyframe)).ok()?;
+        let at = bytes.len().checked_sub(8)?;
+        let sum = u64::from_le_bytes(bytes[at..].try_into().ok()?);
+        bytes.truncate(at);
+        (checksum(&bytes) == sum).then_some(bytes)
+    }
+
+    /// Stores what a keyframe yields.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn store(&self, keyframe: usize, bytes: &[u8]) -> Result<(), CheckpointError> {
+        write_atomically(&self.path(keyframe), |out| {
+            out.write_all(bytes)?;
+            out.write_all(&checksum(bytes).to_le_bytes())
+        })?;
+        Ok(())
+    }
+
+    /// Removes everything: the run is through.
+    ///
+    /// # Errors
+    /// When the folder cannot be removed.
+    pub fn finish(self) -> Result<(), CheckpointError> {
+        let path = self.folder;
+        std::fs::remove_dir_all(&path).map_err(|source| CheckpointError::Folder { path, source })
+    }
+}
+
+/// Against damage of the disk, not against malice: FNV-1a of 64 bits.
+fn checksum(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |sum, byte| {
+        (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    })
+}
+
+/// The first line in which two descriptions differ.
+fn difference(found: &str, asked: &str) -> Option<String> {
+    if found == asked {
+        return None;
+    }
+    let (mut before, mut now) = (found.lines(), asked.lines());
+    loop {
+        match (before.next(), now.next()) {
+            (Some(a), Some(b)) if a == b => {}
+            (None, None) => return Some("line ends".to_owned()),
+            (a, b) => {
+                let text = |line: Option<&str>| line.unwrap_or("nothing").to_owned();
+                return Some(format!("then \"{}\", now \"{}\"", text(a), text(b)));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_stored_comes_back_until_the_run_is_through() {
+        let folder = tempfile::tempdir().unwrap();
+        let begun = Checkpoint::open(folder.path(), "a\nb\n", false).unwrap();
+        begun.store(3, b"three").unwrap();
+        let resumed = Checkpoint::open(folder.path(), "a\nb\n", true).unwrap();
+        assert_eq!(resumed.load(3).as_deref(), Some(b"three".as_slice()));
+        assert_eq!(resumed.load(4), None);
+        resumed.finish().unwrap();
+        assert!(!folder.path().join(FOLDER).exists());
+        let error = Checkpoint::open(folder.path(), "a\nb\n", true).unwrap_err();
+        assert!(matches!(error, CheckpointError::Nothing { .. }));
+    }
+
+    #[test]
+    fn another_run_is_named_and_a_new_one_begins_empty() {
+        let folder = tempfile::tempdir().unwrap();
+        Checkpoint::open(folder.path(), "every 2\n", false)
+            .unwrap()
+            .store(0, b"old")
+            .unwrap();
+        let error = Checkpoint::open(folder.path(), "every 3\n", true).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("then \"every 2\", now \"every 3\""),
+            "{error}"
+        );
+        let anew = Checkpoint::open(folder.path(), "every 3\n", false).unwrap();
+        assert_eq!(anew.load(0), None);
+    }
+
+    #[test]
+    fn damaged_files_are_as_good_as_absent() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Checkpoint::open(folder.path(), "", false).unwrap();
+        run.store(0, b"some bytes").unwrap();
+        let path = run.path(0);
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes[2] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        assert_eq!(run.load(0), None);
+        std::fs::write(&path, b"cut").unwrap();
+        assert_eq!(run.load(0), None);
+    }
+}

@@ -1,0 +1,60 @@
+//! Runs that can be resumed after they were killed.
+
+use crate::checkpoint::{Checkpoint, CheckpointError, read_point_keyframe, write_point_keyframe};
+use crate::commands::prepare_points::PreparedPoints;
+use crate::map_points::MapPointOptions;
+use crate::pipeline::{PointFrontEndError, PointKeyframe, find_features};
+use crate::sequence::Sequence;
+
+/// What a run from map points is, line by line: one that differs cannot go on with what another has stored.
+pub(super) fn describe(from: &str, prepared: &PreparedPoints) -> String {
+    let sequence = &prepared.sequence;
+    let folder = sequence.folder();
+    let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    let mut text = format!(
+        "linecarve {}\nfrom {from}\nsequence {}\nlayout {}\n",
+        env!("CARGO_PKG_VERSION"),
+        folder.display(),
+        sequence.layout()
+    );
+    // Parameters that TOML cannot hold do not exist; a run whose parameters are not told is another run.
+    text += &toml::to_string(&prepared.options).unwrap_or_default();
+    for frame in &prepared.keyframes {
+        let frame = &sequence.frames()[*frame];
+        let pose = frame.world_from_camera;
+        let numbers: Vec<String> = pose
+            .rotation
+            .coords
+            .iter()
+            .chain(pose.translation.vector.iter())
+            .map(ToString::to_string)
+            .collect();
+        text += &format!("keyframe {} at {}\n", frame.name, numbers.join(" "));
+    }
+    text
+}
+
+/// The features of a keyframe: as stored, or found and stored.
+///
+/// # Errors
+/// When they cannot be stored. That they cannot be found is told inside.
+pub(super) fn features(
+    checkpoint: &Checkpoint,
+    sequence: &Sequence,
+    frames: &[usize],
+    keyframe: usize,
+    options: &MapPointOptions,
+) -> Result<Result<PointKeyframe, PointFrontEndError>, CheckpointError> {
+    let frame = frames[keyframe];
+    let stored = checkpoint
+        .load(keyframe)
+        .and_then(|bytes| read_point_keyframe(&bytes).ok());
+    if let Some(stored) = stored.filter(|stored| stored.frame == frame) {
+        return Ok(Ok(stored));
+    }
+    let found = find_features(sequence, frame, options);
+    if let Ok(found) = &found {
+        checkpoint.store(keyframe, &write_point_keyframe(found))?;
+    }
+    Ok(found)
+}

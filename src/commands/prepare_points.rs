@@ -1,0 +1,98 @@
+//! What `reconstruct --from map-points` does first: no depth is needed.
+
+use anyhow::Context;
+use nalgebra::{Point3, Vector3};
+
+use crate::cli::{KeyframeArgs, SequenceArgs, StageArgs};
+use crate::commands::sequence::choose;
+use crate::pipeline::Options;
+use crate::pipeline::feature_depth::median_feature_depth;
+use crate::pipeline::scale::{far_origin, median_scene_depth};
+use crate::progress::Verbosity;
+use crate::sequence::Sequence;
+
+/// A sequence that is ready to be looked at for map points.
+pub(super) struct PreparedPoints {
+    pub(super) sequence: Sequence,
+    pub(super) options: Options,
+    /// Indices of the chosen frames.
+    pub(super) keyframes: Vec<usize>,
+    /// Median depth of the scene by its depth images, `None` without them.
+    pub(super) sensor_depth: Option<f64>,
+    /// Taken off all coordinates while computing.
+    pub(super) origin: Vector3<f64>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Opens a sequence and prepares everything that comes before its first keyframe, with or without depth images.
+pub(super) fn prepare_points(
+    input: &SequenceArgs,
+    sequence: Sequence,
+    selection: &KeyframeArgs,
+    mut options: Options,
+    verbosity: Verbosity,
+) -> anyhow::Result<PreparedPoints> {
+    let mut warnings: Vec<String> = sequence
+        .warnings()
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    let all: Vec<usize> = (0..sequence.frames().len()).collect();
+    let sensor_depth = match sequence.depth_calibration() {
+        Some(_) => median_scene_depth(&sequence, &all)?,
+        None => None,
+    };
+    let is_depth_needed = selection.every.is_none()
+        && selection.keyframes.is_none()
+        && (selection
+            .min_translation
+            .or(options.keyframes.translation)
+            .is_none()
+            || options.keyframes.min_overlap.is_some());
+    let median_depth = match sensor_depth {
+        Some(depth) => depth,
+        None if is_depth_needed => median_feature_depth(&sequence, &options.map_points)?
+            .with_context(|| {
+                format!(
+                    "{}: how far away the scene is cannot be told from its features (no texture, no motion, or wrong \
+                     poses), so keyframes cannot be chosen by motion: give --every N or --min-translation LENGTH",
+                    input.sequence.display()
+                )
+            })?,
+        // Only the choice by motion asks for it.
+        None => 1.0,
+    };
+    let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
+    let positions = keyframes.iter().map(|frame| {
+        let pose = &sequence.frames()[*frame].world_from_camera;
+        Point3::from(pose.translation.vector)
+    });
+    let origin = far_origin(positions, median_depth);
+    if origin != Vector3::zeros() {
+        warnings.push(far_warning(&origin));
+    }
+    Ok(PreparedPoints {
+        sequence,
+        options,
+        keyframes,
+        sensor_depth,
+        origin,
+        warnings,
+    })
+}
+
+/// Says that coordinates are computed on after a shift.
+pub(super) fn far_warning(origin: &Vector3<f64>) -> String {
+    format!(
+        "coordinates lie far from zero: computed relative to ({}, {}, {})",
+        origin.x, origin.y, origin.z
+    )
+}
+
+/// The options that a command starts from.
+pub(super) fn read_options(stages: &StageArgs) -> anyhow::Result<Options> {
+    Ok(match &stages.config {
+        Some(path) => Options::read(path)?,
+        None => Options::default(),
+    })
+}

@@ -1,0 +1,305 @@
+//! `linecarve reconstruct --from map-points`: the surface from sparse points that several views see.
+
+use std::time::Instant;
+
+use anyhow::Context;
+use nalgebra::{Isometry3, Point3};
+
+use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::cli::ReconstructArgs;
+use crate::commands::Outcome;
+use crate::commands::{interrupt, kept_run};
+use crate::commands::output::{OutputFolder, surface_part, write_geometry};
+use crate::commands::picture::{Shot, crosses, write_overview};
+use crate::commands::run_report::{RunHeader, RunLog};
+use crate::commands::prepare_points::{PreparedPoints, prepare_points, read_options};
+use crate::commands::sequence::open;
+use crate::map_points::PointModel;
+use crate::mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
+use crate::pipeline::{
+    PointBackEnd, PointFrontEndError, PointKeyframe, PointUpdate, run_in_order,
+};
+use crate::progress::{Progress, Verbosity};
+use crate::report::{KeyframeReport, MapPointReport, milliseconds};
+use crate::sequence::Sequence;
+
+/// Length of the crosses that mark points in the picture, as a share of the median depth.
+const CROSS_SHARE: f64 = 0.006;
+
+/// Folder of the surfaces after each keyframe.
+pub(super) const GROWTH: &str = "keyframes";
+
+pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let started = Instant::now();
+    let output = OutputFolder::create(&args.out)?;
+    let options = read_options(&args.stages)?;
+    let sequence = open(&args.input)?;
+    let prepared = prepare_points(&args.input, sequence, &args.selection, options, verbosity)?;
+    from_features(args, &prepared, output, started, verbosity)
+}
+
+/// Features of the images, matched and triangulated.
+fn from_features(
+    args: &ReconstructArgs,
+    prepared: &PreparedPoints,
+    mut output: OutputFolder,
+    started: Instant,
+    verbosity: Verbosity,
+) -> anyhow::Result<Outcome> {
+    let sequence = &prepared.sequence;
+    let options = &prepared.options;
+    let header = RunHeader {
+        command: "reconstruct",
+        from: "map-points",
+        sequence,
+        keyframes: prepared.keyframes.len(),
+        depth: "none",
+        median_depth: prepared.sensor_depth.unwrap_or(0.0),
+        origin: prepared.origin,
+        options,
+        warnings: &prepared.warnings,
+    };
+    let mut log = RunLog::begin(&header, verbosity);
+    let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);
+    let mut map = PointBackEnd::new(
+        options,
+        sequence.color_camera(),
+        sequence.color_size(),
+        prepared.sensor_depth,
+    )?;
+    let mut walk = Walk::default();
+    if !args.final_only {
+        output.numbered(GROWTH)?;
+    }
+    let description = kept_run::describe(header.from, prepared);
+    let checkpoint = Checkpoint::open(output.root(), &description, args.resume)?;
+    let prepare = |keyframe: usize| {
+        let frames = &prepared.keyframes;
+        kept_run::features(&checkpoint, sequence, frames, keyframe, &options.map_points)
+    };
+    let consume = |_: usize, keyframe: Looked| {
+        interrupt::check()?;
+        let keyframe = keyframe?;
+        let limited = PointFrontEndError::is_limited_to_frame;
+        let Some(mut keyframe) = log.accept_unless(keyframe, limited, &progress)? else {
+            progress.step(String::new);
+            return Ok(());
+        };
+        keyframe.world_from_camera.translation.vector -= prepared.origin;
+        let update = map.push(&keyframe)?;
+        let mut report = keyframe_report(&keyframe, &update, &map, sequence);
+        if !args.final_only {
+            let name = format!("{GROWTH}/{:06}.glb", walk.poses.len());
+            let start = Instant::now();
+            let mut surface = map.surface();
+            surface.translate(&prepared.origin);
+            report.milliseconds.surface = milliseconds(start.elapsed());
+            let start = Instant::now();
+            write_glb(
+                &output.file(&name),
+                &[surface_part(&surface)],
+                &prepared.origin,
+            )?;
+            report.milliseconds.write = milliseconds(start.elapsed());
+        }
+        walk.push(
+            keyframe.frame,
+            &keyframe.world_from_camera,
+            update.counts.observed_again,
+        );
+        progress.step(|| {
+            format!(
+                "{} features, {} points, {} triangles",
+                update.counts.features,
+                update.counts.established,
+                map.carver().triangle_count()
+            )
+        });
+        log.push(report);
+        anyhow::Ok(())
+    };
+    interrupt::watch()?;
+    let ran = run_in_order(prepared.keyframes.len(), prepare, consume);
+    let is_complete = interrupt::is_complete(ran)?;
+    progress.finish();
+    log.demand_a_keyframe()?;
+
+    let depth = prepared.sensor_depth.or_else(|| map.map().median_depth());
+    log.set_median_depth(depth);
+    let quality = map.map().quality();
+    let mesh = map.surface();
+    let result = log.result();
+    result.points = map.carver().point_count();
+    result.rays = map.carver().ray_count();
+    result.cells = map.carver().tetrahedra().finite_cell_count();
+    result.vertices = mesh.positions.len();
+    result.triangles = mesh.triangles.len();
+    result.reprojection_rms_px = (quality.points > 0).then_some(quality.reprojection_rms_px);
+    let model = map
+        .map()
+        .model(|number| sequence.frames()[walk.frames[number]].name.clone());
+    let outcome = if !is_complete {
+        Outcome::Negative(log.interrupted())
+    } else if mesh.is_empty() {
+        Outcome::Negative(format!(
+            "the mesh is empty: {}",
+            reason_for_nothing(&map, &walk)
+        ))
+    } else {
+        Outcome::Done
+    };
+    write_results(
+        args,
+        prepared,
+        mesh,
+        &cloud(&model),
+        depth,
+        &walk,
+        &mut output,
+        verbosity,
+    )?;
+    log.write(&mut output, started, args.stages.json)?;
+    if is_complete {
+        checkpoint.finish()?;
+    }
+    Ok(outcome)
+}
+
+/// What looking at one keyframe yields: features, or why there are none, or why they cannot be kept.
+type Looked = Result<Result<PointKeyframe, PointFrontEndError>, CheckpointError>;
+
+/// Where the camera was, and which keyframe saw most.
+#[derive(Default)]
+struct Walk {
+    frames: Vec<usize>,
+    poses: Vec<Isometry3<f64>>,
+    richest: Option<(usize, usize)>,
+}
+
+impl Walk {
+    fn push(&mut self, frame: usize, pose: &Isometry3<f64>, seen: usize) {
+        if self.richest.is_none_or(|(most, _)| seen > most) {
+            self.richest = Some((seen, self.poses.len()));
+        }
+        self.frames.push(frame);
+        self.poses.push(*pose);
+    }
+}
+
+fn keyframe_report(
+    keyframe: &PointKeyframe,
+    update: &PointUpdate,
+    map: &PointBackEnd,
+    sequence: &Sequence,
+) -> KeyframeReport {
+    let counts = update.counts;
+    let mut report = KeyframeReport {
+        frame: sequence.frames()[keyframe.frame].name.clone(),
+        index: keyframe.frame,
+        new_points: update.added,
+        observed_again: counts.observed_again,
+        rays: map.carver().ray_count(),
+        cells: map.carver().tetrahedra().finite_cell_count(),
+        triangles: map.carver().triangle_count(),
+        changed_triangles: update.changed_triangles,
+        map_points: Some(MapPointReport {
+            features: counts.features,
+            observed_again: counts.observed_again,
+            created: counts.created,
+            removed: counts.removed,
+            moved: update.moved,
+            established: counts.established,
+        }),
+        milliseconds: keyframe.times,
+        ..KeyframeReport::default()
+    };
+    report.milliseconds.points = milliseconds(update.matching);
+    report.milliseconds.carve = milliseconds(update.carving);
+    report
+}
+
+/// Where on the way everything was lost.
+fn reason_for_nothing(map: &PointBackEnd, walk: &Walk) -> String {
+    let keyframes = walk.poses.len();
+    let features: usize = map
+        .map()
+        .keyframes()
+        .iter()
+        .map(|keyframe| keyframe.features.len())
+        .sum();
+    let points = map.carver().point_count();
+    let needed = map.map().options().min_views;
+    if features == 0 {
+        format!(
+            "the images of {keyframes} keyframe(s) have no corners: black, blurred or overexposed?"
+        )
+    } else if keyframes < needed {
+        format!("{keyframes} keyframe(s) are too few: a point must be seen by {needed}")
+    } else if points == 0 {
+        format!(
+            "no point could be triangulated from {features} features of {keyframes} keyframe(s): the camera only turns, the \
+             poses are wrong (linecarve info tests them), or nothing is seen by {needed} keyframes"
+        )
+    } else {
+        format!(
+            "{points} points of {keyframes} keyframe(s) enclose no occupied space that a ray has left; more keyframes from \
+             other places would help"
+        )
+    }
+}
+
+/// The points of a model with their colours.
+pub(super) fn cloud(model: &PointModel) -> LineSet {
+    let colors: Option<Vec<[u8; 3]>> = model.points.iter().map(|point| point.color).collect();
+    LineSet {
+        points: model
+            .points
+            .iter()
+            .map(|point| point.point_in_world)
+            .collect(),
+        lines: Vec::new(),
+        colors,
+    }
+}
+
+/// Writes everything that comes at the end but the report.
+fn write_results(
+    args: &ReconstructArgs,
+    prepared: &PreparedPoints,
+    mut mesh: TriangleMesh,
+    cloud: &LineSet,
+    depth: Option<f64>,
+    walk: &Walk,
+    output: &mut OutputFolder,
+    verbosity: Verbosity,
+) -> anyhow::Result<()> {
+    // The picture is drawn before the shift is taken back: rays want coordinates near zero.
+    if !args.no_picture
+        && let Some((_, richest)) = walk.richest
+    {
+        let shot = Shot {
+            sequence: &prepared.sequence,
+            frame: walk.frames[richest],
+            world_from_camera: walk.poses[richest],
+            poses: &walk.poses,
+        };
+        write_overview(
+            &output.file("picture.png"),
+            &mesh,
+            &crosses(&cloud.points, CROSS_SHARE * depth.unwrap_or(0.0)),
+            &shot,
+            verbosity,
+        )
+        .context("the picture could not be made (--no-picture leaves it out)")?;
+    }
+    mesh.translate(&prepared.origin);
+    let points: Vec<Point3<f64>> = cloud.points.iter().map(|p| p + prepared.origin).collect();
+    write_points_ply(&output.file("points.ply"), &points, cloud.colors.as_deref())?;
+    write_geometry(
+        output,
+        "mesh",
+        surface_part(&mesh),
+        &args.stages.format,
+        &prepared.origin,
+    )
+}

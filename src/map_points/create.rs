@@ -1,0 +1,177 @@
+//! New points.
+
+use linecarve_lines::camera::Camera;
+use nalgebra::{Matrix3, Point2, Point3, Unit, Vector3};
+
+use super::epipolar::{FeaturePair, PairGeometry, match_along_epipolar_lines};
+use super::keyframe::MapKeyframe;
+use super::map::PointMap;
+use super::point::{MapPoint, MapPointId, MapSighting};
+use super::triangulate::{CHI2_PIXEL, closest_to_rays, parallax_cosine};
+
+/// Two keyframes nearer than this share of the depth of their points see no parallax worth a search, as in ORB-SLAM2.
+const MIN_BASELINE_SHARE: f64 = 0.01;
+
+impl PointMap {
+    /// Makes points of features that are none yet; returns how many.
+    pub(super) fn create(&mut self, keyframe: u32) -> usize {
+        let neighbors = self.neighbors(keyframe);
+        let depth = self.median_depth_in(keyframe);
+        let mut pairs = Vec::new();
+        let mut created = 0;
+        for &neighbor in &neighbors {
+            let (this, other) = (
+                &self.keyframes[keyframe as usize],
+                &self.keyframes[neighbor as usize],
+            );
+            let geometry = PairGeometry::new(
+                &self.camera,
+                &this.camera_from_world,
+                &other.camera_from_world,
+            );
+            let too_near =
+                depth.is_some_and(|depth| geometry.baseline() < MIN_BASELINE_SHARE * depth);
+            if too_near || geometry.baseline() == 0.0 {
+                continue;
+            }
+            match_along_epipolar_lines(
+                &geometry,
+                &self.options,
+                &this.features,
+                |index| this.points[index].is_none(),
+                &other.features,
+                &other.grid,
+                |index| other.points[index].is_none(),
+                &mut pairs,
+            );
+            for pair in &pairs {
+                if let Some(mut id) = self.triangulate(keyframe, neighbor, pair) {
+                    created += 1;
+                    for &further in neighbors.iter().filter(|&&k| k != neighbor) {
+                        id = self.extend(id, further);
+                    }
+                }
+            }
+        }
+        created
+    }
+
+    /// Older keyframes to match a new one with: those that share most points with it, then the latest ones.
+    fn neighbors(&self, keyframe: u32) -> Vec<u32> {
+        let mut shared = vec![0_u32; keyframe as usize];
+        for id in self.keyframes[keyframe as usize].points.iter().flatten() {
+            for sighting in self.point(*id).iter().flat_map(|point| &point.sightings) {
+                if let Some(count) = shared.get_mut(sighting.keyframe as usize) {
+                    *count += 1;
+                }
+            }
+        }
+        let view = &self.keyframes[keyframe as usize];
+        let ahead = view.world_from_camera * Vector3::z();
+        let mut neighbors: Vec<u32> = (0..keyframe)
+            .filter(|&other| {
+                // Keyframes that share nothing, look elsewhere or see nothing are no help.
+                let other_view = &self.keyframes[other as usize];
+                !other_view.features.is_empty()
+                    && (shared[other as usize] > 0
+                        || (other_view.world_from_camera * Vector3::z()).dot(&ahead) > 0.5)
+            })
+            .collect();
+        neighbors.sort_unstable_by_key(|&other| {
+            (
+                std::cmp::Reverse(shared[other as usize]),
+                std::cmp::Reverse(other),
+            )
+        });
+        neighbors.truncate(self.options.neighbors);
+        neighbors
+    }
+
+    /// Median depth of the points that a keyframe sees.
+    fn median_depth_in(&self, keyframe: u32) -> Option<f64> {
+        let view = &self.keyframes[keyframe as usize];
+        let mut depths: Vec<f64> = view
+            .points
+            .iter()
+            .flatten()
+            .filter_map(|id| self.point(*id))
+            .map(|point| (view.camera_from_world * point.point_in_world).z)
+            .collect();
+        let middle = depths.len() / 2;
+        (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+    }
+
+    /// Makes a point of a pair of features; `None` when they do not meet, meet behind a camera, or under too little
+    /// parallax, or when one of them became a point meanwhile.
+    fn triangulate(
+        &mut self,
+        keyframe: u32,
+        neighbor: u32,
+        pair: &FeaturePair,
+    ) -> Option<MapPointId> {
+        let sightings = [(neighbor, pair.second), (keyframe, pair.first)]
+            .map(|(keyframe, feature)| MapSighting { keyframe, feature });
+        let views = sightings.map(|s| &self.keyframes[s.keyframe as usize]);
+        for (view, sighting) in views.iter().zip(&sightings) {
+            if view.points[sighting.feature as usize].is_some() {
+                return None;
+            }
+        }
+        let rays = [0, 1].map(|i| {
+            let pixel = views[i].pixel(sightings[i].feature);
+            (views[i].center(), direction(&self.camera, views[i], &pixel))
+        });
+        let start = closest_to_rays(&rays)?;
+        let refined = self.fit(&sightings, start)?;
+        let point_in_world = refined.point_in_world;
+        let centers = views.map(MapKeyframe::center);
+        if parallax_cosine(&centers, &point_in_world)
+            > self.options.parallax_degrees.to_radians().cos()
+        {
+            return None;
+        }
+        let fits = sightings
+            .iter()
+            .all(|sighting| self.chi2(sighting, &point_in_world) < CHI2_PIXEL);
+        if !fits {
+            return None;
+        }
+        let descriptor = views[1].features.descriptors[pair.first as usize];
+        Some(self.insert(MapPoint {
+            point_in_world,
+            covariance: refined.covariance,
+            sightings: sightings.to_vec(),
+            descriptor,
+            viewing: mean_direction(&centers, &point_in_world),
+            born: keyframe,
+            visible: 1,
+            found: 1,
+            is_established: false,
+            published: None,
+        }))
+    }
+}
+
+/// The direction in the world in which a pinhole camera sees a pixel.
+fn direction(camera: &Camera, view: &MapKeyframe, pixel: &Point2<f64>) -> Unit<Vector3<f64>> {
+    let plane = Vector3::new(
+        (pixel.x - camera.cx()) / camera.fx(),
+        (pixel.y - camera.cy()) / camera.fy(),
+        1.0,
+    );
+    Unit::new_normalize(view.world_from_camera * plane)
+}
+
+/// Unit mean of the directions from several places to a point; zero when they cancel out.
+pub(super) fn mean_direction(centers: &[Point3<f64>], point: &Point3<f64>) -> Vector3<f64> {
+    let sum: Vector3<f64> = centers
+        .iter()
+        .map(|center| (point - center).normalize())
+        .sum();
+    sum.try_normalize(0.0).unwrap_or_default()
+}
+
+/// The largest standard deviation in any direction: root of the largest eigenvalue.
+pub(super) fn largest_sigma(covariance: &Matrix3<f64>) -> f64 {
+    covariance.symmetric_eigenvalues().max().max(0.0).sqrt()
+}

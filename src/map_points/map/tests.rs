@@ -1,0 +1,350 @@
+//! The map on rooms of points whose features are projected, not found: every answer is known.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::super::descriptor::Descriptor;
+use super::*;
+
+struct Room {
+    points: Vec<(Point3<f64>, Descriptor)>,
+    random: ChaCha8Rng,
+}
+
+impl Room {
+    /// Points on the back wall and the floor of a room 4 wide and 5 deep.
+    fn new(count: usize) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(11);
+        let points = (0..count)
+            .map(|index| {
+                let (x, s) = (
+                    random.random_range(-2.0..2.0),
+                    random.random_range(0.0..1.0),
+                );
+                let point = if index % 2 == 0 {
+                    Point3::new(x, 3.0 * s - 1.5, 5.0)
+                } else {
+                    Point3::new(x, 1.5, 5.0 - 3.0 * s)
+                };
+                (point, Descriptor([(); 4].map(|()| random.random())))
+            })
+            .collect();
+        Self { points, random }
+    }
+
+    /// What a camera sees, each pixel off by up to `error`, each descriptor in a few bits.
+    fn seen(&mut self, world_from_camera: &Isometry3<f64>, error: f64) -> Features {
+        let camera_from_world = world_from_camera.inverse();
+        let roll = camera_from_world.rotation.euler_angles().2 as f32;
+        let mut features = Features::default();
+        for (point, descriptor) in &self.points {
+            let Some(pixel) = camera().project(&(camera_from_world * point)) else {
+                continue;
+            };
+            if !(pixel.x > 1.0 && pixel.y > 1.0 && pixel.x < 638.0 && pixel.y < 478.0) {
+                continue;
+            }
+            let mut shake = || self.random.random_range(-error..=error);
+            let pixel = [(pixel.x + shake()) as f32, (pixel.y + shake()) as f32];
+            let mut descriptor = *descriptor;
+            for _ in 0..10 {
+                let bit: u32 = self.random.random_range(0..256);
+                descriptor.0[(bit / 64) as usize] ^= 1 << (bit % 64);
+            }
+            features.pixels.push(pixel);
+            features.octaves.push(0);
+            features.angles_rad.push(0.3 + roll);
+            features.descriptors.push(descriptor);
+            features.grey.push(100);
+        }
+        features
+    }
+}
+
+fn camera() -> Camera {
+    Camera::pinhole(525.0, 525.0, 319.5, 239.5).unwrap()
+}
+
+fn map() -> PointMap {
+    let options = MapPointOptions {
+        // The room is large for so short a walk.
+        max_relative_sigma: 0.05,
+        ..MapPointOptions::default()
+    };
+    PointMap::new(options, &camera(), 640, 480).unwrap()
+}
+
+/// A camera that walks to the right and turns a little.
+fn walk(step: u32) -> Isometry3<f64> {
+    let t = f64::from(step);
+    Isometry3::from_parts(
+        Translation3::new(0.15 * t - 0.6, 0.02 * (t * 1.7).sin(), 0.03 * t),
+        UnitQuaternion::from_euler_angles(0.01 * (t * 0.9).sin(), -0.02 * t, 0.02 * t),
+    )
+}
+
+fn distance_to_room(point: &Point3<f64>) -> f64 {
+    (point.z - 5.0).abs().min((point.y - 1.5).abs())
+}
+
+/// Applies changes to a copy, as the carver would.
+#[derive(Default, Debug, PartialEq)]
+struct Follower {
+    points: BTreeMap<u32, (Point3<f64>, Vec<u32>)>,
+    moves: usize,
+}
+
+impl Follower {
+    fn apply(&mut self, changes: &[PointChange]) {
+        for change in changes {
+            match *change {
+                PointChange::Add {
+                    point,
+                    point_in_world,
+                } => {
+                    let before = self.points.insert(point.0, (point_in_world, Vec::new()));
+                    assert!(before.is_none());
+                }
+                PointChange::Move {
+                    point,
+                    point_in_world,
+                } => {
+                    self.points.get_mut(&point.0).unwrap().0 = point_in_world;
+                    self.moves += 1;
+                }
+                PointChange::Remove { point } => {
+                    self.points.remove(&point.0).unwrap();
+                }
+                PointChange::See { keyframe, point } => {
+                    let views = &mut self.points.get_mut(&point.0).unwrap().1;
+                    assert!(!views.contains(&keyframe));
+                    views.push(keyframe);
+                }
+                PointChange::Unsee { keyframe, point } => {
+                    let views = &mut self.points.get_mut(&point.0).unwrap().1;
+                    let at = views.iter().position(|view| *view == keyframe).unwrap();
+                    views.swap_remove(at);
+                }
+            }
+        }
+    }
+
+    /// Holds the points, who sees them, and places no further off than the options allow.
+    fn check(&self, map: &PointMap) {
+        assert_eq!(self.points.len(), map.established().count());
+        for (id, point) in map.established() {
+            let (place, views) = &self.points[&id.0];
+            let mut views = views.clone();
+            views.sort_unstable();
+            assert!(views.iter().eq(point.sightings.iter().map(|s| &s.keyframe)));
+            let step = point.point_in_world - place;
+            let sigmas = step
+                .dot(&(point.covariance.try_inverse().unwrap() * step))
+                .sqrt();
+            assert!(sigmas <= map.options.move_sigmas + 1e-9, "{sigmas}");
+        }
+    }
+}
+
+/// Points and features must refer to each other, and to nothing that is gone.
+fn check_references(map: &PointMap) {
+    for (number, keyframe) in map.keyframes.iter().enumerate() {
+        for (feature, id) in keyframe.points.iter().enumerate() {
+            if let Some(id) = id {
+                let sighting = map.point(*id).unwrap().sighting_in(number as u32).unwrap();
+                assert_eq!(sighting.feature as usize, feature);
+            }
+        }
+    }
+    for &id in &map.living {
+        let point = map.point(id).unwrap();
+        assert!(point.sightings.len() >= 2);
+        assert!(point.sightings.is_sorted_by(|a, b| a.keyframe < b.keyframe));
+        for sighting in &point.sightings {
+            let keyframe = &map.keyframes[sighting.keyframe as usize];
+            assert_eq!(keyframe.points[sighting.feature as usize], Some(id));
+        }
+    }
+}
+
+#[test]
+fn points_of_a_room_are_found_and_their_tracks_grow() {
+    let (mut room, mut map, mut follower) = (Room::new(900), map(), Follower::default());
+    for step in 0..12 {
+        let pose = walk(step);
+        let features = room.seen(&pose, 0.8);
+        let counts = map.push(&pose, features);
+        check_references(&map);
+        follower.apply(map.changes());
+        follower.check(&map);
+        assert_eq!(counts.established, map.established().count());
+        if step >= 4 {
+            assert!(
+                counts.observed_again * 10 > counts.features * 7,
+                "{counts:?}"
+            );
+        }
+    }
+    let quality = map.quality();
+    assert!(quality.points > 600 && quality.points <= 900, "{quality:?}");
+    assert!(
+        quality.sightings > 6 * quality.points,
+        "tracks are short: {quality:?}"
+    );
+    assert!(quality.reprojection_rms_px < 0.8, "{quality:?}");
+    assert!(follower.moves > quality.points / 2);
+    let mut errors: Vec<f64> = map
+        .established()
+        .map(|(_, p)| distance_to_room(&p.point_in_world))
+        .collect();
+    errors.sort_by(f64::total_cmp);
+    let (median, p99) = (errors[errors.len() / 2], errors[errors.len() * 99 / 100]);
+    assert!(median < 0.005 && p99 < 0.05, "{median} {p99}");
+    let depth = map.median_depth().unwrap();
+    assert!((3.0..5.0).contains(&depth), "{depth}");
+}
+
+#[test]
+fn the_same_keyframes_give_the_same_map() {
+    let run = || {
+        let (mut room, mut map) = (Room::new(500), map());
+        let mut all = Vec::new();
+        for step in 0..7 {
+            let pose = walk(step);
+            let features = room.seen(&pose, 0.5);
+            map.push(&pose, features);
+            all.extend_from_slice(map.changes());
+        }
+        all
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn wrong_features_do_not_become_points() {
+    let (mut room, mut map) = (Room::new(400), map());
+    for step in 0..8 {
+        let pose = walk(step);
+        let mut features = room.seen(&pose, 0.5);
+        // Half as many again at random places with random looks.
+        let mut random = ChaCha8Rng::seed_from_u64(u64::from(step));
+        for _ in 0..features.len() / 2 {
+            features.pixels.push([
+                random.random_range(0.0..639.0),
+                random.random_range(0.0..479.0),
+            ]);
+            features.octaves.push(0);
+            features.angles_rad.push(0.3);
+            features
+                .descriptors
+                .push(Descriptor([(); 4].map(|()| random.random())));
+            features.grey.push(0);
+        }
+        map.push(&pose, features);
+    }
+    let far = map
+        .established()
+        .filter(|(_, p)| distance_to_room(&p.point_in_world) > 0.1)
+        .count();
+    let all = map.established().count();
+    assert!(all > 250 && far * 100 <= all, "{far} of {all}");
+}
+
+#[test]
+fn a_camera_that_only_turns_sees_no_points() {
+    let (mut room, mut map) = (Room::new(400), map());
+    for step in 0..6 {
+        let turn = UnitQuaternion::from_euler_angles(0.0, 0.05 * f64::from(step), 0.0);
+        let pose = Isometry3::from_parts(Translation3::identity(), turn);
+        let features = room.seen(&pose, 0.5);
+        let counts = map.push(&pose, features);
+        assert_eq!((counts.created, counts.established), (0, 0));
+    }
+    assert_eq!(map.median_depth(), None);
+    assert_eq!(map.quality(), MapQuality::default());
+}
+
+#[test]
+fn too_few_keyframes_have_no_points_but_a_map() {
+    let (mut room, mut map) = (Room::new(400), map());
+    map.push(&walk(0), Features::default());
+    for step in 1..3 {
+        let pose = walk(step);
+        let features = room.seen(&pose, 0.5);
+        let counts = map.push(&pose, features);
+        assert_eq!(counts.established, 0, "two views are not enough");
+    }
+    check_references(&map);
+    let pose = walk(3);
+    let features = room.seen(&pose, 0.5);
+    assert!(map.push(&pose, features).established > 100);
+}
+
+#[test]
+fn a_pose_that_is_not_a_number_sees_nothing() {
+    let (mut room, mut map) = (Room::new(400), map());
+    for step in 0..6 {
+        let pose = walk(step);
+        let features = room.seen(&pose, 0.5);
+        map.push(&pose, features.clone());
+        let bad = Isometry3::from_parts(
+            Translation3::new(f64::NAN, 0.0, f64::INFINITY),
+            pose.rotation,
+        );
+        let counts = map.push(&bad, features);
+        assert_eq!((counts.created, counts.observed_again), (0, 0));
+    }
+    check_references(&map);
+    assert!(map.established().count() > 100);
+    assert!(
+        map.established()
+            .all(|(_, p)| p.sightings.iter().all(|s| s.keyframe % 2 == 0))
+    );
+}
+
+#[test]
+fn far_from_zero_is_as_good() {
+    let (mut room, mut map) = (Room::new(400), map());
+    let shift = Vector3::new(500.0, -800.0, 300.0);
+    for (point, _) in &mut room.points {
+        *point += shift;
+    }
+    for step in 0..6 {
+        let mut pose = walk(step);
+        pose.translation.vector += shift;
+        let features = room.seen(&pose, 0.5);
+        map.push(&pose, features);
+    }
+    let worst = map
+        .established()
+        .map(|(_, p)| distance_to_room(&(p.point_in_world - shift)))
+        .fold(0.0, f64::max);
+    assert!(
+        map.established().count() > 200 && worst < 0.3,
+        "{worst} {}",
+        map.established().count()
+    );
+}
+
+#[test]
+fn the_model_has_what_the_carver_has() {
+    let (mut room, mut map, mut follower) = (Room::new(300), map(), Follower::default());
+    for step in 0..6 {
+        let pose = walk(step);
+        let features = room.seen(&pose, 0.5);
+        map.push(&pose, features);
+        follower.apply(map.changes());
+    }
+    let model = map.model(|number| format!("frame {number}"));
+    assert_eq!(model.views.len(), 6);
+    assert_eq!(model.points.len(), follower.points.len());
+    for (point, (place, views)) in model.points.iter().zip(follower.points.values()) {
+        assert_eq!(
+            (point.point_in_world, point.sightings.len()),
+            (*place, views.len())
+        );
+    }
+}

@@ -1,0 +1,189 @@
+//! How map points are made.
+
+use serde::{Deserialize, Serialize};
+
+/// How map points are made. Lengths are in pixels, or shares of a distance: nothing is in units of the map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MapPointOptions {
+    /// Features asked for in an image; about as many are found where there is enough texture.
+    pub features: usize,
+    /// Levels of the image pyramid.
+    pub levels: usize,
+    /// Size of a level after that of the next.
+    pub scale_factor: f64,
+    /// A corner's ring differs from its centre by this many grey levels.
+    pub corner_threshold: u8,
+    /// Standard deviation of a feature's position at the finest level; it grows with the level's pixels.
+    pub feature_sigma_px: f64,
+    /// Standard deviation that the errors of poses and calibration add to the position of every projection.
+    pub pose_sigma_px: f64,
+    /// Keyframes with which a new one is matched: those that share most points, then the latest.
+    pub neighbors: usize,
+    /// Bits in which the descriptors of one point may differ when it is new ...
+    pub new_descriptor_distance: u32,
+    /// ... and when it is seen again, where its place is known.
+    pub known_descriptor_distance: u32,
+    /// The best candidate is taken when its distance is below this share of the second best's.
+    pub ratio: f64,
+    /// Difference of a feature's direction from what the poses say.
+    pub rotation_degrees: f64,
+    /// Smallest angle between the rays of a point: some two of them must differ by more.
+    pub parallax_degrees: f64,
+    /// A point is kept when this many keyframes see it.
+    pub min_views: usize,
+    /// A point that is not is given up after this many further keyframes.
+    pub probation: usize,
+    /// Largest standard deviation of a point's position, as a share of its distance from the nearest keyframe that sees it.
+    pub max_relative_sigma: f64,
+    /// The carved place of a point follows once it is off by this many standard deviations.
+    pub move_sigmas: f64,
+}
+
+impl Default for MapPointOptions {
+    /// Pyramid, features, parallax, views and descriptor distances as in ORB-SLAM2 (Mur-Artal and Tardos, 2017).
+    fn default() -> Self {
+        Self {
+            features: 2000,
+            levels: 8,
+            scale_factor: 1.2,
+            corner_threshold: 12,
+            feature_sigma_px: 0.7,
+            pose_sigma_px: 1.0,
+            neighbors: 10,
+            new_descriptor_distance: 50,
+            known_descriptor_distance: 64,
+            ratio: 0.8,
+            rotation_degrees: 25.0,
+            parallax_degrees: 1.0,
+            min_views: 3,
+            probation: 3,
+            max_relative_sigma: 0.02,
+            move_sigmas: 0.25,
+        }
+    }
+}
+
+/// Why these options are refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("map_points.{key} = {value}: {expected}")]
+pub struct MapPointOptionsError {
+    /// The option.
+    pub key: &'static str,
+    /// What was given.
+    pub value: f64,
+    /// What would do.
+    pub expected: &'static str,
+}
+
+impl MapPointOptions {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// The first value out of range.
+    pub fn validate(&self) -> Result<(), MapPointOptionsError> {
+        let within = |key, value: f64, low: f64, high: f64, expected| {
+            if value >= low && value <= high {
+                return Ok(());
+            }
+            Err(MapPointOptionsError {
+                key,
+                value,
+                expected,
+            })
+        };
+        within("features", self.features as f64, 1.0, 1e5, "1 to 100000")?;
+        within("levels", self.levels as f64, 1.0, 16.0, "1 to 16")?;
+        within("scale_factor", self.scale_factor, 1.05, 2.0, "1.05 to 2")?;
+        let threshold = f64::from(self.corner_threshold);
+        within("corner_threshold", threshold, 1.0, 200.0, "1 to 200")?;
+        let pixels = "a positive number of pixels, at most 100";
+        within(
+            "feature_sigma_px",
+            self.feature_sigma_px,
+            1e-3,
+            100.0,
+            pixels,
+        )?;
+        within("pose_sigma_px", self.pose_sigma_px, 0.0, 100.0, "0 to 100")?;
+        within("neighbors", self.neighbors as f64, 1.0, 1e4, "1 to 10000")?;
+        let bits = "0 to 256 bits";
+        let new = f64::from(self.new_descriptor_distance);
+        within("new_descriptor_distance", new, 0.0, 256.0, bits)?;
+        let known = f64::from(self.known_descriptor_distance);
+        within("known_descriptor_distance", known, 0.0, 256.0, bits)?;
+        within("ratio", self.ratio, 1e-3, 1.0, "above 0, at most 1")?;
+        let half_turn = "0 to 180 degrees";
+        within(
+            "rotation_degrees",
+            self.rotation_degrees,
+            0.0,
+            180.0,
+            half_turn,
+        )?;
+        let parallax = "above 0, at most 90 degrees";
+        within(
+            "parallax_degrees",
+            self.parallax_degrees,
+            1e-3,
+            90.0,
+            parallax,
+        )?;
+        within("min_views", self.min_views as f64, 2.0, 1e4, "2 or more")?;
+        within("probation", self.probation as f64, 1.0, 1e6, "1 or more")?;
+        let share = "above 0, at most 1";
+        within(
+            "max_relative_sigma",
+            self.max_relative_sigma,
+            1e-6,
+            1.0,
+            share,
+        )?;
+        within("move_sigmas", self.move_sigmas, 0.0, 1e6, "0 or more")
+    }
+
+    /// Standard deviation of a projection from a feature of a pyramid level, poses included.
+    pub(super) fn sigma_px(&self, octave: u8) -> f64 {
+        (self.feature_sigma_px * self.scale(octave)).hypot(self.pose_sigma_px)
+    }
+
+    /// Pixels of the image to a pixel of a pyramid level.
+    pub(super) fn scale(&self, octave: u8) -> f64 {
+        self.scale_factor.powi(i32::from(octave))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_hold_and_what_is_not_a_number_does_not() {
+        MapPointOptions::default().validate().unwrap();
+        for (options, key) in [
+            (
+                MapPointOptions {
+                    ratio: f64::NAN,
+                    ..Default::default()
+                },
+                "ratio",
+            ),
+            (
+                MapPointOptions {
+                    features: 0,
+                    ..Default::default()
+                },
+                "features",
+            ),
+            (
+                MapPointOptions {
+                    min_views: 1,
+                    ..Default::default()
+                },
+                "min_views",
+            ),
+        ] {
+            assert_eq!(options.validate().unwrap_err().key, key);
+        }
+    }
+}

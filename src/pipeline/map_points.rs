@@ -1,0 +1,345 @@
+//! Map points from features, carved: the counterpart of [`FrontEnd`](super::FrontEnd), [`BackEnd`](super::BackEnd) and
+//! [`run`](super::run) for keyframes whose images are looked at for points. No depth is needed.
+
+use std::num::NonZeroU64;
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, ViewId};
+use linecarve_carving::surface::{ExportOptions, Hull};
+use linecarve_lines::camera::Camera;
+use nalgebra::{Isometry3, Point3};
+use rayon::prelude::*;
+
+use super::options::Options;
+use crate::map_points::{
+    FeatureDetector, FeatureError, Features, MapPointOptions, MapPointOptionsError, PointChange,
+    PointCounts, PointMap,
+};
+use crate::mesh::TriangleMesh;
+use crate::report::{StageTimes, milliseconds};
+use crate::sequence::{FrameError, ImageSize, Sequence};
+
+/// A keyframe on its way from image to map.
+#[derive(Debug, Clone)]
+pub struct PointKeyframe {
+    /// Position of the frame in the sequence.
+    pub frame: usize,
+    /// Pose of the colour camera.
+    pub world_from_camera: Isometry3<f64>,
+    /// What is in its image.
+    pub features: Features,
+    /// Milliseconds spent so far.
+    pub times: StageTimes,
+}
+
+/// Why a keyframe has no features.
+#[derive(Debug, thiserror::Error)]
+pub enum PointFrontEndError {
+    /// The image is missing, broken or of the wrong size.
+    #[error(transparent)]
+    Image(#[from] FrameError),
+    /// The detector refuses the image.
+    #[error("frame {frame}: {source}")]
+    Features {
+        /// Name of the frame.
+        frame: String,
+        /// Why.
+        source: FeatureError,
+    },
+}
+
+impl PointFrontEndError {
+    /// Whether the fault lies in this frame alone, so that the run can go on without it.
+    pub fn is_limited_to_frame(&self) -> bool {
+        match self {
+            Self::Image(error) => error.is_limited_to_frame(),
+            Self::Features { .. } => true,
+        }
+    }
+}
+
+/// Why a keyframe could not be added. The map is then not to be used any further.
+#[derive(Debug, thiserror::Error)]
+pub enum PointBackEndError {
+    /// An option is out of range.
+    #[error(transparent)]
+    Options(#[from] MapPointOptionsError),
+    /// The carver refuses a camera centre or a point.
+    #[error("the map refuses keyframe {keyframe}: {source} (check its pose)")]
+    Carve {
+        /// Number of the keyframe.
+        keyframe: usize,
+        /// Why.
+        source: EventError,
+    },
+}
+
+/// Reads one frame and finds its features.
+///
+/// # Errors
+/// When the image cannot be read.
+pub fn find_features(
+    sequence: &Sequence,
+    frame: usize,
+    options: &MapPointOptions,
+) -> Result<PointKeyframe, PointFrontEndError> {
+    let start = Instant::now();
+    let image = sequence.load_gray(frame)?;
+    let loaded = start.elapsed();
+    let features = FeatureDetector::new(*options)
+        .detect(&image)
+        .map_err(|source| PointFrontEndError::Features {
+            frame: sequence.frames()[frame].name.clone(),
+            source,
+        })?;
+    Ok(PointKeyframe {
+        frame,
+        world_from_camera: sequence.frames()[frame].world_from_camera,
+        features,
+        times: StageTimes {
+            load: milliseconds(loaded),
+            features: milliseconds(start.elapsed() - loaded),
+            ..StageTimes::default()
+        },
+    })
+}
+
+/// What [`find_features`] made of one keyframe.
+type Prepared = Result<PointKeyframe, PointFrontEndError>;
+
+/// Finds the features of `frames` of a sequence and hands each keyframe to `consume`, in order; see [`run_in_order`].
+///
+/// # Errors
+/// When `consume` fails. An image's failure goes to `consume`, which decides whether it ends the run.
+pub fn run_map_points<E: Send>(
+    sequence: &Sequence,
+    frames: &[usize],
+    options: &MapPointOptions,
+    consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
+) -> Result<(), E> {
+    let prepare = |keyframe: usize| find_features(sequence, frames[keyframe], options);
+    run_in_order(frames.len(), prepare, consume)
+}
+
+/// Prepares 0 to `count` in parallel and hands each result to `consume`, in order: while one group is consumed, the next is
+/// prepared. At most two groups, each of one a worker thread, are in memory. What `consume` sees does not depend on the
+/// number of threads.
+///
+/// # Errors
+/// When `consume` fails.
+pub fn run_in_order<T: Send, E: Send>(
+    count: usize,
+    prepare: impl Fn(usize) -> T + Sync,
+    mut consume: impl FnMut(usize, T) -> Result<(), E> + Send,
+) -> Result<(), E> {
+    let group = rayon::current_num_threads().max(1);
+    let prepare_group = |range: Range<usize>| -> Vec<T> {
+        range.into_par_iter().map(&prepare).collect()
+    };
+    let mut ready = prepare_group(0..group.min(count));
+    let mut start = 0;
+    while !ready.is_empty() {
+        let next = start + ready.len();
+        let (consumed, prepared) = rayon::join(
+            || {
+                for (offset, item) in ready.drain(..).enumerate() {
+                    consume(start + offset, item)?;
+                }
+                Ok::<(), E>(())
+            },
+            || prepare_group(next..(next + group).min(count)),
+        );
+        consumed?;
+        ready = prepared;
+        start = next;
+    }
+    Ok(())
+}
+
+/// What one keyframe did to the map.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PointUpdate {
+    /// What became of its features.
+    pub counts: PointCounts,
+    /// Points that are newly carved.
+    pub added: usize,
+    /// Points that were carved and moved.
+    pub moved: usize,
+    /// Points that were carved and are not any more.
+    pub removed: usize,
+    /// Triangles that the surface gained and lost.
+    pub changed_triangles: usize,
+    /// Time for matching, triangulation and refinement.
+    pub matching: Duration,
+    /// Time for changing points, walking rays and bringing labels and surface up to date.
+    pub carving: Duration,
+}
+
+/// The map: points, and the carved tetrahedralisation that follows them.
+pub struct PointBackEnd {
+    options: Options,
+    /// Of the scene in units of the poses, when something other than the points tells it.
+    median_depth: Option<f64>,
+    map: PointMap,
+    carver: Carver,
+    views: Vec<ViewId>,
+    /// The carver's id of each point, by the map's.
+    points: Vec<Option<PointId>>,
+}
+
+impl PointBackEnd {
+    /// An empty map for keyframes of `camera`, a pinhole, of `size`. `median_depth` is that of the scene in units of the
+    /// poses, which sets the longest edge of the surface; without one it is that of the points.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub fn new(
+        options: &Options,
+        camera: &Camera,
+        size: ImageSize,
+        median_depth: Option<f64>,
+    ) -> Result<Self, PointBackEndError> {
+        let (width, height) = (size.width as usize, size.height as usize);
+        Ok(Self {
+            map: PointMap::new(options.map_points, camera, width, height)?,
+            carver: Carver::new(carver_options(options)),
+            options: options.clone(),
+            median_depth,
+            views: Vec::new(),
+            points: Vec::new(),
+        })
+    }
+
+    /// Adds a keyframe.
+    ///
+    /// # Errors
+    /// When the carver refuses its position or one of its points: not a number, or out of range.
+    pub fn push(&mut self, keyframe: &PointKeyframe) -> Result<PointUpdate, PointBackEndError> {
+        let number = self.views.len();
+        let refused = |source| PointBackEndError::Carve {
+            keyframe: number,
+            source,
+        };
+        let start = Instant::now();
+        let counts = self
+            .map
+            .push(&keyframe.world_from_camera, keyframe.features.clone());
+        let mut update = PointUpdate {
+            counts,
+            matching: start.elapsed(),
+            ..PointUpdate::default()
+        };
+        let mut transaction = self.carver.transaction();
+        let center = Point3::from(keyframe.world_from_camera.translation.vector);
+        self.views
+            .push(transaction.add_view(center).map_err(refused)?);
+        for change in self.map.changes() {
+            // Changes name points that were added before, and keyframes that were pushed.
+            let carved = |points: &[Option<PointId>], point: u32| {
+                points
+                    .get(point as usize)
+                    .copied()
+                    .flatten()
+                    .expect("a point that changes is carved")
+            };
+            match *change {
+                PointChange::Add {
+                    point,
+                    point_in_world,
+                } => {
+                    let index = point.0 as usize;
+                    if self.points.len() <= index {
+                        self.points.resize(index + 1, None);
+                    }
+                    let id = transaction.add_point(point_in_world).map_err(refused)?;
+                    self.points[index] = Some(id);
+                    update.added += 1;
+                }
+                PointChange::Move {
+                    point,
+                    point_in_world,
+                } => {
+                    transaction
+                        .move_point(carved(&self.points, point.0), point_in_world)
+                        .map_err(refused)?;
+                    update.moved += 1;
+                }
+                PointChange::Remove { point } => {
+                    transaction
+                        .remove_point(carved(&self.points, point.0))
+                        .map_err(refused)?;
+                    self.points[point.0 as usize] = None;
+                    update.removed += 1;
+                }
+                PointChange::See { keyframe, point } => transaction
+                    .add_observation(
+                        self.views[keyframe as usize],
+                        carved(&self.points, point.0),
+                        1,
+                    )
+                    .map_err(refused)?,
+                PointChange::Unsee { keyframe, point } => transaction
+                    .remove_observation(
+                        self.views[keyframe as usize],
+                        carved(&self.points, point.0),
+                    )
+                    .map_err(refused)?,
+            }
+        }
+        let report = transaction.commit().map_err(refused)?;
+        update.carving = start.elapsed() - update.matching;
+        update.changed_triangles = report.surface.added.len() + report.surface.removed.len();
+        Ok(update)
+    }
+
+    /// The points.
+    pub fn map(&self) -> &PointMap {
+        &self.map
+    }
+
+    /// The carved tetrahedralisation.
+    pub fn carver(&self) -> &Carver {
+        &self.carver
+    }
+
+    /// The surface as it stands, without what the options leave out.
+    pub fn surface(&self) -> TriangleMesh {
+        let depth = self.median_depth.or_else(|| self.map.median_depth());
+        surface_of(&self.carver, &self.options, depth)
+    }
+}
+
+/// The carver that the options ask for.
+pub(super) fn carver_options(options: &Options) -> CarverOptions {
+    CarverOptions {
+        free_threshold: NonZeroU64::new(options.carving.free_threshold.into())
+            .unwrap_or(NonZeroU64::MIN),
+        hull: if options.surface.keep_hull {
+            Hull::Keep
+        } else {
+            Hull::Drop
+        },
+    }
+}
+
+/// The surface without what the options leave out; without a depth no edge is too long.
+pub(super) fn surface_of(
+    carver: &Carver,
+    options: &Options,
+    median_depth: Option<f64>,
+) -> TriangleMesh {
+    let surface = &options.surface;
+    let mesh = carver.mesh(&ExportOptions {
+        longest_edge: median_depth
+            .zip(surface.longest_edge_share)
+            .map(|(depth, share)| share * depth),
+        minimum_component: surface.minimum_component,
+        manifold: surface.manifold,
+    });
+    TriangleMesh {
+        positions: mesh.vertices,
+        triangles: mesh.triangles,
+        colors: None,
+    }
+}
