@@ -8,17 +8,15 @@ use nalgebra::{Isometry3, Point3};
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
-use crate::commands::{interrupt, kept_run};
 use crate::commands::output::{OutputFolder, surface_part, write_geometry};
 use crate::commands::picture::{Shot, crosses, write_overview};
-use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::prepare_points::{PreparedPoints, prepare_points, read_options};
+use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::open;
+use crate::commands::{interrupt, kept_run};
 use crate::map_points::PointModel;
 use crate::mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
-use crate::pipeline::{
-    PointBackEnd, PointFrontEndError, PointKeyframe, PointUpdate, run_in_order,
-};
+use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, PointUpdate, run_in_order};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, MapPointReport, milliseconds};
 use crate::sequence::Sequence;

@@ -134,9 +134,8 @@ pub fn run_in_order<T: Send, E: Send>(
     mut consume: impl FnMut(usize, T) -> Result<(), E> + Send,
 ) -> Result<(), E> {
     let group = rayon::current_num_threads().max(1);
-    let prepare_group = |range: Range<usize>| -> Vec<T> {
-        range.into_par_iter().map(&prepare).collect()
-    };
+    let prepare_group =
+        |range: Range<usize>| -> Vec<T> { range.into_par_iter().map(&prepare).collect() };
     let mut ready = prepare_group(0..group.min(count));
     let mut start = 0;
     while !ready.is_empty() {
