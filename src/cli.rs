@@ -4,6 +4,7 @@ mod convert;
 mod diff;
 mod evaluate;
 mod stream;
+mod tables;
 
 use std::path::PathBuf;
 
@@ -16,6 +17,7 @@ use crate::synth::{SceneKind, SequenceLayout};
 pub use convert::{ConvertArgs, Target};
 
 pub use stream::StreamArgs;
+pub use tables::TablesArgs;
 
 /// Turns posed keyframes into a surface by carving free space with 3D line segments.
 ///
@@ -49,6 +51,8 @@ pub enum Command {
     Lines(LinesArgs),
     /// Keyframes of a running SLAM as JSON lines on standard input, changes of the surface on standard output.
     Stream(StreamArgs),
+    /// The paper's tables: every line method on a sequence, against a ground-truth surface and against the images.
+    Tables(TablesArgs),
     /// What a sequence holds, which conventions are assumed for it, and whether its own images agree with them.
     Info(InfoArgs),
     /// Render a procedural scene to a posed RGB-D sequence with its ground-truth mesh.
@@ -189,6 +193,23 @@ pub struct LinesArgs {
     /// Stages and formats.
     #[command(flatten)]
     pub stages: StageArgs,
+
+    /// How lines are found.
+    #[arg(long, value_enum, default_value_t = LineMethodArg::EdgeAided)]
+    pub method: LineMethodArg,
+}
+
+/// How lines are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LineMethodArg {
+    /// Segments grown along edge chains in image and depth together.
+    EdgeAided,
+    /// Segments detected in the image (EDLines), then a line through the depths along each by RANSAC.
+    Decoupled,
+    /// Segments detected in the images and matched between keyframes (Line3D++); uses no depth.
+    Matched,
+    /// No lines: every pixel with a strong gradient and a depth, as `points.ply`.
+    Points,
 }
 
 /// Arguments of `info`.

@@ -23,3 +23,4 @@ pub mod sequence;
 mod srgb;
 pub mod stream;
 pub mod synth;
+pub mod tables;

@@ -2,8 +2,11 @@
 
 use std::time::Instant;
 
-use crate::cli::LinesArgs;
+use linecarve_lines::baselines::Method;
+
+use crate::cli::{LineMethodArg, LinesArgs};
 use crate::commands::Outcome;
+use crate::commands::lines_baseline;
 use crate::commands::output::{OutputFolder, clusters_part, segments_part, write_geometry};
 use crate::commands::run_report::{RunLog, keyframe_report};
 use crate::commands::sequence::prepare;
@@ -13,6 +16,14 @@ use crate::progress::{Progress, Verbosity};
 use crate::report::milliseconds;
 
 pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    match args.method {
+        LineMethodArg::EdgeAided => {}
+        LineMethodArg::Decoupled => {
+            return lines_baseline::run(args, Method::Decoupled, verbosity);
+        }
+        LineMethodArg::Matched => return lines_baseline::run(args, Method::Matched, verbosity),
+        LineMethodArg::Points => return lines_baseline::run(args, Method::Points, verbosity),
+    }
     let started = Instant::now();
     let mut output = OutputFolder::create(&args.out)?;
     let prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;

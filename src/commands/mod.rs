@@ -8,6 +8,7 @@ mod info;
 mod interrupt;
 mod kept_run;
 mod lines;
+mod lines_baseline;
 mod output;
 mod picture;
 mod prepare_points;
@@ -18,6 +19,7 @@ mod run_report;
 mod sequence;
 mod stream;
 mod synth;
+mod tables;
 
 use anyhow::Context;
 
@@ -57,6 +59,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Reconstruct(args) => reconstruct::run(args, verbosity),
         Command::Lines(args) => lines::run(args, verbosity),
         Command::Stream(args) => stream::run(args, verbosity),
+        Command::Tables(args) => tables::run(args, verbosity),
         Command::Info(args) => info::run(args, verbosity),
         Command::Synth(args) => synth::run(args, verbosity),
         Command::Render(args) => render::run(args),

@@ -5,6 +5,7 @@
 
 mod back_end;
 pub mod feature_depth;
+pub mod cluster_points;
 mod front_end;
 mod labels;
 pub mod landmarks;

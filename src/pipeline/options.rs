@@ -4,6 +4,9 @@ use std::path::{Path, PathBuf};
 
 use linecarve_carving::labels::CutOptionsError;
 use linecarve_lines::ExtractOptions;
+use linecarve_lines::baselines::{
+    DecoupledOptions, LineDetectorOptions, MatchedOptions, MethodOptions, PointCloudOptions,
+};
 use linecarve_lines::cluster::ClusterOptions;
 use linecarve_lines::depth::{EdgeDepthOptions, SensorNoise};
 use linecarve_lines::edges::EdgeOptions;
@@ -34,6 +37,14 @@ pub struct Options {
     pub fit: FitOptions,
     /// Clusters of segments.
     pub cluster: ClusterOptions,
+    /// Straight segments of images, for the methods decoupled and matched.
+    pub line_detection: LineDetectorOptions,
+    /// The method decoupled.
+    pub decoupled: DecoupledOptions,
+    /// The method matched.
+    pub matched: MatchedOptions,
+    /// The method points.
+    pub points: PointCloudOptions,
     /// Points along segments.
     pub segment_points: SegmentPointOptions,
     /// Points between the segments.
@@ -181,6 +192,17 @@ impl Options {
                 .surface_points
                 .enabled
                 .then_some(self.surface_points.samples),
+        }
+    }
+
+    /// What the line methods take.
+    pub fn methods(&self) -> MethodOptions {
+        MethodOptions {
+            extract: self.extract(),
+            detector: self.line_detection,
+            decoupled: self.decoupled,
+            matched: self.matched,
+            points: self.points,
         }
     }
 

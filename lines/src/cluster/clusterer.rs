@@ -75,6 +75,8 @@ pub struct SegmentClusterer {
     offset: f64,
     /// `None` where a cluster was merged away.
     clusters: Vec<Option<Cluster>>,
+    /// How many of them have the minimum size.
+    large: usize,
     tree: RTree<Entry>,
     /// The member after each segment in its cluster; the last one points to itself.
     next_member: Vec<u32>,
@@ -101,6 +103,7 @@ impl SegmentClusterer {
             distance: options.distance_share * median_depth,
             offset: options.offset_share * median_depth,
             clusters: Vec::new(),
+            large: 0,
             tree: RTree::new(),
             next_member: Vec::new(),
             candidates: Vec::new(),
@@ -126,6 +129,11 @@ impl SegmentClusterer {
     pub fn clusters(&self) -> impl Iterator<Item = (ClusterId, &Cluster)> {
         self.all_clusters()
             .filter(|(_, cluster)| cluster.size >= self.options.minimum_size)
+    }
+
+    /// Number of clusters with at least the minimum number of segments. Constant time.
+    pub fn cluster_count(&self) -> usize {
+        self.large
     }
 
     /// All clusters, small ones too, by number.
@@ -165,6 +173,7 @@ impl SegmentClusterer {
                 moments: EndMoments::new(&segment),
                 members: [id, id],
             }));
+            self.count_change(0, 1);
             self.tree.insert(entry(&segment, cluster));
             events.push(ClusterEvent::Created(ClusterId(cluster)));
             return Some((SegmentId(id), ClusterId(cluster)));
@@ -195,7 +204,8 @@ impl SegmentClusterer {
         self.next_member[target.members[1] as usize] = id;
         target.members[1] = id;
         events.push(ClusterEvent::Extended(ClusterId(cluster)));
-        let after = target.representative;
+        let (after, size) = (target.representative, target.size);
+        self.count_change(size - 1, size);
         self.replace_box(cluster, &before, &after, events);
     }
 
@@ -237,10 +247,19 @@ impl SegmentClusterer {
             target.size += gone.size;
             self.next_member[target.members[1] as usize] = gone.members[0];
             target.members[1] = gone.members[1];
-            let after = target.representative;
+            let (after, size) = (target.representative, target.size);
+            self.count_change(gone.size, 0);
+            self.count_change(size - gone.size, size);
             self.replace_box(into, &before, &after, events);
         }
         into
+    }
+
+    /// Keeps the number of large clusters up to date when one goes from a size to another, 0 being none.
+    fn count_change(&mut self, before: u32, after: u32) {
+        let is_large = |size: u32| size >= self.options.minimum_size.max(1);
+        self.large += usize::from(is_large(after));
+        self.large -= usize::from(is_large(before));
     }
 
     /// The cluster that a segment fits best with its offset within a limit, `except` left out.

@@ -6,6 +6,8 @@ mod moments;
 mod options;
 mod segment;
 
+pub(crate) use moments::ImageMoments;
+
 pub use fitter::{FitInput, SegmentFitter};
 pub use options::{DepthModel, FitOptions, FitOptionsError};
 pub use segment::Segment;

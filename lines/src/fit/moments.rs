@@ -6,8 +6,8 @@ use nalgebra::Vector2;
 
 /// Sums over inlier pixels for the image line.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct ImageMoments {
-    pub(super) n: f64,
+pub(crate) struct ImageMoments {
+    pub(crate) n: f64,
     x: f64,
     y: f64,
     xx: f64,
@@ -17,17 +17,17 @@ pub(super) struct ImageMoments {
 
 /// A line in the image: the centroid of its pixels and a unit direction.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ImageLine {
-    pub(super) center: Vector2<f64>,
-    pub(super) direction: Vector2<f64>,
+pub(crate) struct ImageLine {
+    pub(crate) center: Vector2<f64>,
+    pub(crate) direction: Vector2<f64>,
     /// Root mean square distance of the pixels.
-    pub(super) rms_px: f64,
+    pub(crate) rms_px: f64,
     /// Sum of squared positions along the line about the centroid.
-    pub(super) spread: f64,
+    pub(crate) spread: f64,
 }
 
 impl ImageMoments {
-    pub(super) fn add(&mut self, p: Vector2<f64>) {
+    pub(crate) fn add(&mut self, p: Vector2<f64>) {
         self.n += 1.0;
         self.x += p.x;
         self.y += p.y;
@@ -36,7 +36,7 @@ impl ImageMoments {
         self.yy += p.y * p.y;
     }
 
-    pub(super) fn remove(&mut self, p: Vector2<f64>) {
+    pub(crate) fn remove(&mut self, p: Vector2<f64>) {
         self.n -= 1.0;
         self.x -= p.x;
         self.y -= p.y;
@@ -46,7 +46,7 @@ impl ImageMoments {
     }
 
     /// The total least squares line, directed like `towards`; `None` when the pixels have no direction.
-    pub(super) fn line(&self, towards: Vector2<f64>) -> Option<ImageLine> {
+    pub(crate) fn line(&self, towards: Vector2<f64>) -> Option<ImageLine> {
         if self.n < 2.0 {
             return None;
         }
@@ -80,13 +80,13 @@ impl ImageMoments {
 
 impl ImageLine {
     /// Distance of a pixel from the line.
-    pub(super) fn distance(&self, p: Vector2<f64>) -> f64 {
+    pub(crate) fn distance(&self, p: Vector2<f64>) -> f64 {
         let d = p - self.center;
         (d.x * self.direction.y - d.y * self.direction.x).abs()
     }
 
     /// Position of a pixel along the line, 0 at the centroid.
-    pub(super) fn position(&self, p: Vector2<f64>) -> f64 {
+    pub(crate) fn position(&self, p: Vector2<f64>) -> f64 {
         (p - self.center).dot(&self.direction)
     }
 }

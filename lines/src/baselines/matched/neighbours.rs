@@ -1,0 +1,54 @@
+//! Which views are matched with which.
+
+use super::options::MatchedOptions;
+use super::view::View;
+
+/// The neighbours of each view, best first.
+///
+/// Views that are near and look the same way see the same lines. Distance counts in units of the usual distance to the
+/// nearest view, angle between optical axes in units of the usual angle to it, so that nothing depends on the unit of the poses.
+///
+/// *Differs from the paper*, which ranks views by the sparse points that they share.
+pub(super) fn choose(views: &[View], options: &MatchedOptions) -> Vec<Vec<u32>> {
+    let distance = |a: usize, b: usize| (views[a].center - views[b].center).norm();
+    let angle = |a: usize, b: usize| views[a].axis.angle(&views[b].axis);
+    let nearest: Vec<(f64, f64)> = (0..views.len())
+        .filter_map(|a| {
+            (0..views.len())
+                .filter(|&b| distance(a, b) > 0.0)
+                .map(|b| (distance(a, b), angle(a, b)))
+                .min_by(|x, y| x.0.total_cmp(&y.0))
+        })
+        .collect();
+    let Some(step) = median(nearest.iter().map(|n| n.0)) else {
+        return vec![Vec::new(); views.len()];
+    };
+    // Below a degree angles say nothing about what is in view.
+    let turn = median(nearest.iter().map(|n| n.1))
+        .unwrap_or(0.0)
+        .max(1.0_f64.to_radians());
+    (0..views.len())
+        .map(|a| {
+            let mut ranked: Vec<(f64, u32)> = (0..views.len())
+                .filter(|&b| {
+                    let baseline = distance(a, b);
+                    b != a
+                        && baseline > 0.0
+                        && baseline >= options.minimum_baseline_share * step
+                        && angle(a, b) <= options.maximum_axis_angle_rad
+                })
+                .map(|b| (distance(a, b) / step + angle(a, b) / turn, b as u32))
+                .collect();
+            ranked.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+            ranked.truncate(options.neighbours);
+            ranked.into_iter().map(|(_, b)| b).collect()
+        })
+        .collect()
+}
+
+/// The upper median, `None` of nothing.
+pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.collect();
+    let middle = values.len() / 2;
+    (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}

@@ -1,0 +1,31 @@
+//! Other ways to 3D line segments and points, against which edge-aided fitting is measured.
+//!
+//! All of them, edge-aided fitting included, stand behind one trait, [`LineMethod`]: keyframes go in one after another,
+//! [`Findings`] come out. [`Method::build`] makes any of them.
+//!
+//! | method | what it does | depth |
+//! |---|---|---|
+//! | [`EdgeAided`] | segments grown along edge chains in image and depth together | needed |
+//! | [`Decoupled`] | line segments detected in the image, then a line through the depths along each by RANSAC | needed |
+//! | [`Matched`] | line segments detected in the images, matched between views, scored, grouped over views | unused |
+//! | [`PointCloud`] | every pixel with a strong gradient and a depth | needed |
+//!
+//! The two line baselines share [`LineDetector`], which finds straight segments on the edge chains that edge-aided fitting
+//! starts from, so that a comparison is about depth and not about edges.
+
+mod decoupled;
+mod edge_aided;
+pub mod line_detection;
+mod matched;
+mod method;
+mod points;
+
+pub use decoupled::{Decoupled, DecoupledOptions};
+pub use edge_aided::EdgeAided;
+pub use line_detection::{LineDetector, LineDetectorOptions, LineSegment2d};
+pub use matched::{Matched, MatchedOptions};
+pub use method::{
+    Findings, FoundPoint, FoundSegment, LineMethod, Method, MethodError, MethodOptions,
+    PosedKeyframe,
+};
+pub use points::{PointCloud, PointCloudOptions};
