@@ -1,7 +1,6 @@
 //! Map points from features, carved: the counterpart of [`FrontEnd`](super::FrontEnd), [`BackEnd`](super::BackEnd) and
 //! [`run`](super::run) for keyframes whose images are looked at for points. No depth is needed.
 
-use std::num::NonZeroU64;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
@@ -312,8 +311,7 @@ impl PointBackEnd {
 /// The carver that the options ask for.
 pub(super) fn carver_options(options: &Options) -> CarverOptions {
     CarverOptions {
-        free_threshold: NonZeroU64::new(options.carving.free_threshold.into())
-            .unwrap_or(NonZeroU64::MIN),
+        labels: options.carving.labels(),
         hull: if options.surface.keep_hull {
             Hull::Keep
         } else {

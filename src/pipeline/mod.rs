@@ -4,8 +4,8 @@
 //! order. [`run`] drives both, so that the front end of the next keyframes works beside the back end of these.
 
 mod back_end;
-pub mod feature_depth;
 pub mod cluster_points;
+pub mod feature_depth;
 mod front_end;
 mod labels;
 pub mod landmarks;
