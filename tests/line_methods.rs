@@ -4,7 +4,7 @@ mod program;
 
 use std::path::{Path, PathBuf};
 
-use linecarve::mesh::read_obj;
+use linecarve::mesh::read_geometry;
 use program::{contents, expect_status, small_sequence, stderr};
 
 fn text(path: &Path) -> &str {
@@ -173,8 +173,8 @@ fn each_method_writes_its_lines_the_same_in_every_run() {
             first.keys()
         );
         if named == "segments.obj" {
-            let found = read_obj(&folder.path().join(format!("{method}-1/segments.obj"))).unwrap();
-            assert!(found.lines.lines.len() >= 4, "{method}");
+            let found = read_geometry(&folder.path().join(format!("{method}-1/segments.obj"))).unwrap();
+            assert!(found.lines.len() >= 4, "{method}");
         }
     }
 }
