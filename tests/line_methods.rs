@@ -173,7 +173,8 @@ fn each_method_writes_its_lines_the_same_in_every_run() {
             first.keys()
         );
         if named == "segments.obj" {
-            let found = read_geometry(&folder.path().join(format!("{method}-1/segments.obj"))).unwrap();
+            let found =
+                read_geometry(&folder.path().join(format!("{method}-1/segments.obj"))).unwrap();
             assert!(found.lines.len() >= 4, "{method}");
         }
     }

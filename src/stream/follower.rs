@@ -39,15 +39,9 @@ fn key(position: &Point3<f64>) -> [u64; 3] {
     [position.x, position.y, position.z].map(|c| (c + 0.0).to_bits())
 }
 
-/// A triangle with its smallest corner first.
-fn rotated([a, b, c]: [u64; 3]) -> [u64; 3] {
-    if a <= b && a <= c {
-        [a, b, c]
-    } else if b <= c {
-        [b, c, a]
-    } else {
-        [c, a, b]
-    }
+/// A triangle in the least of its three rotations.
+fn rotated<T: Ord + Copy>([a, b, c]: [T; 3]) -> [T; 3] {
+    [a, b, c].min([b, c, a]).min([c, a, b])
 }
 
 impl Follower {
@@ -128,14 +122,10 @@ mod tests {
                 }
                 triangles.extend(&change.added);
                 let place = |t: &[u64; 3]| t.map(|v| positions[v as usize].map(f64::to_bits));
-                let rotate = |t: [[u64; 3]; 3]| {
-                    let least = (0..3).min_by_key(|&k| t[k]).unwrap();
-                    [t[least], t[(least + 1) % 3], t[(least + 2) % 3]]
-                };
-                let mut have: Vec<_> = triangles.iter().map(|t| rotate(place(t))).collect();
+                let mut have: Vec<_> = triangles.iter().map(|t| rotated(place(t))).collect();
                 let mut want: Vec<_> = faces
                     .iter()
-                    .map(|t| rotate(t.map(|v| key(&surface.positions[v as usize]))))
+                    .map(|t| rotated(t.map(|v| key(&surface.positions[v as usize]))))
                     .collect();
                 have.sort_unstable();
                 want.sort_unstable();
