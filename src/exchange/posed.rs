@@ -14,6 +14,8 @@ pub struct PosedImage {
     pub file: String,
     /// Time in nanoseconds; image number k counts as k seconds where there are no times.
     pub timestamp_ns: i64,
+    /// Number of the image: its own where there are no times, else its place.
+    pub number: u64,
     /// Pose of its camera.
     pub world_from_camera: Isometry3<f64>,
     /// The camera of the image as stored, with its distortion.
@@ -32,6 +34,10 @@ pub fn posed_images(sequence: &Sequence) -> Vec<PosedImage> {
                 frame.timestamp_ns
             } else {
                 frame.timestamp_ns.saturating_mul(1_000_000_000)
+            },
+            number: match u64::try_from(frame.timestamp_ns) {
+                Ok(number) if !sequence.has_time() => number,
+                _ => index as u64,
             },
             world_from_camera: frame.world_from_camera,
             camera: sequence.stored_camera_of(index).clone(),

@@ -36,7 +36,8 @@ pub fn write_trajectory(
             )?,
             TrajectoryFile::Kitti | TrajectoryFile::Open3dLog => {}
         }
-        for (number, image) in images.iter().enumerate() {
+        for image in images {
+            let number = image.number;
             let t = image.world_from_camera.translation.vector;
             let q = image.world_from_camera.rotation;
             let matrix = image.world_from_camera.to_homogeneous();
@@ -66,7 +67,7 @@ pub fn write_trajectory(
                     writeln!(out, "{}", numbers.join(" "))?;
                 }
                 TrajectoryFile::Open3dLog => {
-                    writeln!(out, "{number} {number} {}", number + 1)?;
+                    writeln!(out, "{number} {number} {}", number.saturating_add(1))?;
                     for row in matrix.row_iter() {
                         let numbers: Vec<String> = row.iter().map(ToString::to_string).collect();
                         writeln!(out, "{}", numbers.join(" "))?;

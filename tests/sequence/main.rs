@@ -8,6 +8,7 @@ mod faults;
 mod layouts;
 mod models;
 mod mutated;
+mod real;
 mod support;
 mod writers;
 

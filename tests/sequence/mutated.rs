@@ -9,8 +9,14 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{LAYOUTS, MODELS, Writer, folder_with};
 
-/// Damaged copies of each layout.
-const COPIES: usize = 500;
+/// Damaged copies of each layout; `LINECARVE_LONG_TESTS=1` asks for many more.
+fn copies() -> usize {
+    if std::env::var_os("LINECARVE_LONG_TESTS").is_some() {
+        20_000
+    } else {
+        500
+    }
+}
 
 /// The files of a sequence that are not images, sorted.
 fn data_files(folder: &Path) -> Vec<PathBuf> {
@@ -125,8 +131,8 @@ fn check(name: &str, write: Writer, seed: u64) {
     let folder = folder_with(write);
     let files = data_files(folder.path());
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut refused = 0;
-    for copy in 0..COPIES {
+    let (copies, mut refused) = (copies(), 0);
+    for copy in 0..copies {
         let path = &files[random.random_range(0..files.len())];
         let bytes = std::fs::read(path).unwrap();
         std::fs::write(path, mutate(&bytes, &mut random)).unwrap();
@@ -163,7 +169,7 @@ fn check(name: &str, write: Writer, seed: u64) {
         }
         std::fs::write(path, bytes).unwrap();
     }
-    assert!(refused > COPIES / 20, "{name}: only {refused} were refused");
+    assert!(refused > copies / 20, "{name}: only {refused} were refused");
     assert!(peak_memory_mb() < 1000.0, "{name}");
 }
 

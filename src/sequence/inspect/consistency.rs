@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::readings::{AS_READ, PoseHypothesis, pose_hypotheses};
+use super::readings::{AS_READ, PoseHypothesis, pose_hypotheses, simplest_of_best};
 use super::{forgive, quantile, spread};
 use crate::sequence::{DepthImage, FrameError, Sequence};
 
@@ -54,12 +54,16 @@ pub struct Hypothesis {
     pub share_within_1_percent: f64,
     /// What in a sidecar makes the sequence be read so; `None` as read.
     pub remedy: Option<String>,
+    /// In how many things the reading differs from the files as read.
+    pub differences: usize,
 }
 
 impl Consistency {
     /// A warning when another reading fits much better.
     pub(super) fn suspicion(&self) -> Option<String> {
-        let best = self.others.first()?;
+        let best = simplest_of_best(&self.others, |other| {
+            (other.median_relative, other.differences)
+        })?;
         if self.as_read.median_relative < GOOD {
             return None;
         }
@@ -86,6 +90,7 @@ struct Reading {
     words: String,
     /// What in a sidecar makes the sequence be read so.
     remedy: Option<String>,
+    differences: usize,
     poses: PoseHypothesis,
     /// What depth as read is multiplied by.
     factor: f64,
@@ -98,6 +103,7 @@ fn readings(sequence: &Sequence, scale: f64) -> Vec<Reading> {
         .map(|poses| Reading {
             words: poses.words.clone(),
             remedy: poses.remedy.clone(),
+            differences: poses.differences,
             poses,
             factor: 1.0,
         })
@@ -110,6 +116,7 @@ fn readings(sequence: &Sequence, scale: f64) -> Vec<Reading> {
         all.extend(as_read.map(|poses| Reading {
             words: format!("a depth scale of {other} instead of {scale}"),
             remedy: Some(format!("[depth] scale = {other:?}")),
+            differences: 1,
             poses,
             factor: scale / other,
         }));
@@ -172,6 +179,7 @@ pub(super) fn measure(
             Some(Hypothesis {
                 reading: reading.words,
                 remedy: reading.remedy,
+                differences: reading.differences,
                 pixels: relative.len(),
                 median_difference: quantile(&mut absolute, 0.5)?,
                 median_relative: quantile(&mut relative, 0.5)?,

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::readings::{PoseHypothesis, pose_hypotheses};
+use super::readings::{PoseHypothesis, pose_hypotheses, simplest_of_best};
 use super::{corners, forgive, quantile, spread};
 use crate::sequence::{FrameError, Sequence};
 
@@ -56,6 +56,8 @@ pub struct EpipolarHypothesis {
     pub share_within_2_px: f64,
     /// What in a sidecar makes the sequence be read so; `None` as read.
     pub remedy: Option<String>,
+    /// In how many things the reading differs from the files as read.
+    pub differences: usize,
 }
 
 impl EpipolarFacts {
@@ -69,7 +71,7 @@ impl EpipolarFacts {
             "matching corners lie {:.1} px (median of {} in {} pairs) from where the poses put them",
             self.as_read.median_px, self.matches, self.pairs
         );
-        let best = self.others.first()?;
+        let best = simplest_of_best(&self.others, |other| (other.median_px, other.differences))?;
         if best.median_px < SUSPICION * self.as_read.median_px {
             let remedy = best.remedy.as_ref().map_or_else(String::new, |remedy| {
                 format!(" (in linecarve.toml: {remedy})")
@@ -166,6 +168,7 @@ pub(super) fn measure(
                 share_within_2_px: near as f64 / distances.len() as f64,
                 median_px: quantile(&mut distances, 0.5)?,
                 remedy: hypothesis.remedy,
+                differences: hypothesis.differences,
             })
         })
         .collect();

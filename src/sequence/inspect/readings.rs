@@ -15,7 +15,27 @@ pub(super) struct PoseHypothesis {
     pub(super) words: String,
     /// What to write into a sidecar to get it; `None` for the sequence as it is.
     pub(super) remedy: Option<String>,
+    /// In how many things it differs from the sequence as it is.
+    pub(super) differences: usize,
     reading: PoseReading,
+}
+
+/// Readings that fit within this factor of the best are as good; the one that differs the least is then named.
+const AS_GOOD: f64 = 1.25;
+
+/// Of readings, given as their misfit and in how many things they differ, the simplest that is as good as the best.
+pub(super) fn simplest_of_best<T>(
+    readings: &[T],
+    misfit_and_differences: impl Fn(&T) -> (f64, usize),
+) -> Option<&T> {
+    let least = readings
+        .iter()
+        .map(|reading| misfit_and_differences(reading).0)
+        .min_by(f64::total_cmp)?;
+    readings
+        .iter()
+        .filter(|reading| misfit_and_differences(reading).0 <= AS_GOOD * least)
+        .min_by_key(|reading| misfit_and_differences(reading).1)
 }
 
 impl PoseHypothesis {
@@ -78,6 +98,7 @@ pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
     all.sort_by_key(|(words, _)| words.len());
     all.into_iter()
         .map(|(words, reading)| PoseHypothesis {
+            differences: words.len(),
             remedy: (!words.is_empty()).then(|| format!("[poses] {reading}")),
             words: if words.is_empty() {
                 AS_READ.to_owned()

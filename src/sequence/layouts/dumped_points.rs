@@ -1,4 +1,4 @@
-//! Map points that were dumped without what sees them: `x y z` a line, as many patches of ORB-SLAM write.
+//! Map points that were dumped without what sees them: `x y z` a line or PLY, as many patches of ORB-SLAM write.
 //!
 //! Which frame sees which point is guessed from where they fall: inside the image, and not clearly behind a nearer point in
 //! the same part of it. That is weaker than what a model knows, and said so.
@@ -13,9 +13,13 @@ use super::super::text::{TextFile, parse_number};
 use super::super::warning::Tally;
 use super::super::{SequenceError, Warning};
 use crate::map_points::{ModelPoint, ModelView, PointModel, Sighting};
+use crate::mesh::read_geometry;
 
 /// Usual names of dumps.
-const NAMES: [&str; 6] = [
+const NAMES: [&str; 9] = [
+    "MapPoints.ply",
+    "map_points.ply",
+    "MapPointsSave.ply",
     "MapPointsSave.txt",
     "MapPoints.txt",
     "map_points.txt",
@@ -84,6 +88,13 @@ pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<()
 
 /// Lines `x y z` and what may follow.
 fn read(path: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<Point3<f64>>, SequenceError> {
+    if path.extension().is_some_and(|end| end == "ply") {
+        let shape = read_geometry(path).map_err(|error| SequenceError::Content {
+            path: path.to_owned(),
+            problem: error.to_string(),
+        })?;
+        return Ok(shape.positions);
+    }
     let file = TextFile::read(path)?;
     let mut points = Vec::new();
     let (mut not_finite, mut total) = (Tally::default(), 0);

@@ -263,6 +263,10 @@ fn distortion(model: &str, coefficients: &[f64]) -> Result<Distortion, String> {
         "radial_tangential",
     ];
     let equidistant = ["equidistant", "equi", "kannala_brandt"];
+    let is_ideal = coefficients.iter().all(|value| *value == 0.0);
+    if is_ideal && (model == "none" || radial_tangential.contains(&model)) {
+        return Ok(Distortion::None);
+    }
     if radial_tangential.contains(&model) && matches!(coefficients.len(), 4 | 5) {
         let [k1, k2, p1, p2] = [0, 1, 2, 3].map(|at| coefficients[at]);
         let k3 = coefficients.get(4).copied().unwrap_or(0.0);
@@ -271,9 +275,6 @@ fn distortion(model: &str, coefficients: &[f64]) -> Result<Distortion, String> {
     if equidistant.contains(&model) && coefficients.len() == 4 {
         let [k1, k2, k3, k4] = [0, 1, 2, 3].map(|at| coefficients[at]);
         return Ok(Distortion::KannalaBrandt { k1, k2, k3, k4 });
-    }
-    if model == "none" && coefficients.iter().all(|value| *value == 0.0) {
-        return Ok(Distortion::None);
     }
     Err(format!(
         "distortion_model {model} with {} coefficients is not known: radial-tangential with 4 or 5, equidistant with 4, \

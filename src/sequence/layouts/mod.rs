@@ -8,6 +8,7 @@ pub(super) mod nvm;
 pub(super) mod open3d_log;
 pub(super) mod openmvs;
 pub(super) mod orb_slam;
+mod orb_trajectory;
 pub(super) mod seven_scenes;
 pub(super) mod stella;
 pub(super) mod transforms;

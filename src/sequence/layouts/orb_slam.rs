@@ -11,6 +11,7 @@ use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
 use super::super::poses::{self, TrajectoryFormat};
 use super::super::text::TextFile;
 use super::super::{SequenceError, rigid, yaml};
+use super::orb_trajectory::{ORB_TRAJECTORIES, orb_trajectory};
 use super::{dumped_points, euroc, images};
 
 /// The reader of ORB-SLAM's own files.
@@ -18,13 +19,6 @@ pub(in super::super) struct OrbSlam;
 
 /// The reader of images with some trajectory beside them.
 pub(in super::super) struct ImagesAndPoses;
-
-/// What ORB-SLAM saves, keyframes first: their poses are the optimised ones.
-const ORB_TRAJECTORIES: [&str; 3] = [
-    "KeyFrameTrajectory.txt",
-    "CameraTrajectory.txt",
-    "FrameTrajectory.txt",
-];
 
 /// Usual names of trajectories.
 const TRAJECTORIES: [&str; 8] = [
@@ -37,19 +31,6 @@ const TRAJECTORIES: [&str; 8] = [
     "trajectory.csv",
     "poses.csv",
 ];
-
-pub(super) fn orb_trajectory(folder: &Folder) -> Option<PathBuf> {
-    folder.first_entry(&ORB_TRAJECTORIES).or_else(|| {
-        // ORB-SLAM3 puts the name of the run into that of the file; kf is of keyframes.
-        ["kf_", "f_"].iter().find_map(|start| {
-            folder
-                .names()
-                .iter()
-                .find(|name| name.starts_with(start) && name.ends_with(".txt"))
-                .map(|name| folder.path().join(name))
-        })
-    })
-}
 
 impl Layout for OrbSlam {
     fn name(&self) -> &'static str {

@@ -11,7 +11,7 @@ use super::super::poses::{Poses, TrajectoryFormat, distinct, read_stamped_quater
 use super::super::text::{TextFile, parse_number, parse_stamp_ns, shorten};
 use super::super::warning::Tally;
 use super::super::{SequenceError, Warning, associate};
-use super::orb_slam;
+use super::orb_trajectory::orb_trajectory;
 
 /// The reader.
 pub(in super::super) struct TumRgbd;
@@ -36,7 +36,7 @@ impl Layout for TumRgbd {
     fn recognises(&self, folder: &Folder) -> bool {
         // Without ground truth the trajectory of a run may be what is there.
         folder.entry(IMAGES).is_some()
-            && (folder.entry(POSES).is_some() || orb_slam::orb_trajectory(folder).is_none())
+            && (folder.entry(POSES).is_some() || orb_trajectory(folder).is_none())
     }
 
     fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
