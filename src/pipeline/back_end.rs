@@ -1,8 +1,9 @@
 //! What a keyframe adds to the map: clusters, landmarks, free space, surface. Strictly one keyframe after another.
 
+use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, Transaction};
+use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, ViewId};
 use linecarve_carving::surface::{ExportOptions, Hull};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::cluster::ClusterOptionsError;
@@ -10,12 +11,16 @@ use linecarve_lines::depth::SensorNoise;
 use nalgebra::Point3;
 
 use super::front_end::Keyframe;
-use super::landmarks::{Landmarks, Measurement, Observed, Settled};
+use super::intake::{Contribution, Intake, IntakeScratch, settle};
+use super::landmarks::Landmarks;
 use super::options::Options;
 use super::segment_map::SegmentMap;
 use super::segment_points::measurements;
-use super::surface_points::{KeyframeSurface, Verdict};
+use super::surface_points::KeyframeSurface;
 use crate::mesh::TriangleMesh;
+
+/// Colour of what no keyframe has a colour of: a middle grey.
+const UNSEEN: [u8; 3] = [128; 3];
 
 /// Why a keyframe could not be added. The map is then not to be used any further.
 #[derive(Debug, thiserror::Error)]
@@ -60,50 +65,14 @@ pub struct BackEnd {
     camera: Camera,
     noise: SensorNoise,
     median_depth: f64,
-    keyframes: usize,
     segments: SegmentMap,
     landmarks: Landmarks,
     /// The carver's id of each landmark.
     points: Vec<PointId>,
     carver: Carver,
-    /// Landmarks that the current keyframe measured; kept for its memory.
-    seen: Vec<u32>,
-    /// Landmarks that are to be settled besides those seen.
-    touched: Vec<u32>,
-    /// What the current keyframe says about landmarks.
-    verdicts: Vec<(u32, Verdict)>,
-    /// Vertex of each landmark in the triangulation of the current keyframe, `u32::MAX` without one.
-    vertex_of: Vec<u32>,
-}
-
-/// Where the measurements of one keyframe go.
-struct Measured<'a, 'b> {
-    landmarks: &'a mut Landmarks,
-    points: &'a mut Vec<PointId>,
-    transaction: &'a mut Transaction<'b>,
-    seen: &'a mut Vec<u32>,
-    /// What a standard deviation is multiplied by for the carver.
-    sigma_factor: f64,
-    new_points: usize,
-}
-
-impl Measured<'_, '_> {
-    /// Joins a measurement to its landmark, which is returned.
-    fn take(&mut self, measurement: &Measurement) -> Result<u32, EventError> {
-        let landmark = match self.landmarks.observe(measurement) {
-            Observed::New(landmark) => {
-                let point = self.transaction.add_point(measurement.point_in_world)?;
-                let sigma = self.sigma_factor * measurement.sigma;
-                self.transaction.set_sigma(point, Some(sigma))?;
-                self.points.push(point);
-                self.new_points += 1;
-                landmark
-            }
-            Observed::Again(landmark) => landmark,
-        };
-        self.seen.push(landmark);
-        Ok(landmark)
-    }
+    scratch: IntakeScratch,
+    /// What each keyframe gave; `None` for those that were withdrawn.
+    contributions: Vec<Option<(ViewId, Contribution)>>,
 }
 
 impl BackEnd {
@@ -123,7 +92,6 @@ impl BackEnd {
             camera: camera.clone(),
             noise,
             median_depth,
-            keyframes: 0,
             segments: SegmentMap::new(options.cluster, median_depth)?,
             landmarks: Landmarks::new(options.landmarks),
             points: Vec::new(),
@@ -135,146 +103,151 @@ impl BackEnd {
                     Hull::Drop
                 },
             }),
-            seen: Vec::new(),
-            touched: Vec::new(),
-            verdicts: Vec::new(),
-            vertex_of: Vec::new(),
+            scratch: IntakeScratch::default(),
+            contributions: Vec::new(),
         })
     }
 
-    /// Adds a keyframe.
+    /// Adds a keyframe. Keyframes are numbered in the order in which they are added, from 0.
     ///
     /// # Errors
     /// When the carver refuses its position or one of its points: not a number, or out of range.
     pub fn push(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, BackEndError> {
-        let number = self.keyframes;
+        let number = self.contributions.len();
         let refused = |source| BackEndError::Carve {
             keyframe: number,
             source,
         };
         let start = Instant::now();
         self.segments.push(keyframe);
-        let clustering = start.elapsed();
-
         let mut update = MapUpdate {
-            clustering,
+            clustering: start.elapsed(),
             ..MapUpdate::default()
         };
         let mut transaction = self.carver.transaction();
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let view = transaction.add_view(center).map_err(refused)?;
-        self.seen.clear();
-        self.touched.clear();
-        let measured = &mut Measured {
+        let mut contribution = Contribution::default();
+        let mut intake = Intake {
             landmarks: &mut self.landmarks,
             points: &mut self.points,
             transaction: &mut transaction,
-            seen: &mut self.seen,
+            scratch: &mut self.scratch,
+            contribution: &mut contribution,
             sigma_factor: self.options.carving.cut.sigma_factor,
             new_points: 0,
         };
-        let mut chains: Vec<[u32; 2]> = Vec::new();
+        intake.begin();
         for segment in &keyframe.segments {
-            let mut last = None;
-            for measurement in measurements(
-                segment,
-                &self.camera,
-                &keyframe.world_from_camera,
-                &self.noise,
-                &self.options.segment_points,
-            ) {
-                let landmark = measured.take(&measurement).map_err(refused)?;
-                chains.extend(last.map(|last| [last, landmark]));
-                last = Some(landmark);
-            }
+            intake
+                .take_segment(measurements(
+                    segment,
+                    &self.camera,
+                    &keyframe.world_from_camera,
+                    &self.noise,
+                    &self.options.segment_points,
+                ))
+                .map_err(refused)?;
         }
+        let options = &self.options.surface_points;
+        let surface = KeyframeSurface::new(
+            &keyframe.surface,
+            &self.camera,
+            &keyframe.world_from_camera,
+            options,
+        );
         if keyframe.surface.known_count() > 0 {
-            let surface = KeyframeSurface::new(
-                &keyframe.surface,
-                &self.camera,
-                &keyframe.world_from_camera,
-                &self.options.surface_points,
-            );
-            let mut vertices = Vec::new();
-            self.vertex_of.clear();
-            self.vertex_of.resize(measured.points.len(), u32::MAX);
-            for landmark in measured.seen.iter() {
-                let vertex_of = &mut self.vertex_of[*landmark as usize];
-                if *vertex_of == u32::MAX
-                    && let Some(vertex) = surface.vertex(&measured.landmarks.position(*landmark))
-                {
-                    *vertex_of = vertices.len() as u32;
-                    vertices.push(vertex);
-                }
-            }
-            self.verdicts.clear();
-            for (landmark, position) in measured.landmarks.iter() {
-                if self.vertex_of[landmark as usize] == u32::MAX {
-                    match surface.judge(&position) {
-                        Verdict::Silent => {}
-                        verdict => self.verdicts.push((landmark, verdict)),
-                    }
-                }
-            }
-            for (landmark, verdict) in &self.verdicts {
-                if let Verdict::Confirmed {
-                    vertex,
-                    measurement,
-                } = verdict
-                {
-                    measured.landmarks.confirm(*landmark, measurement);
-                    measured.seen.push(*landmark);
-                    self.vertex_of[*landmark as usize] = vertices.len() as u32;
-                    vertices.push(*vertex);
-                } else {
-                    measured.landmarks.contradict(*landmark);
-                    self.touched.push(*landmark);
-                }
-            }
-            let vertex_of = |landmark: u32| self.vertex_of[landmark as usize];
-            let lines: Vec<[u32; 2]> = chains
-                .iter()
-                .map(|[a, b]| [vertex_of(*a), vertex_of(*b)])
-                .collect();
-            for measurement in
-                surface.missing(&vertices, &lines, &self.options.surface_points.refine)
-            {
-                measured.take(&measurement).map_err(refused)?;
-            }
+            intake.take_surface(&surface, options).map_err(refused)?;
         }
-        update.new_points = measured.new_points;
-        self.touched.extend(&self.seen);
-        for landmark in &self.touched {
-            let point = self.points[*landmark as usize];
-            match self.landmarks.settle(*landmark) {
-                Settled::Stays => {}
-                Settled::Moved(position) => {
-                    transaction.move_point(point, position).map_err(refused)?;
-                    update.moved_points += 1;
-                }
-                Settled::GivenUp => {
-                    transaction.remove_point(point).map_err(refused)?;
-                    update.removed_points += 1;
-                }
-            }
-        }
-        // One ray from a camera to a point, however many segments of the keyframe meet in it.
-        self.seen.sort_unstable();
-        self.seen.dedup();
+        intake.paint(keyframe, &surface);
+        update.new_points = intake.new_points;
+
+        let IntakeScratch {
+            seen,
+            stretches,
+            edges,
+            ..
+        } = &mut self.scratch;
+        let concerned = contribution.contradicted.iter().chain(&*seen).copied();
+        (update.moved_points, update.removed_points) = settle(
+            &mut self.landmarks,
+            &self.points,
+            &mut transaction,
+            concerned,
+        )
+        .map_err(refused)?;
         let landmarks = &self.landmarks;
-        self.seen.retain(|landmark| landmarks.is_in_use(*landmark));
-        update.observed_again = self.seen.len() - update.new_points;
-        for landmark in &self.seen {
+        let is_in_use = |landmark: &u32| landmarks.is_in_use(*landmark);
+        // One ray from a camera to a point, however many segments of the keyframe meet in it.
+        seen.retain(is_in_use);
+        update.observed_again = seen.len().saturating_sub(update.new_points);
+        for landmark in &*seen {
             transaction
                 .add_observation(view, self.points[*landmark as usize], 1)
                 .map_err(refused)?;
         }
-        update.matching = start.elapsed() - clustering;
+        let carving = &self.options.carving;
+        for (pairs, weight) in [
+            (stretches, carving.segment_weight),
+            (edges, carving.triangulation_weight),
+        ] {
+            if weight == 0 {
+                continue;
+            }
+            pairs.sort_unstable();
+            pairs.dedup();
+            for ends in pairs.iter().filter(|ends| ends.iter().all(is_in_use)) {
+                let ends = ends.map(|landmark| self.points[landmark as usize]);
+                transaction
+                    .add_segment(view, ends, weight)
+                    .map_err(refused)?;
+            }
+        }
+        update.matching = start.elapsed() - update.clustering;
         let report = transaction.commit().map_err(refused)?;
-        update.carving = start.elapsed() - clustering - update.matching;
+        update.carving = start.elapsed() - update.clustering - update.matching;
         update.changed_triangles = report.surface.added.len() + report.surface.removed.len();
-        self.keyframes += 1;
+        self.contributions.push(Some((view, contribution)));
         Ok(update)
+    }
+
+    /// Takes back what a keyframe gave: its rays and segments end, its measurements leave the means of their landmarks,
+    /// and landmarks that no other keyframe measured are gone. Clusters and colours keep what they had of it. Its number
+    /// is not given again; withdrawn a second time, it changes nothing.
+    ///
+    /// # Errors
+    /// As [`BackEnd::push`].
+    pub fn withdraw(&mut self, number: usize) -> Result<(), BackEndError> {
+        let Some((view, contribution)) = self.contributions.get_mut(number).and_then(Option::take)
+        else {
+            return Ok(());
+        };
+        let refused = |source| BackEndError::Carve {
+            keyframe: number,
+            source,
+        };
+        let Contribution {
+            shares,
+            contradicted,
+        } = contribution;
+        for (landmark, share) in &shares {
+            self.landmarks.withdraw(*landmark, share);
+        }
+        for landmark in &contradicted {
+            self.landmarks.withdraw_contradiction(*landmark);
+        }
+        let mut transaction = self.carver.transaction();
+        let concerned = shares.iter().map(|(landmark, _)| *landmark);
+        settle(
+            &mut self.landmarks,
+            &self.points,
+            &mut transaction,
+            concerned,
+        )
+        .map_err(refused)?;
+        transaction.remove_view(view).map_err(refused)?;
+        transaction.commit().map_err(refused)?;
+        Ok(())
     }
 
     /// Segments and clusters.
@@ -297,10 +270,30 @@ impl BackEnd {
             minimum_component: surface.minimum_component,
             manifold: surface.manifold,
         });
+        let colors = self.colors(&mesh.vertices);
         TriangleMesh {
             positions: mesh.vertices,
             triangles: mesh.triangles,
-            colors: None,
+            colors,
         }
+    }
+
+    /// Colours of points of the map, by their positions; `None` when no keyframe had any.
+    fn colors(&self, positions: &[Point3<f64>]) -> Option<Vec<[u8; 3]>> {
+        // -0 and 0 are one position.
+        let key = |position: &Point3<f64>| position.coords.map(|c| (c + 0.0).to_bits()).into();
+        let colors: HashMap<[u64; 3], [u8; 3]> = self
+            .landmarks
+            .iter()
+            .filter_map(|(landmark, position)| {
+                Some((key(&position), self.landmarks.color(landmark)?))
+            })
+            .collect();
+        (!colors.is_empty()).then(|| {
+            positions
+                .iter()
+                .map(|position| colors.get(&key(position)).copied().unwrap_or(UNSEEN))
+                .collect()
+        })
     }
 }

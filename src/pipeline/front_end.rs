@@ -8,6 +8,7 @@ use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use nalgebra::Isometry3;
 
+use super::colors::KeyframeColors;
 use crate::report::{StageTimes, milliseconds};
 use crate::sequence::{FrameError, Sequence};
 
@@ -22,6 +23,8 @@ pub struct Keyframe {
     pub segments: Vec<Segment>,
     /// The surface between them, where depth is dense.
     pub surface: SurfaceSamples,
+    /// The colours of its image.
+    pub colors: KeyframeColors,
     /// Edge chains in its image.
     pub edge_chains: usize,
     /// Pixels on them.
@@ -106,6 +109,7 @@ impl<'a> FrontEnd<'a> {
         let name = || self.sequence.frames()[frame].name.clone();
         let start = Instant::now();
         let image = self.sequence.load_gray(frame)?;
+        let colors = KeyframeColors::of(&self.sequence.load_color(frame)?);
         let depth = self
             .sequence
             .load_depth(frame)?
@@ -132,6 +136,7 @@ impl<'a> FrontEnd<'a> {
             world_from_camera: self.sequence.frames()[frame].world_from_camera,
             segments: extraction.segments,
             surface: extraction.surface,
+            colors,
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,
             edge_pixels_with_depth: extraction.edge_pixels_with_depth,

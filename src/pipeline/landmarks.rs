@@ -72,14 +72,16 @@ pub struct Landmark {
     measured: u32,
     /// Number of keyframes that looked through it.
     contradicted: u32,
+    /// Sum of the sRGB colours under which it was seen, and their number.
+    colors: [u32; 4],
     is_given_up: bool,
 }
 
 impl Landmark {
     fn add(&mut self, measurement: &Measurement) {
-        let weight = measurement.weight();
-        self.weighted += weight * measurement.point_in_world.coords;
-        self.weight += weight;
+        let share = measurement.share();
+        self.weighted += share.weighted;
+        self.weight += share.weight;
         self.measured += 1;
     }
 }
@@ -88,6 +90,21 @@ impl Measurement {
     fn weight(&self) -> f64 {
         1.0 / (self.sigma * self.sigma)
     }
+
+    /// What has to be kept of it so that it can be taken back.
+    pub fn share(&self) -> Share {
+        Share {
+            weighted: self.weight() * self.point_in_world.coords,
+            weight: self.weight(),
+        }
+    }
+}
+
+/// What a measurement adds to the mean of its landmark.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Share {
+    weighted: Vector3<f64>,
+    weight: f64,
 }
 
 /// What [`Landmarks::settle`] decides on a landmark.
@@ -172,6 +189,7 @@ impl Landmarks {
             weight: 0.0,
             measured: 0,
             contradicted: 0,
+            colors: [0; 4],
             is_given_up: false,
         };
         landmark.add(measurement);
@@ -187,6 +205,46 @@ impl Landmarks {
     /// When there never was one of this number.
     pub fn confirm(&mut self, id: u32, measurement: &Measurement) {
         self.records[id as usize].add(measurement);
+    }
+
+    /// Takes back a measurement that was noted before.
+    ///
+    /// # Panics
+    /// When there never was a landmark of this number.
+    pub fn withdraw(&mut self, id: u32, share: &Share) {
+        let landmark = &mut self.records[id as usize];
+        landmark.weighted -= share.weighted;
+        landmark.weight -= share.weight;
+        landmark.measured = landmark.measured.saturating_sub(1);
+    }
+
+    /// Takes back that a keyframe looked through a landmark.
+    ///
+    /// # Panics
+    /// When there never was one of this number.
+    pub fn withdraw_contradiction(&mut self, id: u32) {
+        let contradicted = &mut self.records[id as usize].contradicted;
+        *contradicted = contradicted.saturating_sub(1);
+    }
+
+    /// Notes the sRGB colour under which a keyframe sees a landmark.
+    ///
+    /// # Panics
+    /// When there never was one of this number.
+    pub fn paint(&mut self, id: u32, color: [u8; 3]) {
+        let colors = &mut self.records[id as usize].colors;
+        for (sum, value) in colors.iter_mut().zip(color.into_iter().chain([1])) {
+            *sum = sum.saturating_add(value.into());
+        }
+    }
+
+    /// The mean colour of a landmark; `None` when no keyframe had one.
+    ///
+    /// # Panics
+    /// When there never was one of this number.
+    pub fn color(&self, id: u32) -> Option<[u8; 3]> {
+        let [r, g, b, count] = self.records[id as usize].colors;
+        (count > 0).then(|| [r, g, b].map(|sum| ((sum + count / 2) / count) as u8))
     }
 
     /// Notes that a keyframe measured a surface behind a landmark, where it should have seen it.
@@ -210,7 +268,7 @@ impl Landmarks {
             return Settled::Stays;
         }
         let indexed = GeomWithData::new(landmark.position.coords.into(), id);
-        if landmark.contradicted > landmark.measured {
+        if landmark.contradicted > landmark.measured || landmark.measured == 0 {
             landmark.is_given_up = true;
             self.tree.remove(&indexed);
             return Settled::GivenUp;
@@ -294,6 +352,58 @@ mod tests {
         landmarks.observe(&at(0.004, 0.0, 2.0));
         assert_eq!(landmarks.observe(&at(0.001, 0.0, 2.0)), Observed::Again(1));
         assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.0)), Observed::Again(0));
+    }
+
+    #[test]
+    fn a_landmark_moves_to_the_mean_and_is_found_there() {
+        let mut landmarks = Landmarks::new(NARROW);
+        landmarks.observe(&at(0.0, 0.0, 2.0));
+        landmarks.confirm(0, &at(0.0, 0.0, 2.02));
+        let Settled::Moved(mean) = landmarks.settle(0) else {
+            panic!("a centimetre is a standard deviation");
+        };
+        assert!((mean - Point3::new(0.0, 0.0, 2.01)).norm() < 1e-12);
+        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.029)), Observed::Again(0));
+        // Three measurements: the mean hardly moves between powers of two.
+        assert_eq!(landmarks.settle(0), Settled::Stays);
+    }
+
+    #[test]
+    fn a_landmark_is_given_up_when_most_keyframes_look_through_it() {
+        let mut landmarks = Landmarks::new(NARROW);
+        landmarks.observe(&at(0.0, 0.0, 2.0));
+        landmarks.contradict(0);
+        assert_eq!(landmarks.settle(0), Settled::Stays);
+        landmarks.contradict(0);
+        assert_eq!(landmarks.settle(0), Settled::GivenUp);
+        assert_eq!((landmarks.len(), landmarks.is_in_use(0)), (0, false));
+        assert_eq!(landmarks.settle(0), Settled::Stays);
+        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.0)), Observed::New(1));
+    }
+
+    #[test]
+    fn what_is_withdrawn_leaves_the_rest() {
+        let mut landmarks = Landmarks::new(NARROW);
+        let (first, second) = (at(0.0, 0.0, 2.0), at(0.0, 0.0, 2.016));
+        landmarks.observe(&first);
+        landmarks.observe(&second);
+        landmarks.withdraw(0, &first.share());
+        let Settled::Moved(rest) = landmarks.settle(0) else {
+            panic!("the second measurement is left");
+        };
+        assert!((rest - second.point_in_world).norm() < 1e-9);
+        landmarks.withdraw(0, &second.share());
+        assert_eq!(landmarks.settle(0), Settled::GivenUp);
+    }
+
+    #[test]
+    fn colours_are_averaged() {
+        let mut landmarks = Landmarks::new(NARROW);
+        landmarks.observe(&at(0.0, 0.0, 2.0));
+        assert_eq!(landmarks.color(0), None);
+        landmarks.paint(0, [10, 20, 255]);
+        landmarks.paint(0, [20, 21, 255]);
+        assert_eq!(landmarks.color(0), Some([15, 21, 255]));
     }
 
     #[test]

@@ -5,8 +5,10 @@
 
 mod back_end;
 pub mod cluster_points;
+pub mod colors;
 pub mod feature_depth;
 mod front_end;
+mod intake;
 mod labels;
 pub mod landmarks;
 mod map_points;

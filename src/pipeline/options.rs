@@ -86,6 +86,11 @@ pub struct CarvingOptions {
     pub labels: LabelKind,
     /// With votes, a tetrahedron is free when at least this many rays cross it.
     pub free_threshold: u32,
+    /// With votes, the weight of the triangle between a camera and a stretch of a segment that it sees, 0 for none:
+    /// everything in it is free, not only what lies on the rays to points, which weigh 1.
+    pub segment_weight: u32,
+    /// The same for the edges of a keyframe's triangulation that the surface was found to follow.
+    pub triangulation_weight: u32,
     /// Settings of the cut.
     pub cut: CutSettings,
 }
@@ -95,6 +100,8 @@ impl Default for CarvingOptions {
         Self {
             labels: LabelKind::default(),
             free_threshold: 1,
+            segment_weight: 0,
+            triangulation_weight: 0,
             cut: CutSettings::default(),
         }
     }

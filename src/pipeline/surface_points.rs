@@ -44,6 +44,15 @@ pub struct KeyframeSurface<'a> {
     agreement_sigmas: f64,
 }
 
+/// A keyframe's triangulation, as far as the map takes it.
+#[derive(Debug, Clone, Default)]
+pub struct Refined {
+    /// The points that the map lacks. They are the vertices after those given; `None` where one is of no use.
+    pub missing: Vec<Option<Measurement>>,
+    /// Edges of the triangles that the surface was found to follow, as pairs of vertices.
+    pub edges: Vec<[u32; 2]>,
+}
+
 /// What a keyframe says about a point of the map.
 #[derive(Debug, Clone, Copy)]
 pub enum Verdict {
@@ -125,23 +134,36 @@ impl<'a> KeyframeSurface<'a> {
         })
     }
 
-    /// The points that are missing: refines the triangulation of what the map holds, `vertices` with `lines` between
-    /// them, until it follows the surface.
-    pub fn missing(
+    /// Refines the triangulation of what the map holds, `vertices` with `lines` between them, until it follows the
+    /// surface.
+    pub fn refine(
         &self,
         vertices: &[ImageVertex],
         lines: &[[u32; 2]],
         options: &RefineOptions,
-    ) -> Vec<Measurement> {
+    ) -> Refined {
         let mut triangulation = ImageTriangulation::new(vertices, lines);
         triangulation.refine(self.samples, options);
-        triangulation.vertices()[vertices.len()..]
+        let missing = triangulation.vertices()[vertices.len()..]
             .iter()
-            .filter_map(|vertex| {
+            .map(|vertex| {
                 let sample = self.samples.near(&vertex.pixel)?;
                 self.measurement(&vertex.pixel, vertex.rho, sample.sigma.into())
             })
-            .collect()
+            .collect();
+        let mut edges: Vec<[u32; 2]> = triangulation
+            .triangles(self.samples)
+            .filter(|triangle| {
+                triangle.samples > 0 && triangle.deviation_sigmas <= self.agreement_sigmas
+            })
+            .flat_map(|triangle| {
+                let [a, b, c] = triangle.corners;
+                [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)])
+            })
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        Refined { missing, edges }
     }
 }
 
@@ -190,8 +212,11 @@ mod tests {
         let (samples, camera, pose) = wall();
         let options = SurfacePointOptions::default();
         let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);
-        let missing = surface.missing(&[], &[], &options.refine);
-        assert_eq!(missing.len(), 4 * 3);
+        let refined = surface.refine(&[], &[], &options.refine);
+        assert_eq!(refined.missing.len(), 4 * 3);
+        // A triangulation of that many points has at least this many edges.
+        assert!(refined.edges.len() >= 2 * 12 - 3);
+        let missing: Vec<Measurement> = refined.missing.into_iter().flatten().collect();
         assert!(
             missing
                 .iter()
@@ -201,6 +226,7 @@ mod tests {
             .iter()
             .map(|m| surface.vertex(&m.point_in_world).unwrap())
             .collect();
-        assert_eq!(surface.missing(&known, &[], &options.refine).len(), 0);
+        let again = surface.refine(&known, &[], &options.refine);
+        assert!(again.missing.is_empty());
     }
 }
