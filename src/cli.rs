@@ -237,10 +237,12 @@ pub enum SurfaceSource {
 /// Where depth comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DepthSource {
-    /// The sensor's, which the sequence must then have.
+    /// The sensor's when the sequence has depth images, else semi-dense.
     Auto,
     /// The sensor's.
     Sensor,
+    /// Estimated at image edges from neighbouring keyframes.
+    SemiDense,
 }
 
 /// File formats of meshes and lines.

@@ -5,10 +5,11 @@ use std::time::{Duration, Instant};
 use thiserror::Error;
 
 use crate::camera::Camera;
+use crate::depth::semi_dense::SemiDenseOptionsError;
 use crate::depth::{EdgeDepthOptions, EdgeDepths, InverseDepthMap};
 use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions, EdgeOptionsError};
 use crate::fit::{FitInput, FitOptions, FitOptionsError, Segment, SegmentFitter};
-use crate::image::GrayImage;
+use crate::image::{GrayImage, ImageError};
 use crate::triangulation::{SampleOptions, SurfaceSamples, TriangulationOptionsError};
 
 /// Settings of all stages.
@@ -36,6 +37,12 @@ pub enum ExtractError {
     /// An option of the surface samples is out of range.
     #[error(transparent)]
     Samples(#[from] TriangulationOptionsError),
+    /// A semi-dense option is out of range.
+    #[error(transparent)]
+    SemiDense(#[from] SemiDenseOptionsError),
+    /// The image cannot be addressed.
+    #[error(transparent)]
+    Image(#[from] ImageError),
     /// Segments are straight only in pinhole images.
     #[error("the camera has lens distortion; undistort the image and its depth first")]
     Distorted,
@@ -156,17 +163,7 @@ impl SegmentExtractor {
         camera: &Camera,
         keyframe: u32,
     ) -> Result<Extraction, ExtractError> {
-        if !camera.is_pinhole() {
-            return Err(ExtractError::Distorted);
-        }
-        if (image.width(), image.height()) != (depth.width(), depth.height()) {
-            return Err(ExtractError::Size {
-                image_width: image.width(),
-                image_height: image.height(),
-                depth_width: depth.width(),
-                depth_height: depth.height(),
-            });
-        }
+        check(image, depth, camera)?;
         let start = Instant::now();
         self.detector.detect_into(image, &mut self.chains);
         let edges = start.elapsed();
@@ -203,7 +200,46 @@ impl SegmentExtractor {
         })
     }
 
-    /// The edge chains of the last keyframe.
+    /// As [`SegmentExtractor::extract`], along edges that are known already and with depth at edges alone, so that there are no
+    /// surface samples; `smoothed` is the image in which the edges were found.
+    ///
+    /// # Errors
+    /// When the camera distorts, or image and depth map differ in size.
+    pub fn extract_along(
+        &mut self,
+        chains: &EdgeChains,
+        smoothed: &GrayImage,
+        depth: &InverseDepthMap,
+        camera: &Camera,
+        keyframe: u32,
+    ) -> Result<Extraction, ExtractError> {
+        check(smoothed, depth, camera)?;
+        let start = Instant::now();
+        self.depths.compute(depth, chains, &self.edge_depth);
+        let edge_depth = start.elapsed();
+        let segments = self.fitter.fit(&FitInput {
+            chains,
+            depths: &self.depths,
+            image: smoothed,
+            camera,
+            keyframe,
+        });
+        Ok(Extraction {
+            segments,
+            surface: SurfaceSamples::default(),
+            edge_pixels: chains.pixels().len(),
+            edge_pixels_with_depth: self.depths.known_count(),
+            chains: chains.len(),
+            durations: StageDurations {
+                edges: Duration::ZERO,
+                edge_depth,
+                fit: start.elapsed() - edge_depth,
+                samples: Duration::ZERO,
+            },
+        })
+    }
+
+    /// The edge chains that the last [`SegmentExtractor::extract`] drew.
     pub fn chains(&self) -> &EdgeChains {
         &self.chains
     }
@@ -212,6 +248,22 @@ impl SegmentExtractor {
     pub fn edge_depths(&self) -> &EdgeDepths {
         &self.depths
     }
+}
+
+/// Segments are straight only in pinhole images, and depths belong to pixels.
+fn check(image: &GrayImage, depth: &InverseDepthMap, camera: &Camera) -> Result<(), ExtractError> {
+    if !camera.is_pinhole() {
+        return Err(ExtractError::Distorted);
+    }
+    if (image.width(), image.height()) != (depth.width(), depth.height()) {
+        return Err(ExtractError::Size {
+            image_width: image.width(),
+            image_height: image.height(),
+            depth_width: depth.width(),
+            depth_height: depth.height(),
+        });
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);
     pipeline::run(
         &prepared.sequence,
-        &prepared.sensor,
+        &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
         |_, keyframe| -> anyhow::Result<()> {

@@ -14,7 +14,7 @@ use crate::commands::output::{OutputFolder, clusters_part, segments_part, write_
 use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
 use crate::mesh::{LineSet, TriangleMesh, write_mesh_ply};
-use crate::pipeline::FrontEndError;
+use crate::pipeline::{DepthSource, FrontEndError};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, StageTimes, milliseconds};
 
@@ -26,6 +26,9 @@ pub(super) fn run(
     let started = Instant::now();
     let mut output = OutputFolder::create(&args.out)?;
     let prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;
+    if method.needs_depth() {
+        prepared.sensor()?;
+    }
     let mut runner = method.build(&prepared.options.methods())?;
     let mut findings = Findings::default();
     let mut log = RunLog::new(command(method), &prepared, verbosity);
@@ -115,12 +118,12 @@ fn load(prepared: &Prepared, frame: usize, method: Method) -> Result<Loaded, Fro
             register: Duration::ZERO,
         });
     }
-    let depth = sequence
-        .load_depth(frame)?
-        .ok_or_else(|| FrontEndError::WithoutDepth { frame: name() })?;
+    let (Some(depth), DepthSource::Sensor(sensor)) = (sequence.load_depth(frame)?, &prepared.depth)
+    else {
+        return Err(FrontEndError::WithoutDepth { frame: name() });
+    };
     let load = start.elapsed();
-    let depth = prepared
-        .sensor
+    let depth = sensor
         .inverse_depth(
             &depth,
             sequence.color_camera(),

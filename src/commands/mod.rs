@@ -1,6 +1,7 @@
 //! The commands, one file each: they read options, run the library and print; the work itself is elsewhere.
 
 mod convert;
+mod depth;
 mod diff;
 mod evaluate;
 mod heat_map;

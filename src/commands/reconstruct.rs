@@ -33,7 +33,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let mut map = BackEnd::new(
         &prepared.options,
         prepared.sequence.color_camera(),
-        prepared.sensor.noise,
+        prepared.depth.noise(),
         prepared.median_depth,
     )?;
     let mut path = CameraPath::default();
@@ -45,7 +45,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
 
     pipeline::run(
         &prepared.sequence,
-        &prepared.sensor,
+        &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
         |_, keyframe| -> anyhow::Result<()> {

@@ -47,7 +47,7 @@ impl RunLog {
             from: "lines",
             sequence: &prepared.sequence,
             keyframes: prepared.keyframes.len(),
-            depth: "sensor",
+            depth: prepared.depth.name(),
             median_depth: prepared.median_depth,
             origin: prepared.origin,
             options: &prepared.options,
@@ -192,9 +192,13 @@ impl RunLog {
             .map(|keyframe| keyframe.edge_depth_share * keyframe.edge_pixels as f64)
             .sum();
         if with_depth < 1.0 {
+            let remedy = if self.report.sequence.depth == "sensor" {
+                "do depth and colour belong together?"
+            } else {
+                "too few keyframes, no parallax between them, or wrong poses?"
+            };
             return format!(
-                "none of {pixels} edge pixels in {keyframes} keyframe(s) has a depth: do depth and colour belong \
-                 together?"
+                "none of {pixels} edge pixels in {keyframes} keyframe(s) has a depth: {remedy}"
             );
         }
         let segments = sum(|keyframe| keyframe.segments);

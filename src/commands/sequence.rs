@@ -1,13 +1,14 @@
 //! What `reconstruct` and `lines` do first: open the sequence, choose keyframes, set up the depth camera.
 
-use anyhow::{Context, bail};
-use linecarve_lines::depth::{DepthSensor, SensorNoise};
+use anyhow::bail;
+use linecarve_lines::depth::DepthSensor;
 use nalgebra::{Point3, Vector3};
 
 use crate::cli::{KeyframeArgs, SequenceArgs, StageArgs};
+use crate::commands::depth::depth_source;
 use crate::keyframes;
-use crate::pipeline::Options;
-use crate::pipeline::scale::{far_origin, median_scene_depth};
+use crate::pipeline::scale::far_origin;
+use crate::pipeline::{DepthSource, Options};
 use crate::progress::{Progress, Verbosity};
 use crate::sequence::{OpenOptions, Sequence};
 
@@ -17,12 +18,31 @@ pub(super) struct Prepared {
     pub(super) options: Options,
     /// Indices of the chosen frames.
     pub(super) keyframes: Vec<usize>,
-    pub(super) sensor: DepthSensor,
+    pub(super) depth: DepthSource,
     /// Median depth of the scene in units of the poses.
     pub(super) median_depth: f64,
     /// Taken off all coordinates while computing.
     pub(super) origin: Vector3<f64>,
     pub(super) warnings: Vec<String>,
+}
+
+impl Prepared {
+    /// The depth camera, for what measures depth with one alone.
+    ///
+    /// # Errors
+    /// When depth is estimated from the images.
+    pub(super) fn sensor(&self) -> anyhow::Result<&DepthSensor> {
+        match &self.depth {
+            DepthSource::Sensor(sensor) => Ok(sensor),
+            DepthSource::SemiDense(_) => bail!(
+                "this method takes its depth from depth images only, and {}; edge-aided lines and matched lines do without",
+                match self.sequence.depth_calibration() {
+                    Some(_) => "--depth semi-dense leaves them out",
+                    None => "the sequence has none",
+                }
+            ),
+        }
+    }
 }
 
 /// Opens a sequence.
@@ -57,30 +77,8 @@ pub(super) fn prepare(
         .iter()
         .map(ToString::to_string)
         .collect();
-    let Some(calibration) = sequence.depth_calibration() else {
-        bail!(
-            "{} has no depth images (layout {}): this version needs a depth camera; give a sequence with one",
-            input.sequence.display(),
-            sequence.layout()
-        );
-    };
-    let all: Vec<usize> = (0..sequence.frames().len()).collect();
-    let median_depth = median_scene_depth(&sequence, &all)?.with_context(|| {
-        format!(
-            "{}: none of the depth images looked at holds a depth: are they the right files?",
-            input.sequence.display()
-        )
-    })?;
-    let sensor = DepthSensor {
-        camera: calibration.camera.clone(),
-        color_from_depth: calibration.color_from_depth,
-        is_registered: calibration.registered,
-        noise: SensorNoise::relative_at(
-            options.sensor.relative_noise,
-            median_depth,
-            1.0 / calibration.scale,
-        ),
-    };
+    let depth = depth_source(&sequence, stages.depth, &options)?;
+    let median_depth = depth.median_depth;
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
     let positions = keyframes.iter().map(|frame| {
         let pose = &sequence.frames()[*frame].world_from_camera;
@@ -96,7 +94,7 @@ pub(super) fn prepare(
     Ok(Prepared {
         options,
         keyframes,
-        sensor,
+        depth: depth.source,
         median_depth,
         origin,
         warnings,

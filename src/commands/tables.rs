@@ -136,7 +136,7 @@ fn run_methods(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Result<Foun
         };
         let start = Instant::now();
         let map = prepared
-            .sensor
+            .sensor()?
             .inverse_depth(
                 &depth,
                 sequence.color_camera(),

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use linecarve_lines::depth::semi_dense::MatchViewError;
 use linecarve_lines::depth::{DepthSensor, SensorError};
 use linecarve_lines::fit::Segment;
 use linecarve_lines::triangulation::SurfaceSamples;
@@ -49,6 +50,14 @@ pub enum FrontEndError {
         /// What does not fit.
         source: SensorError,
     },
+    /// The frame cannot be matched with others.
+    #[error("frame {frame}: {source}")]
+    Match {
+        /// Name of the frame.
+        frame: String,
+        /// Why.
+        source: MatchViewError,
+    },
     /// Segments cannot be extracted.
     #[error("frame {frame}: {source}")]
     Extract {
@@ -71,6 +80,7 @@ impl FrontEndError {
         match self {
             Self::Image(error) => error.is_limited_to_frame(),
             Self::WithoutDepth { .. } => true,
+            Self::Match { source, .. } => matches!(source, MatchViewError::Pose(_)),
             Self::Depth { .. } | Self::Extract { .. } => false,
         }
     }

@@ -6,6 +6,7 @@
 mod back_end;
 pub mod cluster_points;
 pub mod colors;
+pub mod depth_source;
 pub mod feature_depth;
 mod front_end;
 mod intake;
@@ -21,6 +22,7 @@ pub mod segment_points;
 pub mod surface_points;
 
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
+pub use depth_source::{DepthSource, SemiDenseSource, SemiDenseStage};
 pub use front_end::{FrontEnd, FrontEndError, Keyframe};
 pub use labels::{CutSettings, LabelKind};
 pub use map_points::{

@@ -8,11 +8,13 @@ use linecarve_lines::baselines::{
     DecoupledOptions, LineDetectorOptions, MatchedOptions, MethodOptions, PointCloudOptions,
 };
 use linecarve_lines::cluster::ClusterOptions;
+use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
 use linecarve_lines::depth::{EdgeDepthOptions, SensorNoise};
 use linecarve_lines::edges::EdgeOptions;
 use linecarve_lines::fit::FitOptions;
 use serde::{Deserialize, Serialize};
 
+use super::depth_source::SemiDenseStage;
 use super::labels::{CutSettings, LabelKind};
 use super::landmarks::LandmarkOptions;
 use super::point_model::PointModelOptions;
@@ -29,6 +31,8 @@ pub struct Options {
     pub keyframes: KeyframeOptions,
     /// The depth camera.
     pub sensor: SensorOptions,
+    /// Depth from neighbouring keyframes.
+    pub semi_dense: SemiDenseStage,
     /// Edge chains.
     pub edges: EdgeOptions,
     /// The depth of edge pixels.
@@ -156,6 +160,9 @@ pub enum OptionsError {
     /// A setting of the labels by minimum cut is out of range.
     #[error("carving.cut: {0}")]
     Cut(#[from] CutOptionsError),
+    /// A value of the semi-dense depth is out of range.
+    #[error(transparent)]
+    SemiDense(#[from] SemiDenseOptionsError),
     /// A value is out of range.
     #[error("{key} = {value}: {expected}")]
     Range {
@@ -229,6 +236,7 @@ impl Options {
             })
         };
         positive("sensor.relative_noise", self.sensor.relative_noise)?;
+        self.semi_dense.validate()?;
         positive("landmarks.lateral_px", self.landmarks.lateral_px)?;
         positive("landmarks.depth_sigmas", self.landmarks.depth_sigmas)?;
         positive(

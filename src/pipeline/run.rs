@@ -6,6 +6,7 @@ use linecarve_lines::depth::DepthSensor;
 use linecarve_lines::{ExtractError, ExtractOptions};
 use rayon::prelude::*;
 
+use super::depth_source::{self, DepthSource};
 use super::front_end::{FrontEnd, FrontEndError, Keyframe};
 use crate::sequence::Sequence;
 
@@ -13,13 +14,36 @@ use crate::sequence::Sequence;
 type Prepared = Result<Keyframe, FrontEndError>;
 
 /// Runs the front end over `frames` of a sequence and hands each result to `consume`, in order, on the calling thread's
-/// side: while one group of keyframes is consumed, the next is prepared. At most two groups, each of one keyframe a
-/// worker thread, are in memory. What `consume` sees does not depend on the number of threads.
+/// side: while one group of keyframes is consumed, the next is prepared. Memory holds two groups, each of one keyframe a
+/// worker thread, and with depth from neighbours the images of a window. What `consume` sees does not depend on the number of
+/// threads.
+///
+/// `consume` is told the number of the keyframe. With depth from neighbours a keyframe comes when the last of those that may be
+/// its neighbours has.
 ///
 /// # Errors
 /// When `consume` fails, or the options are out of range. A front end's failure goes to `consume`, which decides whether
 /// it ends the run.
 pub fn run<E>(
+    sequence: &Sequence,
+    source: &DepthSource,
+    frames: &[usize],
+    options: ExtractOptions,
+    consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
+) -> Result<(), E>
+where
+    E: From<ExtractError> + Send,
+{
+    match source {
+        DepthSource::Sensor(sensor) => run_sensor(sequence, sensor, frames, options, consume),
+        DepthSource::SemiDense(source) => {
+            depth_source::run(sequence, source, frames, options, consume)
+        }
+    }
+}
+
+/// Keyframes with depth images: each stands for itself.
+fn run_sensor<E>(
     sequence: &Sequence,
     sensor: &DepthSensor,
     frames: &[usize],

@@ -1,0 +1,184 @@
+//! Settings of the estimate.
+
+use thiserror::Error;
+
+/// Settings of [`SemiDense`](super::SemiDense).
+///
+/// # Reference
+/// R. Mur-Artal, J. D. Tardos, RSS 2015: 7 neighbours, 80 and 45 degrees, chi-squared 5.99 and 3.84.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+pub struct SemiDenseOptions {
+    /// Least gradient of a pixel and of its match, in grey levels per pixel of the smoothed image.
+    pub least_gradient: f64,
+    /// Largest angle between the gradient and the epipolar line: beyond it the edge runs along the line and sliding along it
+    /// changes nothing.
+    pub largest_epipolar_angle_rad: f64,
+    /// Largest difference of the gradient's angle to the epipolar line between a pixel and its match.
+    pub largest_gradient_turn_rad: f64,
+    /// Largest length of the baseline in depths, which bounds how much a neighbour's view of a place may differ.
+    pub largest_parallax: f64,
+    /// A sample of a patch counts at most as a difference of this many standard deviations: behind the outline of a near
+    /// surface the background changes.
+    pub truncation_sigmas: f64,
+    /// Largest mean squared residual of a patch, in variances of a residual.
+    pub largest_residual: f64,
+    /// Two measurements agree when `d^2 / sigma_a^2 + d^2 / sigma_b^2` is below this.
+    pub fusion_chi2: f64,
+    /// Least number of neighbours that agree on a depth.
+    pub least_agreeing: usize,
+    /// Least share of the neighbours which have some match for the pixel that agree.
+    pub least_agreeing_share: f64,
+    /// A depth is ambiguous when another one has more than this share of its support.
+    pub largest_rival_share: f64,
+    /// Largest standard deviation of an inverse depth as a share of it.
+    pub largest_relative_sigma: f64,
+    /// Standard deviation of where a neighbour's epipolar line runs, in pixels, before it has been measured.
+    pub epipolar_sigma_px: f64,
+    /// Least standard deviation of an epipolar line that a measurement may give, in pixels: sampling and interpolation.
+    pub least_epipolar_sigma_px: f64,
+    /// How far along the chain a pixel looks for others that confirm it, in pixels; 0 leaves the check out.
+    pub chain_reach_px: usize,
+    /// Least number of chain pixels within reach that confirm a pixel.
+    pub least_confirming: usize,
+    /// Whether depths are averaged with those that confirm them.
+    pub smooth_along_chain: bool,
+    /// Longest gap along a chain that is filled between depths that agree, in pixels; 0 fills none.
+    pub longest_gap_px: usize,
+    /// Whether a small rotation of each neighbour is estimated along with its photometric model.
+    pub align_neighbours: bool,
+}
+
+impl Default for SemiDenseOptions {
+    fn default() -> Self {
+        Self {
+            least_gradient: 3.0,
+            largest_epipolar_angle_rad: 80.0_f64.to_radians(),
+            largest_gradient_turn_rad: 45.0_f64.to_radians(),
+            largest_parallax: 0.7,
+            truncation_sigmas: 4.0,
+            largest_residual: 12.0,
+            fusion_chi2: 5.99,
+            least_agreeing: 3,
+            least_agreeing_share: 0.5,
+            largest_rival_share: 0.8,
+            largest_relative_sigma: 0.1,
+            epipolar_sigma_px: 3.0,
+            least_epipolar_sigma_px: 0.2,
+            chain_reach_px: 3,
+            least_confirming: 2,
+            smooth_along_chain: true,
+            longest_gap_px: 4,
+            align_neighbours: true,
+        }
+    }
+}
+
+/// An option is out of range.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[error("semi-dense option {name} = {value} is out of range")]
+pub struct SemiDenseOptionsError {
+    /// The field.
+    pub name: &'static str,
+    /// The refused value.
+    pub value: f64,
+}
+
+impl SemiDenseOptions {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// When a field is out of range.
+    pub fn validate(&self) -> Result<(), SemiDenseOptionsError> {
+        let right = std::f64::consts::FRAC_PI_2;
+        let largest = f64::MAX;
+        for (name, value, upper) in [
+            ("least_gradient", self.least_gradient, largest),
+            (
+                "largest_epipolar_angle_rad",
+                self.largest_epipolar_angle_rad,
+                right,
+            ),
+            (
+                "largest_gradient_turn_rad",
+                self.largest_gradient_turn_rad,
+                2.0 * right,
+            ),
+            ("largest_parallax", self.largest_parallax, largest),
+            ("truncation_sigmas", self.truncation_sigmas, largest),
+            ("largest_residual", self.largest_residual, largest),
+            ("fusion_chi2", self.fusion_chi2, largest),
+            ("largest_rival_share", self.largest_rival_share, largest),
+            (
+                "largest_relative_sigma",
+                self.largest_relative_sigma,
+                largest,
+            ),
+            ("epipolar_sigma_px", self.epipolar_sigma_px, largest),
+            (
+                "least_epipolar_sigma_px",
+                self.least_epipolar_sigma_px,
+                largest,
+            ),
+        ] {
+            if !(value > 0.0 && value <= upper) {
+                return Err(SemiDenseOptionsError { name, value });
+            }
+        }
+        if !(0.0..=1.0).contains(&self.least_agreeing_share) {
+            return Err(SemiDenseOptionsError {
+                name: "least_agreeing_share",
+                value: self.least_agreeing_share,
+            });
+        }
+        if self.least_agreeing == 0 {
+            return Err(SemiDenseOptionsError {
+                name: "least_agreeing",
+                value: 0.0,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Bounds of the inverse depths that are searched, in 1 / unit of the poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InverseDepthRange {
+    lower: f64,
+    upper: f64,
+}
+
+impl InverseDepthRange {
+    /// A range from `lower` (0: infinitely far) to `upper`; `None` unless `0 <= lower < upper` and both are finite.
+    pub fn new(lower: f64, upper: f64) -> Option<Self> {
+        (lower >= 0.0 && lower < upper && upper.is_finite()).then_some(Self { lower, upper })
+    }
+
+    /// The range of known inverse depths, such as those of map points: mean plus and minus two standard deviations, kept
+    /// positive. `None` of fewer than two different ones.
+    pub fn of_known(inverse_depths: impl Iterator<Item = f64>) -> Option<Self> {
+        let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
+        for rho in inverse_depths.filter(|rho| rho.is_finite() && *rho > 0.0) {
+            n += 1.0;
+            let before = rho - mean;
+            mean += before / n;
+            squares += before * (rho - mean);
+        }
+        if n < 2.0 {
+            return None;
+        }
+        let reach = 2.0 * (squares / (n - 1.0)).sqrt();
+        Self::new((mean - reach).max(0.0), mean + reach)
+    }
+
+    /// The lower bound.
+    pub fn lower(&self) -> f64 {
+        self.lower
+    }
+
+    /// The upper bound.
+    pub fn upper(&self) -> f64 {
+        self.upper
+    }
+}

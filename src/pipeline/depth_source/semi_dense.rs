@@ -1,0 +1,364 @@
+//! Keyframes whose depth comes from each other: estimated when the first neighbours have come, to be witnesses for others, and
+//! again when all have.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use linecarve_lines::depth::EdgeDepthOptions;
+use linecarve_lines::depth::semi_dense::{MatchView, SemiDense, SemiDenseDepth, Witness, confirm};
+use linecarve_lines::edges::EdgeDetector;
+use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
+use rayon::prelude::*;
+
+use super::SemiDenseSource;
+use super::schedule::{Schedule, Task};
+use crate::pipeline::front_end::{FrontEndError, Keyframe};
+use crate::report::{StageTimes, milliseconds};
+use crate::sequence::Sequence;
+
+type Prepared = Result<Keyframe, FrontEndError>;
+
+/// A keyframe in the window.
+struct Entry {
+    /// `None`: it could not be read.
+    view: Option<MatchView>,
+    /// Time for reading it and for drawing its edges.
+    loading: Duration,
+    edges: Duration,
+    /// Its first estimate, and the step at which that was made.
+    first: Option<First>,
+}
+
+struct First {
+    step: usize,
+    neighbours: Vec<usize>,
+    depth: SemiDenseDepth,
+    duration: Duration,
+}
+
+/// An estimate that is due at a step: the number of keyframes that had come.
+struct Due {
+    step: usize,
+    task: Task,
+}
+
+/// What a step hands on: the fault of its own keyframe, then what is due.
+struct Step {
+    fault: Option<(usize, FrontEndError)>,
+    due: Vec<Due>,
+}
+
+/// Runs the front end over `frames` and hands each result to `consume`, in order, when its last estimate is made. While one group is consumed the next is prepared. What `consume` sees
+/// does not depend on the number of threads.
+///
+/// # Errors
+/// When `consume` fails, or the options are out of range.
+pub(in crate::pipeline) fn run<E>(
+    sequence: &Sequence,
+    source: &SemiDenseSource,
+    frames: &[usize],
+    options: ExtractOptions,
+    mut consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
+) -> Result<(), E>
+where
+    E: From<ExtractError> + Send,
+{
+    let mut front_end = FrontEnd::new(sequence, source, frames, options)?;
+    let group = rayon::current_num_threads().max(1);
+    let mut ready = front_end.next_group(group);
+    while let Some(keyframes) = ready {
+        let (consumed, prepared) = rayon::join(
+            || {
+                for (number, keyframe) in keyframes {
+                    consume(number, keyframe)?;
+                }
+                Ok::<(), E>(())
+            },
+            || front_end.next_group(group),
+        );
+        consumed?;
+        ready = prepared;
+    }
+    Ok(())
+}
+
+struct FrontEnd<'a> {
+    sequence: &'a Sequence,
+    source: &'a SemiDenseSource,
+    frames: &'a [usize],
+    estimator: SemiDense,
+    detector: EdgeDetector,
+    /// Copied for each thread: it keeps memory from one keyframe to the next.
+    extractor: SegmentExtractor,
+    schedule: Schedule,
+    window: VecDeque<Entry>,
+    /// Number of the first keyframe in the window.
+    first: usize,
+    /// Keyframes that have been read.
+    read: usize,
+    is_over: bool,
+}
+
+impl<'a> FrontEnd<'a> {
+    fn new(
+        sequence: &'a Sequence,
+        source: &'a SemiDenseSource,
+        frames: &'a [usize],
+        mut options: ExtractOptions,
+    ) -> Result<Self, ExtractError> {
+        // The depth of an edge pixel was measured on the edge itself: there is no other side to choose.
+        options.edge_depth = EdgeDepthOptions::raw();
+        Ok(Self {
+            sequence,
+            source,
+            frames,
+            estimator: SemiDense::new(source.options.matching)?,
+            detector: EdgeDetector::new(options.edges)?,
+            extractor: SegmentExtractor::new(options)?,
+            schedule: Schedule::new(source),
+            window: VecDeque::new(),
+            first: 0,
+            read: 0,
+            is_over: false,
+        })
+    }
+
+    /// The results of the next few steps, in order; `None` at the end.
+    fn next_group(&mut self, group: usize) -> Option<Vec<(usize, Prepared)>> {
+        if self.is_over {
+            return None;
+        }
+        let steps = self.read_group(group);
+        // First estimates need images alone; last ones also the first estimates of others.
+        let tasks = |is_final: bool| -> Vec<&Due> {
+            steps
+                .iter()
+                .flat_map(|step| &step.due)
+                .filter(|due| due.task.is_final == is_final)
+                .collect()
+        };
+        let first = self.in_parallel(&tasks(false), |this, _, due| this.first_estimate(&due.task));
+        for (due, first) in tasks(false).into_iter().zip(first) {
+            // What makes it fail makes the last estimate fail too, which tells.
+            self.window[due.task.keyframe - self.first].first =
+                first.ok().map(|(depth, duration)| First {
+                    step: due.step,
+                    neighbours: due.task.neighbours.clone(),
+                    depth,
+                    duration,
+                });
+        }
+        let finished = self.in_parallel(&tasks(true), |this, extractor, due| {
+            this.finish(due, extractor)
+        });
+        let mut finished = finished.into_iter();
+        let mut results = Vec::new();
+        for step in steps {
+            results.extend(step.fault.map(|(number, fault)| (number, Err(fault))));
+            let last = step.due.iter().filter(|due| due.task.is_final);
+            results.extend(last.map(|due| due.task.keyframe).zip(&mut finished));
+        }
+        while self.first < self.schedule.oldest_needed() {
+            self.window.pop_front();
+            self.first += 1;
+        }
+        Some(results)
+    }
+
+    fn in_parallel<T: Send>(
+        &self,
+        due: &[&Due],
+        work: impl Fn(&Self, &mut SegmentExtractor, &Due) -> T + Sync,
+    ) -> Vec<T> {
+        due.par_iter()
+            .map_init(
+                || self.extractor.clone(),
+                |extractor, due| work(self, extractor, due),
+            )
+            .collect()
+    }
+
+    /// Reads the next few keyframes into the window and asks what is due; after the last one, what is left.
+    fn read_group(&mut self, group: usize) -> Vec<Step> {
+        let end = (self.read + group).min(self.frames.len());
+        let read: Vec<(Entry, Option<FrontEndError>)> = (self.read..end)
+            .into_par_iter()
+            .map_init(
+                || self.detector.clone(),
+                |detector, number| self.read(self.frames[number], detector),
+            )
+            .collect();
+        let mut steps = Vec::with_capacity(read.len() + 1);
+        for (entry, fault) in read {
+            let tasks = self
+                .schedule
+                .push(entry.view.as_ref().map(MatchView::geometry));
+            let step = self.read;
+            self.window.push_back(entry);
+            self.read += 1;
+            steps.push(Step {
+                fault: fault.map(|fault| (step, fault)),
+                due: tasks.into_iter().map(|task| Due { step, task }).collect(),
+            });
+        }
+        if self.read == self.frames.len() {
+            self.is_over = true;
+            let step = self.read;
+            let tasks = self.schedule.finish();
+            steps.push(Step {
+                fault: None,
+                due: tasks.into_iter().map(|task| Due { step, task }).collect(),
+            });
+        }
+        steps
+    }
+
+    fn read(&self, frame: usize, detector: &mut EdgeDetector) -> (Entry, Option<FrontEndError>) {
+        let start = Instant::now();
+        let mut entry = Entry {
+            view: None,
+            loading: Duration::ZERO,
+            edges: Duration::ZERO,
+            first: None,
+        };
+        let image = match self.sequence.load_gray(frame) {
+            Ok(image) => image,
+            Err(error) => return (entry, Some(error.into())),
+        };
+        entry.loading = start.elapsed();
+        let view = MatchView::new(
+            &image,
+            self.sequence.color_camera(),
+            &self.sequence.frames()[frame].world_from_camera,
+            detector,
+        );
+        entry.edges = start.elapsed() - entry.loading;
+        match view {
+            Ok(view) => {
+                entry.view = Some(view);
+                (entry, None)
+            }
+            Err(source) => {
+                let frame = self.sequence.frames()[frame].name.clone();
+                (entry, Some(FrontEndError::Match { frame, source }))
+            }
+        }
+    }
+
+    fn entry(&self, keyframe: usize) -> &Entry {
+        &self.window[keyframe - self.first]
+    }
+
+    fn name(&self, keyframe: usize) -> String {
+        let frame = self.frames[keyframe];
+        self.sequence.frames()[frame].name.clone()
+    }
+
+    /// The view of a keyframe that a task names; those that could not be read are in no task.
+    fn view(&self, keyframe: usize) -> Result<&MatchView, FrontEndError> {
+        let view = self.entry(keyframe).view.as_ref();
+        view.ok_or_else(|| FrontEndError::WithoutDepth {
+            frame: self.name(keyframe),
+        })
+    }
+
+    fn estimate(&self, task: &Task) -> Result<SemiDenseDepth, FrontEndError> {
+        let neighbours: Vec<&MatchView> = task
+            .neighbours
+            .iter()
+            .map(|&other| self.view(other))
+            .collect::<Result<_, _>>()?;
+        self.estimator
+            .estimate(self.view(task.keyframe)?, &neighbours, None)
+            .map_err(|source| FrontEndError::Extract {
+                frame: self.name(task.keyframe),
+                source: source.into(),
+            })
+    }
+
+    /// The first estimate of a keyframe, and how long it took.
+    fn first_estimate(&self, task: &Task) -> Result<(SemiDenseDepth, Duration), FrontEndError> {
+        let start = Instant::now();
+        let depth = self.estimate(task)?;
+        Ok((depth, start.elapsed()))
+    }
+
+    /// The last estimate, confirmed by the first estimates of its neighbours as far as they were there at that step.
+    fn finish(
+        &self,
+        due: &Due,
+        extractor: &mut SegmentExtractor,
+    ) -> Result<Keyframe, FrontEndError> {
+        let start = Instant::now();
+        let task = &due.task;
+        let entry = self.entry(task.keyframe);
+        let mut depth = match &entry.first {
+            Some(first) if first.neighbours == task.neighbours => first.depth.clone(),
+            _ => self.estimate(task)?,
+        };
+        let mut witnesses = Vec::with_capacity(depth.pairs.len());
+        for (pair, correction) in depth.pairs.iter().zip(&depth.corrections) {
+            let other = task.neighbours[pair.neighbour];
+            if let Some(first) = &self.entry(other).first
+                && first.step <= due.step
+            {
+                witnesses.push(Witness {
+                    view: self.view(other)?,
+                    map: &first.depth.map,
+                    correction: *correction,
+                });
+            }
+        }
+        confirm(
+            self.view(task.keyframe)?,
+            &mut depth.map,
+            &witnesses,
+            &self.source.options.confirm,
+        );
+        let first = entry
+            .first
+            .as_ref()
+            .map_or(Duration::ZERO, |first| first.duration);
+        let times = StageTimes {
+            load: milliseconds(entry.loading),
+            edges: milliseconds(entry.edges),
+            depth: milliseconds(first + start.elapsed()),
+            ..StageTimes::default()
+        };
+        self.keyframe(task, &depth, times, extractor)
+    }
+
+    fn keyframe(
+        &self,
+        task: &Task,
+        depth: &SemiDenseDepth,
+        mut times: StageTimes,
+        extractor: &mut SegmentExtractor,
+    ) -> Result<Keyframe, FrontEndError> {
+        let view = self.view(task.keyframe)?;
+        let extraction = extractor
+            .extract_along(
+                view.chains(),
+                view.smoothed(),
+                &depth.map,
+                view.camera(),
+                task.keyframe as u32,
+            )
+            .map_err(|source| FrontEndError::Extract {
+                frame: self.name(task.keyframe),
+                source,
+            })?;
+        times.depth += milliseconds(extraction.durations.edge_depth);
+        times.fit = milliseconds(extraction.durations.fit);
+        Ok(Keyframe {
+            frame: self.frames[task.keyframe],
+            world_from_camera: *view.world_from_camera(),
+            segments: extraction.segments,
+            surface: extraction.surface,
+            edge_chains: extraction.chains,
+            edge_pixels: extraction.edge_pixels,
+            edge_pixels_with_depth: extraction.edge_pixels_with_depth,
+            times,
+        })
+    }
+}
