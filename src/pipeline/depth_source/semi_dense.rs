@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::SemiDenseSource;
 use super::schedule::{Schedule, Task};
+use crate::pipeline::colors::KeyframeColors;
 use crate::pipeline::front_end::{FrontEndError, Keyframe};
 use crate::report::{StageTimes, milliseconds};
 use crate::sequence::Sequence;
@@ -348,6 +349,7 @@ impl<'a> FrontEnd<'a> {
                 frame: self.name(task.keyframe),
                 source,
             })?;
+        let colors = KeyframeColors::of(&self.sequence.load_color(self.frames[task.keyframe])?);
         times.depth += milliseconds(extraction.durations.edge_depth);
         times.fit = milliseconds(extraction.durations.fit);
         Ok(Keyframe {
@@ -355,6 +357,7 @@ impl<'a> FrontEnd<'a> {
             world_from_camera: *view.world_from_camera(),
             segments: extraction.segments,
             surface: extraction.surface,
+            colors,
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,
             edge_pixels_with_depth: extraction.edge_pixels_with_depth,
