@@ -5,6 +5,7 @@ mod diff;
 mod evaluate;
 mod stream;
 mod tables;
+mod view;
 
 use std::path::PathBuf;
 
@@ -12,6 +13,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::diff::DiffArgs;
 pub use self::evaluate::{AlignBy, EvaluateArgs};
+pub use self::view::ViewArgs;
 use crate::pipeline::LabelKind;
 use crate::synth::{SceneKind, SequenceLayout};
 pub use convert::{ConvertArgs, Target};
@@ -66,6 +68,8 @@ pub enum Command {
     Diff(DiffArgs),
     /// Write the trajectory or map of a sequence, or a mesh or lines, in the format of another program.
     Convert(ConvertArgs),
+    /// Serve the page of an output folder on this machine, for browsers that do not open it from disk.
+    View(ViewArgs),
 }
 
 /// Where a sequence lies and how to read it.
@@ -173,6 +177,9 @@ pub struct ReconstructArgs {
     /// Go on with a run of the same arguments that was killed; the result is that of a run without interruption.
     #[arg(long)]
     pub resume: bool,
+    /// Leave out the page (`report.html`).
+    #[arg(long)]
+    pub no_page: bool,
 }
 
 /// Arguments of `lines`.
@@ -334,6 +341,14 @@ pub struct RenderArgs {
     /// The picture.
     #[arg(long, value_name = "FILE.png")]
     pub out: PathBuf,
+
+    /// Colour the mesh by its distance to this mesh or cloud, a colour bar below.
+    #[arg(long, value_name = "GROUND_TRUTH")]
+    pub errors: Option<PathBuf>,
+
+    /// Distance at which those colours end; default: about a hundredth of the ground truth's diagonal.
+    #[arg(long, value_name = "LENGTH", requires = "errors")]
+    pub errors_end: Option<f64>,
 
     /// Draw what a frame of this sequence saw. Without a sequence and without --eye: the mesh from outside and above,
     /// faces that turn away left out.

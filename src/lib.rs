@@ -7,6 +7,7 @@
 pub mod checkpoint;
 pub mod cli;
 pub mod commands;
+pub mod compare;
 pub mod diff;
 pub mod evaluation;
 pub mod exchange;

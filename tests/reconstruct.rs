@@ -50,14 +50,19 @@ fn every_output_is_there_and_repeats_for_any_number_of_threads() {
         "clusters.ply",
         "scene.glb",
         "picture.png",
+        "report.html",
         "keyframes/000000.glb",
         "keyframes/000004.glb",
     ] {
         assert!(first.contains_key(Path::new(name)), "{name} is missing");
     }
+    // The page tells durations, too.
+    first.remove(Path::new("report.html")).unwrap();
     for other in [&two, &again] {
         let mut second = contents(other);
-        second.remove(Path::new("report.json")).unwrap();
+        for name in ["report.json", "report.html"] {
+            second.remove(Path::new(name)).unwrap();
+        }
         assert_eq!(
             first.keys().collect::<Vec<_>>(),
             second.keys().collect::<Vec<_>>()

@@ -11,6 +11,7 @@ mod kept_run;
 mod lines;
 mod lines_baseline;
 mod output;
+mod page;
 mod picture;
 mod prepare_points;
 mod reconstruct;
@@ -21,6 +22,7 @@ mod sequence;
 mod stream;
 mod synth;
 mod tables;
+mod view;
 
 use anyhow::Context;
 
@@ -67,5 +69,6 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Evaluate(args) => evaluate::run(args, verbosity),
         Command::Diff(args) => diff::run(args),
         Command::Convert(args) => convert::run(args, verbosity),
+        Command::View(args) => view::run(args, verbosity),
     }
 }

@@ -10,6 +10,7 @@ use crate::commands::Outcome;
 use crate::commands::output::{
     OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
 };
+use crate::commands::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
 use crate::commands::picture::{Shot, write_overview};
 use crate::commands::reconstruct_points;
 use crate::commands::run_report::{RunLog, keyframe_report};
@@ -17,6 +18,7 @@ use crate::commands::sequence::{Prepared, prepare};
 use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{self, BackEnd, Keyframe};
 use crate::progress::{Progress, Verbosity};
+use crate::report::page::{PageTable, write_page};
 use crate::report::{KeyframeReport, milliseconds};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
@@ -42,13 +44,15 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     } else {
         Some(output.numbered(GROWTH)?)
     };
+    let mut page = (!args.no_page).then(PageRecorder::new);
+    let mut last = 0;
 
     pipeline::run(
         &prepared.sequence,
         &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
-        |_, keyframe| -> anyhow::Result<()> {
+        |number, keyframe| -> anyhow::Result<()> {
             let Some(mut keyframe) = log.accept(keyframe, &progress)? else {
                 progress.step(String::new);
                 return Ok(());
@@ -58,8 +62,13 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
             add_to_map(&mut map, &keyframe, &mut report)?;
             if growth.is_some() {
                 let name = format!("{GROWTH}/{:06}.glb", path.poses.len());
-                write_growth(&mut output, &name, &map, &prepared.origin, &mut report)?;
+                let surface = timed_surface(&map, &mut report);
+                if let Some(page) = &mut page {
+                    page.push(number, &keyframe, map.segments(), &surface);
+                }
+                write_growth(&mut output, &name, surface, &prepared.origin, &mut report)?;
             }
+            last = number;
             path.push(&keyframe);
             progress.step(|| {
                 format!(
@@ -86,6 +95,16 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     result.vertices = mesh.positions.len();
     result.triangles = mesh.triangles.len();
     let is_empty = mesh.is_empty();
+    if let Some(mut page) = page {
+        page.finish(last, map.segments(), &mesh);
+        write_run_page(
+            &output.file("report.html"),
+            page,
+            &prepared,
+            &mesh,
+            &mut log,
+        )?;
+    }
     write_results(args, &prepared, &map, mesh, &path, &mut output, verbosity)?;
 
     let outcome = if is_empty {
@@ -151,21 +170,82 @@ fn add_to_map(
     Ok(())
 }
 
-/// Writes the surface as it stands after a keyframe.
+/// The surface as it stands after a keyframe.
+fn timed_surface(map: &BackEnd, report: &mut KeyframeReport) -> TriangleMesh {
+    let start = Instant::now();
+    let surface = map.surface();
+    report.milliseconds.surface = milliseconds(start.elapsed());
+    surface
+}
+
+/// Writes the surface as it stood after a keyframe.
 fn write_growth(
     output: &mut OutputFolder,
     name: &str,
-    map: &BackEnd,
+    mut surface: TriangleMesh,
     origin: &Vector3<f64>,
     report: &mut KeyframeReport,
 ) -> anyhow::Result<()> {
     let start = Instant::now();
-    let mut surface = map.surface();
     surface.translate(origin);
-    let extracted = start.elapsed();
     write_glb(&output.file(name), &[surface_part(&surface)], origin)?;
-    report.milliseconds.surface = milliseconds(extracted);
-    report.milliseconds.write = milliseconds(start.elapsed() - extracted);
+    report.milliseconds.write = milliseconds(start.elapsed());
+    Ok(())
+}
+
+/// Writes the page with the surface over keyframes.
+fn write_run_page(
+    path: &std::path::Path,
+    recorder: PageRecorder,
+    prepared: &Prepared,
+    mesh: &TriangleMesh,
+    log: &mut RunLog,
+) -> anyhow::Result<()> {
+    let mut page = page_of(prepared, "reconstruct", mesh);
+    page.images = recorder.images(prepared)?;
+    let reports = log.keyframes().to_vec();
+    page.warnings = log.warnings().to_vec();
+    page.count_plots = growth_plots(prepared, &[("surface", &reports)]);
+    page.surfaces = vec![page_surface(
+        "lines", "3D lines", recorder, prepared, &reports,
+    )];
+    let result = log.result();
+    page.subtitle = format!(
+        "{} keyframes, {} segments in {} clusters, {} triangles",
+        reports.len(),
+        grouped(result.segments),
+        grouped(result.clusters),
+        grouped(result.triangles)
+    );
+    page.tables = vec![PageTable {
+        title: "Result".to_owned(),
+        columns: [
+            "segments",
+            "clusters",
+            "points",
+            "rays",
+            "tetrahedra",
+            "vertices",
+            "triangles",
+        ]
+        .map(str::to_owned)
+        .to_vec(),
+        rows: vec![
+            [
+                result.segments,
+                result.clusters,
+                result.points,
+                result.rays,
+                result.cells,
+                result.vertices,
+                result.triangles,
+            ]
+            .map(grouped)
+            .to_vec(),
+        ],
+        note: String::new(),
+    }];
+    write_page(path, &page)?;
     Ok(())
 }
 

@@ -1,12 +1,19 @@
 //! `linecarve render`: a picture of a mesh, and of lines over it.
 
+use std::path::Path;
+
 use anyhow::{Context, ensure};
+use image::RgbImage;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::cli::RenderArgs;
 use crate::commands::Outcome;
-use crate::mesh::{TriangleMesh, read_geometry};
-use crate::render::{BackFaces, RenderOptions, Renderer, View, up_direction, write_png};
+use crate::compare::distance_within;
+use crate::evaluation::Reference;
+use crate::mesh::{LineSet, TriangleMesh, read_geometry};
+use crate::render::{
+    BackFaces, HeatScale, RenderOptions, Renderer, View, up_direction, with_color_bar, write_png,
+};
 use crate::sequence::{OpenOptions, Sequence};
 
 pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
@@ -34,9 +41,55 @@ pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
         };
         view
     };
-    let picture = Renderer::new(&mesh).draw(lines.as_ref(), &view, &options, &|_, _| {})?;
+    let renderer = Renderer::new(&mesh);
+    let picture = match &args.errors {
+        Some(path) => draw_errors(
+            &renderer,
+            path,
+            args.errors_end,
+            lines.as_ref(),
+            &view,
+            &options,
+        )?,
+        None => renderer.draw(lines.as_ref(), &view, &options, &|_, _| {})?,
+    };
     write_png(&args.out, &picture)?;
     Ok(Outcome::Done)
+}
+
+/// The mesh in the colours of its distances to a ground truth, a colour bar below.
+fn draw_errors(
+    renderer: &Renderer<'_>,
+    path: &Path,
+    end: Option<f64>,
+    lines: Option<&LineSet>,
+    view: &View,
+    options: &RenderOptions,
+) -> anyhow::Result<RgbImage> {
+    let truth = read_geometry(path)?;
+    let reference = Reference::new(&truth);
+    ensure!(
+        !truth.positions.is_empty(),
+        "{}: holds nothing to measure distances to",
+        path.display()
+    );
+    let end = end.unwrap_or_else(|| share_of(truth.diagonal()));
+    let scale = HeatScale::new(end)
+        .with_context(|| format!("--errors-end {end}: give a positive length"))?;
+    let paint = |point: &Point3<f64>| scale.color(distance_within(&reference, point, end));
+    let picture = renderer.draw_painted(&paint, lines, view, options, &|_, _| {})?;
+    Ok(with_color_bar(&picture, &scale, "distance to ground truth"))
+}
+
+/// About a hundredth of a length, with one digit that is 1, 2 or 5: a scale that people can read.
+fn share_of(length: f64) -> f64 {
+    let wanted = 0.01 * length;
+    let power = 10.0_f64.powf(wanted.log10().floor());
+    [1.0, 2.0, 5.0, 10.0]
+        .map(|digit| digit * power)
+        .into_iter()
+        .find(|step| *step >= wanted)
+        .unwrap_or(wanted)
 }
 
 /// What a frame, given by name or index, saw.

@@ -154,6 +154,16 @@ impl RunLog {
         self.report.keyframes.push(keyframe);
     }
 
+    /// What the keyframes so far did.
+    pub(super) fn keyframes(&self) -> &[KeyframeReport] {
+        &self.report.keyframes
+    }
+
+    /// The warnings so far.
+    pub(super) fn warnings(&self) -> &[String] {
+        &self.report.warnings
+    }
+
     /// The counts at the end.
     pub(super) fn result(&mut self) -> &mut ResultSummary {
         &mut self.report.result

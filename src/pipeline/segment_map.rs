@@ -79,6 +79,11 @@ impl SegmentMap {
         self.segments.len()
     }
 
+    /// The ends of all segments, in the order of keyframes.
+    pub fn ends(&self) -> &[[Point3<f64>; 2]] {
+        &self.segments
+    }
+
     /// Number of clusters that are large enough. Constant time.
     pub fn cluster_count(&self) -> usize {
         self.clusterer.cluster_count()

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use image::{ImageFormat, Rgb, RgbImage};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::buffer::{SampleBuffer, ViewRays};
@@ -41,6 +41,9 @@ pub struct Renderer<'a> {
     mesh: &'a TriangleMesh,
     scene: RayScene,
 }
+
+/// The sRGB colour of a place on the surface.
+pub type Paint<'a> = dyn Fn(&Point3<f64>) -> [u8; 3] + Sync + 'a;
 
 /// Why there is no picture, or no file of it.
 #[derive(Debug, thiserror::Error)]
@@ -105,6 +108,33 @@ impl<'a> Renderer<'a> {
         options: &RenderOptions,
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<RgbImage, PictureError> {
+        self.draw_with(None, lines, view, options, progress)
+    }
+
+    /// [`Renderer::draw`] with a colour for every place on the surface, in sRGB, in place of those of the mesh: errors are
+    /// so shown where they are, not where the vertices are. `paint` is asked about once a pixel, from any thread.
+    ///
+    /// # Errors
+    /// As [`Renderer::draw`].
+    pub fn draw_painted(
+        &self,
+        paint: &Paint<'_>,
+        lines: Option<&LineSet>,
+        view: &View,
+        options: &RenderOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<RgbImage, PictureError> {
+        self.draw_with(Some(paint), lines, view, options, progress)
+    }
+
+    fn draw_with(
+        &self,
+        paint: Option<&Paint<'_>>,
+        lines: Option<&LineSet>,
+        view: &View,
+        options: &RenderOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<RgbImage, PictureError> {
         options.validate()?;
         let count = u64::from(view.width)
             * u64::from(view.height)
@@ -133,7 +163,7 @@ impl<'a> Renderer<'a> {
                 &row_done,
             )
         });
-        let mut light = self.light_of(view, &buffer, openness.as_ref(), options, &row_done);
+        let mut light = self.light_of(view, &buffer, openness.as_ref(), paint, options, &row_done);
         if let Some(lines) = lines {
             draw_segments(&mut light, lines, view, &buffer, options);
         }
@@ -150,6 +180,7 @@ impl<'a> Renderer<'a> {
         view: &View,
         buffer: &SampleBuffer,
         openness: Option<&Openness>,
+        paint: Option<&Paint<'_>>,
         options: &RenderOptions,
         row_done: &(dyn Fn() + Sync),
     ) -> Vec<[f64; 3]> {
@@ -163,12 +194,22 @@ impl<'a> Renderer<'a> {
             &(rotation * Vector3::x()),
             &(rotation * Vector3::z()),
         );
-        let sample_light = |column: usize, row: usize| {
+        let sample_light = |column: usize, row: usize, known: &mut Option<(u32, [f64; 3])>| {
             let sample = buffer.at(column, row)?;
             let open = openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row)));
             let toward_viewer = -rays.direction(column, row).normalize();
-            let corners = self.mesh.triangles[sample.triangle as usize];
-            let color = lamps.shade(&albedo, corners, sample, &toward_viewer, open, options);
+            let surface = match (paint, &known) {
+                (None, _) => albedo.at(self.mesh.triangles[sample.triangle as usize], sample),
+                (Some(_), Some((triangle, color))) if *triangle == sample.triangle => *color,
+                (Some(paint), _) => {
+                    let ray = rays.direction(column, row);
+                    let color =
+                        linear_color(paint(&(rays.origin() + ray * f64::from(sample.depth))));
+                    *known = Some((sample.triangle, color));
+                    color
+                }
+            };
+            let color = lamps.shade(surface, sample, &toward_viewer, open, options);
             let (jump, fold) = outline_at(buffer, sample, (column, row));
             let kept = (1.0 - options.outline * jump) * (1.0 - options.crease * fold);
             Some(color.map(|v| v * kept))
@@ -180,9 +221,11 @@ impl<'a> Renderer<'a> {
             .for_each(|(y, line)| {
                 let behind = background(options.background, y, view.height);
                 for (x, pixel) in line.iter_mut().enumerate() {
+                    // The samples of a pixel lie so near one another that one colour does for a triangle.
+                    let mut known = None;
                     for row in y * step..(y + 1) * step {
                         for column in x * step..(x + 1) * step {
-                            let color = sample_light(column, row).unwrap_or(behind);
+                            let color = sample_light(column, row, &mut known).unwrap_or(behind);
                             for (sum, part) in pixel.iter_mut().zip(color) {
                                 // Clipped before averaging, else a bright sample would swallow an outline.
                                 *sum += part.min(1.0);

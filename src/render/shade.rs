@@ -35,7 +35,8 @@ impl Albedo {
         }
     }
 
-    fn at(&self, corners: [u32; 3], sample: &Sample) -> [f64; 3] {
+    /// The linear colour of what a sample sees on the triangle with these corners.
+    pub(super) fn at(&self, corners: [u32; 3], sample: &Sample) -> [f64; 3] {
         let Some(colors) = &self.colors else {
             return self.clay;
         };
@@ -66,11 +67,11 @@ impl Light {
         }
     }
 
-    /// Linear light reflected to the viewer by what a sample sees; `toward_viewer` has unit length.
+    /// Linear light reflected to the viewer by a surface of linear `color` that a sample sees; `toward_viewer` has unit
+    /// length.
     pub(super) fn shade(
         &self,
-        albedo: &Albedo,
-        corners: [u32; 3],
+        color: [f64; 3],
         sample: &Sample,
         toward_viewer: &Vector3<f64>,
         openness: f64,
@@ -83,7 +84,6 @@ impl Light {
         let head = normal.dot(toward_viewer).max(0.0);
         let ambient = openness * (0.34 + 0.16 * sky);
         let direct = (0.4 + 0.6 * openness) * (0.42 * key + 0.16 * head);
-        let color = albedo.at(corners, sample);
         let tinted = !sample.front && options.back_faces == BackFaces::Tinted;
         std::array::from_fn(|channel| {
             let surface = if tinted {

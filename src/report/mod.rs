@@ -1,5 +1,7 @@
 //! `report.json`: what a run was asked, what it did, and how long each stage took.
 
+pub mod page;
+
 use std::path::Path;
 use std::time::Duration;
 

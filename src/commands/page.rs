@@ -1,0 +1,318 @@
+//! The page of a run: what is recorded on the way, and what is put together at the end.
+
+use std::collections::BTreeMap;
+
+use anyhow::Context;
+use nalgebra::{Isometry3, Point3};
+use rayon::prelude::*;
+
+use crate::commands::sequence::Prepared;
+use crate::mesh::{LineSet, TriangleMesh};
+use crate::pipeline::Keyframe;
+use crate::pipeline::segment_map::SegmentMap;
+use crate::render::{View, up_direction};
+use crate::report::page::{
+    CountPlot, Elements, HistoryLimits, KeyframeImage, OutsideView, Page, PageCamera, PageKeyframe,
+    PageSurface, Series, StageTiming, SurfaceHistory, keyframe_image,
+};
+use crate::report::{KeyframeReport, StageTimes};
+
+/// Size for which the view from outside is laid out.
+const OUTSIDE_SIZE: (u32, u32) = (640, 480);
+
+/// Follows a run for its page.
+pub(super) struct PageRecorder {
+    /// The surface over keyframes.
+    pub(super) history: SurfaceHistory,
+    /// Ends of the segments in the images of keyframes that have a state.
+    segments_px: BTreeMap<u32, Vec<[[f64; 2]; 2]>>,
+}
+
+impl PageRecorder {
+    pub(super) fn new() -> Self {
+        Self {
+            history: SurfaceHistory::new(HistoryLimits::default()),
+            segments_px: BTreeMap::new(),
+        }
+    }
+
+    /// Notes keyframe `number`, counted among the chosen ones, and the surface after it.
+    pub(super) fn push(
+        &mut self,
+        number: usize,
+        keyframe: &Keyframe,
+        segments: &SegmentMap,
+        surface: &TriangleMesh,
+    ) {
+        if !self.history.advance() {
+            return;
+        }
+        self.history
+            .record(number, surface, lines_of(segments, &segments.clusters()));
+        let ends = keyframe
+            .segments
+            .iter()
+            .map(|segment| segment.ends_px.map(|end| [end.x, end.y]));
+        self.segments_px.insert(number as u32, ends.collect());
+        let states = self.history.keyframes();
+        if self.segments_px.len() > states.len() + 1 {
+            self.segments_px
+                .retain(|keyframe, _| states.binary_search(keyframe).is_ok());
+        }
+    }
+
+    /// Notes the end of the run, whose last keyframe was `number`.
+    pub(super) fn finish(&mut self, number: usize, segments: &SegmentMap, mesh: &TriangleMesh) {
+        self.history
+            .finish(number, mesh, lines_of(segments, &segments.clusters()));
+    }
+
+    /// Small images of the recorded keyframes, made in parallel; those that cannot be read any more are left out.
+    pub(super) fn images(&self, prepared: &Prepared) -> anyhow::Result<Vec<KeyframeImage>> {
+        let wanted: Vec<(usize, &Vec<[[f64; 2]; 2]>)> = self
+            .segments_px
+            .iter()
+            .map(|(keyframe, segments)| (*keyframe as usize, segments))
+            .collect();
+        let images: Result<Vec<Option<KeyframeImage>>, image::ImageError> = wanted
+            .into_par_iter()
+            .map(|(keyframe, segments)| {
+                let Ok(image) = prepared.sequence.load_color(prepared.keyframes[keyframe]) else {
+                    return Ok(None);
+                };
+                keyframe_image(keyframe, &image, segments).map(Some)
+            })
+            .collect();
+        let images = images.context("the images of the page cannot be encoded")?;
+        Ok(images.into_iter().flatten().collect())
+    }
+}
+
+fn lines_of<'a>(segments: &'a SegmentMap, clusters: &'a LineSet) -> Elements<'a> {
+    let segments = segments.ends();
+    Elements::Lines { segments, clusters }
+}
+
+/// Poses of all chosen keyframes in the frame of computation.
+pub(super) fn keyframe_poses(prepared: &Prepared) -> Vec<Isometry3<f64>> {
+    let frames = prepared.sequence.frames();
+    let shifted = |frame: &usize| {
+        let mut pose = frames[*frame].world_from_camera;
+        pose.translation.vector -= prepared.origin;
+        pose
+    };
+    prepared.keyframes.iter().map(shifted).collect()
+}
+
+/// A page about a sequence, without surfaces yet; `mesh` is what the view from outside is to hold.
+pub(super) fn page_of(prepared: &Prepared, command: &str, mesh: &TriangleMesh) -> Page {
+    let sequence = &prepared.sequence;
+    let folder = sequence.folder();
+    let name = folder.file_name().unwrap_or(folder.as_os_str());
+    let poses = keyframe_poses(prepared);
+    let frames = sequence.frames();
+    let camera = sequence.color_camera();
+    let size = sequence.color_size();
+    let mut facts = vec![
+        ("command".to_owned(), format!("linecarve {command}")),
+        ("layout".to_owned(), sequence.layout().to_owned()),
+        (
+            "frames, keyframes".to_owned(),
+            format!("{}, {}", frames.len(), prepared.keyframes.len()),
+        ),
+        (
+            "median depth".to_owned(),
+            format!("{:.3} units of the poses", prepared.median_depth),
+        ),
+    ];
+    if prepared.origin.norm() > 0.0 {
+        let [x, y, z]: [f64; 3] = prepared.origin.into();
+        facts.push((
+            "shown relative to".to_owned(),
+            format!("({x}, {y}, {z}) of the poses"),
+        ));
+    }
+    Page {
+        title: name.to_string_lossy().into_owned(),
+        subtitle: String::new(),
+        generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")).to_owned(),
+        up: up_direction(&poses),
+        median_depth: prepared.median_depth,
+        camera: PageCamera {
+            fx: camera.fx(),
+            fy: camera.fy(),
+            cx: camera.cx(),
+            cy: camera.cy(),
+            width: size.width,
+            height: size.height,
+        },
+        outside: outside_view(mesh, &poses, prepared.median_depth),
+        keyframes: prepared
+            .keyframes
+            .iter()
+            .zip(&poses)
+            .map(|(frame, pose)| PageKeyframe::new(&frames[*frame].name, pose))
+            .collect(),
+        surfaces: Vec::new(),
+        error_scale: None,
+        tables: Vec::new(),
+        count_plots: Vec::new(),
+        facts,
+        warnings: Vec::new(),
+        images: Vec::new(),
+    }
+}
+
+/// From outside and above; around the path of the camera when there is no surface.
+fn outside_view(mesh: &TriangleMesh, poses: &[Isometry3<f64>], median_depth: f64) -> OutsideView {
+    let view = View::dollhouse(mesh, poses, OUTSIDE_SIZE)
+        .or_else(|| View::dollhouse(&around_path(poses, median_depth), poses, OUTSIDE_SIZE));
+    let view = view.unwrap_or_else(|| View {
+        camera: linecarve_lines::camera::Camera::pinhole(500.0, 500.0, 319.5, 239.5)
+            .expect("a pinhole camera with positive focal lengths"),
+        width: OUTSIDE_SIZE.0,
+        height: OUTSIDE_SIZE.1,
+        world_from_camera: poses.first().copied().unwrap_or_else(Isometry3::identity),
+        up: up_direction(poses),
+    });
+    let eye = view.world_from_camera.translation.vector;
+    let forward = view.world_from_camera.rotation * nalgebra::Vector3::z();
+    // The middle of what is looked at: where the mean of the vertices lies along the view.
+    let places: Vec<Point3<f64>> = if mesh.positions.is_empty() {
+        poses
+            .iter()
+            .map(|pose| Point3::from(pose.translation.vector))
+            .collect()
+    } else {
+        mesh.positions.clone()
+    };
+    let along: f64 = places
+        .iter()
+        .map(|place| (place.coords - eye).dot(&forward))
+        .sum();
+    let distance = along / places.len().max(1) as f64;
+    OutsideView::new(
+        &view,
+        if distance > 0.0 {
+            distance
+        } else {
+            median_depth
+        },
+    )
+}
+
+/// Triangles that reach a median depth beyond the path of the camera.
+fn around_path(poses: &[Isometry3<f64>], median_depth: f64) -> TriangleMesh {
+    let mut mesh = TriangleMesh::default();
+    for pose in poses {
+        for side in [-1.0, 1.0] {
+            let first = mesh.positions.len() as u32;
+            for axis in 0..3 {
+                let mut place = Point3::from(pose.translation.vector);
+                place[axis] += side * median_depth;
+                mesh.positions.push(place);
+            }
+            mesh.triangles.push([first, first + 1, first + 2]);
+        }
+    }
+    mesh
+}
+
+/// The milliseconds of each stage over the keyframes of the page; stages that took no time anywhere are left out.
+pub(super) fn stage_timing(prepared: &Prepared, reports: &[KeyframeReport]) -> Vec<StageTiming> {
+    type Stage = (&'static str, fn(&StageTimes) -> f64);
+    let stages: [Stage; 9] = [
+        ("load", |times| times.load),
+        ("depth", |times| times.depth),
+        ("edges", |times| times.edges),
+        ("fit", |times| times.fit),
+        ("cluster", |times| times.cluster),
+        ("points", |times| times.points),
+        ("carve", |times| times.carve),
+        ("surface", |times| times.surface),
+        ("write", |times| times.write),
+    ];
+    stages
+        .into_iter()
+        .map(|(name, time)| StageTiming {
+            name,
+            milliseconds: over_keyframes(prepared, reports, |report| time(&report.milliseconds)),
+        })
+        .filter(|stage| stage.milliseconds.iter().flatten().any(|time| *time > 0.0))
+        .collect()
+}
+
+/// A value for each keyframe of the page, `None` for those without a report.
+pub(super) fn over_keyframes(
+    prepared: &Prepared,
+    reports: &[KeyframeReport],
+    value: impl Fn(&KeyframeReport) -> f64,
+) -> Vec<Option<f64>> {
+    let by_frame: BTreeMap<usize, &KeyframeReport> = reports
+        .iter()
+        .map(|report| (report.index, report))
+        .collect();
+    let frames = prepared.keyframes.iter();
+    frames
+        .map(|frame| by_frame.get(frame).map(|report| value(report)))
+        .collect()
+}
+
+/// The surface of a run on its page.
+pub(super) fn page_surface(
+    name: &'static str,
+    label: &str,
+    recorder: PageRecorder,
+    prepared: &Prepared,
+    reports: &[KeyframeReport],
+) -> PageSurface {
+    PageSurface {
+        name,
+        label: label.to_owned(),
+        history: recorder.history,
+        errors: None,
+        timing: stage_timing(prepared, reports),
+    }
+}
+
+/// Curves of what the map holds after each keyframe.
+pub(super) fn growth_plots(
+    prepared: &Prepared,
+    runs: &[(&str, &[KeyframeReport])],
+) -> Vec<CountPlot> {
+    type Count = (&'static str, fn(&KeyframeReport) -> f64);
+    let counts: [Count; 2] = [
+        ("triangles between free and occupied space", |report| {
+            report.triangles as f64
+        }),
+        ("triangles that came and went with the keyframe", |report| {
+            report.changed_triangles as f64
+        }),
+    ];
+    counts
+        .into_iter()
+        .map(|(title, count)| CountPlot {
+            title: title.to_owned(),
+            series: runs
+                .iter()
+                .map(|(name, reports)| Series {
+                    name: (*name).to_owned(),
+                    values: over_keyframes(prepared, reports, count),
+                })
+                .collect(),
+        })
+        .collect()
+}
+
+/// `12 345` as people read it: groups of three digits, a thin space between.
+pub(super) fn grouped(number: usize) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            text.push('\u{2009}');
+        }
+        text.push(digit);
+    }
+    text
+}

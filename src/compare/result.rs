@@ -1,0 +1,152 @@
+//! What is compared, and the numbers.
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use crate::evaluation::{Evaluation, Reference, ShapeFacts};
+use crate::mesh::{LineSet, TriangleMesh};
+use crate::report::{KeyframeReport, StageTimes};
+
+/// A surface at the end of its run, in the frame of computation.
+#[derive(Debug, Clone)]
+pub struct ComparedSurface {
+    /// A word that names it and its folder, such as `lines`.
+    pub name: &'static str,
+    /// What stands above it in pictures.
+    pub label: &'static str,
+    /// What it is made from, in the plural: `segments` or `points`.
+    pub elements_name: &'static str,
+    /// How many of them there are.
+    pub elements: usize,
+    /// The surface.
+    pub mesh: TriangleMesh,
+    /// Drawn over it.
+    pub marks: LineSet,
+    /// What each keyframe did.
+    pub keyframes: Vec<KeyframeReport>,
+}
+
+/// The numbers of a comparison, as they stand in `compare.json`.
+#[derive(Debug, Clone, Serialize)]
+pub struct Comparison {
+    /// `linecarve <version>`.
+    pub generator: String,
+    /// Name of the sequence's folder.
+    pub sequence: String,
+    /// Its layout.
+    pub layout: String,
+    /// Posed frames in it.
+    pub frames: usize,
+    /// Names of the keyframes, the same for all surfaces.
+    pub keyframes: Vec<String>,
+    /// Median depth of the scene in units of the poses.
+    pub median_depth: f64,
+    /// What the surfaces are measured against.
+    pub ground_truth: Option<GroundTruthSummary>,
+    /// One entry a surface.
+    pub surfaces: Vec<SurfaceSummary>,
+    /// Warnings, in the order in which they arose.
+    pub warnings: Vec<String>,
+    /// Files written, relative to the output folder.
+    pub files: Vec<String>,
+}
+
+/// What surfaces are measured against.
+#[derive(Debug, Clone, Serialize)]
+pub struct GroundTruthSummary {
+    /// Name of its file.
+    pub file: String,
+    /// What it holds.
+    pub shape: ShapeFacts,
+}
+
+/// A surface in numbers.
+#[derive(Debug, Clone, Serialize)]
+pub struct SurfaceSummary {
+    /// A word that names it and its folder.
+    pub name: &'static str,
+    /// What it is made from.
+    pub made_from: &'static str,
+    /// How many of them there are.
+    pub elements: usize,
+    /// Vertices of the mesh.
+    pub vertices: usize,
+    /// Triangles of the mesh.
+    pub triangles: usize,
+    /// Keyframes that could be used.
+    pub keyframes: usize,
+    /// Mean milliseconds a keyframe, writing files left out.
+    pub milliseconds_per_keyframe: f64,
+    /// ... of each stage.
+    pub mean_milliseconds: StageTimes,
+    /// Why there is no surface, when it is empty.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason_for_nothing: Option<String>,
+    /// How near it comes to the ground truth.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub evaluation: Option<Evaluation>,
+}
+
+impl SurfaceSummary {
+    /// The counts and times of a surface.
+    pub fn of(surface: &ComparedSurface) -> Self {
+        let mut sum = StageTimes::default();
+        for keyframe in &surface.keyframes {
+            sum.add(&keyframe.milliseconds);
+        }
+        let mean = sum.divided_by(surface.keyframes.len());
+        Self {
+            name: surface.name,
+            made_from: surface.elements_name,
+            elements: surface.elements,
+            vertices: surface.mesh.positions.len(),
+            triangles: surface.mesh.triangles.len(),
+            keyframes: surface.keyframes.len(),
+            milliseconds_per_keyframe: ((mean.total() - mean.write) * 1e3).round() / 1e3,
+            mean_milliseconds: mean,
+            reason_for_nothing: None,
+            evaluation: None,
+        }
+    }
+}
+
+/// Distance of a point to a ground truth as long as it is at most `end`, infinite beyond: much faster than without a
+/// bound.
+pub fn distance_within(ground_truth: &Reference, point: &Point3<f64>, end: f64) -> f64 {
+    let distance = match ground_truth.scene() {
+        Some(scene) => scene.closest(point, end).map(|closest| closest.distance),
+        None => ground_truth.nearest(point).map(|nearest| nearest.distance),
+    };
+    distance
+        .filter(|distance| *distance <= end)
+        .unwrap_or(f64::INFINITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Shape;
+
+    #[test]
+    fn distances_end_where_they_are_told_to() {
+        let wall = Shape {
+            positions: vec![
+                Point3::origin(),
+                Point3::new(1.0, 0.0, 0.0),
+                Point3::new(0.0, 1.0, 0.0),
+            ],
+            triangles: vec![[0, 1, 2]],
+            ..Shape::default()
+        };
+        let cloud = Shape {
+            triangles: Vec::new(),
+            ..wall.clone()
+        };
+        for shape in [wall, cloud] {
+            let reference = Reference::new(&shape);
+            let at = |z: f64| distance_within(&reference, &Point3::new(0.0, 0.0, z), 0.5);
+            assert_eq!((at(0.25), at(0.5), at(0.75)), (0.25, 0.5, f64::INFINITY));
+            assert_eq!(at(f64::NAN), f64::INFINITY);
+        }
+    }
+}

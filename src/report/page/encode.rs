@@ -1,0 +1,114 @@
+//! Numbers and positions in few bytes, and bytes as text. `assets/report/viewer/decode.js` is the other side.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use nalgebra::{Point3, Vector3};
+use serde::Serialize;
+
+/// Largest value of a stored coordinate: three of 21 bits make eight bytes.
+const COORDINATE_STEPS: f64 = ((1u32 << 21) - 1) as f64;
+
+/// Bytes as base64.
+pub(super) fn text(bytes: &[u8]) -> String {
+    STANDARD.encode(bytes)
+}
+
+/// Appends a number, seven bits a byte, the lowest first; all bytes but the last have the eighth bit set.
+pub(super) fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
+    while number >= 0x80 {
+        bytes.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    bytes.push(number as u8);
+}
+
+/// Positions in the box around them, resolved to a two-millionth of its sides.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Positions {
+    count: usize,
+    low: [f64; 3],
+    step: [f64; 3],
+    data: String,
+}
+
+impl Positions {
+    /// Stores positions; those that are not finite become the low corner of the box.
+    pub(super) fn new(points: &[Point3<f64>]) -> Self {
+        let finite = || points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
+        let first = finite().next().copied().unwrap_or_else(Point3::origin);
+        let (low, high) = finite().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
+        let step: Vector3<f64> = (high - low) / COORDINATE_STEPS;
+        let mut data = Vec::with_capacity(8 * points.len());
+        for point in points {
+            let [x, y, z]: [u64; 3] = std::array::from_fn(|axis| {
+                let steps = (point[axis] - low[axis]) / step[axis];
+                // A float becomes an integer within its range, what is not a number 0.
+                steps.round().clamp(0.0, COORDINATE_STEPS) as u64
+            });
+            data.extend_from_slice(&(x | y << 21 | z << 42).to_le_bytes());
+        }
+        Self {
+            count: points.len(),
+            low: low.coords.into(),
+            step: step.into(),
+            data: text(&data),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn positions_of(stored: &Positions) -> Vec<Point3<f64>> {
+        let bytes = STANDARD.decode(&stored.data).unwrap();
+        bytes
+            .chunks_exact(8)
+            .map(|chunk| {
+                let packed = u64::from_le_bytes(chunk.try_into().unwrap());
+                let at = |axis: usize| {
+                    let steps = packed >> (21 * axis) & 0x1f_ffff;
+                    stored.low[axis] + stored.step[axis] * steps as f64
+                };
+                Point3::new(at(0), at(1), at(2))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn positions_come_back_within_half_a_step() {
+        let points: Vec<Point3<f64>> = (0..50)
+            .map(|i| {
+                let t = f64::from(i);
+                Point3::new(t.sin() * 7.0, t * 1e3 - 4e4, 2.5)
+            })
+            .collect();
+        let stored = Positions::new(&points);
+        for (point, back) in points.iter().zip(positions_of(&stored)) {
+            for axis in 0..3 {
+                let bound = 0.5001 * stored.step[axis] + 1e-9;
+                assert!((point[axis] - back[axis]).abs() <= bound, "{point} {back}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_and_nothing_at_all_are_stored() {
+        let stored = Positions::new(&[
+            Point3::new(f64::NAN, 1.0, f64::INFINITY),
+            Point3::new(1.0, 2.0, 3.0),
+        ]);
+        assert_eq!(stored.count, 2);
+        assert!(stored.low.iter().all(|v| v.is_finite()));
+        assert_eq!(Positions::new(&[]).count, 0);
+    }
+
+    #[test]
+    fn small_numbers_take_one_byte() {
+        let mut bytes = Vec::new();
+        for number in [0, 127, 128, u32::MAX] {
+            push_number(&mut bytes, number);
+        }
+        assert_eq!(bytes, [0, 127, 0x80, 1, 0xff, 0xff, 0xff, 0xff, 0x0f]);
+    }
+}

@@ -1,0 +1,60 @@
+//! Distances of the triangles of a history to a ground truth.
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use super::history::SurfaceHistory;
+
+/// For each triangle of a history its mean distance to a ground truth as a share of `end`, 0 to 255; beyond the end 255.
+///
+/// `distance` gives the distance of a point, anything above `end` for those farther away. It is asked about three points
+/// of each triangle, the nodes of the quadrature rule of second degree: corners lie on what was measured and would
+/// flatter what spans them. In parallel; the same for any number of threads.
+pub fn triangle_errors(
+    history: &SurfaceHistory,
+    end: f64,
+    distance: &(dyn Fn(&Point3<f64>) -> f64 + Sync),
+) -> Vec<u8> {
+    let triangles: Vec<[u32; 3]> = history.triangles().collect();
+    let positions = history.positions();
+    triangles
+        .par_iter()
+        .map(|corners| {
+            let corners = corners.map(|corner| positions[corner as usize].coords);
+            let sum: f64 = (0..3)
+                .map(|k| {
+                    let [a, b, c] = [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]];
+                    let place = Point3::from((a * 4.0 + b + c) / 6.0);
+                    distance(&place).min(end)
+                })
+                .sum();
+            // What is not a number becomes 0 by the cast; such a place is not drawn either.
+            (255.0 * sum / (3.0 * end)).round() as u8
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::TriangleMesh;
+    use crate::report::page::{Elements, HistoryLimits};
+
+    #[test]
+    fn errors_are_means_over_the_triangle() {
+        let mesh = TriangleMesh {
+            positions: vec![
+                Point3::origin(),
+                Point3::new(3.0, 0.0, 0.0),
+                Point3::new(0.0, 3.0, 0.0),
+            ],
+            triangles: vec![[0, 1, 2]],
+            colors: None,
+        };
+        let mut history = SurfaceHistory::new(HistoryLimits::default());
+        history.record(0, &mesh, Elements::Points(&[]));
+        // The mean of x over the triangle is 1.
+        assert_eq!(triangle_errors(&history, 10.0, &|point| point.x), [26]);
+        assert_eq!(triangle_errors(&history, 10.0, &|_| f64::INFINITY), [255]);
+    }
+}

@@ -1,0 +1,81 @@
+//! Small images of keyframes with their segments.
+
+use image::codecs::jpeg::JpegEncoder;
+use image::imageops::FilterType;
+use image::{ImageEncoder, RgbImage};
+use serde::Serialize;
+
+use super::encode::text;
+
+/// Width of the stored images in pixels; smaller ones keep theirs.
+const WIDTH: u32 = 320;
+/// JPEG quality of the stored images.
+const QUALITY: u8 = 72;
+/// Coordinates are stored in this part of a pixel.
+const SUBPIXELS: f64 = 32.0;
+
+/// A small image of a keyframe and the segments found in it.
+#[derive(Debug, Clone, Serialize)]
+pub struct KeyframeImage {
+    keyframe: usize,
+    jpeg: String,
+    /// Four 16-bit numbers a segment, in 32nds of a pixel of the stored image.
+    segments: String,
+}
+
+/// Makes the small image of a keyframe; `segments_px` are the ends of its segments in the full image.
+///
+/// # Errors
+/// When the image cannot be encoded.
+pub fn keyframe_image(
+    keyframe: usize,
+    image: &RgbImage,
+    segments_px: &[[[f64; 2]; 2]],
+) -> Result<KeyframeImage, image::ImageError> {
+    let width = image.width().min(WIDTH);
+    let scale = f64::from(width) / f64::from(image.width().max(1));
+    let height = ((f64::from(image.height()) * scale).round() as u32).max(1);
+    let small = image::imageops::resize(image, width.max(1), height, FilterType::Triangle);
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, QUALITY).write_image(
+        small.as_raw(),
+        small.width(),
+        small.height(),
+        image::ExtendedColorType::Rgb8,
+    )?;
+    let mut segments = Vec::with_capacity(8 * segments_px.len());
+    for coordinate in segments_px.as_flattened().as_flattened() {
+        // From centre to centre: pixel centres are whole numbers on both scales.
+        let small = (coordinate + 0.5) * scale - 0.5;
+        let stored = (small * SUBPIXELS).round();
+        segments.extend_from_slice(&(stored.clamp(-32768.0, 32767.0) as i16).to_le_bytes());
+    }
+    Ok(KeyframeImage {
+        keyframe,
+        jpeg: text(&jpeg),
+        segments: text(&segments),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_images_become_small_and_coordinates_with_them() {
+        let image = RgbImage::new(640, 480);
+        let stored = keyframe_image(3, &image, &[[[0.5, 0.5], [639.0, 1e9]]]).unwrap();
+        assert_eq!(stored.keyframe, 3);
+        // (0.5 + 0.5) / 2 - 0.5 = 0; (639 + 0.5) / 2 - 0.5 = 319.25; far away stays at the end of the range.
+        let expected: Vec<u8> = [0_i16, 0, 10216, 32767]
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        assert_eq!(stored.segments, text(&expected));
+    }
+
+    #[test]
+    fn an_image_of_one_pixel_is_no_special_case() {
+        assert!(keyframe_image(0, &RgbImage::new(1, 1), &[]).is_ok());
+    }
+}

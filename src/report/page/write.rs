@@ -1,0 +1,76 @@
+//! The page as one file.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::data::{Page, PageData};
+use crate::files::{WriteError, write_atomically};
+
+const TEMPLATE: &str = include_str!("../../../assets/report/report.html");
+const STYLE: &str = include_str!("../../../assets/report/report.css");
+const VIEWER: &str = include_str!("../../../assets/report/viewer.min.js");
+const LICENCE: &str = include_str!("../../../assets/report/LICENSE-three.txt");
+
+/// Writes a page, whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_page(path: &Path, page: &Page) -> Result<(), WriteError> {
+    write_atomically(path, |out| fill(out, page))
+}
+
+/// Fills the places `{{name}}` of the template from left to right, so that nothing that is filled in is looked at again.
+fn fill(out: &mut dyn Write, page: &Page) -> std::io::Result<()> {
+    let mut rest = TEMPLATE;
+    while let Some((before, after)) = rest.split_once("{{") {
+        out.write_all(before.as_bytes())?;
+        let Some((name, after)) = after.split_once("}}") else {
+            return Err(std::io::Error::other("the template of the page is broken"));
+        };
+        match name {
+            "style" => out.write_all(STYLE.as_bytes())?,
+            "licence" => out.write_all(LICENCE.as_bytes())?,
+            "script" => out.write_all(VIEWER.as_bytes())?,
+            "data" => {
+                let text =
+                    serde_json::to_string(&PageData::new(page)).map_err(std::io::Error::other)?;
+                out.write_all(inside_script(&text).as_bytes())?;
+            }
+            unknown => {
+                let message = format!("the template of the page asks for {unknown}");
+                return Err(std::io::Error::other(message));
+            }
+        }
+        rest = after;
+    }
+    out.write_all(rest.as_bytes())
+}
+
+/// JSON that cannot end the script element that it stands in, whatever names the input has: `<` appears in strings only
+/// and may be escaped there.
+fn inside_script(json: &str) -> String {
+    json.replace('<', "\\u003c")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_cannot_leave_the_script() {
+        let json = serde_json::to_string("</script><script>alert(1)</script><!--").unwrap();
+        let escaped = inside_script(&json);
+        assert!(!escaped.contains('<'));
+        let back: String = serde_json::from_str(&escaped).unwrap();
+        assert_eq!(back, "</script><script>alert(1)</script><!--");
+    }
+
+    #[test]
+    fn the_viewer_can_stand_in_a_script() {
+        // An inline script ends at the first of these, wherever it stands.
+        assert!(!VIEWER.to_ascii_lowercase().contains("</script"));
+        assert!(!VIEWER.contains("<!--"));
+        assert!(!STYLE.to_ascii_lowercase().contains("</style"));
+        assert!(!LICENCE.contains("--"));
+    }
+}

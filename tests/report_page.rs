@@ -1,0 +1,283 @@
+//! The page of a run in a browser, and its server.
+//!
+//! Browser tests look for Chromium (`LINECARVE_CHROMIUM`, else the usual names on the path) and say so when they skip.
+
+mod program;
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use program::{expect_status, linecarve, small_sequence, stderr};
+use serde_json::Value;
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("temporary paths are UTF-8")
+}
+
+/// A headless browser, when there is one.
+fn chromium() -> Option<PathBuf> {
+    if let Some(path) = std::env::var_os("LINECARVE_CHROMIUM") {
+        return Some(PathBuf::from(path));
+    }
+    let path = std::env::var_os("PATH")?;
+    let found = ["chromium", "chromium-browser", "google-chrome"]
+        .iter()
+        .flat_map(|name| std::env::split_paths(&path).map(move |folder| folder.join(name)))
+        .find(|candidate| candidate.is_file());
+    if found.is_none() {
+        println!("skipped: no chromium on the path (LINECARVE_CHROMIUM names one)");
+    }
+    found
+}
+
+/// Runs the browser on an address to its end; its standard output.
+fn browse(chromium: &Path, arguments: &[&str], address: &str) -> String {
+    let profile = tempfile::tempdir().unwrap();
+    let output = Command::new(chromium)
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--disable-quic",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+            "--disable-dev-shm-usage",
+            "--window-size=1280,1000",
+            "--virtual-time-budget=4000",
+        ])
+        .arg(format!("--user-data-dir={}", profile.path().display()))
+        .args(arguments)
+        .arg(address)
+        .stdin(Stdio::null())
+        .stderr(Stdio::null())
+        .output()
+        .expect("the browser starts");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// What the page found out about itself.
+fn self_test(chromium: &Path, address: &str) -> Value {
+    let dom = browse(chromium, &["--dump-dom"], &format!("{address}#selftest"));
+    let marker = "<pre id=\"selftest\">";
+    let (_, rest) = dom.split_once(marker).expect("the page has tested itself");
+    let (json, _) = rest.split_once("</pre>").unwrap();
+    serde_json::from_str(json).unwrap()
+}
+
+fn reconstructed(frames: usize) -> tempfile::TempDir {
+    let folder = small_sequence(frames, "tum");
+    let (sequence, out) = (folder.path().join("sequence"), folder.path().join("out"));
+    let arguments = [
+        "reconstruct",
+        text(&sequence),
+        "--every",
+        "1",
+        "--no-picture",
+        "--quiet",
+        "--out",
+        text(&out),
+    ];
+    expect_status(0, arguments);
+    folder
+}
+
+#[test]
+fn the_page_shows_the_surface_of_every_keyframe() {
+    let Some(chromium) = chromium() else { return };
+    let folder = reconstructed(5);
+    let out = folder.path().join("out");
+    let address = format!("file://{}", out.join("report.html").display());
+    let found = self_test(&chromium, &address);
+    assert_eq!(found["errors"], serde_json::json!([]), "{found}");
+    assert_eq!(found["webgl"], true);
+    assert!(found["drawn_share"].as_f64().unwrap() > 0.05, "{found}");
+
+    let states = found["states"].as_array().unwrap();
+    assert_eq!(states.len(), 5);
+    let triangles: Vec<u64> = states
+        .iter()
+        .map(|s| s["triangles"][0].as_u64().unwrap())
+        .collect();
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(
+        triangles.last(),
+        report["result"]["triangles"].as_u64().as_ref()
+    );
+    assert_eq!(states[4]["elements"][0][0], report["result"]["segments"]);
+    assert_eq!(states[4]["elements"][0][1], report["result"]["clusters"]);
+    assert!(
+        triangles.windows(2).all(|pair| pair[0] != pair[1]),
+        "{triangles:?}"
+    );
+
+    let picture = folder.path().join("page.png");
+    let shot = format!("--screenshot={}", picture.display());
+    browse(
+        &chromium,
+        &[&shot],
+        &format!("{address}#keyframe=2&view=keyframe&show=wire"),
+    );
+    let picture = image::open(&picture).unwrap().to_rgb8();
+    let mut colors: Vec<[u8; 3]> = picture.pixels().map(|pixel| pixel.0).collect();
+    colors.sort_unstable();
+    colors.dedup();
+    assert!(colors.len() > 500, "{} colours", colors.len());
+}
+
+#[test]
+fn the_page_needs_no_network() {
+    let folder = reconstructed(2);
+    let page = std::fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    // Namespaces and the texts of messages apart, nothing names another place, and nothing is fetched.
+    for tag in [
+        "<link rel=\"stylesheet\"",
+        "src=\"",
+        "@import",
+        "href=\"http",
+    ] {
+        assert!(!page.contains(tag), "{tag}");
+    }
+    assert!(
+        page.contains("three.js authors"),
+        "the licence is on the page"
+    );
+    assert!(!page.contains("localStorage"));
+}
+
+/// A running `linecarve view`, ended when dropped.
+struct Viewer {
+    child: Child,
+    /// `127.0.0.1:PORT`
+    host: String,
+}
+
+impl Viewer {
+    fn start(folder: &Path) -> Self {
+        let mut child = Command::new(assert_cmd::cargo::cargo_bin("linecarve"))
+            .args(["view", text(folder), "--quiet"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap())
+            .read_line(&mut line)
+            .unwrap();
+        let host = line
+            .trim()
+            .strip_prefix("http://")
+            .unwrap()
+            .trim_end_matches('/')
+            .to_owned();
+        Self { child, host }
+    }
+
+    /// The status and the body of an answer.
+    fn ask(&self, request: &str) -> (u16, Vec<u8>) {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        let head = answer
+            .windows(4)
+            .position(|four| four == b"\r\n\r\n")
+            .unwrap();
+        let status = std::str::from_utf8(&answer[..head]).unwrap();
+        let status = status.split(' ').nth(1).unwrap().parse().unwrap();
+        (status, answer[head + 4..].to_vec())
+    }
+
+    fn get(&self, path: &str) -> (u16, Vec<u8>) {
+        self.ask(&format!(
+            "GET {path} HTTP/1.0\r\nHost: {}\r\n\r\n",
+            self.host
+        ))
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn the_server_gives_the_folder_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    std::fs::create_dir_all(out.join("keyframes")).unwrap();
+    std::fs::write(out.join("report.html"), "<p>page</p>").unwrap();
+    std::fs::write(out.join("keyframes/000001.glb"), "glTF").unwrap();
+    std::fs::write(folder.path().join("secret.txt"), "secret").unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(folder.path().join("secret.txt"), out.join("link.txt")).unwrap();
+
+    let viewer = Viewer::start(&out);
+    assert!(viewer.host.starts_with("127.0.0.1:"));
+    assert_eq!(viewer.get("/"), (200, b"<p>page</p>".to_vec()));
+    assert_eq!(viewer.get("/keyframes/000001.glb").1, b"glTF");
+    for path in [
+        "/../secret.txt",
+        "/%2e%2e/secret.txt",
+        "/..%2fsecret.txt",
+        "/link.txt",
+        "/keyframes",
+        "/none",
+    ] {
+        assert_eq!(viewer.get(path).0, 404, "{path}");
+    }
+    let host = &viewer.host;
+    assert_eq!(
+        viewer
+            .ask(&format!("POST / HTTP/1.0\r\nHost: {host}\r\n\r\n"))
+            .0,
+        405
+    );
+    assert_eq!(
+        viewer
+            .ask("GET / HTTP/1.0\r\nHost: elsewhere.example\r\n\r\n")
+            .0,
+        403
+    );
+
+    // Its port is taken now.
+    let port = host.rsplit(':').next().unwrap();
+    let output = linecarve(["view", text(&out), "--port", port]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        stderr(&output).contains(&format!("port {port} is in use")),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn a_folder_without_a_page_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = linecarve(["view", text(folder.path())]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        stderr(&output).contains("holds no report.html"),
+        "{}",
+        stderr(&output)
+    );
+    let output = linecarve(["view", "/no/such/folder"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn the_page_works_through_the_server() {
+    let Some(chromium) = chromium() else { return };
+    let folder = reconstructed(3);
+    let viewer = Viewer::start(&folder.path().join("out"));
+    let found = self_test(&chromium, &format!("http://{}/", viewer.host));
+    assert_eq!(found["errors"], serde_json::json!([]), "{found}");
+    assert_eq!(found["states"].as_array().unwrap().len(), 3);
+}
