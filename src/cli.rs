@@ -1,5 +1,6 @@
 //! The command line: names, options and help texts, nothing that acts.
 
+mod compare;
 mod convert;
 mod diff;
 mod evaluate;
@@ -11,6 +12,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub use self::compare::CompareArgs;
 pub use self::diff::DiffArgs;
 pub use self::evaluate::{AlignBy, EvaluateArgs};
 pub use self::view::ViewArgs;
@@ -68,6 +70,8 @@ pub enum Command {
     Diff(DiffArgs),
     /// Write the trajectory or map of a sequence, or a mesh or lines, in the format of another program.
     Convert(ConvertArgs),
+    /// The surface from lines beside that from map points, from the same keyframes: numbers, pictures, page.
+    Compare(CompareArgs),
     /// Serve the page of an output folder on this machine, for browsers that do not open it from disk.
     View(ViewArgs),
 }

@@ -1,5 +1,7 @@
 //! The commands, one file each: they read options, run the library and print; the work itself is elsewhere.
 
+mod compare;
+mod compare_runs;
 mod convert;
 mod depth;
 mod diff;
@@ -69,6 +71,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Evaluate(args) => evaluate::run(args, verbosity),
         Command::Diff(args) => diff::run(args),
         Command::Convert(args) => convert::run(args, verbosity),
+        Command::Compare(args) => compare::run(args, verbosity),
         Command::View(args) => view::run(args, verbosity),
     }
 }

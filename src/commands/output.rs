@@ -36,7 +36,7 @@ impl OutputFolder {
     }
 
     /// A folder inside, made when it is missing.
-    fn subfolder(&self, name: &str) -> anyhow::Result<PathBuf> {
+    pub(super) fn subfolder(&self, name: &str) -> anyhow::Result<PathBuf> {
         let path = self.root.join(name);
         std::fs::create_dir_all(&path)
             .with_context(|| format!("cannot make the folder {}", path.display()))?;

@@ -221,10 +221,11 @@ fn around_path(poses: &[Isometry3<f64>], median_depth: f64) -> TriangleMesh {
 /// The milliseconds of each stage over the keyframes of the page; stages that took no time anywhere are left out.
 pub(super) fn stage_timing(prepared: &Prepared, reports: &[KeyframeReport]) -> Vec<StageTiming> {
     type Stage = (&'static str, fn(&StageTimes) -> f64);
-    let stages: [Stage; 9] = [
+    let stages: [Stage; 10] = [
         ("load", |times| times.load),
         ("depth", |times| times.depth),
         ("edges", |times| times.edges),
+        ("features", |times| times.features),
         ("fit", |times| times.fit),
         ("cluster", |times| times.cluster),
         ("points", |times| times.points),

@@ -86,12 +86,7 @@ fn a_surface_that_stays_costs_nothing_more() {
     let mut history = SurfaceHistory::new(HistoryLimits::default());
     for number in 0..100 {
         assert!(history.advance());
-        history.record(
-            number,
-            &mesh(&[[0, 1, 2], [2, 1, 3]], number),
-            &[],
-            &LineSet::default(),
-        );
+        history.record(number, &mesh(&[[0, 1, 2], [2, 1, 3]], number), NOTHING);
     }
     assert_eq!(
         (history.triangles().len(), history.positions().len()),

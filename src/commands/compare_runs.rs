@@ -1,0 +1,277 @@
+//! The two runs of `linecarve compare`, one after the other so that their times can be compared.
+
+use std::time::Instant;
+
+use nalgebra::Point3;
+
+use crate::commands::page::PageRecorder;
+use crate::commands::picture::crosses;
+use crate::commands::run_report::keyframe_report;
+use crate::commands::sequence::Prepared;
+use crate::compare::ComparedSurface;
+use crate::mesh::{LineSet, TriangleMesh};
+use crate::pipeline::{
+    self, BackEnd, FrontEndError, PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points,
+};
+use crate::progress::{Progress, Verbosity};
+use crate::report::page::Elements;
+use crate::report::{KeyframeReport, milliseconds};
+
+/// Length of the crosses that mark points in pictures, as a share of the median depth.
+const CROSS_SHARE: f64 = 0.006;
+
+impl PageRecorder {
+    /// Notes keyframe `number` of a surface from points, and the surface after it.
+    pub(super) fn push_points(
+        &mut self,
+        number: usize,
+        points: &[Point3<f64>],
+        surface: &TriangleMesh,
+    ) {
+        if self.history.advance() {
+            self.history
+                .record(number, surface, Elements::Points(points));
+        }
+    }
+
+    /// Notes the end of the run of a surface from points, whose last keyframe was `number`.
+    pub(super) fn finish_points(
+        &mut self,
+        number: usize,
+        points: &[Point3<f64>],
+        mesh: &TriangleMesh,
+    ) {
+        self.history.finish(number, mesh, Elements::Points(points));
+    }
+}
+
+/// What a run leaves, in the frame of computation.
+pub(super) struct ComparedRun {
+    pub(super) surface: ComparedSurface,
+    pub(super) recorder: PageRecorder,
+    /// Segments and clusters, when it is made from lines.
+    pub(super) lines: Option<(LineSet, LineSet)>,
+    /// Points, when it is made from points.
+    pub(super) points: Option<Vec<Point3<f64>>>,
+    pub(super) warnings: Vec<String>,
+    /// Why the surface is empty, when it is.
+    pub(super) reason_for_nothing: Option<String>,
+}
+
+/// Keyframes that had to be left out.
+struct LeftOut {
+    label: &'static str,
+    count: usize,
+    first: Option<String>,
+}
+
+impl LeftOut {
+    fn new(label: &'static str) -> Self {
+        Self {
+            label,
+            count: 0,
+            first: None,
+        }
+    }
+
+    fn note(&mut self, error: &dyn std::error::Error, progress: &Progress) {
+        self.count += 1;
+        progress.say(Verbosity::Verbose, &format!("left out: {error}"));
+        self.first.get_or_insert_with(|| error.to_string());
+    }
+
+    /// The warning about them.
+    ///
+    /// # Errors
+    /// When there is no keyframe left.
+    fn warnings(self, chosen: usize) -> anyhow::Result<Vec<String>> {
+        let Self {
+            label,
+            count,
+            first,
+        } = self;
+        let Some(first) = first else {
+            return Ok(Vec::new());
+        };
+        anyhow::ensure!(
+            count < chosen,
+            "{label}: {chosen} of {chosen} keyframes cannot be used; first: {first}"
+        );
+        Ok(vec![format!(
+            "{label}: {count} of {chosen} keyframes were left out; first: {first}"
+        )])
+    }
+}
+
+/// The surface from lines.
+pub(super) fn run_lines(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Result<ComparedRun> {
+    let label = "3D lines";
+    let mut progress = Progress::start(label, prepared.keyframes.len(), verbosity);
+    let mut map = BackEnd::new(
+        &prepared.options,
+        prepared.sequence.color_camera(),
+        prepared.sensor.noise,
+        prepared.median_depth,
+    )?;
+    let mut recorder = PageRecorder::new();
+    let mut reports: Vec<KeyframeReport> = Vec::new();
+    let mut left_out = LeftOut::new(label);
+    let mut last = 0;
+    pipeline::run(
+        &prepared.sequence,
+        &prepared.sensor,
+        &prepared.keyframes,
+        prepared.options.extract(),
+        |number, keyframe| -> anyhow::Result<()> {
+            let mut keyframe = match keyframe {
+                Ok(keyframe) => keyframe,
+                Err(error) if FrontEndError::is_limited_to_frame(&error) => {
+                    left_out.note(&error, &progress);
+                    progress.step(String::new);
+                    return Ok(());
+                }
+                Err(error) => return Err(error.into()),
+            };
+            keyframe.world_from_camera.translation.vector -= prepared.origin;
+            let mut report = keyframe_report(&keyframe, &prepared.sequence);
+            let update = map.push(&keyframe)?;
+            report.new_points = update.new_points;
+            report.observed_again = update.observed_again;
+            report.clusters = map.segments().cluster_count();
+            report.rays = map.carver().ray_count();
+            report.cells = map.carver().tetrahedra().finite_cell_count();
+            report.triangles = map.carver().triangle_count();
+            report.changed_triangles = update.changed_triangles;
+            report.milliseconds.cluster = milliseconds(update.clustering);
+            report.milliseconds.points = milliseconds(update.matching);
+            report.milliseconds.carve = milliseconds(update.carving);
+            let start = Instant::now();
+            let surface = map.surface();
+            report.milliseconds.surface = milliseconds(start.elapsed());
+            recorder.push(number, &keyframe, map.segments(), &surface);
+            last = number;
+            reports.push(report);
+            progress.step(|| format!("{} segments", map.segments().segment_count()));
+            Ok(())
+        },
+    )?;
+    progress.finish();
+    let warnings = left_out.warnings(prepared.keyframes.len())?;
+    let mesh = map.surface();
+    recorder.finish(last, map.segments(), &mesh);
+    let (segments, clusters) = (map.segments().segments(), map.segments().clusters());
+    let reason = format!(
+        "{} segments of {} keyframes enclose no occupied space that a ray has left",
+        segments.lines.len(),
+        reports.len()
+    );
+    Ok(ComparedRun {
+        reason_for_nothing: mesh.is_empty().then_some(reason),
+        surface: ComparedSurface {
+            name: "lines",
+            label,
+            elements_name: "segments",
+            elements: segments.lines.len(),
+            mesh,
+            marks: clusters.clone(),
+            keyframes: reports,
+        },
+        recorder,
+        lines: Some((segments, clusters)),
+        points: None,
+        warnings,
+    })
+}
+
+/// The surface from map points.
+pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Result<ComparedRun> {
+    let label = "map points";
+    let sequence = &prepared.sequence;
+    let mut progress = Progress::start(label, prepared.keyframes.len(), verbosity);
+    let mut map = PointBackEnd::new(
+        &prepared.options,
+        sequence.color_camera(),
+        sequence.color_size(),
+        Some(prepared.median_depth),
+    )?;
+    let mut recorder = PageRecorder::new();
+    let mut reports: Vec<KeyframeReport> = Vec::new();
+    let mut left_out = LeftOut::new(label);
+    let mut last = 0;
+    let consume = |number: usize, keyframe: Result<PointKeyframe, PointFrontEndError>| {
+        let mut keyframe = match keyframe {
+            Ok(keyframe) => keyframe,
+            Err(error) if error.is_limited_to_frame() => {
+                left_out.note(&error, &progress);
+                progress.step(String::new);
+                return Ok(());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        keyframe.world_from_camera.translation.vector -= prepared.origin;
+        let update = map.push(&keyframe)?;
+        let mut report = KeyframeReport {
+            frame: sequence.frames()[keyframe.frame].name.clone(),
+            index: keyframe.frame,
+            new_points: update.added,
+            observed_again: update.counts.observed_again,
+            rays: map.carver().ray_count(),
+            cells: map.carver().tetrahedra().finite_cell_count(),
+            triangles: map.carver().triangle_count(),
+            changed_triangles: update.changed_triangles,
+            milliseconds: keyframe.times,
+            ..KeyframeReport::default()
+        };
+        report.milliseconds.points = milliseconds(update.matching);
+        report.milliseconds.carve = milliseconds(update.carving);
+        let start = Instant::now();
+        let surface = map.surface();
+        report.milliseconds.surface = milliseconds(start.elapsed());
+        recorder.push_points(number, &carved_points(&map), &surface);
+        last = number;
+        reports.push(report);
+        progress.step(|| format!("{} points", map.carver().point_count()));
+        anyhow::Ok(())
+    };
+    run_map_points(
+        sequence,
+        &prepared.keyframes,
+        &prepared.options.map_points,
+        consume,
+    )?;
+    progress.finish();
+    let warnings = left_out.warnings(prepared.keyframes.len())?;
+    let mesh = map.surface();
+    let points = carved_points(&map);
+    recorder.finish_points(last, &points, &mesh);
+    let reason = format!(
+        "{} points of {} keyframes enclose no occupied space that a ray has left",
+        points.len(),
+        reports.len()
+    );
+    Ok(ComparedRun {
+        reason_for_nothing: mesh.is_empty().then_some(reason),
+        surface: ComparedSurface {
+            name: "map-points",
+            label,
+            elements_name: "points",
+            elements: points.len(),
+            mesh,
+            marks: crosses(&points, CROSS_SHARE * prepared.median_depth),
+            keyframes: reports,
+        },
+        recorder,
+        lines: None,
+        points: Some(points),
+        warnings,
+    })
+}
+
+/// Positions of the points that are carved, in the order of their ids.
+fn carved_points(map: &PointBackEnd) -> Vec<Point3<f64>> {
+    let carver = map.carver();
+    carver
+        .points()
+        .filter_map(|point| carver.point(point))
+        .collect()
+}
