@@ -13,17 +13,18 @@ fn text(path: &Path) -> &str {
 /// The sample without its depth images, every fourth frame.
 fn sample_without_depth(folder: &Path) {
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
-    std::fs::create_dir_all(folder.join("rgb")).unwrap();
+    std::fs::create_dir_all(folder.join("rgb")).expect("a writable folder");
     for name in ["rgb.txt", "groundtruth.txt"] {
-        std::fs::copy(sample.join(name), folder.join(name)).unwrap();
+        std::fs::copy(sample.join(name), folder.join(name)).expect("a whole sample");
     }
     let sidecar = sample.join("linecarve.toml");
     if sidecar.exists() {
-        std::fs::copy(sidecar, folder.join("linecarve.toml")).unwrap();
+        std::fs::copy(sidecar, folder.join("linecarve.toml")).expect("a whole sample");
     }
-    for entry in std::fs::read_dir(sample.join("rgb")).unwrap() {
-        let path = entry.unwrap().path();
-        std::fs::copy(&path, folder.join("rgb").join(path.file_name().unwrap())).unwrap();
+    for entry in std::fs::read_dir(sample.join("rgb")).expect("a whole sample") {
+        let path = entry.expect("a readable entry").path();
+        let name = path.file_name().expect("a file has a name");
+        std::fs::copy(&path, folder.join("rgb").join(name)).expect("a whole sample");
     }
 }
 

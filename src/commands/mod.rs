@@ -17,6 +17,7 @@ mod page;
 mod picture;
 mod prepare_points;
 mod reconstruct;
+mod reconstruct_model;
 mod reconstruct_points;
 mod render;
 mod run_report;

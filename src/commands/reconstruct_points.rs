@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Context;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::cli::ReconstructArgs;
@@ -13,7 +13,7 @@ use crate::commands::picture::{Shot, crosses, write_overview};
 use crate::commands::prepare_points::{PreparedPoints, prepare_points, read_options};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::open;
-use crate::commands::{interrupt, kept_run};
+use crate::commands::{interrupt, kept_run, reconstruct_model};
 use crate::map_points::PointModel;
 use crate::mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
 use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, PointUpdate, run_in_order};
@@ -32,6 +32,11 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let output = OutputFolder::create(&args.out)?;
     let options = read_options(&args.stages)?;
     let sequence = open(&args.input)?;
+    if let Some(model) = sequence.map_points() {
+        return reconstruct_model::run(
+            args, &sequence, model, &options, output, started, verbosity,
+        );
+    }
     let prepared = prepare_points(&args.input, sequence, &args.selection, options, verbosity)?;
     from_features(args, &prepared, output, started, verbosity)
 }
@@ -125,7 +130,7 @@ fn from_features(
     let depth = prepared.sensor_depth.or_else(|| map.map().median_depth());
     log.set_median_depth(depth);
     let quality = map.map().quality();
-    let mesh = map.surface();
+    let mut mesh = map.surface();
     let result = log.result();
     result.points = map.carver().point_count();
     result.rays = map.carver().ray_count();
@@ -146,15 +151,28 @@ fn from_features(
     } else {
         Outcome::Done
     };
-    write_results(
-        args,
-        prepared,
-        mesh,
-        &cloud(&model),
-        depth,
-        &walk,
+    let mut points = cloud(&model);
+    // The picture is drawn before the shift is taken back: rays want coordinates near zero.
+    if !args.no_picture {
+        let marks = crosses(&points.points, CROSS_SHARE * depth.unwrap_or(0.0));
+        draw(sequence, &mesh, &marks, &walk, &mut output, verbosity)?;
+    }
+    mesh.translate(&prepared.origin);
+    for point in &mut points.points {
+        *point += prepared.origin;
+    }
+    write_points_ply(
+        &output.file("points.ply"),
+        &points.points,
+        points.colors.as_deref(),
+    )?;
+    let formats = &args.stages.format;
+    write_geometry(
         &mut output,
-        verbosity,
+        "mesh",
+        surface_part(&mesh),
+        formats,
+        &prepared.origin,
     )?;
     log.write(&mut output, started, args.stages.json)?;
     if is_complete {
@@ -260,44 +278,25 @@ pub(super) fn cloud(model: &PointModel) -> LineSet {
     }
 }
 
-/// Writes everything that comes at the end but the report.
-fn write_results(
-    args: &ReconstructArgs,
-    prepared: &PreparedPoints,
-    mut mesh: TriangleMesh,
-    cloud: &LineSet,
-    depth: Option<f64>,
+/// Draws the keyframe that saw most, the surface from there with its points, and the surface from outside.
+fn draw(
+    sequence: &Sequence,
+    mesh: &TriangleMesh,
+    marks: &LineSet,
     walk: &Walk,
     output: &mut OutputFolder,
     verbosity: Verbosity,
 ) -> anyhow::Result<()> {
-    // The picture is drawn before the shift is taken back: rays want coordinates near zero.
-    if !args.no_picture
-        && let Some((_, richest)) = walk.richest
-    {
-        let shot = Shot {
-            sequence: &prepared.sequence,
-            frame: walk.frames[richest],
-            world_from_camera: walk.poses[richest],
-            poses: &walk.poses,
-        };
-        write_overview(
-            &output.file("picture.png"),
-            &mesh,
-            &crosses(&cloud.points, CROSS_SHARE * depth.unwrap_or(0.0)),
-            &shot,
-            verbosity,
-        )
-        .context("the picture could not be made (--no-picture leaves it out)")?;
-    }
-    mesh.translate(&prepared.origin);
-    let points: Vec<Point3<f64>> = cloud.points.iter().map(|p| p + prepared.origin).collect();
-    write_points_ply(&output.file("points.ply"), &points, cloud.colors.as_deref())?;
-    write_geometry(
-        output,
-        "mesh",
-        surface_part(&mesh),
-        &args.stages.format,
-        &prepared.origin,
-    )
+    let Some((_, richest)) = walk.richest else {
+        return Ok(());
+    };
+    let shot = Shot {
+        sequence,
+        frame: walk.frames[richest],
+        world_from_camera: walk.poses[richest],
+        poses: &walk.poses,
+    };
+    let path = output.file("picture.png");
+    write_overview(&path, mesh, marks, &shot, verbosity)
+        .context("the picture could not be made (--no-picture leaves it out)")
 }
