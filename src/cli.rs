@@ -4,6 +4,7 @@ mod compare;
 mod convert;
 mod diff;
 mod evaluate;
+mod simplify;
 mod stream;
 mod tables;
 mod view;
@@ -19,6 +20,9 @@ pub use self::view::ViewArgs;
 use crate::pipeline::LabelKind;
 use crate::synth::{SceneKind, SequenceLayout};
 pub use convert::{ConvertArgs, Target};
+
+pub use self::simplify::SimplifyArgs;
+use crate::synth::{SceneKind, SequenceLayout};
 
 pub use stream::StreamArgs;
 pub use tables::TablesArgs;
@@ -74,6 +78,9 @@ pub enum Command {
     Compare(CompareArgs),
     /// Serve the page of an output folder on this machine, for browsers that do not open it from disk.
     View(ViewArgs),
+
+    /// The same surface with fewer triangles: what is nearly plane is triangulated anew from its borders.
+    Simplify(SimplifyArgs),
 }
 
 /// Where a sequence lies and how to read it.

@@ -31,8 +31,11 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
         step: args.step,
     };
     options.validate()?;
-    let shape = read_geometry(&args.shape)?;
-    let truth = read_geometry(&args.ground_truth)?;
+    let (shape, truth) = rayon::join(
+        || read_geometry(&args.shape),
+        || read_geometry(&args.ground_truth),
+    );
+    let (shape, truth) = (shape?, truth?);
     if shape.kind() == ShapeKind::Empty {
         return Ok(Outcome::Negative(format!(
             "{} holds no point: there is nothing to evaluate",

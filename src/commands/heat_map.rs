@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::bail;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use crate::evaluation::heat_colors;
 use crate::mesh::{Geometry, GlbPart, LineSet, Shape, TriangleMesh, write_glb};
@@ -21,7 +21,10 @@ pub(super) fn write_heat_map<const N: usize>(
     parts: [Colored; N],
     largest: f64,
 ) -> anyhow::Result<()> {
-    let origin = origin(&parts);
+    let origin = parts
+        .iter()
+        .find(|part| !part.shape.positions.is_empty())
+        .map_or_else(Vector3::zeros, |part| origin_of(&part.shape.positions));
     let colored: Vec<(&str, TriangleMesh, LineSet)> = parts
         .into_iter()
         .map(|part| {
@@ -60,13 +63,15 @@ pub(super) fn write_heat_map<const N: usize>(
     Ok(())
 }
 
-/// What is taken off the coordinates, which are stored in single precision: nothing, or the middle of the first shape in
-/// whole units where it lies far from zero for its size.
-fn origin(parts: &[Colored]) -> Vector3<f64> {
-    let bounds = parts.iter().find_map(|part| part.shape.bounds());
-    let Some((low, high)) = bounds else {
+/// What is taken off the coordinates, which GLB stores in single precision: nothing, or the middle of the points in whole
+/// units where they lie far from zero for their size.
+pub(super) fn origin_of(points: &[Point3<f64>]) -> Vector3<f64> {
+    let Some(first) = points.first() else {
         return Vector3::zeros();
     };
+    let (low, high) = points.iter().fold((*first, *first), |(low, high), point| {
+        (low.inf(point), high.sup(point))
+    });
     let middle = nalgebra::center(&low, &high).coords;
     if middle.amax() > 1000.0 * (high - low).amax() {
         middle.map(f64::round)

@@ -22,6 +22,7 @@ mod reconstruct_points;
 mod render;
 mod run_report;
 mod sequence;
+mod simplify;
 mod stream;
 mod synth;
 mod tables;
@@ -74,5 +75,6 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Convert(args) => convert::run(args, verbosity),
         Command::Compare(args) => compare::run(args, verbosity),
         Command::View(args) => view::run(args, verbosity),
+        Command::Simplify(args) => simplify::run(args),
     }
 }

@@ -7,16 +7,17 @@ use serde::Serialize;
 use super::disjoint_sets::DisjointSets;
 use crate::mesh::Shape;
 
-/// How a mesh hangs together. Vertices with equal coordinates count as one; triangles that then lose a corner do not
-/// count. Edges with more than two triangles are cut open, and so are vertices where parts merely touch: what is left is
-/// a surface, whose pieces and handles can be counted.
+/// How a mesh hangs together. Vertices on open edges count as one where their coordinates are equal, so that formats which
+/// repeat vertices make no difference, and sheets that touch in closed parts stay apart; triangles that then lose a
+/// corner do not count. Edges with more than two triangles are cut open, and so are vertices where parts merely touch: what
+/// is left is a surface, whose pieces and handles can be counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Topology {
     /// Pieces that hang together along edges.
     pub components: usize,
     /// Edges with one triangle.
     pub boundary_edges: usize,
-    /// Closed lines of boundary edges: holes, and rims of open surfaces.
+    /// Closed lines of boundary edges and of edges that were cut open: holes, and rims of open surfaces.
     pub boundary_loops: usize,
     /// Edges with more than two triangles.
     pub non_manifold_edges: usize,
@@ -65,24 +66,7 @@ impl Topology {
             .copied()
             .filter(|[a, b, c]| a != b && b != c && c != a)
             .collect();
-        let mut uses: Vec<Use> = triangles
-            .iter()
-            .enumerate()
-            .flat_map(|(triangle, corners)| {
-                (0..3).map(move |k| {
-                    let (from, to) = (corners[k], corners[(k + 1) % 3]);
-                    Use {
-                        low: from.min(to),
-                        high: from.max(to),
-                        triangle: triangle as u32,
-                        corner: k as u32,
-                        is_ascending: from < to,
-                    }
-                })
-            })
-            .collect();
-        uses.sort_unstable_by_key(|u| (u.low, u.high, u.triangle, u.corner));
-
+        let uses = edge_uses(&triangles);
         let mut found = Self {
             degenerate_triangles: welded.len() - triangles.len(),
             ..Self::default()
@@ -143,15 +127,48 @@ impl Topology {
     }
 }
 
-/// The triangles with the first of all vertices that have the same coordinates.
+/// Every use of every edge, those of one edge in a row.
+fn edge_uses(triangles: &[[u32; 3]]) -> Vec<Use> {
+    let mut uses: Vec<Use> = triangles
+        .iter()
+        .enumerate()
+        .flat_map(|(triangle, corners)| {
+            (0..3).map(move |k| {
+                let (from, to) = (corners[k], corners[(k + 1) % 3]);
+                Use {
+                    low: from.min(to),
+                    high: from.max(to),
+                    triangle: triangle as u32,
+                    corner: k as u32,
+                    is_ascending: from < to,
+                }
+            })
+        })
+        .collect();
+    uses.sort_unstable_by_key(|u| (u.low, u.high, u.triangle, u.corner));
+    uses
+}
+
+/// The triangles with the first of all vertices on open edges that have the same coordinates.
 fn welded(shape: &Shape) -> Vec<[u32; 3]> {
+    let mut is_open = vec![false; shape.positions.len()];
+    for group in edge_uses(&shape.triangles).chunk_by(|a, b| (a.low, a.high) == (b.low, b.high)) {
+        if let [alone] = group {
+            is_open[alone.low as usize] = true;
+            is_open[alone.high as usize] = true;
+        }
+    }
     // Only looked up, never walked through.
-    let mut first = HashMap::with_capacity(shape.positions.len());
+    let mut first = HashMap::new();
     let representative: Vec<u32> = shape
         .positions
         .iter()
+        .zip(is_open)
         .enumerate()
-        .map(|(index, p)| {
+        .map(|(index, (p, is_open))| {
+            if !is_open {
+                return index as u32;
+            }
             // Adding zero turns -0 into 0.
             let key = [p.x, p.y, p.z].map(|value| (value + 0.0).to_bits());
             *first.entry(key).or_insert(index as u32)
@@ -283,6 +300,20 @@ mod tests {
                 ..Topology::default()
             }
         );
+    }
+
+    #[test]
+    fn closed_sheets_that_touch_along_an_edge_stay_apart() {
+        // Two tetrahedra with an edge in the same place, each with vertices of its own.
+        let mut shape = tetrahedron();
+        let mut turned = tetrahedron();
+        for position in &mut turned.positions {
+            *position = Point3::new(position.x, -position.y, -position.z);
+        }
+        shape.append(turned);
+        let found = Topology::of(&shape);
+        assert_eq!((found.components, found.non_manifold_edges), (2, 0));
+        assert_eq!((found.boundary_loops, found.genus), (0, Some(0)));
     }
 
     #[test]

@@ -34,7 +34,7 @@ impl Default for IcpOptions {
     fn default() -> Self {
         Self {
             with_scale: false,
-            samples: 10_000,
+            samples: 5000,
             most_steps: 60,
             seed: 0,
         }

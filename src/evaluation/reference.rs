@@ -111,13 +111,13 @@ impl Reference {
     }
 
     /// The nearest points of many, in their order, in parallel.
-    ///
-    /// Queries that follow one another are fastest when they lie near one another.
     pub fn nearest_of_all(&self, points: &[Point3<f64>]) -> Vec<Option<Nearest>> {
-        let answer = |run: &[Point3<f64>]| {
+        let order = along_curve(points);
+        let answer = |run: &[u32]| {
             let mut last: Option<Point3<f64>> = None;
             run.iter()
-                .map(|point| {
+                .map(|index| {
+                    let point = &points[*index as usize];
                     // The last answer is a point of the reference: the next one is no farther than it. The bound is
                     // widened against rounding.
                     let bound =
@@ -130,7 +130,12 @@ impl Reference {
                 })
                 .collect::<Vec<_>>()
         };
-        points.par_chunks(RUN).flat_map_iter(answer).collect()
+        let answers: Vec<Option<Nearest>> = order.par_chunks(RUN).flat_map_iter(answer).collect();
+        let mut in_order = vec![None; points.len()];
+        for (index, answer) in order.into_iter().zip(answers) {
+            in_order[index as usize] = answer;
+        }
+        in_order
     }
 
     /// Distances of many points, in their order, in parallel; infinite where there is nothing to be near to.
@@ -140,6 +145,38 @@ impl Reference {
             .map(|nearest| nearest.map_or(f64::INFINITY, |nearest| nearest.distance))
             .collect()
     }
+}
+
+/// The order of points along a Z-curve through their bounding box: neighbours in it are neighbours in space, which
+/// spares most of the search and keeps the tree in the cache.
+fn along_curve(points: &[Point3<f64>]) -> Vec<u32> {
+    const CELLS: f64 = 1024.0;
+    let finite = || points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
+    let Some(first) = finite().next() else {
+        return (0..points.len() as u32).collect();
+    };
+    let (low, high) = finite().fold((*first, *first), |(low, high), point| {
+        (low.inf(point), high.sup(point))
+    });
+    let scale = CELLS / (high - low).amax().max(f64::MIN_POSITIVE);
+    // Ten bits of an axis, two zeros behind each.
+    let spread = |value: f64| {
+        let mut bits = (value.min(CELLS - 1.0) as u64) & 0x3FF;
+        bits = (bits | bits << 16) & 0x0300_00FF;
+        bits = (bits | bits << 8) & 0x0300_F00F;
+        bits = (bits | bits << 4) & 0x030C_30C3;
+        (bits | bits << 2) & 0x0924_9249
+    };
+    let mut keys: Vec<u64> = points
+        .iter()
+        .enumerate()
+        .map(|(index, point)| {
+            let [x, y, z] = [0, 1, 2].map(|axis| spread((point[axis] - low[axis]) * scale));
+            (x | y << 1 | z << 2) << 32 | index as u64
+        })
+        .collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|key| key as u32).collect()
 }
 
 /// Distance of each point of a shape to a ground truth, as both stand; infinite when that is empty.

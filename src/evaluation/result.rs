@@ -31,8 +31,8 @@ pub struct Evaluation {
     pub completeness: Option<DistanceStatistics>,
     /// Precision, recall and F at the thresholds.
     pub at: Vec<ThresholdScore>,
-    /// From the vertices of the shape to the ground truth: from the end points when it is a set of lines. Of very many
-    /// vertices a random part as large as the number of samples.
+    /// From the vertices of the shape to the ground truth: from the end points when it is a set of lines. Of more vertices
+    /// than samples (of a mesh, an eighth of the samples) a random part of that size.
     pub vertices: Option<DistanceStatistics>,
     /// What the reader should know.
     pub warnings: Vec<String>,
