@@ -13,19 +13,17 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-pub use self::compare::CompareArgs;
-pub use self::diff::DiffArgs;
-pub use self::evaluate::{AlignBy, EvaluateArgs};
-pub use self::view::ViewArgs;
-use crate::pipeline::LabelKind;
-use crate::synth::{SceneKind, SequenceLayout};
+pub use compare::CompareArgs;
 pub use convert::{ConvertArgs, Target};
-
-pub use self::simplify::SimplifyArgs;
-use crate::synth::{SceneKind, SequenceLayout};
-
+pub use diff::DiffArgs;
+pub use evaluate::{AlignBy, EvaluateArgs};
+pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
 pub use tables::TablesArgs;
+pub use view::ViewArgs;
+
+use crate::pipeline::LabelKind;
+use crate::synth::{SceneKind, SequenceLayout};
 
 /// Turns posed keyframes into a surface by carving free space with 3D line segments.
 ///

@@ -110,7 +110,7 @@ pub(super) fn run_lines(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Re
     let mut map = BackEnd::new(
         &prepared.options,
         prepared.sequence.color_camera(),
-        prepared.sensor.noise,
+        prepared.depth.noise(),
         prepared.median_depth,
     )?;
     let mut recorder = PageRecorder::new();
@@ -119,7 +119,7 @@ pub(super) fn run_lines(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Re
     let mut last = 0;
     pipeline::run(
         &prepared.sequence,
-        &prepared.sensor,
+        &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
         |number, keyframe| -> anyhow::Result<()> {

@@ -7,7 +7,6 @@ mod back_end;
 pub mod cluster_points;
 pub mod colors;
 pub mod depth_source;
-pub mod colors;
 pub mod feature_depth;
 mod front_end;
 mod intake;
