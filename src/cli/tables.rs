@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{KeyframeArgs, SequenceArgs};
+use super::{DepthSource, KeyframeArgs, SequenceArgs};
 
 /// Arguments of `tables`.
 #[derive(Debug, Args)]
@@ -20,6 +20,10 @@ pub struct TablesArgs {
     /// Which keyframes.
     #[command(flatten)]
     pub selection: KeyframeArgs,
+
+    /// Where depth comes from; by default every source that the sequence offers, one after the other.
+    #[arg(long, value_enum, default_value_t = DepthSource::Auto)]
+    pub depth: DepthSource,
 
     /// TOML file with the parameters of the stages.
     #[arg(long, value_name = "FILE")]

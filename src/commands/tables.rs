@@ -5,24 +5,30 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use linecarve_lines::baselines::{FoundSegment, LineDetector, LineDetectorOptions, Method};
+use linecarve_lines::depth::EdgeDepthOptions;
 use linecarve_lines::edges::EdgeDetector;
 use rayon::prelude::*;
 
-use crate::cli::{DepthSource, StageArgs, TablesArgs};
+use crate::cli::{self, StageArgs, TablesArgs};
 use crate::commands::Outcome;
+use crate::commands::depth::depth_source;
 use crate::commands::run_report::{print_object, print_text};
 use crate::commands::sequence::{Prepared, prepare};
 use crate::mesh::{LineSet, TriangleMesh, read_geometry, write_lines_obj};
+use crate::pipeline::{DepthSource, SemiDenseSource};
 use crate::progress::{Progress, Verbosity};
 use crate::raycast::RayScene;
 use crate::report::milliseconds;
 use crate::tables::images::{ImageEdges, ImageMeasure, Tally, tally};
 use crate::tables::methods::{MethodRun, Runs, StageTime, clustered};
+use crate::tables::semi_dense;
 use crate::tables::surface::{Distances, SurfaceMeasure, measure};
 use crate::tables::table::{Row, Tables, ratios};
 
 /// Samples along segments are this share of the scene's median depth apart.
 const SAMPLE_SHARE: f64 = 0.005;
+/// The methods that need depth.
+const WITH_DEPTH: [Method; 3] = [Method::Points, Method::Decoupled, Method::EdgeAided];
 /// Straight edges of at least this share of min(width, height) are long.
 const LONG_EDGE_SHARE: f64 = 0.1;
 
@@ -36,13 +42,23 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
         truth.triangles.len()
     );
     let stages = StageArgs {
-        depth: DepthSource::Auto,
+        depth: args.depth,
         config: args.config.clone(),
         format: Vec::new(),
         json: args.json,
     };
     let prepared = prepare(&args.input, &args.selection, &stages, verbosity)?;
     let mut found = run_methods(&prepared, verbosity)?;
+    let semi_dense = match &prepared.depth {
+        DepthSource::SemiDense(source) => Some(*source),
+        DepthSource::Sensor(_) if args.depth == cli::DepthSource::Auto => {
+            second_source(&prepared, &mut found.warnings)
+        }
+        DepthSource::Sensor(_) => None,
+    };
+    if let Some(source) = semi_dense {
+        run_semi_dense(&prepared, &source, &mut found, verbosity)?;
+    }
     let keyframes = found.frames.len();
     for index in (0..found.runs.len()).rev() {
         if found.runs[index].name == Method::EdgeAided.to_string() {
@@ -108,46 +124,48 @@ fn run_methods(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Result<Foun
     let sequence = &prepared.sequence;
     let options = prepared.options.methods();
     let mut matched = Runs::new(&[Method::Matched], None, &options)?;
-    let with_depth = [Method::Points, Method::Decoupled, Method::EdgeAided];
-    let mut sensor = Runs::new(&with_depth, Some("sensor"), &options)?;
+    let mut sensor_runs = Runs::new(&WITH_DEPTH, Some("sensor"), &options)?;
+    let sensor = match &prepared.depth {
+        DepthSource::Sensor(sensor) => Some(sensor),
+        DepthSource::SemiDense(_) => None,
+    };
     let mut frames = Vec::new();
     let mut warnings = Vec::new();
     let mut depth_milliseconds = 0.0;
     let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);
     for &frame in &prepared.keyframes {
         progress.step(|| "methods".to_owned());
-        let loaded = sequence
-            .load_gray(frame)
-            .and_then(|image| Ok((image, sequence.load_depth(frame)?)));
+        let name = &sequence.frames()[frame].name;
+        let loaded = sequence.load_gray(frame).and_then(|image| {
+            let depth = match sensor {
+                Some(_) => sequence.load_depth(frame)?,
+                None => None,
+            };
+            Ok((image, depth))
+        });
         let (image, depth) = match loaded {
-            Ok((image, Some(depth))) => (image, depth),
-            Ok((_, None)) => {
-                warnings.push(format!(
-                    "left out: frame {} has no depth image",
-                    sequence.frames()[frame].name
-                ));
+            Ok((_, None)) if sensor.is_some() => {
+                warnings.push(format!("left out: frame {name} has no depth image"));
                 continue;
             }
+            Ok(loaded) => loaded,
             Err(error) if error.is_limited_to_frame() => {
                 warnings.push(format!("left out: {error}"));
                 continue;
             }
             Err(error) => return Err(error.into()),
         };
-        let start = Instant::now();
-        let map = prepared
-            .sensor()?
-            .inverse_depth(
-                &depth,
-                sequence.color_camera(),
-                image.width(),
-                image.height(),
-            )
-            .with_context(|| format!("frame {}", sequence.frames()[frame].name))?;
-        depth_milliseconds += milliseconds(start.elapsed());
         let number = frames.len() as u32;
         matched.push(sequence, frame, number, &image, None)?;
-        sensor.push(sequence, frame, number, &image, Some(&map))?;
+        if let Some((sensor, depth)) = sensor.zip(depth) {
+            let start = Instant::now();
+            let camera = sequence.color_camera();
+            let map = sensor
+                .inverse_depth(&depth, camera, image.width(), image.height())
+                .with_context(|| format!("frame {name}"))?;
+            depth_milliseconds += milliseconds(start.elapsed());
+            sensor_runs.push(sequence, frame, number, &image, Some(&map))?;
+        }
         frames.push(frame);
     }
     progress.finish();
@@ -157,17 +175,63 @@ fn run_methods(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Result<Foun
         prepared.keyframes.len(),
         warnings.first().map_or("", String::as_str)
     );
-    let mut runs = matched.finish();
-    runs.extend(sensor.finish());
-    Ok(Found {
-        runs,
-        depth_stages: vec![StageTime {
-            stage: "sensor".to_owned(),
-            milliseconds: depth_milliseconds / frames.len() as f64,
-        }],
+    let mut found = Found {
+        runs: matched.finish(),
+        depth_stages: Vec::new(),
         frames,
         warnings,
-    })
+    };
+    if sensor.is_some() {
+        found.runs.extend(sensor_runs.finish());
+        found.depth_stages.push(StageTime {
+            stage: "sensor".to_owned(),
+            milliseconds: depth_milliseconds / found.frames.len() as f64,
+        });
+    }
+    Ok(found)
+}
+
+/// Semi-dense depth beside that of a sensor, where the images give it.
+fn second_source(prepared: &Prepared, warnings: &mut Vec<String>) -> Option<SemiDenseSource> {
+    let asked = cli::DepthSource::SemiDense;
+    match depth_source(&prepared.sequence, asked, &prepared.options) {
+        Ok(scaled) => match scaled.source {
+            DepthSource::SemiDense(source) => Some(source),
+            DepthSource::Sensor(_) => None,
+        },
+        Err(error) => {
+            warnings.push(format!("without semi-dense depth: {error:#}"));
+            None
+        }
+    }
+}
+
+/// The methods that need depth, with that of neighbouring keyframes.
+fn run_semi_dense(
+    prepared: &Prepared,
+    source: &SemiDenseSource,
+    found: &mut Found,
+    verbosity: Verbosity,
+) -> anyhow::Result<()> {
+    let sequence = &prepared.sequence;
+    let mut options = prepared.options.methods();
+    // The depth of an edge pixel was measured on the edge itself: there is no other side to choose.
+    options.extract.edge_depth = EdgeDepthOptions::raw();
+    let mut runs = Runs::new(&WITH_DEPTH, Some("semi-dense"), &options)?;
+    let mut progress = Progress::start("semi-dense", found.frames.len(), verbosity);
+    let (maps, time) = semi_dense::maps(sequence, &found.frames, source, prepared.options.edges)?;
+    for ((number, &frame), map) in (0..).zip(&found.frames).zip(&maps) {
+        progress.step(|| "methods".to_owned());
+        let image = sequence.load_gray(frame)?;
+        runs.push(sequence, frame, number, &image, Some(map))?;
+    }
+    progress.finish();
+    found.runs.extend(runs.finish());
+    found.depth_stages.push(StageTime {
+        stage: "semi-dense".to_owned(),
+        milliseconds: milliseconds(time) / found.frames.len() as f64,
+    });
+    Ok(())
 }
 
 fn measure_all(

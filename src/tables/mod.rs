@@ -7,5 +7,6 @@ mod depth_buffer;
 mod edge_field;
 pub mod images;
 pub mod methods;
+pub mod semi_dense;
 pub mod surface;
 pub mod table;
