@@ -6,7 +6,8 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve_carving::carver::{Carver, Event, PointId, ViewId};
+use linecarve_carving::carver::{Carver, CarverOptions, Event, PointId, ViewId};
+use linecarve_carving::labels::{CutOptions, Labels};
 use linecarve_carving::surface::ExportOptions;
 use nalgebra::{Point3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -101,7 +102,14 @@ fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>) {
 }
 
 fn fill(keyframes: &[Keyframe]) -> (Carver, Vec<PointId>) {
-    let mut carver = Carver::default();
+    fill_with(keyframes, Labels::default())
+}
+
+fn fill_with(keyframes: &[Keyframe], labels: Labels) -> (Carver, Vec<PointId>) {
+    let mut carver = Carver::new(CarverOptions {
+        labels,
+        ..CarverOptions::default()
+    });
     let mut ids = vec![];
     for keyframe in keyframes {
         add(&mut carver, keyframe, &mut ids);
@@ -218,12 +226,20 @@ fn long_run(criterion: &mut Criterion) {
         .collect();
     let mut group = criterion.benchmark_group("keyframe");
     group.sample_size(10);
-    for (name, tenth) in [("second tenth", 1), ("last tenth", 9)] {
+    let kinds = [
+        ("votes", Labels::default()),
+        ("cut", Labels::Cut(CutOptions::default())),
+    ];
+    let tenths = [("second tenth", 1), ("last tenth", 9)];
+    for ((kind, labels), (name, tenth)) in kinds
+        .into_iter()
+        .flat_map(|kind| tenths.map(|tenth| (kind, tenth)))
+    {
         let length = KEYFRAMES / 10;
-        let (carver, ids) = fill(&keyframes[..tenth * length]);
+        let (carver, ids) = fill_with(&keyframes[..tenth * length], labels);
         let timed = &keyframes[tenth * length..][..length];
         group.throughput(Throughput::Elements(length as u64));
-        group.bench_function(name, |bencher| {
+        group.bench_function(BenchmarkId::new(kind, name), |bencher| {
             bencher.iter_custom(|iterations| {
                 let mut total = Duration::ZERO;
                 for _ in 0..iterations {
