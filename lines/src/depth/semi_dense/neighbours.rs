@@ -235,6 +235,7 @@ mod tests {
         ];
         let options = NeighbourOptions {
             count: 2,
+            precision: 0.05,
             ..NeighbourOptions::default()
         };
         let chosen = choose(&candidates, &options);
