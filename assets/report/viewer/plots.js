@@ -2,6 +2,8 @@
 
 const NS = 'http://www.w3.org/2000/svg';
 const COLORS = ['#4e79a7', '#a0cbe8', '#59a14f', '#8cd17d', '#b6992d', '#f1ce63', '#e15759', '#ff9d9a', '#79706e', '#bab0ac', '#b07aa1', '#d4a6c8'];
+/** Stages in the order of their colours, so that a stage has the same colour in every plot. */
+const STAGES = ['load', 'depth', 'edges', 'fit', 'cluster', 'points', 'carve', 'surface', 'write', 'features'];
 const WIDTH = 560;
 const HEIGHT = 210;
 const MARGIN = { left: 52, right: 10, top: 10, bottom: 34 };
@@ -11,6 +13,12 @@ function element(name, attributes, parent) {
   for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
   parent?.append(node);
   return node;
+}
+
+/** The colour of a stage. */
+function stageColor(name) {
+  const index = STAGES.indexOf(name);
+  return COLORS[(index < 0 ? STAGES.length : index) % COLORS.length];
 }
 
 /** A step of 1, 2 or 5 times a power of ten that divides `top` into about `parts`. */
@@ -124,7 +132,7 @@ export function timingPlot(parent, surface, top, onPick) {
   const wide = Math.max(plot.inner.width / plot.count - (plot.count > 120 ? 0 : 1), 0.5);
   const base = sums.map(() => 0);
   const used = timing.stages.filter((stage) => stage.milliseconds.some((value) => value > 0));
-  used.forEach((stage, index) => {
+  used.forEach((stage) => {
     let path = '';
     stage.milliseconds.forEach((value, i) => {
       if (!(value > 0)) return;
@@ -134,9 +142,9 @@ export function timingPlot(parent, surface, top, onPick) {
       const x = plot.x(i);
       path += `M${x.toFixed(2)} ${plot.y(from).toFixed(2)}h${wide.toFixed(2)}V${plot.y(to).toFixed(2)}h${(-wide).toFixed(2)}z`;
     });
-    element('path', { d: path, fill: COLORS[index % COLORS.length] }, plot.content);
+    element('path', { d: path, fill: stageColor(stage.name) }, plot.content);
   });
-  plot.legend(used.map((stage, index) => [stage.name, COLORS[index % COLORS.length]]));
+  plot.legend(used.map((stage) => [stage.name, stageColor(stage.name)]));
   return plot;
 }
 
