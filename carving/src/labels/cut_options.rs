@@ -37,15 +37,15 @@ pub struct CutOptions {
 }
 
 impl Default for CutOptions {
-    /// Tuned on surfaces from line segments of two indoor sequences with sensor depth (48 and 18 keyframes). A heavier shape
-    /// swallows what few rays see: with a weight of 0.5 against matter of 0.25 a third of the recall is lost. Places
-    /// further behind the points than they need be fall behind thin things.
+    /// Robust to wrong points: two in a hundred at 0.3 to 1.7 times their distance, each seen by all its views, raise the mean
+    /// error of a room's surface by 6 %. Ties half a deviation behind points, of half the weight, and a shape of a quarter
+    /// keep more of what few rays see, but there the error grows 6.7-fold.
     fn default() -> Self {
         Self {
             relative_sigma: 0.01,
-            behind_sigmas: 0.5,
-            matter_weight: 0.5,
-            quality_weight: 0.25,
+            behind_sigmas: 3.0,
+            matter_weight: 1.0,
+            quality_weight: 1.0,
         }
     }
 }
