@@ -180,7 +180,7 @@ fn an_output_folder_that_cannot_be_made_is_named_before_any_work() {
 }
 
 #[test]
-fn images_without_edges_end_with_status_one_and_a_reason() {
+fn images_without_edges_give_the_planes_that_depth_shows_or_status_one_and_a_reason() {
     let folder = small_sequence(3, "tum");
     let sequence = folder.path().join("sequence");
     for path in color_images(&sequence) {
@@ -188,7 +188,20 @@ fn images_without_edges_end_with_status_one_and_a_reason() {
             .save(&path)
             .unwrap();
     }
-    let said = reconstruct(1, &sequence, &folder.path().join("out"));
+    let said = reconstruct(0, &sequence, &folder.path().join("planes"));
+    assert!(said.contains(" 0 segments"), "{said}");
+    let config = folder.path().join("lines-alone.toml");
+    std::fs::write(&config, "[surface_points]\nenabled = false\n").unwrap();
+    let out = folder.path().join("out");
+    let arguments = [
+        "reconstruct",
+        text(&sequence),
+        "--config",
+        text(&config),
+        "--out",
+        text(&out),
+    ];
+    let said = stderr(&expect_status(1, arguments));
     assert!(said.contains("empty"), "{said}");
 }
 

@@ -140,7 +140,7 @@ fn depth_agrees_under_the_poses_and_not_under_their_inverse() {
         let inverse = far
             .others
             .iter()
-            .find(|other| other.reading.starts_with("the inverse poses ("))
+            .find(|other| other.reading == "the inverse poses (camera from world)")
             .unwrap();
         assert!((0.25..0.38).contains(&inverse.median_difference));
         assert!(facts.warnings.is_empty(), "{:?}", facts.warnings);

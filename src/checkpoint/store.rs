@@ -107,12 +107,11 @@ impl Checkpoint {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn store(&self, keyframe: usize, bytes: &[u8]) -> Result<(), CheckpointError> {
+    pub fn store(&self, keyframe: usize, bytes: &[u8]) -> Result<(), WriteError> {
         write_atomically(&self.path(keyframe), |out| {
             out.write_all(bytes)?;
             out.write_all(&checksum(bytes).to_le_bytes())
-        })?;
-        Ok(())
+        })
     }
 
     /// Removes everything: the run is through.

@@ -122,6 +122,7 @@ pub(super) fn run_lines(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Re
         &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
+        None,
         |number, keyframe| -> anyhow::Result<()> {
             let mut keyframe = match keyframe {
                 Ok(keyframe) => keyframe,

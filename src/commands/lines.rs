@@ -35,6 +35,7 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
+        None,
         |_, keyframe| -> anyhow::Result<()> {
             let Some(mut keyframe) = log.accept(keyframe, &progress)? else {
                 progress.step(String::new);

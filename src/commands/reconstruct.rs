@@ -5,16 +5,18 @@ use std::time::Instant;
 use anyhow::Context;
 use nalgebra::{Isometry3, Vector3};
 
+use crate::checkpoint::Checkpoint;
 use crate::cli::{Format, ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
+use crate::commands::kept_run::{self, KeptKeyframes};
 use crate::commands::output::{
     OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
 };
 use crate::commands::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
 use crate::commands::picture::{Shot, write_overview};
-use crate::commands::reconstruct_points;
 use crate::commands::run_report::{RunLog, keyframe_report};
 use crate::commands::sequence::{Prepared, prepare};
+use crate::commands::{interrupt, reconstruct_points};
 use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{self, BackEnd, Keyframe};
 use crate::progress::{Progress, Verbosity};
@@ -47,12 +49,26 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let mut page = (!args.no_page).then(PageRecorder::new);
     let mut last = 0;
 
-    pipeline::run(
+    let description = kept_run::describe(
+        "lines",
+        &prepared.sequence,
+        &prepared.options,
+        &prepared.keyframes,
+    );
+    let checkpoint = Checkpoint::open(output.root(), &description, args.resume)?;
+    let kept = KeptKeyframes {
+        checkpoint: &checkpoint,
+        frames: &prepared.keyframes,
+    };
+    interrupt::watch()?;
+    let outcome = pipeline::run(
         &prepared.sequence,
         &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
+        Some(&kept),
         |number, keyframe| -> anyhow::Result<()> {
+            interrupt::check()?;
             let Some(mut keyframe) = log.accept(keyframe, &progress)? else {
                 progress.step(String::new);
                 return Ok(());
@@ -81,9 +97,12 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
             log.push(report);
             Ok(())
         },
-    )?;
+    );
+    let is_complete = interrupt::is_complete(outcome)?;
     progress.finish();
-    log.demand_a_keyframe()?;
+    if is_complete {
+        log.demand_a_keyframe()?;
+    }
 
     let mesh = map.surface();
     let result = log.result();
@@ -107,12 +126,17 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     }
     write_results(args, &prepared, &map, mesh, &path, &mut output, verbosity)?;
 
-    let outcome = if is_empty {
+    let outcome = if !is_complete {
+        Outcome::Negative(log.interrupted())
+    } else if is_empty {
         Outcome::Negative(format!("the mesh is empty: {}", log.reason_for_nothing()))
     } else {
         Outcome::Done
     };
     log.write(&mut output, started, args.stages.json)?;
+    if is_complete {
+        checkpoint.finish()?;
+    }
     Ok(outcome)
 }
 

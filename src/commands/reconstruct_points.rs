@@ -74,7 +74,7 @@ fn from_features(
     if !args.final_only {
         output.numbered(GROWTH)?;
     }
-    let description = kept_run::describe(header.from, prepared);
+    let description = kept_run::describe(header.from, sequence, options, &prepared.keyframes);
     let checkpoint = Checkpoint::open(output.root(), &description, args.resume)?;
     let prepare = |keyframe: usize| {
         let frames = &prepared.keyframes;

@@ -139,7 +139,9 @@ impl RunLog {
     /// Notes that the run was ended before its last keyframe, and says so.
     pub(super) fn interrupted(&mut self) -> String {
         let (done, chosen) = (self.report.keyframes.len(), self.report.sequence.keyframes);
-        let message = format!("ended early, after {done} of {chosen} keyframes; they are saved");
+        let message = format!(
+            "ended early, after {done} of {chosen} keyframes; they are saved, --resume goes on"
+        );
         self.report.warnings.push(message.clone());
         message
     }

@@ -2,6 +2,7 @@
 
 use linecarve_lines::image::Plane;
 use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
 
 use crate::sequence::ColorImage;
 
@@ -10,7 +11,7 @@ use crate::sequence::ColorImage;
 const SIDE_PX: usize = 4;
 
 /// sRGB colours of squares of pixels. An image that is no multiple of a square loses its last columns and rows.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct KeyframeColors {
     squares: Plane<[u8; 3]>,
 }

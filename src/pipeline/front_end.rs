@@ -8,13 +8,15 @@ use linecarve_lines::fit::Segment;
 use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
 
 use super::colors::KeyframeColors;
+use crate::files::WriteError;
 use crate::report::{StageTimes, milliseconds};
 use crate::sequence::{FrameError, Sequence};
 
 /// A keyframe on its way from the front end to the back end.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Keyframe {
     /// Position of the frame in the sequence.
     pub frame: usize,
@@ -66,6 +68,9 @@ pub enum FrontEndError {
         /// Why.
         source: ExtractError,
     },
+    /// What the front end made cannot be kept.
+    #[error(transparent)]
+    Keep(#[from] WriteError),
     /// The frame has no depth image.
     #[error("frame {frame} has no depth image")]
     WithoutDepth {
@@ -81,7 +86,7 @@ impl FrontEndError {
             Self::Image(error) => error.is_limited_to_frame(),
             Self::WithoutDepth { .. } => true,
             Self::Match { source, .. } => matches!(source, MatchViewError::Pose(_)),
-            Self::Depth { .. } | Self::Extract { .. } => false,
+            Self::Depth { .. } | Self::Extract { .. } | Self::Keep(_) => false,
         }
     }
 }
@@ -161,4 +166,16 @@ impl<'a> FrontEnd<'a> {
             },
         })
     }
+}
+
+/// Keeps what the front end made of keyframes, so that a run that was killed need not make it again.
+pub trait KeyframeStore: Sync {
+    /// What was kept of a keyframe; `None` when nothing usable was.
+    fn load(&self, keyframe: usize) -> Option<Keyframe>;
+
+    /// Keeps a keyframe.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    fn store(&self, keyframe: usize, made: &Keyframe) -> Result<(), WriteError>;
 }

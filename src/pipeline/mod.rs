@@ -23,7 +23,7 @@ pub mod surface_points;
 
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
 pub use depth_source::{DepthSource, SemiDenseSource, SemiDenseStage};
-pub use front_end::{FrontEnd, FrontEndError, Keyframe};
+pub use front_end::{FrontEnd, FrontEndError, Keyframe, KeyframeStore};
 pub use labels::{CutSettings, LabelKind};
 pub use map_points::{
     PointBackEnd, PointBackEndError, PointFrontEndError, PointKeyframe, PointUpdate, find_features,

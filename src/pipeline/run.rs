@@ -7,7 +7,7 @@ use linecarve_lines::{ExtractError, ExtractOptions};
 use rayon::prelude::*;
 
 use super::depth_source::{self, DepthSource};
-use super::front_end::{FrontEnd, FrontEndError, Keyframe};
+use super::front_end::{FrontEnd, FrontEndError, Keyframe, KeyframeStore};
 use crate::sequence::Sequence;
 
 /// What the front end made of one keyframe.
@@ -21,6 +21,9 @@ type Prepared = Result<Keyframe, FrontEndError>;
 /// `consume` is told the number of the keyframe. With depth from neighbours a keyframe comes when the last of those that may be
 /// its neighbours has.
 ///
+/// Keyframes with depth images are taken from `store` where it has them, and kept there. With depth from neighbours there is
+/// nothing to keep: a keyframe's depth needs the images around it.
+///
 /// # Errors
 /// When `consume` fails, or the options are out of range. A front end's failure goes to `consume`, which decides whether
 /// it ends the run.
@@ -29,17 +32,37 @@ pub fn run<E>(
     source: &DepthSource,
     frames: &[usize],
     options: ExtractOptions,
+    store: Option<&dyn KeyframeStore>,
     consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
 ) -> Result<(), E>
 where
     E: From<ExtractError> + Send,
 {
     match source {
-        DepthSource::Sensor(sensor) => run_sensor(sequence, sensor, frames, options, consume),
+        DepthSource::Sensor(sensor) => {
+            run_sensor(sequence, sensor, frames, options, store, consume)
+        }
         DepthSource::SemiDense(source) => {
             depth_source::run(sequence, source, frames, options, consume)
         }
     }
+}
+
+/// The keyframe as it was kept, or made and kept.
+fn kept(
+    store: Option<&dyn KeyframeStore>,
+    keyframe: usize,
+    make: impl FnOnce() -> Prepared,
+) -> Prepared {
+    let Some(store) = store else {
+        return make();
+    };
+    if let Some(kept) = store.load(keyframe) {
+        return Ok(kept);
+    }
+    let made = make()?;
+    store.store(keyframe, &made)?;
+    Ok(made)
 }
 
 /// Keyframes with depth images: each stands for itself.
@@ -48,6 +71,7 @@ fn run_sensor<E>(
     sensor: &DepthSensor,
     frames: &[usize],
     options: ExtractOptions,
+    store: Option<&dyn KeyframeStore>,
     mut consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
 ) -> Result<(), E>
 where
@@ -62,7 +86,9 @@ where
             .map_init(
                 || FrontEnd::new(sequence, sensor, options),
                 |front_end, keyframe| match front_end {
-                    Ok(front_end) => Ok(front_end.process(frames[keyframe], keyframe as u32)),
+                    Ok(front_end) => Ok(kept(store, keyframe, || {
+                        front_end.process(frames[keyframe], keyframe as u32)
+                    })),
                     Err(error) => Err(error.clone()),
                 },
             )

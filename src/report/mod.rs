@@ -5,7 +5,7 @@ pub mod page;
 use std::path::Path;
 use std::time::Duration;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::files::{WriteError, write_atomically};
 
@@ -107,7 +107,7 @@ pub struct MapPointReport {
 }
 
 /// Milliseconds of the stages of one keyframe.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct StageTimes {
     /// Reading and decoding images.
     pub load: f64,

@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
 
 /// A straight 3D segment on an image edge of one keyframe, in the frame of its camera.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Segment {
     /// Index of the keyframe, as the caller numbers them.
     pub keyframe: u32,

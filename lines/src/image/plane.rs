@@ -4,6 +4,7 @@ use thiserror::Error;
 
 /// A rectangular plane of samples, row by row without gaps.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Plane<T> {
     width: usize,
     height: usize,

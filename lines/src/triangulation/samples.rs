@@ -7,6 +7,7 @@ use crate::depth::InverseDepthMap;
 
 /// The plane that the surface follows around a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SurfaceSample {
     /// Inverse depth at the pixel, positive.
     pub rho: f32,
@@ -19,6 +20,7 @@ pub struct SurfaceSample {
 
 /// Planes around the pixels of a grid, where the depths of a window agree on one.
 #[derive(Debug, Clone, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SurfaceSamples {
     step_px: u32,
     columns: usize,
