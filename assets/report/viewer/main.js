@@ -243,6 +243,7 @@ function start() {
   page.setColoring(hash.color ?? 'clay');
   for (const layer of (hash.show ?? '').split(',').filter(Boolean)) page.setLayer(layer, true);
   for (const layer of (hash.hide ?? '').split(',').filter(Boolean)) page.setLayer(layer, false);
+  page.stage?.drawNow();
   const loadMs = performance.now() - started;
   if ('selftest' in hash) {
     const output = document.createElement('pre');

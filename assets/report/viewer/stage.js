@@ -73,10 +73,13 @@ export class Stage {
 
   resize() {
     const { width, height } = this.area.getBoundingClientRect();
-    if (width === 0 || height === 0) return;
+    if (width === 0 || height === 0 || (width === this.width && height === this.height)) return;
+    this.width = width;
+    this.height = height;
     this.renderer.setSize(width, height, false);
     this.applyFieldOfView();
-    this.draw();
+    // At once: another size empties the canvas, and the next picture of the screen may come before the next draw.
+    this.drawNow();
   }
 
   /** Width over height of one panel. */
