@@ -340,6 +340,10 @@ fn witnesses_confirm_what_is_right() {
         &WitnessOptions::default(),
     );
     assert!(dropped * 10 < known, "{dropped} of {known}");
+    let strict = WitnessOptions {
+        least_agreeing: 2,
+        ..WitnessOptions::default()
+    };
     // A map that says everything is twice as far has no witness.
     let mut wrong = depths[0].map.clone();
     for (x, y, found) in depths[0].map.known() {
@@ -349,11 +353,6 @@ fn witnesses_confirm_what_is_right() {
             crate::depth::InverseDepth::new(0.5 * found.rho, found.sigma),
         );
     }
-    let dropped = confirm(
-        &views[0],
-        &mut wrong,
-        &witnesses,
-        &WitnessOptions::default(),
-    );
+    let dropped = confirm(&views[0], &mut wrong, &witnesses, &strict);
     assert!(dropped * 10 > 9 * known, "{dropped} of {known}");
 }
