@@ -2,6 +2,7 @@
 //!
 //! Browser tests look for Chromium (`LINECARVE_CHROMIUM`, else the usual names on the path) and say so when they skip.
 
+#![allow(clippy::print_stdout, reason = "skipped tests say so")]
 #![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
 
 mod program;

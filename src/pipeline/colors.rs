@@ -47,7 +47,7 @@ impl KeyframeColors {
     pub fn at(&self, pixel: &Point2<f64>) -> Option<[u8; 3]> {
         let square = |along: f64| {
             let square = (along + 0.5) / SIDE_PX as f64;
-            (square >= 0.0 && square < 65536.0).then_some(square as usize)
+            (0.0..65536.0).contains(&square).then_some(square as usize)
         };
         self.squares
             .get(square(pixel.x)?, square(pixel.y)?)

@@ -6,6 +6,8 @@
 //! confirmed by theirs. The reference at an edge is the near side of a jump, as everywhere in the library; a second set of
 //! figures takes the nearest value within 2 pixels, which forgives what lies on the wrong side of an outline.
 
+#![allow(clippy::print_stdout, reason = "the figures are the output")]
+
 #[allow(dead_code)]
 #[path = "../posed_lines/sequence.rs"]
 mod sequence;

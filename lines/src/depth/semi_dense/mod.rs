@@ -9,6 +9,11 @@
 //! The epipolar patch and the geometric disparity error follow J. Engel, J. Sturm, D. Cremers, Semi-Dense Visual Odometry for a
 //! Monocular Camera, ICCV 2013.
 
+#![allow(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "a negated comparison refuses what is not a number as well"
+)]
+
 mod alignment;
 mod along_chain;
 mod between;
