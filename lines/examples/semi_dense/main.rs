@@ -64,6 +64,7 @@ fn arguments() -> Result<Arguments, AnyError> {
             "--agreeing" => parsed.options.least_agreeing = value()?.parse()?,
             "--residual" => parsed.options.largest_residual = value()?.parse()?,
             "--rival" => parsed.options.largest_rival_share = value()?.parse()?,
+            "--seeds" => parsed.options.seed_spacing_px = value()?.parse()?,
             "--no-alignment" => parsed.options.align_neighbours = false,
             _ => parsed.sequence = argument.into(),
         }

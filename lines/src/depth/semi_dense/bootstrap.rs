@@ -1,14 +1,16 @@
 //! What a few hundred edge pixels tell about a keyframe and its neighbours before all of them are matched: the range of depths,
 //! how exposure differs, and how far the poses err.
 
-use nalgebra::{UnitQuaternion, Vector2};
+use nalgebra::Vector2;
 
 use super::alignment::{Displacement, fit_rotation, remaining_sigma};
-use super::fusion::{Fused, fuse};
+use super::candidate::{Candidate, residual_floor};
+use super::fusion::Fused;
+use super::matcher::{Matcher, Wanted};
 use super::options::{InverseDepthRange, SemiDenseOptions};
 use super::pair::Pair;
 use super::photometric::{LevelPair, fit_photometry};
-use super::search::{Hypothesis, Neighbour, Photometry, Pixel, Scratch, Search};
+use super::search::{Hypothesis, Pixel, Reach};
 use super::view::MatchView;
 
 /// Pixels that are looked at.
@@ -21,68 +23,11 @@ const LATER_UNCERTAINTY: f64 = 0.5;
 /// Fewer agreed depths than this do not bound the others.
 const LEAST_KNOWN: usize = 24;
 
-/// A neighbour and its view.
-pub(super) struct Candidate<'a> {
-    pub(super) view: &'a MatchView,
-    pub(super) correction: UnitQuaternion<f64>,
-    pub(super) matched: Neighbour<'a>,
-}
-
-impl<'a> Candidate<'a> {
-    /// A neighbour of which nothing is known but its pose; `None` when it has no baseline.
-    pub(super) fn new(
-        reference: &MatchView,
-        view: &'a MatchView,
-        options: &SemiDenseOptions,
-    ) -> Option<Self> {
-        let correction = UnitQuaternion::identity();
-        let pair = Pair::new(reference, view, &correction, options.largest_parallax)?;
-        Some(Self {
-            view,
-            correction,
-            matched: Neighbour {
-                pair,
-                samples: view.smoothed().samples(),
-                photometry: Photometry {
-                    gain: 1.0,
-                    offset: None,
-                    sigma: 2.0 * residual_floor(reference, view),
-                },
-                epipolar_sigma: options.epipolar_sigma_px as f32,
-            },
-        })
-    }
-}
-
-/// Standard deviation of the difference of two matching samples as far as noise and rounding make it.
-fn residual_floor(reference: &MatchView, neighbour: &MatchView) -> f32 {
-    /// Norm of the smoothing kernel: the factor by which it reduces independent noise.
-    const SMOOTHING: f64 = 0.29;
-    /// Rounding of the smoothed image, twice.
-    const ROUNDING: f64 = 0.41;
-    let noise = SMOOTHING * reference.noise_sigma().hypot(neighbour.noise_sigma());
-    // Interpolation and what differs between two views of one place: never below a level.
-    noise.hypot(ROUNDING).max(1.0) as f32
-}
-
 /// Matches and what they agree on, of one pixel.
 struct Known {
     position: [f32; 2],
     fused: Fused,
     members: Vec<Hypothesis>,
-}
-
-/// How far the poses of neighbours err, in pixels: the root mean square of the turns that their matches ask for. What a
-/// turn cannot tell, the error along the epipolar lines which changes all depths alike, is taken to be as large. 0 of neighbours
-/// that were not turned.
-pub(super) fn pose_sigma_px(candidates: &[Candidate<'_>]) -> f32 {
-    let turned: Vec<f64> = candidates
-        .iter()
-        .filter(|candidate| candidate.matched.photometry.offset.is_some())
-        .map(|candidate| candidate.correction.angle() * candidate.view.camera().mean_focal_px())
-        .collect();
-    let squares: f64 = turned.iter().map(|turn| turn * turn).sum();
-    (squares / turned.len().max(1) as f64).sqrt() as f32
 }
 
 /// What the few pixels tell about all.
@@ -141,30 +86,21 @@ fn match_some(
     range: &InverseDepthRange,
     options: &SemiDenseOptions,
 ) -> Vec<Known> {
-    let searched = Search::new(reference, *range, options);
-    let mut scratch = Scratch::default();
-    let (mut hypotheses, mut members) = (Vec::new(), Vec::new());
-    let mut known = Vec::new();
-    for pixel in pixels.iter().step_by(stride) {
-        hypotheses.clear();
-        for (index, candidate) in candidates.iter().enumerate() {
-            searched.search(
-                pixel,
-                &candidate.matched,
-                index as u32,
-                &mut scratch,
-                &mut hypotheses,
-            );
-        }
-        if let Some(fused) = fuse(&hypotheses, options, &mut members) {
-            known.push(Known {
-                position: pixel.position,
-                fused,
-                members: members.iter().map(|&member| hypotheses[member]).collect(),
-            });
-        }
-    }
-    known
+    let wanted: Vec<Wanted> = pixels
+        .iter()
+        .enumerate()
+        .step_by(stride)
+        .map(|(index, &pixel)| Wanted {
+            index,
+            pixel,
+            reach: Reach::Whole(*range),
+        })
+        .collect();
+    Matcher::new(reference, candidates, options).run(&wanted, |wanted, fused, members| Known {
+        position: wanted.pixel.position,
+        fused,
+        members: members.collect(),
+    })
 }
 
 /// Nearly all agreed inverse depths, with room on either side, inside the present bounds; and their median.

@@ -1,19 +1,16 @@
 //! The depth of a keyframe from its neighbours.
 
 use nalgebra::UnitQuaternion;
-use rayon::prelude::*;
 
 use super::along_chain::check_along_chains;
-use super::bootstrap::{Candidate, bootstrap, pose_sigma_px};
-use super::fusion::fuse;
+use super::bootstrap::bootstrap;
+use super::candidate::Candidate;
+use super::matching::{Matched, match_all};
 use super::options::{InverseDepthRange, SemiDenseOptions, SemiDenseOptionsError};
-use super::search::{Pixel, Scratch, Search};
+use super::search::Pixel;
 use super::view::{MatchView, gradient};
-use crate::depth::map::{InverseDepth, InverseDepthMap, UNKNOWN};
+use crate::depth::map::{InverseDepth, InverseDepthMap};
 use crate::image::ImageError;
-
-/// Pixels that one task works on.
-const CHUNK: usize = 256;
 
 /// Estimates the inverse depth of the edge pixels of a keyframe from posed neighbours.
 ///
@@ -119,7 +116,10 @@ impl SemiDense {
         let pixels = edge_pixels(reference, options.least_gradient as f32);
         let matchable: Vec<Pixel> = pixels.iter().flatten().copied().collect();
         let range = bootstrap(reference, &matchable, &mut candidates, range, options).range;
-        let (mut samples, mut shared) = self.match_all(reference, &pixels, &candidates, &range);
+        let Matched {
+            mut samples,
+            mut shared,
+        } = match_all(reference, &pixels, &candidates, &range, options);
         let fused = samples.iter().filter(|sample| sample.rho > 0.0).count();
         check_along_chains(reference.chains(), &mut samples, &mut shared, options);
         let largest = options.largest_relative_sigma as f32;
@@ -196,48 +196,6 @@ impl SemiDense {
         baselines.sort_by(f64::total_cmp);
         let baseline = baselines.get(self.options.least_agreeing.max(1) - 1)?;
         InverseDepthRange::new(0.0, self.options.largest_parallax / baseline)
-    }
-
-    /// Matches and fuses every chain pixel; also the standard deviation that the errors of poses give it, the same way as its
-    /// neighbours on the edge.
-    fn match_all(
-        &self,
-        reference: &MatchView,
-        pixels: &[Option<Pixel>],
-        candidates: &[Candidate<'_>],
-        range: &InverseDepthRange,
-    ) -> (Vec<InverseDepth>, Vec<f32>) {
-        let pose_sigma_px = pose_sigma_px(candidates);
-        let searched = Search::new(reference, *range, &self.options);
-        let mut samples = vec![UNKNOWN; pixels.len()];
-        let mut shared = vec![0.0_f32; pixels.len()];
-        samples
-            .par_chunks_mut(CHUNK)
-            .zip(shared.par_chunks_mut(CHUNK))
-            .zip(pixels.par_chunks(CHUNK))
-            .for_each_init(
-                || (Scratch::default(), Vec::new(), Vec::new()),
-                |(scratch, hypotheses, members), ((samples, shared), pixels)| {
-                    for ((out, shared), pixel) in samples.iter_mut().zip(shared).zip(pixels) {
-                        let Some(pixel) = pixel else { continue };
-                        hypotheses.clear();
-                        for (index, candidate) in candidates.iter().enumerate() {
-                            searched.search(
-                                pixel,
-                                &candidate.matched,
-                                index as u32,
-                                scratch,
-                                hypotheses,
-                            );
-                        }
-                        if let Some(fused) = fuse(hypotheses, &self.options, members) {
-                            *out = InverseDepth::new(fused.rho, fused.sigma).unwrap_or(UNKNOWN);
-                            *shared = pose_sigma_px / fused.sensitivity;
-                        }
-                    }
-                },
-            );
-        (samples, shared)
     }
 }
 

@@ -46,6 +46,9 @@ pub struct SemiDenseOptions {
     pub smooth_along_chain: bool,
     /// Longest gap along a chain that is filled between depths that agree, in pixels; 0 fills none.
     pub longest_gap_px: usize,
+    /// Every how many pixels along a chain one is searched in the whole range of depths; those between only around what these
+    /// found. 1 searches all of them in the whole range.
+    pub seed_spacing_px: usize,
     /// Whether a small rotation of each neighbour is estimated along with its photometric model.
     pub align_neighbours: bool,
 }
@@ -70,6 +73,7 @@ impl Default for SemiDenseOptions {
             least_confirming: 2,
             smooth_along_chain: true,
             longest_gap_px: 4,
+            seed_spacing_px: 4,
             align_neighbours: true,
         }
     }
@@ -132,11 +136,13 @@ impl SemiDenseOptions {
                 value: self.least_agreeing_share,
             });
         }
-        if self.least_agreeing == 0 {
-            return Err(SemiDenseOptionsError {
-                name: "least_agreeing",
-                value: 0.0,
-            });
+        for (name, value) in [
+            ("least_agreeing", self.least_agreeing),
+            ("seed_spacing_px", self.seed_spacing_px),
+        ] {
+            if value == 0 {
+                return Err(SemiDenseOptionsError { name, value: 0.0 });
+            }
         }
         Ok(())
     }

@@ -7,7 +7,7 @@ use super::view::MatchView;
 use crate::camera::Camera;
 
 /// Of the neighbour's image this many pixels along the border are left out, for patches and their derivative.
-pub(super) const MARGIN_PX: f32 = 5.0;
+pub(super) const MARGIN_PX: f32 = 6.0;
 /// The depths of a place in the two cameras differ at most by this factor; so does the size of what they see.
 const LARGEST_SCALE: f32 = 2.5;
 
@@ -26,19 +26,26 @@ pub(super) struct Pair {
     pub(super) baseline: f64,
 }
 
-/// The part of an epipolar line that is searched.
+/// The part of an epipolar line that is searched, pixel by pixel along the axis of the image that it follows most: place k lies at
+/// `start + k step`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EpipolarLine {
     /// Where the pixel lies at infinity, homogeneous, before the translation is added.
     at_infinity: [f32; 3],
-    /// First place.
+    /// That axis: 0 across, 1 down.
+    pub(super) axis: usize,
+    /// Place 0, at a whole number along the axis.
     pub(super) start: [f32; 2],
-    /// Unit vector towards growing inverse depth.
+    /// 1 or -1 along the axis, at most that across it; towards growing inverse depth.
+    pub(super) step: [f32; 2],
+    /// Unit vector along the step.
     pub(super) direction: [f32; 2],
-    /// Length in pixels.
-    pub(super) length: f32,
+    /// Length of a step in pixels, from 1 to the root of 2.
+    pub(super) step_px: f32,
+    /// Number of places.
+    pub(super) places: usize,
     /// Inverse depth in the middle of the searched range.
-    pub(super) middle_rho: f32,
+    middle_rho: f32,
 }
 
 /// Intrinsics as a matrix.
@@ -103,7 +110,7 @@ impl Pair {
     pub(super) fn reference_direction(&self, p: [f32; 2]) -> Option<[f32; 2]> {
         let [ex, ey, ez] = self.epipole;
         let (dx, dy) = (ex - p[0] * ez, ey - p[1] * ez);
-        let norm = dx.hypot(dy);
+        let norm = (dx * dx + dy * dy).sqrt();
         (norm > 1e-3).then(|| [dx / norm, dy / norm])
     }
 
@@ -143,9 +150,15 @@ impl Pair {
         p[0] >= MARGIN_PX && p[0] <= right && p[1] >= MARGIN_PX && p[1] <= bottom
     }
 
-    /// The part of the epipolar line of a reference pixel that lies in the range, in front of the neighbour and in its image.
+    /// The part of the epipolar line of a reference pixel that lies in the range and `slack_px` beyond it, in front of the neighbour
+    /// and in its image.
     #[inline]
-    pub(super) fn line(&self, p: [f32; 2], range: &InverseDepthRange) -> Option<EpipolarLine> {
+    pub(super) fn line(
+        &self,
+        p: [f32; 2],
+        range: &InverseDepthRange,
+        slack_px: f32,
+    ) -> Option<EpipolarLine> {
         let q = self.at_infinity(p);
         let mut lower = range.lower() as f32;
         let mut upper = (range.upper() as f32).min(self.largest_rho);
@@ -165,13 +178,18 @@ impl Pair {
             return None;
         }
         let (first, last) = (self.place(&q, lower), self.place(&q, upper));
-        let (dx, dy) = (last[0] - first[0], last[1] - first[1]);
-        let whole = dx.hypot(dy);
-        if !(whole > 0.25 && whole.is_finite()) {
+        // The way a place moves with its inverse depth has one direction along the whole line.
+        let (dx, dy) = (
+            self.translation[0] - first[0] * tz,
+            self.translation[1] - first[1] * tz,
+        );
+        let norm = (dx * dx + dy * dy).sqrt();
+        let direction = [dx / norm, dy / norm];
+        let whole = (last[0] - first[0]) * direction[0] + (last[1] - first[1]) * direction[1];
+        if !(whole + slack_px > 0.25 && whole.is_finite()) {
             return None;
         }
-        let direction = [dx / whole, dy / whole];
-        let (mut from, mut to) = (0.0_f32, whole);
+        let (mut from, mut to) = (-slack_px, whole + slack_px);
         let sides = [
             (self.width as f32 - 1.0 - MARGIN_PX, 0),
             (self.height as f32 - 1.0 - MARGIN_PX, 1),
@@ -191,19 +209,33 @@ impl Pair {
         if !(to - from > 0.25) {
             return None;
         }
-        let start = [
-            first[0] + from * direction[0],
-            first[1] + from * direction[1],
-        ];
+        let axis = usize::from(direction[1].abs() > direction[0].abs());
+        let step_px = direction[axis].abs().recip();
+        let mut step = direction.map(|component| component * step_px);
+        step[axis] = direction[axis].signum();
+        // Outwards to whole pixels along the axis.
+        let begin = (first[axis] + from * direction[axis]) * step[axis];
+        let end = (first[axis] + to * direction[axis]) * step[axis];
+        let (begin, end) = (begin.floor(), end.ceil());
+        let to_start = (begin * step[axis] - first[axis]) * step[axis];
         let mut line = EpipolarLine {
             at_infinity: q,
-            start,
+            axis,
+            start: std::array::from_fn(|side| {
+                if side == axis {
+                    begin * step[axis]
+                } else {
+                    first[side] + to_start * step[side]
+                }
+            }),
+            step,
             direction,
-            length: to - from,
+            step_px,
+            places: (end - begin) as usize + 1,
             middle_rho: 0.0,
         };
         line.middle_rho = self
-            .inverse_depth(&line, 0.5 * line.length)?
+            .inverse_depth(&line, 0.5 * (end - begin))?
             .clamp(lower, upper);
         Some(line)
     }
@@ -213,23 +245,23 @@ impl Pair {
         self.translation[2]
     }
 
-    /// How far the match of `p + step` lies from that of `p` along the line when both have one inverse depth.
+    /// How far the match of a pixel moves along the line when the pixel moves by one along `way` and keeps its inverse depth.
     #[inline]
-    pub(super) fn shift_along(&self, line: &EpipolarLine, p: [f32; 2], step: [f32; 2]) -> f32 {
-        let moved = self.at_infinity([p[0] + step[0], p[1] + step[1]]);
-        let (a, b) = (
-            self.place(&line.at_infinity, line.middle_rho),
-            self.place(&moved, line.middle_rho),
-        );
-        (b[0] - a[0]) * line.direction[0] + (b[1] - a[1]) * line.direction[1]
+    pub(super) fn shift_along(&self, line: &EpipolarLine, way: [f32; 2]) -> f32 {
+        let z = line.at_infinity[2] + line.middle_rho * self.translation[2];
+        let place = self.place(&line.at_infinity, line.middle_rho);
+        let moved = |r: usize| self.rotation[r][0] * way[0] + self.rotation[r][1] * way[1];
+        let away = moved(2);
+        ((moved(0) - place[0] * away) * line.direction[0]
+            + (moved(1) - place[1] * away) * line.direction[1])
+            / z
     }
 
-    /// Inverse depth at a distance from the start of the line, from the axis along which it runs; `None` when it is not a
-    /// number there.
+    /// Inverse depth at a place of the line, whole or between two; `None` when it is not a number there.
     #[inline]
-    pub(super) fn inverse_depth(&self, line: &EpipolarLine, distance: f32) -> Option<f32> {
-        let axis = usize::from(line.direction[1].abs() > line.direction[0].abs());
-        let place = line.start[axis] + distance * line.direction[axis];
+    pub(super) fn inverse_depth(&self, line: &EpipolarLine, k: f32) -> Option<f32> {
+        let axis = line.axis;
+        let place = line.start[axis] + k * line.step[axis];
         let denominator = self.translation[axis] - place * self.translation[2];
         let rho = (place * line.at_infinity[2] - line.at_infinity[axis]) / denominator;
         rho.is_finite().then_some(rho)

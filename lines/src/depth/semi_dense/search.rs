@@ -4,6 +4,8 @@ use super::options::{InverseDepthRange, SemiDenseOptions};
 use super::pair::{EpipolarLine, MARGIN_PX, Pair};
 use super::view::{MatchView, gradient, sample};
 
+/// Half the width of a window around a known depth, in standard deviations of a match.
+const WINDOW_SIGMAS: f32 = 2.0;
 /// Samples of a patch along the epipolar line.
 pub(super) const PATCH: usize = 5;
 const HALF: usize = PATCH / 2;
@@ -74,6 +76,15 @@ pub(super) struct Scratch {
     costs: Vec<f32>,
 }
 
+/// Which inverse depths of a pixel are searched.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Reach {
+    /// A whole range.
+    Whole(InverseDepthRange),
+    /// Those at which a pixel of one in the range may be matched, as far as epipolar lines err.
+    Around(InverseDepthRange),
+}
+
 /// The limits of a search as the inner loop wants them.
 #[derive(Debug, Clone, Copy)]
 struct Limits {
@@ -96,13 +107,12 @@ impl Limits {
     }
 }
 
-/// The reference image and what is searched.
+/// The reference image and the limits of a match.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Search<'a> {
     samples: &'a [u8],
     width: usize,
     height: usize,
-    range: InverseDepthRange,
     limits: Limits,
 }
 
@@ -117,7 +127,7 @@ struct Target {
 }
 
 fn norm(v: [f32; 2]) -> f32 {
-    v[0].hypot(v[1])
+    dot(v, v).sqrt()
 }
 
 fn dot(a: [f32; 2], b: [f32; 2]) -> f32 {
@@ -129,18 +139,13 @@ fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
 }
 
 impl<'a> Search<'a> {
-    /// A search of pixels of `reference` within a range of inverse depths.
-    pub(super) fn new(
-        reference: &'a MatchView,
-        range: InverseDepthRange,
-        options: &SemiDenseOptions,
-    ) -> Self {
+    /// A search of pixels of `reference`.
+    pub(super) fn new(reference: &'a MatchView, options: &SemiDenseOptions) -> Self {
         let image = reference.smoothed();
         Self {
             samples: image.samples(),
             width: image.width(),
             height: image.height(),
-            range,
             limits: Limits::new(options),
         }
     }
@@ -152,6 +157,7 @@ impl<'a> Search<'a> {
     pub(super) fn search(
         &self,
         pixel: &Pixel,
+        reach: &Reach,
         neighbour: &Neighbour<'_>,
         index: u32,
         scratch: &mut Scratch,
@@ -167,15 +173,20 @@ impl<'a> Search<'a> {
         if !(along >= limits.least_epipolar_cosine * strength) {
             return;
         }
-        let Some(line) = pair.line(pixel.position, &self.range) else {
-            return;
+        let line = match reach {
+            Reach::Whole(range) => pair.line(pixel.position, range, 0.0),
+            Reach::Around(range) => {
+                let error = neighbour.epipolar_sigma * strength / along;
+                pair.line(pixel.position, range, 1.0 + WINDOW_SIGMAS * error)
+            }
         };
-        let scale = pair.shift_along(&line, pixel.position, own_direction);
+        let Some(line) = line else { return };
+        let scale = pair.shift_along(&line, own_direction);
         // Below, the patch would be stretched; above, undersampled.
         if !(0.4..=2.5).contains(&scale.abs()) {
             return;
         }
-        let Some(patch) = self.patch(pixel.position, own_direction, 1.0 / scale) else {
+        let Some(patch) = self.patch(pixel.position, own_direction, line.step_px / scale) else {
             return;
         };
         let photometry = &neighbour.photometry;
@@ -194,8 +205,8 @@ impl<'a> Search<'a> {
                 side * cross(own_direction, pixel.gradient),
             ],
         };
-        let places = line_profile(neighbour, &line, scratch);
-        residuals(&target, is_relative, places, scratch);
+        line_profile(neighbour, &line, scratch);
+        residuals(&target, is_relative, line.places, scratch);
         let variance = PATCH as f32 * photometry.sigma * photometry.sigma;
         for (cost, place) in minima(&scratch.costs, limits.largest_residual * variance) {
             if !cost.is_finite() {
@@ -234,46 +245,68 @@ impl<'a> Search<'a> {
 
 /// The best local minima below a limit, best first, with their places; the rest infinite.
 fn minima(costs: &[f32], limit: f32) -> [(f32, usize); LARGEST_MATCHES] {
+    /// Costs that are looked at together: most of them hold nothing.
+    const BLOCK: usize = 16;
     let mut best = [(f32::INFINITY, 0_usize); LARGEST_MATCHES];
-    for (before, window) in costs.windows(3).enumerate() {
-        let cost = window[1];
-        if cost < limit
-            && cost < best[LARGEST_MATCHES - 1].0
-            && cost <= window[0]
-            && cost < window[2]
-        {
-            let mut slot = LARGEST_MATCHES - 1;
-            while slot > 0 && cost < best[slot - 1].0 {
-                best[slot] = best[slot - 1];
-                slot -= 1;
+    let last = costs.len() - 1;
+    for start in (1..last).step_by(BLOCK) {
+        let end = (start + BLOCK).min(last);
+        let mut worst = best[LARGEST_MATCHES - 1].0.min(limit);
+        let least = costs[start..end]
+            .iter()
+            .fold(f32::INFINITY, |a, &b| if b < a { b } else { a });
+        if least >= worst {
+            continue;
+        }
+        for (window, place) in costs[start - 1..=end].windows(3).zip(start..) {
+            let cost = window[1];
+            if cost < worst && cost <= window[0] && cost < window[2] {
+                let mut slot = LARGEST_MATCHES - 1;
+                while slot > 0 && cost < best[slot - 1].0 {
+                    best[slot] = best[slot - 1];
+                    slot -= 1;
+                }
+                best[slot] = (cost, place);
+                worst = best[LARGEST_MATCHES - 1].0.min(limit);
             }
-            best[slot] = (cost, before + 1);
         }
     }
     best
 }
 
-/// Samples the neighbour along the line, one a pixel, and returns the number of places. Place k (from 1 to that number) lies
-/// k - 1 pixels behind the start.
-fn line_profile(neighbour: &Neighbour<'_>, line: &EpipolarLine, scratch: &mut Scratch) -> usize {
-    let places = line.length as usize + 2;
-    let (width, height) = (neighbour.pair.width, neighbour.pair.height);
-    // Beyond the line's ends the profile still lies inside the image: the line keeps a margin.
-    const { assert!(PAD as f32 <= MARGIN_PX) };
-    let (right, bottom) = (width as f32 - 1.01, height as f32 - 1.01);
+/// Samples the neighbour at the places of the line and [`PAD`] more on either side. They lie on whole columns or rows: there is
+/// nothing to interpolate but across the line.
+fn line_profile(neighbour: &Neighbour<'_>, line: &EpipolarLine, scratch: &mut Scratch) {
+    // A unit across the line in fixed point, and the bits of it that weigh the two samples.
+    const UNIT: f32 = (1_u64 << 32) as f32;
+    const WEIGHT_BITS: u32 = 16;
+    // Beyond the line's ends the profile still lies inside the image: the line keeps a margin, one more for rounding its ends.
+    const { assert!((PAD + 1) as f32 <= MARGIN_PX) };
+    let width = neighbour.pair.width;
+    let (axis, across) = (line.axis, 1 - line.axis);
+    let strides = [1, width];
+    let step = (line.step[across] * UNIT) as i64;
+    let mut place = (line.start[across] * UNIT) as i64 - PAD as i64 * step;
+    let forward = line.step[axis] > 0.0;
+    let along = strides[axis];
+    let first = line.start[axis] as usize;
+    let mut base = along * if forward { first - PAD } else { first + PAD };
     scratch.profile.clear();
-    scratch.profile.extend((0..places + 2 * PAD).map(|i| {
-        let distance = i as f32 - PAD as f32;
-        let x = line.start[0] + distance * line.direction[0];
-        let y = line.start[1] + distance * line.direction[1];
-        sample(
-            neighbour.samples,
-            width,
-            x.clamp(0.0, right),
-            y.clamp(0.0, bottom),
-        )
-    }));
-    places
+    scratch.profile.resize(line.places + 2 * PAD, 0.0);
+    for out in &mut scratch.profile {
+        let index = base + (place >> 32) as usize * strides[across];
+        let two = &neighbour.samples[index..=index + strides[across]];
+        let (near, far) = (i32::from(two[0]), i32::from(two[strides[across]]));
+        let weight = (place >> (32 - WEIGHT_BITS)) as i32 & ((1 << WEIGHT_BITS) - 1);
+        let level = (near << WEIGHT_BITS) + weight * (far - near);
+        *out = level as f32 * (1.0 / (1 << WEIGHT_BITS) as f32);
+        place += step;
+        base = if forward {
+            base + along
+        } else {
+            base.wrapping_sub(along)
+        };
+    }
 }
 
 /// Sum of squared residuals of the patch at each place, and at one more on either side.
@@ -350,10 +383,10 @@ fn refine(
     if !(step.abs() <= 1.0) {
         return None;
     }
-    let distance = (place - 1) as f32 + step;
+    let k = (place - 1) as f32 + step;
     let spot = [
-        line.start[0] + distance * line.direction[0],
-        line.start[1] + distance * line.direction[1],
+        line.start[0] + k * line.step[0],
+        line.start[1] + k * line.step[1],
     ];
     let (x, y) = ((spot[0] + 0.5) as usize, (spot[1] + 0.5) as usize);
     if x < 1 || y < 1 || x + 1 >= neighbour.pair.width || y + 1 >= neighbour.pair.height {
@@ -371,12 +404,12 @@ fn refine(
     {
         return None;
     }
-    let rho = neighbour.pair.inverse_depth(line, distance)?;
+    let rho = neighbour.pair.inverse_depth(line, k)?;
     let photometric = CORRELATED_SAMPLES * photometry.sigma * photometry.sigma / slope_square;
-    let geometric = neighbour.epipolar_sigma / turn[0];
-    let sigma_px = (photometric + geometric * geometric).sqrt();
-    let ahead = neighbour.pair.inverse_depth(line, distance + sigma_px)?;
-    let behind = neighbour.pair.inverse_depth(line, distance - sigma_px)?;
+    let geometric = neighbour.epipolar_sigma / (turn[0] * line.step_px);
+    let sigma_steps = (photometric + geometric * geometric).sqrt();
+    let ahead = neighbour.pair.inverse_depth(line, k + sigma_steps)?;
+    let behind = neighbour.pair.inverse_depth(line, k - sigma_steps)?;
     let sigma = (ahead - rho).abs().max((rho - behind).abs());
     if !(rho.is_finite() && sigma > 0.0 && sigma.is_finite()) {
         return None;
@@ -385,7 +418,7 @@ fn refine(
         rho,
         sigma,
         place: spot,
-        pixels_per_rho: sigma_px / sigma,
+        pixels_per_rho: sigma_steps * line.step_px / sigma,
         normal,
         direction: line.direction,
         level,
