@@ -6,10 +6,13 @@ use nalgebra::{Point2, Point3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::line_detection::{LineDetector, LineDetectorOptions, LineSegment2d};
-use super::method::{Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe};
+use super::image_segments::ImageSegments;
+use super::line_detection::{LineDetectorOptions, LineSegment2d};
+use super::method::{
+    Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
+};
 use crate::depth::{InverseDepth, InverseDepthMap};
-use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions};
+use crate::edges::EdgeOptions;
 use crate::fit::DepthModel;
 
 /// Settings of [`Decoupled`].
@@ -78,7 +81,7 @@ struct Sample {
     value: f64,
 }
 
-/// Segments detected in the image by [`LineDetector`]; the depth of each pixel along a segment as it lies under the pixel;
+/// Segments detected in the image by [`LineDetector`](super::LineDetector); the depth of each pixel along a segment as it lies under the pixel;
 /// a line through them by RANSAC, as many tries as there are depths; least squares over the inliers. The ends are those
 /// of the image segment, at the depth of the line.
 ///
@@ -91,9 +94,7 @@ struct Sample {
 #[derive(Debug, Clone)]
 pub struct Decoupled {
     options: DecoupledOptions,
-    edges: EdgeDetector,
-    detector: LineDetector,
-    chains: EdgeChains,
+    segments: ImageSegments,
     samples: Vec<Sample>,
 }
 
@@ -110,9 +111,7 @@ impl Decoupled {
         options.validate()?;
         Ok(Self {
             options,
-            edges: EdgeDetector::new(edges).map_err(crate::ExtractError::from)?,
-            detector: LineDetector::new(detector)?,
-            chains: EdgeChains::default(),
+            segments: ImageSegments::new(edges, detector)?,
             samples: Vec::new(),
         })
     }
@@ -260,18 +259,10 @@ impl LineMethod for Decoupled {
         Method::Decoupled
     }
 
-    fn add(
-        &mut self,
-        keyframe: &PosedKeyframe<'_>,
-        findings: &mut Findings,
-    ) -> Result<(), MethodError> {
-        keyframe.check()?;
+    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
         let depth = keyframe.demand_depth(self.method())?;
+        let segments = self.segments.find(keyframe.image, findings);
         let start = Instant::now();
-        self.edges.detect_into(keyframe.image, &mut self.chains);
-        let edges = start.elapsed();
-        let segments = self.detector.detect(keyframe.image, &self.chains);
-        let detected = start.elapsed();
         // A stream for each keyframe: what is sampled in one does not depend on what came before it.
         let mut rng = ChaCha8Rng::seed_from_u64(self.options.seed);
         rng.set_stream(u64::from(keyframe.number));
@@ -289,11 +280,7 @@ impl LineMethod for Decoupled {
                 });
             }
         }
-        findings.spend("edges", edges);
-        findings.spend("segments", detected - edges);
-        findings.spend("fit", start.elapsed() - detected);
+        findings.spend("fit", start.elapsed());
         Ok(())
     }
-
-    fn finish(&mut self, _findings: &mut Findings) {}
 }

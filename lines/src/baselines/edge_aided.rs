@@ -1,6 +1,8 @@
 //! Edge-aided fitting behind the trait of the baselines.
 
-use super::method::{Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe};
+use super::method::{
+    Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
+};
 use crate::{ExtractOptions, SegmentExtractor};
 
 /// [`SegmentExtractor`] as a [`LineMethod`]: the segments of each keyframe, not clustered.
@@ -26,12 +28,7 @@ impl LineMethod for EdgeAided {
         Method::EdgeAided
     }
 
-    fn add(
-        &mut self,
-        keyframe: &PosedKeyframe<'_>,
-        findings: &mut Findings,
-    ) -> Result<(), MethodError> {
-        keyframe.check()?;
+    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
         let depth = keyframe.demand_depth(self.method())?;
         let extraction =
             self.extractor
@@ -47,6 +44,4 @@ impl LineMethod for EdgeAided {
             }));
         Ok(())
     }
-
-    fn finish(&mut self, _findings: &mut Findings) {}
 }

@@ -190,6 +190,9 @@ impl Method {
     }
 }
 
+/// Whether a keyframe could be used.
+pub type Taken = Result<(), MethodError>;
+
 /// A way from posed keyframes to 3D line segments or points.
 ///
 /// Deterministic: the same keyframes in the same order give the same findings, for any number of threads.
@@ -201,19 +204,24 @@ pub trait LineMethod: Send {
     ///
     /// # Errors
     /// When the keyframe lacks something that the method needs. The method can go on with the next keyframe.
-    fn add(
-        &mut self,
-        keyframe: &PosedKeyframe<'_>,
-        findings: &mut Findings,
-    ) -> Result<(), MethodError>;
+    fn add(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
+        keyframe.check()?;
+        self.take(keyframe, findings)
+    }
+
+    /// [`LineMethod::add`] of a keyframe whose camera and pose have been checked: what a method implements, and nobody else calls.
+    ///
+    /// # Errors
+    /// When the keyframe lacks something that the method needs.
+    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken;
 
     /// Appends what only all keyframes together yield. Adds nothing when it is called again.
-    fn finish(&mut self, findings: &mut Findings);
+    fn finish(&mut self, _findings: &mut Findings) {}
 }
 
 impl PosedKeyframe<'_> {
     /// Refuses what no method can work with.
-    pub(super) fn check(&self) -> Result<(), MethodError> {
+    fn check(&self) -> Taken {
         let keyframe = self.number;
         if !self.camera.is_pinhole() {
             return Err(MethodError::Distorted { keyframe });

@@ -15,6 +15,7 @@
 
 mod decoupled;
 mod edge_aided;
+mod image_segments;
 pub mod line_detection;
 mod matched;
 mod method;
@@ -26,6 +27,6 @@ pub use line_detection::{LineDetector, LineDetectorOptions, LineSegment2d};
 pub use matched::{Matched, MatchedOptions};
 pub use method::{
     Findings, FoundPoint, FoundSegment, LineMethod, Method, MethodError, MethodOptions,
-    PosedKeyframe,
+    PosedKeyframe, Taken,
 };
 pub use points::{PointCloud, PointCloudOptions};

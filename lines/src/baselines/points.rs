@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::Point2;
 
-use super::method::{Findings, FoundPoint, LineMethod, Method, MethodError, PosedKeyframe};
+use super::method::{Findings, FoundPoint, LineMethod, Method, MethodError, PosedKeyframe, Taken};
 use crate::image::sobel;
 
 /// Settings of [`PointCloud`].
@@ -58,12 +58,7 @@ impl LineMethod for PointCloud {
         Method::Points
     }
 
-    fn add(
-        &mut self,
-        keyframe: &PosedKeyframe<'_>,
-        findings: &mut Findings,
-    ) -> Result<(), MethodError> {
-        keyframe.check()?;
+    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
         let depth = keyframe.demand_depth(self.method())?;
         let start = Instant::now();
         // The Sobel weights sum to 8 per unit of slope.
@@ -86,6 +81,4 @@ impl LineMethod for PointCloud {
         findings.spend("points", start.elapsed());
         Ok(())
     }
-
-    fn finish(&mut self, _findings: &mut Findings) {}
 }

@@ -16,9 +16,12 @@ use rayon::prelude::*;
 use self::grouping::{Hypotheses, group};
 use self::matching::{ViewMatches, match_view};
 use self::view::View;
-use super::line_detection::{LineDetector, LineDetectorOptions};
-use super::method::{Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe};
-use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions};
+use super::image_segments::ImageSegments;
+use super::line_detection::LineDetectorOptions;
+use super::method::{
+    Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
+};
+use crate::edges::EdgeOptions;
 
 pub use options::MatchedOptions;
 
@@ -40,16 +43,14 @@ pub use options::MatchedOptions;
 /// M. Hofer, M. Maurer, H. Bischof, Efficient 3D scene abstraction using line segments, Computer Vision and Image
 /// Understanding, 2017 (Line3D++).
 ///
-/// *Differs from the paper*: segments come from [`LineDetector`] instead of LSD; neighbours are chosen by their poses instead
+/// *Differs from the paper*: segments come from [`LineDetector`](super::LineDetector) instead of LSD; neighbours are chosen by their poses instead
 /// of by shared points, which are not asked for; every ordered pair of neighbours is matched, so that the result does
 /// not depend on the order of views; groups are merged by dissimilarity, as Felzenszwalb & Huttenlocher define it; diffusion and
 /// collinear neighbours, which are off by default there too, are left out.
 #[derive(Debug, Clone)]
 pub struct Matched {
     options: MatchedOptions,
-    edges: EdgeDetector,
-    detector: LineDetector,
-    chains: EdgeChains,
+    segments: ImageSegments,
     views: Vec<View>,
 }
 
@@ -66,9 +67,7 @@ impl Matched {
         options.validate()?;
         Ok(Self {
             options,
-            edges: EdgeDetector::new(edges).map_err(crate::ExtractError::from)?,
-            detector: LineDetector::new(detector)?,
-            chains: EdgeChains::default(),
+            segments: ImageSegments::new(edges, detector)?,
             views: Vec::new(),
         })
     }
@@ -79,20 +78,10 @@ impl LineMethod for Matched {
         Method::Matched
     }
 
-    fn add(
-        &mut self,
-        keyframe: &PosedKeyframe<'_>,
-        findings: &mut Findings,
-    ) -> Result<(), MethodError> {
-        keyframe.check()?;
-        let start = Instant::now();
-        self.edges.detect_into(keyframe.image, &mut self.chains);
-        let edges = start.elapsed();
-        let segments = self.detector.detect(keyframe.image, &self.chains);
+    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
+        let segments = self.segments.find(keyframe.image, findings);
         self.views
             .push(View::new(keyframe, &segments, &self.options));
-        findings.spend("edges", edges);
-        findings.spend("segments", start.elapsed() - edges);
         Ok(())
     }
 
