@@ -7,7 +7,7 @@ use std::path::Path;
 use linecarve::mesh::{LineSet, read_geometry};
 use linecarve::raycast::RayScene;
 use linecarve::synth::{Scene, SceneKind};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use program::expect_status;
 
 /// Along segments a sample is taken this often, in metres.
@@ -90,6 +90,31 @@ fn the_surface_follows_the_room() {
     let at_vertices = distances(&mesh.positions);
     let mean = at_vertices.iter().sum::<f64>() / at_vertices.len() as f64;
     assert!(mean < 0.004, "vertices lie {mean:.5} m off on average");
+
+    // So do the triangles between them: none spans a shadow, or free space that no ray crossed.
+    let corners = |triangle: &[u32; 3]| triangle.map(|corner| mesh.positions[corner as usize]);
+    let centers: Vec<Point3<f64>> = mesh
+        .triangles
+        .iter()
+        .map(|triangle| {
+            Point3::from(
+                corners(triangle)
+                    .map(|p| p.coords)
+                    .iter()
+                    .sum::<Vector3<f64>>()
+                    / 3.0,
+            )
+        })
+        .collect();
+    let (mut error, mut area) = (0.0, 0.0);
+    for (distance, triangle) in distances(&centers).iter().zip(&mesh.triangles) {
+        let [a, b, c] = corners(triangle);
+        let share = (b - a).cross(&(c - a)).norm();
+        error += share * distance;
+        area += share;
+    }
+    let mean = error / area;
+    assert!(mean < 0.006, "triangles lie {mean:.5} m off on average");
 
     // The program turns triangles towards free space, where the cameras were.
     let edges_used_twice = {

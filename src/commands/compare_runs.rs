@@ -146,6 +146,7 @@ pub(super) fn run_lines(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Re
             report.milliseconds.cluster = milliseconds(update.clustering);
             report.milliseconds.points = milliseconds(update.matching);
             report.milliseconds.carve = milliseconds(update.carving);
+            report.milliseconds.support = milliseconds(update.support);
             let start = Instant::now();
             let surface = map.surface();
             report.milliseconds.surface = milliseconds(start.elapsed());

@@ -191,6 +191,7 @@ fn add_to_map(
     report.milliseconds.cluster = milliseconds(update.clustering);
     report.milliseconds.points = milliseconds(update.matching);
     report.milliseconds.carve = milliseconds(update.carving);
+    report.milliseconds.support = milliseconds(update.support);
     Ok(())
 }
 

@@ -1,10 +1,10 @@
 //! What a keyframe adds to the map: clusters, landmarks, free space, surface. Strictly one keyframe after another.
 
-use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, ViewId};
-use linecarve_carving::surface::{ExportOptions, Hull};
+use linecarve_carving::surface::{ExportOptions, Hull, Triangle};
+use linecarve_carving::tetrahedralization::VertexId;
 use linecarve_lines::camera::Camera;
 use linecarve_lines::cluster::ClusterOptionsError;
 use linecarve_lines::depth::SensorNoise;
@@ -12,11 +12,13 @@ use nalgebra::Point3;
 
 use super::front_end::Keyframe;
 use super::intake::{Contribution, Intake, IntakeScratch, settle};
-use super::landmarks::Landmarks;
+use super::landmarks::{Landmarks, Measurement};
 use super::options::Options;
 use super::segment_map::SegmentMap;
 use super::segment_points::measurements;
+use super::support::{Finding, Support};
 use super::surface_points::KeyframeSurface;
+use super::vertex_points::{Observers, VertexPoints};
 use crate::mesh::TriangleMesh;
 
 /// Colour of what no keyframe has a colour of: a middle grey.
@@ -57,6 +59,8 @@ pub struct MapUpdate {
     pub matching: Duration,
     /// Time for inserting points, walking rays and bringing labels and surface up to date.
     pub carving: Duration,
+    /// Time for finding out which triangles have been measured.
+    pub support: Duration,
 }
 
 /// The map: segments and clusters, landmarks, and the carved tetrahedralisation.
@@ -73,6 +77,8 @@ pub struct BackEnd {
     scratch: IntakeScratch,
     /// What each keyframe gave; `None` for those that were withdrawn.
     contributions: Vec<Option<(ViewId, Contribution)>>,
+    vertices: VertexPoints,
+    support: Support,
 }
 
 impl BackEnd {
@@ -105,6 +111,12 @@ impl BackEnd {
             }),
             scratch: IntakeScratch::default(),
             contributions: Vec::new(),
+            vertices: VertexPoints::default(),
+            support: Support::new(
+                options.surface.least_measured_share,
+                camera,
+                &options.surface_points,
+            ),
         })
     }
 
@@ -124,6 +136,7 @@ impl BackEnd {
             clustering: start.elapsed(),
             ..MapUpdate::default()
         };
+        let camera = self.camera.clone();
         let mut transaction = self.carver.transaction();
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let view = transaction.add_view(center).map_err(refused)?;
@@ -142,22 +155,22 @@ impl BackEnd {
             intake
                 .take_segment(measurements(
                     segment,
-                    &self.camera,
+                    &camera,
                     &keyframe.world_from_camera,
                     &self.noise,
                     &self.options.segment_points,
                 ))
                 .map_err(refused)?;
         }
-        let options = &self.options.surface_points;
+        let options = self.options.surface_points;
         let surface = KeyframeSurface::new(
             &keyframe.surface,
-            &self.camera,
+            &camera,
             &keyframe.world_from_camera,
-            options,
+            &options,
         );
         if keyframe.surface.known_count() > 0 {
-            intake.take_surface(&surface, options).map_err(refused)?;
+            intake.take_surface(&surface, &options).map_err(refused)?;
         }
         intake.paint(keyframe, &surface);
         update.new_points = intake.new_points;
@@ -207,8 +220,79 @@ impl BackEnd {
         let report = transaction.commit().map_err(refused)?;
         update.carving = start.elapsed() - update.clustering - update.matching;
         update.changed_triangles = report.surface.added.len() + report.surface.removed.len();
+        let concerned = contribution.contradicted.iter().chain(&self.scratch.seen);
+        self.vertices
+            .note(&self.carver, &self.points, concerned.copied());
+        let observers = Observers {
+            carver: &self.carver,
+            points: &self.points,
+            vertices: &self.vertices,
+        };
+        let contradictions = self.support.push(
+            observers,
+            &report.surface,
+            &keyframe.world_from_camera,
+            &keyframe.surface,
+        );
+        if !contradictions.is_empty() {
+            let measured = contradictions
+                .iter()
+                .filter_map(|pixel| surface.measured_at(pixel));
+            self.correct(
+                keyframe,
+                view,
+                &surface,
+                measured,
+                &mut contribution,
+                &mut update,
+            )
+            .map_err(refused)?;
+        }
+        update.support = start.elapsed() - update.clustering - update.matching - update.carving;
         self.contributions.push(Some((view, contribution)));
         Ok(update)
+    }
+
+    /// Adds points that the last keyframe measured behind the surface that was carved so far.
+    fn correct(
+        &mut self,
+        keyframe: &Keyframe,
+        view: ViewId,
+        surface: &KeyframeSurface<'_>,
+        measured: impl Iterator<Item = Measurement>,
+        contribution: &mut Contribution,
+        update: &mut MapUpdate,
+    ) -> Result<(), EventError> {
+        let before = std::mem::take(&mut self.scratch.seen);
+        let mut transaction = self.carver.transaction();
+        let mut intake = Intake {
+            landmarks: &mut self.landmarks,
+            points: &mut self.points,
+            transaction: &mut transaction,
+            scratch: &mut self.scratch,
+            contribution,
+            sigma_factor: self.options.carving.cut.sigma_factor,
+            new_points: 0,
+        };
+        intake.take_points(measured, &before)?;
+        intake.paint(keyframe, surface);
+        let new_points = intake.new_points;
+        update.new_points += new_points;
+        update.observed_again += self.scratch.seen.len().saturating_sub(new_points);
+        for landmark in &self.scratch.seen {
+            transaction.add_observation(view, self.points[*landmark as usize], 1)?;
+        }
+        let report = transaction.commit()?;
+        update.changed_triangles += report.surface.added.len() + report.surface.removed.len();
+        let concerned = self.scratch.seen.iter().copied();
+        self.vertices.note(&self.carver, &self.points, concerned);
+        let observers = Observers {
+            carver: &self.carver,
+            points: &self.points,
+            vertices: &self.vertices,
+        };
+        self.support.correct(observers, &report.surface);
+        Ok(())
     }
 
     /// Takes back what a keyframe gave: its rays and segments end, its measurements leave the means of their landmarks,
@@ -246,7 +330,15 @@ impl BackEnd {
         )
         .map_err(refused)?;
         transaction.remove_view(view).map_err(refused)?;
-        transaction.commit().map_err(refused)?;
+        let report = transaction.commit().map_err(refused)?;
+        let concerned = shares.iter().map(|(landmark, _)| *landmark);
+        self.vertices.note(&self.carver, &self.points, concerned);
+        let observers = Observers {
+            carver: &self.carver,
+            points: &self.points,
+            vertices: &self.vertices,
+        };
+        self.support.withdraw(observers, &report.surface, view);
         Ok(())
     }
 
@@ -263,37 +355,49 @@ impl BackEnd {
     /// The surface as it stands, without what the options leave out.
     pub fn surface(&self) -> TriangleMesh {
         let surface = &self.options.surface;
-        let mesh = self.carver.mesh(&ExportOptions {
-            longest_edge: surface
-                .longest_edge_share
-                .map(|share| share * self.median_depth),
+        let export = ExportOptions {
+            longest_edge: None,
             minimum_component: surface.minimum_component,
             manifold: surface.manifold,
-        });
-        let colors = self.colors(&mesh.vertices);
+        };
+        let longest = surface
+            .longest_edge_share
+            .map(|share| share * self.median_depth);
+        let tetrahedra = self.carver.tetrahedra();
+        let is_short = |[a, b, c]: Triangle| {
+            longest.is_none_or(|longest| {
+                [(a, b), (b, c), (c, a)].iter().all(|(from, to)| {
+                    nalgebra::distance(&tetrahedra.position(*from), &tetrahedra.position(*to))
+                        <= longest
+                })
+            })
+        };
+        let is_wanted = |triangle: Triangle| match self.support.of(&triangle) {
+            Finding::Measured => true,
+            Finding::NotMeasured => false,
+            Finding::Unwitnessed => is_short(triangle),
+        };
+        let (mesh, origins) = self.carver.mesh_where(&export, is_wanted);
         TriangleMesh {
             positions: mesh.vertices,
             triangles: mesh.triangles,
-            colors,
+            colors: self.colors(&origins),
         }
     }
 
-    /// Colours of points of the map, by their positions; `None` when no keyframe had any.
-    fn colors(&self, positions: &[Point3<f64>]) -> Option<Vec<[u8; 3]>> {
-        // -0 and 0 are one position.
-        let key = |position: &Point3<f64>| position.coords.map(|c| (c + 0.0).to_bits()).into();
-        let colors: HashMap<[u64; 3], [u8; 3]> = self
-            .landmarks
+    /// Colours of copies of vertices; `None` when no keyframe had any.
+    fn colors(&self, origins: &[Option<VertexId>]) -> Option<Vec<[u8; 3]>> {
+        let colors: Vec<Option<[u8; 3]>> = origins
             .iter()
-            .filter_map(|(landmark, position)| {
-                Some((key(&position), self.landmarks.color(landmark)?))
+            .map(|vertex| {
+                let landmark = self.vertices.landmark((*vertex)?)?;
+                self.landmarks.color(landmark)
             })
             .collect();
-        (!colors.is_empty()).then(|| {
-            positions
-                .iter()
-                .map(|position| colors.get(&key(position)).copied().unwrap_or(UNSEEN))
-                .collect()
+        let has_any = colors.iter().any(Option::is_some);
+        has_any.then(|| {
+            let color = |color: Option<[u8; 3]>| color.unwrap_or(UNSEEN);
+            colors.into_iter().map(color).collect()
         })
     }
 }

@@ -106,6 +106,23 @@ impl Intake<'_, '_> {
         Ok(())
     }
 
+    /// Takes single points; of the landmarks seen then only those remain listed that are not in `before`, which is sorted.
+    pub(super) fn take_points(
+        &mut self,
+        measurements: impl Iterator<Item = Measurement>,
+        before: &[u32],
+    ) -> Result<(), EventError> {
+        self.scratch.seen.clear();
+        for measurement in measurements {
+            self.take(&measurement)?;
+        }
+        let landmarks = &*self.landmarks;
+        self.scratch.seen.retain(|landmark| {
+            before.binary_search(landmark).is_err() && landmarks.is_in_use(*landmark)
+        });
+        Ok(())
+    }
+
     /// Asks the keyframe's surface about all landmarks and takes the points that they lack.
     pub(super) fn take_surface(
         &mut self,

@@ -19,7 +19,9 @@ mod run;
 pub mod scale;
 pub mod segment_map;
 pub mod segment_points;
+mod support;
 pub mod surface_points;
+mod vertex_points;
 
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
 pub use depth_source::{DepthSource, SemiDenseSource, SemiDenseStage};

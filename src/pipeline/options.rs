@@ -115,9 +115,11 @@ impl Default for CarvingOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SurfaceOptions {
-    /// Triangles with an edge longer than this share of the scene's median depth are left out: they span what no
-    /// keyframe measured. `None` keeps them.
+    /// Where depth is not dense, triangles with an edge longer than this share of the scene's median depth are left out:
+    /// they span what no keyframe measured. `None` keeps them.
     pub longest_edge_share: Option<f64>,
+    /// Where depth is dense, triangles are left out of which keyframes measured less than this share; 0 asks no keyframe.
+    pub least_measured_share: f64,
     /// Connected pieces of fewer triangles are left out.
     pub minimum_component: usize,
     /// Whether facets on the convex hull of the map are kept.
@@ -131,6 +133,7 @@ impl Default for SurfaceOptions {
     fn default() -> Self {
         Self {
             longest_edge_share: Some(0.25),
+            least_measured_share: 0.3,
             minimum_component: 8,
             keep_hull: false,
             manifold: true,
@@ -243,6 +246,14 @@ impl Options {
             "surface_points.agreement_sigmas",
             self.surface_points.agreement_sigmas,
         )?;
+        let sigmas = self.surface_points.correction_sigmas;
+        if sigmas.is_nan() || sigmas <= 0.0 {
+            return Err(OptionsError::Range {
+                key: "surface_points.correction_sigmas",
+                value: sigmas.to_string(),
+                expected: "a positive number is needed, or inf for no corrections",
+            });
+        }
         positive("landmarks.settling_share", self.landmarks.settling_share)?;
         self.surface_points
             .samples
@@ -258,6 +269,14 @@ impl Options {
         }
         if let Some(share) = self.surface.longest_edge_share {
             positive("surface.longest_edge_share", share)?;
+        }
+        let share = self.surface.least_measured_share;
+        if !(0.0..=1.0).contains(&share) {
+            return Err(OptionsError::Range {
+                key: "surface.least_measured_share",
+                value: share.to_string(),
+                expected: "a share from 0 to 1 is needed",
+            });
         }
         positive("carving.cut.sigma_factor", self.carving.cut.sigma_factor)?;
         self.carving.cut.options().validate()?;

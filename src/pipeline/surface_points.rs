@@ -1,5 +1,7 @@
 //! What the dense depth of a keyframe says about the map, and the points that it adds where the map lacks them.
 
+use std::cmp::Ordering;
+
 use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::{
     ImageTriangulation, ImageVertex, RefineOptions, SampleOptions, SurfaceSamples,
@@ -18,6 +20,9 @@ pub struct SurfacePointOptions {
     /// A landmark is seen by a keyframe whose surface agrees with it within this many standard deviations; a surface that
     /// lies further behind contradicts it.
     pub agreement_sigmas: f64,
+    /// Where the carved surface lies before what a keyframe measured by more than this many standard deviations, what the
+    /// keyframe measured becomes a point, whose ray carves the surface away. Infinite: never.
+    pub correction_sigmas: f64,
     /// How depth is sampled.
     pub samples: SampleOptions,
     /// How closely the triangulation of a keyframe follows the samples.
@@ -29,6 +34,7 @@ impl Default for SurfacePointOptions {
         Self {
             enabled: true,
             agreement_sigmas: 3.0,
+            correction_sigmas: 4.0,
             samples: SampleOptions::default(),
             refine: RefineOptions::default(),
         }
@@ -119,6 +125,34 @@ impl<'a> KeyframeSurface<'a> {
             },
             None => Verdict::Silent,
         }
+    }
+
+    /// Where a point of the world is seen, and how many standard deviations the surface that was measured there lies behind
+    /// it; negative when it lies before it. `None` where nothing was measured.
+    pub fn deviation(&self, point_in_world: &Point3<f64>) -> Option<(Point2<f64>, f64)> {
+        let vertex = self.vertex(point_in_world)?;
+        let sample = self.samples.near(&vertex.pixel)?;
+        let nearer = vertex.rho - f64::from(sample.rho);
+        Some((vertex.pixel, nearer / f64::from(sample.sigma)))
+    }
+
+    /// Whether a point of the world lies before the surface that was measured where it is seen, on it or behind it; `None` where
+    /// nothing was measured.
+    pub fn side(&self, point_in_world: &Point3<f64>) -> Option<Ordering> {
+        let (_, sigmas) = self.deviation(point_in_world)?;
+        Some(if sigmas > self.agreement_sigmas {
+            Ordering::Less
+        } else if sigmas < -self.agreement_sigmas {
+            Ordering::Greater
+        } else {
+            Ordering::Equal
+        })
+    }
+
+    /// The surface at a pixel.
+    pub fn measured_at(&self, pixel: &Point2<f64>) -> Option<Measurement> {
+        let sample = self.samples.near(pixel)?;
+        self.measurement(pixel, sample.rho.into(), sample.sigma.into())
     }
 
     fn measurement(&self, pixel: &Point2<f64>, rho: f64, sigma: f64) -> Option<Measurement> {

@@ -125,6 +125,8 @@ pub struct StageTimes {
     pub points: f64,
     /// Points inserted, rays walked, cells labelled.
     pub carve: f64,
+    /// The surface compared with the depth of keyframes, and corrected.
+    pub support: f64,
     /// Surface extracted.
     pub surface: f64,
     /// Files written.
@@ -142,6 +144,7 @@ impl StageTimes {
             + self.cluster
             + self.points
             + self.carve
+            + self.support
             + self.surface
             + self.write
     }
@@ -158,6 +161,7 @@ impl StageTimes {
             cluster: mean(self.cluster),
             points: mean(self.points),
             carve: mean(self.carve),
+            support: mean(self.support),
             surface: mean(self.surface),
             write: mean(self.write),
         }
@@ -173,6 +177,7 @@ impl StageTimes {
         self.cluster += other.cluster;
         self.points += other.points;
         self.carve += other.carve;
+        self.support += other.support;
         self.surface += other.surface;
         self.write += other.write;
     }

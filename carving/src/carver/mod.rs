@@ -224,6 +224,13 @@ impl Carver {
             .map(|ray| self.rays.weight(ray))
     }
 
+    /// The views that see a point, in no particular order; none if it was removed or never added.
+    pub fn views_of(&self, point: PointId) -> impl Iterator<Item = ViewId> + '_ {
+        self.rays
+            .of_point(point.0)
+            .map(|ray| ViewId(self.rays.view(ray)))
+    }
+
     /// All observations with their weights, by view; within a view in no particular order.
     pub fn observations(&self) -> impl Iterator<Item = (ViewId, PointId, u32)> + '_ {
         self.rays.all().map(|ray| {
@@ -294,7 +301,22 @@ impl Carver {
     ///
     /// `n log n` in the number of triangles, and a scan of one byte a cell.
     pub fn mesh(&self, options: &ExportOptions) -> IndexedMesh {
-        crate::surface::extract(&self.tetrahedra, &self.facets, options)
+        self.mesh_where(options, |_| true).0
+    }
+
+    /// The same of those triangles alone that `is_wanted`, which is given them as [`triangles`](Self::triangles) gives them,
+    /// says to keep. The others count as part of their component, and are left out before anything is repaired. Beside the mesh the vertex of
+    /// [`tetrahedra`](Self::tetrahedra) that each of its vertices is a copy of, `None` for midpoints of split edges.
+    ///
+    /// # Complexity
+    ///
+    /// As [`mesh`](Self::mesh); asks once a triangle.
+    pub fn mesh_where(
+        &self,
+        options: &ExportOptions,
+        is_wanted: impl Fn(Triangle) -> bool,
+    ) -> (IndexedMesh, Vec<Option<VertexId>>) {
+        crate::surface::extract(&self.tetrahedra, &self.facets, options, is_wanted)
     }
 
     /// Begins a set of changes that take effect together.

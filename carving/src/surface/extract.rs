@@ -47,12 +47,27 @@ pub(super) struct Sheet {
     pub(super) edges: Vec<[u32; 3]>,
 }
 
-/// Exports the surface.
+impl Sheet {
+    /// Drops triangles; `is_kept` has an entry for each.
+    pub(super) fn keep(&mut self, is_kept: &[bool]) {
+        fn keep<T>(list: &mut Vec<T>, is_kept: &[bool]) {
+            let mut is_kept = is_kept.iter();
+            list.retain(|_| is_kept.next().copied().unwrap_or(false));
+        }
+        keep(&mut self.triangles, is_kept);
+        keep(&mut self.copies, is_kept);
+        keep(&mut self.edges, is_kept);
+    }
+}
+
+/// Exports the triangles of the surface that are wanted, with the vertex that each vertex of the mesh is a copy of; `None` for
+/// the midpoints of split edges.
 pub(crate) fn extract(
     tetrahedra: &Tetrahedralization,
     facets: &Facets,
     options: &ExportOptions,
-) -> IndexedMesh {
+    is_wanted: impl Fn(Triangle) -> bool,
+) -> (IndexedMesh, Vec<Option<VertexId>>) {
     let facets_in_use: Vec<(Triangle, (CellId, usize))> = facets
         .iter()
         .map(|(cell, facet)| (triangle(tetrahedra, cell, facet), (cell, facet)))
@@ -84,7 +99,11 @@ pub(crate) fn extract(
     keyed.sort_unstable_by_key(|(key, _)| *key);
     let chosen: Vec<(Triangle, (CellId, usize))> =
         keyed.into_iter().map(|(_, chosen)| chosen).collect();
-    let sheet = split_into_manifold(tetrahedra, facets, &chosen, options);
+    let is_wanted: Vec<bool> = chosen
+        .iter()
+        .map(|(corners, _)| is_wanted(*corners))
+        .collect();
+    let sheet = split_into_manifold(tetrahedra, facets, &chosen, &is_wanted, options);
 
     let mut corners: Vec<(u32, u32)> = sheet
         .triangles
@@ -115,14 +134,19 @@ pub(crate) fn extract(
             .chunks_exact(3)
             .map(|c| [index(&c[0]), index(&c[1]), index(&c[2])]),
     );
+    let mut origins: Vec<Option<VertexId>> = corners
+        .iter()
+        .map(|&(r, _)| Some(vertices[r as usize]))
+        .collect();
     if options.manifold {
         split_repeated_edges(&mut mesh, &sheet.edges);
+        origins.resize(mesh.vertices.len(), None);
     }
     for triangle in &mut mesh.triangles {
         *triangle = rotate_smallest_first(*triangle);
     }
     mesh.triangles.sort_unstable();
-    mesh
+    (mesh, origins)
 }
 
 /// Splits edges at their midpoints where several of different number have the same ends, all but the first.

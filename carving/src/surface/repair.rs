@@ -58,11 +58,14 @@ fn across(
     }
 }
 
-/// Drops small components and assigns copies of vertices as the options ask. `chosen` is in canonical order.
+/// Drops small components, and then what is not wanted, and assigns copies of vertices as the options ask. `chosen` is in
+/// canonical order; `is_wanted` has an entry for each. Components are those of all that was chosen: what is left of a
+/// large one may be small.
 pub(super) fn split_into_manifold(
     tetrahedra: &Tetrahedralization,
     facets: &Facets,
     chosen: &[(Triangle, (CellId, usize))],
+    is_wanted: &[bool],
     options: &ExportOptions,
 ) -> Sheet {
     let mut sheet = Sheet {
@@ -73,6 +76,7 @@ pub(super) fn split_into_manifold(
             .collect(),
     };
     if !options.manifold && options.minimum_component <= 1 {
+        sheet.keep(is_wanted);
         return sheet;
     }
     let mut place: Vec<((CellId, usize), u32)> =
@@ -92,6 +96,9 @@ pub(super) fn split_into_manifold(
             };
             let other = place[found].1;
             components.unite(index, other);
+            if !(is_wanted[index as usize] && is_wanted[other as usize]) {
+                continue;
+            }
             let back = chosen[other as usize].0.iter().position(|&v| v == b);
             let back = 3 * other + back.expect("partners share the edge") as u32;
             let edge = &mut sheet.edges[index as usize][k];
@@ -111,20 +118,17 @@ pub(super) fn split_into_manifold(
             *copies = [0, 1, 2].map(|k| fans.find(3 * index + k));
         }
     }
-    if options.minimum_component > 1 {
-        let mut sizes = vec![0usize; chosen.len()];
-        for index in 0..chosen.len() as u32 {
-            sizes[components.find(index) as usize] += 1;
-        }
-        let keep: Vec<bool> = (0..chosen.len() as u32)
-            .map(|index| sizes[components.find(index) as usize] >= options.minimum_component)
-            .collect();
-        let mut kept = keep.iter();
-        sheet.triangles.retain(|_| *kept.next().unwrap_or(&true));
-        let mut kept = keep.iter();
-        sheet.copies.retain(|_| *kept.next().unwrap_or(&true));
-        let mut kept = keep.iter();
-        sheet.edges.retain(|_| *kept.next().unwrap_or(&true));
+    let mut sizes = vec![0usize; chosen.len()];
+    for index in 0..chosen.len() as u32 {
+        sizes[components.find(index) as usize] += 1;
     }
+    let is_kept: Vec<bool> = (0u32..)
+        .zip(is_wanted)
+        .map(|(index, is_wanted)| {
+            let size = sizes[components.find(index) as usize];
+            *is_wanted && size >= options.minimum_component
+        })
+        .collect();
+    sheet.keep(&is_kept);
     sheet
 }

@@ -76,7 +76,7 @@ pub struct RefineOptions {
 impl Default for RefineOptions {
     fn default() -> Self {
         Self {
-            bound_sigmas: 1.5,
+            bound_sigmas: 2.0,
             minimum_distance_px: 8.0,
             largest_gap_px: 40.0,
         }

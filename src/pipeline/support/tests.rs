@@ -1,0 +1,161 @@
+//! A wall two units before the camera, and one point half way that no depth image knows of.
+
+use linecarve_carving::carver::{Carver, CommitReport, PointId, ViewId};
+use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
+use linecarve_lines::triangulation::SampleOptions;
+
+use super::super::vertex_points::VertexPoints;
+use super::*;
+
+struct Room {
+    carver: Carver,
+    points: Vec<PointId>,
+    vertices: VertexPoints,
+    support: Support,
+    stray: PointId,
+}
+
+/// The wall as the camera measures it; with a step of more than one, along some columns only.
+fn depth(step: usize) -> SurfaceSamples {
+    let mut map = InverseDepthMap::unknown(160, 120).unwrap();
+    for (x, y) in (0..160)
+        .step_by(step)
+        .flat_map(|x| (0..120).map(move |y| (x, y)))
+    {
+        map.set(x, y, InverseDepth::new(0.5, 0.002));
+    }
+    SurfaceSamples::measure(&map, &SampleOptions::default())
+}
+
+impl Room {
+    fn new() -> Self {
+        let camera = Camera::pinhole(100.0, 100.0, 79.5, 59.5).unwrap();
+        let mut carver = Carver::default();
+        let mut transaction = carver.transaction();
+        let mut positions = Vec::new();
+        for (i, j) in (-4..=4).flat_map(|i| (-3..=3).map(move |j| (i, j))) {
+            // A little relief, so that a tetrahedron has a volume.
+            let relief = 0.002 * f64::from((i * i + 3 * j) % 5);
+            positions.push([0.3 * f64::from(i), 0.3 * f64::from(j), 2.0 + relief]);
+        }
+        positions.push([0.05, 0.03, 1.0]);
+        // Behind the wall, so that there is matter.
+        positions.push([0.0, 0.0, 3.0]);
+        let points: Vec<PointId> = positions
+            .iter()
+            .map(|p| transaction.add_point(Point3::from(*p)).unwrap())
+            .collect();
+        transaction.commit().unwrap();
+        let stray = points[points.len() - 2];
+        Self {
+            carver,
+            points,
+            vertices: VertexPoints::default(),
+            support: Support::new(0.3, &camera, &SurfacePointOptions::default()),
+            stray,
+        }
+    }
+
+    /// A view at `x` that sees everything but what is behind the wall.
+    fn look(&mut self, x: f64, surface: &SurfaceSamples) -> (ViewId, Vec<Point2<f64>>) {
+        let pose = Isometry3::translation(x, 0.0, 0.0);
+        let mut transaction = self.carver.transaction();
+        let view = transaction.add_view(Point3::new(x, 0.0, 0.0)).unwrap();
+        for point in &self.points[..self.points.len() - 1] {
+            transaction.add_observation(view, *point, 1).unwrap();
+        }
+        let report = transaction.commit().unwrap();
+        let contradictions = self.follow(&report, |support, map, delta| {
+            support.push(map, delta, &pose, surface)
+        });
+        (view, contradictions)
+    }
+
+    fn follow<T>(
+        &mut self,
+        report: &CommitReport,
+        update: impl FnOnce(&mut Support, Observers<'_>, &SurfaceDelta) -> T,
+    ) -> T {
+        let landmarks = 0..self.points.len() as u32;
+        self.vertices.note(&self.carver, &self.points, landmarks);
+        let observers = Observers {
+            carver: &self.carver,
+            points: &self.points,
+            vertices: &self.vertices,
+        };
+        update(&mut self.support, observers, &report.surface)
+    }
+
+    /// What is found about triangles on the wall, and about those of the stray point.
+    fn findings(&self) -> [Vec<Finding>; 2] {
+        let stray = self.carver.vertex_of(self.stray).unwrap();
+        let (mut wall, mut spike) = (Vec::new(), Vec::new());
+        for triangle in self.carver.triangles() {
+            let z = triangle.map(|vertex| self.carver.tetrahedra().position(vertex).z);
+            if triangle.contains(&stray) {
+                spike.push(self.support.of(&triangle));
+            } else if z.iter().all(|z| *z < 2.5) {
+                wall.push(self.support.of(&triangle));
+            }
+        }
+        assert!(!wall.is_empty());
+        [wall, spike]
+    }
+}
+
+fn are_all(findings: &[Finding], expected: Finding) -> bool {
+    findings.iter().all(|finding| *finding == expected)
+}
+
+#[test]
+fn the_wall_is_measured_and_a_spike_before_it_is_not() {
+    let mut room = Room::new();
+    let (_, contradictions) = room.look(0.02, &depth(1));
+    let [wall, spike] = room.findings();
+    assert!(!spike.is_empty());
+    assert!(are_all(&wall, Finding::Measured), "{wall:?}");
+    assert!(are_all(&spike, Finding::NotMeasured), "{spike:?}");
+    // The spike covers the wall around its tip at (0.05, 0.03, 1).
+    assert!(!contradictions.is_empty());
+    for pixel in contradictions {
+        assert!((pixel - Point2::new(84.5, 62.5)).norm() < 40.0, "{pixel}");
+    }
+}
+
+#[test]
+fn depth_along_edges_alone_is_no_witness() {
+    let mut room = Room::new();
+    let (_, contradictions) = room.look(0.02, &depth(8));
+    let [wall, spike] = room.findings();
+    assert!(are_all(&wall, Finding::Unwitnessed) && are_all(&spike, Finding::Unwitnessed));
+    assert!(contradictions.is_empty());
+}
+
+#[test]
+fn what_is_known_does_not_depend_on_the_way_there() {
+    let mut room = Room::new();
+    let views = [-0.1, 0.02, 0.2].map(|x| room.look(x, &depth(1)).0);
+    let report = |room: &mut Room, view| {
+        let mut transaction = room.carver.transaction();
+        transaction.remove_view(view).unwrap();
+        transaction.commit().unwrap()
+    };
+    let removed = report(&mut room, views[1]);
+    room.follow(&removed, |support, map, delta| {
+        support.withdraw(map, delta, views[1]);
+    });
+    let mut other = Room::new();
+    for x in [0.2, -0.1] {
+        other.look(x, &depth(1));
+    }
+    assert_eq!(room.findings(), other.findings());
+    // The last views gone, nothing is known.
+    for view in [views[0], views[2]] {
+        let removed = report(&mut room, view);
+        room.follow(&removed, |support, map, delta| {
+            support.withdraw(map, delta, view);
+        });
+    }
+    let of_all = |support: &Support| support.triangles.values().any(|e| e.is_witnessed);
+    assert!(!of_all(&room.support));
+}
