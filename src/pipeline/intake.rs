@@ -2,6 +2,7 @@
 
 use linecarve_carving::carver::{EventError, PointId, Transaction};
 use linecarve_lines::triangulation::ImageVertex;
+use nalgebra::Point3;
 
 use super::front_end::Keyframe;
 use super::landmarks::{Landmarks, Measurement, Observed, Settled, Share};
@@ -123,7 +124,7 @@ impl Intake<'_, '_> {
         Ok(())
     }
 
-    /// Asks the keyframe's surface about all landmarks and takes the points that they lack.
+    /// Asks the keyframe's surface about all landmarks in its reach and takes the points that they lack.
     pub(super) fn take_surface(
         &mut self,
         surface: &KeyframeSurface<'_>,
@@ -143,7 +144,9 @@ impl Intake<'_, '_> {
             vertex_of,
             ..
         } = &mut *self.scratch;
-        for (landmark, position) in self.landmarks.iter() {
+        let everything = [f64::NEG_INFINITY, f64::INFINITY].map(|all| Point3::new(all, all, all));
+        let reach = surface.reach().unwrap_or(everything);
+        for (landmark, position) in self.landmarks.within(reach) {
             if vertex_of[landmark as usize] == NONE {
                 match surface.judge(&position) {
                     Verdict::Silent => {}
@@ -151,6 +154,8 @@ impl Intake<'_, '_> {
                 }
             }
         }
+        // Oldest first, whatever the shape of the index.
+        verdicts.sort_unstable_by_key(|(landmark, _)| *landmark);
         for place in 0..self.scratch.verdicts.len() {
             let (landmark, verdict) = self.scratch.verdicts[place];
             if let Verdict::Confirmed {

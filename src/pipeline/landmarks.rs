@@ -162,12 +162,15 @@ impl Landmarks {
         !self.records[id as usize].is_given_up
     }
 
-    /// Numbers and positions of all landmarks in use, oldest first.
-    pub fn iter(&self) -> impl Iterator<Item = (u32, Point3<f64>)> + '_ {
-        (0..)
-            .zip(&self.records)
-            .filter(|(_, landmark)| !landmark.is_given_up)
-            .map(|(id, landmark)| (id, landmark.position))
+    /// Numbers and positions of the landmarks in use in a box, given by its lowest and highest corner; in no particular order.
+    pub fn within(
+        &self,
+        [low, high]: [Point3<f64>; 2],
+    ) -> impl Iterator<Item = (u32, Point3<f64>)> + '_ {
+        let corners = AABB::from_corners(low.coords.into(), high.coords.into());
+        self.tree
+            .locate_in_envelope(corners)
+            .map(|entry| (entry.data, Point3::from(*entry.geom())))
     }
 
     /// Finds the landmark that a measurement is of, or makes it one.

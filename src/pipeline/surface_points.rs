@@ -127,6 +127,42 @@ impl<'a> KeyframeSurface<'a> {
         }
     }
 
+    /// The corners of a box of the world outside of which [`KeyframeSurface::judge`] says nothing: it holds the pyramid from
+    /// the camera to beyond the farthest sample. `None` when there is no such box, as a sample may lie at infinity.
+    pub fn reach(&self) -> Option<[Point3<f64>; 2]> {
+        let step = f64::from(self.samples.step_px());
+        let (columns, rows) = (self.samples.columns(), self.samples.rows());
+        let nearest = (0..rows)
+            .flat_map(|row| (0..columns).filter_map(move |column| self.samples.get(column, row)))
+            .map(|sample| {
+                // The plane answers for pixels up to half a step away.
+                let fall = step * f64::from(sample.slope[0].abs() + sample.slope[1].abs());
+                f64::from(sample.rho) - fall - self.agreement_sigmas * f64::from(sample.sigma)
+            })
+            .fold(f64::INFINITY, f64::min);
+        let depth = Some(1.0 / nearest).filter(|depth| *depth > 0.0 && depth.is_finite())?;
+        // A frame of pixels around all samples. Between its rays and the camera lies all that they see.
+        let (right, bottom) = (columns as f64 * step, rows as f64 * step);
+        let along = |end: f64| {
+            (-1..)
+                .map(move |i| f64::from(i) * step)
+                .take_while(move |at| *at <= end + step)
+        };
+        let frame = along(right)
+            .flat_map(|x| [Point2::new(x, -step), Point2::new(x, bottom + step)])
+            .chain(
+                along(bottom).flat_map(|y| [Point2::new(-step, y), Point2::new(right + step, y)]),
+            );
+        let center = Point3::from(self.world_from_camera.translation.vector);
+        let (mut low, mut high) = (center, center);
+        for pixel in frame {
+            let point = self.world_from_camera * self.camera.point_at_depth(&pixel, depth).ok()?;
+            low = low.inf(&point);
+            high = high.sup(&point);
+        }
+        Some([low, high])
+    }
+
     /// Where a point of the world is seen, and how many standard deviations the surface that was measured there lies behind
     /// it; negative when it lies before it. `None` where nothing was measured.
     pub fn deviation(&self, point_in_world: &Point3<f64>) -> Option<(Point2<f64>, f64)> {
@@ -239,6 +275,13 @@ mod tests {
         assert!(matches!(judge(0.0, -2.0), Verdict::Silent));
         assert!(matches!(judge(5.0, 2.0), Verdict::Silent));
         assert!(matches!(judge(f64::NAN, 2.0), Verdict::Silent));
+        // What is judged is within reach, and little else.
+        let [low, high] = surface.reach().unwrap();
+        assert!(low.z <= 3.0 && high.z > 5.01 && high.z < 5.1);
+        for (x, bound) in [(-1.15, low.x), (1.15, high.x)] {
+            assert!(matches!(judge(x, 2.0), Verdict::Confirmed { .. }));
+            assert!((1.0 + x - bound).abs() < 0.2 && (bound - 1.0).abs() > 1.15);
+        }
     }
 
     #[test]
