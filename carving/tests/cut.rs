@@ -12,8 +12,8 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Half the extent of the room.
-const HALF: [f64; 3] = [3.0, 2.0, 1.5];
+mod rooms;
+use rooms::HALF_M;
 
 /// A camera with the points that it sees, by number.
 struct Keyframe {
@@ -34,50 +34,26 @@ const NOISE: f64 = 0.004;
 /// measured with noise along the ray of the first; a share `wrong` of the points at 0.3 to 1.7 times their distance.
 fn room(points: usize, keyframes: usize, wrong: f64, seed: u64) -> Room {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let poses: Vec<(Point3<f64>, Vector3<f64>)> = (0..keyframes)
-        .map(|i| {
-            let angle = std::f64::consts::TAU * i as f64 / keyframes as f64;
-            let center = Point3::new(
-                1.68 * angle.cos(),
-                1.12 * angle.sin(),
-                0.3 * (3.0 * angle).sin() + 0.36,
-            );
-            let (look, tilt) = (5.0 * angle, 0.75 * (7.0 * angle).sin());
-            let forward =
-                Vector3::new(look.cos() * tilt.cos(), look.sin() * tilt.cos(), tilt.sin());
-            (center, forward)
-        })
-        .collect();
+    let poses = rooms::poses(keyframes);
     let mut room = Room {
         points: vec![],
         keyframes: (poses.iter())
-            .map(|&(center, _)| Keyframe {
-                center,
+            .map(|pose| Keyframe {
+                center: pose.center,
                 seen: vec![],
             })
             .collect(),
     };
     while room.points.len() < points {
-        let mut p = Point3::from(HALF.map(|h| rng.random_range(-h..h)));
-        let axis = rng.random_range(0..3);
-        p[axis] = if rng.random() {
-            HALF[axis]
-        } else {
-            -HALF[axis]
-        };
+        let p = rooms::wall_point(&mut rng);
         // The same numbers are drawn for every share of wrong points.
-        let noise: f64 = (0..12).map(|_| rng.random_range(0.0..1.0)).sum::<f64>() - 6.0;
+        let noise = rooms::noise(&mut rng);
         let (draw, depth) = (rng.random_range(0.0..1.0), rng.random_range(0.3..1.7));
-        let views: Vec<usize> = (0..poses.len())
-            .filter(|&i| {
-                let to = p - poses[i].0;
-                to.dot(&poses[i].1) > std::f64::consts::FRAC_1_SQRT_2 * to.norm()
-            })
-            .collect();
+        let views = rooms::views_of(&poses, &p);
         let Some(&first) = views.first() else {
             continue;
         };
-        let to = p - poses[first].0;
+        let to = p - poses[first].center;
         let share = if draw < wrong {
             depth
         } else {
@@ -87,7 +63,7 @@ fn room(points: usize, keyframes: usize, wrong: f64, seed: u64) -> Room {
             room.keyframes[view].seen.push(room.points.len());
         }
         room.points
-            .push((poses[first].0 + share * to, NOISE * to.norm()));
+            .push((poses[first].center + share * to, NOISE * to.norm()));
     }
     room
 }
@@ -121,7 +97,7 @@ fn cut() -> Labels {
 
 /// Distance from a point to the walls.
 fn distance_to_walls(p: &Point3<f64>) -> f64 {
-    let beyond = Vector3::from_fn(|k, _| p[k].abs() - HALF[k]);
+    let beyond = Vector3::from_fn(|k, _| p[k].abs() - HALF_M[k]);
     if beyond.max() <= 0.0 {
         -beyond.max()
     } else {
@@ -164,16 +140,8 @@ fn two_wrong_points_in_a_hundred_do_little_harm() {
         (error, area)
     };
     let votes = [0.0, 0.02].map(|wrong| surface(wrong, Labels::default()));
-    // Named, so that the bound does not move with the defaults. Tuned for recall where few points are wrong (matter 0.5, shape
-    // 0.25), the error grows 6.7-fold; with a shape of 0.5 and more, less than twice.
-    let robust = Labels::Cut(CutOptions {
-        behind_sigmas: 3.0,
-        matter_weight: 1.0,
-        quality_weight: 1.0,
-        ..CutOptions::default()
-    });
-    let cut = [0.0, 0.02].map(|wrong| surface(wrong, robust));
-    let walls = 8.0 * (HALF[0] * HALF[1] + HALF[1] * HALF[2] + HALF[2] * HALF[0]);
+    let cut = [0.0, 0.02].map(|wrong| surface(wrong, cut()));
+    let walls = 8.0 * (HALF_M[0] * HALF_M[1] + HALF_M[1] * HALF_M[2] + HALF_M[2] * HALF_M[0]);
     // Nearly all of the walls is there, once.
     for (_, area) in cut {
         assert!((0.9..1.3).contains(&(area / walls)), "{area} of {walls}");

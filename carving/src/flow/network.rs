@@ -205,7 +205,8 @@ impl Network {
 
     /// Sets the capacity of the arc that leaves a node by a slot; without effect where the slot is not joined.
     ///
-    /// What flowed there beyond the new capacity becomes an excess before the arc and a deficit behind it.
+    /// The flow follows the capacity, up and down, as far as it can: an excess behind the arc and a deficit before it. Where
+    /// capacities say which way supplies go, most of the way is gone then before any search.
     ///
     /// # Panics
     ///
@@ -220,13 +221,14 @@ impl Network {
         if before == capacity {
             return;
         }
-        let residual = self.nodes[node].residual[slot] + (capacity - before);
-        self.nodes[node].residual[slot] = residual.max(0);
-        if residual < 0 {
-            self.nodes[node].excess -= residual;
-            self.nodes[other].excess += residual;
-            self.nodes[other].residual[back] += residual;
-        }
+        let flow_before = before - self.nodes[node].residual[slot];
+        // What is left ahead stays as it is, unless the way back has no room.
+        let back_residual = self.nodes[other].residual[back] + (capacity - before);
+        self.nodes[node].residual[slot] += back_residual.min(0);
+        self.nodes[other].residual[back] = back_residual.max(0);
+        let more = capacity - self.nodes[node].residual[slot] - flow_before;
+        self.nodes[node].excess -= more;
+        self.nodes[other].excess += more;
         self.touch(node);
         self.touch(other);
     }

@@ -38,14 +38,14 @@ pub struct CutOptions {
 
 impl Default for CutOptions {
     /// Robust to wrong points: two in a hundred at 0.3 to 1.7 times their distance, each seen by all its views, raise the mean
-    /// error of a room's surface by 6 %. Ties half a deviation behind points, of half the weight, and a shape of a quarter
-    /// keep more of what few rays see, but there the error grows 6.7-fold.
+    /// error of a room's surface 1.7-fold. With a shape of 0.35 it is 4-fold. Ties further behind the points (three deviations)
+    /// fill the space behind thin things and take a seventh of the recall on measured depth.
     fn default() -> Self {
         Self {
             relative_sigma: 0.01,
-            behind_sigmas: 3.0,
-            matter_weight: 1.0,
-            quality_weight: 1.0,
+            behind_sigmas: 0.5,
+            matter_weight: 0.75,
+            quality_weight: 0.5,
         }
     }
 }
