@@ -167,7 +167,7 @@ pub struct ReconstructArgs {
     #[command(flatten)]
     pub stages: StageArgs,
 
-    /// How tetrahedra are labelled; default: what the configuration says, votes when it says nothing.
+    /// How tetrahedra are labelled; default: what the configuration says, a minimum cut when it says nothing.
     #[arg(long, value_enum)]
     pub labels: Option<LabelKind>,
 

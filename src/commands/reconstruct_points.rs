@@ -30,7 +30,8 @@ pub(super) const GROWTH: &str = "keyframes";
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let output = OutputFolder::create(&args.out)?;
-    let options = read_options(&args.stages)?;
+    let mut options = read_options(&args.stages)?;
+    options.carving.labels = args.labels.unwrap_or(options.carving.labels);
     let sequence = open(&args.input)?;
     if let Some(model) = sequence.map_points() {
         return reconstruct_model::run(

@@ -12,10 +12,10 @@ use super::options::CarvingOptions;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LabelKind {
-    /// Free when enough rays cross it.
-    #[default]
+    /// Free when enough rays cross it, as in the literature on carving.
     Votes,
     /// By a minimum cut with soft visibility, which weighs wrong points against right ones.
+    #[default]
     Cut,
 }
 
@@ -34,14 +34,16 @@ pub struct CutSettings {
 }
 
 impl Default for CutSettings {
-    /// The weights of the library, which two indoor sequences with sensor depth and wrong points in a room agree on.
+    /// The weights of the library, but for a lighter shape: the program's points are seen several times and held against
+    /// depth, where there is any, so that few are far off. On two indoor sequences with sensor depth a shape of 0.5, which withstands
+    /// wrong points by itself, costs up to 0.035 of recall at 5 cm.
     fn default() -> Self {
         let options = CutOptions::default();
         Self {
             sigma_factor: 1.0,
             behind_sigmas: options.behind_sigmas,
             matter_weight: options.matter_weight,
-            quality_weight: options.quality_weight,
+            quality_weight: 0.05,
         }
     }
 }
