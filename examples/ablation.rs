@@ -17,29 +17,56 @@ use std::process::Command;
 
 use serde_json::{Value, json};
 
-/// Name of a row, and its configuration.
-const SWITCHES: [(&str, &str); 9] = [
+const VOTES: &str = "[carving]\nlabels = \"votes\"\n";
+const CUT: &str = "[carving]\nlabels = \"cut\"\n";
+const NOT_JOINED: &str = "[landmarks]\njoin = false\n";
+const ENDS: &str = "[segment_points]\nspacing_px = 10000.0\n";
+const NO_PLANES: &str = "[surface_points]\nenabled = false\n";
+const NO_CORRECTIONS: &str = "[surface_points]\ncorrection_sigmas = inf\n";
+const UNMEASURED: &str = "[surface]\nleast_measured_share = 0.0\n";
+const SEGMENTS: &str = "segment_weight = 1\n";
+const TRIANGULATIONS: &str = "triangulation_weight = 1\n";
+
+/// Name of a row, and the parts of its configuration. The first is the paper: two points a segment, each for itself.
+const SWITCHES: [(&str, &[&str]); 14] = [
     (
-        "ends",
-        "[segment_points]\nspacing_px = 10000.0\n[surface_points]\nenabled = false\n",
-    ),
-    ("ends and stretches", "[surface_points]\nenabled = false\n"),
-    (
-        "ends, whole segments",
-        "[segment_points]\nspacing_px = 10000.0\n[surface_points]\nenabled = false\n[carving]\nsegment_weight = 1\n",
+        "ends of segments, not joined; votes",
+        &[VOTES, NOT_JOINED, ENDS, NO_PLANES, UNMEASURED],
     ),
     (
-        "whole segments",
-        "[surface_points]\nenabled = false\n[carving]\nsegment_weight = 1\n",
+        "ends of segments; votes",
+        &[VOTES, ENDS, NO_PLANES, UNMEASURED],
     ),
-    ("planes", "[carving]\nsegment_weight = 0\n"),
-    ("planes, whole segments", "[carving]\nsegment_weight = 1\n"),
     (
-        "planes, whole segments, triangulations",
-        "[carving]\nsegment_weight = 1\ntriangulation_weight = 1\n",
+        "ends and whole segments; votes",
+        &[VOTES, SEGMENTS, ENDS, NO_PLANES, UNMEASURED],
     ),
-    ("planes, cut", "[carving]\nlabels = \"cut\"\n"),
-    ("planes, not joined", "[landmarks]\njoin = false\n"),
+    ("ends of segments; cut", &[CUT, ENDS, NO_PLANES, UNMEASURED]),
+    (
+        "points along segments; votes",
+        &[VOTES, NO_PLANES, UNMEASURED],
+    ),
+    (
+        "points along and whole segments; votes",
+        &[VOTES, SEGMENTS, NO_PLANES, UNMEASURED],
+    ),
+    ("points along segments; cut", &[CUT, NO_PLANES, UNMEASURED]),
+    ("points on planes, too; votes", &[VOTES, UNMEASURED]),
+    (
+        "planes and whole segments; votes",
+        &[VOTES, SEGMENTS, UNMEASURED],
+    ),
+    (
+        "planes, whole segments and triangulations; votes",
+        &[VOTES, SEGMENTS, TRIANGULATIONS, UNMEASURED],
+    ),
+    ("points on planes, too; cut", &[CUT, UNMEASURED]),
+    ("measured triangles; votes", &[VOTES]),
+    (
+        "measured triangles; cut, no corrections",
+        &[CUT, NO_CORRECTIONS],
+    ),
+    ("measured triangles; cut: the default", &[CUT]),
 ];
 
 /// What the command line asks for.
@@ -123,9 +150,10 @@ fn row(
     let label = sequence
         .file_name()
         .map_or_else(|| "sequence".into(), |name| name.to_string_lossy());
-    let folder = arguments
-        .out
-        .join(format!("{label}-{}", name.replace([' ', ','], "-")));
+    let folder = arguments.out.join(format!(
+        "{label}-{}",
+        name.replace([' ', ',', ';', ':'], "-")
+    ));
     std::fs::create_dir_all(&folder)?;
     let config = folder.join("switch.toml");
     std::fs::write(&config, configuration)?;
@@ -140,7 +168,7 @@ fn row(
         "--format",
         "ply",
     ]);
-    reconstruct.extend(["--final-only", "--no-picture", "--quiet"]);
+    reconstruct.extend(["--final-only", "--no-picture", "--no-page", "--quiet"]);
     reconstruct.extend(passed_on());
     run(&arguments.program, &reconstruct)?;
     let report: Value = serde_json::from_slice(&std::fs::read(folder.join("report.json"))?)?;
@@ -212,9 +240,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     writeln!(out, "|---|---|---|---|---|---|---|---|")?;
     let mut rows = Vec::new();
     for sequence in &arguments.sequences {
-        for (name, configuration) in SWITCHES {
+        for (name, parts) in SWITCHES {
             if name.contains(&arguments.only) {
-                let row = row(&arguments, sequence, name, configuration)?;
+                let row = row(&arguments, sequence, name, &parts.concat())?;
                 print(&mut out, &row)?;
                 out.flush()?;
                 rows.push(row);
