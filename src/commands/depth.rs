@@ -1,7 +1,6 @@
 //! Where the depth of a run comes from.
 
 use anyhow::{Context, bail};
-use linecarve_lines::depth::{DepthSensor, SensorNoise};
 
 use crate::cli;
 use crate::pipeline::depth_source::scale::median_depth_from_images;
@@ -67,16 +66,9 @@ fn sensor(sequence: &Sequence, options: &Options) -> anyhow::Result<ScaledSource
         )
     })?;
     Ok(ScaledSource {
-        source: DepthSource::Sensor(DepthSensor {
-            camera: calibration.camera.clone(),
-            color_from_depth: calibration.color_from_depth,
-            is_registered: calibration.registered,
-            noise: SensorNoise::relative_at(
-                options.sensor.relative_noise,
-                median_depth,
-                1.0 / calibration.scale,
-            ),
-        }),
+        source: DepthSource::Sensor(
+            calibration.sensor(options.sensor.relative_noise, median_depth),
+        ),
         median_depth,
     })
 }

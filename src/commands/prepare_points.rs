@@ -1,13 +1,13 @@
 //! What `reconstruct --from map-points` does first: no depth is needed.
 
 use anyhow::Context;
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 
-use crate::cli::{KeyframeArgs, SequenceArgs, StageArgs};
-use crate::commands::sequence::choose;
+use crate::cli::{KeyframeArgs, SequenceArgs};
+use crate::commands::sequence::{choose, origin_of};
 use crate::pipeline::Options;
 use crate::pipeline::feature_depth::median_feature_depth;
-use crate::pipeline::scale::{far_origin, median_scene_depth};
+use crate::pipeline::scale::median_scene_depth;
 use crate::progress::Verbosity;
 use crate::sequence::Sequence;
 
@@ -63,14 +63,7 @@ pub(super) fn prepare_points(
         None => 1.0,
     };
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
-    let positions = keyframes.iter().map(|frame| {
-        let pose = &sequence.frames()[*frame].world_from_camera;
-        Point3::from(pose.translation.vector)
-    });
-    let origin = far_origin(positions, median_depth);
-    if origin != Vector3::zeros() {
-        warnings.push(far_warning(&origin));
-    }
+    let origin = origin_of(&sequence, &keyframes, median_depth, &mut warnings);
     Ok(PreparedPoints {
         sequence,
         options,
@@ -78,21 +71,5 @@ pub(super) fn prepare_points(
         sensor_depth,
         origin,
         warnings,
-    })
-}
-
-/// Says that coordinates are computed on after a shift.
-pub(super) fn far_warning(origin: &Vector3<f64>) -> String {
-    format!(
-        "coordinates lie far from zero: computed relative to ({}, {}, {})",
-        origin.x, origin.y, origin.z
-    )
-}
-
-/// The options that a command starts from.
-pub(super) fn read_options(stages: &StageArgs) -> anyhow::Result<Options> {
-    Ok(match &stages.config {
-        Some(path) => Options::read(path)?,
-        None => Options::default(),
     })
 }

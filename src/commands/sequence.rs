@@ -62,10 +62,7 @@ pub(super) fn prepare(
     stages: &StageArgs,
     verbosity: Verbosity,
 ) -> anyhow::Result<Prepared> {
-    let mut options = match &stages.config {
-        Some(path) => Options::read(path)?,
-        None => Options::default(),
-    };
+    let mut options = read_options(stages)?;
     let sequence = open(input)?;
     anyhow::ensure!(
         !sequence.frames().is_empty(),
@@ -80,17 +77,7 @@ pub(super) fn prepare(
     let depth = depth_source(&sequence, stages.depth, &options)?;
     let median_depth = depth.median_depth;
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
-    let positions = keyframes.iter().map(|frame| {
-        let pose = &sequence.frames()[*frame].world_from_camera;
-        Point3::from(pose.translation.vector)
-    });
-    let origin = far_origin(positions, median_depth);
-    if origin != Vector3::zeros() {
-        warnings.push(format!(
-            "coordinates lie far from zero: computed relative to ({}, {}, {})",
-            origin.x, origin.y, origin.z
-        ));
-    }
+    let origin = origin_of(&sequence, &keyframes, median_depth, &mut warnings);
     Ok(Prepared {
         options,
         keyframes,
@@ -100,6 +87,40 @@ pub(super) fn prepare(
         warnings,
         sequence,
     })
+}
+
+/// The options that a command starts from.
+pub(super) fn read_options(stages: &StageArgs) -> anyhow::Result<Options> {
+    Ok(match &stages.config {
+        Some(path) => Options::read(path)?,
+        None => Options::default(),
+    })
+}
+
+/// What is taken off all coordinates while computing on these keyframes; says so when it is not nothing.
+pub(super) fn origin_of(
+    sequence: &Sequence,
+    keyframes: &[usize],
+    median_depth: f64,
+    warnings: &mut Vec<String>,
+) -> Vector3<f64> {
+    let positions = keyframes.iter().map(|frame| {
+        let pose = &sequence.frames()[*frame].world_from_camera;
+        Point3::from(pose.translation.vector)
+    });
+    let origin = far_origin(positions, median_depth);
+    if origin != Vector3::zeros() {
+        warnings.push(far_warning(&origin));
+    }
+    origin
+}
+
+/// Says that coordinates are computed on after a shift.
+pub(super) fn far_warning(origin: &Vector3<f64>) -> String {
+    format!(
+        "coordinates lie far from zero: computed relative to ({}, {}, {})",
+        origin.x, origin.y, origin.z
+    )
 }
 
 /// The keyframes that the options ask for; what the flags say goes into `options`, so that the report tells it.

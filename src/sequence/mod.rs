@@ -29,6 +29,7 @@ mod yaml;
 use std::path::PathBuf;
 
 use linecarve_lines::camera::{Camera, UndistortionMap};
+use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
 use crate::map_points::PointModel;
@@ -74,6 +75,20 @@ pub struct DepthCalibration {
     pub color_from_depth: Isometry3<f64>,
     /// Whether a depth pixel belongs to the colour pixel of the same place.
     pub registered: bool,
+}
+
+impl DepthCalibration {
+    /// The depth camera with its noise: a standard deviation of `relative_noise` at the median depth of the scene, in units
+    /// of the poses.
+    pub fn sensor(&self, relative_noise: f64, median_depth: f64) -> DepthSensor {
+        let step = 1.0 / self.scale;
+        DepthSensor {
+            camera: self.camera.clone(),
+            color_from_depth: self.color_from_depth,
+            is_registered: self.registered,
+            noise: SensorNoise::relative_at(relative_noise, median_depth, step),
+        }
+    }
 }
 
 /// A posed image sequence. Frames are in the order of recording; there is at least one, unless the images of a model are

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use base64::Engine;
-use linecarve_lines::depth::{DepthSensor, SensorNoise};
+use linecarve_lines::depth::DepthSensor;
 use nalgebra::{Point3, Vector3};
 use tempfile::TempDir;
 
@@ -364,16 +364,7 @@ impl Running {
             Some(depth) => depth,
             None => measured()?.ok_or(SessionError::FirstWithoutDepth { id })?,
         };
-        let sensor = DepthSensor {
-            camera: calibration.camera.clone(),
-            color_from_depth: calibration.color_from_depth,
-            is_registered: calibration.registered,
-            noise: SensorNoise::relative_at(
-                options.sensor.relative_noise,
-                median_depth,
-                1.0 / calibration.scale,
-            ),
-        };
+        let sensor = calibration.sensor(options.sensor.relative_noise, median_depth);
         let first = sequence.frames()[0].world_from_camera.translation.vector;
         let origin = match start.origin {
             Some(origin) => origin.into(),
