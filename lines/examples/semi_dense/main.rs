@@ -65,6 +65,7 @@ fn arguments() -> Result<Arguments, AnyError> {
             "--residual" => parsed.options.largest_residual = value()?.parse()?,
             "--rival" => parsed.options.largest_rival_share = value()?.parse()?,
             "--seeds" => parsed.options.seed_spacing_px = value()?.parse()?,
+            "--hidden" => parsed.options.hidden_pose_error = value()?.parse()?,
             "--no-alignment" => parsed.options.align_neighbours = false,
             _ => parsed.sequence = argument.into(),
         }

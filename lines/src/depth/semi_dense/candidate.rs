@@ -51,8 +51,7 @@ pub(super) fn residual_floor(reference: &MatchView, neighbour: &MatchView) -> f3
     noise.hypot(ROUNDING).max(1.0) as f32
 }
 
-/// How far the poses of neighbours err, in pixels: the root mean square of the turns that their matches ask for. What a
-/// turn cannot tell, the error along the epipolar lines which changes all depths alike, is taken to be as large. 0 of neighbours
+/// How far the poses of neighbours err, in pixels: the root mean square of the turns that their matches ask for. 0 of neighbours
 /// that were not turned.
 pub(super) fn pose_sigma_px(candidates: &[Candidate<'_>]) -> f32 {
     let turned: Vec<f64> = candidates

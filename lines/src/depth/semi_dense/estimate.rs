@@ -123,6 +123,7 @@ impl SemiDense {
         let fused = samples.iter().filter(|sample| sample.rho > 0.0).count();
         check_along_chains(reference.chains(), &mut samples, &mut shared, options);
         let largest = options.largest_relative_sigma as f32;
+        let hidden = options.hidden_pose_error as f32;
         for ((&[x, y], sample), shared) in reference
             .chains()
             .pixels()
@@ -131,8 +132,8 @@ impl SemiDense {
             .zip(&shared)
         {
             // Pixels next to each other share the error of the poses: it was left out of the check between them.
-            let sigma = sample.sigma.hypot(*shared);
-            if sigma <= largest * sample.rho {
+            if sample.sigma.hypot(*shared) <= largest * sample.rho {
+                let sigma = sample.sigma.hypot(hidden * shared);
                 let measured = InverseDepth::new(sample.rho, sigma);
                 map.set(usize::from(x), usize::from(y), measured);
             }

@@ -49,6 +49,9 @@ pub struct SemiDenseOptions {
     /// Every how many pixels along a chain one is searched in the whole range of depths; those between only around what these
     /// found. 1 searches all of them in the whole range.
     pub seed_spacing_px: usize,
+    /// How far the errors of poses displace matches along the epipolar lines, where depth follows them, in units of the turns that
+    /// matches ask for. They are common to a whole keyframe, enter its standard deviations, and drop no pixel.
+    pub hidden_pose_error: f64,
     /// Whether a small rotation of each neighbour is estimated along with its photometric model.
     pub align_neighbours: bool,
 }
@@ -74,6 +77,7 @@ impl Default for SemiDenseOptions {
             smooth_along_chain: true,
             longest_gap_px: 4,
             seed_spacing_px: 4,
+            hidden_pose_error: 1.5,
             align_neighbours: true,
         }
     }
@@ -119,6 +123,7 @@ impl SemiDenseOptions {
                 self.largest_relative_sigma,
                 largest,
             ),
+            ("hidden_pose_error", self.hidden_pose_error, largest),
             ("epipolar_sigma_px", self.epipolar_sigma_px, largest),
             (
                 "least_epipolar_sigma_px",
