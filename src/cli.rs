@@ -22,6 +22,7 @@ pub use stream::StreamArgs;
 pub use tables::TablesArgs;
 pub use view::ViewArgs;
 
+use crate::diff::Tolerance;
 use crate::pipeline::LabelKind;
 use crate::synth::{SceneKind, SequenceLayout};
 
@@ -174,6 +175,11 @@ pub struct ReconstructArgs {
     /// What the surface is made from.
     #[arg(long, value_enum, default_value_t = SurfaceSource::Lines)]
     pub from: SurfaceSource,
+
+    /// Triangulate flat parts of the final mesh anew, with as few triangles as an error of this much allows: a length in units
+    /// of the poses (0.002), or a share of the mesh's diagonal (0.02%, also when no value is given).
+    #[arg(long, value_name = "LENGTH|N%", num_args = 0..=1, default_missing_value = "0.02%")]
+    pub simplify: Option<Tolerance>,
 
     /// Leave out the surface of every single keyframe (`keyframes/NNNNNN.glb`).
     #[arg(long)]

@@ -16,7 +16,7 @@ use crate::commands::page::{PageRecorder, grouped, growth_plots, page_of, page_s
 use crate::commands::picture::{Shot, write_overview};
 use crate::commands::run_report::{RunLog, keyframe_report};
 use crate::commands::sequence::{Prepared, prepare};
-use crate::commands::{interrupt, reconstruct_points};
+use crate::commands::{interrupt, reconstruct_points, simplify};
 use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{self, BackEnd, Keyframe};
 use crate::progress::{Progress, Verbosity};
@@ -24,6 +24,7 @@ use crate::report::page::{PageTable, write_page};
 use crate::report::{KeyframeReport, milliseconds};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    simplify::check(args.simplify)?;
     if args.from == SurfaceSource::MapPoints {
         return reconstruct_points::run(args, verbosity);
     }
@@ -104,7 +105,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         log.demand_a_keyframe()?;
     }
 
-    let mesh = map.surface();
+    let mesh = simplify::finished(map.surface(), args.simplify)?;
     let result = log.result();
     result.segments = map.segments().segment_count();
     result.clusters = map.segments().cluster_count();

@@ -13,6 +13,7 @@ use crate::commands::picture::{crosses, write_panels};
 use crate::commands::reconstruct_points::{GROWTH, cloud};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::far_warning;
+use crate::commands::simplify;
 use crate::map_points::{ModelView, PointModel};
 use crate::mesh::{TriangleMesh, write_glb, write_points_ply};
 use crate::pipeline::scale::far_origin;
@@ -91,7 +92,7 @@ pub(super) fn run(
     }
 
     let start = Instant::now();
-    let mut mesh = carver.surface();
+    let mut mesh = simplify::finished(carver.surface(), args.simplify)?;
     let extracted = milliseconds(start.elapsed());
     let result = log.result();
     result.points = carver.carver().point_count();

@@ -13,7 +13,7 @@ use crate::commands::picture::{Shot, crosses, write_overview};
 use crate::commands::prepare_points::{PreparedPoints, prepare_points};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::{open, read_options};
-use crate::commands::{interrupt, kept_run, reconstruct_model};
+use crate::commands::{interrupt, kept_run, reconstruct_model, simplify};
 use crate::map_points::PointModel;
 use crate::mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
 use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, PointUpdate, run_in_order};
@@ -131,7 +131,7 @@ fn from_features(
     let depth = prepared.sensor_depth.or_else(|| map.map().median_depth());
     log.set_median_depth(depth);
     let quality = map.map().quality();
-    let mut mesh = map.surface();
+    let mut mesh = simplify::finished(map.surface(), args.simplify)?;
     let result = log.result();
     result.points = map.carver().point_count();
     result.rays = map.carver().ray_count();

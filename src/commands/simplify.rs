@@ -7,10 +7,31 @@ use crate::cli::SimplifyArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
 use crate::commands::run_report::{print_object, print_text};
+use crate::diff::Tolerance;
 use crate::mesh::{
-    Geometry, GlbPart, SimplifyOptions, read_geometry, simplify, write_glb, write_mesh_obj,
-    write_mesh_ply,
+    Geometry, GlbPart, Shape, SimplifyOptions, SimplifyOptionsError, TriangleMesh, read_geometry,
+    simplify, write_glb, write_mesh_obj, write_mesh_ply,
 };
+
+/// Checks the tolerance of `--simplify` before anything is computed.
+pub(super) fn check(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsError> {
+    tolerance.map_or(Ok(()), |tolerance| {
+        SimplifyOptions::with_tolerance(tolerance.length(1.0)).validate()
+    })
+}
+
+/// The final mesh of a run, simplified where that is asked for.
+pub(super) fn finished(
+    mesh: TriangleMesh,
+    tolerance: Option<Tolerance>,
+) -> Result<TriangleMesh, SimplifyOptionsError> {
+    let Some(tolerance) = tolerance.filter(|_| !mesh.is_empty()) else {
+        return Ok(mesh);
+    };
+    let diagonal = Shape::from(mesh.clone()).diagonal();
+    let options = SimplifyOptions::with_tolerance(tolerance.length(diagonal));
+    Ok(simplify(&mesh, &options)?.mesh)
+}
 
 /// What came out, as it stands in JSON.
 #[derive(Serialize)]

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
+use super::concerned::Concerned;
 use super::events::EventError;
-use super::ids::{PointId, ViewId};
 use super::transaction::{Fate, Plan, Transaction};
 use super::{Carver, Labeling};
 use crate::surface::SurfaceDelta;
@@ -48,10 +48,7 @@ pub struct CommitTimes {
 pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, EventError> {
     let Transaction { carver, mut plan } = transaction;
     plan.drop_idle_moves(carver);
-    let concerned = Concerned {
-        rays: plan.concerned(carver),
-        sheets: plan.concerned_sheets(carver),
-    };
+    let concerned = plan.concerned(carver);
     plan.check_lengths(carver, &concerned.rays)?;
     if !carver
         .tetrahedra
@@ -62,148 +59,11 @@ pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, Event
     Ok(carver.make(&plan, &concerned))
 }
 
-/// What of before the transaction ends or changes; sorted.
-struct Concerned {
-    rays: Vec<RayId>,
-    sheets: Vec<RayId>,
-}
-
 /// Entries of a map in the order of their keys, so that hash order stays inside.
 fn sorted(map: &FxHashMap<u32, Fate>) -> Vec<(u32, Fate)> {
     let mut entries: Vec<(u32, Fate)> = map.iter().map(|(&id, &fate)| (id, fate)).collect();
     entries.sort_unstable_by_key(|(id, _)| *id);
     entries
-}
-
-impl Plan {
-    /// Forgets moves to where things are.
-    fn drop_idle_moves(&mut self, carver: &Carver) {
-        self.points.retain(|&point, fate| {
-            carver
-                .points
-                .get(point)
-                .is_none_or(|old| *fate != Fate::Moved(old.position))
-        });
-        self.views
-            .retain(|&view, fate| *fate != Fate::Moved(*carver.views.center(view)));
-        self.sigmas
-            .retain(|&point, sigma| carver.points.sigma(point) != *sigma);
-    }
-
-    /// Where a point is after the transaction.
-    fn final_point(&self, carver: &Carver, point: u32) -> Option<[f64; 3]> {
-        match (point as usize).checked_sub(carver.points.capacity()) {
-            Some(new) => self.new_points[new],
-            None => match self.points.get(&point) {
-                Some(Fate::Removed) => None,
-                Some(Fate::Moved(position)) => Some(*position),
-                None => carver.points.get(point).map(|record| record.position),
-            },
-        }
-    }
-
-    /// Where a view is after the transaction.
-    fn final_view(&self, carver: &Carver, view: u32) -> Option<[f64; 3]> {
-        match (view as usize).checked_sub(carver.views.capacity()) {
-            Some(new) => self.new_views[new],
-            None => match self.views.get(&view) {
-                Some(Fate::Removed) => None,
-                Some(Fate::Moved(center)) => Some(*center),
-                None => carver
-                    .views
-                    .is_alive(view)
-                    .then(|| *carver.views.center(view)),
-            },
-        }
-    }
-
-    /// Whether an observation of before the transaction is not there after it.
-    fn ends(&self, carver: &Carver, ray: RayId) -> bool {
-        let (view, point) = (carver.rays.view(ray), carver.rays.point(ray));
-        self.observations.get(&(view, point)) == Some(&None)
-            || self.views.get(&view) == Some(&Fate::Removed)
-            || self.points.get(&point) == Some(&Fate::Removed)
-    }
-
-    /// Observations of before the transaction that end, or whose ray or weight changes; sorted.
-    fn concerned(&self, carver: &Carver) -> Vec<RayId> {
-        let rays = &carver.rays;
-        let mut concerned: Vec<RayId> = Vec::new();
-        for &point in self.points.keys() {
-            concerned.extend(rays.of_point(point));
-        }
-        if carver.evidence.is_on() {
-            for &point in self.sigmas.keys() {
-                concerned.extend(rays.of_point(point));
-            }
-        }
-        for &view in self.views.keys() {
-            concerned.extend(rays.of_view(view));
-        }
-        let views = carver.views.capacity() as u32;
-        let old = self.order.iter().filter(|(view, _)| *view < views);
-        concerned.extend(old.filter_map(|&(view, point)| rays.find(view, point)));
-        concerned.sort_unstable();
-        concerned.dedup();
-        concerned
-    }
-
-    /// Whether a segment of before the transaction is not there after it.
-    fn ends_sheet(&self, carver: &Carver, sheet: RayId) -> bool {
-        let &Sheet { view, points, .. } = carver.sheets.get(sheet);
-        let is_removed = |point| self.points.get(point) == Some(&Fate::Removed);
-        self.segments.get(&(view, points)) == Some(&None)
-            || self.views.get(&view) == Some(&Fate::Removed)
-            || points.iter().any(is_removed)
-    }
-
-    /// Segments of before the transaction that end, or whose triangle or weight changes; sorted.
-    fn concerned_sheets(&self, carver: &Carver) -> Vec<RayId> {
-        let sheets = &carver.sheets;
-        let mut concerned: Vec<RayId> = Vec::new();
-        for &point in self.points.keys() {
-            concerned.extend(sheets.of_point(point));
-        }
-        for &view in self.views.keys() {
-            concerned.extend(sheets.of_view(view));
-        }
-        concerned.extend(
-            self.segment_order
-                .iter()
-                .filter_map(|&(view, points)| sheets.find(view, points)),
-        );
-        concerned.sort_unstable();
-        concerned.dedup();
-        concerned
-    }
-
-    /// No observation may end where it begins.
-    fn check_lengths(&self, carver: &Carver, concerned: &[RayId]) -> Result<(), EventError> {
-        let check = |view: u32, point: u32| {
-            let ends = (
-                self.final_view(carver, view),
-                self.final_point(carver, point),
-            );
-            match ends {
-                (Some(center), Some(position)) if center == position => {
-                    let (view, point) = (ViewId(view), PointId(point));
-                    Err(EventError::ZeroLengthRay { view, point })
-                }
-                _ => Ok(()),
-            }
-        };
-        for key in &self.order {
-            if self.observations[key].is_some() {
-                check(key.0, key.1)?;
-            }
-        }
-        for &ray in concerned {
-            if !self.ends(carver, ray) {
-                check(carver.rays.view(ray), carver.rays.point(ray))?;
-            }
-        }
-        Ok(())
-    }
 }
 
 impl Carver {

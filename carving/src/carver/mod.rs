@@ -32,6 +32,7 @@
 
 mod check;
 mod commit;
+mod concerned;
 mod events;
 mod ids;
 mod points;

@@ -1,13 +1,15 @@
 //! A region, triangulated anew between its borders.
 
 use nalgebra::Point3;
-use spade::handles::FixedVertexHandle;
-use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
+use rustc_hash::FxHashMap;
+use spade::handles::{DirectedEdgeHandle, FixedVertexHandle};
+use spade::{CdtEdge, ConstrainedDelaunayTriangulation, Point2, Triangulation};
 
 use super::regions::Plane;
 
 /// Triangulates what lies to the left of directed border edges in a plane. `None` when the border cannot be one of a part
-/// of the plane: vertices fall together, edges cross or touch, or the areas do not agree.
+/// of the plane: edges cross or touch or fall together, or the areas do not agree. Vertices may fall together, as those do that
+/// were split where sheets of the surface meet.
 pub(super) fn triangulate(
     positions: &[Point3<f64>],
     plane: &Plane,
@@ -36,23 +38,20 @@ pub(super) fn triangulate(
 
     let mut cdt = ConstrainedDelaunayTriangulation::<Point2<f64>>::new();
     let mut handles: Vec<FixedVertexHandle> = Vec::with_capacity(flat.len());
-    // By handle, the name of its vertex: handles count from 0 in the order of insertion.
-    for (count, point) in flat.iter().enumerate() {
-        let handle = cdt.insert(*point).ok()?;
-        // A vertex that falls together with another one has no handle of its own.
-        if handle.index() != count {
-            return None;
-        }
-        handles.push(handle);
+    for point in &flat {
+        handles.push(cdt.insert(*point).ok()?);
     }
+    // By the handles of its ends, the name of the vertex from which a border edge runs.
+    let mut start_of: FxHashMap<[FixedVertexHandle; 2], u32> = FxHashMap::default();
     for (from, to) in border {
-        let (from, to) = (handles[place(*from)?], handles[place(*to)?]);
-        if from == to || !cdt.can_add_constraint(from, to) {
+        let ends = [handles[place(*from)?], handles[place(*to)?]];
+        let [a, b] = ends;
+        if a == b || start_of.insert(ends, *from).is_some() || !cdt.can_add_constraint(a, b) {
             return None;
         }
-        cdt.add_constraint(from, to);
+        cdt.add_constraint(a, b);
         // A vertex on the way parts the edge, which the other side of the border would not know.
-        if !cdt.exists_constraint(from, to) {
+        if !cdt.exists_constraint(a, b) {
             return None;
         }
     }
@@ -74,10 +73,12 @@ pub(super) fn triangulate(
     let mut covered = 0.0;
     while let Some(face) = open.pop() {
         let face = cdt.face(face);
-        let corners = face.vertices().map(|vertex| vertex.fix().index());
-        let [a, b, c] = corners.map(|corner| flat[corner]);
+        let [a, b, c] = face.positions();
         covered += (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
-        triangles.push(corners.map(|corner| names[corner]));
+        let [a, b, c] = face
+            .adjacent_edges()
+            .map(|edge| name_at_start(edge, &start_of));
+        triangles.push([a?, b?, c?]);
         for edge in face.adjacent_edges() {
             if edge.is_constraint_edge() {
                 continue;
@@ -100,6 +101,25 @@ pub(super) fn triangulate(
     }
     triangles.sort_unstable();
     Some(triangles)
+}
+
+/// The name of the vertex from which the edge of an inner face runs. All vertices are on the border: around the vertex and
+/// inside, one comes to a border edge that begins there.
+fn name_at_start(
+    edge: DirectedEdgeHandle<'_, Point2<f64>, (), CdtEdge<()>, ()>,
+    start_of: &FxHashMap<[FixedVertexHandle; 2], u32>,
+) -> Option<u32> {
+    let mut turned = edge;
+    loop {
+        if turned.is_constraint_edge() {
+            let ends = [turned.from(), turned.to()].map(|vertex| vertex.fix());
+            return start_of.get(&ends).copied();
+        }
+        turned = turned.rev().next();
+        if turned == edge {
+            return None;
+        }
+    }
 }
 
 /// The triangulation refuses coordinates that are tiny and not zero.

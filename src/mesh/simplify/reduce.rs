@@ -6,7 +6,7 @@ use super::borders::{self, Borders};
 use super::edges::Neighbors;
 use super::options::{SimplifyOptions, SimplifyOptionsError};
 use super::patch::triangulate;
-use super::regions::{self, Regions};
+use super::regions::{Grower, Regions};
 use crate::mesh::types::TriangleMesh;
 
 /// A mesh of fewer triangles, and how it came about.
@@ -19,6 +19,10 @@ pub struct Simplified {
     /// Number of regions of more than one triangle that had to stay as they were.
     pub kept_regions: usize,
 }
+
+/// A region that lies over itself seen along its normal, as the side of a step does, cannot be triangulated in its plane. Its
+/// triangles are then put into regions anew, within half the distance, all in all so many times.
+const MOST_ATTEMPTS: usize = 4;
 
 /// Simplifies a mesh, which must be valid ([`TriangleMesh::validate`]).
 ///
@@ -36,15 +40,36 @@ pub fn simplify(
 ) -> Result<Simplified, SimplifyOptionsError> {
     options.validate()?;
     let neighbors = Neighbors::new(&mesh.triangles);
-    let regions = regions::grow(&mesh.positions, &mesh.triangles, &neighbors, options);
-    let borders = borders::find(
-        &mesh.positions,
-        &mesh.triangles,
-        &neighbors,
-        &regions,
-        0.5 * options.tolerance,
-    );
-    let (patches, kept_regions) = fill(mesh, &regions, borders);
+    let reach = 0.5 * options.tolerance;
+    let mut reach_of = vec![reach; mesh.triangles.len()];
+    let mut attempts = 1..=MOST_ATTEMPTS;
+    let (regions, patches, kept_regions) = loop {
+        let is_last = attempts
+            .next()
+            .is_none_or(|attempt| attempt == MOST_ATTEMPTS);
+        let grower = Grower {
+            positions: &mesh.positions,
+            triangles: &mesh.triangles,
+            neighbors: &neighbors,
+            reach_of: &reach_of,
+            least_cosine: options.most_turn_rad.cos(),
+        };
+        let regions = grower.grow();
+        let borders = borders::find(
+            &mesh.positions,
+            &mesh.triangles,
+            &neighbors,
+            &regions,
+            reach,
+        );
+        let (patches, kept) = fill(mesh, &regions, borders);
+        if is_last || kept.is_empty() {
+            break (regions, patches, kept.len());
+        }
+        for &triangle in kept.iter().flat_map(|&region| &regions.members[region]) {
+            reach_of[triangle as usize] *= 0.5;
+        }
+    };
     let triangles: Vec<[u32; 3]> = patches.into_iter().flatten().collect();
     Ok(Simplified {
         mesh: compacted(mesh, triangles),
@@ -53,13 +78,13 @@ pub fn simplify(
     })
 }
 
-/// The triangles of each region, between simplified borders where they allow it, and the number of regions of several
-/// triangles that stayed as they were.
+/// The triangles of each region, between simplified borders where they allow it, and the regions of several triangles that
+/// stayed as they were.
 fn fill(
     mesh: &TriangleMesh,
     regions: &Regions,
     mut borders: Borders,
-) -> (Vec<Vec<[u32; 3]>>, usize) {
+) -> (Vec<Vec<[u32; 3]>>, Vec<usize>) {
     let count = regions.planes.len();
     let mut patches: Vec<Option<Vec<[u32; 3]>>> = vec![None; count];
     let mut is_kept = vec![false; count];
@@ -103,7 +128,7 @@ fn fill(
     }
     let kept_regions = (0..count)
         .filter(|region| is_kept[*region] && regions.members[*region].len() > 1)
-        .count();
+        .collect();
     let filled = patches
         .into_iter()
         .zip(&regions.members)

@@ -3,7 +3,6 @@
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::edges::Neighbors;
-use super::options::SimplifyOptions;
 
 /// A plane through a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,83 +36,75 @@ pub(super) struct Regions {
     pub(super) members: Vec<Vec<u32>>,
 }
 
-/// Grows regions from the largest triangles on: first within the plane of the seed, then anew within the plane that fits
-/// what was found. Every triangle ends up in one, if need be by itself.
-pub(super) fn grow(
-    positions: &[Point3<f64>],
-    triangles: &[[u32; 3]],
-    neighbors: &Neighbors,
-    options: &SimplifyOptions,
-) -> Regions {
-    let grower = Grower {
-        positions,
-        triangles,
-        neighbors,
-        reach: 0.5 * options.tolerance,
-        least_cosine: options.most_turn_rad.cos(),
-    };
-    let mut seeds: Vec<(f64, u32)> = (0..triangles.len() as u32)
-        .map(|t| (grower.cross(t).norm(), t))
-        .collect();
-    seeds.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let mut regions = Regions {
-        of: vec![u32::MAX; triangles.len()],
-        planes: Vec::new(),
-        members: Vec::new(),
-    };
-    // Which growth visited a triangle last: stamps spare clearing.
-    let mut visited = vec![0_u32; triangles.len()];
-    let mut stamp = 0;
-    for (doubled_area, seed) in seeds {
-        if regions.of[seed as usize] != u32::MAX {
-            continue;
-        }
-        let (mut plane, mut members) = (
-            Plane {
-                point: positions[triangles[seed as usize][0] as usize],
-                normal: Vector3::z(),
-            },
-            vec![seed],
-        );
-        if doubled_area > 0.0 {
-            plane.normal = grower.cross(seed) / doubled_area;
-            for _ in 0..3 {
-                stamp += 1;
-                let found = grower.flood(seed, &plane, &regions.of, &mut visited, stamp);
-                if found.len() <= members.len() {
-                    break;
-                }
-                members = found;
-                let Some(better) = grower.fit(&members, &plane.normal) else {
-                    break;
-                };
-                // What was found must still belong: a better plane is one that loses nothing.
-                if !members.iter().all(|t| grower.belongs(*t, &better)) {
-                    break;
-                }
-                plane = better;
-            }
-        }
-        members.sort_unstable();
-        let name = regions.planes.len() as u32;
-        for member in &members {
-            regions.of[*member as usize] = name;
-        }
-        regions.planes.push(plane);
-        regions.members.push(members);
-    }
-    regions
-}
+/// Planes are fitted to a region so often at most; each grows it by a factor, until it ends.
+const MOST_ROUNDS: usize = 32;
 
-struct Grower<'a> {
-    positions: &'a [Point3<f64>],
-    triangles: &'a [[u32; 3]],
-    neighbors: &'a Neighbors,
-    reach: f64,
-    least_cosine: f64,
+/// A mesh to be parted into regions.
+pub(super) struct Grower<'a> {
+    pub(super) positions: &'a [Point3<f64>],
+    pub(super) triangles: &'a [[u32; 3]],
+    pub(super) neighbors: &'a Neighbors,
+    /// How far each triangle may be from the plane of its region.
+    pub(super) reach_of: &'a [f64],
+    /// Of the angle between a triangle and its region.
+    pub(super) least_cosine: f64,
 }
 
 impl Grower<'_> {
+    /// Grows regions from the largest triangles on: first within the plane of the seed, then anew within the plane that fits
+    /// what was found, as long as that finds more. Every triangle ends up in one, if need be by itself.
+    pub(super) fn grow(&self) -> Regions {
+        let mut seeds: Vec<(f64, u32)> = (0..self.triangles.len() as u32)
+            .map(|t| (self.cross(t).norm(), t))
+            .collect();
+        seeds.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let mut regions = Regions {
+            of: vec![u32::MAX; self.triangles.len()],
+            planes: Vec::new(),
+            members: Vec::new(),
+        };
+        // Which growth visited a triangle last: stamps spare clearing.
+        let mut visited = vec![0_u32; self.triangles.len()];
+        let mut stamp = 0;
+        for (doubled_area, seed) in seeds {
+            if regions.of[seed as usize] != u32::MAX {
+                continue;
+            }
+            let (mut plane, mut members) = (
+                Plane {
+                    point: self.positions[self.triangles[seed as usize][0] as usize],
+                    normal: Vector3::z(),
+                },
+                vec![seed],
+            );
+            if doubled_area > 0.0 {
+                plane.normal = self.cross(seed) / doubled_area;
+                // The plane of one triangle is soon off by more than the reach; that of what it has found leads further.
+                let mut next = plane;
+                for _ in 0..MOST_ROUNDS {
+                    stamp += 1;
+                    let found = self.flood(seed, &next, &regions.of, &mut visited, stamp);
+                    if found.len() <= members.len() {
+                        break;
+                    }
+                    (plane, members) = (next, found);
+                    match self.fit(&members, &plane.normal) {
+                        Some(better) if self.belongs(seed, &better) => next = better,
+                        _ => break,
+                    }
+                }
+            }
+            members.sort_unstable();
+            let name = regions.planes.len() as u32;
+            for member in &members {
+                regions.of[*member as usize] = name;
+            }
+            regions.planes.push(plane);
+            regions.members.push(members);
+        }
+        regions
+    }
+
     fn corners(&self, triangle: u32) -> [Point3<f64>; 3] {
         self.triangles[triangle as usize].map(|corner| self.positions[corner as usize])
     }
@@ -126,14 +117,15 @@ impl Grower<'_> {
 
     fn belongs(&self, triangle: u32, plane: &Plane) -> bool {
         let [a, b, c] = self.corners(triangle);
-        if [a, b, c].iter().any(|p| plane.distance(p) > self.reach) {
+        let reach = self.reach_of[triangle as usize];
+        if [a, b, c].iter().any(|p| plane.distance(p) > reach) {
             return false;
         }
         let cross = self.cross(triangle);
         let facing = cross.dot(&plane.normal);
         let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
         let height = cross.norm() / longest;
-        if height <= 2.0 * self.reach {
+        if height <= 2.0 * reach {
             facing > 0.0
         } else {
             facing >= self.least_cosine * cross.norm()

@@ -115,6 +115,16 @@ fn noise_within_the_tolerance_is_flattened_and_beyond_it_stays() {
     demand_same(&mesh, &kept, 1e-5);
 }
 
+/// Walls of 60 by 60 squares: within the tolerance of its own plane a noisy triangle finds its next neighbours only.
+#[test]
+fn a_wide_noisy_wall_is_one_region() {
+    let mesh = noisy(gridded_box(60), 0.0003, 2);
+    let result = simplify(&mesh, &SimplifyOptions::with_tolerance(0.002)).unwrap();
+    assert!(result.regions <= 12, "{} regions", result.regions);
+    assert!(result.mesh.triangles.len() * 50 < mesh.triangles.len());
+    demand_same(&mesh, &result.mesh, 0.002);
+}
+
 #[test]
 fn holes_rims_and_islands_stay() {
     // A wall with two windows, and a ledge that hangs on one of its rims.
