@@ -11,7 +11,7 @@ use linecarve_lines::depth::SensorNoise;
 use nalgebra::Point3;
 
 use super::front_end::Keyframe;
-use super::intake::{Contribution, Intake, IntakeScratch, settle};
+use super::intake::{Intake, IntakeScratch, settle};
 use super::landmarks::{Landmarks, Measurement};
 use super::options::Options;
 use super::segment_map::SegmentMap;
@@ -75,8 +75,8 @@ pub struct BackEnd {
     points: Vec<PointId>,
     carver: Carver,
     scratch: IntakeScratch,
-    /// What each keyframe gave; `None` for those that were withdrawn.
-    contributions: Vec<Option<(ViewId, Contribution)>>,
+    /// Number of keyframes that were added.
+    keyframes: usize,
     vertices: VertexPoints,
     support: Support,
 }
@@ -110,7 +110,7 @@ impl BackEnd {
                 },
             }),
             scratch: IntakeScratch::default(),
-            contributions: Vec::new(),
+            keyframes: 0,
             vertices: VertexPoints::default(),
             support: Support::new(
                 options.surface.least_measured_share,
@@ -125,7 +125,7 @@ impl BackEnd {
     /// # Errors
     /// When the carver refuses its position or one of its points: not a number, or out of range.
     pub fn push(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, BackEndError> {
-        let number = self.contributions.len();
+        let number = self.keyframes;
         let refused = |source| BackEndError::Carve {
             keyframe: number,
             source,
@@ -140,13 +140,11 @@ impl BackEnd {
         let mut transaction = self.carver.transaction();
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let view = transaction.add_view(center).map_err(refused)?;
-        let mut contribution = Contribution::default();
         let mut intake = Intake {
             landmarks: &mut self.landmarks,
             points: &mut self.points,
             transaction: &mut transaction,
             scratch: &mut self.scratch,
-            contribution: &mut contribution,
             sigma_factor: self.options.carving.cut.sigma_factor,
             new_points: 0,
         };
@@ -177,11 +175,12 @@ impl BackEnd {
 
         let IntakeScratch {
             seen,
+            contradicted,
             stretches,
             edges,
             ..
         } = &mut self.scratch;
-        let concerned = contribution.contradicted.iter().chain(&*seen).copied();
+        let concerned = contradicted.iter().chain(&*seen).copied();
         (update.moved_points, update.removed_points) = settle(
             &mut self.landmarks,
             &self.points,
@@ -220,7 +219,7 @@ impl BackEnd {
         let report = transaction.commit().map_err(refused)?;
         update.carving = start.elapsed() - update.clustering - update.matching;
         update.changed_triangles = report.surface.added.len() + report.surface.removed.len();
-        let concerned = contribution.contradicted.iter().chain(&self.scratch.seen);
+        let concerned = self.scratch.contradicted.iter().chain(&self.scratch.seen);
         self.vertices
             .note(&self.carver, &self.points, concerned.copied());
         let observers = Observers {
@@ -238,18 +237,11 @@ impl BackEnd {
             let measured = contradictions
                 .iter()
                 .filter_map(|pixel| surface.measured_at(pixel));
-            self.correct(
-                keyframe,
-                view,
-                &surface,
-                measured,
-                &mut contribution,
-                &mut update,
-            )
-            .map_err(refused)?;
+            self.correct(keyframe, view, &surface, measured, &mut update)
+                .map_err(refused)?;
         }
         update.support = start.elapsed() - update.clustering - update.matching - update.carving;
-        self.contributions.push(Some((view, contribution)));
+        self.keyframes += 1;
         Ok(update)
     }
 
@@ -260,7 +252,6 @@ impl BackEnd {
         view: ViewId,
         surface: &KeyframeSurface<'_>,
         measured: impl Iterator<Item = Measurement>,
-        contribution: &mut Contribution,
         update: &mut MapUpdate,
     ) -> Result<(), EventError> {
         let before = std::mem::take(&mut self.scratch.seen);
@@ -270,7 +261,6 @@ impl BackEnd {
             points: &mut self.points,
             transaction: &mut transaction,
             scratch: &mut self.scratch,
-            contribution,
             sigma_factor: self.options.carving.cut.sigma_factor,
             new_points: 0,
         };
@@ -292,53 +282,6 @@ impl BackEnd {
             vertices: &self.vertices,
         };
         self.support.correct(observers, &report.surface);
-        Ok(())
-    }
-
-    /// Takes back what a keyframe gave: its rays and segments end, its measurements leave the means of their landmarks,
-    /// and landmarks that no other keyframe measured are gone. Clusters and colours keep what they had of it. Its number
-    /// is not given again; withdrawn a second time, it changes nothing.
-    ///
-    /// # Errors
-    /// As [`BackEnd::push`].
-    pub fn withdraw(&mut self, number: usize) -> Result<(), BackEndError> {
-        let Some((view, contribution)) = self.contributions.get_mut(number).and_then(Option::take)
-        else {
-            return Ok(());
-        };
-        let refused = |source| BackEndError::Carve {
-            keyframe: number,
-            source,
-        };
-        let Contribution {
-            shares,
-            contradicted,
-        } = contribution;
-        for (landmark, share) in &shares {
-            self.landmarks.withdraw(*landmark, share);
-        }
-        for landmark in &contradicted {
-            self.landmarks.withdraw_contradiction(*landmark);
-        }
-        let mut transaction = self.carver.transaction();
-        let concerned = shares.iter().map(|(landmark, _)| *landmark);
-        settle(
-            &mut self.landmarks,
-            &self.points,
-            &mut transaction,
-            concerned,
-        )
-        .map_err(refused)?;
-        transaction.remove_view(view).map_err(refused)?;
-        let report = transaction.commit().map_err(refused)?;
-        let concerned = shares.iter().map(|(landmark, _)| *landmark);
-        self.vertices.note(&self.carver, &self.points, concerned);
-        let observers = Observers {
-            carver: &self.carver,
-            points: &self.points,
-            vertices: &self.vertices,
-        };
-        self.support.withdraw(observers, &report.surface, view);
         Ok(())
     }
 

@@ -5,22 +5,16 @@ use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
 use super::front_end::Keyframe;
-use super::landmarks::{Landmarks, Measurement, Observed, Settled, Share};
+use super::landmarks::{Landmarks, Measurement, Observed, Settled};
 use super::surface_points::{KeyframeSurface, SurfacePointOptions, Verdict};
-
-/// What a keyframe gave to the map, so that it can be taken back.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Contribution {
-    pub(super) shares: Vec<(u32, Share)>,
-    /// Landmarks that it looked through.
-    pub(super) contradicted: Vec<u32>,
-}
 
 /// Memory that is reused from one keyframe to the next.
 #[derive(Debug, Default)]
 pub(super) struct IntakeScratch {
     /// Landmarks that the keyframe sees, with repetitions.
     pub(super) seen: Vec<u32>,
+    /// Landmarks that it looked through.
+    pub(super) contradicted: Vec<u32>,
     /// Pairs of landmarks between which it sees a stretch of a segment.
     pub(super) stretches: Vec<[u32; 2]>,
     /// Pairs of landmarks joined by an edge of its triangulation that the surface follows.
@@ -36,6 +30,7 @@ pub(super) struct IntakeScratch {
 impl IntakeScratch {
     fn clear(&mut self) {
         self.seen.clear();
+        self.contradicted.clear();
         self.stretches.clear();
         self.edges.clear();
         self.verdicts.clear();
@@ -55,7 +50,6 @@ pub(super) struct Intake<'a, 'b> {
     pub(super) points: &'a mut Vec<PointId>,
     pub(super) transaction: &'a mut Transaction<'b>,
     pub(super) scratch: &'a mut IntakeScratch,
-    pub(super) contribution: &'a mut Contribution,
     /// What a standard deviation is multiplied by for the carver.
     pub(super) sigma_factor: f64,
     pub(super) new_points: usize,
@@ -80,15 +74,8 @@ impl Intake<'_, '_> {
             }
             Observed::Again(landmark) => landmark,
         };
-        self.note(landmark, measurement);
-        Ok(landmark)
-    }
-
-    fn note(&mut self, landmark: u32, measurement: &Measurement) {
         self.scratch.seen.push(landmark);
-        self.contribution
-            .shares
-            .push((landmark, measurement.share()));
+        Ok(landmark)
     }
 
     /// Takes the points along a segment, in their order.
@@ -164,11 +151,11 @@ impl Intake<'_, '_> {
             } = verdict
             {
                 self.landmarks.confirm(landmark, &measurement);
-                self.note(landmark, &measurement);
+                self.scratch.seen.push(landmark);
                 self.add_vertex(landmark, vertex);
             } else {
                 self.landmarks.contradict(landmark);
-                self.contribution.contradicted.push(landmark);
+                self.scratch.contradicted.push(landmark);
             }
         }
         let vertex_of = |landmark: u32| self.scratch.vertex_of[landmark as usize];

@@ -79,32 +79,11 @@ pub struct Landmark {
 
 impl Landmark {
     fn add(&mut self, measurement: &Measurement) {
-        let share = measurement.share();
-        self.weighted += share.weighted;
-        self.weight += share.weight;
+        let weight = 1.0 / (measurement.sigma * measurement.sigma);
+        self.weighted += weight * measurement.point_in_world.coords;
+        self.weight += weight;
         self.measured += 1;
     }
-}
-
-impl Measurement {
-    fn weight(&self) -> f64 {
-        1.0 / (self.sigma * self.sigma)
-    }
-
-    /// What has to be kept of it so that it can be taken back.
-    pub fn share(&self) -> Share {
-        Share {
-            weighted: self.weight() * self.point_in_world.coords,
-            weight: self.weight(),
-        }
-    }
-}
-
-/// What a measurement adds to the mean of its landmark.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Share {
-    weighted: Vector3<f64>,
-    weight: f64,
 }
 
 /// What [`Landmarks::settle`] decides on a landmark.
@@ -210,26 +189,6 @@ impl Landmarks {
         self.records[id as usize].add(measurement);
     }
 
-    /// Takes back a measurement that was noted before.
-    ///
-    /// # Panics
-    /// When there never was a landmark of this number.
-    pub fn withdraw(&mut self, id: u32, share: &Share) {
-        let landmark = &mut self.records[id as usize];
-        landmark.weighted -= share.weighted;
-        landmark.weight -= share.weight;
-        landmark.measured = landmark.measured.saturating_sub(1);
-    }
-
-    /// Takes back that a keyframe looked through a landmark.
-    ///
-    /// # Panics
-    /// When there never was one of this number.
-    pub fn withdraw_contradiction(&mut self, id: u32) {
-        let contradicted = &mut self.records[id as usize].contradicted;
-        *contradicted = contradicted.saturating_sub(1);
-    }
-
     /// Notes the sRGB colour under which a keyframe sees a landmark.
     ///
     /// # Panics
@@ -271,7 +230,7 @@ impl Landmarks {
             return Settled::Stays;
         }
         let indexed = GeomWithData::new(landmark.position.coords.into(), id);
-        if landmark.contradicted > landmark.measured || landmark.measured == 0 {
+        if landmark.contradicted > landmark.measured {
             landmark.is_given_up = true;
             self.tree.remove(&indexed);
             return Settled::GivenUp;
@@ -382,21 +341,6 @@ mod tests {
         assert_eq!((landmarks.len(), landmarks.is_in_use(0)), (0, false));
         assert_eq!(landmarks.settle(0), Settled::Stays);
         assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.0)), Observed::New(1));
-    }
-
-    #[test]
-    fn what_is_withdrawn_leaves_the_rest() {
-        let mut landmarks = Landmarks::new(NARROW);
-        let (first, second) = (at(0.0, 0.0, 2.0), at(0.0, 0.0, 2.016));
-        landmarks.observe(&first);
-        landmarks.observe(&second);
-        landmarks.withdraw(0, &first.share());
-        let Settled::Moved(rest) = landmarks.settle(0) else {
-            panic!("the second measurement is left");
-        };
-        assert!((rest - second.point_in_world).norm() < 1e-9);
-        landmarks.withdraw(0, &second.share());
-        assert_eq!(landmarks.settle(0), Settled::GivenUp);
     }
 
     #[test]

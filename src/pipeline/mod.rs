@@ -4,7 +4,6 @@
 //! order. [`run`] drives both, so that the front end of the next keyframes works beside the back end of these.
 
 mod back_end;
-pub mod cluster_points;
 pub mod colors;
 pub mod depth_source;
 pub mod feature_depth;

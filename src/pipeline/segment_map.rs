@@ -1,7 +1,7 @@
 //! Segments of all keyframes in the world, and their clusters.
 
 use linecarve_lines::cluster::{
-    ClusterEvent, ClusterOptions, ClusterOptionsError, SegmentClusterer, SegmentId,
+    ClusterEvent, ClusterOptions, ClusterOptionsError, SegmentClusterer,
 };
 use nalgebra::Point3;
 
@@ -11,9 +11,8 @@ use crate::mesh::LineSet;
 /// Segments of all keyframes in the world, and their clusters.
 pub struct SegmentMap {
     segments: Vec<[Point3<f64>; 2]>,
-    /// The keyframe of each segment.
-    keyframes: Vec<u32>,
     clusterer: SegmentClusterer,
+    /// Memory for what a keyframe does to the clusters.
     events: Vec<ClusterEvent>,
 }
 
@@ -25,53 +24,21 @@ impl SegmentMap {
     pub fn new(options: ClusterOptions, median_depth: f64) -> Result<Self, ClusterOptionsError> {
         Ok(Self {
             segments: Vec::new(),
-            keyframes: Vec::new(),
             clusterer: SegmentClusterer::new(options, median_depth)?,
             events: Vec::new(),
         })
     }
 
-    /// Adds a keyframe's segments, in its order. What they did to the clusters is in [`SegmentMap::events`] until the next
-    /// keyframe.
+    /// Adds a keyframe's segments, in its order. Ends that coincide or are not finite have no line and are left out.
     pub fn push(&mut self, keyframe: &Keyframe) {
-        self.begin_keyframe();
-        for segment in &keyframe.segments {
-            let ends = segment.ends_in_world(&keyframe.world_from_camera);
-            self.insert(ends, segment.keyframe);
-        }
-    }
-
-    /// Forgets the events of the last keyframe.
-    pub(super) fn begin_keyframe(&mut self) {
         self.events.clear();
-    }
-
-    /// Adds one segment. Ends that coincide or are not finite have no line and are left out.
-    pub(super) fn insert(&mut self, ends_in_world: [Point3<f64>; 2], keyframe: u32) {
-        let inserted = self.clusterer.insert(ends_in_world, &mut self.events);
-        if inserted.is_some() {
-            self.segments.push(ends_in_world);
-            self.keyframes.push(keyframe);
+        for segment in &keyframe.segments {
+            let ends_in_world = segment.ends_in_world(&keyframe.world_from_camera);
+            let inserted = self.clusterer.insert(ends_in_world, &mut self.events);
+            if inserted.is_some() {
+                self.segments.push(ends_in_world);
+            }
         }
-    }
-
-    /// What the last keyframe did to the clusters, in order.
-    pub fn events(&self) -> &[ClusterEvent] {
-        &self.events
-    }
-
-    /// The clusters with their members.
-    pub fn clusterer(&self) -> &SegmentClusterer {
-        &self.clusterer
-    }
-
-    /// The ends of a segment in the world, and its keyframe.
-    ///
-    /// # Panics
-    /// When there is no such segment.
-    pub fn segment(&self, id: SegmentId) -> ([Point3<f64>; 2], u32) {
-        let index = id.0 as usize;
-        (self.segments[index], self.keyframes[index])
     }
 
     /// Number of segments.

@@ -9,7 +9,6 @@
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-use linecarve_carving::carver::ViewId;
 use linecarve_carving::surface::{SurfaceDelta, Triangle};
 use linecarve_carving::tetrahedralization::VertexId;
 use linecarve_lines::camera::Camera;
@@ -142,24 +141,6 @@ impl Support {
     pub(super) fn correct(&mut self, map: Observers<'_>, delta: &SurfaceDelta) {
         let last = self.witnesses.len().checked_sub(1);
         self.follow(map, delta, last.map(|view| view as u32));
-    }
-
-    /// Follows the commit that removed a view.
-    ///
-    /// # Complexity
-    /// As if every triangle were new.
-    pub(super) fn withdraw(&mut self, map: Observers<'_>, delta: &SurfaceDelta, view: ViewId) {
-        let Some(witness) = self.witnesses.get_mut(view.0 as usize) else {
-            return;
-        };
-        *witness = None;
-        self.follow(map, delta, None);
-        let all = self
-            .triangles
-            .keys()
-            .map(|triangle| (*triangle, None))
-            .collect();
-        self.examine(map, all, None);
     }
 
     fn follow(
