@@ -155,6 +155,36 @@ fn holes_rims_and_islands_stay() {
     assert_eq!(loops, 3);
 }
 
+/// Two windows that touch in a corner, whose vertex is split as manifold repair does it.
+#[test]
+fn vertices_at_one_place_do_not_keep_a_wall_as_it_is() {
+    let n = 12;
+    let at = |i: u32, j: u32| j * (n + 1) + i;
+    let mut mesh = TriangleMesh::default();
+    for place in 0..(n + 1) * (n + 1) {
+        let (i, j) = (place % (n + 1), place / (n + 1));
+        mesh.positions
+            .push(Point3::new(f64::from(i), f64::from(j), 0.0));
+    }
+    let copy = mesh.positions.len() as u32;
+    mesh.positions.push(Point3::new(4.0, 4.0, 0.0));
+    for (i, j) in (0..n * n).map(|square| (square % n, square / n)) {
+        let is_window = |low: u32| (low..low + 2).contains(&i) && (low..low + 2).contains(&j);
+        if is_window(2) || is_window(4) {
+            continue;
+        }
+        let mut corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        if (i, j) == (4, 3) {
+            corners = corners.map(|corner| if corner == at(4, 4) { copy } else { corner });
+        }
+        let [a, b, c, d] = corners;
+        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    let reduced = simplified(&mesh, 1e-6);
+    assert_eq!((reduced.positions.len(), reduced.triangles.len()), (12, 12));
+    demand_same(&mesh, &reduced, 1e-9);
+}
+
 #[test]
 fn curved_surfaces_stay_closed_and_near() {
     let mut mesh = noisy(gridded_box(10), 0.0, 1);
