@@ -14,6 +14,7 @@ use linecarve::map_points::{
     PointModel, Sighting, match_along_epipolar_lines,
 };
 use linecarve::pipeline::{ModelCarver, Options, PointKeyframe, find_features};
+use linecarve::pose_correction::PoseCorrectionOptions;
 use linecarve::sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
@@ -72,8 +73,14 @@ fn map_points(criterion: &mut Criterion) {
         bench.iter_batched(
             || {
                 let (width, height) = (size.width as usize, size.height as usize);
-                let map = PointMap::new(options, sequence.color_camera(), width, height)
-                    .expect("default options hold");
+                let map = PointMap::new(
+                    options,
+                    PoseCorrectionOptions::default(),
+                    sequence.color_camera(),
+                    width,
+                    height,
+                )
+                .expect("default options hold");
                 (map, keyframes.clone())
             },
             |(mut map, keyframes)| {

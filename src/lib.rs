@@ -16,6 +16,7 @@ pub mod keyframes;
 pub mod map_points;
 pub mod mesh;
 pub mod pipeline;
+pub mod pose_correction;
 pub mod progress;
 pub mod raycast;
 pub mod render;

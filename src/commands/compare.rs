@@ -296,7 +296,7 @@ fn write_pictures(
     output: &mut OutputFolder,
     verbosity: Verbosity,
 ) -> anyhow::Result<()> {
-    let poses = keyframe_poses(prepared);
+    let poses = keyframe_poses(&prepared.page_run());
     output.subfolder(PICTURES)?;
     let mut shots: Vec<(String, Option<usize>)> = vec![("outside".to_owned(), None)];
     let count = prepared.keyframes.len();
@@ -373,8 +373,8 @@ fn write_compare_page(
         .map(|run| &run.surface.mesh)
         .max_by_key(|mesh| mesh.triangles.len())
         .unwrap_or(&empty);
-    let mut page = page_of(prepared, "compare", mesh);
-    page.images = runs[0].recorder.images(prepared)?;
+    let mut page = page_of(&prepared.page_run(), "compare", mesh);
+    page.images = runs[0].recorder.images(&prepared.page_run())?;
     keep_images_small(&mut page.images);
     page.subtitle = format!(
         "surfaces from {} and from {}, {} keyframes",
@@ -404,7 +404,7 @@ fn write_compare_page(
         .iter()
         .map(|run| (run.surface.label, run.surface.keyframes.as_slice()))
         .collect();
-    page.count_plots = growth_plots(prepared, &plots);
+    page.count_plots = growth_plots(&prepared.keyframes, &plots);
     page.error_scale = truth.map(|truth| ErrorScale {
         label: ERROR_LABEL.to_owned(),
         colors: HeatScale::colors(),
@@ -428,7 +428,7 @@ fn write_compare_page(
             surface.name,
             surface.label,
             recorder,
-            prepared,
+            &prepared.keyframes,
             &surface.keyframes,
         );
         on_page.errors = errors;

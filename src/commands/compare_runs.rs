@@ -1,49 +1,21 @@
 //! The two runs of `linecarve compare`, one after the other so that their times can be compared.
 
-use std::time::Instant;
-
 use nalgebra::Point3;
 
+use crate::commands::map_steps::{add_lines, add_points, carved_points, timed_surface};
 use crate::commands::page::PageRecorder;
 use crate::commands::picture::crosses;
-use crate::commands::run_report::keyframe_report;
 use crate::commands::sequence::Prepared;
 use crate::compare::ComparedSurface;
-use crate::mesh::{LineSet, TriangleMesh};
+use crate::mesh::LineSet;
 use crate::pipeline::{
     self, BackEnd, FrontEndError, PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points,
 };
 use crate::progress::{Progress, Verbosity};
-use crate::report::page::Elements;
-use crate::report::{KeyframeReport, milliseconds};
+use crate::report::KeyframeReport;
 
 /// Length of the crosses that mark points in pictures, as a share of the median depth.
 const CROSS_SHARE: f64 = 0.006;
-
-impl PageRecorder {
-    /// Notes keyframe `number` of a surface from points, and the surface after it.
-    pub(super) fn push_points(
-        &mut self,
-        number: usize,
-        points: &[Point3<f64>],
-        surface: &TriangleMesh,
-    ) {
-        if self.history.advance() {
-            self.history
-                .record(number, surface, Elements::Points(points));
-        }
-    }
-
-    /// Notes the end of the run of a surface from points, whose last keyframe was `number`.
-    pub(super) fn finish_points(
-        &mut self,
-        number: usize,
-        points: &[Point3<f64>],
-        mesh: &TriangleMesh,
-    ) {
-        self.history.finish(number, mesh, Elements::Points(points));
-    }
-}
 
 /// What a run leaves, in the frame of computation.
 pub(super) struct ComparedRun {
@@ -134,22 +106,8 @@ pub(super) fn run_lines(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Re
                 Err(error) => return Err(error.into()),
             };
             keyframe.world_from_camera.translation.vector -= prepared.origin;
-            let mut report = keyframe_report(&keyframe, &prepared.sequence);
-            let update = map.push(&keyframe)?;
-            report.new_points = update.new_points;
-            report.observed_again = update.observed_again;
-            report.clusters = map.segments().cluster_count();
-            report.rays = map.carver().ray_count();
-            report.cells = map.carver().tetrahedra().finite_cell_count();
-            report.triangles = map.carver().triangle_count();
-            report.changed_triangles = update.changed_triangles;
-            report.milliseconds.cluster = milliseconds(update.clustering);
-            report.milliseconds.points = milliseconds(update.matching);
-            report.milliseconds.carve = milliseconds(update.carving);
-            report.milliseconds.support = milliseconds(update.support);
-            let start = Instant::now();
-            let surface = map.surface();
-            report.milliseconds.surface = milliseconds(start.elapsed());
+            let mut report = add_lines(&mut map, &keyframe, &prepared.sequence)?;
+            let surface = timed_surface(&mut report, || map.surface());
             recorder.push(number, &keyframe, map.segments(), &surface);
             last = number;
             reports.push(report);
@@ -211,24 +169,8 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
             Err(error) => return Err(error.into()),
         };
         keyframe.world_from_camera.translation.vector -= prepared.origin;
-        let update = map.push(&keyframe)?;
-        let mut report = KeyframeReport {
-            frame: sequence.frames()[keyframe.frame].name.clone(),
-            index: keyframe.frame,
-            new_points: update.added,
-            observed_again: update.counts.observed_again,
-            rays: map.carver().ray_count(),
-            cells: map.carver().tetrahedra().finite_cell_count(),
-            triangles: map.carver().triangle_count(),
-            changed_triangles: update.changed_triangles,
-            milliseconds: keyframe.times,
-            ..KeyframeReport::default()
-        };
-        report.milliseconds.points = milliseconds(update.matching);
-        report.milliseconds.carve = milliseconds(update.carving);
-        let start = Instant::now();
-        let surface = map.surface();
-        report.milliseconds.surface = milliseconds(start.elapsed());
+        let (_, mut report) = add_points(&mut map, &keyframe, sequence)?;
+        let surface = timed_surface(&mut report, || map.surface());
         recorder.push_points(number, &carved_points(&map), &surface);
         last = number;
         reports.push(report);
@@ -267,13 +209,4 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
         points: Some(points),
         warnings,
     })
-}
-
-/// Positions of the points that are carved, in the order of their ids.
-fn carved_points(map: &PointBackEnd) -> Vec<Point3<f64>> {
-    let carver = map.carver();
-    carver
-        .points()
-        .filter_map(|point| carver.point(point))
-        .collect()
 }

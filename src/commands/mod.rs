@@ -12,6 +12,7 @@ mod interrupt;
 mod kept_run;
 mod lines;
 mod lines_baseline;
+mod map_steps;
 mod output;
 mod page;
 mod picture;

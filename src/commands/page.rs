@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::Context;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::commands::sequence::Prepared;
@@ -16,9 +16,33 @@ use crate::report::page::{
     PageSurface, Series, StageTiming, SurfaceHistory, keyframe_image,
 };
 use crate::report::{KeyframeReport, StageTimes};
+use crate::sequence::Sequence;
 
 /// Size for which the view from outside is laid out.
 const OUTSIDE_SIZE: (u32, u32) = (640, 480);
+
+/// What a page tells of the sequence and the keyframes of a run.
+pub(super) struct PageRun<'a> {
+    pub(super) sequence: &'a Sequence,
+    /// Indices of the chosen frames.
+    pub(super) keyframes: &'a [usize],
+    /// Median depth of the scene in units of the poses.
+    pub(super) median_depth: f64,
+    /// Taken off all coordinates while computing.
+    pub(super) origin: Vector3<f64>,
+}
+
+impl Prepared {
+    /// What a page tells of it.
+    pub(super) fn page_run(&self) -> PageRun<'_> {
+        PageRun {
+            sequence: &self.sequence,
+            keyframes: &self.keyframes,
+            median_depth: self.median_depth,
+            origin: self.origin,
+        }
+    }
+}
 
 /// Follows a run for its page.
 pub(super) struct PageRecorder {
@@ -67,8 +91,31 @@ impl PageRecorder {
             .finish(number, mesh, lines_of(segments, &segments.clusters()));
     }
 
+    /// Notes keyframe `number` of a surface from points, and the surface after it.
+    pub(super) fn push_points(
+        &mut self,
+        number: usize,
+        points: &[Point3<f64>],
+        surface: &TriangleMesh,
+    ) {
+        if self.history.advance() {
+            self.history
+                .record(number, surface, Elements::Points(points));
+        }
+    }
+
+    /// Notes the end of the run of a surface from points, whose last keyframe was `number`.
+    pub(super) fn finish_points(
+        &mut self,
+        number: usize,
+        points: &[Point3<f64>],
+        mesh: &TriangleMesh,
+    ) {
+        self.history.finish(number, mesh, Elements::Points(points));
+    }
+
     /// Small images of the recorded keyframes, made in parallel; those that cannot be read any more are left out.
-    pub(super) fn images(&self, prepared: &Prepared) -> anyhow::Result<Vec<KeyframeImage>> {
+    pub(super) fn images(&self, run: &PageRun<'_>) -> anyhow::Result<Vec<KeyframeImage>> {
         let wanted: Vec<(usize, &Vec<[[f64; 2]; 2]>)> = self
             .segments_px
             .iter()
@@ -77,7 +124,7 @@ impl PageRecorder {
         let images: Result<Vec<Option<KeyframeImage>>, image::ImageError> = wanted
             .into_par_iter()
             .map(|(keyframe, segments)| {
-                let Ok(image) = prepared.sequence.load_color(prepared.keyframes[keyframe]) else {
+                let Ok(image) = run.sequence.load_color(run.keyframes[keyframe]) else {
                     return Ok(None);
                 };
                 keyframe_image(keyframe, &image, segments).map(Some)
@@ -94,22 +141,22 @@ fn lines_of<'a>(segments: &'a SegmentMap, clusters: &'a LineSet) -> Elements<'a>
 }
 
 /// Poses of all chosen keyframes in the frame of computation.
-pub(super) fn keyframe_poses(prepared: &Prepared) -> Vec<Isometry3<f64>> {
-    let frames = prepared.sequence.frames();
+pub(super) fn keyframe_poses(run: &PageRun<'_>) -> Vec<Isometry3<f64>> {
+    let frames = run.sequence.frames();
     let shifted = |frame: &usize| {
         let mut pose = frames[*frame].world_from_camera;
-        pose.translation.vector -= prepared.origin;
+        pose.translation.vector -= run.origin;
         pose
     };
-    prepared.keyframes.iter().map(shifted).collect()
+    run.keyframes.iter().map(shifted).collect()
 }
 
 /// A page about a sequence, without surfaces yet; `mesh` is what the view from outside is to hold.
-pub(super) fn page_of(prepared: &Prepared, command: &str, mesh: &TriangleMesh) -> Page {
-    let sequence = &prepared.sequence;
+pub(super) fn page_of(run: &PageRun<'_>, command: &str, mesh: &TriangleMesh) -> Page {
+    let sequence = run.sequence;
     let folder = sequence.folder();
     let name = folder.file_name().unwrap_or(folder.as_os_str());
-    let poses = keyframe_poses(prepared);
+    let poses = keyframe_poses(run);
     let frames = sequence.frames();
     let camera = sequence.color_camera();
     let size = sequence.color_size();
@@ -118,15 +165,15 @@ pub(super) fn page_of(prepared: &Prepared, command: &str, mesh: &TriangleMesh) -
         ("layout".to_owned(), sequence.layout().to_owned()),
         (
             "frames, keyframes".to_owned(),
-            format!("{}, {}", frames.len(), prepared.keyframes.len()),
+            format!("{}, {}", frames.len(), run.keyframes.len()),
         ),
         (
             "median depth".to_owned(),
-            format!("{:.3} units of the poses", prepared.median_depth),
+            format!("{:.3} units of the poses", run.median_depth),
         ),
     ];
-    if prepared.origin.norm() > 0.0 {
-        let [x, y, z]: [f64; 3] = prepared.origin.into();
+    if run.origin.norm() > 0.0 {
+        let [x, y, z]: [f64; 3] = run.origin.into();
         facts.push((
             "shown relative to".to_owned(),
             format!("({x}, {y}, {z}) of the poses"),
@@ -137,7 +184,7 @@ pub(super) fn page_of(prepared: &Prepared, command: &str, mesh: &TriangleMesh) -
         subtitle: String::new(),
         generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")).to_owned(),
         up: up_direction(&poses),
-        median_depth: prepared.median_depth,
+        median_depth: run.median_depth,
         camera: PageCamera {
             fx: camera.fx(),
             fy: camera.fy(),
@@ -146,8 +193,8 @@ pub(super) fn page_of(prepared: &Prepared, command: &str, mesh: &TriangleMesh) -
             width: size.width,
             height: size.height,
         },
-        outside: outside_view(mesh, &poses, prepared.median_depth),
-        keyframes: prepared
+        outside: outside_view(mesh, &poses, run.median_depth),
+        keyframes: run
             .keyframes
             .iter()
             .zip(&poses)
@@ -176,7 +223,7 @@ fn outside_view(mesh: &TriangleMesh, poses: &[Isometry3<f64>], median_depth: f64
         up: up_direction(poses),
     });
     let eye = view.world_from_camera.translation.vector;
-    let forward = view.world_from_camera.rotation * nalgebra::Vector3::z();
+    let forward = view.world_from_camera.rotation * Vector3::z();
     // The middle of what is looked at: where the mean of the vertices lies along the view.
     let places: Vec<Point3<f64>> = if mesh.positions.is_empty() {
         poses
@@ -219,9 +266,9 @@ fn around_path(poses: &[Isometry3<f64>], median_depth: f64) -> TriangleMesh {
 }
 
 /// The milliseconds of each stage over the keyframes of the page; stages that took no time anywhere are left out.
-pub(super) fn stage_timing(prepared: &Prepared, reports: &[KeyframeReport]) -> Vec<StageTiming> {
+fn stage_timing(chosen: &[usize], reports: &[KeyframeReport]) -> Vec<StageTiming> {
     type Stage = (&'static str, fn(&StageTimes) -> f64);
-    let stages: [Stage; 10] = [
+    let stages: [Stage; 11] = [
         ("load", |times| times.load),
         ("depth", |times| times.depth),
         ("edges", |times| times.edges),
@@ -230,6 +277,7 @@ pub(super) fn stage_timing(prepared: &Prepared, reports: &[KeyframeReport]) -> V
         ("cluster", |times| times.cluster),
         ("points", |times| times.points),
         ("carve", |times| times.carve),
+        ("support", |times| times.support),
         ("surface", |times| times.surface),
         ("write", |times| times.write),
     ];
@@ -237,15 +285,15 @@ pub(super) fn stage_timing(prepared: &Prepared, reports: &[KeyframeReport]) -> V
         .into_iter()
         .map(|(name, time)| StageTiming {
             name,
-            milliseconds: over_keyframes(prepared, reports, |report| time(&report.milliseconds)),
+            milliseconds: over_keyframes(chosen, reports, |report| time(&report.milliseconds)),
         })
         .filter(|stage| stage.milliseconds.iter().flatten().any(|time| *time > 0.0))
         .collect()
 }
 
 /// A value for each keyframe of the page, `None` for those without a report.
-pub(super) fn over_keyframes(
-    prepared: &Prepared,
+fn over_keyframes(
+    chosen: &[usize],
     reports: &[KeyframeReport],
     value: impl Fn(&KeyframeReport) -> f64,
 ) -> Vec<Option<f64>> {
@@ -253,8 +301,8 @@ pub(super) fn over_keyframes(
         .iter()
         .map(|report| (report.index, report))
         .collect();
-    let frames = prepared.keyframes.iter();
-    frames
+    chosen
+        .iter()
         .map(|frame| by_frame.get(frame).map(|report| value(report)))
         .collect()
 }
@@ -264,7 +312,7 @@ pub(super) fn page_surface(
     name: &'static str,
     label: &str,
     recorder: PageRecorder,
-    prepared: &Prepared,
+    chosen: &[usize],
     reports: &[KeyframeReport],
 ) -> PageSurface {
     PageSurface {
@@ -272,15 +320,12 @@ pub(super) fn page_surface(
         label: label.to_owned(),
         history: recorder.history,
         errors: None,
-        timing: stage_timing(prepared, reports),
+        timing: stage_timing(chosen, reports),
     }
 }
 
 /// Curves of what the map holds after each keyframe.
-pub(super) fn growth_plots(
-    prepared: &Prepared,
-    runs: &[(&str, &[KeyframeReport])],
-) -> Vec<CountPlot> {
+pub(super) fn growth_plots(chosen: &[usize], runs: &[(&str, &[KeyframeReport])]) -> Vec<CountPlot> {
     type Count = (&'static str, fn(&KeyframeReport) -> f64);
     let counts: [Count; 2] = [
         ("triangles between free and occupied space", |report| {
@@ -298,7 +343,7 @@ pub(super) fn growth_plots(
                 .iter()
                 .map(|(name, reports)| Series {
                     name: (*name).to_owned(),
-                    values: over_keyframes(prepared, reports, count),
+                    values: over_keyframes(chosen, reports, count),
                 })
                 .collect(),
         })

@@ -3,25 +3,25 @@
 use std::time::Instant;
 
 use anyhow::Context;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 
 use crate::checkpoint::Checkpoint;
 use crate::cli::{Format, ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
 use crate::commands::kept_run::{self, KeptKeyframes};
+use crate::commands::map_steps::{GROWTH, add_lines, note_result, timed_surface, write_growth};
 use crate::commands::output::{
     OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
 };
 use crate::commands::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
 use crate::commands::picture::{Shot, write_overview};
-use crate::commands::run_report::{RunLog, keyframe_report};
+use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
 use crate::commands::{interrupt, reconstruct_points, simplify};
 use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{self, BackEnd, Keyframe};
 use crate::progress::{Progress, Verbosity};
 use crate::report::page::{PageTable, write_page};
-use crate::report::{KeyframeReport, milliseconds};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     simplify::check(args.simplify)?;
@@ -75,15 +75,14 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
                 return Ok(());
             };
             keyframe.world_from_camera.translation.vector -= prepared.origin;
-            let mut report = keyframe_report(&keyframe, &prepared.sequence);
-            add_to_map(&mut map, &keyframe, &mut report)?;
+            let mut report = add_lines(&mut map, &keyframe, &prepared.sequence)?;
             if growth.is_some() {
-                let name = format!("{GROWTH}/{:06}.glb", path.poses.len());
-                let surface = timed_surface(&map, &mut report);
+                let surface = timed_surface(&mut report, || map.surface());
                 if let Some(page) = &mut page {
                     page.push(number, &keyframe, map.segments(), &surface);
                 }
-                write_growth(&mut output, &name, surface, &prepared.origin, &mut report)?;
+                let number = path.poses.len();
+                write_growth(&mut output, number, surface, &prepared.origin, &mut report)?;
             }
             last = number;
             path.push(&keyframe);
@@ -109,11 +108,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let result = log.result();
     result.segments = map.segments().segment_count();
     result.clusters = map.segments().cluster_count();
-    result.points = map.carver().point_count();
-    result.rays = map.carver().ray_count();
-    result.cells = map.carver().tetrahedra().finite_cell_count();
-    result.vertices = mesh.positions.len();
-    result.triangles = mesh.triangles.len();
+    note_result(result, map.carver(), &mesh);
     let is_empty = mesh.is_empty();
     if let Some(mut page) = page {
         page.finish(last, map.segments(), &mesh);
@@ -140,9 +135,6 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     }
     Ok(outcome)
 }
-
-/// Folder of the surfaces after each keyframe.
-const GROWTH: &str = "keyframes";
 
 /// Where the camera was, and which keyframe saw most.
 #[derive(Default)]
@@ -175,50 +167,6 @@ impl CameraPath {
     }
 }
 
-/// Joins a keyframe to the map and notes what that did.
-fn add_to_map(
-    map: &mut BackEnd,
-    keyframe: &Keyframe,
-    report: &mut KeyframeReport,
-) -> anyhow::Result<()> {
-    let update = map.push(keyframe)?;
-    report.clusters = map.segments().cluster_count();
-    report.new_points = update.new_points;
-    report.observed_again = update.observed_again;
-    report.rays = map.carver().ray_count();
-    report.cells = map.carver().tetrahedra().finite_cell_count();
-    report.changed_triangles = update.changed_triangles;
-    report.triangles = map.carver().triangle_count();
-    report.milliseconds.cluster = milliseconds(update.clustering);
-    report.milliseconds.points = milliseconds(update.matching);
-    report.milliseconds.carve = milliseconds(update.carving);
-    report.milliseconds.support = milliseconds(update.support);
-    Ok(())
-}
-
-/// The surface as it stands after a keyframe.
-fn timed_surface(map: &BackEnd, report: &mut KeyframeReport) -> TriangleMesh {
-    let start = Instant::now();
-    let surface = map.surface();
-    report.milliseconds.surface = milliseconds(start.elapsed());
-    surface
-}
-
-/// Writes the surface as it stood after a keyframe.
-fn write_growth(
-    output: &mut OutputFolder,
-    name: &str,
-    mut surface: TriangleMesh,
-    origin: &Vector3<f64>,
-    report: &mut KeyframeReport,
-) -> anyhow::Result<()> {
-    let start = Instant::now();
-    surface.translate(origin);
-    write_glb(&output.file(name), &[surface_part(&surface)], origin)?;
-    report.milliseconds.write = milliseconds(start.elapsed());
-    Ok(())
-}
-
 /// Writes the page with the surface over keyframes.
 fn write_run_page(
     path: &std::path::Path,
@@ -227,13 +175,17 @@ fn write_run_page(
     mesh: &TriangleMesh,
     log: &mut RunLog,
 ) -> anyhow::Result<()> {
-    let mut page = page_of(prepared, "reconstruct", mesh);
-    page.images = recorder.images(prepared)?;
+    let mut page = page_of(&prepared.page_run(), "reconstruct", mesh);
+    page.images = recorder.images(&prepared.page_run())?;
     let reports = log.keyframes().to_vec();
     page.warnings = log.warnings().to_vec();
-    page.count_plots = growth_plots(prepared, &[("surface", &reports)]);
+    page.count_plots = growth_plots(&prepared.keyframes, &[("surface", &reports)]);
     page.surfaces = vec![page_surface(
-        "lines", "3D lines", recorder, prepared, &reports,
+        "lines",
+        "3D lines",
+        recorder,
+        &prepared.keyframes,
+        &reports,
     )];
     let result = log.result();
     page.subtitle = format!(

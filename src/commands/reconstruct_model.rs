@@ -8,14 +8,15 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::cli::{KeyframeArgs, ReconstructArgs};
 use crate::commands::Outcome;
+use crate::commands::map_steps::{GROWTH, note_result, timed_surface, write_growth};
 use crate::commands::output::{OutputFolder, surface_part, write_geometry};
 use crate::commands::picture::{crosses, write_panels};
-use crate::commands::reconstruct_points::{GROWTH, cloud};
+use crate::commands::reconstruct_points::cloud;
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::far_warning;
 use crate::commands::simplify;
 use crate::map_points::{ModelView, PointModel};
-use crate::mesh::{TriangleMesh, write_glb, write_points_ply};
+use crate::mesh::{TriangleMesh, write_points_ply};
 use crate::pipeline::scale::far_origin;
 use crate::pipeline::{ModelCarver, ModelCounts, ModelUpdate, Options};
 use crate::progress::{Progress, Verbosity};
@@ -95,11 +96,7 @@ pub(super) fn run(
     let mut mesh = simplify::finished(carver.surface(), args.simplify)?;
     let extracted = milliseconds(start.elapsed());
     let result = log.result();
-    result.points = carver.carver().point_count();
-    result.rays = carver.carver().ray_count();
-    result.cells = carver.carver().tetrahedra().finite_cell_count();
-    result.vertices = mesh.positions.len();
-    result.triangles = mesh.triangles.len();
+    note_result(result, carver.carver(), &mesh);
     result.surface_milliseconds = Some(extracted);
     let outcome = if mesh.is_empty() {
         Outcome::Negative(format!(
@@ -201,14 +198,8 @@ fn view_by_view(
             break;
         };
         let mut report = view_report(&view.name, number, &update, carver);
-        let start = Instant::now();
-        let mut surface = carver.surface();
-        surface.translate(origin);
-        report.milliseconds.surface = milliseconds(start.elapsed());
-        let start = Instant::now();
-        let path = output.file(&format!("{GROWTH}/{number:06}.glb"));
-        write_glb(&path, &[surface_part(&surface)], origin)?;
-        report.milliseconds.write = milliseconds(start.elapsed());
+        let surface = timed_surface(&mut report, || carver.surface());
+        write_growth(output, number, surface, origin, &mut report)?;
         log.push(report);
         progress.step(|| {
             format!(

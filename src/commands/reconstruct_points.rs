@@ -8,24 +8,25 @@ use nalgebra::Isometry3;
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
+use crate::commands::map_steps::{
+    GROWTH, add_points, carved_points, note_result, timed_surface, write_growth,
+};
 use crate::commands::output::{OutputFolder, surface_part, write_geometry};
+use crate::commands::page::{PageRecorder, PageRun, grouped, growth_plots, page_of, page_surface};
 use crate::commands::picture::{Shot, crosses, write_overview};
 use crate::commands::prepare_points::{PreparedPoints, prepare_points};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::{open, read_options};
 use crate::commands::{interrupt, kept_run, reconstruct_model, simplify};
 use crate::map_points::PointModel;
-use crate::mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
-use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, PointUpdate, run_in_order};
+use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
+use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, run_in_order};
 use crate::progress::{Progress, Verbosity};
-use crate::report::{KeyframeReport, MapPointReport, milliseconds};
+use crate::report::page::{PageTable, write_page};
 use crate::sequence::Sequence;
 
 /// Length of the crosses that mark points in the picture, as a share of the median depth.
 const CROSS_SHARE: f64 = 0.006;
-
-/// Folder of the surfaces after each keyframe.
-pub(super) const GROWTH: &str = "keyframes";
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let started = Instant::now();
@@ -81,7 +82,9 @@ fn from_features(
         let frames = &prepared.keyframes;
         kept_run::features(&checkpoint, sequence, frames, keyframe, &options.map_points)
     };
-    let consume = |_: usize, keyframe: Looked| {
+    let mut page = (!args.no_page).then(PageRecorder::new);
+    let mut last = 0;
+    let consume = |number: usize, keyframe: Looked| {
         interrupt::check()?;
         let keyframe = keyframe?;
         let limited = PointFrontEndError::is_limited_to_frame;
@@ -90,25 +93,21 @@ fn from_features(
             return Ok(());
         };
         keyframe.world_from_camera.translation.vector -= prepared.origin;
-        let update = map.push(&keyframe)?;
-        let mut report = keyframe_report(&keyframe, &update, &map, sequence);
+        let (update, mut report) = add_points(&mut map, &keyframe, sequence)?;
         if !args.final_only {
-            let name = format!("{GROWTH}/{:06}.glb", walk.poses.len());
-            let start = Instant::now();
-            let mut surface = map.surface();
-            surface.translate(&prepared.origin);
-            report.milliseconds.surface = milliseconds(start.elapsed());
-            let start = Instant::now();
-            write_glb(
-                &output.file(&name),
-                &[surface_part(&surface)],
-                &prepared.origin,
-            )?;
-            report.milliseconds.write = milliseconds(start.elapsed());
+            let surface = timed_surface(&mut report, || map.surface());
+            if let Some(page) = &mut page {
+                page.push_points(number, &carved_points(&map), &surface);
+            }
+            let number = walk.poses.len();
+            write_growth(&mut output, number, surface, &prepared.origin, &mut report)?;
         }
+        last = number;
         walk.push(
             keyframe.frame,
-            &keyframe.world_from_camera,
+            map.map().keyframes()[walk.poses.len()]
+                .pose
+                .world_from_camera(),
             update.counts.observed_again,
         );
         progress.step(|| {
@@ -133,11 +132,7 @@ fn from_features(
     let quality = map.map().quality();
     let mut mesh = simplify::finished(map.surface(), args.simplify)?;
     let result = log.result();
-    result.points = map.carver().point_count();
-    result.rays = map.carver().ray_count();
-    result.cells = map.carver().tetrahedra().finite_cell_count();
-    result.vertices = mesh.positions.len();
-    result.triangles = mesh.triangles.len();
+    note_result(result, map.carver(), &mesh);
     result.reprojection_rms_px = (quality.points > 0).then_some(quality.reprojection_rms_px);
     let model = map
         .map()
@@ -152,6 +147,16 @@ fn from_features(
     } else {
         Outcome::Done
     };
+    if let Some(mut page) = page {
+        page.finish_points(last, &carved_points(&map), &mesh);
+        let run = PageRun {
+            sequence,
+            keyframes: &prepared.keyframes,
+            median_depth: depth.unwrap_or(1.0),
+            origin: prepared.origin,
+        };
+        write_run_page(&output.file("report.html"), page, &run, &mesh, &mut log)?;
+    }
     let mut points = cloud(&model);
     // The picture is drawn before the shift is taken back: rays want coordinates near zero.
     if !args.no_picture {
@@ -203,38 +208,6 @@ impl Walk {
     }
 }
 
-fn keyframe_report(
-    keyframe: &PointKeyframe,
-    update: &PointUpdate,
-    map: &PointBackEnd,
-    sequence: &Sequence,
-) -> KeyframeReport {
-    let counts = update.counts;
-    let mut report = KeyframeReport {
-        frame: sequence.frames()[keyframe.frame].name.clone(),
-        index: keyframe.frame,
-        new_points: update.added,
-        observed_again: counts.observed_again,
-        rays: map.carver().ray_count(),
-        cells: map.carver().tetrahedra().finite_cell_count(),
-        triangles: map.carver().triangle_count(),
-        changed_triangles: update.changed_triangles,
-        map_points: Some(MapPointReport {
-            features: counts.features,
-            observed_again: counts.observed_again,
-            created: counts.created,
-            removed: counts.removed,
-            moved: update.moved,
-            established: counts.established,
-        }),
-        milliseconds: keyframe.times,
-        ..KeyframeReport::default()
-    };
-    report.milliseconds.points = milliseconds(update.matching);
-    report.milliseconds.carve = milliseconds(update.carving);
-    report
-}
-
 /// Where on the way everything was lost.
 fn reason_for_nothing(map: &PointBackEnd, walk: &Walk) -> String {
     let keyframes = walk.poses.len();
@@ -263,6 +236,58 @@ fn reason_for_nothing(map: &PointBackEnd, walk: &Walk) -> String {
              other places would help"
         )
     }
+}
+
+/// Writes the page with the surface over keyframes.
+fn write_run_page(
+    path: &std::path::Path,
+    recorder: PageRecorder,
+    run: &PageRun<'_>,
+    mesh: &TriangleMesh,
+    log: &mut RunLog,
+) -> anyhow::Result<()> {
+    let reports = log.keyframes().to_vec();
+    let mut page = page_of(run, "reconstruct --from map-points", mesh);
+    page.images = recorder.images(run)?;
+    page.warnings = log.warnings().to_vec();
+    page.count_plots = growth_plots(run.keyframes, &[("surface", &reports)]);
+    page.surfaces = vec![page_surface(
+        "map-points",
+        "map points",
+        recorder,
+        run.keyframes,
+        &reports,
+    )];
+    let result = log.result();
+    page.subtitle = format!(
+        "{} keyframes, {} points, {} triangles",
+        reports.len(),
+        grouped(result.points),
+        grouped(result.triangles)
+    );
+    let mut columns = ["points", "rays", "tetrahedra", "vertices", "triangles"]
+        .map(str::to_owned)
+        .to_vec();
+    let counts = [
+        result.points,
+        result.rays,
+        result.cells,
+        result.vertices,
+        result.triangles,
+    ];
+    let mut row = counts.map(grouped).to_vec();
+    if let Some(rms) = result.reprojection_rms_px {
+        columns.push("projections off by (RMS)".to_owned());
+        row.push(format!("{rms:.2} px"));
+    }
+    page.tables = vec![PageTable {
+        title: "Result".to_owned(),
+        columns,
+        rows: vec![row],
+        note: String::new(),
+    }];
+    write_page(path, &page)?;
+    Ok(())
 }
 
 /// The points of a model with their colours.

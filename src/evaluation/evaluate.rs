@@ -237,7 +237,7 @@ fn unit_warning(shape: &Shape, truth: &Shape, applied: &Similarity3<f64>) -> Opt
     if truth_size > 0.0 && size > 0.0 && !(1.0 / OTHER_UNITS..OTHER_UNITS).contains(&ratio) {
         return Some(format!(
             "the shape measures {size:.4} from corner to corner, the ground truth {truth_size:.4}: are their units the \
-             same? (--align sim3 finds a scale)"
+             same? (evaluate --align sim3 finds a scale)"
         ));
     }
     None

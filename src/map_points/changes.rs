@@ -23,6 +23,13 @@ pub enum PointChange {
         /// Where now.
         point_in_world: Point3<f64>,
     },
+    /// A keyframe is elsewhere.
+    MoveKeyframe {
+        /// Its number in the map.
+        keyframe: u32,
+        /// Where its camera is now.
+        center: Point3<f64>,
+    },
     /// A point is gone, with all who saw it.
     Remove {
         /// Which.
@@ -48,6 +55,7 @@ impl PointMap {
     /// Tells what is different from what has been told of the points touched.
     pub(super) fn publish(&mut self) {
         self.changes.clear();
+        self.publish_centers();
         self.withdrawn.sort_unstable();
         let gone = self.withdrawn.drain(..);
         self.changes

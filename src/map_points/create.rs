@@ -26,9 +26,11 @@ impl PointMap {
             );
             let geometry = PairGeometry::new(
                 &self.camera,
-                &this.camera_from_world,
-                &other.camera_from_world,
+                this.camera_from_world(),
+                other.camera_from_world(),
             );
+            let mut options = self.options;
+            options.pose_sigma_px = this.pose_sigma_px.max(other.pose_sigma_px);
             let too_near =
                 depth.is_some_and(|depth| geometry.baseline() < MIN_BASELINE_SHARE * depth);
             if too_near || geometry.baseline() == 0.0 {
@@ -36,7 +38,7 @@ impl PointMap {
             }
             match_along_epipolar_lines(
                 &geometry,
-                &self.options,
+                &options,
                 &this.features,
                 |index| this.points[index].is_none(),
                 &other.features,
@@ -56,8 +58,8 @@ impl PointMap {
         created
     }
 
-    /// Older keyframes to match a new one with: those that share most points with it, then the latest ones.
-    fn neighbors(&self, keyframe: u32) -> Vec<u32> {
+    /// How many points of a keyframe each older one sees.
+    pub(super) fn shared_points(&self, keyframe: u32) -> Vec<u32> {
         let mut shared = vec![0_u32; keyframe as usize];
         for id in self.keyframes[keyframe as usize].points.iter().flatten() {
             for sighting in self.point(*id).iter().flat_map(|point| &point.sightings) {
@@ -66,15 +68,21 @@ impl PointMap {
                 }
             }
         }
+        shared
+    }
+
+    /// Older keyframes to match a new one with: those that share most points with it, then the latest ones.
+    fn neighbors(&self, keyframe: u32) -> Vec<u32> {
+        let shared = self.shared_points(keyframe);
         let view = &self.keyframes[keyframe as usize];
-        let ahead = view.world_from_camera * Vector3::z();
+        let ahead = view.pose.world_from_camera() * Vector3::z();
         let mut neighbors: Vec<u32> = (0..keyframe)
             .filter(|&other| {
                 // Keyframes that share nothing, look elsewhere or see nothing are no help.
                 let other_view = &self.keyframes[other as usize];
                 !other_view.features.is_empty()
                     && (shared[other as usize] > 0
-                        || (other_view.world_from_camera * Vector3::z()).dot(&ahead) > 0.5)
+                        || (other_view.pose.world_from_camera() * Vector3::z()).dot(&ahead) > 0.5)
             })
             .collect();
         neighbors.sort_unstable_by_key(|&other| {
@@ -88,14 +96,14 @@ impl PointMap {
     }
 
     /// Median depth of the points that a keyframe sees.
-    fn median_depth_in(&self, keyframe: u32) -> Option<f64> {
+    pub(super) fn median_depth_in(&self, keyframe: u32) -> Option<f64> {
         let view = &self.keyframes[keyframe as usize];
         let mut depths: Vec<f64> = view
             .points
             .iter()
             .flatten()
             .filter_map(|id| self.point(*id))
-            .map(|point| (view.camera_from_world * point.point_in_world).z)
+            .map(|point| (view.camera_from_world() * point.point_in_world).z)
             .collect();
         let middle = depths.len() / 2;
         (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
@@ -159,7 +167,7 @@ fn direction(camera: &Camera, view: &MapKeyframe, pixel: &Point2<f64>) -> Unit<V
         (pixel.y - camera.cy()) / camera.fy(),
         1.0,
     );
-    Unit::new_normalize(view.world_from_camera * plane)
+    Unit::new_normalize(view.pose.world_from_camera() * plane)
 }
 
 /// Unit mean of the directions from several places to a point; zero when they cancel out.

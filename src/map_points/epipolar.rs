@@ -171,9 +171,10 @@ pub fn match_along_epipolar_lines(
             continue;
         };
         let octave = first.octaves[index];
-        let sigma = options.sigma_px(octave);
+        let sigma = options.sigma_px(octave, options.pose_sigma_px);
         // The coarsest level that the size of the patch allows bounds the band.
-        let widest = LINE_SIGMAS * sigma.hypot(options.sigma_px(octave.saturating_add(4)));
+        let widest = LINE_SIGMAS
+            * sigma.hypot(options.sigma_px(octave.saturating_add(4), options.pose_sigma_px));
         let (low, high) = line.bounds(widest);
         let expected_angle = geometry.turned_angle(pixel, first.angles_rad[index]);
         candidates.clear();
@@ -184,7 +185,8 @@ pub fn match_along_epipolar_lines(
                 return;
             }
             let at = second.pixels[other_index];
-            let band = LINE_SIGMAS * sigma.hypot(options.sigma_px(second.octaves[other_index]));
+            let band = LINE_SIGMAS
+                * sigma.hypot(options.sigma_px(second.octaves[other_index], options.pose_sigma_px));
             let in_box = (0..2).all(|axis| at[axis] >= low[axis] && at[axis] <= high[axis]);
             if !in_box || line.distance(at) > band {
                 return;

@@ -5,36 +5,49 @@ use nalgebra::{Isometry3, Point2, Point3};
 use super::features::Features;
 use super::grid::FeatureGrid;
 use super::point::MapPointId;
+use crate::pose_correction::CorrectedPose;
 
 /// A keyframe of the map of points.
 #[derive(Debug, Clone)]
 pub struct MapKeyframe {
-    /// Pose of the camera.
-    pub world_from_camera: Isometry3<f64>,
-    /// Its inverse.
-    pub camera_from_world: Isometry3<f64>,
+    /// Pose of the camera, as given and as corrected.
+    pub pose: CorrectedPose,
     /// What is in the image.
     pub features: Features,
     /// The same by place.
     pub(super) grid: FeatureGrid,
     /// Which point each feature is.
     pub(super) points: Vec<Option<MapPointId>>,
+    /// Standard deviation that the error of the pose adds to projections, as far as it is known.
+    pub(super) pose_sigma_px: f64,
+    /// Where the carver has the camera; `None` before it was told.
+    pub(super) published_center: Option<Point3<f64>>,
 }
 
 impl MapKeyframe {
-    pub(super) fn new(world_from_camera: Isometry3<f64>, features: Features) -> Self {
+    pub(super) fn new(
+        world_from_camera: Isometry3<f64>,
+        features: Features,
+        pose_sigma_px: f64,
+    ) -> Self {
         Self {
-            world_from_camera,
-            camera_from_world: world_from_camera.inverse(),
+            pose: CorrectedPose::new(world_from_camera),
             grid: FeatureGrid::new(&features.pixels),
             points: vec![None; features.len()],
             features,
+            pose_sigma_px,
+            published_center: None,
         }
     }
 
     /// Where the camera is.
     pub fn center(&self) -> Point3<f64> {
-        Point3::from(self.world_from_camera.translation.vector)
+        self.pose.center()
+    }
+
+    /// Inverse of the pose of the camera.
+    pub fn camera_from_world(&self) -> &Isometry3<f64> {
+        self.pose.camera_from_world()
     }
 
     /// Which point each feature is, in the order of the features.

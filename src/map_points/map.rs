@@ -9,6 +9,7 @@ use super::keyframe::MapKeyframe;
 use super::model::{ModelPoint, ModelView, PointModel, Sighting};
 use super::options::{MapPointOptions, MapPointOptionsError};
 use super::point::{MapPoint, MapPointId, MapSighting};
+use crate::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
 
 /// Points that several keyframes see, found in their images under known poses.
 ///
@@ -17,7 +18,8 @@ use super::point::{MapPoint, MapPointId, MapSighting};
 /// most points, and triangulated; points touched are refined, wrong sightings dropped; points that too few keyframes see
 /// are given up.
 ///
-/// Poses are taken as they are: only points move. The same keyframes give the same map.
+/// Poses are corrected by the points, each within what it may be wrong by, unless that is switched off; then only points move.
+/// The same keyframes give the same map.
 ///
 /// # Complexity
 /// A keyframe costs a projection of every living point; what else it costs depends on the points in view. Memory: some
@@ -32,6 +34,7 @@ use super::point::{MapPoint, MapPointId, MapSighting};
 #[derive(Debug, Clone)]
 pub struct PointMap {
     pub(super) options: MapPointOptions,
+    pub(super) correction: PoseCorrectionOptions,
     pub(super) camera: Camera,
     /// Width and height of the images.
     pub(super) size: [f64; 2],
@@ -49,6 +52,17 @@ pub struct PointMap {
     /// Points that were told of and are gone.
     pub(super) withdrawn: Vec<MapPointId>,
     pub(super) changes: Vec<PointChange>,
+}
+
+/// Why there is no map.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PointMapError {
+    /// An option of the points is out of range.
+    #[error(transparent)]
+    Points(#[from] MapPointOptionsError),
+    /// An option of the correction of poses is out of range.
+    #[error(transparent)]
+    Correction(#[from] PoseCorrectionOptionsError),
 }
 
 /// What a keyframe did to the map.
@@ -80,19 +94,23 @@ pub struct MapQuality {
 }
 
 impl PointMap {
-    /// An empty map for images of `camera`, a pinhole, of `width` by `height` pixels.
+    /// An empty map for images of `camera`, a pinhole, of `width` by `height` pixels. Poses are corrected as `correction` says;
+    /// [`PoseCorrectionOptions::off`] takes them as they are.
     ///
     /// # Errors
     /// When an option is out of range.
     pub fn new(
         options: MapPointOptions,
+        correction: PoseCorrectionOptions,
         camera: &Camera,
         width: usize,
         height: usize,
-    ) -> Result<Self, MapPointOptionsError> {
+    ) -> Result<Self, PointMapError> {
         options.validate()?;
+        correction.validate()?;
         Ok(Self {
             options,
+            correction,
             camera: camera.clone(),
             size: [width as f64, height as f64],
             keyframes: Vec::new(),
@@ -126,13 +144,31 @@ impl PointMap {
             features: features.len(),
             ..PointCounts::default()
         };
-        self.keyframes
-            .push(MapKeyframe::new(*world_from_camera, features));
+        let pose_sigma_px = if self.correction.enabled {
+            self.correction.sigma_px
+        } else {
+            self.options.pose_sigma_px
+        };
+        let new = MapKeyframe::new(*world_from_camera, features, pose_sigma_px);
+        self.keyframes.push(new);
         if is_finite {
+            if self.correction.enabled {
+                self.correct_new(number);
+            }
             counts.observed_again = self.observe(number);
             self.refine_dirty();
             counts.created = self.create(number);
             self.refine_dirty();
+            if self.correction.enabled {
+                let was_known = self.is_corrected(number);
+                self.adjust_around(number);
+                self.refine_dirty();
+                if !was_known && self.is_corrected(number) {
+                    // What was matched under a poor pose is matched again under a good one.
+                    counts.created += self.create(number);
+                    self.refine_dirty();
+                }
+            }
         }
         let before = self.living.len();
         self.cull(number);
@@ -179,7 +215,7 @@ impl PointMap {
             .flat_map(|(_, point)| {
                 point.sightings.iter().map(|sighting| {
                     let keyframe = &self.keyframes[sighting.keyframe as usize];
-                    (keyframe.camera_from_world * point.point_in_world).z
+                    (keyframe.camera_from_world() * point.point_in_world).z
                 })
             })
             .collect();
@@ -197,7 +233,7 @@ impl PointMap {
                 let keyframe = &self.keyframes[sighting.keyframe as usize];
                 let pixel = self
                     .camera
-                    .project(&(keyframe.camera_from_world * point.point_in_world))?;
+                    .project(&(keyframe.camera_from_world() * point.point_in_world))?;
                 Some((pixel - keyframe.pixel(sighting.feature)).norm())
             }));
         }
@@ -226,7 +262,7 @@ impl PointMap {
             .enumerate()
             .map(|(number, keyframe)| ModelView {
                 name: name(number),
-                world_from_camera: keyframe.world_from_camera,
+                world_from_camera: *keyframe.pose.world_from_camera(),
                 camera: Some(self.camera.clone()),
             })
             .collect();

@@ -7,6 +7,7 @@
 //! the poses, triangulated, seen again, refined and culled. What a keyframe changes comes out as [`PointChange`]s.
 
 mod changes;
+mod correct;
 mod create;
 mod descriptor;
 mod epipolar;
@@ -27,7 +28,7 @@ pub use epipolar::{FeaturePair, PairGeometry, match_along_epipolar_lines};
 pub use features::{FeatureDetector, FeatureError, Features};
 pub use grid::FeatureGrid;
 pub use keyframe::MapKeyframe;
-pub use map::{MapQuality, PointCounts, PointMap};
+pub use map::{MapQuality, PointCounts, PointMap, PointMapError};
 pub use model::{ModelPoint, ModelView, PointModel, Sighting};
 pub use options::{MapPointOptions, MapPointOptionsError};
 pub use point::{MapPoint, MapPointId, MapSighting};

@@ -25,9 +25,19 @@ struct Prediction {
     angle_rad: f32,
 }
 
+/// What a search for known points found.
+pub(super) struct Found {
+    /// Points that should be seen.
+    expected: Vec<MapPointId>,
+    /// The point that each feature is, and the bits in which they differ.
+    pub(super) winners: Vec<Option<(u32, MapPointId)>>,
+    /// Points that another one beat to a feature.
+    losers: Vec<(MapPointId, u32)>,
+}
+
 impl PointMap {
-    /// Finds the points that a new keyframe sees; returns how many.
-    pub(super) fn observe(&mut self, keyframe: u32) -> usize {
+    /// Looks for the points that a new keyframe sees.
+    pub(super) fn search(&self, keyframe: u32) -> Found {
         let count = self.keyframes[keyframe as usize].features.len();
         let mut winners: Vec<Option<(u32, MapPointId)>> = vec![None; count];
         let mut losers: Vec<(MapPointId, u32)> = Vec::new();
@@ -53,6 +63,20 @@ impl PointMap {
                 None => *slot = Some((distance, id)),
             }
         }
+        Found {
+            expected,
+            winners,
+            losers,
+        }
+    }
+
+    /// Finds the points that a new keyframe sees; returns how many.
+    pub(super) fn observe(&mut self, keyframe: u32) -> usize {
+        let Found {
+            expected,
+            winners,
+            mut losers,
+        } = self.search(keyframe);
         for id in expected {
             if let Some(point) = self.points[id.0 as usize].as_deref_mut() {
                 point.visible += 1;
@@ -81,7 +105,7 @@ impl PointMap {
     /// Where a keyframe should see a point; `None` when it should not.
     fn predict(&self, point: &MapPoint, keyframe: u32) -> Option<Prediction> {
         let view = &self.keyframes[keyframe as usize];
-        let in_camera = view.camera_from_world * point.point_in_world;
+        let in_camera = view.camera_from_world() * point.point_in_world;
         // The cheap tests first: this runs for every point of the map.
         let pixel = self.camera.project(&in_camera)?;
         let [width, height] = self.size;
@@ -107,11 +131,11 @@ impl PointMap {
         }
         let geometry = PairGeometry::new(
             &self.camera,
-            &first.camera_from_world,
-            &view.camera_from_world,
+            first.camera_from_world(),
+            view.camera_from_world(),
         );
         let (_, by_point) = self.camera.project_with_jacobian(&in_camera)?;
-        let rotation = view.camera_from_world.rotation.to_rotation_matrix();
+        let rotation = view.camera_from_world().rotation.to_rotation_matrix();
         let jacobian = by_point * rotation.matrix();
         Some(Prediction {
             pixel,
@@ -129,7 +153,7 @@ impl PointMap {
         let view = &self.keyframes[keyframe as usize];
         let features = &view.features;
         let coarsest = (prediction.octave + LEVEL_TOLERANCE).clamp(0.0, 15.0) as u8;
-        let widest = self.options.sigma_px(coarsest);
+        let widest = self.options.sigma_px(coarsest, view.pose_sigma_px);
         let reach = |axis: usize| {
             let variance = prediction.spread[(axis, axis)] + widest * widest;
             (CHI2_PIXEL * variance).sqrt().min(WIDEST_SEARCH_PX)
@@ -147,7 +171,7 @@ impl PointMap {
             {
                 return;
             }
-            let sigma = self.options.sigma_px(octave);
+            let sigma = self.options.sigma_px(octave, view.pose_sigma_px);
             let spread = prediction.spread + Matrix2::identity() * (sigma * sigma);
             let error = view.pixel(feature) - prediction.pixel;
             let is_near = spread

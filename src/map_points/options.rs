@@ -16,7 +16,7 @@ pub struct MapPointOptions {
     pub corner_threshold: u8,
     /// Standard deviation of a feature's position at the finest level; it grows with the level's pixels.
     pub feature_sigma_px: f64,
-    /// Standard deviation that the errors of poses and calibration add to the position of every projection.
+    /// Standard deviation that the errors of calibration, and of poses once they are corrected, add to every projection.
     pub pose_sigma_px: f64,
     /// Keyframes with which a new one is matched: those that share most points, then the latest.
     pub neighbors: usize,
@@ -49,7 +49,7 @@ impl Default for MapPointOptions {
             scale_factor: 1.2,
             corner_threshold: 12,
             feature_sigma_px: 0.7,
-            pose_sigma_px: 1.0,
+            pose_sigma_px: 0.5,
             neighbors: 10,
             new_descriptor_distance: 50,
             known_descriptor_distance: 64,
@@ -58,7 +58,7 @@ impl Default for MapPointOptions {
             parallax_degrees: 1.0,
             min_views: 3,
             probation: 3,
-            max_relative_sigma: 0.02,
+            max_relative_sigma: 0.015,
             move_sigmas: 0.25,
         }
     }
@@ -142,9 +142,9 @@ impl MapPointOptions {
         within("move_sigmas", self.move_sigmas, 0.0, 1e6, "0 or more")
     }
 
-    /// Standard deviation of a projection from a feature of a pyramid level, poses included.
-    pub(super) fn sigma_px(&self, octave: u8) -> f64 {
-        (self.feature_sigma_px * self.scale(octave)).hypot(self.pose_sigma_px)
+    /// Standard deviation of a projection from a feature of a pyramid level, with that of the pose.
+    pub(super) fn sigma_px(&self, octave: u8, pose_sigma_px: f64) -> f64 {
+        (self.feature_sigma_px * self.scale(octave)).hypot(pose_sigma_px)
     }
 
     /// Pixels of the image to a pixel of a pyramid level.

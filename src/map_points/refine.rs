@@ -17,9 +17,9 @@ impl PointMap {
         let keyframe = &self.keyframes[sighting.keyframe as usize];
         let octave = keyframe.features.octaves[sighting.feature as usize];
         Sight {
-            camera_from_world: keyframe.camera_from_world,
+            camera_from_world: *keyframe.camera_from_world(),
             pixel: keyframe.pixel(sighting.feature),
-            sigma_px: self.options.sigma_px(octave),
+            sigma_px: self.options.sigma_px(octave, keyframe.pose_sigma_px),
         }
     }
 

@@ -1,7 +1,8 @@
 //! How far away a scene is, when there is no depth image: from features of a few frames.
 
 use super::map_points::find_features;
-use crate::map_points::{MapPointOptions, MapPointOptionsError, PointMap};
+use crate::map_points::{MapPointOptions, PointMap, PointMapError};
+use crate::pose_correction::PoseCorrectionOptions;
 use crate::sequence::Sequence;
 
 /// Places in the sequence that are looked at.
@@ -23,7 +24,7 @@ const MIN_POINTS: usize = 40;
 pub fn median_feature_depth(
     sequence: &Sequence,
     options: &MapPointOptions,
-) -> Result<Option<f64>, MapPointOptionsError> {
+) -> Result<Option<f64>, PointMapError> {
     let count = sequence.frames().len();
     let size = sequence.color_size();
     let mut medians = Vec::new();
@@ -34,6 +35,7 @@ pub fn median_feature_depth(
             let first = middle.saturating_sub(stride * (FRAMES / 2));
             let mut map = PointMap::new(
                 *options,
+                PoseCorrectionOptions::off(),
                 sequence.color_camera(),
                 size.width as usize,
                 size.height as usize,

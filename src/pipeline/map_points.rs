@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, ViewId};
 use linecarve_carving::surface::{ExportOptions, Hull};
 use linecarve_lines::camera::Camera;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use super::options::Options;
 use crate::map_points::{
-    FeatureDetector, FeatureError, Features, MapPointOptions, MapPointOptionsError, PointChange,
-    PointCounts, PointMap,
+    FeatureDetector, FeatureError, Features, MapPointOptions, PointChange, PointCounts, PointMap,
+    PointMapError,
 };
 use crate::mesh::TriangleMesh;
 use crate::report::{StageTimes, milliseconds};
@@ -63,7 +63,7 @@ impl PointFrontEndError {
 pub enum PointBackEndError {
     /// An option is out of range.
     #[error(transparent)]
-    Options(#[from] MapPointOptionsError),
+    Options(#[from] PointMapError),
     /// The carver refuses a camera centre or a point.
     #[error("the map refuses keyframe {keyframe}: {source} (check its pose)")]
     Carve {
@@ -200,7 +200,13 @@ impl PointBackEnd {
     ) -> Result<Self, PointBackEndError> {
         let (width, height) = (size.width as usize, size.height as usize);
         Ok(Self {
-            map: PointMap::new(options.map_points, camera, width, height)?,
+            map: PointMap::new(
+                options.map_points,
+                options.pose_correction,
+                camera,
+                width,
+                height,
+            )?,
             carver: Carver::new(carver_options(options)),
             options: options.clone(),
             median_depth,
@@ -229,7 +235,7 @@ impl PointBackEnd {
             ..PointUpdate::default()
         };
         let mut transaction = self.carver.transaction();
-        let center = Point3::from(keyframe.world_from_camera.translation.vector);
+        let center = self.map.keyframes()[number].center();
         self.views
             .push(transaction.add_view(center).map_err(refused)?);
         for change in self.map.changes() {
@@ -263,6 +269,9 @@ impl PointBackEnd {
                         .map_err(refused)?;
                     update.moved += 1;
                 }
+                PointChange::MoveKeyframe { keyframe, center } => transaction
+                    .move_view(self.views[keyframe as usize], center)
+                    .map_err(refused)?,
                 PointChange::Remove { point } => {
                     transaction
                         .remove_point(carved(&self.points, point.0))

@@ -22,6 +22,7 @@ use super::segment_points::SegmentPointOptions;
 use super::surface_points::SurfacePointOptions;
 use crate::keyframes::KeyframeOptions;
 use crate::map_points::{MapPointOptions, MapPointOptionsError};
+use crate::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
 
 /// The parameters of every stage. A missing section or key has its default; an unknown one is refused.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -55,6 +56,8 @@ pub struct Options {
     pub surface_points: SurfacePointOptions,
     /// Points that several keyframes see.
     pub landmarks: LandmarkOptions,
+    /// Poses brought into agreement with images.
+    pub pose_correction: PoseCorrectionOptions,
     /// Points from features.
     pub map_points: MapPointOptions,
     /// Points that a sequence brings along.
@@ -179,6 +182,9 @@ pub enum OptionsError {
     /// An option of the map points is out of range.
     #[error(transparent)]
     MapPoints(#[from] MapPointOptionsError),
+    /// An option of the correction of poses is out of range.
+    #[error(transparent)]
+    PoseCorrection(#[from] PoseCorrectionOptionsError),
 }
 
 impl Options {
@@ -281,6 +287,7 @@ impl Options {
         positive("carving.cut.sigma_factor", self.carving.cut.sigma_factor)?;
         self.carving.cut.options().validate()?;
         self.map_points.validate()?;
+        self.pose_correction.validate()?;
         if self.carving.free_threshold == 0 {
             return Err(OptionsError::Range {
                 key: "carving.free_threshold",

@@ -74,7 +74,7 @@ fn map() -> PointMap {
         max_relative_sigma: 0.05,
         ..MapPointOptions::default()
     };
-    PointMap::new(options, &camera(), 640, 480).unwrap()
+    PointMap::new(options, PoseCorrectionOptions::off(), &camera(), 640, 480).unwrap()
 }
 
 /// A camera that walks to the right and turns a little.
@@ -94,6 +94,7 @@ fn distance_to_room(point: &Point3<f64>) -> f64 {
 #[derive(Default, Debug, PartialEq)]
 struct Follower {
     points: BTreeMap<u32, (Point3<f64>, Vec<u32>)>,
+    centers: BTreeMap<u32, Point3<f64>>,
     moves: usize,
 }
 
@@ -114,6 +115,9 @@ impl Follower {
                 } => {
                     self.points.get_mut(&point.0).unwrap().0 = point_in_world;
                     self.moves += 1;
+                }
+                PointChange::MoveKeyframe { keyframe, center } => {
+                    self.centers.insert(keyframe, center);
                 }
                 PointChange::Remove { point } => {
                     self.points.remove(&point.0).unwrap();
@@ -351,4 +355,65 @@ fn the_model_has_what_the_carver_has() {
             (*place, views.len())
         );
     }
+}
+
+/// The walk with poses off by some four pixels each, and a map that corrects them or does not.
+fn disturbed(correction: PoseCorrectionOptions) -> (PointMap, Follower) {
+    let mut room = Room::new(900);
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut follower = Follower::default();
+    let options = *map().options();
+    let mut map = PointMap::new(options, correction, &camera(), 640, 480).unwrap();
+    for step in 0..10 {
+        let pose = walk(step);
+        let features = room.seen(&pose, 0.4);
+        let mut shake =
+            |size: f64| Vector3::from([(); 3].map(|()| random.random_range(-size..=size)));
+        let error = Isometry3::from_parts(
+            Translation3::from(shake(0.01)),
+            UnitQuaternion::from_scaled_axis(shake(0.006)),
+        );
+        map.push(&(pose * error), features);
+        check_references(&map);
+        follower.apply(map.changes());
+    }
+    (map, follower)
+}
+
+#[test]
+fn disturbed_poses_are_corrected() {
+    let (given, _) = disturbed(PoseCorrectionOptions::off());
+    let (corrected, follower) = disturbed(PoseCorrectionOptions::default());
+    let errors = |map: &PointMap| -> f64 {
+        let mut errors: Vec<f64> = map
+            .established()
+            .map(|(_, point)| distance_to_room(&point.point_in_world))
+            .collect();
+        errors.sort_by(f64::total_cmp);
+        errors[errors.len() / 2]
+    };
+    let (before, after) = (given.quality(), corrected.quality());
+    // Without correction a place falls apart into several points with few sightings each.
+    let sightings_a_point = |of: MapQuality| of.sightings as f64 / of.points as f64;
+    assert!(
+        sightings_a_point(after) > 2.0 * sightings_a_point(before),
+        "{before:?} {after:?}"
+    );
+    assert!(after.points > 500, "{after:?}");
+    assert!(after.reprojection_rms_px < 0.6, "{after:?}");
+    let (before, after) = (errors(&given), errors(&corrected));
+    assert!(after < 0.1, "{before} {after}");
+    // What poses were given stays known, and the carver has the cameras to a pixel at the scene's depth.
+    for keyframe in given.keyframes() {
+        let change = keyframe.pose.change();
+        assert!(change.turn_rad < 1e-6 && change.shift < 1e-9, "{change:?}");
+    }
+    let moved = corrected.keyframes().iter().enumerate();
+    for (number, keyframe) in moved {
+        assert!(keyframe.pose.change().turn_rad < 0.03);
+        if let Some(center) = follower.centers.get(&(number as u32)) {
+            assert!((center - keyframe.center()).norm() < 5.0 / 525.0);
+        }
+    }
+    assert!(!follower.centers.is_empty());
 }

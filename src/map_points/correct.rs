@@ -1,0 +1,192 @@
+//! Poses of keyframes brought into agreement with the points that they see.
+
+use super::changes::PointChange;
+use super::map::PointMap;
+use super::point::{MapPointId, MapSighting};
+use super::triangulate::CHI2_PIXEL;
+use crate::pose_correction::{
+    CorrectedPose, KnownPoint, PosePrior, Track, TrackSight, adjust, correct_pose,
+};
+
+impl PointMap {
+    /// Whether the pose of a keyframe has been brought into agreement with its points.
+    pub(super) fn is_corrected(&self, keyframe: u32) -> bool {
+        self.keyframes[keyframe as usize].pose_sigma_px <= self.options.pose_sigma_px
+    }
+
+    /// Corrects the pose of a new keyframe by points that are known: looked for about where the motion since the last
+    /// corrected keyframe has them, else about where the given pose has them. Without enough of them the pose stays.
+    pub(super) fn correct_new(&mut self, keyframe: u32) {
+        let latest = (0..keyframe).rev().find(|&other| self.is_corrected(other));
+        let given = self.keyframes[keyframe as usize].pose;
+        if let Some(latest) = latest {
+            let mut start = given;
+            start.follow(&self.keyframes[latest as usize].pose);
+            if self.correct_from(keyframe, start) {
+                return;
+            }
+        }
+        if !self.correct_from(keyframe, given) {
+            self.keyframes[keyframe as usize].pose = given;
+        }
+    }
+
+    /// Returns whether enough points agree.
+    fn correct_from(&mut self, keyframe: u32, start: CorrectedPose) -> bool {
+        self.keyframes[keyframe as usize].pose = start;
+        let winners = self.search(keyframe).winners;
+        let view = &self.keyframes[keyframe as usize];
+        let mut depths = Vec::new();
+        let mut known = Vec::new();
+        for (feature, winner) in winners.iter().enumerate() {
+            let Some(point) = winner.and_then(|(_, id)| self.point(id)) else {
+                continue;
+            };
+            let octave = view.features.octaves[feature];
+            depths.push((view.camera_from_world() * point.point_in_world).z);
+            known.push(KnownPoint {
+                point_in_world: point.point_in_world,
+                covariance: point.covariance,
+                pixel: view.pixel(feature as u32),
+                sigma_px: self.options.sigma_px(octave, self.options.pose_sigma_px),
+            });
+        }
+        if known.len() < self.correction.min_points {
+            return false;
+        }
+        let middle = depths.len() / 2;
+        let depth = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let mut pose = start;
+        let prior = self.prior(depth);
+        let agreeing = correct_pose(&self.camera, &mut pose, &prior, &known);
+        // Half of them at least: points of a wrong pose agree with something by chance.
+        if agreeing < self.correction.min_points || 2 * agreeing < known.len() {
+            return false;
+        }
+        let view = &mut self.keyframes[keyframe as usize];
+        view.pose = pose;
+        view.pose_sigma_px = self.options.pose_sigma_px;
+        true
+    }
+
+    fn prior(&self, depth: f64) -> PosePrior {
+        PosePrior::in_pixels(self.correction.sigma_px, self.camera.mean_focal_px(), depth)
+    }
+
+    /// Moves a new keyframe, those that share most points with it, and the points that they see.
+    pub(super) fn adjust_around(&mut self, keyframe: u32) {
+        let Some(depth) = self.median_depth_in(keyframe) else {
+            return;
+        };
+        let shared = self.shared_points(keyframe);
+        let mut window: Vec<u32> = (0..keyframe)
+            .filter(|&other| shared[other as usize] > 0)
+            .collect();
+        window.sort_unstable_by_key(|&other| {
+            (
+                std::cmp::Reverse(shared[other as usize]),
+                std::cmp::Reverse(other),
+            )
+        });
+        window.truncate(self.correction.window - 1);
+        window.push(keyframe);
+
+        let mut ids: Vec<MapPointId> = window
+            .iter()
+            .flat_map(|&free| self.keyframes[free as usize].points.iter().flatten())
+            .copied()
+            .collect();
+        ids.sort_unstable();
+        ids.dedup();
+        if ids.len() < self.correction.min_points {
+            return;
+        }
+        let mut tracks: Vec<Track> = ids
+            .iter()
+            .filter_map(|&id| self.point(id))
+            .map(|point| Track {
+                point_in_world: point.point_in_world,
+                sights: point
+                    .sightings
+                    .iter()
+                    .map(|s| self.track_sight(s))
+                    .collect(),
+            })
+            .collect();
+        let mut poses: Vec<CorrectedPose> = self.keyframes.iter().map(|k| k.pose).collect();
+        adjust(
+            &self.camera,
+            &mut poses,
+            &window,
+            &self.prior(depth),
+            &mut tracks,
+        );
+        for (id, track) in ids.iter().zip(&tracks) {
+            if let Some(point) = self.points[id.0 as usize].as_deref_mut() {
+                point.point_in_world = track.point_in_world;
+            }
+            self.dirty.push(*id);
+        }
+        for &free in &window {
+            self.keyframes[free as usize].pose = poses[free as usize];
+        }
+        for &free in &window {
+            if self.agreeing(free) >= self.correction.min_points {
+                self.keyframes[free as usize].pose_sigma_px = self.options.pose_sigma_px;
+            }
+        }
+    }
+
+    fn track_sight(&self, sighting: &MapSighting) -> TrackSight {
+        let view = &self.keyframes[sighting.keyframe as usize];
+        let octave = view.features.octaves[sighting.feature as usize];
+        TrackSight {
+            camera: sighting.keyframe,
+            pixel: view.pixel(sighting.feature),
+            sigma_px: self.options.sigma_px(octave, self.options.pose_sigma_px),
+        }
+    }
+
+    /// Points of a keyframe whose projections fit its pixels as well as under a corrected pose.
+    fn agreeing(&self, keyframe: u32) -> usize {
+        let view = &self.keyframes[keyframe as usize];
+        let seen = view.points.iter().enumerate();
+        seen.filter(|(feature, id)| {
+            let Some(point) = id.and_then(|id| self.point(id)) else {
+                return false;
+            };
+            let feature = *feature as u32;
+            let sight = self.track_sight(&MapSighting { keyframe, feature });
+            let in_camera = view.camera_from_world() * point.point_in_world;
+            self.camera.project(&in_camera).is_some_and(|pixel| {
+                (pixel - sight.pixel).norm_squared() < CHI2_PIXEL * sight.sigma_px * sight.sigma_px
+            })
+        })
+        .count()
+    }
+
+    /// Tells of keyframes that are not where they were.
+    pub(super) fn publish_centers(&mut self) {
+        let tolerance_px = self.correction.move_px;
+        let focal_px = self.camera.mean_focal_px();
+        for number in 0..self.keyframes.len() {
+            let view = &self.keyframes[number];
+            let center = view.center();
+            match view.published_center {
+                // A new keyframe is added where it is.
+                None => self.keyframes[number].published_center = Some(center),
+                Some(published) if published != center => {
+                    let depth = self.median_depth_in(number as u32).unwrap_or(0.0);
+                    if (center - published).norm() * focal_px > tolerance_px * depth {
+                        self.keyframes[number].published_center = Some(center);
+                        self.changes.push(PointChange::MoveKeyframe {
+                            keyframe: number as u32,
+                            center,
+                        });
+                    }
+                }
+                Some(_) => {}
+            }
+        }
+    }
+}
