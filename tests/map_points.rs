@@ -55,6 +55,10 @@ fn images_and_poses_alone_give_a_surface_that_repeats() {
     let (mut first, mut second) = (contents(&one), contents(&two));
     let report = first.remove(Path::new("report.json")).unwrap();
     second.remove(Path::new("report.json")).unwrap();
+    // Like the report, the page tells durations.
+    for files in [&mut first, &mut second] {
+        assert!(files.remove(Path::new("report.html")).is_some());
+    }
     for name in [
         "mesh.glb",
         "mesh.obj",
