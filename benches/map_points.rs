@@ -120,6 +120,7 @@ fn facade(count: usize) -> PointModel {
                 UnitQuaternion::from_euler_angles(0.0, 0.06 * (5.0 - f64::from(index)), 0.0),
             ),
             camera: None,
+            size_px: None,
         })
         .collect();
     let points = (0..count)

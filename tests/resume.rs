@@ -1,29 +1,37 @@
-//! Runs that were killed go on and end with the very files of a run without interruption.
+//! Runs that were killed, interrupted or could not write go on and end with the very files of a run without interruption.
 
-#![allow(clippy::unwrap_used, reason = "what the tests share is part of them")]
+#![cfg(unix)]
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "what the tests share is part of them"
+)]
 
 mod program;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
 use assert_cmd::cargo::cargo_bin;
 use program::{contents, expect_status, small_sequence, stderr};
 
-fn arguments<'a>(sequence: &'a Path, out: &'a Path) -> [&'a str; 8] {
+fn arguments<'a>(sequence: &'a Path, out: &'a Path, more: &[&'a str]) -> Vec<&'a str> {
     let text = |path: &'a Path| path.to_str().unwrap();
-    [
+    let mut arguments = vec![
         "reconstruct",
         text(sequence),
         "--every",
         "1",
         "--threads",
         "1",
+        "--no-picture",
         "--out",
         text(out),
-    ]
+    ];
+    arguments.extend(more);
+    arguments
 }
 
 /// Everything but durations.
@@ -32,6 +40,11 @@ fn results(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files.remove(Path::new("report.json"));
     files.remove(Path::new("report.html"));
     files
+}
+
+/// Files that a run keeps to go on with.
+fn is_kept(name: &Path) -> bool {
+    name.starts_with(".linecarve")
 }
 
 fn kept(out: &Path) -> usize {
@@ -43,13 +56,12 @@ fn kept(out: &Path) -> usize {
     })
 }
 
-/// Starts a run and ends it with `signal` once it has kept some keyframes; how many it had kept, `None` when it was
-/// through before.
-fn killed(sequence: &Path, out: &Path, after: usize, signal: &str) -> Option<usize> {
+/// Starts a run and ends it with `signal` once it has kept some keyframes; `None` when it was through before.
+fn ended(arguments: &[&str], out: &Path, after: usize, signal: &str) -> Option<Output> {
     let mut run = Command::new(cargo_bin("linecarve"))
-        .args(arguments(sequence, out))
+        .args(arguments)
         .stdout(Stdio::null())
-        .stderr(Stdio::null())
+        .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     while kept(out) < after {
@@ -60,35 +72,108 @@ fn killed(sequence: &Path, out: &Path, after: usize, signal: &str) -> Option<usi
     }
     let id = run.id().to_string();
     Command::new("kill").args([signal, &id]).status().unwrap();
-    run.wait().unwrap();
-    (kept(out) > 0).then(|| kept(out))
+    let output = run.wait_with_output().unwrap();
+    (kept(out) > 0).then_some(output)
+}
+
+/// Resumes a run and compares what it ends with.
+fn resume(sequence: &Path, out: &Path, more: &[&str], expected: &BTreeMap<PathBuf, Vec<u8>>) {
+    let mut again = arguments(sequence, out, more);
+    again.push("--resume");
+    expect_status(0, again);
+    let files = results(out);
+    assert!(files.keys().eq(expected.keys()), "{:?}", files.keys());
+    for (name, bytes) in &files {
+        assert!(*bytes == expected[name], "{} differs", name.display());
+    }
+}
+
+/// Ends runs at several moments and resumes them.
+fn check_resuming(frames: usize, more: &[&str], signals: &[&str]) {
+    let folder = small_sequence(frames, "tum");
+    let sequence = folder.path().join("sequence");
+    let whole = folder.path().join("whole");
+    expect_status(0, arguments(&sequence, &whole, more));
+    let expected = results(&whole);
+    assert!(!expected.keys().any(|name| is_kept(name)));
+    let mut resumed = 0;
+    for (trial, signal) in signals.iter().enumerate() {
+        let out = folder.path().join(format!("ended-{trial}"));
+        let begun = arguments(&sequence, &out, more);
+        let Some(output) = ended(&begun, &out, 2 * trial + 1, signal) else {
+            continue;
+        };
+        resumed += 1;
+        if *signal == "-INT" {
+            // What is done is saved, and the status says that it is not all.
+            assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+            assert!(stderr(&output).contains("--resume goes on"));
+            assert!(out.join("report.json").is_file() && out.join("mesh.ply").is_file());
+        }
+        resume(&sequence, &out, more, &expected);
+    }
+    println!("{resumed} of {} runs were ended on the way", signals.len());
 }
 
 #[test]
-fn killed_runs_go_on_to_the_same_bytes() {
-    let folder = small_sequence(10, "tum");
+fn runs_with_depth_images_go_on_to_the_same_bytes() {
+    check_resuming(10, &[], &["-KILL", "-KILL", "-KILL", "-INT"]);
+}
+
+#[test]
+fn runs_with_depth_from_neighbours_go_on_to_the_same_bytes() {
+    let more = ["--depth", "semi-dense"];
+    check_resuming(12, &more, &["-KILL", "-KILL", "-INT"]);
+}
+
+#[test]
+fn runs_from_map_points_go_on_to_the_same_bytes() {
+    let more = ["--from", "map-points"];
+    check_resuming(10, &more, &["-KILL", "-INT"]);
+}
+
+/// Runs the program so that no file can grow beyond some blocks, as on a disk that is full.
+fn limited(blocks: u32, arguments: &[&str]) -> Output {
+    Command::new("sh")
+        .arg("-c")
+        .arg(format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\""))
+        .arg("sh")
+        .arg(cargo_bin("linecarve"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn a_full_disk_leaves_whole_files_and_a_run_that_can_go_on() {
+    let folder = small_sequence(6, "tum");
     let sequence = folder.path().join("sequence");
     let whole = folder.path().join("whole");
-    expect_status(0, arguments(&sequence, &whole));
+    expect_status(0, arguments(&sequence, &whole, &[]));
     let expected = results(&whole);
-    assert!(!expected.keys().any(|name| name.starts_with(".linecarve")));
-    let mut resumed = 0;
-    for (trial, signal) in ["-KILL", "-KILL", "-KILL", "-INT"].into_iter().enumerate() {
-        let out = folder.path().join(format!("killed-{trial}"));
-        if killed(&sequence, &out, 2 * trial + 1, signal).is_none() {
-            continue;
+    for blocks in [0, 8, 150] {
+        let out = folder.path().join(format!("full-{blocks}"));
+        let output = limited(blocks, &arguments(&sequence, &out, &[]));
+        assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+        assert!(
+            stderr(&output).contains("cannot write"),
+            "{}",
+            stderr(&output)
+        );
+        let is_begun = out.join(".linecarve/run.txt").is_file();
+        for (name, bytes) in results(&out) {
+            if !is_kept(&name) {
+                assert!(expected[&name] == bytes, "{} is not whole", name.display());
+            } else {
+                let is_named =
+                    name.ends_with("run.txt") || name.extension().is_some_and(|e| e == "keyframe");
+                assert!(is_named, "{} is left over", name.display());
+            }
         }
-        resumed += 1;
-        let mut again = arguments(&sequence, &out).to_vec();
-        again.push("--resume");
-        expect_status(0, again);
-        let files = results(&out);
-        assert!(files.keys().eq(expected.keys()), "{:?}", files.keys());
-        for (name, bytes) in &files {
-            assert!(*bytes == expected[name], "{} differs", name.display());
+        if is_begun && blocks > 8 {
+            resume(&sequence, &out, &[], &expected);
         }
     }
-    println!("{resumed} of 4 runs were killed on the way");
 }
 
 #[test]
@@ -96,13 +181,17 @@ fn other_runs_and_no_runs_are_not_resumed() {
     let folder = small_sequence(8, "tum");
     let sequence = folder.path().join("sequence");
     let out = folder.path().join("out");
-    let mut arguments = arguments(&sequence, &out).to_vec();
-    arguments.push("--resume");
-    let said = stderr(&expect_status(2, &arguments));
+    let mut resumed = arguments(&sequence, &out, &["--resume"]);
+    let said = stderr(&expect_status(2, &resumed));
     assert!(said.contains("leave out --resume"), "{said}");
-    if killed(&sequence, &out, 1, "-KILL").is_some() {
-        arguments[3] = "2";
-        let said = stderr(&expect_status(2, &arguments));
+    let begun = arguments(&sequence, &out, &[]);
+    if ended(&begun, &out, 1, "-KILL").is_some() {
+        resumed[3] = "2";
+        let said = stderr(&expect_status(2, &resumed));
         assert!(said.contains("was begun differently"), "{said}");
+        resumed[3] = "1";
+        resumed.extend(["--depth", "semi-dense"]);
+        let said = stderr(&expect_status(2, &resumed));
+        assert!(said.contains("semi-dense depth"), "{said}");
     }
 }

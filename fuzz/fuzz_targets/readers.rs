@@ -1,128 +1,171 @@
-//! Any bytes as any file that a reader reads: a sequence, or an error that names the place. The first byte chooses the
-//! file, the rest is what stands in it; the other files of its layout are well.
+//! Any bytes as any file that a reader reads: what it holds, or an error that names the place. The first byte chooses the
+//! case, the rest is what stands in its file; the other files of its folder are well.
 //!
-//! `cargo +nightly fuzz run readers -- -rss_limit_mb=1024` in the folder above; with a stable toolchain
-//! `RUSTC_BOOTSTRAP=1 cargo fuzz run readers`.
+//! In the folder above, with a stable toolchain (`cargo +nightly` needs no variable):
+//!
+//! ```text
+//! export RUSTC_BOOTSTRAP=1
+//! LINECARVE_FUZZ_SEEDS=fuzz/corpus/readers cargo fuzz run readers -- -runs=1     # writes a well file of each case
+//! cargo fuzz run readers -- -rss_limit_mb=1024
+//! ```
 
 #![no_main]
+#![allow(dead_code, reason = "the tests of layouts use more of the writers")]
+
+#[path = "../../tests/sequence/support.rs"]
+mod support;
+#[path = "../../tests/sequence/writers.rs"]
+mod writers;
+
+mod cases;
 
 use std::path::Path;
 use std::sync::OnceLock;
 
 use libfuzzer_sys::fuzz_target;
-use linecarve::sequence::{OpenOptions, Sequence};
-use tempfile::TempDir;
+use linecarve::checkpoint::{Checkpoint, FOLDER};
+use linecarve::exchange::{
+    TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
+};
+use linecarve::mesh::read_geometry;
+use linecarve::pipeline::{Keyframe, ModelCarver, Options, PointKeyframe};
+use linecarve::sequence::{InspectOptions, OpenOptions, Sequence, inspect};
+use linecarve::stream::{Message, Session};
 
-/// A grey image of 2 x 2 pixels.
-const IMAGE: &[u8] = b"P5 2 2 255\n\x10\x20\x30\x40";
+use cases::{Case, Cases, Kind};
 
-/// Two frames of each layout: the file that is replaced, then the others.
-const FILES: [(&str, &[(&str, &str)]); 22] = [
-    ("frame-000000.pose.txt", &[("frame-000000.color.pgm", "")]),
-    (
-        "camera-intrinsics.txt",
-        &[("frame-000000.color.pgm", ""), ("frame-000000.pose.txt", "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1")],
-    ),
-    ("rgb.txt", &[("rgb/1.pgm", ""), ("groundtruth.txt", "1.0 0 0 0 0 0 0 1")]),
-    ("groundtruth.txt", &[("rgb/1.pgm", ""), ("rgb.txt", "1.0 rgb/1.pgm")]),
-    ("trajectory.log", &[("image/0.pgm", ""), ("image/1.pgm", "")]),
-    (
-        "camera.json",
-        &[("image/0.pgm", ""), ("trajectory.log", "0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")],
-    ),
-    ("cameras.txt", &[("a.pgm", ""), ("images.txt", "1 1 0 0 0 0 0 0 1 a.pgm\n\n")]),
-    (
-        "images.txt",
-        &[("a.pgm", ""), ("cameras.txt", "1 PINHOLE 2 2 2 2 1 1"), ("points3D.txt", "1 0 0 1 1 2 3 0 1 0")],
-    ),
-    (
-        "points3D.txt",
-        &[("a.pgm", ""), ("cameras.txt", "1 PINHOLE 2 2 2 2 1 1"), ("images.txt", "1 1 0 0 0 0 0 0 1 a.pgm\n1 1 1\n")],
-    ),
-    ("cameras.bin", &[("a.pgm", ""), ("images.bin", "\0\0\0\0\0\0\0\0")]),
-    ("images.bin", &[("a.pgm", ""), ("cameras.bin", "\0\0\0\0\0\0\0\0")]),
-    (
-        "points3D.bin",
-        &[("cameras.bin", "\0\0\0\0\0\0\0\0"), ("images.bin", "\0\0\0\0\0\0\0\0")],
-    ),
-    ("model.nvm", &[("a.pgm", "")]),
-    ("scene.mvs", &[("images/a.pgm", "")]),
-    ("transforms.json", &[("a.pgm", "")]),
-    ("map.msg", &[("images/1.000000.pgm", "")]),
-    ("KeyFrameTrajectory.txt", &[("rgb/1.000000.pgm", ""), ("linecarve.toml", CAMERA)]),
-    (
-        "settings.yaml",
-        &[("rgb/1.000000.pgm", ""), ("KeyFrameTrajectory.txt", "1.0 0 0 0 0 0 0 1")],
-    ),
-    (
-        "MapPoints.txt",
-        &[("rgb/1.000000.pgm", ""), ("KeyFrameTrajectory.txt", "1.0 0 0 0 0 0 0 1"), ("linecarve.toml", CAMERA)],
-    ),
-    ("mav0/cam0/sensor.yaml", &[("mav0/cam0/data/1403715274312143104.pgm", "")]),
-    (
-        "mav0/cam0/data.csv",
-        &[
-            ("mav0/cam0/data/1403715274312143104.pgm", ""),
-            ("mav0/cam0/sensor.yaml", "intrinsics: [2.0, 2.0, 0.5, 0.5]\n"),
-            ("mav0/vicon0/data.csv", "1403715274312143104,0,0,0,1,0,0,0\n"),
-        ],
-    ),
-    (
-        "linecarve.toml",
-        &[("color/1.pgm", ""), ("pose.txt", "0 0 0 0 0 0 1")],
-    ),
-];
-
-const CAMERA: &str = "[color]\nfx = 2.0\nfy = 2.0\ncx = 0.5\ncy = 0.5\n";
-
-/// A folder for each entry of [`FILES`], made once.
-fn folders() -> &'static [TempDir] {
-    static FOLDERS: OnceLock<Vec<TempDir>> = OnceLock::new();
-    FOLDERS.get_or_init(|| {
-        FILES
-            .iter()
-            .map(|(_, others)| {
-                let folder = tempfile::tempdir().expect("a temporary folder");
-                for (name, text) in *others {
-                    let bytes = if name.ends_with(".pgm") { IMAGE } else { text.as_bytes() };
-                    write(&folder.path().join(name), bytes);
-                }
-                folder
-            })
-            .collect()
-    })
+fn cases() -> &'static Cases {
+    static CASES: OnceLock<Cases> = OnceLock::new();
+    CASES.get_or_init(Cases::write)
 }
 
-fn write(path: &Path, bytes: &[u8]) {
-    let parent = path.parent().expect("inside the folder");
-    std::fs::create_dir_all(parent).expect("a folder");
-    std::fs::write(path, bytes).expect("a file");
-}
-
-fuzz_target!(|data: &[u8]| {
-    let Some((&which, bytes)) = data.split_first() else {
-        return;
-    };
-    let which = usize::from(which) % FILES.len();
-    let folder = folders()[which].path();
-    write(&folder.join(FILES[which].0), bytes);
-    match Sequence::open(folder, &OpenOptions::default()) {
-        Ok(sequence) => {
-            for (index, frame) in sequence.frames().iter().enumerate() {
-                let pose = frame.world_from_camera.to_homogeneous();
-                assert!(pose.iter().all(|value| value.is_finite()));
-                let _ = sequence.load_gray(index);
-            }
-            if let Some(model) = sequence.map_points() {
-                for point in &model.points {
-                    assert!(point.point_in_world.iter().all(|value| value.is_finite()));
-                    assert!(point.sightings.iter().all(|s| (s.view as usize) < model.views.len()));
-                }
-            }
+fuzz_target!(
+    init: {
+        if let Some(folder) = std::env::var_os("LINECARVE_FUZZ_SEEDS") {
+            cases().write_seeds(Path::new(&folder));
         }
+    },
+    |data: &[u8]| {
+        let Some((&which, bytes)) = data.split_first() else {
+            return;
+        };
+        let cases = cases();
+        let case = &cases.list[usize::from(which) % cases.list.len()];
+        if case.kind == Kind::Messages {
+            converse(bytes);
+            return;
+        }
+        let path = case.folder.join(&case.file);
+        if case.kind == Kind::Kept {
+            resume(&case.folder, bytes);
+            return;
+        }
+        std::fs::write(&path, bytes).expect("a file in a temporary folder");
+        match case.kind {
+            Kind::Geometry => geometry(&path),
+            _ => sequence(case, &path, bytes.len()),
+        }
+        std::fs::write(&path, &case.well).expect("a file in a temporary folder");
+    }
+);
+
+/// Opens the sequence and does with it what commands do; each only now and then, as it takes longer than reading.
+fn sequence(case: &Case, path: &Path, length: usize) {
+    let options = OpenOptions {
+        poses: (case.kind == Kind::Trajectory).then(|| path.to_owned()),
+        ..OpenOptions::default()
+    };
+    let sequence = match Sequence::open(&case.folder, &options) {
+        Ok(sequence) => sequence,
         Err(error) => {
             let message = error.to_string();
-            assert!(message.contains(&*folder.to_string_lossy()), "{message}");
+            assert!(
+                message.contains(&*case.folder.to_string_lossy()),
+                "{message}"
+            );
+            return;
+        }
+    };
+    for frame in sequence.frames() {
+        let pose = frame.world_from_camera.to_homogeneous();
+        assert!(pose.iter().all(|value| value.is_finite()));
+    }
+    if let Some(model) = sequence.map_points() {
+        for point in &model.points {
+            assert!(point.point_in_world.iter().all(|value| value.is_finite()));
+            assert!(
+                point
+                    .sightings
+                    .iter()
+                    .all(|s| (s.view as usize) < model.views.len())
+            );
         }
     }
-});
+    if !sequence.frames().is_empty() {
+        let _ = sequence.load_gray(0);
+        let _ = sequence.load_color(0);
+        let _ = sequence.load_depth(0);
+    }
+    match length % 8 {
+        0 => {
+            let _ = inspect(&sequence, &InspectOptions::default());
+        }
+        1 => {
+            let folder = tempfile::tempdir().expect("a temporary folder");
+            let _ = write_colmap(folder.path(), &sequence);
+            let _ = write_transforms(&folder.path().join("transforms.json"), &sequence);
+            let images = posed_images(&sequence);
+            write_trajectory(
+                &folder.path().join("poses.txt"),
+                TrajectoryFile::Tum,
+                &images,
+            )
+            .expect("a file in a temporary folder");
+        }
+        2 => {
+            if let Some(model) = sequence.map_points()
+                && let Ok(mut carver) = ModelCarver::new(model, &Options::default())
+                && carver.push_all().is_ok()
+            {
+                let _ = carver.surface();
+            }
+        }
+        _ => {}
+    }
+}
+
+fn geometry(path: &Path) {
+    match read_geometry(path) {
+        Ok(shape) => shape.validate().expect("what is read is valid"),
+        Err(error) => {
+            let message = error.to_string();
+            assert!(message.contains(&*path.to_string_lossy()), "{message}");
+        }
+    }
+}
+
+/// Messages of a stream, a line each.
+fn converse(bytes: &[u8]) {
+    let mut session = Session::new(Options::default()).expect("a temporary folder");
+    for line in bytes.split(|byte| *byte == b'\n') {
+        if let Ok(message) = serde_json::from_slice::<Message>(line)
+            && let Err(error) = session.handle(&message)
+        {
+            assert!(!error.to_string().is_empty());
+        }
+    }
+    let _ = session.summary();
+}
+
+/// What a run has kept, under a right checksum: damage that only a hostile hand can do.
+fn resume(output: &Path, bytes: &[u8]) {
+    let run = Checkpoint::open(output, "", false).expect("a temporary folder");
+    let sum = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |sum, byte| {
+        (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    });
+    let file = output.join(FOLDER).join("000000.keyframe");
+    std::fs::write(file, [bytes, &sum.to_le_bytes()].concat())
+        .expect("a file in a temporary folder");
+    let _ = run.load::<Keyframe>(0);
+    let _ = run.load::<PointKeyframe>(0);
+}

@@ -5,10 +5,6 @@
 //! beginning, so that its result is that of a run without interruption to the last byte. The folder goes when the run is
 //! through.
 
-mod codec;
-mod features;
 mod store;
 
-pub use codec::{Damaged, Reader, Writer};
-pub use features::{read_point_keyframe, write_point_keyframe};
 pub use store::{Checkpoint, CheckpointError, FOLDER};

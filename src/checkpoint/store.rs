@@ -2,6 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
 use crate::files::{WriteError, write_atomically};
 
 /// Folder inside the output folder.
@@ -95,23 +98,52 @@ impl Checkpoint {
     }
 
     /// What was stored for a keyframe; `None` when nothing was, or it is damaged.
-    pub fn load(&self, keyframe: usize) -> Option<Vec<u8>> {
+    pub fn load<T: DeserializeOwned>(&self, keyframe: usize) -> Option<T> {
         let mut bytes = std::fs::read(self.path(keyframe)).ok()?;
         let at = bytes.len().checked_sub(8)?;
         let sum = u64::from_le_bytes(bytes[at..].try_into().ok()?);
         bytes.truncate(at);
-        (checksum(&bytes) == sum).then_some(bytes)
+        if checksum(&bytes) != sum {
+            return None;
+        }
+        rmp_serde::from_slice(&bytes).ok()
     }
 
-    /// Stores what a keyframe yields.
+    /// Stores what a keyframe yields. Numbers come back bit for bit.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn store(&self, keyframe: usize, bytes: &[u8]) -> Result<(), WriteError> {
+    pub fn store<T: Serialize>(&self, keyframe: usize, yielded: &T) -> Result<(), WriteError> {
         write_atomically(&self.path(keyframe), |out| {
-            out.write_all(bytes)?;
-            out.write_all(&checksum(bytes).to_le_bytes())
+            let bytes = rmp_serde::to_vec(yielded).map_err(std::io::Error::other)?;
+            out.write_all(&bytes)?;
+            out.write_all(&checksum(&bytes).to_le_bytes())
         })
+    }
+
+    /// What a run that is kept has stored for a keyframe, or else what `make` makes, which is then stored. A run that is
+    /// not kept makes everything.
+    ///
+    /// # Errors
+    /// When `make` fails, or the file cannot be written.
+    pub fn load_or<T, E>(
+        checkpoint: Option<&Self>,
+        keyframe: usize,
+        make: impl FnOnce() -> Result<T, E>,
+    ) -> Result<T, E>
+    where
+        T: Serialize + DeserializeOwned,
+        E: From<WriteError>,
+    {
+        let Some(checkpoint) = checkpoint else {
+            return make();
+        };
+        if let Some(stored) = checkpoint.load(keyframe) {
+            return Ok(stored);
+        }
+        let made = make()?;
+        checkpoint.store(keyframe, &made)?;
+        Ok(made)
     }
 
     /// Removes everything: the run is through.
@@ -157,10 +189,19 @@ mod tests {
     fn what_is_stored_comes_back_until_the_run_is_through() {
         let folder = tempfile::tempdir().unwrap();
         let begun = Checkpoint::open(folder.path(), "a\nb\n", false).unwrap();
-        begun.store(3, b"three").unwrap();
+        // The last bit, and what JSON could not hold.
+        let kept = vec![0.1 + 0.2, f64::MIN_POSITIVE, -0.0, f64::INFINITY];
+        begun.store(3, &kept).unwrap();
         let resumed = Checkpoint::open(folder.path(), "a\nb\n", true).unwrap();
-        assert_eq!(resumed.load(3).as_deref(), Some(b"three".as_slice()));
-        assert_eq!(resumed.load(4), None);
+        let back: Vec<f64> = resumed.load(3).unwrap();
+        assert!(
+            kept.iter()
+                .zip(&back)
+                .all(|(a, b)| a.to_bits() == b.to_bits())
+        );
+        assert_eq!(resumed.load::<Vec<f64>>(4), None);
+        let made = Checkpoint::load_or(Some(&resumed), 4, || Ok::<_, WriteError>(vec![1.5]));
+        assert_eq!(resumed.load(4), made.ok());
         resumed.finish().unwrap();
         assert!(!folder.path().join(FOLDER).exists());
         let error = Checkpoint::open(folder.path(), "a\nb\n", true).unwrap_err();
@@ -172,7 +213,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         Checkpoint::open(folder.path(), "every 2\n", false)
             .unwrap()
-            .store(0, b"old")
+            .store(0, &"old")
             .unwrap();
         let error = Checkpoint::open(folder.path(), "every 3\n", true).unwrap_err();
         assert!(
@@ -182,20 +223,23 @@ mod tests {
             "{error}"
         );
         let anew = Checkpoint::open(folder.path(), "every 3\n", false).unwrap();
-        assert_eq!(anew.load(0), None);
+        assert_eq!(anew.load::<String>(0), None);
     }
 
     #[test]
     fn damaged_files_are_as_good_as_absent() {
         let folder = tempfile::tempdir().unwrap();
         let run = Checkpoint::open(folder.path(), "", false).unwrap();
-        run.store(0, b"some bytes").unwrap();
+        run.store(0, &vec![7_u32; 4]).unwrap();
         let path = run.path(0);
         let mut bytes = std::fs::read(&path).unwrap();
         bytes[2] ^= 1;
         std::fs::write(&path, &bytes).unwrap();
-        assert_eq!(run.load(0), None);
+        assert_eq!(run.load::<Vec<u32>>(0), None);
         std::fs::write(&path, b"cut").unwrap();
-        assert_eq!(run.load(0), None);
+        assert_eq!(run.load::<Vec<u32>>(0), None);
+        // Whole, but of another kind.
+        run.store(0, &"text").unwrap();
+        assert_eq!(run.load::<Vec<u32>>(0), None);
     }
 }

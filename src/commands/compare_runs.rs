@@ -181,6 +181,7 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
         sequence,
         &prepared.keyframes,
         &prepared.options.map_points,
+        None,
         consume,
     )?;
     progress.finish();

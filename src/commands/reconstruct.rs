@@ -8,7 +8,6 @@ use nalgebra::Isometry3;
 use crate::checkpoint::Checkpoint;
 use crate::cli::{Format, ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
-use crate::commands::kept_run::{self, KeptKeyframes};
 use crate::commands::map_steps::{GROWTH, add_lines, note_result, timed_surface, write_growth};
 use crate::commands::output::{
     OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
@@ -17,7 +16,7 @@ use crate::commands::page::{PageRecorder, grouped, growth_plots, page_of, page_s
 use crate::commands::picture::{Shot, write_overview};
 use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
-use crate::commands::{interrupt, reconstruct_points, simplify};
+use crate::commands::{interrupt, kept_run, reconstruct_points, simplify};
 use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{self, BackEnd, Keyframe};
 use crate::progress::{Progress, Verbosity};
@@ -51,23 +50,19 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let mut last = 0;
 
     let description = kept_run::describe(
-        "lines",
+        &format!("lines with {} depth", prepared.depth.name()),
         &prepared.sequence,
         &prepared.options,
         &prepared.keyframes,
     );
     let checkpoint = Checkpoint::open(output.root(), &description, args.resume)?;
-    let kept = KeptKeyframes {
-        checkpoint: &checkpoint,
-        frames: &prepared.keyframes,
-    };
     interrupt::watch()?;
     let outcome = pipeline::run(
         &prepared.sequence,
         &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
-        Some(&kept),
+        Some(&checkpoint),
         |number, keyframe| -> anyhow::Result<()> {
             interrupt::check()?;
             let Some(mut keyframe) = log.accept(keyframe, &progress)? else {

@@ -302,8 +302,13 @@ fn draw(
         (Some(photo), _) => (sequence.color_camera().clone(), photo.dimensions()),
         (None, Some(camera)) => {
             // The principal point is near the middle of an image whose size nobody tells.
-            let side = |c: f64| (2.0 * c + 1.0).clamp(16.0, 8192.0) as u32;
-            (camera.clone(), (side(camera.cx()), side(camera.cy())))
+            let side = |c: f64| 2.0 * c + 1.0;
+            let [width, height] = view.size_px.map_or_else(
+                || [side(camera.cx()), side(camera.cy())],
+                |size| size.map(f64::from),
+            );
+            let clamped = |side: f64| side.clamp(16.0, 8192.0) as u32;
+            (camera.clone(), (clamped(width), clamped(height)))
         }
         (None, None) => return Ok(()),
     };

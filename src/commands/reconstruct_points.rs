@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::Context;
 use nalgebra::Isometry3;
 
-use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::checkpoint::Checkpoint;
 use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
 use crate::commands::map_steps::{
@@ -20,7 +20,7 @@ use crate::commands::sequence::{open, read_options};
 use crate::commands::{interrupt, kept_run, reconstruct_model, simplify};
 use crate::map_points::PointModel;
 use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
-use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, run_in_order};
+use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points};
 use crate::progress::{Progress, Verbosity};
 use crate::report::page::{PageTable, write_page};
 use crate::sequence::Sequence;
@@ -78,15 +78,10 @@ fn from_features(
     }
     let description = kept_run::describe(header.from, sequence, options, &prepared.keyframes);
     let checkpoint = Checkpoint::open(output.root(), &description, args.resume)?;
-    let prepare = |keyframe: usize| {
-        let frames = &prepared.keyframes;
-        kept_run::features(&checkpoint, sequence, frames, keyframe, &options.map_points)
-    };
     let mut page = (!args.no_page).then(PageRecorder::new);
     let mut last = 0;
-    let consume = |number: usize, keyframe: Looked| {
+    let consume = |number: usize, keyframe: Result<PointKeyframe, PointFrontEndError>| {
         interrupt::check()?;
-        let keyframe = keyframe?;
         let limited = PointFrontEndError::is_limited_to_frame;
         let Some(mut keyframe) = log.accept_unless(keyframe, limited, &progress)? else {
             progress.step(String::new);
@@ -122,7 +117,13 @@ fn from_features(
         anyhow::Ok(())
     };
     interrupt::watch()?;
-    let ran = run_in_order(prepared.keyframes.len(), prepare, consume);
+    let ran = run_map_points(
+        sequence,
+        &prepared.keyframes,
+        &options.map_points,
+        Some(&checkpoint),
+        consume,
+    );
     let is_complete = interrupt::is_complete(ran)?;
     progress.finish();
     log.demand_a_keyframe()?;
@@ -186,9 +187,6 @@ fn from_features(
     }
     Ok(outcome)
 }
-
-/// What looking at one keyframe yields: features, or why there are none, or why they cannot be kept.
-type Looked = Result<Result<PointKeyframe, PointFrontEndError>, CheckpointError>;
 
 /// Where the camera was, and which keyframe saw most.
 #[derive(Default)]

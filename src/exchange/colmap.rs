@@ -34,19 +34,26 @@ struct Image {
 
 /// Writes `cameras.txt`, `images.txt` and `points3D.txt` into a folder that exists.
 ///
-/// With a map, all of its views are written, and a sighting whose pixel is not known goes where the pose puts it; without,
+/// With a map, all of its views are written, each with the camera and the size of its image, and a sighting whose pixel is not known goes where the pose puts it; without,
 /// the frames of the sequence and no points.
 ///
 /// # Errors
 /// When a file cannot be written, or a view of the map has no camera.
 pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapError> {
-    let mut cameras: Vec<Camera> = Vec::new();
-    let mut place = |camera: &Camera| {
+    let common = sequence.color_size();
+    let common = [common.width, common.height];
+    // Some models do not say, and have no images: the principal point is near the middle.
+    let size_for = |camera: &Camera| match sequence.frames() {
+        [] => [camera.cx(), camera.cy()].map(|c| (2.0 * c + 1.0).clamp(1.0, 65535.0) as u32),
+        _ => common,
+    };
+    let mut cameras: Vec<(Camera, [u32; 2])> = Vec::new();
+    let mut place = |camera: &Camera, size: [u32; 2]| {
         cameras
             .iter()
-            .position(|other| other == camera)
+            .position(|(other, other_size)| other == camera && *other_size == size)
             .unwrap_or_else(|| {
-                cameras.push(camera.clone());
+                cameras.push((camera.clone(), size));
                 cameras.len() - 1
             })
     };
@@ -59,7 +66,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
                 })?;
                 images.push(Image {
                     name: view.name.clone(),
-                    camera: place(camera),
+                    camera: place(camera, view.size_px.unwrap_or_else(|| size_for(camera))),
                     world_from_camera: view.world_from_camera,
                     sightings: Vec::new(),
                 });
@@ -69,7 +76,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
         None => {
             for image in posed_images(sequence) {
                 images.push(Image {
-                    camera: place(&image.camera),
+                    camera: place(&image.camera, common),
                     name: image.file,
                     world_from_camera: image.world_from_camera,
                     sightings: Vec::new(),
@@ -89,6 +96,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
             let pixel = sighting.pixel.or_else(|| {
                 let point_in_camera = image.world_from_camera.inverse() * point.point_in_world;
                 cameras[image.camera]
+                    .0
                     .project(&point_in_camera)
                     .map(|seen| [seen.x, seen.y])
             });
@@ -99,18 +107,15 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
         }
         tracks.push(track);
     }
-    let size = sequence.color_size();
     write_atomically(&folder.join("cameras.txt"), |out| {
         writeln!(out, "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")?;
-        for (index, camera) in cameras.iter().enumerate() {
+        for (index, (camera, [width, height])) in cameras.iter().enumerate() {
             let (model, parameters) = parameters(camera);
             let parameters: Vec<String> = parameters.iter().map(ToString::to_string).collect();
             writeln!(
                 out,
-                "{} {model} {} {} {}",
+                "{} {model} {width} {height} {}",
                 index + 1,
-                size.width,
-                size.height,
                 parameters.join(" ")
             )?;
         }

@@ -6,7 +6,7 @@ use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::{Quaternion, UnitQuaternion};
 use serde_json::{Map, Value, json};
 
-use super::posed::relative;
+use super::posed::way_from;
 use super::posed_images;
 use crate::files::{WriteError, write_atomically};
 use crate::sequence::Sequence;
@@ -25,12 +25,17 @@ pub enum TransformsError {
     },
 }
 
-/// Writes the frames of a sequence; file names are relative to its folder.
+/// Writes the frames of a sequence; names of images are relative to the folder of the file that is written, as its readers
+/// take them.
 ///
 /// # Errors
 /// When the file cannot be written or a pose is not finite.
 pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), TransformsError> {
     let images = posed_images(sequence);
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
     let size = sequence.color_size();
     let shared = sequence.stored_color_camera();
     let mut root = intrinsics(shared);
@@ -62,7 +67,10 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
             .map(|row| row.iter().copied().collect())
             .collect();
         let mut entry = Map::new();
-        entry.insert("file_path".to_owned(), json!(image.file));
+        entry.insert(
+            "file_path".to_owned(),
+            json!(way_from(folder, &frame.color)),
+        );
         entry.insert("transform_matrix".to_owned(), json!(rows));
         if image.camera != *shared {
             entry.extend(intrinsics(&image.camera));
@@ -70,7 +78,7 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
         if let Some(depth_file) = frame.depth.as_ref().filter(|_| depth.is_some()) {
             entry.insert(
                 "depth_file_path".to_owned(),
-                json!(relative(depth_file, sequence.folder())),
+                json!(way_from(folder, depth_file)),
             );
         }
         frames.push(Value::Object(entry));

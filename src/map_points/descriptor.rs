@@ -1,7 +1,9 @@
 //! Binary descriptors.
 
+use serde::{Deserialize, Serialize};
+
 /// 256 bits; what differs between two is counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Descriptor(pub [u64; 4]);
 
 impl Descriptor {

@@ -3,6 +3,7 @@
 use kornia_image::{Image, ImageSize};
 use kornia_imgproc::features::OrbDetector;
 use linecarve_lines::image::GrayImage;
+use serde::{Deserialize, Serialize};
 
 use super::descriptor::Descriptor;
 use super::options::MapPointOptions;
@@ -14,7 +15,7 @@ const BORDER_PX: usize = 20;
 const MIN_SIDE_PX: usize = 2 * BORDER_PX + 8;
 
 /// Features of an image, the finest pyramid level first.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Features {
     /// Places in the image, in pixels; the centre of the top-left pixel is (0, 0).
     pub pixels: Vec<[f32; 2]>,

@@ -264,6 +264,7 @@ impl PointMap {
                 name: name(number),
                 world_from_camera: *keyframe.pose.world_from_camera(),
                 camera: Some(self.camera.clone()),
+                size_px: None,
             })
             .collect();
         let points = self

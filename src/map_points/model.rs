@@ -35,6 +35,8 @@ pub struct ModelView {
     pub world_from_camera: Isometry3<f64>,
     /// The camera of the stored image, `None` when the model does not say.
     pub camera: Option<Camera>,
+    /// Width and height of the stored image, `None` when the model does not say.
+    pub size_px: Option<[u32; 2]>,
 }
 
 /// A point of a model.

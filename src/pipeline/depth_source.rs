@@ -1,5 +1,6 @@
 //! Where the depth of keyframes comes from.
 
+mod kept;
 pub mod scale;
 mod schedule;
 mod semi_dense;

@@ -93,6 +93,7 @@ impl FrontEndError {
 
 /// Turns frames of a sequence into keyframes with segments. Owns memory that is reused from one to the next: one front
 /// end a thread.
+#[derive(Clone)]
 pub struct FrontEnd<'a> {
     sequence: &'a Sequence,
     sensor: &'a DepthSensor,
@@ -123,8 +124,8 @@ impl<'a> FrontEnd<'a> {
     pub fn process(&mut self, frame: usize, keyframe: u32) -> Result<Keyframe, FrontEndError> {
         let name = || self.sequence.frames()[frame].name.clone();
         let start = Instant::now();
-        let image = self.sequence.load_gray(frame)?;
-        let colors = KeyframeColors::of(&self.sequence.load_color(frame)?);
+        let (image, color) = self.sequence.load_gray_and_color(frame)?;
+        let colors = KeyframeColors::of(&color);
         let depth = self
             .sequence
             .load_depth(frame)?
@@ -166,16 +167,4 @@ impl<'a> FrontEnd<'a> {
             },
         })
     }
-}
-
-/// Keeps what the front end made of keyframes, so that a run that was killed need not make it again.
-pub trait KeyframeStore: Sync {
-    /// What was kept of a keyframe; `None` when nothing usable was.
-    fn load(&self, keyframe: usize) -> Option<Keyframe>;
-
-    /// Keeps a keyframe.
-    ///
-    /// # Errors
-    /// When it cannot be written.
-    fn store(&self, keyframe: usize, made: &Keyframe) -> Result<(), WriteError>;
 }

@@ -1,16 +1,18 @@
 //! Map points from features, carved: the counterpart of [`FrontEnd`](super::FrontEnd), [`BackEnd`](super::BackEnd) and
 //! [`run`](super::run) for keyframes whose images are looked at for points. No depth is needed.
 
-use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, ViewId};
 use linecarve_carving::surface::{ExportOptions, Hull};
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
-use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::options::Options;
+use super::run::run_in_order;
+use crate::checkpoint::Checkpoint;
+use crate::files::WriteError;
 use crate::map_points::{
     FeatureDetector, FeatureError, Features, MapPointOptions, PointChange, PointCounts, PointMap,
     PointMapError,
@@ -20,7 +22,7 @@ use crate::report::{StageTimes, milliseconds};
 use crate::sequence::{FrameError, ImageSize, Sequence};
 
 /// A keyframe on its way from image to map.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct PointKeyframe {
     /// Position of the frame in the sequence.
     pub frame: usize,
@@ -46,6 +48,9 @@ pub enum PointFrontEndError {
         /// Why.
         source: FeatureError,
     },
+    /// What was found cannot be kept.
+    #[error(transparent)]
+    Keep(#[from] WriteError),
 }
 
 impl PointFrontEndError {
@@ -54,6 +59,7 @@ impl PointFrontEndError {
         match self {
             Self::Image(error) => error.is_limited_to_frame(),
             Self::Features { .. } => true,
+            Self::Keep(_) => false,
         }
     }
 }
@@ -107,7 +113,8 @@ pub fn find_features(
 /// What [`find_features`] made of one keyframe.
 type Prepared = Result<PointKeyframe, PointFrontEndError>;
 
-/// Finds the features of `frames` of a sequence and hands each keyframe to `consume`, in order; see [`run_in_order`].
+/// Finds the features of `frames` of a sequence and hands each keyframe to `consume`, in order. Keyframes are taken from
+/// `checkpoint` where it has them, and kept there. What `consume` sees does not depend on the number of threads.
 ///
 /// # Errors
 /// When `consume` fails. An image's failure goes to `consume`, which decides whether it ends the run.
@@ -115,44 +122,15 @@ pub fn run_map_points<E: Send>(
     sequence: &Sequence,
     frames: &[usize],
     options: &MapPointOptions,
+    checkpoint: Option<&Checkpoint>,
     consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
 ) -> Result<(), E> {
-    let prepare = |keyframe: usize| find_features(sequence, frames[keyframe], options);
-    run_in_order(frames.len(), prepare, consume)
-}
-
-/// Prepares 0 to `count` in parallel and hands each result to `consume`, in order: while one group is consumed, the next is
-/// prepared. At most two groups, each of one a worker thread, are in memory. What `consume` sees does not depend on the
-/// number of threads.
-///
-/// # Errors
-/// When `consume` fails.
-pub fn run_in_order<T: Send, E: Send>(
-    count: usize,
-    prepare: impl Fn(usize) -> T + Sync,
-    mut consume: impl FnMut(usize, T) -> Result<(), E> + Send,
-) -> Result<(), E> {
-    let group = rayon::current_num_threads().max(1);
-    let prepare_group =
-        |range: Range<usize>| -> Vec<T> { range.into_par_iter().map(&prepare).collect() };
-    let mut ready = prepare_group(0..group.min(count));
-    let mut start = 0;
-    while !ready.is_empty() {
-        let next = start + ready.len();
-        let (consumed, prepared) = rayon::join(
-            || {
-                for (offset, item) in ready.drain(..).enumerate() {
-                    consume(start + offset, item)?;
-                }
-                Ok::<(), E>(())
-            },
-            || prepare_group(next..(next + group).min(count)),
-        );
-        consumed?;
-        ready = prepared;
-        start = next;
-    }
-    Ok(())
+    let prepare = |_: &mut (), keyframe: usize| {
+        Checkpoint::load_or(checkpoint, keyframe, || {
+            find_features(sequence, frames[keyframe], options)
+        })
+    };
+    run_in_order(frames.len(), || (), prepare, consume)
 }
 
 /// What one keyframe did to the map.

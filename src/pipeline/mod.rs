@@ -24,11 +24,11 @@ mod vertex_points;
 
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
 pub use depth_source::{DepthSource, SemiDenseSource, SemiDenseStage};
-pub use front_end::{FrontEnd, FrontEndError, Keyframe, KeyframeStore};
+pub use front_end::{FrontEnd, FrontEndError, Keyframe};
 pub use labels::{CutSettings, LabelKind};
 pub use map_points::{
     PointBackEnd, PointBackEndError, PointFrontEndError, PointKeyframe, PointUpdate, find_features,
-    run_in_order, run_map_points,
+    run_map_points,
 };
 pub use options::{Options, OptionsError};
 pub use point_model::{ModelCarver, ModelCounts, ModelUpdate, PointModelError, PointModelOptions};

@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 
-use linecarve_lines::depth::DepthSensor;
 use linecarve_lines::{ExtractError, ExtractOptions};
 use rayon::prelude::*;
 
 use super::depth_source::{self, DepthSource};
-use super::front_end::{FrontEnd, FrontEndError, Keyframe, KeyframeStore};
+use super::front_end::{FrontEnd, FrontEndError, Keyframe};
+use crate::checkpoint::Checkpoint;
 use crate::sequence::Sequence;
 
 /// What the front end made of one keyframe.
@@ -21,8 +21,7 @@ type Prepared = Result<Keyframe, FrontEndError>;
 /// `consume` is told the number of the keyframe. With depth from neighbours a keyframe comes when the last of those that may be
 /// its neighbours has.
 ///
-/// Keyframes with depth images are taken from `store` where it has them, and kept there. With depth from neighbours there is
-/// nothing to keep: a keyframe's depth needs the images around it.
+/// Keyframes are taken from `checkpoint` where it has them, and kept there.
 ///
 /// # Errors
 /// When `consume` fails, or the options are out of range. A front end's failure goes to `consume`, which decides whether
@@ -32,7 +31,7 @@ pub fn run<E>(
     source: &DepthSource,
     frames: &[usize],
     options: ExtractOptions,
-    store: Option<&dyn KeyframeStore>,
+    checkpoint: Option<&Checkpoint>,
     consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
 ) -> Result<(), E>
 where
@@ -40,76 +39,51 @@ where
 {
     match source {
         DepthSource::Sensor(sensor) => {
-            run_sensor(sequence, sensor, frames, options, store, consume)
+            let front_end = FrontEnd::new(sequence, sensor, options)?;
+            let prepare = |front_end: &mut FrontEnd, keyframe: usize| {
+                Checkpoint::load_or(checkpoint, keyframe, || {
+                    front_end.process(frames[keyframe], keyframe as u32)
+                })
+            };
+            run_in_order(frames.len(), || front_end.clone(), prepare, consume)
         }
         DepthSource::SemiDense(source) => {
-            depth_source::run(sequence, source, frames, options, consume)
+            depth_source::run(sequence, source, frames, options, checkpoint, consume)
         }
     }
 }
 
-/// The keyframe as it was kept, or made and kept.
-fn kept(
-    store: Option<&dyn KeyframeStore>,
-    keyframe: usize,
-    make: impl FnOnce() -> Prepared,
-) -> Prepared {
-    let Some(store) = store else {
-        return make();
-    };
-    if let Some(kept) = store.load(keyframe) {
-        return Ok(kept);
-    }
-    let made = make()?;
-    store.store(keyframe, &made)?;
-    Ok(made)
-}
-
-/// Keyframes with depth images: each stands for itself.
-fn run_sensor<E>(
-    sequence: &Sequence,
-    sensor: &DepthSensor,
-    frames: &[usize],
-    options: ExtractOptions,
-    store: Option<&dyn KeyframeStore>,
-    mut consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
-) -> Result<(), E>
-where
-    E: From<ExtractError> + Send,
-{
-    // Options are checked once, so that building a front end for each worker cannot fail differently.
-    FrontEnd::new(sequence, sensor, options)?;
+/// Prepares 0 to `count` in parallel and hands each result to `consume`, in order: while one group is consumed, the next is
+/// prepared. At most two groups, each of one a worker thread, are in memory. Each worker has a state of its own to prepare
+/// with. What `consume` sees does not depend on the number of threads.
+///
+/// # Errors
+/// When `consume` fails.
+pub(super) fn run_in_order<S, T: Send, E: Send>(
+    count: usize,
+    state: impl Fn() -> S + Sync + Send,
+    prepare: impl Fn(&mut S, usize) -> T + Sync + Send,
+    mut consume: impl FnMut(usize, T) -> Result<(), E> + Send,
+) -> Result<(), E> {
     let group = rayon::current_num_threads().max(1);
-    let prepare = |keyframes: Range<usize>| -> Result<Vec<Prepared>, ExtractError> {
-        keyframes
-            .into_par_iter()
-            .map_init(
-                || FrontEnd::new(sequence, sensor, options),
-                |front_end, keyframe| match front_end {
-                    Ok(front_end) => Ok(kept(store, keyframe, || {
-                        front_end.process(frames[keyframe], keyframe as u32)
-                    })),
-                    Err(error) => Err(error.clone()),
-                },
-            )
-            .collect()
+    let prepare_group = |range: Range<usize>| -> Vec<T> {
+        range.into_par_iter().map_init(&state, &prepare).collect()
     };
-
-    let mut ready = prepare(0..group.min(frames.len()))?;
+    let mut ready = prepare_group(0..group.min(count));
     let mut start = 0;
     while !ready.is_empty() {
         let next = start + ready.len();
         let (consumed, prepared) = rayon::join(
             || {
-                for (offset, keyframe) in ready.drain(..).enumerate() {
-                    consume(start + offset, keyframe)?;
+                for (offset, item) in ready.drain(..).enumerate() {
+                    consume(start + offset, item)?;
                 }
                 Ok::<(), E>(())
             },
-            || prepare(next..(next + group).min(frames.len())),
+            || prepare_group(next..(next + group).min(count)),
         );
         consumed?;
-        ready = prepared?;
+        ready = prepared;
         start = next;
     }
     Ok(())

@@ -102,6 +102,19 @@ impl Recording {
             conventions: Vec::new(),
         }
     }
+
+    /// Says that images have numbers and no times, and that the layout's own poses are matrices.
+    pub(super) fn note_numbers_and_matrices(&mut self, origin: PoseOrigin) {
+        self.has_time = false;
+        if origin == PoseOrigin::Layout {
+            self.conventions.push(
+                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal"
+                    .to_owned(),
+            );
+        }
+        self.conventions
+            .push("the layout knows no time: time stamps are image numbers".to_owned());
+    }
 }
 
 /// A frame as a layout reads it.

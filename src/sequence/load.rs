@@ -1,7 +1,8 @@
 //! Images of a frame, decoded one at a time.
 
 use std::borrow::Cow;
-use std::io::{BufReader, Cursor};
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
 use image::{DynamicImage, ImageFormat, ImageReader};
@@ -9,6 +10,7 @@ use linecarve_lines::camera::UndistortionMap;
 use linecarve_lines::image::{GrayImage, Plane};
 
 use super::calibration::ImageSize;
+use super::undistortion::{Undistortion, map_onto};
 use super::{FrameError, Sequence};
 
 /// Depth z of each pixel in units of the poses; 0 where it is unknown.
@@ -32,23 +34,28 @@ impl Sequence {
     /// When there is no such frame.
     pub fn load_gray(&self, index: usize) -> Result<GrayImage, FrameError> {
         let path = &self.frames[index].color;
-        let image = self.decode_color(path)?;
-        let (width, height) = (image.width() as usize, image.height() as usize);
-        let too_large =
-            |error: linecarve_lines::image::ImageError| undecodable(path, error.to_string());
-        let gray = match image {
-            DynamicImage::ImageLuma8(gray) => Plane::new(width, height, gray.into_raw()),
-            // 16 bits a channel: the upper eight.
-            DynamicImage::ImageLuma16(gray) => {
-                let samples = gray.as_raw().iter().map(|&v| (v >> 8) as u8).collect();
-                Plane::new(width, height, samples)
-            }
-            other => Plane::from_rgb8(width, height, other.to_rgb8().as_raw()),
-        }
-        .map_err(too_large)?;
-        Ok(match self.map_of_frame(index, path)?.as_deref() {
+        let gray = gray_of(&self.decode_color(path)?, path)?;
+        Ok(match self.map_of_frame(index, path)? {
             Some(map) => map.resample(&gray),
             None => gray,
+        })
+    }
+
+    /// Both [`Sequence::load_gray`] and [`Sequence::load_color`] of a frame, whose file is decoded once.
+    ///
+    /// # Errors
+    /// As [`Sequence::load_gray`].
+    ///
+    /// # Panics
+    /// When there is no such frame.
+    pub fn load_gray_and_color(&self, index: usize) -> Result<(GrayImage, ColorImage), FrameError> {
+        let path = &self.frames[index].color;
+        let image = self.decode_color(path)?;
+        let gray = gray_of(&image, path)?;
+        let color = image.into_rgb8();
+        Ok(match self.map_of_frame(index, path)? {
+            Some(map) => (map.resample(&gray), resample_color(&map, color, path)?),
+            None => (gray, color),
         })
     }
 
@@ -63,10 +70,9 @@ impl Sequence {
     ) -> Result<Option<Cow<'_, UndistortionMap>>, FrameError> {
         let own = self.camera_of_frame[index].and_then(|at| self.other_cameras.get(at as usize));
         let Some(camera) = own.filter(|camera| **camera != self.stored_color_camera) else {
-            return Ok(self.color_undistortion.as_ref().map(Cow::Borrowed));
+            return borrowed_map(self.color_undistortion.as_ref(), path);
         };
-        let ImageSize { width, height } = self.color_size;
-        UndistortionMap::new(camera, &self.color_camera, width as usize, height as usize)
+        map_onto(camera, &self.color_camera, self.color_size)
             .map(|map| Some(Cow::Owned(map)))
             .map_err(|error| undecodable(path, error.to_string()))
     }
@@ -80,20 +86,11 @@ impl Sequence {
     /// When there is no such frame.
     pub fn load_color(&self, index: usize) -> Result<ColorImage, FrameError> {
         let path = &self.frames[index].color;
-        let mut color = self.decode_color(path)?.to_rgb8();
-        if let Some(map) = self.map_of_frame(index, path)? {
-            let (width, height) = (color.width() as usize, color.height() as usize);
-            for channel in 0..3 {
-                let samples = color.pixels().map(|pixel| pixel.0[channel]).collect();
-                let plane = Plane::new(width, height, samples)
-                    .map_err(|error| undecodable(path, error.to_string()))?;
-                let straight = map.resample(&plane);
-                for (pixel, &sample) in color.pixels_mut().zip(straight.samples()) {
-                    pixel.0[channel] = sample;
-                }
-            }
+        let color = self.decode_color(path)?.into_rgb8();
+        match self.map_of_frame(index, path)? {
+            Some(map) => resample_color(&map, color, path),
+            None => Ok(color),
         }
-        Ok(color)
     }
 
     /// The depth image of a frame, `None` when it has none. Raw 0 and 65535 are unknown.
@@ -109,7 +106,7 @@ impl Sequence {
         let (Some(path), Some(calibration)) = (&self.frames[index].depth, &self.depth) else {
             return Ok(None);
         };
-        let raw = match decode(path)? {
+        let raw = match decode(path, |size| self.check_depth_size(path, size))? {
             DynamicImage::ImageLuma16(raw) => raw,
             other => {
                 return Err(FrameError::DepthFormat {
@@ -118,11 +115,6 @@ impl Sequence {
                 });
             }
         };
-        let size = ImageSize {
-            width: raw.width(),
-            height: raw.height(),
-        };
-        self.check_depth_size(path, size)?;
         let unit = 1.0 / calibration.scale;
         let samples = raw
             .as_raw()
@@ -132,12 +124,12 @@ impl Sequence {
                 known => (f64::from(known) * unit) as f32,
             })
             .collect();
-        let depth = Plane::new(size.width as usize, size.height as usize, samples)
+        let depth = Plane::new(raw.width() as usize, raw.height() as usize, samples)
             .map_err(|error| undecodable(path, error.to_string()))?;
         let map = if calibration.registered {
             self.map_of_frame(index, path)?
         } else {
-            self.depth_undistortion.as_ref().map(Cow::Borrowed)
+            borrowed_map(self.depth_undistortion.as_ref(), path)?
         };
         Ok(Some(match map {
             Some(map) => map.resample_depth(&depth),
@@ -146,21 +138,19 @@ impl Sequence {
     }
 
     fn decode_color(&self, path: &Path) -> Result<DynamicImage, FrameError> {
-        let image = decode(path)?;
-        let size = ImageSize {
-            width: image.width(),
-            height: image.height(),
-        };
-        if size != self.color_size {
-            return Err(size_error(
+        let check = |size| {
+            if size == self.color_size {
+                return Ok(());
+            }
+            Err(size_error(
                 path,
                 size,
                 self.color_size,
                 self.color_size_origin.clone(),
                 "all images of a sequence must have one size and one camera",
-            ));
-        }
-        Ok(image)
+            ))
+        };
+        decode(path, check)
     }
 
     /// Whether a depth image has the size that its camera is for.
@@ -206,13 +196,74 @@ fn undecodable(path: &Path, reason: String) -> FrameError {
     }
 }
 
+/// The table of an image that is to be loaded.
+fn borrowed_map<'a>(
+    undistortion: Option<&'a Undistortion>,
+    path: &Path,
+) -> Result<Option<Cow<'a, UndistortionMap>>, FrameError> {
+    undistortion
+        .map(Undistortion::map)
+        .transpose()
+        .map(|map| map.map(Cow::Borrowed))
+        .map_err(|error| undecodable(path, error.to_string()))
+}
+
+/// The grey levels of an image by the luma weights of ITU-R BT.601.
+fn gray_of(image: &DynamicImage, path: &Path) -> Result<GrayImage, FrameError> {
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    match image {
+        DynamicImage::ImageLuma8(gray) => Plane::new(width, height, gray.as_raw().clone()),
+        // 16 bits a channel: the upper eight.
+        DynamicImage::ImageLuma16(gray) => {
+            let samples = gray.as_raw().iter().map(|&v| (v >> 8) as u8).collect();
+            Plane::new(width, height, samples)
+        }
+        DynamicImage::ImageRgb8(color) => Plane::from_rgb8(width, height, color.as_raw()),
+        other => Plane::from_rgb8(width, height, other.to_rgb8().as_raw()),
+    }
+    .map_err(|error| undecodable(path, error.to_string()))
+}
+
+/// An image without lens distortion, channel by channel.
+fn resample_color(
+    map: &UndistortionMap,
+    mut color: ColorImage,
+    path: &Path,
+) -> Result<ColorImage, FrameError> {
+    let (width, height) = (color.width() as usize, color.height() as usize);
+    for channel in 0..3 {
+        let samples = color.pixels().map(|pixel| pixel.0[channel]).collect();
+        let plane = Plane::new(width, height, samples)
+            .map_err(|error| undecodable(path, error.to_string()))?;
+        let straight = map.resample(&plane);
+        for (pixel, &sample) in color.pixels_mut().zip(straight.samples()) {
+            pixel.0[channel] = sample;
+        }
+    }
+    Ok(color)
+}
+
+/// Opens a file that has an end: a pipe or a device may have none.
+fn open(path: &Path) -> Result<File, FrameError> {
+    let attempt = || {
+        if !std::fs::metadata(path)?.is_file() {
+            return Err(std::io::Error::other("not a regular file"));
+        }
+        File::open(path)
+    };
+    attempt().map_err(|source| FrameError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })
+}
+
 /// Width and height from the header alone.
 pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
     let unreadable = |source| FrameError::Unreadable {
         path: path.to_owned(),
         source,
     };
-    let file = std::fs::File::open(path).map_err(unreadable)?;
+    let file = open(path)?;
     let reader = ImageReader::new(BufReader::new(file))
         .with_guessed_format()
         .map_err(unreadable)?;
@@ -225,13 +276,34 @@ pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
     Ok(ImageSize { width, height })
 }
 
-/// The whole image, in the format that its bytes have, whatever its name says.
-fn decode(path: &Path) -> Result<DynamicImage, FrameError> {
-    let bytes = std::fs::read(path).map_err(|source| FrameError::Unreadable {
-        path: path.to_owned(),
-        source,
-    })?;
+/// The whole image, in the format that its bytes have, whatever its name says. Its size is checked before memory is taken
+/// for it: a few bytes can claim any.
+fn decode(
+    path: &Path,
+    check: impl FnOnce(ImageSize) -> Result<(), FrameError>,
+) -> Result<DynamicImage, FrameError> {
+    let mut bytes = Vec::new();
+    open(path)?
+        .read_to_end(&mut bytes)
+        .map_err(|source| FrameError::Unreadable {
+            path: path.to_owned(),
+            source,
+        })?;
+    let size = size_of(&bytes).map_err(|reason| undecodable(path, reason))?;
+    check(size)?;
     decode_bytes(&bytes).map_err(|reason| undecodable(path, reason))
+}
+
+/// Width and height as the header says.
+fn size_of(bytes: &[u8]) -> Result<ImageSize, String> {
+    if bytes.is_empty() {
+        return Err("the file is empty".to_owned());
+    }
+    let format = image::guess_format(bytes).map_err(|error| error.to_string())?;
+    let (width, height) = ImageReader::with_format(Cursor::new(bytes), format)
+        .into_dimensions()
+        .map_err(|error| error.to_string())?;
+    Ok(ImageSize { width, height })
 }
 
 fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {

@@ -23,12 +23,13 @@ mod pose_reading;
 mod poses;
 pub(crate) mod rigid;
 mod text;
+mod undistortion;
 mod warning;
 mod yaml;
 
 use std::path::PathBuf;
 
-use linecarve_lines::camera::{Camera, UndistortionMap};
+use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
@@ -46,6 +47,7 @@ pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
 use pose_reading::{Mounting, PoseReading, QuaternionOrder};
 pub(crate) use text::parse_stamp_ns;
+use undistortion::Undistortion;
 pub use warning::Warning;
 
 /// One posed image of a sequence, with its depth image when there is one. Nothing is decoded yet.
@@ -124,8 +126,8 @@ pub struct Sequence {
     color_size_origin: String,
     depth: Option<DepthCalibration>,
     stored_depth_size: Option<ImageSize>,
-    color_undistortion: Option<UndistortionMap>,
-    depth_undistortion: Option<UndistortionMap>,
+    color_undistortion: Option<Undistortion>,
+    depth_undistortion: Option<Undistortion>,
     /// Cameras of frames whose images another camera took than the others; same size.
     other_cameras: Vec<Camera>,
     /// For each frame an index into `other_cameras`.

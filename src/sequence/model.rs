@@ -194,13 +194,16 @@ impl SparseModel {
         let views = self
             .images
             .into_iter()
-            .map(|image| ModelView {
-                camera: self
-                    .cameras
-                    .get(image.camera as usize)
-                    .map(|camera| camera.camera.clone()),
-                name: image.name,
-                world_from_camera: image.world_from_camera,
+            .map(|image| {
+                let camera = self.cameras.get(image.camera as usize);
+                ModelView {
+                    name: image.name,
+                    world_from_camera: image.world_from_camera,
+                    camera: camera.map(|camera| camera.camera.clone()),
+                    size_px: camera
+                        .and_then(|camera| camera.size)
+                        .map(|size| [size.width, size.height]),
+                }
             })
             .collect();
         let mut recording = Recording::new(frames, Calibration::of_color(color));

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use linecarve_lines::camera::{Camera, UndistortionMap};
+use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
 use super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera, SIDECAR, Sidecar};
@@ -10,6 +10,7 @@ use super::layout::{Folder, PoseOrigin, RecordedFrame, Recording, recognise};
 use super::load::{image_size, size_error};
 use super::pose_reading::{Mounting, PoseReading};
 use super::poses::{self, TrajectoryFormat};
+use super::undistortion::Undistortion;
 use super::warning::Tally;
 use super::{DepthCalibration, Frame, FrameError, Sequence, SequenceError, Warning};
 
@@ -83,17 +84,7 @@ impl Sequence {
 
 /// Gives the frames the poses of a trajectory file.
 fn attach_poses(recording: &mut Recording, path: &Path) -> Result<(), SequenceError> {
-    let trajectory = poses::read_trajectory(path)?;
-    let format = trajectory.format;
-    recording.other_quaternion = format.other_quaternion_order();
-    let frames = std::mem::take(&mut recording.frames);
-    recording.frames = poses::attach(
-        frames,
-        recording.has_time,
-        trajectory,
-        path,
-        &mut recording.warnings,
-    )?;
+    let format = poses::attach_file(recording, path)?;
     let is_of_body =
         format == TrajectoryFormat::EurocCsv && recording.calibration.body_from_color.is_some();
     recording.calibration.poses.camera = if is_of_body {
@@ -160,14 +151,13 @@ pub(super) fn assemble(
         .iter()
         .filter_map(|frame| frame.depth.as_deref())
         .find_map(|path| image_size(path).ok().map(|size| (path.to_owned(), size)));
-    let (color_camera, color_undistortion) = if frames.is_empty() {
-        (color.camera.without_distortion(), None)
-    } else {
-        undistort(&color.camera, color_size.size, &color_size.path)?
-    };
+    let color_undistortion = (!frames.is_empty())
+        .then(|| Undistortion::of(&color.camera, color_size.size))
+        .flatten();
+    let color_camera = pinhole_of(&color.camera, color_undistortion.as_ref());
     let has_depth = frames.iter().any(|frame| frame.depth.is_some());
     let (depth, depth_undistortion) = if has_depth {
-        let (depth, map) = depth_calibration(&calibration, &color_camera, depth_size.as_ref())?;
+        let (depth, map) = depth_calibration(&calibration, &color_camera, depth_size.as_ref());
         conventions.push(depth_in_words(&depth, calibration.poses.camera));
         (Some(depth), map)
     } else {
@@ -259,7 +249,7 @@ fn depth_calibration(
     calibration: &Calibration,
     color_camera: &Camera,
     depth_size: Option<&(PathBuf, ImageSize)>,
-) -> Result<(DepthCalibration, Option<UndistortionMap>), FrameError> {
+) -> (DepthCalibration, Option<Undistortion>) {
     let Some(geometry) = &calibration.depth else {
         let registered = DepthCalibration {
             camera: color_camera.clone(),
@@ -267,20 +257,26 @@ fn depth_calibration(
             color_from_depth: Isometry3::identity(),
             registered: true,
         };
-        return Ok((registered, None));
+        return (registered, None);
     };
     // Without one readable header there will be no depth image to resample either.
-    let (camera, map) = match depth_size {
-        Some((path, size)) => undistort(&geometry.camera.camera, *size, path)?,
-        None => (geometry.camera.camera.without_distortion(), None),
-    };
+    let stored = &geometry.camera.camera;
+    let map = depth_size.and_then(|(_, size)| Undistortion::of(stored, *size));
     let depth = DepthCalibration {
-        camera,
+        camera: pinhole_of(stored, map.as_ref()),
         scale: calibration.depth_scale,
         color_from_depth: geometry.color_from_depth,
         registered: false,
     };
-    Ok((depth, map))
+    (depth, map)
+}
+
+/// The camera of the images as they are loaded.
+fn pinhole_of(stored: &Camera, undistortion: Option<&Undistortion>) -> Camera {
+    undistortion.map_or_else(
+        || stored.without_distortion(),
+        |undistortion| undistortion.pinhole().clone(),
+    )
 }
 
 fn depth_in_words(depth: &DepthCalibration, poses_of: PoseCamera) -> String {
@@ -373,21 +369,4 @@ fn check_color_size(color: &CalibratedCamera, first: &FirstSize) -> Result<(), F
         });
     }
     Ok(())
-}
-
-/// The pinhole camera of the images once distortion is removed, and the map that removes it when there is any.
-fn undistort(
-    camera: &Camera,
-    size: ImageSize,
-    example: &Path,
-) -> Result<(Camera, Option<UndistortionMap>), FrameError> {
-    if camera.is_pinhole() {
-        return Ok((camera.clone(), None));
-    }
-    let map = UndistortionMap::inscribed(camera, size.width as usize, size.height as usize)
-        .map_err(|error| FrameError::Undecodable {
-            path: example.to_owned(),
-            reason: error.to_string(),
-        })?;
-    Ok((map.camera().clone(), Some(map)))
 }

@@ -14,13 +14,36 @@ use super::writers::{
 };
 use super::{Writer, folder_with, open};
 
-fn assert_same(a: &Sequence, b: &Sequence, what: &str) {
+/// Whether two sequences have the same poses, in the same order.
+pub(crate) fn assert_same(a: &Sequence, b: &Sequence, what: &str) {
     assert_eq!(a.frames().len(), b.frames().len(), "{what}");
     for (x, y) in a.frames().iter().zip(b.frames()) {
         let difference =
             x.world_from_camera.to_homogeneous() - y.world_from_camera.to_homogeneous();
         assert!(difference.amax() < 1e-9, "{what}: {difference}");
     }
+}
+
+/// The sequence with its poses as they are read from the file that they were written to.
+pub(crate) fn there_and_back(
+    sequence: &Sequence,
+    layout: &str,
+    format: TrajectoryFile,
+    path: &Path,
+) -> Sequence {
+    let mut images = posed_images(sequence);
+    if let (TrajectoryFile::Euroc, Some(mounting)) = (format, sequence.body_from_color()) {
+        for image in &mut images {
+            image.world_from_camera *= mounting.inverse();
+        }
+    }
+    write_trajectory(path, format, &images).unwrap();
+    let options = OpenOptions {
+        poses: Some(path.to_owned()),
+        layout: Some(layout.to_owned()),
+        ..OpenOptions::default()
+    };
+    Sequence::open(sequence.folder(), &options).unwrap()
 }
 
 /// Layouts that take poses, with times, with numbers, and with neither.
@@ -43,19 +66,7 @@ fn trajectories_come_back_in_every_format() {
             TrajectoryFile::Kitti,
             TrajectoryFile::Open3dLog,
         ] {
-            let mut images = posed_images(&sequence);
-            if let (TrajectoryFile::Euroc, Some(mounting)) = (format, sequence.body_from_color()) {
-                for image in &mut images {
-                    image.world_from_camera *= mounting.inverse();
-                }
-            }
-            write_trajectory(&path, format, &images).unwrap();
-            let options = OpenOptions {
-                poses: Some(path.clone()),
-                layout: Some(name.to_owned()),
-                ..OpenOptions::default()
-            };
-            let back = Sequence::open(folder.path(), &options).unwrap();
+            let back = there_and_back(&sequence, name, format, &path);
             assert_same(&sequence, &back, &format!("{name}, {format:?}"));
         }
     }
@@ -118,7 +129,46 @@ fn transforms_come_back() {
         assert_same(&sequence, &back, sequence.layout());
         let scale = |s: &Sequence| s.depth_calibration().map(|d| d.scale);
         assert_eq!(scale(&sequence), scale(&back));
+        // From a folder of its own the images are found just as well.
+        let elsewhere = folder_with(|out| {
+            write_transforms(&out.join("transforms.json"), &sequence).unwrap();
+        });
+        let back = open(elsewhere.path()).unwrap();
+        assert_same(&sequence, &back, sequence.layout());
+        assert!(back.load_gray(0).is_ok());
     }
+}
+
+#[test]
+fn images_of_several_sizes_keep_their_cameras_in_colmap() {
+    let folder = folder_with(write_colmap_text);
+    let model = ["", "colmap", "sparse/0"]
+        .map(|place| folder.path().join(place))
+        .into_iter()
+        .find(|place| place.join("cameras.txt").is_file())
+        .unwrap();
+    let cameras = model.join("cameras.txt");
+    let text = std::fs::read_to_string(&cameras).unwrap();
+    std::fs::write(&cameras, text + "77 PINHOLE 640 360 500 510 320.5 180.25\n").unwrap();
+    let images = model.join("images.txt");
+    let text = std::fs::read_to_string(&images).unwrap();
+    assert!(text.contains(" 1 view0.png"), "{text}");
+    std::fs::write(&images, text.replace(" 1 view0.png", " 77 view0.png")).unwrap();
+    let sequence = open(folder.path()).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    write_colmap(out.path(), &sequence).unwrap();
+    let written = std::fs::read_to_string(out.path().join("cameras.txt")).unwrap();
+    assert!(
+        written.contains("PINHOLE 640 360 500 510 320.5 180.25"),
+        "{written}"
+    );
+    assert_eq!(
+        written
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .count(),
+        2
+    );
 }
 
 fn convert(arguments: &[&str]) -> (Option<i32>, String) {

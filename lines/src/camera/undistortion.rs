@@ -39,12 +39,18 @@ impl UndistortionMap {
         })
     }
 
-    /// A map onto a pinhole image of the same size in which every pixel is seen by the distorted image, so that no
-    /// artificial border becomes an edge. The principal point stays; the focal lengths grow by as little as is needed.
+    /// A map onto the image of [`UndistortionMap::inscribed_camera`], of the same size.
     ///
     /// # Errors
     /// When the size cannot be addressed.
     pub fn inscribed(source: &Camera, width: usize, height: usize) -> Result<Self, ImageError> {
+        let target = Self::inscribed_camera(source, width, height);
+        Self::new(source, &target, width, height)
+    }
+
+    /// A pinhole camera every pixel of whose image is seen by the distorted image of the same size, so that no artificial
+    /// border becomes an edge. The principal point stays; the focal lengths grow by as little as is needed.
+    pub fn inscribed_camera(source: &Camera, width: usize, height: usize) -> Camera {
         let sees_all = |factor: f64| {
             let border = (0..width)
                 .flat_map(|x| [(x, 0), (x, height.saturating_sub(1))])
@@ -71,14 +77,13 @@ impl UndistortionMap {
                 low = middle;
             }
         }
-        let target = Camera::pinhole(
+        Camera::pinhole(
             high * source.fx(),
             high * source.fy(),
             source.cx(),
             source.cy(),
         )
-        .unwrap_or_else(|_| source.without_distortion());
-        Self::new(source, &target, width, height)
+        .unwrap_or_else(|_| source.without_distortion())
     }
 
     /// The pinhole camera of the resampled images.

@@ -5,13 +5,17 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use linecarve_lines::depth::EdgeDepthOptions;
-use linecarve_lines::depth::semi_dense::{MatchView, SemiDense, SemiDenseDepth, Witness, confirm};
+use linecarve_lines::depth::semi_dense::{
+    MatchView, SemiDense, SemiDenseDepth, ViewGeometry, Witness, confirm,
+};
 use linecarve_lines::edges::EdgeDetector;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use rayon::prelude::*;
 
 use super::SemiDenseSource;
+use super::kept::Kept;
 use super::schedule::{Schedule, Task};
+use crate::checkpoint::Checkpoint;
 use crate::pipeline::colors::KeyframeColors;
 use crate::pipeline::front_end::{FrontEndError, Keyframe};
 use crate::report::{StageTimes, milliseconds};
@@ -21,8 +25,9 @@ type Prepared = Result<Keyframe, FrontEndError>;
 
 /// A keyframe in the window.
 struct Entry {
-    /// `None`: it could not be read.
+    /// `None`: it could not be read, or nothing that is still to be made needs it.
     view: Option<MatchView>,
+    colors: KeyframeColors,
     /// Time for reading it and for drawing its edges.
     loading: Duration,
     edges: Duration,
@@ -49,8 +54,9 @@ struct Step {
     due: Vec<Due>,
 }
 
-/// Runs the front end over `frames` and hands each result to `consume`, in order, when its last estimate is made. While one group is consumed the next is prepared. What `consume` sees
-/// does not depend on the number of threads.
+/// Runs the front end over `frames` and hands each result to `consume`, in order, when its last estimate is made. While one
+/// group is consumed the next is prepared. Keyframes are taken from `checkpoint` where it has them, and kept there. What
+/// `consume` sees depends neither on that nor on the number of threads.
 ///
 /// # Errors
 /// When `consume` fails, or the options are out of range.
@@ -59,12 +65,13 @@ pub(in crate::pipeline) fn run<E>(
     source: &SemiDenseSource,
     frames: &[usize],
     options: ExtractOptions,
+    checkpoint: Option<&Checkpoint>,
     mut consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
 ) -> Result<(), E>
 where
     E: From<ExtractError> + Send,
 {
-    let mut front_end = FrontEnd::new(sequence, source, frames, options)?;
+    let mut front_end = FrontEnd::new(sequence, source, frames, options, checkpoint)?;
     let group = rayon::current_num_threads().max(1);
     let mut ready = front_end.next_group(group);
     while let Some(keyframes) = ready {
@@ -87,6 +94,8 @@ struct FrontEnd<'a> {
     sequence: &'a Sequence,
     source: &'a SemiDenseSource,
     frames: &'a [usize],
+    checkpoint: Option<&'a Checkpoint>,
+    kept: Kept,
     estimator: SemiDense,
     detector: EdgeDetector,
     /// Copied for each thread: it keeps memory from one keyframe to the next.
@@ -106,13 +115,18 @@ impl<'a> FrontEnd<'a> {
         source: &'a SemiDenseSource,
         frames: &'a [usize],
         mut options: ExtractOptions,
+        checkpoint: Option<&'a Checkpoint>,
     ) -> Result<Self, ExtractError> {
+        let is_kept =
+            |keyframe| checkpoint.is_some_and(|kept| kept.load::<Keyframe>(keyframe).is_some());
         // The depth of an edge pixel was measured on the edge itself: there is no other side to choose.
         options.edge_depth = EdgeDepthOptions::raw();
         Ok(Self {
             sequence,
             source,
             frames,
+            checkpoint,
+            kept: Kept::new((0..frames.len()).map(is_kept).collect(), &source.options),
             estimator: SemiDense::new(source.options.matching)?,
             detector: EdgeDetector::new(options.edges)?,
             extractor: SegmentExtractor::new(options)?,
@@ -138,11 +152,16 @@ impl<'a> FrontEnd<'a> {
                 .filter(|due| due.task.is_final == is_final)
                 .collect()
         };
-        let first = self.in_parallel(&tasks(false), |this, _, due| this.first_estimate(&due.task));
-        for (due, first) in tasks(false).into_iter().zip(first) {
+        let first = self.in_parallel(&tasks(false), |this, _, due| {
+            let is_needed = this.kept.is_witness(due.task.keyframe);
             // What makes it fail makes the last estimate fail too, which tells.
+            is_needed
+                .then(|| this.first_estimate(&due.task).ok())
+                .flatten()
+        });
+        for (due, first) in tasks(false).into_iter().zip(first) {
             self.window[due.task.keyframe - self.first].first =
-                first.ok().map(|(depth, duration)| First {
+                first.map(|(depth, duration)| First {
                     step: due.step,
                     neighbours: due.task.neighbours.clone(),
                     depth,
@@ -150,7 +169,9 @@ impl<'a> FrontEnd<'a> {
                 });
         }
         let finished = self.in_parallel(&tasks(true), |this, extractor, due| {
-            this.finish(due, extractor)
+            Checkpoint::load_or(this.checkpoint, due.task.keyframe, || {
+                this.finish(due, extractor)
+            })
         });
         let mut finished = finished.into_iter();
         let mut results = Vec::new();
@@ -186,15 +207,15 @@ impl<'a> FrontEnd<'a> {
             .into_par_iter()
             .map_init(
                 || self.detector.clone(),
-                |detector, number| self.read(self.frames[number], detector),
+                |detector, number| self.read(number, detector),
             )
             .collect();
         let mut steps = Vec::with_capacity(read.len() + 1);
         for (entry, fault) in read {
+            let step = self.read;
             let tasks = self
                 .schedule
-                .push(entry.view.as_ref().map(MatchView::geometry));
-            let step = self.read;
+                .push(fault.is_none().then(|| self.geometry(step)));
             self.window.push_back(entry);
             self.read += 1;
             steps.push(Step {
@@ -214,18 +235,34 @@ impl<'a> FrontEnd<'a> {
         steps
     }
 
-    fn read(&self, frame: usize, detector: &mut EdgeDetector) -> (Entry, Option<FrontEndError>) {
+    fn geometry(&self, keyframe: usize) -> ViewGeometry {
+        let size = self.sequence.color_size();
+        ViewGeometry {
+            camera: self.sequence.color_camera().clone(),
+            world_from_camera: self.sequence.frames()[self.frames[keyframe]].world_from_camera,
+            width: size.width as usize,
+            height: size.height as usize,
+        }
+    }
+
+    fn read(&self, keyframe: usize, detector: &mut EdgeDetector) -> (Entry, Option<FrontEndError>) {
         let start = Instant::now();
+        let frame = self.frames[keyframe];
         let mut entry = Entry {
             view: None,
+            colors: KeyframeColors::default(),
             loading: Duration::ZERO,
             edges: Duration::ZERO,
             first: None,
         };
-        let image = match self.sequence.load_gray(frame) {
-            Ok(image) => image,
+        if !self.kept.is_seen(keyframe) {
+            return (entry, None);
+        }
+        let (image, color) = match self.sequence.load_gray_and_color(frame) {
+            Ok(images) => images,
             Err(error) => return (entry, Some(error.into())),
         };
+        entry.colors = KeyframeColors::of(&color);
         entry.loading = start.elapsed();
         let view = MatchView::new(
             &image,
@@ -255,7 +292,8 @@ impl<'a> FrontEnd<'a> {
         self.sequence.frames()[frame].name.clone()
     }
 
-    /// The view of a keyframe that a task names; those that could not be read are in no task.
+    /// The view of a keyframe that a task names; those that could not be read are in no task, and tasks that need one of
+    /// the others are passed over.
     fn view(&self, keyframe: usize) -> Result<&MatchView, FrontEndError> {
         let view = self.entry(keyframe).view.as_ref();
         view.ok_or_else(|| FrontEndError::WithoutDepth {
@@ -349,7 +387,6 @@ impl<'a> FrontEnd<'a> {
                 frame: self.name(task.keyframe),
                 source,
             })?;
-        let colors = KeyframeColors::of(&self.sequence.load_color(self.frames[task.keyframe])?);
         times.depth += milliseconds(extraction.durations.edge_depth);
         times.fit = milliseconds(extraction.durations.fit);
         Ok(Keyframe {
@@ -357,7 +394,7 @@ impl<'a> FrontEnd<'a> {
             world_from_camera: *view.world_from_camera(),
             segments: extraction.segments,
             surface: extraction.surface,
-            colors,
+            colors: self.entry(task.keyframe).colors.clone(),
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,
             edge_pixels_with_depth: extraction.edge_pixels_with_depth,

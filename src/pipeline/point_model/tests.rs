@@ -13,6 +13,7 @@ fn wall() -> PointModel {
                 nalgebra::UnitQuaternion::identity(),
             ),
             camera: None,
+            size_px: None,
         })
         .collect();
     let all = |x: f64, y: f64, z: f64| ModelPoint {

@@ -8,9 +8,10 @@ use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::looks::Looks;
 use super::readings::{PoseHypothesis, pose_hypotheses, simplest_of_best};
-use super::{corners, forgive, quantile, spread};
-use crate::sequence::{FrameError, Sequence};
+use super::{corners, quantile};
+use crate::sequence::Sequence;
 
 /// Pairs whose corners move by less than this share of the image width say nothing: there every reading fits.
 const LEAST_MOTION: f64 = 0.01;
@@ -96,33 +97,18 @@ impl EpipolarFacts {
 }
 
 /// Compares pairs of images; `None` when there is too little to compare.
-pub(super) fn measure(
-    sequence: &Sequence,
-    gaps: &[usize],
-    pairs: usize,
-) -> Result<Option<EpipolarFacts>, FrameError> {
-    let frames = sequence.frames().len();
-    let mut wanted: Vec<(usize, usize)> = Vec::new();
-    for &gap in gaps.iter().filter(|gap| **gap > 0) {
-        for from in spread(frames.saturating_sub(gap), pairs) {
-            wanted.push((from, from + gap));
-        }
-    }
+pub(super) fn measure(sequence: &Sequence, looks: &Looks) -> Option<EpipolarFacts> {
     let width = sequence.color_size().width as usize;
     let hypotheses = pose_hypotheses(sequence);
     let camera = sequence.color_camera();
-    let measured = wanted
+    let pairs = looks.pairs();
+    let measured: Vec<Option<(usize, Vec<Vec<f64>>)>> = pairs
         .par_iter()
-        .map(|&(i, j)| {
-            let (Some(a), Some(b)) = (
-                forgive(sequence.load_gray(i))?,
-                forgive(sequence.load_gray(j))?,
-            ) else {
-                return Ok(None);
-            };
-            let found = corners::matches(&corners::find(&a), &corners::find(&b));
+        .map(|pair| {
+            let ([i, j], [a, b]) = (pair.frames, pair.corners);
+            let found = corners::matches(a, b);
             if found.len() < FEWEST_MATCHES {
-                return Ok(None);
+                return None;
             }
             let mut motions: Vec<f64> = found
                 .iter()
@@ -130,7 +116,7 @@ pub(super) fn measure(
                 .collect();
             if quantile(&mut motions, 0.5).is_none_or(|median| median < LEAST_MOTION * width as f64)
             {
-                return Ok(None);
+                return None;
             }
             let distances: Vec<Vec<f64>> = hypotheses
                 .iter()
@@ -142,13 +128,13 @@ pub(super) fn measure(
                         .collect()
                 })
                 .collect();
-            Ok(Some((found.len(), distances)))
+            Some((found.len(), distances))
         })
-        .collect::<Result<Vec<_>, FrameError>>()?;
+        .collect();
     let used: Vec<_> = measured.into_iter().flatten().collect();
     let matches: usize = used.iter().map(|pair| pair.0).sum();
     if matches < ENOUGH_MATCHES {
-        return Ok(None);
+        return None;
     }
     let mut all: Vec<EpipolarHypothesis> = hypotheses
         .into_iter()
@@ -173,17 +159,17 @@ pub(super) fn measure(
         })
         .collect();
     if all.first().is_none_or(|first| first.remedy.is_some()) {
-        return Ok(None);
+        return None;
     }
     let as_read = all.remove(0);
     all.sort_by(|a, b| a.median_px.total_cmp(&b.median_px));
-    Ok(Some(EpipolarFacts {
+    Some(EpipolarFacts {
         pairs: used.len(),
         matches,
         as_read,
         others: all,
         width,
-    }))
+    })
 }
 
 fn relative(

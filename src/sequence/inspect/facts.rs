@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use super::consistency::Consistency;
 use super::epipolar::EpipolarFacts;
+use super::looks::Looks;
 use super::registration::RegistrationFacts;
 use super::{forgive, quantile, spread};
-use crate::keyframes::sharpness;
 use crate::sequence::{FrameError, Sequence, Warning};
 
 /// What is known of a sequence.
@@ -206,7 +206,11 @@ fn camera_facts(camera: &Camera, size: Option<(u32, u32)>, origin: String) -> Ca
 }
 
 /// Everything but consistency.
-pub(super) fn measure(sequence: &Sequence, samples: usize) -> Result<SequenceFacts, FrameError> {
+pub(super) fn measure(
+    sequence: &Sequence,
+    looks: &Looks,
+    samples: usize,
+) -> Result<SequenceFacts, FrameError> {
     let size = sequence.color_size();
     let mut facts = SequenceFacts {
         layout: sequence.layout(),
@@ -217,7 +221,7 @@ pub(super) fn measure(sequence: &Sequence, samples: usize) -> Result<SequenceFac
             sequence.color_camera_origin().to_owned(),
         ),
         motion: motion(sequence),
-        images: images(sequence, samples)?,
+        images: images(sequence, looks),
         depth: depth(sequence, samples)?,
         map_points: map_points(sequence),
         consistency: Vec::new(),
@@ -275,33 +279,20 @@ fn motion(sequence: &Sequence) -> MotionFacts {
     }
 }
 
-fn images(sequence: &Sequence, samples: usize) -> Result<Option<ImageFacts>, FrameError> {
-    let indices = spread(sequence.frames().len(), samples);
-    let measured = indices
-        .par_iter()
-        .map(|&index| {
-            let image = forgive(sequence.load_gray(index))?;
-            Ok(image.map(|image| {
-                let sum: u64 = image.samples().iter().map(|&v| u64::from(v)).sum();
-                (
-                    index,
-                    sum as f64 / image.samples().len().max(1) as f64,
-                    sharpness(&image),
-                )
-            }))
-        })
-        .collect::<Result<Vec<_>, FrameError>>()?;
+fn images(sequence: &Sequence, looks: &Looks) -> Option<ImageFacts> {
+    let measured: Vec<Option<(usize, f64, f64)>> = looks
+        .sampled()
+        .map(|(frame, look)| look.map(|look| (frame, look.mean_gray, look.sharpness)))
+        .collect();
     let known: Vec<(usize, f64, f64)> = measured.iter().flatten().copied().collect();
-    let Some(&first) = known.first() else {
-        return Ok(None);
-    };
+    let &first = known.first()?;
     let mut all: Vec<f64> = known.iter().map(|row| row.2).collect();
     let median_sharpness = quantile(&mut all, 0.5).unwrap_or(0.0);
     let blurred = known.iter().fold(
         first,
         |least, row| if row.2 < least.2 { *row } else { least },
     );
-    Ok(Some(ImageFacts {
+    Some(ImageFacts {
         sampled: known.len(),
         undecodable: measured.len() - known.len(),
         mean_gray: known.iter().fold([first.1; 2], |[low, high], row| {
@@ -314,7 +305,7 @@ fn images(sequence: &Sequence, samples: usize) -> Result<Option<ImageFacts>, Fra
             1.0
         },
         most_blurred: sequence.frames()[blurred.0].name.clone(),
-    }))
+    })
 }
 
 fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, FrameError> {

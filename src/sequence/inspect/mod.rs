@@ -4,6 +4,7 @@ mod consistency;
 mod corners;
 mod epipolar;
 mod facts;
+mod looks;
 mod readings;
 mod registration;
 
@@ -15,6 +16,7 @@ pub use registration::RegistrationFacts;
 use serde::{Deserialize, Serialize};
 
 use super::{FrameError, Sequence, Warning};
+use looks::Looks;
 
 /// How much of a sequence is looked at.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -55,7 +57,8 @@ impl Default for InspectOptions {
 /// # Errors
 /// When an image shows that the whole sequence is unusable (size, format of depth).
 pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<SequenceFacts, FrameError> {
-    let mut facts = facts::measure(sequence, options.samples)?;
+    let looks = Looks::take(sequence, options)?;
+    let mut facts = facts::measure(sequence, &looks, options.samples)?;
     for &gap in &options.gaps {
         if let Some(consistency) = consistency::measure(sequence, gap, options.pairs)? {
             if let Some(warning) = consistency.suspicion() {
@@ -64,7 +67,7 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
             facts.consistency.push(consistency);
         }
     }
-    facts.epipolar = epipolar::measure(sequence, &options.gaps, options.matched_pairs)?;
+    facts.epipolar = epipolar::measure(sequence, &looks);
     // Depth is the sharper test: what it says is not said twice.
     let is_suspected = facts.consistency.iter().any(|c| c.suspicion().is_some());
     if let Some(warning) = facts
@@ -79,6 +82,8 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
     if let Some(warning) = facts
         .registration
         .as_ref()
+        // Depth of another scale lies elsewhere in the image, too.
+        .filter(|_| !is_suspected)
         .and_then(RegistrationFacts::suspicion)
     {
         facts.warnings.push(Warning::statement(warning));

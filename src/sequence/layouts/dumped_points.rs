@@ -62,6 +62,7 @@ pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<()
             name: frame.name.clone(),
             world_from_camera: frame.pose.unwrap_or_default(),
             camera: Some(camera.clone()),
+            size_px: None,
         })
         .collect();
     let mut model = PointModel {
@@ -170,6 +171,7 @@ mod tests {
                 name: "0".to_owned(),
                 world_from_camera: Isometry3::identity(),
                 camera: None,
+                size_px: None,
             }],
             points: vec![
                 point(0.01, 0.01, 1.0),

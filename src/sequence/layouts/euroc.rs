@@ -180,10 +180,7 @@ fn own_poses(
             ),
         });
     };
-    let trajectory = poses::read_trajectory(&path)?;
-    recording.other_quaternion = trajectory.format.other_quaternion_order();
-    let frames = std::mem::take(&mut recording.frames);
-    recording.frames = poses::attach(frames, true, trajectory, &path, &mut recording.warnings)?;
+    poses::attach_file(recording, &path)?;
     if recording.calibration.body_from_color.is_some() {
         recording.calibration.poses.camera = PoseCamera::Body;
     }

@@ -58,17 +58,8 @@ impl Layout for Open3dLog {
         )?;
         let color = intrinsics(folder, &mut warnings)?;
         let mut recording = Recording::new(frames, Calibration::of_color(Some(color)));
-        recording.has_time = false;
         recording.warnings = warnings;
-        if origin == PoseOrigin::Layout {
-            recording.conventions.push(
-                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal"
-                    .to_owned(),
-            );
-        }
-        recording
-            .conventions
-            .push("the layout knows no time: time stamps are image numbers".to_owned());
+        recording.note_numbers_and_matrices(origin);
         Ok(recording)
     }
 }

@@ -111,17 +111,7 @@ fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, Seque
         .conventions
         .push(format!("times of the images: {}", listing.origin));
     if let Some(path) = trajectory {
-        let trajectory = poses::read_trajectory(&path)?;
-        let format = trajectory.format;
-        recording.other_quaternion = format.other_quaternion_order();
-        let frames = std::mem::take(&mut recording.frames);
-        recording.frames = poses::attach(
-            frames,
-            recording.has_time,
-            trajectory,
-            &path,
-            &mut recording.warnings,
-        )?;
+        let format = poses::attach_file(&mut recording, &path)?;
         recording.conventions.push(format!(
             "poses: {}, {}, world from {}",
             path.display(),

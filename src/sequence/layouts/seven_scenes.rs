@@ -90,17 +90,8 @@ impl Layout for SevenScenes {
                 .into_warning(out.frames.len(), "frames have no depth image"),
         );
         let mut recording = Recording::new(out.frames, calibration);
-        recording.has_time = false;
         recording.warnings = warnings;
-        if origin == PoseOrigin::Layout {
-            recording.conventions.push(
-                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal"
-                    .to_owned(),
-            );
-        }
-        recording
-            .conventions
-            .push("the layout knows no time: time stamps are frame numbers".to_owned());
+        recording.note_numbers_and_matrices(origin);
         Ok(recording)
     }
 }

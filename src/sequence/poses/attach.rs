@@ -5,11 +5,11 @@ use std::path::Path;
 
 use nalgebra::Isometry3;
 
-use super::super::layout::RecordedFrame;
+use super::super::layout::{RecordedFrame, Recording};
 use super::super::text::{Stamp, TimeUnit};
 use super::super::warning::{Tally, stamp_text};
 use super::super::{SequenceError, Warning, associate};
-use super::{Poses, Trajectory};
+use super::{Poses, Trajectory, TrajectoryFormat, read_trajectory};
 
 /// Largest difference between the stamps of an image and of its pose.
 pub(in super::super) const MAX_DIFFERENCE_NS: i64 = 20_000_000;
@@ -45,6 +45,23 @@ pub(in super::super) fn distinct<T>(
     rows
 }
 
+/// Gives the frames of a recording the poses of a trajectory file, whose format is returned.
+///
+/// # Errors
+/// When the file cannot be read, no frame gets a pose, or counts differ where poses go by order.
+pub(in super::super) fn attach_file(
+    recording: &mut Recording,
+    path: &Path,
+) -> Result<TrajectoryFormat, SequenceError> {
+    let trajectory = read_trajectory(path)?;
+    let format = trajectory.format;
+    recording.other_quaternion = format.other_quaternion_order();
+    let frames = std::mem::take(&mut recording.frames);
+    let warnings = &mut recording.warnings;
+    recording.frames = attach(frames, recording.has_time, trajectory, path, warnings)?;
+    Ok(format)
+}
+
 /// Gives each frame its pose of a trajectory; frames without one are left out and counted.
 ///
 /// Stamped poses go to the frame nearest in time, within 0.02 s, each once. When the unit of the stamps as written
@@ -53,7 +70,7 @@ pub(in super::super) fn distinct<T>(
 ///
 /// # Errors
 /// When no frame gets a pose, or counts differ where poses go by order.
-pub(in super::super) fn attach(
+fn attach(
     frames: Vec<RecordedFrame>,
     has_time: bool,
     trajectory: Trajectory,

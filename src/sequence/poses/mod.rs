@@ -4,9 +4,10 @@ mod attach;
 mod log;
 mod read;
 
-pub(super) use attach::{attach, distinct};
+pub(super) use attach::{attach_file, distinct};
 pub(super) use log::{LogEntry, read_log};
-pub(super) use read::{candidates, read_stamped_quaternions, read_trajectory};
+use read::read_trajectory;
+pub(super) use read::{candidates, read_stamped_quaternions};
 
 use nalgebra::Isometry3;
 

@@ -3,6 +3,7 @@
 //! `rigs` and `frames` of newer versions repeat what `images` says and are not read.
 
 mod binary;
+mod builder;
 mod camera;
 mod text;
 
@@ -11,6 +12,7 @@ use std::path::{Path, PathBuf};
 use super::super::SequenceError;
 use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
 use super::super::model::SparseModel;
+use builder::ModelBuilder;
 
 /// The reader.
 pub(in super::super) struct Colmap;
@@ -34,20 +36,53 @@ enum Kind {
     Text,
 }
 
-fn kind_of(folder: &Path) -> Option<Kind> {
-    let has = |end: &str| {
-        ["cameras", "images"]
-            .iter()
-            .all(|name| folder.join(format!("{name}.{end}")).is_file())
-    };
-    // As COLMAP itself prefers.
-    if has("bin") {
-        Some(Kind::Binary)
-    } else if has("txt") {
-        Some(Kind::Text)
-    } else {
-        None
+type Reader = fn(&Path, &mut ModelBuilder) -> Result<(), SequenceError>;
+
+impl Kind {
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Binary => "bin",
+            Self::Text => "txt",
+        }
     }
+
+    /// What reads cameras, points and images.
+    fn readers(self) -> [Reader; 3] {
+        match self {
+            Self::Binary => [
+                binary::read_cameras,
+                binary::read_points,
+                binary::read_images,
+            ],
+            Self::Text => [text::read_cameras, text::read_points, text::read_images],
+        }
+    }
+}
+
+/// Reads `cameras`, `images` and, when it is there, `points3D` of a folder.
+fn read_model(folder: &Path, kind: Kind) -> Result<SparseModel, SequenceError> {
+    let file = |name: &str| folder.join(format!("{name}.{}", kind.extension()));
+    let [read_cameras, read_points, read_images] = kind.readers();
+    let mut model = ModelBuilder::default();
+    read_cameras(&file("cameras"), &mut model)?;
+    // Before the images, which may then refer to points.
+    let points = file("points3D");
+    if points.is_file() {
+        read_points(&points, &mut model)?;
+    }
+    read_images(&file("images"), &mut model)?;
+    Ok(model.finish())
+}
+
+fn kind_of(folder: &Path) -> Option<Kind> {
+    // As COLMAP itself prefers.
+    [Kind::Binary, Kind::Text].into_iter().find(|kind| {
+        ["cameras", "images"].iter().all(|name| {
+            folder
+                .join(format!("{name}.{}", kind.extension()))
+                .is_file()
+        })
+    })
 }
 
 fn place(folder: &Folder) -> Option<(PathBuf, Kind)> {
@@ -85,11 +120,7 @@ impl Layout for Colmap {
                       sparse/0/"
                 .to_owned(),
         })?;
-        let model = match kind {
-            Kind::Binary => binary::read(&path)?,
-            Kind::Text => text::read(&path)?,
-        };
-        let mut recording = into_recording(model, folder, &path)?;
+        let mut recording = into_recording(read_model(&path, kind)?, folder, &path)?;
         recording.conventions.push(format!(
             "poses: COLMAP {} in {}, camera from world, inverted; pixels are moved by half a pixel, as the centre of the \
              first one is (0.5, 0.5) there",
@@ -111,18 +142,11 @@ fn into_recording(
 ) -> Result<Recording, SequenceError> {
     let mut roots = Vec::new();
     // The model may be what was opened: then the images lie beside or above it.
-    let mut base = Some(folder.path().to_owned());
     let absolute = std::fs::canonicalize(model_path).ok();
-    let above = absolute.as_deref().into_iter().flat_map(|path| {
-        path.ancestors()
-            .skip(1)
-            .take(3)
-            .map(Path::to_owned)
-            .collect::<Vec<_>>()
-    });
-    let mut bases: Vec<PathBuf> = base.take().into_iter().collect();
-    bases.extend(above);
-    for base in bases {
+    let above = absolute
+        .iter()
+        .flat_map(|path| path.ancestors().skip(1).take(3));
+    for base in std::iter::once(folder.path()).chain(above) {
         for name in [
             "images",
             "",
@@ -133,7 +157,7 @@ fn into_recording(
             "input",
         ] {
             let root = if name.is_empty() {
-                base.clone()
+                base.to_owned()
             } else {
                 base.join(name)
             };

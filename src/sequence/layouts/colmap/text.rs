@@ -1,40 +1,13 @@
 //! COLMAP models as text.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::super::super::model::{ModelImage, PointBuilder, SparseModel};
+use super::super::super::SequenceError;
 use super::super::super::text::{Row, TextFile, parse_number, shorten};
-use super::super::super::{SequenceError, rigid};
+use super::builder::{ImageRecord, ModelBuilder};
 use super::camera::camera;
-
-/// Reads `cameras.txt`, `images.txt` and, when it is there, `points3D.txt` of a folder.
-pub(super) fn read(folder: &Path) -> Result<SparseModel, SequenceError> {
-    let mut model = SparseModel::default();
-    let camera_of = read_cameras(&folder.join("cameras.txt"), &mut model)?;
-    let points_path = folder.join("points3D.txt");
-    let mut points = PointBuilder::default();
-    let mut tracks = Vec::new();
-    if points_path.is_file() {
-        tracks = read_points(&points_path, &mut points)?;
-    }
-    let view_of = read_images(
-        &folder.join("images.txt"),
-        &camera_of,
-        &mut model,
-        &mut points,
-    )?;
-    // Tracks name views; where those list no pixels, the sighting still counts.
-    for (point, image) in tracks {
-        if let Some(&view) = view_of.get(&image) {
-            points.see(point, view, None);
-        }
-    }
-    model.points = points.finish();
-    Ok(model)
-}
 
 fn whole<T: std::str::FromStr>(
     row: &Row,
@@ -47,9 +20,14 @@ fn whole<T: std::str::FromStr>(
         .map_err(|_| row.error(format!("'{}' is not {what}", shorten(field))))
 }
 
-fn read_cameras(path: &Path, model: &mut SparseModel) -> Result<BTreeMap<u32, u32>, SequenceError> {
+fn number(row: &Row, field: &str) -> Result<f64, SequenceError> {
+    parse_number(field).ok_or_else(|| row.error(format!("'{}' is not a number", shorten(field))))
+}
+
+pub(super) fn read_cameras(path: &Path, model: &mut ModelBuilder) -> Result<(), SequenceError> {
     let file = TextFile::read(path)?;
-    let mut camera_of = BTreeMap::new();
+    let origin = path.display().to_string();
+    let mut is_empty = true;
     for row in file.rows() {
         let mut fields = row.fields();
         let id: u32 = whole(&row, fields.next(), "a camera id")?;
@@ -57,43 +35,26 @@ fn read_cameras(path: &Path, model: &mut SparseModel) -> Result<BTreeMap<u32, u3
         let width: u64 = whole(&row, fields.next(), "an image width")?;
         let height: u64 = whole(&row, fields.next(), "an image height")?;
         let parameters = fields
-            .map(|field| {
-                parse_number(field)
-                    .ok_or_else(|| row.error(format!("'{}' is not a number", shorten(field))))
-            })
+            .map(|field| number(&row, field))
             .collect::<Result<Vec<f64>, _>>()?;
-        let found = camera(
-            name,
-            width,
-            height,
-            &parameters,
-            &path.display().to_string(),
-        )
-        .map_err(|problem| row.error(problem))?;
-        if camera_of.insert(id, model.cameras.len() as u32).is_some() {
-            return Err(row.error(format!("camera {id} stands there before")));
-        }
-        model.cameras.push(found);
+        camera(name, width, height, &parameters, &origin)
+            .and_then(|found| model.add_camera(id, found))
+            .map_err(|problem| row.error(problem))?;
+        is_empty = false;
     }
-    if camera_of.is_empty() {
+    if is_empty {
         return Err(SequenceError::Content {
             path: path.to_owned(),
             problem: "holds no camera: lines 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS...' expected"
                 .to_owned(),
         });
     }
-    Ok(camera_of)
+    Ok(())
 }
 
-/// Two lines an image; the second, the image's points, may be empty. Gives the place of each image id.
-fn read_images(
-    path: &Path,
-    camera_of: &BTreeMap<u32, u32>,
-    model: &mut SparseModel,
-    points: &mut PointBuilder,
-) -> Result<BTreeMap<u32, u32>, SequenceError> {
+/// Two lines an image; the second, the image's points, may be empty.
+pub(super) fn read_images(path: &Path, model: &mut ModelBuilder) -> Result<(), SequenceError> {
     let file = TextFile::read(path)?;
-    let mut view_of = BTreeMap::new();
     let mut rows = file.lines();
     while let Some(row) = rows.next() {
         if row.text().is_empty() || row.text().starts_with('#') {
@@ -107,45 +68,35 @@ fn read_images(
             Some(field).filter(|field| !field.is_empty())
         };
         let id: u32 = whole(&row, next(), "an image id")?;
-        let mut numbers = [0.0; 7];
-        for slot in &mut numbers {
-            let field = next().unwrap_or_default();
-            *slot = parse_number(field)
-                .ok_or_else(|| row.error(format!("'{}' is not a number", shorten(field))))?;
+        let mut pose = [0.0; 7];
+        for slot in &mut pose {
+            *slot = number(&row, next().unwrap_or_default())?;
         }
         let camera_id: u32 = whole(&row, next(), "a camera id")?;
-        let name = rest;
-        if name.is_empty() {
+        if rest.is_empty() {
             return Err(row.error(
                 "'IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME' expected, the name is missing"
                     .to_owned(),
             ));
         }
-        let camera = *camera_of
-            .get(&camera_id)
-            .ok_or_else(|| row.error(format!("there is no camera {camera_id} in cameras.txt")))?;
-        let [qw, qx, qy, qz, tx, ty, tz] = numbers;
-        let camera_from_world = rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
-            .map_err(|problem| row.error(format!("the pose of {} {problem}", shorten(name))))?;
-        let view = model.images.len() as u32;
-        if view_of.insert(id, view).is_some() {
-            return Err(row.error(format!("image {id} stands there before")));
-        }
-        model.images.push(ModelImage {
-            name: name.to_owned(),
-            camera,
-            world_from_camera: camera_from_world.inverse(),
-            timestamp_ns: None,
-        });
+        let record = ImageRecord {
+            id,
+            pose,
+            camera_id,
+            name: rest.to_owned(),
+        };
+        let view = model
+            .add_image(record)
+            .map_err(|problem| row.error(problem))?;
         if let Some(row) = rows.next() {
-            read_sightings(&row, view, points)?;
+            read_sightings(&row, view, model)?;
         }
     }
-    Ok(view_of)
+    Ok(())
 }
 
 /// Triples `X Y POINT3D_ID`, the id -1 where no point is seen.
-fn read_sightings(row: &Row, view: u32, points: &mut PointBuilder) -> Result<(), SequenceError> {
+fn read_sightings(row: &Row, view: u32, model: &mut ModelBuilder) -> Result<(), SequenceError> {
     let mut fields = row.text().split_ascii_whitespace();
     while let Some(x) = fields.next() {
         let (Some(y), Some(id)) = (fields.next(), fields.next()) else {
@@ -156,29 +107,20 @@ fn read_sightings(row: &Row, view: u32, points: &mut PointBuilder) -> Result<(),
         if id == "-1" {
             continue;
         }
-        let number = |field: &str| {
-            parse_number(field)
-                .ok_or_else(|| row.error(format!("'{}' is not a number", shorten(field))))
-        };
         let id: u64 = whole(row, Some(id), "a point id")?;
-        points.see(id, view, Some([number(x)? - 0.5, number(y)? - 0.5]));
+        model.see(id, view, [number(row, x)?, number(row, y)?]);
     }
     Ok(())
 }
 
-/// Adds the points; gives all pairs of point and image id that their tracks name.
-fn read_points(path: &Path, points: &mut PointBuilder) -> Result<Vec<(u64, u32)>, SequenceError> {
+pub(super) fn read_points(path: &Path, model: &mut ModelBuilder) -> Result<(), SequenceError> {
     let file = TextFile::read(path)?;
-    let mut tracks = Vec::new();
+    let mut images = Vec::new();
     for row in file.rows() {
         let id: u64 = whole(&row, row.fields().next(), "a point id")?;
         let [x, y, z, r, g, b, _error] = row.numbers_from(1)?;
-        let channel = |value: f64| value.clamp(0.0, 255.0) as u8;
-        points.add(
-            id,
-            Point3::new(x, y, z),
-            Some([channel(r), channel(g), channel(b)]),
-        );
+        let color = [r, g, b].map(|channel: f64| channel.clamp(0.0, 255.0) as u8);
+        images.clear();
         let mut track = row.fields().skip(8);
         while let Some(image) = track.next() {
             if track.next().is_none() {
@@ -187,8 +129,9 @@ fn read_points(path: &Path, points: &mut PointBuilder) -> Result<Vec<(u64, u32)>
                         .to_owned(),
                 ));
             }
-            tracks.push((id, whole(&row, Some(image), "an image id")?));
+            images.push(whole(&row, Some(image), "an image id")?);
         }
+        model.add_point(id, Point3::new(x, y, z), color, images.drain(..));
     }
-    Ok(tracks)
+    Ok(())
 }

@@ -1,0 +1,421 @@
+//! The files that are damaged, each well at first.
+
+use std::path::{Path, PathBuf};
+
+use base64::Engine;
+use linecarve::map_points::{Descriptor, Features};
+use linecarve::mesh::{
+    Geometry, GlbPart, LineSet, TriangleMesh, write_glb, write_lines_obj, write_mesh_obj,
+    write_mesh_ply,
+};
+use linecarve::pipeline::colors::KeyframeColors;
+use linecarve::pipeline::{Keyframe, PointKeyframe};
+use linecarve::report::StageTimes;
+use linecarve_lines::fit::Segment;
+use linecarve_lines::triangulation::SurfaceSamples;
+use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2, Vector3};
+use serde::Serialize;
+use tempfile::TempDir;
+
+use crate::support::{
+    color_image, depth_image, poses, write_open3d, write_seven_scenes, write_tum,
+};
+use crate::writers::{
+    stamp_ns, write_colmap_binary, write_colmap_text, write_euroc, write_mvs, write_nvm,
+    write_orb_slam, write_pose_list, write_stella, write_transforms,
+};
+
+/// What reads a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A sequence to which it belongs.
+    Sequence,
+    /// The same, with the file given as poses.
+    Trajectory,
+    /// Meshes, lines and clouds.
+    Geometry,
+    /// Lines of a stream.
+    Messages,
+    /// What a run has kept.
+    Kept,
+}
+
+/// A file.
+pub struct Case {
+    /// What reads it.
+    pub kind: Kind,
+    /// Folder of the sequence.
+    pub folder: PathBuf,
+    /// The file in it.
+    pub file: PathBuf,
+    /// What stands in it when it is well.
+    pub well: Vec<u8>,
+}
+
+/// All files.
+pub struct Cases {
+    /// In an order that does not change from run to run.
+    pub list: Vec<Case>,
+    folders: Vec<TempDir>,
+}
+
+impl Cases {
+    /// Writes a folder for each layout.
+    pub fn write() -> Self {
+        let mut cases = Self {
+            list: Vec::new(),
+            folders: Vec::new(),
+        };
+        let layouts: [fn(&Path); 12] = [
+            |folder| write_seven_scenes(folder, 2),
+            |folder| write_tum(folder, 3),
+            |folder| write_open3d(folder, 2, 1),
+            write_colmap_text,
+            write_colmap_binary,
+            write_nvm,
+            write_mvs,
+            write_transforms,
+            write_stella,
+            write_orb_slam,
+            write_euroc,
+            write_pose_list,
+        ];
+        for write in layouts {
+            let folder = cases.folder();
+            write(&folder);
+            let files = files_in(&folder);
+            for (number, file) in files.iter().enumerate() {
+                // Of the images of a folder the first of each extension stands for all.
+                let is_first = |end: &str| {
+                    files[..number]
+                        .iter()
+                        .all(|other| !other.to_string_lossy().ends_with(end))
+                };
+                if !is_image(file)
+                    || (file.to_string_lossy().ends_with("depth.png") && is_first("depth.png"))
+                {
+                    cases.add_existing(Kind::Sequence, &folder, file);
+                }
+            }
+        }
+        cases.add_images();
+        cases.add_trajectories();
+        cases.add_geometry();
+        let folder = cases.folder();
+        cases.add(Kind::Messages, &folder, "messages.jsonl", messages());
+        let folder = cases.folder();
+        cases.add(
+            Kind::Kept,
+            &folder,
+            "lines.keyframe",
+            kept(&lines_keyframe()),
+        );
+        cases.add(
+            Kind::Kept,
+            &folder,
+            "points.keyframe",
+            kept(&points_keyframe()),
+        );
+        assert!(cases.list.len() <= 256, "a byte chooses the case");
+        cases
+    }
+
+    /// Writes each case as a file that the fuzzer may begin with.
+    pub fn write_seeds(&self, folder: &Path) {
+        std::fs::create_dir_all(folder).expect("a folder for seeds");
+        for (number, case) in self.list.iter().enumerate() {
+            let bytes = [&[number as u8], case.well.as_slice()].concat();
+            std::fs::write(folder.join(format!("seed-{number:03}")), bytes).expect("a seed");
+        }
+    }
+
+    fn folder(&mut self) -> PathBuf {
+        self.folders
+            .push(tempfile::tempdir().expect("a temporary folder"));
+        let folder = self.folders.last().map(|folder| folder.path().to_owned());
+        folder.expect("one was pushed")
+    }
+
+    fn add(&mut self, kind: Kind, folder: &Path, file: &str, well: Vec<u8>) {
+        std::fs::write(folder.join(file), &well).expect("a file in a temporary folder");
+        self.list.push(Case {
+            kind,
+            folder: folder.to_owned(),
+            file: file.into(),
+            well,
+        });
+    }
+
+    fn add_existing(&mut self, kind: Kind, folder: &Path, file: &Path) {
+        let well = std::fs::read(folder.join(file)).expect("a file that was listed");
+        self.list.push(Case {
+            kind,
+            folder: folder.to_owned(),
+            file: file.to_owned(),
+            well,
+        });
+    }
+
+    /// An image in each format, whatever its name says.
+    fn add_images(&mut self) {
+        use image::ImageFormat::{Jpeg, Pnm, Tiff};
+        for format in [Jpeg, Pnm, Tiff] {
+            let folder = self.folder();
+            write_seven_scenes(&folder, 1);
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            color_image(&poses(1)[0])
+                .write_to(&mut bytes, format)
+                .expect("an image");
+            self.add(
+                Kind::Sequence,
+                &folder,
+                "frame-000000.color.png",
+                bytes.into_inner(),
+            );
+        }
+    }
+
+    fn add_trajectories(&mut self) {
+        let folder = self.folder();
+        write_euroc(&folder);
+        let formats: [fn(usize, &Isometry3<f64>) -> String; 5] = [
+            |i, p| {
+                let (t, q) = (p.translation, p.rotation);
+                let stamp = stamp_ns(i) as f64 / 1e9;
+                format!(
+                    "{stamp:.6} {} {} {} {} {} {} {}\n",
+                    t.x, t.y, t.z, q.i, q.j, q.k, q.w
+                )
+            },
+            |i, p| {
+                let (t, q) = (p.translation, p.rotation);
+                format!(
+                    "{},{},{},{},{},{},{},{}\n",
+                    stamp_ns(i),
+                    t.x,
+                    t.y,
+                    t.z,
+                    q.w,
+                    q.i,
+                    q.j,
+                    q.k
+                )
+            },
+            |_, p| format!("{}\n", rows(p, 3).join(" ")),
+            |_, p| format!("{}\n", rows(p, 4).join(" ")),
+            |i, p| format!("{i} {i} {}\n{}\n", i + 1, rows(p, 4).join("\n")),
+        ];
+        for (number, line) in formats.iter().enumerate() {
+            let text: String = poses(6)
+                .iter()
+                .enumerate()
+                .map(|(i, pose)| line(i, pose))
+                .collect();
+            self.add(
+                Kind::Trajectory,
+                &folder,
+                &format!("given-{number}.txt"),
+                text.into_bytes(),
+            );
+        }
+    }
+
+    fn add_geometry(&mut self) {
+        let folder = self.folder();
+        let mesh = TriangleMesh {
+            positions: vec![
+                Point3::origin(),
+                Point3::new(1.0, 0.0, 0.0),
+                Point3::new(0.0, 1.0, 0.0),
+                Point3::new(0.0, 0.0, 1.0),
+            ],
+            triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
+            colors: Some(vec![[10, 20, 30]; 4]),
+        };
+        let lines = LineSet {
+            points: vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)],
+            lines: vec![[0, 1]],
+            colors: None,
+        };
+        let at = |name: &str| folder.join(name);
+        let parts = [
+            GlbPart {
+                name: "surface",
+                geometry: Geometry::Mesh(&mesh),
+                color: [1, 2, 3],
+            },
+            GlbPart {
+                name: "lines",
+                geometry: Geometry::Lines(&lines),
+                color: [1, 2, 3],
+            },
+        ];
+        write_glb(&at("a.glb"), &parts, &Vector3::zeros()).expect("a file in a temporary folder");
+        write_mesh_obj(&at("a.obj"), &mesh).expect("a file in a temporary folder");
+        write_lines_obj(&at("b.obj"), &lines).expect("a file in a temporary folder");
+        write_mesh_ply(&at("a.ply"), &mesh).expect("a file in a temporary folder");
+        let texts = [
+            (
+                "ascii.ply",
+                "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty double y\nproperty int z\nproperty \
+                 uchar red\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 2\n0 1 0 \
+                 3\n3 0 1 2\n",
+            ),
+            (
+                "big.ply",
+                "ply\nformat binary_big_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float \
+                 z\nend_header\n\0\0\0\0\0\0\0\0\0\0\0\0",
+            ),
+            (
+                "ascii.stl",
+                "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n\
+                 endsolid a\n",
+            ),
+            (
+                "a.gltf",
+                r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"scale":[1,2,3]}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[0,0,0]}],"bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"}]}"#,
+            ),
+            ("rows.xyz", "0 0 0\n1 2 3 10 20 30\n"),
+        ];
+        for (name, text) in texts {
+            self.add(Kind::Geometry, &folder, name, text.as_bytes().to_vec());
+        }
+        let mut stl = vec![0; 80];
+        stl.extend(1_u32.to_le_bytes());
+        for value in [
+            0.0_f32, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        ] {
+            stl.extend(value.to_le_bytes());
+        }
+        stl.extend([0, 0]);
+        self.add(Kind::Geometry, &folder, "binary.stl", stl);
+        for name in ["a.glb", "a.obj", "b.obj", "a.ply"] {
+            self.add_existing(Kind::Geometry, &folder, Path::new(name));
+        }
+    }
+}
+
+fn rows(pose: &Isometry3<f64>, count: usize) -> Vec<String> {
+    let matrix = pose.to_homogeneous();
+    (0..count)
+        .map(|r| {
+            format!(
+                "{} {} {} {}",
+                matrix[(r, 0)],
+                matrix[(r, 1)],
+                matrix[(r, 2)],
+                matrix[(r, 3)]
+            )
+        })
+        .collect()
+}
+
+fn is_image(file: &Path) -> bool {
+    file.extension().is_some_and(|end| end == "png")
+}
+
+/// Files below a folder, relative to it, sorted.
+fn files_in(folder: &Path) -> Vec<PathBuf> {
+    let (mut found, mut open) = (Vec::new(), vec![folder.to_owned()]);
+    while let Some(next) = open.pop() {
+        for entry in std::fs::read_dir(&next).expect("a folder that was written") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                open.push(path);
+            } else if let Ok(inside) = path.strip_prefix(folder) {
+                found.push(inside.to_owned());
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// A small conversation with every type of message.
+fn messages() -> Vec<u8> {
+    let base64 = |bytes: Vec<u8>| base64::engine::general_purpose::STANDARD.encode(bytes);
+    let mut text = serde_json::json!({
+        "type": "start",
+        "calibration": {
+            "color": {"fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5},
+            "depth": {"scale": 1000.0},
+        },
+    })
+    .to_string();
+    for (id, pose) in poses(2).iter().enumerate() {
+        let (mut color, mut depth) = (
+            std::io::Cursor::new(Vec::new()),
+            std::io::Cursor::new(Vec::new()),
+        );
+        color_image(pose)
+            .write_to(&mut color, image::ImageFormat::Png)
+            .expect("an image");
+        depth_image(pose, 1000.0)
+            .write_to(&mut depth, image::ImageFormat::Png)
+            .expect("an image");
+        let (t, q) = (pose.translation.vector, pose.rotation.coords);
+        text += "\n";
+        text += &serde_json::json!({
+            "type": "keyframe",
+            "id": id,
+            "world_from_camera": {"translation": t.as_slice(), "rotation": q.as_slice()},
+            "color": {"base64": base64(color.into_inner())},
+            "depth": {"base64": base64(depth.into_inner())},
+        })
+        .to_string();
+    }
+    text += r#"
+{"type":"poses","poses":[{"id":1,"world_from_camera":{"matrix":[[1,0,0,0.1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}}]}
+{"type":"remove","ids":[0]}
+{"type":"end"}
+"#;
+    text.into_bytes()
+}
+
+/// What a run writes for a keyframe, without its checksum.
+fn kept<T: Serialize>(yielded: &T) -> Vec<u8> {
+    rmp_serde::to_vec(yielded).expect("bytes of a keyframe")
+}
+
+fn lines_keyframe() -> Keyframe {
+    let segment = Segment {
+        keyframe: 0,
+        ends_in_camera: [Point3::new(0.0, 0.0, 1.0), Point3::new(1.0, 0.0, 1.0)],
+        end_covariances: [Matrix3::identity(); 2],
+        ends_px: [Point2::new(1.0, 2.0), Point2::new(30.0, 2.0)],
+        inverse_depths: [1.0; 2],
+        inverse_depth_sigmas: [0.01; 2],
+        pixels: 0..29,
+        chain: 0,
+        inliers: 29,
+        image_rms_px: 0.2,
+        depth_rms_sigmas: 1.0,
+        mean_gradient: Vector2::new(0.0, 9.0),
+    };
+    Keyframe {
+        frame: 0,
+        world_from_camera: poses(2)[1],
+        segments: vec![segment],
+        surface: SurfaceSamples::default(),
+        colors: KeyframeColors::of(&image::RgbImage::new(8, 8)),
+        edge_chains: 1,
+        edge_pixels: 29,
+        edge_pixels_with_depth: 29,
+        times: StageTimes::default(),
+    }
+}
+
+fn points_keyframe() -> PointKeyframe {
+    PointKeyframe {
+        frame: 0,
+        world_from_camera: poses(2)[1],
+        features: Features {
+            pixels: vec![[1.5, 2.25], [0.1, 40.0]],
+            octaves: vec![0, 7],
+            angles_rad: vec![0.5, -3.0],
+            descriptors: vec![Descriptor([1, 2, 3, u64::MAX]), Descriptor([0; 4])],
+            grey: vec![9, 255],
+        },
+        times: StageTimes::default(),
+    }
+}
