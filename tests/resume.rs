@@ -190,8 +190,8 @@ fn other_runs_and_no_runs_are_not_resumed() {
         let said = stderr(&expect_status(2, &resumed));
         assert!(said.contains("was begun differently"), "{said}");
         resumed[3] = "1";
-        resumed.extend(["--depth", "semi-dense"]);
+        resumed.extend(["--from", "map-points"]);
         let said = stderr(&expect_status(2, &resumed));
-        assert!(said.contains("semi-dense depth"), "{said}");
+        assert!(said.contains("from map-points"), "{said}");
     }
 }
