@@ -18,8 +18,27 @@ use crate::srgb::encoded_color;
 /// Nodes nest no deeper than this in files that are meant to be read.
 const DEEPEST: usize = 256;
 
+/// Length of the header of a binary file and of that of its first chunk.
+const SMALLEST_BINARY: u32 = 12 + 8;
+
+/// Refuses a binary file whose header says that it is shorter than the header: the library subtracts without looking.
+fn check_length(bytes: &[u8]) -> Result<(), String> {
+    let stated = bytes.starts_with(b"glTF").then(|| bytes.get(8..12));
+    let Some(Some(Ok(stated))) = stated.map(|field| field.map(<[u8; 4]>::try_from)) else {
+        return Ok(());
+    };
+    let stated = u32::from_le_bytes(stated);
+    if stated < SMALLEST_BINARY {
+        return Err(format!(
+            "its header says that it is {stated} bytes long; a binary file has at least {SMALLEST_BINARY}"
+        ));
+    }
+    Ok(())
+}
+
 /// Parses a file; buffers in files of their own are looked for beside `path`.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Shape, String> {
+    check_length(bytes)?;
     let gltf::Gltf { document, blob } =
         gltf::Gltf::from_slice_without_validation(bytes).map_err(|error| error.to_string())?;
     let root = document.into_json();

@@ -164,6 +164,20 @@ fn modes_and_nodes_of_gltf_are_followed() {
     assert_eq!(shape.triangles, [[0, 2, 1]]);
 }
 
+/// Found by fuzzing.
+#[test]
+fn a_binary_file_shorter_than_its_header_is_told() {
+    let found = b"glTF\xff\0\0\0\0\0\0\0K\x1b";
+    for length in 0..found.len() {
+        assert!(read_bytes("a.glb", &found[..length]).is_err());
+    }
+    let message = read_bytes("a.glb", found).unwrap_err().to_string();
+    assert!(
+        message.contains("a.glb") && message.contains("at least 20"),
+        "{message}"
+    );
+}
+
 #[test]
 fn damaged_gltf_is_told() {
     let good = document(4, r#"{"mesh": 0}"#, "");
