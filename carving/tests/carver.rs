@@ -1,17 +1,17 @@
-//! The carver from outside: known answers, refusals, export.
+//! The carver from outside: known answers, refusals.
 
 #![allow(clippy::unwrap_used)] // Helpers of tests fail like tests.
 
-use std::collections::{BTreeMap, BTreeSet};
+mod carvings;
+
 use std::num::NonZeroU64;
 
+use carvings::random_carving;
 use linecarve_carving::carver::{Carver, CarverOptions, Event, EventError, PointId, ViewId};
 use linecarve_carving::labels::{Labels, Votes};
 use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh};
 use linecarve_carving::tetrahedralization::PointError;
 use nalgebra::{Matrix3, Point3};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 
 fn closed(threshold: u64) -> Carver {
     Carver::new(CarverOptions {
@@ -65,35 +65,6 @@ fn free_volume(carver: &Carver) -> f64 {
     let free = t.cells().filter(|&c| carver.is_free(c));
     free.map(|c| six_volumes(t.cell_vertices(c).map(|v| t.position(v))))
         .sum()
-}
-
-/// Free points in a cube, seen from several places: a carving with caves and bridges.
-fn random_carving(seed: u64, hull: Hull) -> Carver {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut carver = Carver::new(CarverOptions {
-        hull,
-        ..Default::default()
-    });
-    let mut transaction = carver.transaction();
-    let grid = seed.is_multiple_of(2);
-    let points: Vec<PointId> = (0..80)
-        .map(|_| {
-            let p: [f64; 3] = std::array::from_fn(|_| rng.random_range(0.0..6.0));
-            let p = if grid { p.map(f64::round) } else { p };
-            transaction.add_point(Point3::from(p)).unwrap()
-        })
-        .collect();
-    for _ in 0..3 {
-        let center = std::array::from_fn(|_| rng.random_range(-1.1..7.3));
-        let view = transaction.add_view(Point3::from(center)).unwrap();
-        for &point in &points {
-            if rng.random_range(0..3) == 0 {
-                transaction.add_observation(view, point, 1).unwrap();
-            }
-        }
-    }
-    transaction.commit().unwrap();
-    carver
 }
 
 #[test]
@@ -403,146 +374,4 @@ fn within_a_transaction_only_the_final_state_counts() {
     assert_eq!(report.destroyed_cells, 0);
     assert_eq!(carver.snapshot(), before);
     assert_eq!(carver.point(passing), None);
-}
-
-/// Triangles by undirected edge.
-fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {
-    let mut edges: BTreeMap<_, Vec<usize>> = BTreeMap::new();
-    for (index, t) in mesh.triangles.iter().enumerate() {
-        for k in 0..3 {
-            let (a, b) = (t[k], t[(k + 1) % 3]);
-            edges.entry((a.min(b), a.max(b))).or_default().push(index);
-        }
-    }
-    edges
-}
-
-#[test]
-fn repaired_meshes_are_manifold_and_cover_the_same_surface() {
-    let mut split = 0;
-    for seed in 0..20 {
-        let carver = random_carving(
-            seed,
-            if seed % 3 == 0 {
-                Hull::Drop
-            } else {
-                Hull::Keep
-            },
-        );
-        let plain = carver.mesh(&ExportOptions::default());
-        let repaired = carver.mesh(&ExportOptions {
-            manifold: true,
-            ..Default::default()
-        });
-        split += repaired.vertices.len() - plain.vertices.len();
-        let corners = |mesh: &IndexedMesh| -> BTreeSet<[[u64; 3]; 3]> {
-            let at = |v: u32| {
-                let p = mesh.vertices[v as usize];
-                [p.x, p.y, p.z].map(f64::to_bits)
-            };
-            (mesh.triangles.iter())
-                .map(|t| {
-                    let mut corners = t.map(at);
-                    let first = (0..3).min_by_key(|&k| corners[k]).unwrap();
-                    corners.rotate_left(first);
-                    corners
-                })
-                .collect()
-        };
-        let common = corners(&plain).intersection(&corners(&repaired)).count();
-        let halved = plain.triangles.len() - common;
-        assert!(repaired.triangles.len() >= common + 2 * halved);
-        let area = |mesh: &IndexedMesh| -> f64 {
-            let one = |t: &[u32; 3]| {
-                let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
-                (b - a).cross(&(c - a)).norm()
-            };
-            mesh.triangles.iter().map(one).sum()
-        };
-        assert!((area(&plain) - area(&repaired)).abs() < 1e-9 * area(&plain));
-        for (edge, triangles) in edges(&repaired) {
-            assert!(
-                triangles.len() <= 2,
-                "seed {seed}: {edge:?} has {triangles:?}"
-            );
-            if carver.options().hull == Hull::Keep {
-                assert_eq!(triangles.len(), 2);
-            }
-        }
-        // One fan per vertex: its triangles hang together by edges at the vertex.
-        let edges = edges(&repaired);
-        let mut at_vertex: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-        for (index, t) in repaired.triangles.iter().enumerate() {
-            for &v in t {
-                at_vertex.entry(v).or_default().push(index);
-            }
-        }
-        assert_eq!(at_vertex.len(), repaired.vertices.len());
-        for (vertex, around) in at_vertex {
-            let mut reached = BTreeSet::from([around[0]]);
-            let mut queue = vec![around[0]];
-            while let Some(triangle) = queue.pop() {
-                for &other in &repaired.triangles[triangle] {
-                    let key = (vertex.min(other), vertex.max(other));
-                    for &next in edges.get(&key).into_iter().flatten() {
-                        if reached.insert(next) {
-                            queue.push(next);
-                        }
-                    }
-                }
-            }
-            assert_eq!(reached.len(), around.len(), "seed {seed}: vertex {vertex}");
-        }
-    }
-    assert!(split > 0, "no case needed repair");
-}
-
-#[test]
-fn filters_drop_long_triangles_and_small_components() {
-    for seed in 0..10 {
-        let carver = random_carving(seed, Hull::Drop);
-        let all = carver.mesh(&ExportOptions::default());
-        let length = |mesh: &IndexedMesh, a: u32, b: u32| {
-            (mesh.vertices[a as usize] - mesh.vertices[b as usize]).norm()
-        };
-        let longest = 4.0;
-        let short = carver.mesh(&ExportOptions {
-            longest_edge: Some(longest),
-            ..Default::default()
-        });
-        let is_short = |mesh: &IndexedMesh, t: &&[u32; 3]| {
-            (0..3).all(|k| length(mesh, t[k], t[(k + 1) % 3]) <= longest)
-        };
-        let expected = all.triangles.iter().filter(|t| is_short(&all, t)).count();
-        assert_eq!(short.triangles.len(), expected);
-        assert!(short.triangles.iter().all(|t| is_short(&short, &t)));
-        let large = carver.mesh(&ExportOptions {
-            minimum_component: 5,
-            manifold: true,
-            ..Default::default()
-        });
-        // In a repaired mesh, components are what vertices connect.
-        let mut component: Vec<usize> = (0..large.vertices.len()).collect();
-        fn root(component: &mut [usize], mut v: usize) -> usize {
-            while component[v] != v {
-                component[v] = component[component[v]];
-                v = component[v];
-            }
-            v
-        }
-        for t in &large.triangles {
-            for k in 1..3 {
-                let a = root(&mut component, t[0] as usize);
-                let b = root(&mut component, t[k] as usize);
-                component[a] = b;
-            }
-        }
-        let mut sizes: BTreeMap<usize, usize> = BTreeMap::new();
-        for t in &large.triangles {
-            *sizes
-                .entry(root(&mut component, t[0] as usize))
-                .or_default() += 1;
-        }
-        assert!(sizes.values().all(|&size| size >= 5), "{sizes:?}");
-    }
 }
