@@ -3,8 +3,6 @@
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
-
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source} (check that the folder exists, is writable and has space left)", path.display())]
@@ -14,6 +12,9 @@ pub struct WriteError {
     /// What the operating system said.
     pub source: std::io::Error,
 }
+
+/// How the names of files begin that are being written.
+const UNFINISHED: &str = ".linecarve-unfinished-";
 
 /// Writes a file beside `path`, then renames it into place, so that readers see the old file or the whole new one.
 ///
@@ -28,7 +29,9 @@ pub fn write_atomically(
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        let mut file = NamedTempFile::new_in(folder)?;
+        let mut file = tempfile::Builder::new()
+            .prefix(UNFINISHED)
+            .tempfile_in(folder)?;
         {
             let mut buffered = BufWriter::new(file.as_file_mut());
             fill(&mut buffered)?;
@@ -42,6 +45,21 @@ pub fn write_atomically(
         path: path.to_owned(),
         source,
     })
+}
+
+/// Removes what a process that was killed in [`write_atomically`] left in a folder. A file that another process is writing
+/// there at this time would go as well.
+///
+/// # Errors
+/// When the folder cannot be read or a file not removed.
+pub fn remove_unfinished(folder: &Path) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name().to_string_lossy().starts_with(UNFINISHED) {
+            std::fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 /// Temporary files are private to their owner; results are for everyone whom the folder admits.

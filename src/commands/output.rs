@@ -7,6 +7,7 @@ use anyhow::Context;
 use nalgebra::Vector3;
 
 use crate::cli::Format;
+use crate::files::remove_unfinished;
 use crate::mesh::{
     Geometry, GlbPart, LineSet, TriangleMesh, write_glb, write_lines_obj, write_lines_ply,
     write_mesh_obj, write_mesh_ply,
@@ -29,6 +30,7 @@ impl OutputFolder {
         };
         std::fs::create_dir_all(root).with_context(remedy)?;
         tempfile::NamedTempFile::new_in(root).with_context(remedy)?;
+        remove_unfinished(root).with_context(remedy)?;
         Ok(Self {
             root: root.to_owned(),
             written: Vec::new(),
@@ -40,6 +42,8 @@ impl OutputFolder {
         let path = self.root.join(name);
         std::fs::create_dir_all(&path)
             .with_context(|| format!("cannot make the folder {}", path.display()))?;
+        remove_unfinished(&path)
+            .with_context(|| format!("cannot clear the folder {}", path.display()))?;
         Ok(path)
     }
 
@@ -162,11 +166,12 @@ mod tests {
         let root = folder.path().join("out");
         let output = OutputFolder::create(&root).unwrap();
         let inside = output.numbered("keyframes").unwrap();
-        for name in ["000041.glb", "notes.txt", "1.glb"] {
+        let unfinished = ".linecarve-unfinished-aB3";
+        for name in ["000041.glb", "notes.txt", "1.glb", unfinished] {
             std::fs::write(inside.join(name), "old").unwrap();
         }
         output.numbered("keyframes").unwrap();
-        assert!(!inside.join("000041.glb").exists());
+        assert!(!inside.join("000041.glb").exists() && !inside.join(unfinished).exists());
         assert!(inside.join("notes.txt").exists() && inside.join("1.glb").exists());
     }
 }
