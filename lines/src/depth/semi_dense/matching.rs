@@ -3,15 +3,13 @@
 use super::candidate::{Candidate, pose_sigma_px};
 use super::matcher::{Matcher, Wanted};
 use super::options::{InverseDepthRange, SemiDenseOptions};
-use super::search::{Pixel, Reach};
+use super::search::{Pixel, Reach, WINDOW_SIGMAS};
 use super::view::MatchView;
 use crate::depth::map::{InverseDepth, UNKNOWN};
 
 /// An edge's inverse depth changes by no more than this share from one pixel to the next but where it jumps: a surface seen at 10
 /// degrees changes by one part in a hundred at a focal length of 500 pixels.
 const CHANGE_PER_PIXEL: f32 = 0.01;
-/// Half the width of a window around a known inverse depth, in its standard deviations.
-const WINDOW_SIGMAS: f32 = 2.0;
 
 /// The depth of every chain pixel, and the standard deviation that the errors of poses give it, the same way as its neighbours on
 /// the edge. Both are parallel to the pixels.

@@ -4,8 +4,8 @@ use super::options::{InverseDepthRange, SemiDenseOptions};
 use super::pair::{EpipolarLine, MARGIN_PX, Pair};
 use super::view::{MatchView, gradient, sample};
 
-/// Half the width of a window around a known depth, in standard deviations of a match.
-const WINDOW_SIGMAS: f32 = 2.0;
+/// Half the width of a window around something known, in its standard deviations.
+pub(super) const WINDOW_SIGMAS: f32 = 2.0;
 /// Samples of a patch along the epipolar line.
 pub(super) const PATCH: usize = 5;
 const HALF: usize = PATCH / 2;
