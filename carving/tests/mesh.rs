@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use carvings::random_carving;
 use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh, Triangle};
+use linecarve_carving::tetrahedralization::IncidentCells;
 
 /// Triangles by undirected edge.
 fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {
@@ -199,4 +200,27 @@ fn what_is_left_of_a_large_component_may_be_small() {
     });
     // Every triangle of a component that is large enough is written when it is the only one wanted.
     assert!(whole > 0 && alone.count() >= whole / 2);
+}
+
+#[test]
+fn triangles_around_a_vertex_are_those_of_the_surface_with_that_corner() {
+    let mut scratch = IncidentCells::new();
+    for seed in 0..6 {
+        let hull = [Hull::Drop, Hull::Keep][seed as usize % 2];
+        let carver = random_carving(seed, hull);
+        let surface: Vec<Triangle> = carver.triangles().collect();
+        for point in carver.points() {
+            let vertex = carver.vertex_of(point).unwrap();
+            let mut around = Vec::new();
+            carver.triangles_around(vertex, &mut scratch, &mut around);
+            around.sort_unstable();
+            let mut expected: Vec<Triangle> = surface
+                .iter()
+                .filter(|triangle| triangle.contains(&vertex))
+                .copied()
+                .collect();
+            expected.sort_unstable();
+            assert_eq!(around, expected);
+        }
+    }
 }

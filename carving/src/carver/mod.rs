@@ -50,7 +50,7 @@ use nalgebra::Point3;
 
 use crate::labels::{Cut, Labels, Votes};
 use crate::surface::{ExportOptions, Facets, Hull, IndexedMesh, Triangle};
-use crate::tetrahedralization::{CellId, Changes, Tetrahedralization, VertexId};
+use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
 use crate::visibility::{Crossings, Evidence, Rays, RewalkScratch, SheetScratch, Sheets, Views};
 
 use points::Points;
@@ -294,6 +294,26 @@ impl Carver {
         self.facets
             .iter()
             .map(|(cell, facet)| crate::surface::triangle(&self.tetrahedra, cell, facet))
+    }
+
+    /// Appends the surface triangles with a corner at `vertex`, as [`triangles`](Self::triangles) gives them, each once and
+    /// in no particular order.
+    ///
+    /// # Complexity
+    ///
+    /// Linear in the number of cells around the vertex; `scratch` is reused memory.
+    pub fn triangles_around(
+        &self,
+        vertex: VertexId,
+        scratch: &mut IncidentCells,
+        found: &mut Vec<Triangle>,
+    ) {
+        self.facets.around(&self.tetrahedra, vertex, scratch, found);
+    }
+
+    /// Whether no edge of a triangle is longer than `longest`.
+    pub fn has_edges_within(&self, triangle: &Triangle, longest: f64) -> bool {
+        crate::surface::has_edges_within(&self.tetrahedra, triangle, longest)
     }
 
     /// A copy of the surface, in an order that depends on the surface alone.

@@ -71,7 +71,10 @@ pub(crate) fn extract(
     let facets_in_use: Vec<(Triangle, (CellId, usize))> = facets
         .iter()
         .map(|(cell, facet)| (triangle(tetrahedra, cell, facet), (cell, facet)))
-        .filter(|(corners, _)| is_short(tetrahedra, corners, options.longest_edge))
+        .filter(|(corners, _)| {
+            (options.longest_edge)
+                .is_none_or(|longest| has_edges_within(tetrahedra, corners, longest))
+        })
         .collect();
     // An order that depends on positions only.
     let mut vertices: Vec<VertexId> = facets_in_use
@@ -198,8 +201,12 @@ fn split_repeated_edges(mesh: &mut IndexedMesh, edges: &[[u32; 3]]) {
     }
 }
 
-fn is_short(tetrahedra: &Tetrahedralization, corners: &Triangle, longest: Option<f64>) -> bool {
-    let Some(longest) = longest else { return true };
+/// Whether no edge of a triangle is longer than `longest`.
+pub(crate) fn has_edges_within(
+    tetrahedra: &Tetrahedralization,
+    corners: &Triangle,
+    longest: f64,
+) -> bool {
     let p = corners.map(|v| tetrahedra.position(v));
     (0..3).all(|k| (p[k] - p[(k + 1) % 3]).norm() <= longest)
 }

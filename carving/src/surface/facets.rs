@@ -1,6 +1,6 @@
 //! Labels and surface facets of all cells, kept up to date.
 
-use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
+use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
 
 use super::Hull;
 use super::delta::{SurfaceDelta, Triangle, rotate_smallest_first};
@@ -63,6 +63,25 @@ impl Facets {
                     .filter(move |facet| state & 1 << facet != 0)
                     .map(move |facet| (CellId::from_index(index), facet))
             })
+    }
+
+    /// Appends the surface triangles with a corner at `vertex`, each once.
+    pub(crate) fn around(
+        &self,
+        tetrahedra: &Tetrahedralization,
+        vertex: VertexId,
+        scratch: &mut IncidentCells,
+        found: &mut Vec<Triangle>,
+    ) {
+        for &cell in tetrahedra.incident_cells(vertex, scratch) {
+            let corners = tetrahedra.cell_vertices(cell);
+            let facets = (0..4).filter(|&facet| corners[facet] != vertex);
+            found.extend(
+                facets
+                    .filter(|&facet| self.is_surface(cell, facet))
+                    .map(|facet| triangle(tetrahedra, cell, facet)),
+            );
+        }
     }
 
     /// Follows a change of cells and labels. `flipped` lists cells that survived and may have another label now.

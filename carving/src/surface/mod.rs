@@ -12,8 +12,8 @@ mod repair;
 pub use check::SurfaceViolation;
 pub(crate) use check::check;
 pub use delta::{SurfaceDelta, Triangle};
-pub(crate) use extract::extract;
 pub use extract::{ExportOptions, IndexedMesh};
+pub(crate) use extract::{extract, has_edges_within};
 pub(crate) use facets::{Facets, triangle};
 
 /// What becomes of facets between a free cell and the outside of the hull.
