@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, ViewId};
-use linecarve_carving::surface::{ExportOptions, Hull, Triangle};
+use linecarve_carving::carver::{Carver, CarverOptions, EventError};
+use linecarve_carving::surface::{ExportOptions, Hull, SurfaceDelta, Triangle};
 use linecarve_carving::tetrahedralization::VertexId;
 use linecarve_lines::camera::Camera;
 use linecarve_lines::cluster::ClusterOptionsError;
@@ -11,8 +11,7 @@ use linecarve_lines::depth::SensorNoise;
 use nalgebra::Point3;
 
 use super::front_end::Keyframe;
-use super::intake::{Intake, IntakeScratch, settle};
-use super::landmarks::{Landmarks, Measurement};
+use super::intake::Intake;
 use super::options::Options;
 use super::segment_map::SegmentMap;
 use super::segment_points::measurements;
@@ -63,6 +62,19 @@ pub struct MapUpdate {
     pub support: Duration,
 }
 
+impl MapUpdate {
+    /// Counts what the keyframe in hand sees, of which the landmarks from number `known` on are new.
+    fn count_points(&mut self, intake: &Intake, known: usize) {
+        let new_points = intake.points().len() - known;
+        self.new_points += new_points;
+        self.observed_again += intake.seen().len().saturating_sub(new_points);
+    }
+
+    fn count_triangles(&mut self, delta: &SurfaceDelta) {
+        self.changed_triangles += delta.added.len() + delta.removed.len();
+    }
+}
+
 /// The map: segments and clusters, landmarks, and the carved tetrahedralisation.
 pub struct BackEnd {
     options: Options,
@@ -70,11 +82,8 @@ pub struct BackEnd {
     noise: SensorNoise,
     median_depth: f64,
     segments: SegmentMap,
-    landmarks: Landmarks,
-    /// The carver's id of each landmark.
-    points: Vec<PointId>,
+    intake: Intake,
     carver: Carver,
-    scratch: IntakeScratch,
     /// Number of keyframes that were added.
     keyframes: usize,
     vertices: VertexPoints,
@@ -99,8 +108,7 @@ impl BackEnd {
             noise,
             median_depth,
             segments: SegmentMap::new(options.cluster, median_depth)?,
-            landmarks: Landmarks::new(options.landmarks),
-            points: Vec::new(),
+            intake: Intake::new(options.landmarks, options.carving.cut.sigma_factor),
             carver: Carver::new(CarverOptions {
                 labels: options.carving.labels(),
                 hull: if options.surface.keep_hull {
@@ -109,7 +117,6 @@ impl BackEnd {
                     Hull::Drop
                 },
             }),
-            scratch: IntakeScratch::default(),
             keyframes: 0,
             vertices: VertexPoints::default(),
             support: Support::new(
@@ -136,153 +143,90 @@ impl BackEnd {
             clustering: start.elapsed(),
             ..MapUpdate::default()
         };
-        let camera = self.camera.clone();
         let mut transaction = self.carver.transaction();
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let view = transaction.add_view(center).map_err(refused)?;
-        let mut intake = Intake {
-            landmarks: &mut self.landmarks,
-            points: &mut self.points,
-            transaction: &mut transaction,
-            scratch: &mut self.scratch,
-            sigma_factor: self.options.carving.cut.sigma_factor,
-            new_points: 0,
-        };
+        let intake = &mut self.intake;
+        let known = intake.points().len();
         intake.begin();
         for segment in &keyframe.segments {
+            let along = measurements(
+                segment,
+                &self.camera,
+                &keyframe.world_from_camera,
+                &self.noise,
+                &self.options.segment_points,
+            );
             intake
-                .take_segment(measurements(
-                    segment,
-                    &camera,
-                    &keyframe.world_from_camera,
-                    &self.noise,
-                    &self.options.segment_points,
-                ))
+                .take_segment(&mut transaction, along)
                 .map_err(refused)?;
         }
-        let options = self.options.surface_points;
+        let options = &self.options.surface_points;
         let surface = KeyframeSurface::new(
             &keyframe.surface,
-            &camera,
+            &self.camera,
             &keyframe.world_from_camera,
-            &options,
+            options,
         );
         if keyframe.surface.known_count() > 0 {
-            intake.take_surface(&surface, &options).map_err(refused)?;
-        }
-        intake.paint(keyframe, &surface);
-        update.new_points = intake.new_points;
-
-        let IntakeScratch {
-            seen,
-            contradicted,
-            stretches,
-            edges,
-            ..
-        } = &mut self.scratch;
-        let concerned = contradicted.iter().chain(&*seen).copied();
-        (update.moved_points, update.removed_points) = settle(
-            &mut self.landmarks,
-            &self.points,
-            &mut transaction,
-            concerned,
-        )
-        .map_err(refused)?;
-        let landmarks = &self.landmarks;
-        let is_in_use = |landmark: &u32| landmarks.is_in_use(*landmark);
-        // One ray from a camera to a point, however many segments of the keyframe meet in it.
-        seen.retain(is_in_use);
-        update.observed_again = seen.len().saturating_sub(update.new_points);
-        for landmark in &*seen {
-            transaction
-                .add_observation(view, self.points[*landmark as usize], 1)
+            intake
+                .take_surface(&mut transaction, &surface, options)
                 .map_err(refused)?;
         }
+        intake.paint(keyframe, &surface);
+        (update.moved_points, update.removed_points) =
+            intake.settle(&mut transaction).map_err(refused)?;
+        intake.observe(&mut transaction, view).map_err(refused)?;
         let carving = &self.options.carving;
-        for (pairs, weight) in [
-            (stretches, carving.segment_weight),
-            (edges, carving.triangulation_weight),
-        ] {
-            if weight == 0 {
-                continue;
-            }
-            pairs.sort_unstable();
-            pairs.dedup();
-            for ends in pairs.iter().filter(|ends| ends.iter().all(is_in_use)) {
-                let ends = ends.map(|landmark| self.points[landmark as usize]);
-                transaction
-                    .add_segment(view, ends, weight)
-                    .map_err(refused)?;
-            }
-        }
+        intake
+            .observe_between(
+                &mut transaction,
+                view,
+                carving.segment_weight,
+                carving.triangulation_weight,
+            )
+            .map_err(refused)?;
+        update.count_points(intake, known);
         update.matching = start.elapsed() - update.clustering;
         let report = transaction.commit().map_err(refused)?;
+        update.count_triangles(&report.surface);
         update.carving = start.elapsed() - update.clustering - update.matching;
-        update.changed_triangles = report.surface.added.len() + report.surface.removed.len();
-        let concerned = self.scratch.contradicted.iter().chain(&self.scratch.seen);
-        self.vertices
-            .note(&self.carver, &self.points, concerned.copied());
-        let observers = Observers {
-            carver: &self.carver,
-            points: &self.points,
-            vertices: &self.vertices,
-        };
+
+        let concerned = intake.contradicted().iter().chain(intake.seen());
+        let (carver, points) = (&self.carver, intake.points());
+        self.vertices.note(carver, points, concerned.copied());
         let contradictions = self.support.push(
-            observers,
+            Observers::new(carver, points, &self.vertices),
             &report.surface,
+            intake.seen(),
             &keyframe.world_from_camera,
             &keyframe.surface,
         );
         if !contradictions.is_empty() {
+            // What the keyframe measured behind the surface that was carved so far becomes points.
+            let known = points.len();
+            let mut transaction = self.carver.transaction();
             let measured = contradictions
                 .iter()
                 .filter_map(|pixel| surface.measured_at(pixel));
-            self.correct(keyframe, view, &surface, measured, &mut update)
+            intake
+                .take_points(&mut transaction, measured)
                 .map_err(refused)?;
+            intake.paint(keyframe, &surface);
+            intake.observe(&mut transaction, view).map_err(refused)?;
+            update.count_points(intake, known);
+            let report = transaction.commit().map_err(refused)?;
+            update.count_triangles(&report.surface);
+            let (carver, points) = (&self.carver, intake.points());
+            self.vertices
+                .note(carver, points, intake.seen().iter().copied());
+            let observers = Observers::new(carver, points, &self.vertices);
+            self.support
+                .follow(observers, &report.surface, intake.seen());
         }
         update.support = start.elapsed() - update.clustering - update.matching - update.carving;
         self.keyframes += 1;
         Ok(update)
-    }
-
-    /// Adds points that the last keyframe measured behind the surface that was carved so far.
-    fn correct(
-        &mut self,
-        keyframe: &Keyframe,
-        view: ViewId,
-        surface: &KeyframeSurface<'_>,
-        measured: impl Iterator<Item = Measurement>,
-        update: &mut MapUpdate,
-    ) -> Result<(), EventError> {
-        let before = std::mem::take(&mut self.scratch.seen);
-        let mut transaction = self.carver.transaction();
-        let mut intake = Intake {
-            landmarks: &mut self.landmarks,
-            points: &mut self.points,
-            transaction: &mut transaction,
-            scratch: &mut self.scratch,
-            sigma_factor: self.options.carving.cut.sigma_factor,
-            new_points: 0,
-        };
-        intake.take_points(measured, &before)?;
-        intake.paint(keyframe, surface);
-        let new_points = intake.new_points;
-        update.new_points += new_points;
-        update.observed_again += self.scratch.seen.len().saturating_sub(new_points);
-        for landmark in &self.scratch.seen {
-            transaction.add_observation(view, self.points[*landmark as usize], 1)?;
-        }
-        let report = transaction.commit()?;
-        update.changed_triangles += report.surface.added.len() + report.surface.removed.len();
-        let concerned = self.scratch.seen.iter().copied();
-        self.vertices.note(&self.carver, &self.points, concerned);
-        let observers = Observers {
-            carver: &self.carver,
-            points: &self.points,
-            vertices: &self.vertices,
-        };
-        self.support.correct(observers, &report.surface);
-        Ok(())
     }
 
     /// Segments and clusters.
@@ -306,19 +250,12 @@ impl BackEnd {
         let longest = surface
             .longest_edge_share
             .map(|share| share * self.median_depth);
-        let tetrahedra = self.carver.tetrahedra();
-        let is_short = |[a, b, c]: Triangle| {
-            longest.is_none_or(|longest| {
-                [(a, b), (b, c), (c, a)].iter().all(|(from, to)| {
-                    nalgebra::distance(&tetrahedra.position(*from), &tetrahedra.position(*to))
-                        <= longest
-                })
-            })
-        };
         let is_wanted = |triangle: Triangle| match self.support.of(&triangle) {
             Finding::Measured => true,
             Finding::NotMeasured => false,
-            Finding::Unwitnessed => is_short(triangle),
+            Finding::Unwitnessed => {
+                longest.is_none_or(|longest| self.carver.has_edges_within(&triangle, longest))
+            }
         };
         let (mesh, origins) = self.carver.mesh_where(&export, is_wanted);
         TriangleMesh {
@@ -334,7 +271,7 @@ impl BackEnd {
             .iter()
             .map(|vertex| {
                 let landmark = self.vertices.landmark((*vertex)?)?;
-                self.landmarks.color(landmark)
+                self.intake.landmarks().color(landmark)
             })
             .collect();
         let has_any = colors.iter().any(Option::is_some);

@@ -10,7 +10,7 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 use linecarve_carving::surface::{SurfaceDelta, Triangle};
-use linecarve_carving::tetrahedralization::VertexId;
+use linecarve_carving::tetrahedralization::IncidentCells;
 use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::SurfaceSamples;
 use nalgebra::{Isometry3, Point2, Point3};
@@ -110,93 +110,90 @@ impl Support {
         }
     }
 
-    /// Follows the commit that added the next view, whose depth is `surface`. Returns the pixels of that view where it
-    /// measured a surface well behind a triangle, at most one in each square of
+    /// Follows the commit that added the next view, which sees the landmarks `seen` and whose depth is `surface`. Returns
+    /// the pixels of that view where it measured a surface well behind a triangle, at most one in each square of
     /// [`minimum_distance_px`](linecarve_lines::triangulation::RefineOptions::minimum_distance_px), in the order of the squares.
     ///
     /// # Complexity
-    /// The new triangles, and those that the view sees and that lack evidence, times the views that see them; a look at
-    /// every other triangle of the surface.
+    /// The new triangles, and those around what the view sees that lack evidence, times the views that see them.
     pub(super) fn push(
         &mut self,
         map: Observers<'_>,
         delta: &SurfaceDelta,
+        seen: &[u32],
         world_from_camera: &Isometry3<f64>,
         surface: &SurfaceSamples,
     ) -> Vec<Point2<f64>> {
         if self.least_share <= 0.0 {
             return Vec::new();
         }
-        let view = self.witnesses.len() as u32;
         let total = (surface.columns() * surface.rows()) as f64;
         let is_dense = total > 0.0 && surface.known_count() as f64 >= DENSE_SHARE * total;
         self.witnesses.push(is_dense.then(|| Witness {
             world_from_camera: *world_from_camera,
             surface: surface.thinned(),
         }));
-        self.follow(map, delta, Some(view))
+        self.follow(map, delta, seen)
     }
 
-    /// Follows another commit, which added points that the last view sees.
-    pub(super) fn correct(&mut self, map: Observers<'_>, delta: &SurfaceDelta) {
-        let last = self.witnesses.len().checked_sub(1);
-        self.follow(map, delta, last.map(|view| view as u32));
-    }
-
-    fn follow(
+    /// Follows another commit, after which the last view sees the landmarks `seen` too. Returns what
+    /// [`push`](Self::push) does.
+    pub(super) fn follow(
         &mut self,
         map: Observers<'_>,
         delta: &SurfaceDelta,
-        new_view: Option<u32>,
+        seen: &[u32],
     ) -> Vec<Point2<f64>> {
+        let Some(last) = self.witnesses.len().checked_sub(1) else {
+            return Vec::new();
+        };
         for triangle in &delta.removed {
             self.triangles.remove(triangle);
         }
-        let mut moved = vec![false; map.carver.tetrahedra().vertex_capacity()];
-        for vertex in &delta.moved {
-            moved[vertex.index()] = true;
+        let mut scratch = IncidentCells::new();
+        let mut concerned: Vec<Triangle> = Vec::new();
+        for &vertex in &delta.moved {
+            map.carver()
+                .triangles_around(vertex, &mut scratch, &mut concerned);
         }
-        let sees =
-            |vertex: VertexId| new_view.is_some_and(|view| map.views(vertex).any(|v| v.0 == view));
-        let mut examined: Vec<(Triangle, Option<Evidence>)> = Vec::new();
-        for (triangle, evidence) in &self.triangles {
-            if triangle.iter().any(|vertex| moved[vertex.index()]) {
-                examined.push((*triangle, None));
-            } else if !evidence.is_complete() && triangle.iter().any(|v| sees(*v)) {
-                examined.push((*triangle, Some(*evidence)));
-            }
+        for triangle in &concerned {
+            self.triangles.remove(triangle);
         }
-        examined.extend(delta.added.iter().map(|triangle| (*triangle, None)));
-        self.examine(map, examined, new_view)
+        concerned.extend(&delta.added);
+        for vertex in seen.iter().filter_map(|landmark| map.vertex(*landmark)) {
+            map.carver()
+                .triangles_around(vertex, &mut scratch, &mut concerned);
+        }
+        concerned.sort_unstable();
+        concerned.dedup();
+        let examined: Vec<(Triangle, Option<Evidence>)> = concerned
+            .into_iter()
+            .map(|triangle| (triangle, self.triangles.get(&triangle).copied()))
+            .filter(|(_, known)| known.is_none_or(|known| !known.is_complete()))
+            .collect();
+        self.examine(map, examined, last as u32)
     }
 
-    /// Gathers the evidence for triangles, from the new view alone for those that have some; returns where the new view
+    /// The dense depth of a view, if it has any.
+    fn witness(&self, view: u32) -> Option<KeyframeSurface<'_>> {
+        let witness = self.witnesses.get(view as usize)?.as_ref()?;
+        Some(KeyframeSurface::new(
+            &witness.surface,
+            &self.camera,
+            &witness.world_from_camera,
+            &self.options,
+        ))
+    }
+
+    /// Gathers the evidence for triangles, from the last view alone for those that have some; returns where the last view
     /// contradicts those without enough.
     fn examine(
         &mut self,
         map: Observers<'_>,
         triangles: Vec<(Triangle, Option<Evidence>)>,
-        new_view: Option<u32>,
+        last: u32,
     ) -> Vec<Point2<f64>> {
-        let witnesses: Vec<Option<KeyframeSurface<'_>>> = self
-            .witnesses
-            .iter()
-            .map(|witness| {
-                let Witness {
-                    world_from_camera,
-                    surface,
-                } = witness.as_ref()?;
-                let camera = &self.camera;
-                let options = &self.options;
-                Some(KeyframeSurface::new(
-                    surface,
-                    camera,
-                    world_from_camera,
-                    options,
-                ))
-            })
-            .collect();
-        let witness = |view: u32| witnesses.get(view as usize).and_then(Option::as_ref);
+        let newest = self.witness(last);
         let least_share = self.least_share;
         let bound = self.options.correction_sigmas;
         let examined: Vec<(Triangle, Evidence, Option<Contradiction>)> = triangles
@@ -204,7 +201,7 @@ impl Support {
             .map_init(Vec::new, |views, (triangle, known)| {
                 views.clear();
                 match known {
-                    Some(_) => views.extend(new_view),
+                    Some(_) => views.push(last),
                     None => {
                         let seeing = triangle.iter().flat_map(|v| map.views(*v));
                         views.extend(seeing.map(|view| view.0));
@@ -212,15 +209,15 @@ impl Support {
                         views.dedup();
                     }
                 }
-                let places = Places::of(triangle.map(|v| map.carver.tetrahedra().position(v)));
+                let places = Places::of(triangle.map(|v| map.carver().tetrahedra().position(v)));
                 let mut evidence = known.unwrap_or_default();
-                for witness in views.iter().filter_map(|view| witness(*view)) {
-                    places.ask(witness, &mut evidence);
+                for witness in views.iter().filter_map(|view| self.witness(*view)) {
+                    places.ask(&witness, &mut evidence);
                     if evidence.is_complete() {
                         break;
                     }
                 }
-                let contradiction = match new_view.and_then(witness) {
+                let contradiction = match &newest {
                     Some(witness) if !evidence.suffices(least_share) => {
                         places.contradiction(witness, bound)
                     }

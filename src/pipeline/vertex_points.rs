@@ -42,13 +42,35 @@ impl VertexPoints {
 /// Who sees what: the map as [`Support`](super::support::Support) asks it.
 #[derive(Clone, Copy)]
 pub(super) struct Observers<'a> {
-    pub(super) carver: &'a Carver,
-    /// The carver's id of each landmark.
-    pub(super) points: &'a [PointId],
-    pub(super) vertices: &'a VertexPoints,
+    carver: &'a Carver,
+    points: &'a [PointId],
+    vertices: &'a VertexPoints,
 }
 
-impl Observers<'_> {
+impl<'a> Observers<'a> {
+    /// `points` gives the carver's id of each landmark.
+    pub(super) fn new(
+        carver: &'a Carver,
+        points: &'a [PointId],
+        vertices: &'a VertexPoints,
+    ) -> Self {
+        Self {
+            carver,
+            points,
+            vertices,
+        }
+    }
+
+    /// The carved surface.
+    pub(super) fn carver(&self) -> &'a Carver {
+        self.carver
+    }
+
+    /// The vertex of a landmark; `None` when it was given up.
+    pub(super) fn vertex(&self, landmark: u32) -> Option<VertexId> {
+        self.carver.vertex_of(self.points[landmark as usize])
+    }
+
     /// The views that see the point at a vertex.
     pub(super) fn views(&self, vertex: VertexId) -> impl Iterator<Item = ViewId> + '_ {
         self.vertices

@@ -1,8 +1,11 @@
 //! A wall two units before the camera, and one point half way that no depth image knows of.
 
-use linecarve_carving::carver::{Carver, CommitReport, PointId};
+use std::ops::Range;
+
+use linecarve_carving::carver::{Carver, PointId};
 use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 use linecarve_lines::triangulation::SampleOptions;
+use nalgebra::Vector3;
 
 use super::super::vertex_points::VertexPoints;
 use super::*;
@@ -61,28 +64,53 @@ impl Room {
         let pose = Isometry3::translation(x, 0.0, 0.0);
         let mut transaction = self.carver.transaction();
         let view = transaction.add_view(Point3::new(x, 0.0, 0.0)).unwrap();
-        for point in &self.points[..self.points.len() - 1] {
+        let seen: Vec<u32> = (0..self.points.len() as u32 - 1).collect();
+        for point in &self.points[..seen.len()] {
             transaction.add_observation(view, *point, 1).unwrap();
         }
         let report = transaction.commit().unwrap();
-        self.follow(&report, |support, map, delta| {
-            support.push(map, delta, &pose, surface)
-        })
-    }
-
-    fn follow<T>(
-        &mut self,
-        report: &CommitReport,
-        update: impl FnOnce(&mut Support, Observers<'_>, &SurfaceDelta) -> T,
-    ) -> T {
         let landmarks = 0..self.points.len() as u32;
         self.vertices.note(&self.carver, &self.points, landmarks);
-        let observers = Observers {
-            carver: &self.carver,
-            points: &self.points,
-            vertices: &self.vertices,
+        let map = Observers::new(&self.carver, &self.points, &self.vertices);
+        self.support
+            .push(map, &report.surface, &seen, &pose, surface)
+    }
+
+    /// Moves a landmark, which the last view goes on seeing.
+    fn shift(&mut self, landmark: u32, by: [f64; 3]) {
+        let point = self.points[landmark as usize];
+        let position = self.carver.point(point).unwrap() + Vector3::from(by);
+        let mut transaction = self.carver.transaction();
+        transaction.move_point(point, position).unwrap();
+        let report = transaction.commit().unwrap();
+        self.vertices
+            .note(&self.carver, &self.points, std::iter::once(landmark));
+        let map = Observers::new(&self.carver, &self.points, &self.vertices);
+        self.support.follow(map, &report.surface, &[]);
+    }
+
+    /// What is known about each triangle, by the positions of its corners. What is said of places where another view agrees
+    /// depends on who is asked first, and does not count.
+    fn evidence(&self) -> BTreeMap<Vec<[u64; 3]>, Evidence> {
+        let counted = |evidence: &Evidence| Evidence {
+            contradicted: evidence.contradicted & !evidence.agreed,
+            ..*evidence
         };
-        update(&mut self.support, observers, &report.surface)
+        let tetrahedra = self.carver.tetrahedra();
+        let corners = |triangle: &Triangle| {
+            let mut corners: Vec<[u64; 3]> = triangle
+                .iter()
+                .map(|v| tetrahedra.coordinates(*v).map(f64::to_bits))
+                .collect();
+            corners.sort_unstable();
+            corners
+        };
+        let known = &self.support.triangles;
+        assert_eq!(known.len(), self.carver.triangle_count());
+        known
+            .iter()
+            .map(|(triangle, evidence)| (corners(triangle), counted(evidence)))
+            .collect()
     }
 
     /// What is found about triangles on the wall, and about those of the stray point.
@@ -130,15 +158,39 @@ fn depth_along_edges_alone_is_no_witness() {
     assert!(contradictions.is_empty());
 }
 
+/// The wall as a camera measures it that knows it in some columns of its image only.
+fn part_of_a_wall(columns: Range<usize>) -> SurfaceSamples {
+    let mut map = InverseDepthMap::unknown(160, 120).unwrap();
+    for (x, y) in columns.flat_map(|x| (0..120).map(move |y| (x, y))) {
+        map.set(x, y, InverseDepth::new(0.5, 0.002));
+    }
+    SurfaceSamples::measure(&map, &SampleOptions::default())
+}
+
 #[test]
 fn what_is_known_does_not_depend_on_the_way_there() {
-    let mut room = Room::new();
-    for x in [-0.1, 0.02, 0.2] {
-        room.look(x, &depth(1));
+    let looks = [
+        (-0.1, part_of_a_wall(0..40)),
+        (0.02, part_of_a_wall(70..160)),
+        (0.2, depth(8)),
+        (0.25, part_of_a_wall(0..40)),
+    ];
+    // Before the look of this number the stray point, and one of the wall, move.
+    let way = |order: [usize; 4], shifts: usize| {
+        let mut room = Room::new();
+        for (place, look) in order.into_iter().enumerate() {
+            if place == shifts {
+                room.shift(room.points.len() as u32 - 2, [0.03, -0.02, 0.1]);
+                room.shift(31, [0.01, 0.02, 0.0]);
+            }
+            room.look(looks[look].0, &looks[look].1);
+        }
+        room.evidence()
+    };
+    let expected = way([0, 1, 2, 3], 0);
+    let partly = |evidence: &Evidence| evidence.agreed != 0 && !evidence.is_complete();
+    assert!(expected.values().any(partly));
+    for (order, shifts) in [([3, 2, 1, 0], 0), ([1, 3, 0, 2], 2), ([2, 0, 3, 1], 3)] {
+        assert!(way(order, shifts) == expected, "{order:?}, {shifts}");
     }
-    let mut other = Room::new();
-    for x in [0.2, -0.1, 0.02] {
-        other.look(x, &depth(1));
-    }
-    assert_eq!(room.findings(), other.findings());
 }
