@@ -108,7 +108,7 @@ impl BackEnd {
             noise,
             median_depth,
             segments: SegmentMap::new(options.cluster, median_depth)?,
-            intake: Intake::new(options.landmarks, options.carving.cut.sigma_factor),
+            intake: Intake::new(options),
             carver: Carver::new(CarverOptions {
                 labels: options.carving.labels(),
                 hull: if options.surface.keep_hull {
@@ -176,7 +176,9 @@ impl BackEnd {
         intake.paint(keyframe, &surface);
         (update.moved_points, update.removed_points) =
             intake.settle(&mut transaction).map_err(refused)?;
-        intake.observe(&mut transaction, view).map_err(refused)?;
+        intake
+            .observe(&mut transaction, view, &center)
+            .map_err(refused)?;
         let carving = &self.options.carving;
         intake
             .observe_between(
@@ -198,7 +200,7 @@ impl BackEnd {
         let contradictions = self.support.push(
             Observers::new(carver, points, &self.vertices),
             &report.surface,
-            intake.seen(),
+            intake.observed(),
             &keyframe.world_from_camera,
             &keyframe.surface,
         );
@@ -213,7 +215,9 @@ impl BackEnd {
                 .take_points(&mut transaction, measured)
                 .map_err(refused)?;
             intake.paint(keyframe, &surface);
-            intake.observe(&mut transaction, view).map_err(refused)?;
+            intake
+                .observe(&mut transaction, view, &center)
+                .map_err(refused)?;
             update.count_points(intake, known);
             let report = transaction.commit().map_err(refused)?;
             update.count_triangles(&report.surface);
@@ -222,7 +226,7 @@ impl BackEnd {
                 .note(carver, points, intake.seen().iter().copied());
             let observers = Observers::new(carver, points, &self.vertices);
             self.support
-                .follow(observers, &report.surface, intake.seen());
+                .follow(observers, &report.surface, intake.observed());
         }
         update.support = start.elapsed() - update.clustering - update.matching - update.carving;
         self.keyframes += 1;

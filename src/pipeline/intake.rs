@@ -5,7 +5,8 @@ use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
 use super::front_end::Keyframe;
-use super::landmarks::{LandmarkOptions, Landmarks, Measurement, Observed, Settled};
+use super::landmarks::{Landmarks, Measurement, Observed, Settled};
+use super::options::Options;
 use super::surface_points::{KeyframeSurface, SurfacePointOptions, Verdict};
 
 /// No vertex, or no landmark.
@@ -18,8 +19,12 @@ pub(super) struct Intake {
     points: Vec<PointId>,
     /// What a standard deviation is multiplied by for the carver.
     sigma_factor: f64,
+    /// Tangent of the angle that a ray keeps from those that its point has.
+    least_tangent: f64,
     /// Landmarks that the keyframe sees; with repetitions until they are painted.
     seen: Vec<u32>,
+    /// Those of them that it was given a ray to.
+    observed: Vec<u32>,
     /// Landmarks that it looked through.
     contradicted: Vec<u32>,
     /// Pairs of landmarks between which it sees a stretch of a segment.
@@ -35,13 +40,15 @@ pub(super) struct Intake {
 }
 
 impl Intake {
-    /// No landmark yet. The carver is given each standard deviation times `sigma_factor`.
-    pub(super) fn new(options: LandmarkOptions, sigma_factor: f64) -> Self {
+    /// No landmark yet.
+    pub(super) fn new(options: &Options) -> Self {
         Self {
-            landmarks: Landmarks::new(options),
+            landmarks: Landmarks::new(options.landmarks),
             points: Vec::new(),
-            sigma_factor,
+            sigma_factor: options.carving.cut.sigma_factor,
+            least_tangent: options.carving.least_ray_angle_deg.to_radians().tan(),
             seen: Vec::new(),
+            observed: Vec::new(),
             contradicted: Vec::new(),
             stretches: Vec::new(),
             edges: Vec::new(),
@@ -65,6 +72,11 @@ impl Intake {
     /// Landmarks that the keyframe sees, increasing once they are painted.
     pub(super) fn seen(&self) -> &[u32] {
         &self.seen
+    }
+
+    /// Landmarks that the last call of [`Intake::observe`] gave a ray to, increasing.
+    pub(super) fn observed(&self) -> &[u32] {
+        &self.observed
     }
 
     /// Landmarks that the keyframe looked through.
@@ -253,14 +265,29 @@ impl Intake {
         Ok((moved, removed))
     }
 
-    /// Adds the observations of the landmarks seen: one ray from a camera to a point, however many segments of the keyframe
-    /// meet in it.
+    /// Adds the observations of the landmarks seen by a view with this centre: one ray from a camera to a point, however many
+    /// segments of the keyframe meet in it, and none where the point has one that runs beside it.
+    ///
+    /// # Complexity
+    /// The landmarks seen, times the views that see them.
     pub(super) fn observe(
-        &self,
+        &mut self,
         transaction: &mut Transaction<'_>,
         view: ViewId,
+        center: &Point3<f64>,
     ) -> Result<(), EventError> {
-        for landmark in &self.seen {
+        self.observed.clear();
+        for &landmark in &self.seen {
+            let point = self.points[landmark as usize];
+            let position = self.landmarks.position(landmark);
+            let reach = self.least_tangent * (position - center).norm();
+            let carver = transaction.before();
+            let mut centers = carver.views_of(point).filter_map(|view| carver.view(view));
+            if !centers.any(|other| is_beside(center, [&position, &other], reach)) {
+                self.observed.push(landmark);
+            }
+        }
+        for landmark in &self.observed {
             transaction.add_observation(view, self.points[*landmark as usize], 1)?;
         }
         Ok(())
@@ -294,7 +321,70 @@ impl Intake {
     }
 }
 
+/// Whether a place lies nearer than `reach` to a stretch between two others.
+fn is_beside(place: &Point3<f64>, [from, to]: [&Point3<f64>; 2], reach: f64) -> bool {
+    let along = to - from;
+    let share = (place - from).dot(&along) / along.norm_squared();
+    let nearest = from + share.clamp(0.0, 1.0) * along;
+    (place - nearest).norm_squared() < reach * reach
+}
+
 /// A pair in one order.
 fn pair(a: u32, b: u32) -> [u32; 2] {
     [a.min(b), a.max(b)]
+}
+
+#[cfg(test)]
+mod tests {
+    use linecarve_carving::carver::Carver;
+    use nalgebra::Unit;
+
+    use super::*;
+
+    /// Landmarks that views at these places are given a ray to, each view seeing the same two.
+    fn rays_from(options: &Options, centers: &[[f64; 3]]) -> Vec<Vec<u32>> {
+        let mut carver = Carver::default();
+        let mut intake = Intake::new(options);
+        let look = |center: &[f64; 3]| {
+            let center = Point3::from(*center);
+            let points = [[0.0, 0.0, 2.0], [1.0, 0.0, 2.0]].map(Point3::from);
+            let measured = points.map(|point| Measurement {
+                point_in_world: point,
+                direction: Unit::new_normalize(point - center),
+                pixel: 0.01,
+                sigma: 0.01,
+            });
+            let mut transaction = carver.transaction();
+            let view = transaction.add_view(center).unwrap();
+            intake.begin();
+            intake
+                .take_segment(&mut transaction, measured.into_iter())
+                .unwrap();
+            intake.observe(&mut transaction, view, &center).unwrap();
+            transaction.commit().unwrap();
+            intake.observed().to_vec()
+        };
+        centers.iter().map(look).collect()
+    }
+
+    #[test]
+    fn a_ray_beside_one_that_the_point_has_is_not_added() {
+        let options = Options::default();
+        // 2 degrees of 2 units are 0.07: at the start, hardly beside it, and again there; then far enough beside.
+        let beside = rays_from(
+            &options,
+            &[[0.0; 3], [0.06, 0.0, 0.0], [0.0; 3], [0.1, 0.0, 0.0]],
+        );
+        let both = vec![0, 1];
+        assert_eq!(beside, [both.clone(), Vec::new(), Vec::new(), both.clone()]);
+        // Half way to the first point along its ray; from further behind the ray is longer and tells more.
+        let along = rays_from(&options, &[[0.0; 3], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
+        assert_eq!(along, [both.clone(), vec![1], both.clone()]);
+        let mut all = Options::default();
+        all.carving.least_ray_angle_deg = 0.0;
+        assert_eq!(
+            rays_from(&all, &[[0.0; 3], [1e-9, 0.0, 0.0]]),
+            [both.clone(), both]
+        );
+    }
 }

@@ -98,6 +98,10 @@ pub struct CarvingOptions {
     pub segment_weight: u32,
     /// The same for the edges of a keyframe's triangulation that the surface was found to follow.
     pub triangulation_weight: u32,
+    /// A point gets a ray from a camera only where the camera lies this far, as seen from the point, beside all the rays that
+    /// the point has: a camera that stays in one place tells nothing new with each keyframe, and would make all rays dearer.
+    /// In degrees; 0 for all rays.
+    pub least_ray_angle_deg: f64,
     /// Settings of the cut.
     pub cut: CutSettings,
 }
@@ -109,6 +113,7 @@ impl Default for CarvingOptions {
             free_threshold: 1,
             segment_weight: 0,
             triangulation_weight: 0,
+            least_ray_angle_deg: 2.0,
             cut: CutSettings::default(),
         }
     }
@@ -284,6 +289,14 @@ impl Options {
                 expected: "a share from 0 to 1 is needed",
             });
         }
+        let angle = self.carving.least_ray_angle_deg;
+        if !(0.0..=45.0).contains(&angle) {
+            return Err(OptionsError::Range {
+                key: "carving.least_ray_angle_deg",
+                value: angle.to_string(),
+                expected: "degrees from 0 to 45 are needed",
+            });
+        }
         positive("carving.cut.sigma_factor", self.carving.cut.sigma_factor)?;
         self.carving.cut.options().validate()?;
         self.map_points.validate()?;
@@ -320,6 +333,10 @@ mod tests {
             ("[landmarks]\nlateral_px = -1.0\n", "landmarks.lateral_px"),
             ("[carving]\nfree_threshold = 0\n", "carving.free_threshold"),
             ("[carving]\nlabels = \"cuts\"\n", "cuts"),
+            (
+                "[carving]\nleast_ray_angle_deg = nan\n",
+                "carving.least_ray_angle_deg",
+            ),
             ("[carving.cut]\nbehind_sigmas = -1.0\n", "behind_sigmas"),
             ("[carving\n", "options.toml"),
         ] {

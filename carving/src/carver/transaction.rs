@@ -63,6 +63,11 @@ impl<'a> Transaction<'a> {
         }
     }
 
+    /// The carver without the changes of this transaction.
+    pub fn before(&self) -> &Carver {
+        self.carver
+    }
+
     fn require_point(&self, point: PointId) -> Result<(), EventError> {
         let old = self.carver.points.capacity();
         let exists = match (point.0 as usize).checked_sub(old) {
