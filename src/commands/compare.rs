@@ -11,7 +11,7 @@ use crate::commands::compare_runs::{ComparedRun, run_lines, run_points};
 use crate::commands::output::{
     OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
 };
-use crate::commands::page::{growth_plots, keyframe_poses, page_of, page_surface};
+use crate::commands::page::{growth_plots, page_of, page_surface};
 use crate::commands::run_report::print_object;
 use crate::commands::sequence::{Prepared, prepare};
 use crate::compare::{
@@ -296,7 +296,7 @@ fn write_pictures(
     output: &mut OutputFolder,
     verbosity: Verbosity,
 ) -> anyhow::Result<()> {
-    let poses = keyframe_poses(&prepared.page_run());
+    let poses = prepared.page_run().poses;
     output.subfolder(PICTURES)?;
     let mut shots: Vec<(String, Option<usize>)> = vec![("outside".to_owned(), None)];
     let count = prepared.keyframes.len();

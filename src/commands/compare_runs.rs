@@ -171,7 +171,7 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
         keyframe.world_from_camera.translation.vector -= prepared.origin;
         let (_, mut report) = add_points(&mut map, &keyframe, sequence)?;
         let surface = timed_surface(&mut report, || map.surface());
-        recorder.push_points(number, &carved_points(&map), &surface);
+        recorder.push_points(number, &carved_points(map.carver()), &surface);
         last = number;
         reports.push(report);
         progress.step(|| format!("{} points", map.carver().point_count()));
@@ -187,7 +187,7 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
     progress.finish();
     let warnings = left_out.warnings(prepared.keyframes.len())?;
     let mesh = map.surface();
-    let points = carved_points(&map);
+    let points = carved_points(map.carver());
     recorder.finish_points(last, &points, &mesh);
     let reason = format!(
         "{} points of {} keyframes enclose no occupied space that a ray has left",

@@ -111,8 +111,7 @@ pub(super) fn write_growth(
 }
 
 /// Positions of the points that are carved, in the order of their ids.
-pub(super) fn carved_points(map: &PointBackEnd) -> Vec<Point3<f64>> {
-    let carver = map.carver();
+pub(super) fn carved_points(carver: &Carver) -> Vec<Point3<f64>> {
     carver
         .points()
         .filter_map(|point| carver.point(point))

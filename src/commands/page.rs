@@ -6,43 +6,19 @@ use anyhow::Context;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::commands::sequence::Prepared;
+use crate::commands::page_run::PageRun;
 use crate::mesh::{LineSet, TriangleMesh};
 use crate::pipeline::Keyframe;
 use crate::pipeline::segment_map::SegmentMap;
 use crate::render::{View, up_direction};
 use crate::report::page::{
-    CountPlot, Elements, HistoryLimits, KeyframeImage, OutsideView, Page, PageCamera, PageKeyframe,
+    CountPlot, Elements, HistoryLimits, KeyframeImage, OutsideView, Page, PageKeyframe,
     PageSurface, Series, StageTiming, SurfaceHistory, keyframe_image,
 };
 use crate::report::{KeyframeReport, StageTimes};
-use crate::sequence::Sequence;
 
 /// Size for which the view from outside is laid out.
 const OUTSIDE_SIZE: (u32, u32) = (640, 480);
-
-/// What a page tells of the sequence and the keyframes of a run.
-pub(super) struct PageRun<'a> {
-    pub(super) sequence: &'a Sequence,
-    /// Indices of the chosen frames.
-    pub(super) keyframes: &'a [usize],
-    /// Median depth of the scene in units of the poses.
-    pub(super) median_depth: f64,
-    /// Taken off all coordinates while computing.
-    pub(super) origin: Vector3<f64>,
-}
-
-impl Prepared {
-    /// What a page tells of it.
-    pub(super) fn page_run(&self) -> PageRun<'_> {
-        PageRun {
-            sequence: &self.sequence,
-            keyframes: &self.keyframes,
-            median_depth: self.median_depth,
-            origin: self.origin,
-        }
-    }
-}
 
 /// Follows a run for its page.
 pub(super) struct PageRecorder {
@@ -124,7 +100,7 @@ impl PageRecorder {
         let images: Result<Vec<Option<KeyframeImage>>, image::ImageError> = wanted
             .into_par_iter()
             .map(|(keyframe, segments)| {
-                let Ok(image) = run.sequence.load_color(run.keyframes[keyframe]) else {
+                let Ok(image) = run.sequence.load_color(run.numbers[keyframe]) else {
                     return Ok(None);
                 };
                 keyframe_image(keyframe, &image, segments).map(Some)
@@ -140,32 +116,18 @@ fn lines_of<'a>(segments: &'a SegmentMap, clusters: &'a LineSet) -> Elements<'a>
     Elements::Lines { segments, clusters }
 }
 
-/// Poses of all chosen keyframes in the frame of computation.
-pub(super) fn keyframe_poses(run: &PageRun<'_>) -> Vec<Isometry3<f64>> {
-    let frames = run.sequence.frames();
-    let shifted = |frame: &usize| {
-        let mut pose = frames[*frame].world_from_camera;
-        pose.translation.vector -= run.origin;
-        pose
-    };
-    run.keyframes.iter().map(shifted).collect()
-}
-
 /// A page about a sequence, without surfaces yet; `mesh` is what the view from outside is to hold.
 pub(super) fn page_of(run: &PageRun<'_>, command: &str, mesh: &TriangleMesh) -> Page {
     let sequence = run.sequence;
     let folder = sequence.folder();
     let name = folder.file_name().unwrap_or(folder.as_os_str());
-    let poses = keyframe_poses(run);
-    let frames = sequence.frames();
-    let camera = sequence.color_camera();
-    let size = sequence.color_size();
+    let poses = &run.poses;
     let mut facts = vec![
         ("command".to_owned(), format!("linecarve {command}")),
         ("layout".to_owned(), sequence.layout().to_owned()),
         (
             "frames, keyframes".to_owned(),
-            format!("{}, {}", frames.len(), run.keyframes.len()),
+            format!("{}, {}", sequence.frames().len(), poses.len()),
         ),
         (
             "median depth".to_owned(),
@@ -183,22 +145,15 @@ pub(super) fn page_of(run: &PageRun<'_>, command: &str, mesh: &TriangleMesh) -> 
         title: name.to_string_lossy().into_owned(),
         subtitle: String::new(),
         generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")).to_owned(),
-        up: up_direction(&poses),
+        up: up_direction(poses),
         median_depth: run.median_depth,
-        camera: PageCamera {
-            fx: camera.fx(),
-            fy: camera.fy(),
-            cx: camera.cx(),
-            cy: camera.cy(),
-            width: size.width,
-            height: size.height,
-        },
-        outside: outside_view(mesh, &poses, run.median_depth),
+        camera: run.camera,
+        outside: outside_view(mesh, poses, run.median_depth),
         keyframes: run
-            .keyframes
+            .names
             .iter()
-            .zip(&poses)
-            .map(|(frame, pose)| PageKeyframe::new(&frames[*frame].name, pose))
+            .zip(poses)
+            .map(|(name, pose)| PageKeyframe::new(name, pose))
             .collect(),
         surfaces: Vec::new(),
         error_scale: None,

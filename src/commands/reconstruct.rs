@@ -170,8 +170,9 @@ fn write_run_page(
     mesh: &TriangleMesh,
     log: &mut RunLog,
 ) -> anyhow::Result<()> {
-    let mut page = page_of(&prepared.page_run(), "reconstruct", mesh);
-    page.images = recorder.images(&prepared.page_run())?;
+    let run = prepared.page_run();
+    let mut page = page_of(&run, "reconstruct", mesh);
+    page.images = recorder.images(&run)?;
     let reports = log.keyframes().to_vec();
     page.warnings = log.warnings().to_vec();
     page.count_plots = growth_plots(&prepared.keyframes, &[("surface", &reports)]);

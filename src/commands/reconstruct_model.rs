@@ -4,13 +4,17 @@
 use std::time::Instant;
 
 use anyhow::Context;
+use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::cli::{KeyframeArgs, ReconstructArgs};
 use crate::commands::Outcome;
-use crate::commands::map_steps::{GROWTH, note_result, timed_surface, write_growth};
+use crate::commands::map_steps::{GROWTH, carved_points, note_result, timed_surface, write_growth};
 use crate::commands::output::{OutputFolder, surface_part, write_geometry};
+use crate::commands::page::PageRecorder;
+use crate::commands::page_run::PageRun;
 use crate::commands::picture::{crosses, write_panels};
+use crate::commands::points_page::write_points_page;
 use crate::commands::reconstruct_points::cloud;
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::far_warning;
@@ -73,6 +77,7 @@ pub(super) fn run(
     if let Some(warning) = left_out(model, &counts) {
         log.warn(warning);
     }
+    let mut page = (!args.no_page).then(PageRecorder::new);
     if args.final_only {
         let update = carver.push_all()?;
         log.push(view_report(
@@ -86,6 +91,7 @@ pub(super) fn run(
             model,
             &mut carver,
             &mut log,
+            page.as_mut(),
             &mut output,
             &origin,
             verbosity,
@@ -106,6 +112,20 @@ pub(super) fn run(
     } else {
         Outcome::Done
     };
+    if let Some(mut page) = page {
+        let last = model.views.len().saturating_sub(1);
+        page.finish_points(last, &carved_points(carver.carver()), &mesh);
+        let (camera, size) = carver
+            .richest_view()
+            .and_then(|view| camera_of(&model.views[view]))
+            .unwrap_or_else(|| {
+                let size = sequence.color_size();
+                (sequence.color_camera().clone(), (size.width, size.height))
+            });
+        let depth = carver.median_depth().unwrap_or(1.0);
+        let run = PageRun::of_views(sequence, model, (&camera, size), depth, origin);
+        write_points_page(&output.file("report.html"), page, &run, &mesh, &mut log)?;
+    }
     let carved = PointModel {
         views: Vec::new(),
         points: carver
@@ -187,6 +207,7 @@ fn view_by_view(
     model: &PointModel,
     carver: &mut ModelCarver<'_>,
     log: &mut RunLog,
+    mut page: Option<&mut PageRecorder>,
     output: &mut OutputFolder,
     origin: &Vector3<f64>,
     verbosity: Verbosity,
@@ -199,6 +220,9 @@ fn view_by_view(
         };
         let mut report = view_report(&view.name, number, &update, carver);
         let surface = timed_surface(&mut report, || carver.surface());
+        if let Some(page) = &mut page {
+            page.push_points(number, &carved_points(carver.carver()), &surface);
+        }
         write_growth(output, number, surface, origin, &mut report)?;
         log.push(report);
         progress.step(|| {
@@ -298,19 +322,12 @@ fn draw(
     let poses: Vec<Isometry3<f64>> = model.views.iter().map(|v| v.world_from_camera).collect();
     let up = up_direction(&poses);
     let photo = photo_of(sequence, view);
-    let (camera, size) = match (&photo, &view.camera) {
-        (Some(photo), _) => (sequence.color_camera().clone(), photo.dimensions()),
-        (None, Some(camera)) => {
-            // The principal point is near the middle of an image whose size nobody tells.
-            let side = |c: f64| 2.0 * c + 1.0;
-            let [width, height] = view.size_px.map_or_else(
-                || [side(camera.cx()), side(camera.cy())],
-                |size| size.map(f64::from),
-            );
-            let clamped = |side: f64| side.clamp(16.0, 8192.0) as u32;
-            (camera.clone(), (clamped(width), clamped(height)))
-        }
-        (None, None) => return Ok(()),
+    let drawn = match &photo {
+        Some(photo) => Some((sequence.color_camera().clone(), photo.dimensions())),
+        None => camera_of(view),
+    };
+    let Some((camera, size)) = drawn else {
+        return Ok(());
     };
     let factor = (f64::from(MAX_PICTURE_WIDTH) / f64::from(size.0)).min(1.0);
     let scaled = |side: u32| ((f64::from(side) * factor).round() as u32).max(1);
@@ -329,6 +346,19 @@ fn draw(
     let path = output.file("picture.png");
     write_panels(&path, mesh, &marks, photo, &inside, &poses, verbosity)
         .context("the picture could not be made (--no-picture leaves it out)")
+}
+
+/// The camera of a view with width and height of its images, `None` when the model does not say.
+fn camera_of(view: &ModelView) -> Option<(Camera, (u32, u32))> {
+    let camera = view.camera.as_ref()?;
+    // The principal point is near the middle of an image whose size nobody tells.
+    let side = |c: f64| 2.0 * c + 1.0;
+    let [width, height] = view.size_px.map_or_else(
+        || [side(camera.cx()), side(camera.cy())],
+        |size| size.map(f64::from),
+    );
+    let clamped = |side: f64| side.clamp(16.0, 8192.0) as u32;
+    Some((camera.clone(), (clamped(width), clamped(height))))
 }
 
 /// The image of a view, when the sequence has a frame of that name and it can be read.

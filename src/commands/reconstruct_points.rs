@@ -12,8 +12,10 @@ use crate::commands::map_steps::{
     GROWTH, add_points, carved_points, note_result, timed_surface, write_growth,
 };
 use crate::commands::output::{OutputFolder, surface_part, write_geometry};
-use crate::commands::page::{PageRecorder, PageRun, grouped, growth_plots, page_of, page_surface};
+use crate::commands::page::PageRecorder;
+use crate::commands::page_run::PageRun;
 use crate::commands::picture::{Shot, crosses, write_overview};
+use crate::commands::points_page::write_points_page;
 use crate::commands::prepare_points::{PreparedPoints, prepare_points};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::{open, read_options};
@@ -22,7 +24,6 @@ use crate::map_points::PointModel;
 use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
 use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points};
 use crate::progress::{Progress, Verbosity};
-use crate::report::page::{PageTable, write_page};
 use crate::sequence::Sequence;
 
 /// Length of the crosses that mark points in the picture, as a share of the median depth.
@@ -92,7 +93,7 @@ fn from_features(
         if !args.final_only {
             let surface = timed_surface(&mut report, || map.surface());
             if let Some(page) = &mut page {
-                page.push_points(number, &carved_points(&map), &surface);
+                page.push_points(number, &carved_points(map.carver()), &surface);
             }
             let number = walk.poses.len();
             write_growth(&mut output, number, surface, &prepared.origin, &mut report)?;
@@ -149,14 +150,10 @@ fn from_features(
         Outcome::Done
     };
     if let Some(mut page) = page {
-        page.finish_points(last, &carved_points(&map), &mesh);
-        let run = PageRun {
-            sequence,
-            keyframes: &prepared.keyframes,
-            median_depth: depth.unwrap_or(1.0),
-            origin: prepared.origin,
-        };
-        write_run_page(&output.file("report.html"), page, &run, &mesh, &mut log)?;
+        page.finish_points(last, &carved_points(map.carver()), &mesh);
+        let depth = depth.unwrap_or(1.0);
+        let run = PageRun::of_frames(sequence, &prepared.keyframes, depth, prepared.origin);
+        write_points_page(&output.file("report.html"), page, &run, &mesh, &mut log)?;
     }
     let mut points = cloud(&model);
     // The picture is drawn before the shift is taken back: rays want coordinates near zero.
@@ -234,58 +231,6 @@ fn reason_for_nothing(map: &PointBackEnd, walk: &Walk) -> String {
              other places would help"
         )
     }
-}
-
-/// Writes the page with the surface over keyframes.
-fn write_run_page(
-    path: &std::path::Path,
-    recorder: PageRecorder,
-    run: &PageRun<'_>,
-    mesh: &TriangleMesh,
-    log: &mut RunLog,
-) -> anyhow::Result<()> {
-    let reports = log.keyframes().to_vec();
-    let mut page = page_of(run, "reconstruct --from map-points", mesh);
-    page.images = recorder.images(run)?;
-    page.warnings = log.warnings().to_vec();
-    page.count_plots = growth_plots(run.keyframes, &[("surface", &reports)]);
-    page.surfaces = vec![page_surface(
-        "map-points",
-        "map points",
-        recorder,
-        run.keyframes,
-        &reports,
-    )];
-    let result = log.result();
-    page.subtitle = format!(
-        "{} keyframes, {} points, {} triangles",
-        reports.len(),
-        grouped(result.points),
-        grouped(result.triangles)
-    );
-    let mut columns = ["points", "rays", "tetrahedra", "vertices", "triangles"]
-        .map(str::to_owned)
-        .to_vec();
-    let counts = [
-        result.points,
-        result.rays,
-        result.cells,
-        result.vertices,
-        result.triangles,
-    ];
-    let mut row = counts.map(grouped).to_vec();
-    if let Some(rms) = result.reprojection_rms_px {
-        columns.push("projections off by (RMS)".to_owned());
-        row.push(format!("{rms:.2} px"));
-    }
-    page.tables = vec![PageTable {
-        title: "Result".to_owned(),
-        columns,
-        rows: vec![row],
-        note: String::new(),
-    }];
-    write_page(path, &page)?;
-    Ok(())
 }
 
 /// The points of a model with their colours.
