@@ -25,6 +25,13 @@ pub struct Nearest {
     pub normal: Option<Vector3<f64>>,
 }
 
+/// The nearest point before anybody asks for its normal.
+struct Found {
+    point: Point3<f64>,
+    distance: f64,
+    element: u32,
+}
+
 /// A mesh or cloud, prepared for nearest-point queries.
 ///
 /// Distances to a mesh go to its triangles (those without area are left out; a mesh of nothing else stands for its
@@ -82,17 +89,17 @@ impl Reference {
 
     /// The nearest point; `None` when there is none or `point` is not finite.
     pub fn nearest(&self, point: &Point3<f64>) -> Option<Nearest> {
-        self.nearest_within(point, f64::INFINITY)
+        self.within(point, f64::INFINITY)
+            .map(|found| self.with_normal(found))
     }
 
     /// The nearest point no farther than `max`.
-    fn nearest_within(&self, point: &Point3<f64>, max: f64) -> Option<Nearest> {
+    fn within(&self, point: &Point3<f64>, max: f64) -> Option<Found> {
         match &self.kind {
-            Kind::Mesh(scene) => scene.closest(point, max).map(|closest| Nearest {
+            Kind::Mesh(scene) => scene.closest(point, max).map(|closest| Found {
                 point: closest.point,
                 distance: closest.distance,
                 element: closest.triangle,
-                normal: Some(scene.normal(closest.triangle)),
             }),
             Kind::Cloud(tree) => {
                 let query = [point.x, point.y, point.z];
@@ -100,50 +107,63 @@ impl Reference {
                     return None;
                 }
                 let found = tree.nearest_neighbor(query)?;
-                Some(Nearest {
+                Some(Found {
                     point: Point3::from(*found.geom()),
                     distance: found.geom().distance_2(&query).sqrt(),
                     element: found.data,
-                    normal: None,
                 })
             }
         }
     }
 
+    fn with_normal(&self, found: Found) -> Nearest {
+        Nearest {
+            point: found.point,
+            distance: found.distance,
+            element: found.element,
+            normal: self.scene().map(|scene| scene.normal(found.element)),
+        }
+    }
+
     /// The nearest points of many, in their order, in parallel.
     pub fn nearest_of_all(&self, points: &[Point3<f64>]) -> Vec<Option<Nearest>> {
-        let order = along_curve(points);
-        let answer = |run: &[u32]| {
-            let mut last: Option<Point3<f64>> = None;
-            run.iter()
-                .map(|index| {
-                    let point = &points[*index as usize];
-                    // The last answer is a point of the reference: the next one is no farther than it. The bound is
-                    // widened against rounding.
-                    let bound =
-                        last.map_or(f64::INFINITY, |last| (last - point).norm() * 1.000_001);
-                    let found = self
-                        .nearest_within(point, bound)
-                        .or_else(|| self.nearest(point));
-                    last = found.map(|nearest| nearest.point);
-                    found
-                })
-                .collect::<Vec<_>>()
-        };
-        let answers: Vec<Option<Nearest>> = order.par_chunks(RUN).flat_map_iter(answer).collect();
-        let mut in_order = vec![None; points.len()];
-        for (index, answer) in order.into_iter().zip(answers) {
-            in_order[index as usize] = answer;
-        }
-        in_order
+        self.of_all(points, None, |found| Some(self.with_normal(found)))
     }
 
     /// Distances of many points, in their order, in parallel; infinite where there is nothing to be near to.
     pub fn distances(&self, points: &[Point3<f64>]) -> Vec<f64> {
-        self.nearest_of_all(points)
-            .into_iter()
-            .map(|nearest| nearest.map_or(f64::INFINITY, |nearest| nearest.distance))
-            .collect()
+        self.of_all(points, f64::INFINITY, |found| found.distance)
+    }
+
+    /// What is wanted of the nearest points of many, in their order, in parallel; `nothing` where there is none.
+    fn of_all<T: Copy + Send + Sync>(
+        &self,
+        points: &[Point3<f64>],
+        nothing: T,
+        wanted: impl Fn(Found) -> T + Sync,
+    ) -> Vec<T> {
+        let order = along_curve(points);
+        let mut answers = vec![nothing; points.len()];
+        let runs = order.par_chunks(RUN).zip(answers.par_chunks_mut(RUN));
+        runs.for_each(|(run, answers)| {
+            let mut last: Option<Point3<f64>> = None;
+            for (index, answer) in run.iter().zip(answers) {
+                let point = &points[*index as usize];
+                // The last answer is a point of the reference: the next one is no farther than it. The bound is
+                // widened against rounding.
+                let bound = last.map_or(f64::INFINITY, |last| (last - point).norm() * 1.000_001);
+                let found = self
+                    .within(point, bound)
+                    .or_else(|| self.within(point, f64::INFINITY));
+                last = found.as_ref().map(|found| found.point);
+                *answer = found.map_or(nothing, &wanted);
+            }
+        });
+        let mut in_order = vec![nothing; points.len()];
+        for (index, answer) in order.into_iter().zip(answers) {
+            in_order[index as usize] = answer;
+        }
+        in_order
     }
 }
 
