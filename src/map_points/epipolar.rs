@@ -16,6 +16,9 @@ const NEAREST_BASELINES: f64 = 0.7;
 /// Pyramid levels by which a feature may be off from what its distance says. Corners are found at neighbouring levels too.
 pub(super) const LEVEL_TOLERANCE: f64 = 2.0;
 
+/// The coarsest level of a feature's partner is at most this many above its own.
+const COARSEST_LEVELS: usize = 4;
+
 /// Candidates nearer to the best one than this, in pixels of its level, are the same corner and do not compete with it.
 const SAME_CORNER_PX: f32 = 3.0;
 
@@ -162,6 +165,7 @@ pub fn match_along_epipolar_lines(
     pairs.clear();
     let rotation = options.rotation_degrees.to_radians() as f32;
     let level = options.scale_factor.ln();
+    let bands = bands(options, first, second);
     let mut candidates: Vec<(u32, u32)> = Vec::new();
     // The best feature of the first keyframe for each of the second.
     let mut best: Vec<Option<FeaturePair>> = vec![None; second.len()];
@@ -171,10 +175,9 @@ pub fn match_along_epipolar_lines(
             continue;
         };
         let octave = first.octaves[index];
-        let sigma = options.sigma_px(octave, options.pose_sigma_px);
+        let bands_here = &bands[usize::from(octave)];
         // The coarsest level that the size of the patch allows bounds the band.
-        let widest = LINE_SIGMAS
-            * sigma.hypot(options.sigma_px(octave.saturating_add(4), options.pose_sigma_px));
+        let widest = bands_here[usize::from(octave) + COARSEST_LEVELS];
         let (low, high) = line.bounds(widest);
         let expected_angle = geometry.turned_angle(pixel, first.angles_rad[index]);
         candidates.clear();
@@ -185,9 +188,8 @@ pub fn match_along_epipolar_lines(
                 return;
             }
             let at = second.pixels[other_index];
-            let band = LINE_SIGMAS
-                * sigma.hypot(options.sigma_px(second.octaves[other_index], options.pose_sigma_px));
             let in_box = (0..2).all(|axis| at[axis] >= low[axis] && at[axis] <= high[axis]);
+            let band = bands_here[usize::from(second.octaves[other_index])];
             if !in_box || line.distance(at) > band {
                 return;
             }
@@ -220,6 +222,21 @@ pub fn match_along_epipolar_lines(
     }
     pairs.extend(best.into_iter().flatten());
     pairs.sort_unstable_by_key(|pair| pair.first);
+}
+
+/// Half the width of the band around an epipolar line, by the levels of the two features.
+fn bands(options: &MapPointOptions, first: &Features, second: &Features) -> Vec<Vec<f64>> {
+    let octaves = first.octaves.iter().chain(&second.octaves);
+    let coarsest = octaves.copied().max().unwrap_or(0);
+    let sigmas: Vec<f64> = (0..=coarsest.saturating_add(COARSEST_LEVELS as u8))
+        .map(|octave| options.sigma_px(octave, options.pose_sigma_px))
+        .collect();
+    let band = |a: f64, b: f64| LINE_SIGMAS * a.hypot(b);
+    let against = |a: f64| sigmas.iter().map(move |b| band(a, *b)).collect();
+    sigmas[..=usize::from(coarsest)]
+        .iter()
+        .map(|sigma| against(*sigma))
+        .collect()
 }
 
 /// The best of some candidates (distance, feature) when it is clearly better than the second best; candidates at the same
