@@ -8,7 +8,7 @@ use crate::flow::FlowViolation;
 use crate::surface::SurfaceViolation;
 use crate::tetrahedralization::{CellId, VertexId, Violation};
 use crate::visibility::{
-    CellEvidence, RayId, Walker, crosses_cell, crosses_ghost, triangle_meets_cell,
+    CellEvidence, Evidence, RayId, Walker, crosses_cell, crosses_ghost, triangle_meets_cell,
 };
 
 /// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
@@ -143,11 +143,13 @@ impl Carver {
                 .map(|v| tetrahedra.coordinates(v));
             let mut found = CellEvidence::default();
             for ray in self.rays.all() {
-                let exit = self.evidence.sight(&walker, ray).exit(corners);
                 if self.crosses(ray, cell)
-                    && let Some(said) = self.evidence.passage(&walker, cell, ray, exit)
+                    && let Some(sight) = self.evidence.sight(&walker, ray)
                 {
-                    found.add(&said);
+                    let exit = sight.exit(corners);
+                    if let Some(sum) = found.of_exit(exit) {
+                        *sum += Evidence::passage(tetrahedra, cell, &sight, exit);
+                    }
                 }
                 found.matter += self.evidence.tie(&walker, cell, ray);
             }

@@ -291,6 +291,7 @@ impl Carver {
         for _ in &plan.new_points {
             self.points.reserve_id();
         }
+        vertices.edit.reserve(positions.len());
         for index in spatial_order(&positions) {
             let position = positions[index as usize].into();
             let (vertex, is_new) = vertices.insert(position);

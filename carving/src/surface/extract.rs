@@ -77,12 +77,12 @@ pub(crate) fn extract(
         })
         .collect();
     // An order that depends on positions only.
+    let mut is_listed = vec![false; tetrahedra.vertex_capacity()];
     let mut vertices: Vec<VertexId> = facets_in_use
         .iter()
         .flat_map(|(corners, _)| *corners)
+        .filter(|vertex| !std::mem::replace(&mut is_listed[vertex.index()], true))
         .collect();
-    vertices.sort_unstable();
-    vertices.dedup();
     let by_position = |a: &VertexId, b: &VertexId| {
         let (a, b) = (tetrahedra.coordinates(*a), tetrahedra.coordinates(*b));
         (0..3)

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use super::Tetrahedralization;
 use super::changes::Changes;
-use super::ids::{CellId, VertexId};
+use super::ids::{CellId, NO_CELL, VertexId};
 use super::insert::Insertion;
 use super::move_vertex::{Move, MoveError};
 use super::point::{PointError, accept};
@@ -15,12 +15,15 @@ use super::storage::state;
 ///
 /// Performs any number of operations and reports their net effect: when the edit is
 /// [finished](Self::finish) or dropped, the [`Changes`] list the cells that existed before and are gone, and those
-/// that exist now and did not before. All cells destroyed since the beginning stay readable until the next edit or
-/// operation.
+/// that exist now and did not before. All cells that existed before stay readable until the next edit or operation,
+/// also when they are gone.
 #[derive(Debug)]
 pub struct Edit<'a> {
     tetrahedra: &'a mut Tetrahedralization,
     changes: &'a mut Changes,
+    /// There were no cells when the edit began. All that it destroys are its own, so their slots serve again at once, and
+    /// ids stay as dense as cells: whatever is indexed by them is a third of the size after a large batch.
+    begins_without_cells: bool,
 }
 
 impl Tetrahedralization {
@@ -29,6 +32,7 @@ impl Tetrahedralization {
         changes.clear();
         self.storage.release_destroyed();
         Edit {
+            begins_without_cells: self.recent_cell == NO_CELL,
             tetrahedra: self,
             changes,
         }
@@ -55,9 +59,11 @@ impl Edit<'_> {
         if !self.tetrahedra.storage.has_room_for(1) {
             return Err(PointError::Full);
         }
-        Ok(self
+        let outcome = self
             .tetrahedra
-            .insert_accepted(position, hint, self.changes))
+            .insert_accepted(position, hint, self.changes);
+        self.forget_own();
+        Ok(outcome)
     }
 
     /// Removes a vertex; see [`Tetrahedralization::remove`].
@@ -70,6 +76,7 @@ impl Edit<'_> {
             return Err(UnknownVertex { vertex });
         }
         self.tetrahedra.remove_known(vertex.0, self.changes);
+        self.forget_own();
         Ok(())
     }
 
@@ -80,15 +87,33 @@ impl Edit<'_> {
     /// [`MoveError`] as there; the edit goes on as if the call had not been made.
     pub fn move_vertex(&mut self, vertex: VertexId, point: Point3<f64>) -> Result<Move, MoveError> {
         let position = self.tetrahedra.accept_move(vertex, &point)?;
-        Ok(self
+        let outcome = self
             .tetrahedra
-            .move_accepted(vertex.0, position, self.changes))
+            .move_accepted(vertex.0, position, self.changes);
+        self.forget_own();
+        Ok(outcome)
     }
 
     /// Adds a position in range.
     pub(super) fn insert_accepted(&mut self, position: [f64; 3]) -> Insertion {
-        self.tetrahedra
-            .insert_accepted(position, None, self.changes)
+        let outcome = self
+            .tetrahedra
+            .insert_accepted(position, None, self.changes);
+        self.forget_own();
+        outcome
+    }
+
+    /// Makes room for further points, so that nothing moves while they are inserted.
+    pub(crate) fn reserve(&mut self, points: usize) {
+        self.tetrahedra.storage.reserve(points);
+    }
+
+    /// Hands on the slots of cells that nobody has seen.
+    fn forget_own(&mut self) {
+        if self.begins_without_cells {
+            self.changes.clear();
+            self.tetrahedra.storage.release_destroyed();
+        }
     }
 
     /// Ends the edit and completes its [`Changes`]; dropping does the same.
@@ -97,6 +122,10 @@ impl Edit<'_> {
 
 impl Drop for Edit<'_> {
     fn drop(&mut self) {
+        if self.begins_without_cells {
+            self.changes.created.extend(self.tetrahedra.cells());
+            return;
+        }
         let states = &mut self.tetrahedra.storage.states;
         let changes = &mut *self.changes;
         // Created and destroyed since the beginning: mark, skip in both lists, unmark.

@@ -34,20 +34,14 @@ pub(crate) struct CellEvidence {
 }
 
 impl CellEvidence {
-    pub(crate) fn add(&mut self, other: &CellEvidence) {
-        for (sum, more) in self.entered.iter_mut().zip(other.entered) {
-            *sum += more;
+    /// The sum that a ray which leaves by `exit` adds to.
+    #[inline]
+    pub(crate) fn of_exit(&mut self, exit: Exit) -> Option<&mut u64> {
+        match exit {
+            Exit::Through(facet) => Some(&mut self.entered[facet]),
+            Exit::AtCenter => Some(&mut self.free),
+            Exit::Elsewhere => None,
         }
-        self.free += other.free;
-        self.matter += other.matter;
-    }
-
-    fn subtract(&mut self, other: &CellEvidence) {
-        for (sum, less) in self.entered.iter_mut().zip(other.entered) {
-            *sum -= less;
-        }
-        self.free -= other.free;
-        self.matter -= other.matter;
     }
 }
 
@@ -145,57 +139,64 @@ impl Evidence {
         }
     }
 
-    /// A ray as it speaks.
-    pub(crate) fn sight<'a>(&self, walker: &Walker<'a>, ray: RayId) -> Sight<'a> {
-        Sight {
-            center: walker.views.center(walker.rays.view(ray)),
-            target: walker.tetrahedra.coordinates(walker.target(ray)),
-            sigma: self
-                .rays
-                .get(ray.0 as usize)
-                .and_then(|record| record.sigma),
-            weight: walker.rays.weight(ray),
-        }
+    /// A ray as it speaks; `None` while nothing is recorded.
+    #[inline]
+    pub(crate) fn sight<'a>(&self, walker: &Walker<'a>, ray: RayId) -> Option<Sight<'a>> {
+        let softness = self.softness?;
+        let center = walker.views.center(walker.rays.view(ray));
+        let target = walker.tetrahedra.coordinates(walker.target(ray));
+        let record = self.rays.get(ray.0 as usize);
+        let sigma = record.and_then(|record| record.sigma);
+        let weight = walker.rays.weight(ray);
+        Some(Sight::new([center, target], sigma, weight, softness))
     }
 
     /// What a ray says about a finite cell that it crosses and leaves by `exit`.
+    #[inline]
     pub(crate) fn passage(
-        &self,
-        walker: &Walker<'_>,
+        tetrahedra: &Tetrahedralization,
         cell: CellId,
-        ray: RayId,
+        sight: &Sight<'_>,
         exit: Exit,
-    ) -> Option<CellEvidence> {
-        let softness = self.softness.as_ref()?;
-        let sight = self.sight(walker, ray);
-        let mut said = CellEvidence::default();
+    ) -> u64 {
         match exit {
             Exit::Through(facet) => {
-                let vertices = walker.tetrahedra.cell_vertices(cell);
-                let corners = Tetrahedralization::FACET[facet]
-                    .map(|k| walker.tetrahedra.coordinates(vertices[k]));
-                said.entered[facet] = sight.cost(softness, corners);
+                let vertices = tetrahedra.cell_vertices(cell);
+                let [a, b, c] = Tetrahedralization::FACET[facet];
+                let corner = |k: usize| tetrahedra.coordinates(vertices[k]);
+                sight.cost([corner(a), corner(b), corner(c)])
             }
-            Exit::AtCenter => said.free = sight.full(),
-            Exit::Elsewhere => return None,
+            Exit::AtCenter => sight.full(),
+            Exit::Elsewhere => 0,
         }
-        Some(said)
     }
 
     /// Adds what a ray says about a cell that it crosses.
     #[inline]
-    pub(crate) fn add(&mut self, walker: &Walker<'_>, cell: CellId, ray: RayId, exit: Exit) {
-        if let Some(said) = self.passage(walker, cell, ray, exit) {
-            self.cells[cell.index()].add(&said);
+    pub(crate) fn add(
+        &mut self,
+        tetrahedra: &Tetrahedralization,
+        cell: CellId,
+        sight: &Sight<'_>,
+        exit: Exit,
+    ) {
+        if let Some(sum) = self.cells[cell.index()].of_exit(exit) {
+            *sum += Self::passage(tetrahedra, cell, sight, exit);
             self.touch(cell);
         }
     }
 
     /// Takes back what [`add`](Self::add) added; nothing that it depends on may have changed since.
     #[inline]
-    pub(crate) fn subtract(&mut self, walker: &Walker<'_>, cell: CellId, ray: RayId, exit: Exit) {
-        if let Some(said) = self.passage(walker, cell, ray, exit) {
-            self.cells[cell.index()].subtract(&said);
+    pub(crate) fn subtract(
+        &mut self,
+        tetrahedra: &Tetrahedralization,
+        cell: CellId,
+        sight: &Sight<'_>,
+        exit: Exit,
+    ) {
+        if let Some(sum) = self.cells[cell.index()].of_exit(exit) {
+            *sum -= Self::passage(tetrahedra, cell, sight, exit);
             self.touch(cell);
         }
     }
@@ -226,10 +227,10 @@ impl Evidence {
 
     /// Finds the cell behind a ray's point and ties it to matter.
     pub(crate) fn place(&mut self, walker: &Walker<'_>, ray: RayId) {
-        let Some(softness) = &self.softness else {
+        let Some(sight) = self.sight(walker, ray) else {
             return;
         };
-        let place = self.sight(walker, ray).behind(softness);
+        let place = sight.behind();
         let target = walker.target(ray);
         let hint = walker.tetrahedra.cell_of(target);
         // A place out of range is beyond everything.
@@ -246,7 +247,7 @@ impl Evidence {
             Location::NoCells => (None, false),
         };
         let Some(cell) = cell else { return };
-        let tie = self.sight(walker, ray).tie(softness);
+        let tie = sight.tie();
         let next = std::mem::replace(&mut self.first[cell.index()], ray.0);
         if next != NONE {
             self.rays[next as usize].links[0] = ray.0;
@@ -263,10 +264,10 @@ impl Evidence {
 
     /// Takes the tie behind a ray's point away.
     pub(crate) fn lift(&mut self, walker: &Walker<'_>, ray: RayId) {
-        let Some(softness) = &self.softness else {
+        let Some(sight) = self.sight(walker, ray) else {
             return;
         };
-        let tie = self.sight(walker, ray).tie(softness);
+        let tie = sight.tie();
         let RayRecord {
             cell,
             is_inside,
@@ -293,11 +294,10 @@ impl Evidence {
 
     /// What a ray says about matter in a finite cell, by the rule alone; for tests.
     pub(crate) fn tie(&self, walker: &Walker<'_>, cell: CellId, ray: RayId) -> u64 {
-        let Some(softness) = &self.softness else {
+        let Some(sight) = self.sight(walker, ray) else {
             return 0;
         };
-        let sight = self.sight(walker, ray);
-        let Ok(place) = accept(&sight.behind(softness).into()) else {
+        let Ok(place) = accept(&sight.behind().into()) else {
             return 0;
         };
         let vertices = walker.tetrahedra.cell_vertices(cell);
@@ -305,7 +305,7 @@ impl Evidence {
             let [a, b, c] = facet.map(|k| walker.tetrahedra.coordinates(vertices[k]));
             orient3d(a, b, c, &place) > 0.0
         });
-        if is_inside { sight.tie(softness) } else { 0 }
+        if is_inside { sight.tie() } else { 0 }
     }
 
     /// Forgets all sums and places, not the deviations.

@@ -210,9 +210,12 @@ impl Rewalk<'_> {
         match walked {
             Ok(()) => {
                 let weight = self.rays.weight(ray);
+                let sight = self.evidence.sight(&walker, ray);
                 for (&cell, &exit) in cells.iter().zip(&*exits) {
                     self.crossings.add(cell, ray, weight);
-                    self.evidence.add(&walker, cell, ray, exit);
+                    if let Some(sight) = &sight {
+                        self.evidence.add(self.tetrahedra, cell, sight, exit);
+                    }
                 }
             }
             Err(_) => {
@@ -281,10 +284,13 @@ impl Rewalk<'_> {
             } = &self.scratch.walk;
             // Another stretch of the ray may have been recorded before it was found to be degenerate.
             let is_new = &self.scratch.is_new;
+            let sight = self.evidence.sight(&walker, ray);
             for (&cell, &exit) in cells.iter().zip(exits) {
                 if is_new[cell.index()] && !self.crossings.contains(cell, ray) {
                     self.crossings.add(cell, ray, weight);
-                    self.evidence.add(&walker, cell, ray, exit);
+                    if let Some(sight) = &sight {
+                        self.evidence.add(self.tetrahedra, cell, sight, exit);
+                    }
                 }
             }
             for &cell in beside {
@@ -362,9 +368,12 @@ impl Rewalk<'_> {
                     views: self.views,
                     rays: self.rays,
                 };
+                let sight = self.evidence.sight(&walker, ray);
                 for (&cell, &exit) in cells[begin..end].iter().zip(&exits[begin..end]) {
                     self.crossings.add(cell, ray, weight);
-                    self.evidence.add(&walker, cell, ray, exit);
+                    if let Some(sight) = &sight {
+                        self.evidence.add(self.tetrahedra, cell, sight, exit);
+                    }
                 }
                 self.evidence.place(&walker, ray);
                 begin = end;
@@ -387,9 +396,12 @@ impl Rewalk<'_> {
             rays: self.rays,
         };
         let walk = &self.scratch.walk;
+        let sight = self.evidence.sight(&walker, ray);
         for (&cell, &exit) in walk.cells.iter().zip(&walk.exits) {
             self.crossings.add(cell, ray, weight);
-            self.evidence.add(&walker, cell, ray, exit);
+            if let Some(sight) = &sight {
+                self.evidence.add(self.tetrahedra, cell, sight, exit);
+            }
         }
         for &cell in &walk.beside {
             self.crossings.add(cell, ray, 0);
@@ -415,9 +427,12 @@ impl Rewalk<'_> {
             scratch.queued[ray.0 as usize] = scratch.update;
             walker.walk(ray, &mut scratch.walk);
             let weight = self.rays.weight(ray);
+            let sight = self.evidence.sight(&walker, ray);
             for (&cell, &exit) in scratch.walk.cells.iter().zip(&scratch.walk.exits) {
                 self.crossings.lighten(cell, weight);
-                self.evidence.subtract(&walker, cell, ray, exit);
+                if let Some(sight) = &sight {
+                    self.evidence.subtract(self.tetrahedra, cell, sight, exit);
+                }
             }
             self.evidence.lift(&walker, ray);
             for &cell in scratch.walk.cells.iter().chain(&scratch.walk.beside) {

@@ -20,14 +20,21 @@ pub(crate) const UNIT: u64 = 256;
 /// A ray counts for this many at most. With [`UNIT`], and four billion rays, sums stay below 2^60.
 pub(crate) const MAX_WEIGHT: u32 = (1 << 16) - 1;
 
-/// A ray as evidence.
+/// A ray as evidence, with what all that it says has in common.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sight<'a> {
-    pub(crate) center: &'a [f64; 3],
-    pub(crate) target: &'a [f64; 3],
+    center: &'a [f64; 3],
+    target: &'a [f64; 3],
     /// Standard deviation of the target along the ray.
-    pub(crate) sigma: Option<f64>,
-    pub(crate) weight: u32,
+    sigma: Option<f64>,
+    weight: u32,
+    softness: Softness,
+    /// From the target to the centre.
+    ray: [f64; 3],
+    length: f64,
+    /// Corners with a larger product with the ray, seen from the target, are so far that the weight is rounded to its full
+    /// amount.
+    saturated: f64,
 }
 
 fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
@@ -65,7 +72,33 @@ fn in_order([mut a, mut b, mut c]: [&[f64; 3]; 3]) -> [&[f64; 3]; 3] {
     [a, b, c]
 }
 
-impl Sight<'_> {
+impl<'a> Sight<'a> {
+    /// A view sees a point; `sigma` is the standard deviation of the point along the ray, where it is known.
+    #[inline]
+    pub(crate) fn new(
+        [center, target]: [&'a [f64; 3]; 2],
+        sigma: Option<f64>,
+        weight: u32,
+        softness: Softness,
+    ) -> Self {
+        /// `exp(-d^2 / 2)` is less than half a unit from 3.6 deviations on; the rest is far more than what rounding takes.
+        const SATURATED: f64 = 4.0;
+        let ray = minus(center, target);
+        let squared = dot(&ray, &ray);
+        let length = squared.sqrt();
+        let deviation = sigma.map_or(softness.relative_sigma * squared, |sigma| sigma * length);
+        Self {
+            center,
+            target,
+            sigma,
+            weight,
+            softness,
+            ray,
+            length,
+            saturated: SATURATED * deviation,
+        }
+    }
+
     /// The ray's weight in `UNIT`s of nothing less.
     #[inline]
     pub(crate) fn full(&self) -> u64 {
@@ -74,21 +107,32 @@ impl Sight<'_> {
 
     /// The weight of the tie to matter behind the target.
     #[inline]
-    pub(crate) fn tie(&self, softness: &Softness) -> u64 {
-        u64::from(self.weight.min(MAX_WEIGHT)) * softness.tie
+    pub(crate) fn tie(&self) -> u64 {
+        u64::from(self.weight.min(MAX_WEIGHT)) * self.softness.tie
     }
 
     /// `w (1 - exp(-d^2 / 2 s^2))`, rounded, for a facet that the ray pierces at distance `d` from its target.
-    pub(crate) fn cost(&self, softness: &Softness, facet: [&[f64; 3]; 3]) -> u64 {
+    ///
+    /// Most facets have all corners beyond the distance from which on that is `w`; they need no more than that.
+    #[inline]
+    pub(crate) fn cost(&self, facet: [&[f64; 3]; 3]) -> u64 {
+        let is_far = |corner| dot(&self.ray, &minus(corner, self.target)) > self.saturated;
+        if facet.into_iter().all(is_far) {
+            self.full()
+        } else {
+            self.cost_nearby(facet)
+        }
+    }
+
+    fn cost_nearby(&self, facet: [&[f64; 3]; 3]) -> u64 {
         /// From this exponent on the weight is rounded to its full amount.
         const SATURATED: f64 = 8.0;
         let [a, b, c] = in_order(facet);
         let normal = cross(&minus(b, a), &minus(c, a));
-        let ray = minus(self.center, self.target);
-        let share = dot(&normal, &minus(a, self.target)) / dot(&normal, &ray);
+        let share = dot(&normal, &minus(a, self.target)) / dot(&normal, &self.ray);
         let deviations = match self.sigma {
-            Some(sigma) => share * dot(&ray, &ray).sqrt() / sigma,
-            None => share / softness.relative_sigma,
+            Some(sigma) => share * self.length / sigma,
+            None => share / self.softness.relative_sigma,
         };
         let exponent = 0.5 * deviations * deviations;
         let soft = if exponent < SATURATED {
@@ -101,17 +145,16 @@ impl Sight<'_> {
     }
 
     /// Where matter is expected: behind the target as seen from the centre.
-    pub(crate) fn behind(&self, softness: &Softness) -> [f64; 3] {
-        let ray = minus(self.target, self.center);
+    pub(crate) fn behind(&self) -> [f64; 3] {
         /// Of the ray's length: however sure the point, the place is behind it and not at it.
         const LEAST: f64 = 1.0 / (1 << 20) as f64;
-        let share = softness.behind_sigmas
+        let share = self.softness.behind_sigmas
             * match self.sigma {
-                Some(sigma) => sigma / dot(&ray, &ray).sqrt(),
-                None => softness.relative_sigma,
+                Some(sigma) => sigma / self.length,
+                None => self.softness.relative_sigma,
             };
         let share = share.max(LEAST);
-        std::array::from_fn(|k| self.target[k] + share * ray[k])
+        std::array::from_fn(|k| self.target[k] - share * self.ray[k])
     }
 
     /// Where the ray leaves a finite cell that it crosses, by the rule alone.
@@ -133,47 +176,46 @@ mod tests {
     #[test]
     fn the_cost_rises_from_nothing_to_the_full_weight() {
         let facet = |z: f64| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]];
-        let sight = Sight {
-            center: &[0.25, 0.25, 10.0],
-            target: &[0.25, 0.25, 0.0],
-            sigma: Some(0.5),
-            weight: 3,
-        };
+        let ends = [&[0.25, 0.25, 10.0], &[0.25, 0.25, 0.0]];
+        let sight = Sight::new(ends, Some(0.5), 3, HARD);
         let cost = |z: f64| {
             let [a, b, c] = facet(z);
-            let cost = sight.cost(&HARD, [&a, &b, &c]);
+            let cost = sight.cost([&a, &b, &c]);
             for order in [[&b, &c, &a], [&c, &b, &a], [&a, &c, &b]] {
-                assert_eq!(sight.cost(&HARD, order), cost);
+                assert_eq!(sight.cost(order), cost);
             }
             cost
         };
         // 1 - exp(-1/2) = 0.39347, of 256: 100.7.
         assert_eq!([cost(0.0), cost(0.5), cost(5.0)], [0, 303, 768]);
-        let relative = Sight {
-            sigma: None,
-            ..sight
-        };
+        let relative = Sight::new(ends, None, 3, HARD);
         let [a, b, c] = facet(0.1);
-        assert_eq!(relative.cost(&HARD, [&a, &b, &c]), 303);
-        let behind = relative.behind(&HARD);
+        assert_eq!(relative.cost([&a, &b, &c]), 303);
+        let behind = relative.behind();
         assert!((behind[2] + 0.2).abs() < 1e-12, "{behind:?}");
-        assert_eq!(sight.behind(&HARD), [0.25, 0.25, -1.0]);
+        assert_eq!(sight.behind(), [0.25, 0.25, -1.0]);
     }
 
     #[test]
     fn a_deviation_of_zero_makes_every_facet_hard() {
-        let sight = Sight {
-            center: &[0.25, 0.25, 10.0],
-            target: &[0.25, 0.25, 0.0],
-            sigma: Some(0.0),
-            weight: 1,
-        };
+        let ends = [&[0.25, 0.25, 10.0], &[0.25, 0.25, 0.0]];
+        let sight = Sight::new(ends, Some(0.0), 1, HARD);
         let facet = [[0.0, 0.0, 1e-9], [1.0, 0.0, 1e-9], [0.0, 1.0, 1e-9]];
         let [a, b, c] = &facet;
-        assert_eq!(sight.cost(&HARD, [a, b, c]), UNIT);
-        assert_eq!(
-            sight.behind(&HARD),
-            [0.25, 0.25, -10.0 / f64::from(1 << 20)]
-        );
+        assert_eq!(sight.cost([a, b, c]), UNIT);
+        assert_eq!(sight.behind(), [0.25, 0.25, -10.0 / f64::from(1 << 20)]);
+    }
+
+    #[test]
+    fn a_facet_that_is_far_costs_what_the_formula_says() {
+        let ends = [&[0.3, -0.2, 7.0], &[0.25, 0.25, 0.0]];
+        for sigma in [None, Some(0.02), Some(0.3)] {
+            let sight = Sight::new(ends, sigma, 2, HARD);
+            for step in 1..400 {
+                let z = f64::from(step) * 0.01;
+                let [a, b, c] = [[-1.0, -1.3, 0.7 * z], [1.5, -1.0, z], [0.0, 2.0, 1.2 * z]];
+                assert_eq!(sight.cost([&a, &b, &c]), sight.cost_nearby([&a, &b, &c]));
+            }
+        }
     }
 }
