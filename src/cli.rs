@@ -23,6 +23,7 @@ pub use tables::TablesArgs;
 pub use view::ViewArgs;
 
 use crate::diff::Tolerance;
+use crate::memory::MemoryLimit;
 use crate::pipeline::LabelKind;
 use crate::synth::{SceneKind, SequenceLayout};
 
@@ -189,9 +190,14 @@ pub struct ReconstructArgs {
     #[arg(long)]
     pub no_picture: bool,
 
+    /// End the run at the keyframe after which the program holds more memory than this (800M, 2G), with what is done saved.
+    #[arg(long, value_name = "SIZE")]
+    pub memory_limit: Option<MemoryLimit>,
+
     /// Go on with a run of the same arguments that was killed; the result is that of a run without interruption.
     #[arg(long)]
     pub resume: bool,
+
     /// Leave out the page (`report.html`).
     #[arg(long)]
     pub no_page: bool,

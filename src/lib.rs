@@ -14,6 +14,7 @@ pub mod exchange;
 pub mod files;
 pub mod keyframes;
 pub mod map_points;
+pub mod memory;
 pub mod mesh;
 pub mod pipeline;
 pub mod pose_correction;

@@ -144,8 +144,60 @@ fn limited(blocks: u32, arguments: &[&str]) -> Output {
         .unwrap()
 }
 
+/// Runs the program with its output on a file system of so many bytes, in a mount of its own that nobody else sees, and
+/// copies what is there afterwards to `saved`. `None` where that is not permitted.
+fn on_small_disk(bytes: u64, disk: &Path, saved: &Path, arguments: &[&str]) -> Option<Output> {
+    const UNAVAILABLE: i32 = 99;
+    let script = format!(
+        "mount -t tmpfs -o size={bytes} none \"$1\" || exit {UNAVAILABLE}
+         disk=$1; saved=$2; shift 2
+         \"$@\"; status=$?
+         cp -a \"$disk/.\" \"$saved\" || exit {UNAVAILABLE}
+         exit $status"
+    );
+    std::fs::create_dir_all(disk).unwrap();
+    std::fs::create_dir_all(saved).unwrap();
+    let output = Command::new("unshare")
+        .args(["-rm", "sh", "-c", &script, "sh"])
+        .args([disk, saved])
+        .arg(cargo_bin("linecarve"))
+        .args(arguments)
+        .output()
+        .ok()?;
+    // `unshare` itself ends with 1 where namespaces are forbidden; the program says something with that status.
+    let is_ours = stderr(&output).contains("error: ") || output.status.success();
+    (output.status.code() != Some(UNAVAILABLE) && is_ours).then_some(output)
+}
+
+/// Demands that a run which could not write says so, and has left whole files only; goes on with it where it had begun.
+fn check_full_disk(
+    output: &Output,
+    sequence: &Path,
+    out: &Path,
+    expected: &BTreeMap<PathBuf, Vec<u8>>,
+) {
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(output));
+    let said = stderr(output);
+    assert!(
+        said.contains("cannot write") || said.contains("cannot use"),
+        "{said}"
+    );
+    for (name, bytes) in results(out) {
+        if is_kept(&name) {
+            let is_named =
+                name.ends_with("run.txt") || name.extension().is_some_and(|e| e == "keyframe");
+            assert!(is_named, "{} is left over", name.display());
+        } else {
+            assert!(expected[&name] == bytes, "{} is not whole", name.display());
+        }
+    }
+    if out.join(".linecarve/run.txt").is_file() {
+        resume(sequence, out, &[], expected);
+    }
+}
+
 #[test]
-fn a_full_disk_leaves_whole_files_and_a_run_that_can_go_on() {
+fn a_file_size_limit_leaves_whole_files_and_a_run_that_can_go_on() {
     let folder = small_sequence(6, "tum");
     let sequence = folder.path().join("sequence");
     let whole = folder.path().join("whole");
@@ -154,26 +206,66 @@ fn a_full_disk_leaves_whole_files_and_a_run_that_can_go_on() {
     for blocks in [0, 8, 150] {
         let out = folder.path().join(format!("full-{blocks}"));
         let output = limited(blocks, &arguments(&sequence, &out, &[]));
-        assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
-        assert!(
-            stderr(&output).contains("cannot write"),
-            "{}",
-            stderr(&output)
-        );
-        let is_begun = out.join(".linecarve/run.txt").is_file();
-        for (name, bytes) in results(&out) {
-            if !is_kept(&name) {
-                assert!(expected[&name] == bytes, "{} is not whole", name.display());
-            } else {
-                let is_named =
-                    name.ends_with("run.txt") || name.extension().is_some_and(|e| e == "keyframe");
-                assert!(is_named, "{} is left over", name.display());
-            }
-        }
-        if is_begun && blocks > 8 {
-            resume(&sequence, &out, &[], &expected);
-        }
+        check_full_disk(&output, &sequence, &out, &expected);
     }
+}
+
+#[test]
+fn a_full_file_system_leaves_whole_files_and_a_run_that_can_go_on() {
+    let folder = small_sequence(6, "tum");
+    let sequence = folder.path().join("sequence");
+    let whole = folder.path().join("whole");
+    expect_status(0, arguments(&sequence, &whole, &[]));
+    let expected = results(&whole);
+    let needed: u64 = expected.values().map(|bytes| bytes.len() as u64).sum();
+    // Not even the first file; some keyframes; all keyframes, but not what comes at the end.
+    for (trial, bytes) in [4096, needed / 8, needed / 2, needed - needed / 16]
+        .into_iter()
+        .enumerate()
+    {
+        let disk = folder.path().join(format!("disk-{trial}"));
+        let saved = folder.path().join(format!("saved-{trial}"));
+        let begun = arguments(&sequence, &disk, &[]);
+        let Some(output) = on_small_disk(bytes, &disk, &saved, &begun) else {
+            println!("skipped: a small file system cannot be mounted here (unshare -rm, mount)");
+            return;
+        };
+        let said = stderr(&output);
+        assert!(said.contains("No space left on device"), "{said}");
+        check_full_disk(&output, &sequence, &saved, &expected);
+    }
+}
+
+#[test]
+fn a_memory_limit_ends_a_run_that_can_go_on() {
+    for source in ["lines", "map-points"] {
+        let folder = small_sequence(8, "tum");
+        let sequence = folder.path().join("sequence");
+        let whole = folder.path().join("whole");
+        // A bound that is not met changes nothing.
+        let more = ["--from", source];
+        let unlimited = ["--from", source, "--memory-limit", "100G"];
+        expect_status(0, arguments(&sequence, &whole, &unlimited));
+        let expected = results(&whole);
+        let out = folder.path().join("limited");
+        let limited = ["--from", source, "--memory-limit", "1M"];
+        let output = expect_status(1, arguments(&sequence, &out, &limited));
+        let said = stderr(&output);
+        for part in [
+            "after 1 of 8 keyframes",
+            "MB, more than the 1 MB of --memory-limit",
+            "--resume with a higher --memory-limit goes on",
+        ] {
+            assert!(said.contains(part), "{said}");
+        }
+        assert!(out.join("report.json").is_file() && kept(&out) > 0);
+        resume(&sequence, &out, &more, &expected);
+    }
+    let said = stderr(&expect_status(
+        2,
+        ["reconstruct", "x", "--out", "y", "--memory-limit", "12"],
+    ));
+    assert!(said.contains("800M or 2G"), "{said}");
 }
 
 #[test]

@@ -8,6 +8,7 @@ use nalgebra::Isometry3;
 use crate::checkpoint::Checkpoint;
 use crate::cli::{Format, ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
+use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{GROWTH, add_lines, note_result, timed_surface, write_growth};
 use crate::commands::output::{
     OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
@@ -16,7 +17,7 @@ use crate::commands::page::{PageRecorder, grouped, growth_plots, page_of, page_s
 use crate::commands::picture::{Shot, write_overview};
 use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
-use crate::commands::{interrupt, kept_run, reconstruct_points, simplify};
+use crate::commands::{kept_run, reconstruct_points, simplify};
 use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{self, BackEnd, Keyframe};
 use crate::progress::{Progress, Verbosity};
@@ -56,7 +57,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         &prepared.keyframes,
     );
     let checkpoint = Checkpoint::open(output.root(), &description, args.resume)?;
-    interrupt::watch()?;
+    let boundary = Boundary::watch(args.memory_limit)?;
     let outcome = pipeline::run(
         &prepared.sequence,
         &prepared.depth,
@@ -64,7 +65,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         prepared.options.extract(),
         Some(&checkpoint),
         |number, keyframe| -> anyhow::Result<()> {
-            interrupt::check()?;
+            boundary.check(log.keyframes().len())?;
             let Some(mut keyframe) = log.accept(keyframe, &progress)? else {
                 progress.step(String::new);
                 return Ok(());
@@ -93,9 +94,9 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
             Ok(())
         },
     );
-    let is_complete = interrupt::is_complete(outcome)?;
+    let early_end = early_end(outcome)?;
     progress.finish();
-    if is_complete {
+    if early_end.is_none() {
         log.demand_a_keyframe()?;
     }
 
@@ -117,15 +118,15 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     }
     write_results(args, &prepared, &map, mesh, &path, &mut output, verbosity)?;
 
-    let outcome = if !is_complete {
-        Outcome::Negative(log.interrupted())
+    let outcome = if let Some(cause) = &early_end {
+        Outcome::Negative(log.interrupted(cause, cause.remedy()))
     } else if is_empty {
         Outcome::Negative(format!("the mesh is empty: {}", log.reason_for_nothing()))
     } else {
         Outcome::Done
     };
     log.write(&mut output, started, args.stages.json)?;
-    if is_complete {
+    if early_end.is_none() {
         checkpoint.finish()?;
     }
     Ok(outcome)

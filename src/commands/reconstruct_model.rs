@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::cli::{KeyframeArgs, ReconstructArgs};
 use crate::commands::Outcome;
+use crate::commands::interrupt::{self, Boundary};
 use crate::commands::map_steps::{GROWTH, carved_points, note_result, timed_surface, write_growth};
 use crate::commands::output::{OutputFolder, surface_part, write_geometry};
 use crate::commands::page::PageRecorder;
@@ -44,6 +45,10 @@ pub(super) fn run(
     verbosity: Verbosity,
 ) -> anyhow::Result<Outcome> {
     demand_no_selection(&args.selection)?;
+    anyhow::ensure!(
+        !(args.final_only && args.memory_limit.is_some()),
+        "--memory-limit is held to between views, and --final-only carves all at once: leave one of them out"
+    );
     let mut warnings: Vec<String> = sequence
         .warnings()
         .iter()
@@ -78,6 +83,7 @@ pub(super) fn run(
         log.warn(warning);
     }
     let mut page = (!args.no_page).then(PageRecorder::new);
+    let mut early_end = None;
     if args.final_only {
         let update = carver.push_all()?;
         log.push(view_report(
@@ -87,15 +93,16 @@ pub(super) fn run(
             &carver,
         ));
     } else {
-        view_by_view(
+        let boundary = Boundary::watch(args.memory_limit)?;
+        early_end = interrupt::early_end(view_by_view(
             model,
             &mut carver,
             &mut log,
             page.as_mut(),
             &mut output,
             &origin,
-            verbosity,
-        )?;
+            (boundary, verbosity),
+        ))?;
     }
 
     let start = Instant::now();
@@ -104,7 +111,9 @@ pub(super) fn run(
     let result = log.result();
     note_result(result, carver.carver(), &mesh);
     result.surface_milliseconds = Some(extracted);
-    let outcome = if mesh.is_empty() {
+    let outcome = if let Some(cause) = &early_end {
+        Outcome::Negative(log.interrupted(cause, cause.remedy_for_model()))
+    } else if mesh.is_empty() {
         Outcome::Negative(format!(
             "the mesh is empty: {}",
             reason_for_nothing(model, &counts)
@@ -210,11 +219,12 @@ fn view_by_view(
     mut page: Option<&mut PageRecorder>,
     output: &mut OutputFolder,
     origin: &Vector3<f64>,
-    verbosity: Verbosity,
+    (boundary, verbosity): (Boundary, Verbosity),
 ) -> anyhow::Result<()> {
     output.numbered(GROWTH)?;
     let mut progress = Progress::start("views", model.views.len(), verbosity);
     for (number, view) in model.views.iter().enumerate() {
+        boundary.check(number)?;
         let Some(update) = carver.push_view()? else {
             break;
         };

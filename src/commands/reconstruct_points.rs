@@ -8,6 +8,7 @@ use nalgebra::Isometry3;
 use crate::checkpoint::Checkpoint;
 use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
+use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{
     GROWTH, add_points, carved_points, note_result, timed_surface, write_growth,
 };
@@ -19,7 +20,7 @@ use crate::commands::points_page::write_points_page;
 use crate::commands::prepare_points::{PreparedPoints, prepare_points};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::{open, read_options};
-use crate::commands::{interrupt, kept_run, reconstruct_model, simplify};
+use crate::commands::{kept_run, reconstruct_model, simplify};
 use crate::map_points::PointModel;
 use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
 use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points};
@@ -81,8 +82,9 @@ fn from_features(
     let checkpoint = Checkpoint::open(output.root(), &description, args.resume)?;
     let mut page = (!args.no_page).then(PageRecorder::new);
     let mut last = 0;
+    let boundary = Boundary::watch(args.memory_limit)?;
     let consume = |number: usize, keyframe: Result<PointKeyframe, PointFrontEndError>| {
-        interrupt::check()?;
+        boundary.check(log.keyframes().len())?;
         let limited = PointFrontEndError::is_limited_to_frame;
         let Some(mut keyframe) = log.accept_unless(keyframe, limited, &progress)? else {
             progress.step(String::new);
@@ -117,7 +119,6 @@ fn from_features(
         log.push(report);
         anyhow::Ok(())
     };
-    interrupt::watch()?;
     let ran = run_map_points(
         sequence,
         &prepared.keyframes,
@@ -125,7 +126,7 @@ fn from_features(
         Some(&checkpoint),
         consume,
     );
-    let is_complete = interrupt::is_complete(ran)?;
+    let early_end = early_end(ran)?;
     progress.finish();
     log.demand_a_keyframe()?;
 
@@ -139,8 +140,8 @@ fn from_features(
     let model = map
         .map()
         .model(|number| sequence.frames()[walk.frames[number]].name.clone());
-    let outcome = if !is_complete {
-        Outcome::Negative(log.interrupted())
+    let outcome = if let Some(cause) = &early_end {
+        Outcome::Negative(log.interrupted(cause, cause.remedy()))
     } else if mesh.is_empty() {
         Outcome::Negative(format!(
             "the mesh is empty: {}",
@@ -179,7 +180,7 @@ fn from_features(
         &prepared.origin,
     )?;
     log.write(&mut output, started, args.stages.json)?;
-    if is_complete {
+    if early_end.is_none() {
         checkpoint.finish()?;
     }
     Ok(outcome)

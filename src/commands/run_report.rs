@@ -5,13 +5,14 @@ use std::time::Instant;
 use anyhow::Context;
 use nalgebra::Vector3;
 
+use crate::commands::interrupt::Interrupted;
 use crate::commands::output::OutputFolder;
 use crate::commands::sequence::Prepared;
+use crate::memory;
 use crate::pipeline::{FrontEndError, Keyframe, Options};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{
-    KeyframeReport, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary,
-    peak_memory_mb, write_report,
+    KeyframeReport, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary, write_report,
 };
 use crate::sequence::Sequence;
 
@@ -136,11 +137,11 @@ impl RunLog {
         }
     }
 
-    /// Notes that the run was ended before its last keyframe, and says so.
-    pub(super) fn interrupted(&mut self) -> String {
+    /// Notes what ended the run before its last keyframe, and says so.
+    pub(super) fn interrupted(&mut self, cause: &Interrupted, remedy: &str) -> String {
         let (done, chosen) = (self.report.keyframes.len(), self.report.sequence.keyframes);
         let message = format!(
-            "ended early, after {done} of {chosen} keyframes; they are saved, --resume goes on"
+            "ended early, after {done} of {chosen} keyframes: {cause}; they are saved, {remedy}"
         );
         self.report.warnings.push(message.clone());
         message
@@ -276,7 +277,7 @@ impl RunLog {
         TimingSummary {
             mean_milliseconds: sum.divided_by(self.report.keyframes.len()),
             seconds: started.elapsed().as_secs_f64(),
-            peak_memory_mb: peak_memory_mb(),
+            peak_memory_mb: memory::peak_mb(),
         }
     }
 

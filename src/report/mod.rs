@@ -236,11 +236,3 @@ pub fn write_report<P: Serialize>(path: &Path, report: &Report<P>) -> Result<(),
 pub fn milliseconds(duration: Duration) -> f64 {
     (duration.as_secs_f64() * 1e6).round() / 1e3
 }
-
-/// Largest resident memory of this process so far in MB (10^6 bytes); `None` where the system does not tell.
-pub fn peak_memory_mb() -> Option<f64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
-    let kibibytes: f64 = line.split_ascii_whitespace().nth(1)?.parse().ok()?;
-    Some((kibibytes * 1.024).round() / 1e3)
-}
