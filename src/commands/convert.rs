@@ -42,6 +42,15 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
             eprintln!("warning: {warning}");
         }
     }
+    if let Some(reading) = sequence.sidecar_poses()
+        && verbosity > Verbosity::Quiet
+    {
+        eprintln!(
+            "note: the poses written are of the colour camera, world from camera. The [poses] table of the calibration \
+             ({reading}) is for the files of the folder and not for these: where they are read beside it, give a \
+             --calibration without that table"
+        );
+    }
     convert_sequence(&sequence, &args.out, target)
 }
 
@@ -64,6 +73,12 @@ fn by_extension(out: &Path) -> anyhow::Result<Target> {
 }
 
 fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::Result<Outcome> {
+    if sequence.frames().is_empty() && target != Target::Colmap {
+        return Ok(Outcome::Negative(
+            "the images of the model are not there, and without images there is no trajectory (--to colmap writes all views)"
+                .to_owned(),
+        ));
+    }
     let format = match target {
         Target::Tum => TrajectoryFile::Tum,
         Target::Euroc => TrajectoryFile::Euroc,
@@ -86,12 +101,6 @@ fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::
         for image in &mut images {
             image.world_from_camera *= body_from_color.inverse();
         }
-    }
-    if images.is_empty() {
-        return Ok(Outcome::Negative(
-            "the images of the model are not there, and without images there is no trajectory (--to colmap writes all views)"
-                .to_owned(),
-        ));
     }
     write_trajectory(out, format, &images)?;
     Ok(Outcome::Done)

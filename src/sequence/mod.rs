@@ -137,6 +137,7 @@ pub struct Sequence {
     /// Whether time stamps are times; otherwise they are numbers of images.
     has_time: bool,
     pose_reading: PoseReading,
+    sidecar_poses: Option<String>,
     mounting: Mounting,
     other_quaternion: Option<QuaternionOrder>,
     map_points: Option<PointModel>,
@@ -173,6 +174,12 @@ impl Sequence {
     /// Whether time stamps of frames are times; otherwise they are numbers of images.
     pub fn has_time(&self) -> bool {
         self.has_time
+    }
+
+    /// How a sidecar has the poses of the files understood, as keys of its `[poses]` table, where that is other than what the
+    /// format says. Frames have poses of the colour camera whatever it says, so that it must not be applied to them once more.
+    pub fn sidecar_poses(&self) -> Option<&str> {
+        self.sidecar_poses.as_deref()
     }
 
     /// How the colour camera is mounted on the body whose motion was recorded, when a file says:

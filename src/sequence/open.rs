@@ -65,7 +65,9 @@ impl Sequence {
         if let Some(path) = &options.poses {
             attach_poses(&mut recording, path)?;
         }
+        let mut sidecar_poses = None;
         if let Some((path, sidecar)) = sidecar {
+            let of_format = recording.calibration.poses;
             recording
                 .conventions
                 .push(format!("calibration: {}", path.display()));
@@ -77,8 +79,13 @@ impl Sequence {
             sidecar
                 .apply(&mut recording.calibration)
                 .map_err(|problem| SequenceError::Content { path, problem })?;
+            let reading = recording.calibration.poses;
+            sidecar_poses = (reading != of_format).then(|| reading.to_string());
         }
-        assemble(folder.path(), layout.name(), recording)
+        Ok(Sequence {
+            sidecar_poses,
+            ..assemble(folder.path(), layout.name(), recording)?
+        })
     }
 }
 
@@ -191,6 +198,7 @@ pub(super) fn assemble(
         recorded_poses,
         has_time,
         pose_reading: calibration.poses,
+        sidecar_poses: None,
         mounting,
         other_quaternion,
         map_points,

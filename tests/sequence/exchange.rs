@@ -6,6 +6,7 @@ use std::process::Command;
 use linecarve::exchange::{
     TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
 };
+use linecarve::map_points::PointModel;
 use linecarve::sequence::{OpenOptions, Sequence};
 
 use super::support::write_seven_scenes;
@@ -24,13 +25,8 @@ pub(crate) fn assert_same(a: &Sequence, b: &Sequence, what: &str) {
     }
 }
 
-/// The sequence with its poses as they are read from the file that they were written to.
-pub(crate) fn there_and_back(
-    sequence: &Sequence,
-    layout: &str,
-    format: TrajectoryFile,
-    path: &Path,
-) -> Sequence {
+/// Writes the poses as the program does: EuRoC's are of the body where its mounting is known.
+pub(crate) fn write_as_read(sequence: &Sequence, format: TrajectoryFile, path: &Path) {
     let mut images = posed_images(sequence);
     if let (TrajectoryFile::Euroc, Some(mounting)) = (format, sequence.body_from_color()) {
         for image in &mut images {
@@ -38,6 +34,44 @@ pub(crate) fn there_and_back(
         }
     }
     write_trajectory(path, format, &images).unwrap();
+}
+
+/// Demands that two maps, where there are any, have the same points and views, of which the poses and pixels agree.
+pub(crate) fn assert_same_map(a: Option<&PointModel>, b: Option<&PointModel>, what: &str) {
+    let (Some(a), Some(b)) = (a, b) else {
+        assert!(a.is_none() && b.is_none(), "{what}: {a:?} {b:?}");
+        return;
+    };
+    assert_eq!(a.views.len(), b.views.len(), "{what}");
+    for (v, w) in a.views.iter().zip(&b.views) {
+        let difference =
+            v.world_from_camera.to_homogeneous() - w.world_from_camera.to_homogeneous();
+        assert!(difference.amax() < 1e-9, "{what}: {difference}");
+    }
+    assert_eq!(a.points.len(), b.points.len(), "{what}");
+    for (p, q) in a.points.iter().zip(&b.points) {
+        assert!(
+            (p.point_in_world - q.point_in_world).norm() < 1e-9,
+            "{what}"
+        );
+        assert_eq!(p.sightings.len(), q.sightings.len(), "{what}");
+        for (s, t) in p.sightings.iter().zip(&q.sightings) {
+            assert_eq!(s.view, t.view, "{what}");
+            if let (Some(s), Some(t)) = (s.pixel, t.pixel) {
+                assert!((s[0] - t[0]).hypot(s[1] - t[1]) < 1e-9, "{what}");
+            }
+        }
+    }
+}
+
+/// The sequence with its poses as they are read from the file that they were written to.
+pub(crate) fn there_and_back(
+    sequence: &Sequence,
+    layout: &str,
+    format: TrajectoryFile,
+    path: &Path,
+) -> Sequence {
+    write_as_read(sequence, format, path);
     let options = OpenOptions {
         poses: Some(path.to_owned()),
         layout: Some(layout.to_owned()),
@@ -91,25 +125,7 @@ fn maps_come_back_as_colmap_with_their_tracks() {
         let camera = (sequence.stored_color_camera(), back.stored_color_camera());
         assert!((camera.0.cx() - camera.1.cx()).abs() < 1e-9);
         assert_eq!(camera.0.distortion(), camera.1.distortion());
-        match (sequence.map_points(), back.map_points()) {
-            (Some(a), Some(b)) => {
-                assert_eq!(a.points.len(), b.points.len());
-                for (p, q) in a.points.iter().zip(&b.points) {
-                    assert!((p.point_in_world - q.point_in_world).norm() < 1e-9);
-                    let views = |point: &linecarve::map_points::ModelPoint| {
-                        point.sightings.iter().map(|s| s.view).collect::<Vec<_>>()
-                    };
-                    assert_eq!(views(p), views(q));
-                    for (s, t) in p.sightings.iter().zip(&q.sightings) {
-                        if let (Some(s), Some(t)) = (s.pixel, t.pixel) {
-                            assert!((s[0] - t[0]).hypot(s[1] - t[1]) < 1e-9);
-                        }
-                    }
-                }
-            }
-            (None, None) => {}
-            other => panic!("{other:?}"),
-        }
+        assert_same_map(sequence.map_points(), back.map_points(), sequence.layout());
     }
 }
 

@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
+use linecarve::exchange::{TrajectoryFile, write_colmap, write_transforms};
 use linecarve::sequence::{InspectOptions, OpenOptions, Sequence, SequenceFacts, inspect};
 use nalgebra::Matrix4;
 
@@ -236,4 +237,143 @@ fn a_list_of_poses_needs_its_camera() {
     let depth = found.depth.unwrap();
     assert_eq!((depth.frames, depth.scale), (5, 1000.0));
     assert!(found.consistency[0].as_read.median_difference < 0.15);
+}
+
+/// A calibration that a set needs where poses are brought along: nothing of `[poses]`, as written poses are of the colour
+/// camera. Empty where the files beside the images tell the camera.
+fn calibration_for(sequence: &Sequence) -> String {
+    let camera = sequence.stored_color_camera();
+    if sequence.layout() != "colmap" {
+        return String::new();
+    }
+    let camera = camera.without_distortion();
+    format!(
+        "[color]\nfx = {:?}\nfy = {:?}\ncx = {:?}\ncy = {:?}\n",
+        camera.fx(),
+        camera.fy(),
+        camera.cx(),
+        camera.cy()
+    )
+}
+
+#[test]
+fn recorded_trajectories_come_back_in_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, poses, taking) in [
+        ("seven-scenes", None, "7-scenes"),
+        ("livingroom-synthetic", None, "open3d-log"),
+        ("euroc-v101", Some("cam0_trajectory_tum.txt"), "euroc"),
+        // Models keep their poses; their images take others.
+        ("line3dpp", None, "images-and-poses"),
+        ("sceaux-castle", None, "images-and-poses"),
+    ] {
+        let Some(source) = data(name) else { return };
+        let options = OpenOptions {
+            poses: poses.map(|file| source.join(file)),
+            ..OpenOptions::default()
+        };
+        let sequence = Sequence::open(&source, &options).unwrap();
+        let calibration = folder.path().join("calibration.toml");
+        let text = match name {
+            // Its own, without the table that makes poses those of the depth camera.
+            "seven-scenes" => {
+                assert_eq!(sequence.sidecar_poses(), Some("camera = \"depth\""));
+                let text = std::fs::read_to_string(source.join("linecarve.toml")).unwrap();
+                text.replace("camera = \"depth\"", "")
+            }
+            _ => {
+                assert_eq!(sequence.sidecar_poses(), None);
+                calibration_for(&sequence)
+            }
+        };
+        std::fs::write(&calibration, text).unwrap();
+        let path = folder.path().join("trajectory.txt");
+        for format in [
+            TrajectoryFile::Tum,
+            TrajectoryFile::Euroc,
+            TrajectoryFile::Kitti,
+            TrajectoryFile::Open3dLog,
+        ] {
+            super::exchange::write_as_read(&sequence, format, &path);
+            let options = OpenOptions {
+                poses: Some(path.clone()),
+                layout: Some(taking.to_owned()),
+                calibration: Some(calibration.clone()),
+            };
+            let back = Sequence::open(&source, &options).unwrap();
+            super::exchange::assert_same(&sequence, &back, &format!("{name}, {format:?}"));
+        }
+    }
+}
+
+/// Where poses of the colour camera are read as if they were of the depth camera, they are off by what lies between the two:
+/// that is what the note of `convert` is about.
+#[test]
+fn poses_written_beside_a_sidecar_are_not_to_be_moved_once_more() {
+    let Some(source) = data("seven-scenes") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trajectory.txt");
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_linecarve"))
+        .arg("convert")
+        .arg(&source)
+        .arg("--out")
+        .arg(&path)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    assert!(
+        said.contains("[poses] table of the calibration (camera = \"depth\")"),
+        "{said}"
+    );
+    let sequence = Sequence::open(&source, &OpenOptions::default()).unwrap();
+    let options = OpenOptions {
+        poses: Some(path),
+        ..OpenOptions::default()
+    };
+    let twice = Sequence::open(&source, &options).unwrap();
+    let between = sequence.depth_calibration().unwrap().color_from_depth;
+    for (once, twice) in sequence.frames().iter().zip(twice.frames()) {
+        let moved = once.world_from_camera.inverse() * twice.world_from_camera;
+        assert!((moved.translation.vector + between.translation.vector).norm() < 1e-9);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn recorded_maps_come_back_as_colmap_and_transforms() {
+    for (name, images) in [
+        ("seven-scenes", "."),
+        ("livingroom-synthetic", "."),
+        ("euroc-v101", "."),
+        ("line3dpp", "images"),
+        ("line3dpp/model.nvm", "images"),
+        ("sceaux-castle", "images"),
+        ("sceaux-castle/scene.mvs", "images"),
+    ] {
+        let Some(source) = data(name) else { return };
+        let sequence = Sequence::open(&source, &OpenOptions::default()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let set = if source.is_file() {
+            source.parent().unwrap()
+        } else {
+            &source
+        };
+        std::os::unix::fs::symlink(set.join(images), folder.path().join("images")).unwrap();
+        write_colmap(folder.path(), &sequence).unwrap();
+        let back = Sequence::open(folder.path(), &OpenOptions::default()).unwrap();
+        assert_eq!(back.layout(), "colmap");
+        super::exchange::assert_same(&sequence, &back, name);
+        super::exchange::assert_same_map(sequence.map_points(), back.map_points(), name);
+        if sequence.frames().is_empty() {
+            continue;
+        }
+        let elsewhere = tempfile::tempdir().unwrap();
+        write_transforms(&elsewhere.path().join("transforms.json"), &sequence).unwrap();
+        let back = Sequence::open(elsewhere.path(), &OpenOptions::default()).unwrap();
+        assert_eq!(back.layout(), "transforms-json");
+        super::exchange::assert_same(&sequence, &back, name);
+    }
 }
