@@ -12,6 +12,8 @@
 #![no_main]
 #![allow(dead_code, reason = "the tests of layouts use more of the writers")]
 
+#[path = "../../tests/sequence/geometry_files.rs"]
+mod geometry_files;
 #[path = "../../tests/sequence/support.rs"]
 mod support;
 #[path = "../../tests/sequence/writers.rs"]

@@ -5,6 +5,7 @@
 mod damage;
 mod exchange;
 mod faults;
+mod geometry_files;
 mod layouts;
 mod models;
 mod mutated;

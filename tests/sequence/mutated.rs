@@ -1,13 +1,17 @@
-//! Five hundred damaged copies of each layout's files, the same every time: read or refused with a message that says
+//! Five hundred damaged copies of the files of each reader, the same every time: read or refused with a message that says
 //! where, never a panic, never much memory.
 
 use std::path::{Path, PathBuf};
 
+use linecarve::exchange::{TrajectoryFile, posed_images, write_trajectory};
+use linecarve::mesh::read_geometry;
 use linecarve::sequence::{OpenOptions, Sequence};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{LAYOUTS, MODELS, Writer, folder_with};
+use super::geometry_files::write_geometry_files;
+use super::writers::write_pose_list;
+use super::{LAYOUTS, MODELS, Writer, folder_with, open};
 
 /// Damaged copies of each layout; `LINECARVE_LONG_TESTS=1` asks for many more.
 fn copies() -> usize {
@@ -194,5 +198,76 @@ fn damaged_layouts_with_depth_are_read_or_refused() {
 fn damaged_models_are_read_or_refused() {
     for (seed, (name, write, _)) in (10_u64..).zip(MODELS) {
         check(name, write, seed);
+    }
+}
+
+/// Damages one file and shows each copy to `read`, which gives the message of a refusal.
+fn check_file(path: &Path, seed: u64, read: impl Fn() -> Result<(), String>) {
+    let whole = std::fs::read(path).unwrap();
+    assert_eq!(read(), Ok(()), "{}", path.display());
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let (copies, mut refused) = (copies(), 0);
+    for copy in 0..copies {
+        std::fs::write(path, mutate(&whole, &mut random)).unwrap();
+        if let Err(message) = read() {
+            refused += 1;
+            let place = path.to_string_lossy();
+            assert!(message.contains(&*place), "{copy}: {message}");
+        }
+    }
+    std::fs::write(path, whole).unwrap();
+    assert!(
+        refused > copies / 20,
+        "{}: only {refused} were refused",
+        path.display()
+    );
+    assert!(peak_memory_mb() < 1000.0, "{}", path.display());
+}
+
+#[test]
+fn damaged_trajectories_are_read_or_refused() {
+    let folder = folder_with(write_pose_list);
+    let images = posed_images(&open(folder.path()).unwrap());
+    let path = folder.path().join("brought.txt");
+    let read = || {
+        let options = OpenOptions {
+            poses: Some(path.clone()),
+            ..OpenOptions::default()
+        };
+        match Sequence::open(folder.path(), &options) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(error.to_string()),
+        }
+    };
+    for (seed, format) in (30..).zip([
+        TrajectoryFile::Tum,
+        TrajectoryFile::Euroc,
+        TrajectoryFile::Kitti,
+        TrajectoryFile::Open3dLog,
+    ]) {
+        write_trajectory(&path, format, &images).unwrap();
+        check_file(&path, seed, read);
+    }
+}
+
+#[test]
+fn damaged_sidecars_are_read_or_refused() {
+    let folder = folder_with(LAYOUTS[0].1);
+    let path = folder.path().join("linecarve.toml");
+    let text = "[color]\nmodel = \"radial-tangential\"\nfx = 60.0\nfy = 60.0\ncx = 31.5\ncy = 23.5\ndistortion = [0.1, 0.0, 0.0, \
+                0.0]\n[depth]\nscale = 1000.0\n[poses]\ndirection = \"inverse\"\naxes = \"y-and-z-flipped\"\n";
+    std::fs::write(&path, text).unwrap();
+    check_file(&path, 40, || open(folder.path()).map(|_| ()));
+}
+
+#[test]
+fn damaged_meshes_lines_and_clouds_are_read_or_refused() {
+    let folder = folder_with(write_geometry_files);
+    for (seed, path) in (50..).zip(data_files(folder.path())) {
+        check_file(&path, seed, || {
+            read_geometry(&path)
+                .map(|_| ())
+                .map_err(|error| error.to_string())
+        });
     }
 }
