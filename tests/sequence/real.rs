@@ -348,8 +348,8 @@ fn recorded_maps_come_back_as_colmap_and_transforms() {
         ("seven-scenes", "."),
         ("livingroom-synthetic", "."),
         ("euroc-v101", "."),
-        ("line3dpp", "images"),
-        ("line3dpp/model.nvm", "images"),
+        ("line3dpp", "."),
+        ("line3dpp/model.nvm", "."),
         ("sceaux-castle", "images"),
         ("sceaux-castle/scene.mvs", "images"),
     ] {
