@@ -201,8 +201,8 @@ fn damaged_models_are_read_or_refused() {
     }
 }
 
-/// Damages one file and shows each copy to `read`, which gives the message of a refusal.
-fn check_file(path: &Path, seed: u64, read: impl Fn() -> Result<(), String>) {
+/// Damages one file and shows each copy to `read`, which gives the message of a refusal; that names `place`.
+fn check_file(path: &Path, place: &Path, seed: u64, read: impl Fn() -> Result<(), String>) {
     let whole = std::fs::read(path).unwrap();
     assert_eq!(read(), Ok(()), "{}", path.display());
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -211,7 +211,7 @@ fn check_file(path: &Path, seed: u64, read: impl Fn() -> Result<(), String>) {
         std::fs::write(path, mutate(&whole, &mut random)).unwrap();
         if let Err(message) = read() {
             refused += 1;
-            let place = path.to_string_lossy();
+            let place = place.to_string_lossy();
             assert!(message.contains(&*place), "{copy}: {message}");
         }
     }
@@ -246,7 +246,7 @@ fn damaged_trajectories_are_read_or_refused() {
         TrajectoryFile::Open3dLog,
     ]) {
         write_trajectory(&path, format, &images).unwrap();
-        check_file(&path, seed, read);
+        check_file(&path, &path, seed, read);
     }
 }
 
@@ -257,14 +257,15 @@ fn damaged_sidecars_are_read_or_refused() {
     let text = "[color]\nmodel = \"radial-tangential\"\nfx = 60.0\nfy = 60.0\ncx = 31.5\ncy = 23.5\ndistortion = [0.1, 0.0, 0.0, \
                 0.0]\n[depth]\nscale = 1000.0\n[poses]\ndirection = \"inverse\"\naxes = \"y-and-z-flipped\"\n";
     std::fs::write(&path, text).unwrap();
-    check_file(&path, 40, || open(folder.path()).map(|_| ()));
+    // Intrinsics that do not fit are told of the image that they do not fit.
+    check_file(&path, folder.path(), 40, || open(folder.path()).map(|_| ()));
 }
 
 #[test]
 fn damaged_meshes_lines_and_clouds_are_read_or_refused() {
     let folder = folder_with(write_geometry_files);
     for (seed, path) in (50..).zip(data_files(folder.path())) {
-        check_file(&path, seed, || {
+        check_file(&path, &path, seed, || {
             read_geometry(&path)
                 .map(|_| ())
                 .map_err(|error| error.to_string())
