@@ -20,9 +20,13 @@ pub struct SimplifyArgs {
     #[arg(long, value_name = "LENGTH|N%", default_value = "0.02%")]
     pub tolerance: Tolerance,
 
-    /// A triangle joins a flat part when its normal is within this angle of it.
-    #[arg(long, value_name = "DEGREES", default_value_t = 20.0)]
-    pub most_turn: f64,
+    /// Edges of the surface that turn by more than this, and stand out by more than the tolerance, remain edges.
+    #[arg(long, value_name = "DEGREES", default_value_t = 50.0)]
+    pub crease: f64,
+
+    /// Lines that are known, such as clusters.ply of a run: edges along them remain edges.
+    #[arg(long, value_name = "FILE")]
+    pub lines: Option<PathBuf>,
 
     /// One JSON object on standard output in place of text.
     #[arg(long)]

@@ -100,7 +100,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         log.demand_a_keyframe()?;
     }
 
-    let mesh = simplify::finished(map.surface(), args.simplify)?;
+    let mesh = simplify::finished(map.surface(), &map.segments().clusters(), args.simplify)?;
     let result = log.result();
     result.segments = map.segments().segment_count();
     result.clusters = map.segments().cluster_count();

@@ -21,7 +21,7 @@ use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::far_warning;
 use crate::commands::simplify;
 use crate::map_points::{ModelView, PointModel};
-use crate::mesh::{TriangleMesh, write_points_ply};
+use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
 use crate::pipeline::scale::far_origin;
 use crate::pipeline::{ModelCarver, ModelCounts, ModelUpdate, Options};
 use crate::progress::{Progress, Verbosity};
@@ -106,7 +106,7 @@ pub(super) fn run(
     }
 
     let start = Instant::now();
-    let mut mesh = simplify::finished(carver.surface(), args.simplify)?;
+    let mut mesh = simplify::finished(carver.surface(), &LineSet::default(), args.simplify)?;
     let extracted = milliseconds(start.elapsed());
     let result = log.result();
     note_result(result, carver.carver(), &mesh);

@@ -133,7 +133,7 @@ fn from_features(
     let depth = prepared.sensor_depth.or_else(|| map.map().median_depth());
     log.set_median_depth(depth);
     let quality = map.map().quality();
-    let mut mesh = simplify::finished(map.surface(), args.simplify)?;
+    let mut mesh = simplify::finished(map.surface(), &LineSet::default(), args.simplify)?;
     let result = log.result();
     note_result(result, map.carver(), &mesh);
     result.reprojection_rms_px = (quality.points > 0).then_some(quality.reprojection_rms_px);

@@ -1,6 +1,7 @@
 //! `linecarve simplify`: the same surface with fewer triangles.
 
 use anyhow::bail;
+use nalgebra::Point3;
 use serde::Serialize;
 
 use crate::cli::SimplifyArgs;
@@ -9,8 +10,8 @@ use crate::commands::heat_map::origin_of;
 use crate::commands::run_report::{print_object, print_text};
 use crate::diff::Tolerance;
 use crate::mesh::{
-    Geometry, GlbPart, Shape, SimplifyOptions, SimplifyOptionsError, TriangleMesh, read_geometry,
-    simplify, write_glb, write_mesh_obj, write_mesh_ply,
+    Geometry, GlbPart, LineSet, Shape, SimplifyOptions, SimplifyOptionsError, TriangleMesh,
+    read_geometry, simplify, write_glb, write_mesh_obj, write_mesh_ply,
 };
 
 /// Checks the tolerance of `--simplify` before anything is computed.
@@ -20,9 +21,10 @@ pub(super) fn check(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsE
     })
 }
 
-/// The final mesh of a run, simplified where that is asked for.
+/// The final mesh of a run, simplified where that is asked for; edges along the lines that it knows remain edges.
 pub(super) fn finished(
     mesh: TriangleMesh,
+    lines: &LineSet,
     tolerance: Option<Tolerance>,
 ) -> Result<TriangleMesh, SimplifyOptionsError> {
     let Some(tolerance) = tolerance.filter(|_| !mesh.is_empty()) else {
@@ -30,7 +32,14 @@ pub(super) fn finished(
     };
     let diagonal = Shape::from(mesh.clone()).diagonal();
     let options = SimplifyOptions::with_tolerance(tolerance.length(diagonal));
-    Ok(simplify(&mesh, &options)?.mesh)
+    Ok(simplify(&mesh, &ends(&lines.points, &lines.lines), &options)?.mesh)
+}
+
+/// Lines by the places of their ends.
+fn ends(points: &[Point3<f64>], lines: &[[u32; 2]]) -> Vec<[Point3<f64>; 2]> {
+    let ends = lines.iter();
+    ends.map(|line| line.map(|end| points[end as usize]))
+        .collect()
 }
 
 /// What came out, as it stands in JSON.
@@ -41,8 +50,9 @@ struct Summary {
     triangles: usize,
     vertices_before: usize,
     triangles_before: usize,
-    regions: usize,
-    kept_regions: usize,
+    feature_edges: usize,
+    checked_points: usize,
+    largest_distance: f64,
 }
 
 pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
@@ -65,11 +75,18 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         )));
     }
     let options = SimplifyOptions {
-        most_turn_rad: args.most_turn.to_radians(),
+        crease_rad: args.crease.to_radians(),
         ..SimplifyOptions::with_tolerance(args.tolerance.length(shape.diagonal()))
     };
+    let lines = match &args.lines {
+        Some(path) => {
+            let known = read_geometry(path)?;
+            ends(&known.positions, &known.lines)
+        }
+        None => Vec::new(),
+    };
     let mesh = shape.into_mesh();
-    let simplified = simplify(&mesh, &options)?;
+    let simplified = simplify(&mesh, &lines, &options)?;
     match extension {
         "obj" => write_mesh_obj(&args.out, &simplified.mesh)?,
         "ply" => write_mesh_ply(&args.out, &simplified.mesh)?,
@@ -88,19 +105,22 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         triangles: simplified.mesh.triangles.len(),
         vertices_before: mesh.positions.len(),
         triangles_before: mesh.triangles.len(),
-        regions: simplified.regions,
-        kept_regions: simplified.kept_regions,
+        feature_edges: simplified.features.len(),
+        checked_points: simplified.checked_points,
+        largest_distance: simplified.largest_distance,
     };
     if args.json {
         print_object(&summary)?;
     } else {
         print_text(&format!(
-            "{} of {} triangles and {} of {} vertices stay, within {:.6}\n",
+            "{} of {} triangles and {} of {} vertices stay, within {:.6}; at {} points the surfaces are {:.6} apart at most\n",
             summary.triangles,
             summary.triangles_before,
             summary.vertices,
             summary.vertices_before,
-            summary.tolerance
+            summary.tolerance,
+            summary.checked_points,
+            summary.largest_distance
         ))?;
     }
     Ok(Outcome::Done)

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 ///
 /// # Reference
 /// C. Ericson, *Real-Time Collision Detection*, 2005, section 5.1.5: the regions of corners, edges and face in turn.
-pub(super) fn closest_in_triangle(point: &Point3<f64>, corners: [&Point3<f64>; 3]) -> [f64; 3] {
+pub(crate) fn closest_in_triangle(point: &Point3<f64>, corners: [&Point3<f64>; 3]) -> [f64; 3] {
     let [a, b, c] = corners;
     let (ab, ac) = (b - a, c - a);
     let from_a = point - a;

@@ -8,6 +8,7 @@ mod closest;
 mod intersect;
 mod scene;
 
+pub(crate) use closest::closest_in_triangle;
 pub use scene::{ClosestPoint, Hit, RayScene};
 
 #[cfg(test)]

@@ -60,6 +60,8 @@ pub struct RayScene {
     positions: Vec<Point3<f64>>,
     triangles: Vec<[u32; 3]>,
     tree: Bvh,
+    /// By leaf of the tree, its triangle. Leaves count from 0 without gaps: parry panics on trees of one or two others.
+    names: Vec<u32>,
     ignored: usize,
 }
 
@@ -72,9 +74,11 @@ impl RayScene {
         let positions = mesh.positions.clone();
         let triangles = mesh.triangles.clone();
         let mut boxes = Vec::with_capacity(triangles.len());
+        let mut names = Vec::with_capacity(triangles.len());
         for (index, triangle) in triangles.iter().enumerate() {
             if let Some(bounds) = bounds_of(&positions, triangle) {
-                boxes.push((index, bounds));
+                boxes.push((boxes.len(), bounds));
+                names.push(index as u32);
             }
         }
         let ignored = triangles.len() - boxes.len();
@@ -82,6 +86,7 @@ impl RayScene {
             positions,
             triangles,
             tree: Bvh::from_iter(BvhBuildStrategy::Binned, boxes),
+            names,
             ignored,
         }
     }
@@ -132,11 +137,12 @@ impl RayScene {
         visible: impl Fn(u32, bool) -> bool,
     ) -> Option<Hit> {
         let ray = PreparedRay::new(origin, direction)?;
-        let (triangle, found) = self.tree.find_best(
+        let (leaf, found) = self.tree.find_best(
             // The tree looks for costs below the bound; hits at the bound count, too.
             max.next_up(),
             |node: &BvhNode, best: f64| enters(&ray, node, best).unwrap_or(f64::MAX),
-            |triangle, best| {
+            |leaf, best| {
+                let triangle = self.names[leaf as usize];
                 let hit = ray.hits_triangle(self.corners(triangle), best)?;
                 visible(triangle, hit.front).then_some(Cost(hit.distance, hit))
             },
@@ -144,7 +150,7 @@ impl RayScene {
         let Cost(_, hit): Cost<TriangleHit> = found;
         Some(Hit {
             distance: hit.distance,
-            triangle,
+            triangle: self.names[leaf as usize],
             barycentric: hit.barycentric,
             front: hit.front,
         })
@@ -169,7 +175,8 @@ impl RayScene {
         };
         self.tree
             .leaves(|node| enters(&ray, node, max).is_some())
-            .any(|triangle| {
+            .any(|leaf| {
+                let triangle = self.names[leaf as usize];
                 let hit = ray.hits_triangle(self.corners(triangle), max);
                 hit.is_some() && visible(triangle)
             })
@@ -182,11 +189,11 @@ impl RayScene {
             return None;
         }
         // Squared distances order alike and spare a root for each box.
-        let (triangle, found) = self.tree.find_best(
+        let (leaf, found) = self.tree.find_best(
             (max * max).next_up(),
             |node: &BvhNode, _| squared_distance_to_box(point, &node.aabb()),
-            |triangle, _| {
-                let corners = self.corners(triangle);
+            |leaf, _| {
+                let corners = self.corners(self.names[leaf as usize]);
                 let barycentric = closest_in_triangle(point, corners);
                 let nearest = blend(corners, barycentric);
                 Some(Cost(
@@ -199,7 +206,7 @@ impl RayScene {
         Some(ClosestPoint {
             point: nearest,
             distance: squared.sqrt(),
-            triangle,
+            triangle: self.names[leaf as usize],
             barycentric,
         })
     }

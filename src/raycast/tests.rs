@@ -207,3 +207,28 @@ fn rays_within_the_planes_of_axis_aligned_walls_meet_what_stands_across() {
     assert!(hit.triangle >= 2);
     assert_eq!(hit.distance, 3.0);
 }
+
+/// The tree's own numbers would have to begin with 0 where it has one or two leaves.
+#[test]
+fn a_few_triangles_behind_ones_without_area_are_found() {
+    for count in 1..4 {
+        let mesh = TriangleMesh {
+            positions: vec![
+                Point3::origin(),
+                Point3::new(1.0, 0.0, 0.0),
+                Point3::new(0.0, 1.0, 0.0),
+            ],
+            triangles: [vec![[0, 1, 1]; 5], vec![[0, 1, 2]; count]].concat(),
+            ..TriangleMesh::default()
+        };
+        let scene = RayScene::new(&mesh);
+        let above = Point3::new(0.2, 0.2, 1.0);
+        let nearest = scene.closest(&above, 2.0).expect("it is one away");
+        assert_eq!((nearest.distance, scene.ignored_triangles()), (1.0, 5));
+        assert!(nearest.triangle >= 5);
+        let hit = scene
+            .cast(&above, &-Vector3::z(), 2.0)
+            .expect("it is below");
+        assert!(hit.triangle >= 5 && scene.is_occluded(&above, &-Vector3::z(), 2.0));
+    }
+}

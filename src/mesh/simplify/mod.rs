@@ -1,20 +1,20 @@
-//! Fewer triangles for the same surface: patches that are nearly plane are triangulated anew from their borders alone.
+//! Fewer triangles for the same surface: edges collapse as long as what they stood for stays within a tolerance.
 //!
-//! 1. **Regions** (`regions`): every triangle joins a region whose vertices all lie near one plane, which it faces.
-//! 2. **Borders** (`borders`): the lines between regions, from junction to junction, lose the vertices that they do not
-//!    need. Feature edges are such borders. Both sides use the same border, so that nothing tears.
-//! 3. **Patches** (`patch`): each region is triangulated anew between its borders by a constrained Delaunay triangulation
-//!    in its plane; its inner vertices go.
-//!
-//! A region whose new border crosses itself in the plane gets its full border back, and if that does not help its
-//! triangles stay as they were: the surface stays as closed, and hangs together, as it did.
+//! 1. **Features** (`features`): rims, creases and edges along lines that are known remain edges.
+//! 2. **Order** (`quadric`, `reduce`): the edge whose collapse would stray least from the planes around it goes first.
+//! 3. **Judgement** (`collapse`): an edge collapses only if the surface hangs together as before, faces where it did, and lies
+//!    within the tolerance of the original, measured both ways: every sampled point of the original (`samples`) is near a new
+//!    triangle on its side, and points of the new triangles are near the original.
+//! 4. **Check** (`reduce`): the result is held against the original at more points; where it is too far off, the original stays and
+//!    the rest is done again.
 
-mod borders;
-mod edges;
+mod collapse;
+mod features;
+mod live;
 mod options;
-mod patch;
+mod quadric;
 mod reduce;
-mod regions;
+mod samples;
 
 pub use options::{SimplifyOptions, SimplifyOptionsError};
 pub use reduce::{Simplified, simplify};

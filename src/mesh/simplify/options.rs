@@ -1,14 +1,17 @@
 //! How far a simplified surface may lie from the original.
 
-/// How far a simplified surface may lie from the original.
+/// How far a simplified surface may lie from the original, and what counts as an edge of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimplifyOptions {
-    /// No point of the original is farther than this from the simplified surface, nor the other way round, up to second
-    /// order: half of it is spent on the planes, half on the borders. In units of the mesh.
+    /// No vertex and no sampled point of the original is farther than this from the simplified surface, nor the other way
+    /// round. In units of the mesh.
     pub tolerance: f64,
-    /// A triangle joins a region when its normal is within this angle of the region's. Slivers, whose normals mean little
-    /// within the tolerance, only have to face the same side.
-    pub most_turn_rad: f64,
+    /// Edges at which the surface turns by more than this, and stands out by more than the tolerance, remain edges.
+    pub crease_rad: f64,
+    /// Edges along known lines remain edges from this turn on.
+    pub line_crease_rad: f64,
+    /// So far from a known line an edge runs along it. In units of the mesh.
+    pub line_reach: f64,
 }
 
 /// An option that is out of range.
@@ -17,17 +20,22 @@ pub enum SimplifyOptionsError {
     /// The tolerance is not a length.
     #[error("the tolerance {0} is not a positive length")]
     Tolerance(f64),
-    /// The angle is not between 0 and a right one.
-    #[error("the largest turn {0} is not an angle between 0 and a right one")]
+    /// The distance from lines is not a length.
+    #[error("the reach of lines {0} is not a length")]
+    Reach(f64),
+    /// The angle is not between 0 and a straight one.
+    #[error("the turn of an edge {0} is not an angle between 0 and a straight one")]
     Turn(f64),
 }
 
 impl SimplifyOptions {
-    /// With a tolerance and the default angle of 20 degrees.
+    /// With a tolerance, edges from 50 degrees on, from 15 where a line is known no farther than twice the tolerance.
     pub fn with_tolerance(tolerance: f64) -> Self {
         Self {
             tolerance,
-            most_turn_rad: 20.0_f64.to_radians(),
+            crease_rad: 50.0_f64.to_radians(),
+            line_crease_rad: 15.0_f64.to_radians(),
+            line_reach: 2.0 * tolerance,
         }
     }
 
@@ -39,8 +47,13 @@ impl SimplifyOptions {
         if !(self.tolerance > 0.0 && self.tolerance.is_finite()) {
             return Err(SimplifyOptionsError::Tolerance(self.tolerance));
         }
-        if !(self.most_turn_rad > 0.0 && self.most_turn_rad < std::f64::consts::FRAC_PI_2) {
-            return Err(SimplifyOptionsError::Turn(self.most_turn_rad));
+        if !(self.line_reach >= 0.0 && self.line_reach.is_finite()) {
+            return Err(SimplifyOptionsError::Reach(self.line_reach));
+        }
+        for turn in [self.crease_rad, self.line_crease_rad] {
+            if !(turn > 0.0 && turn <= std::f64::consts::PI) {
+                return Err(SimplifyOptionsError::Turn(turn));
+            }
         }
         Ok(())
     }

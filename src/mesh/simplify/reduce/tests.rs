@@ -59,7 +59,7 @@ fn noisy(mut mesh: TriangleMesh, amplitude: f64, seed: u64) -> TriangleMesh {
 }
 
 fn simplified(mesh: &TriangleMesh, tolerance: f64) -> TriangleMesh {
-    let result = simplify(mesh, &SimplifyOptions::with_tolerance(tolerance)).unwrap();
+    let result = simplify(mesh, &[], &SimplifyOptions::with_tolerance(tolerance)).unwrap();
     result.mesh.validate().unwrap();
     result.mesh
 }
@@ -115,13 +115,12 @@ fn noise_within_the_tolerance_is_flattened_and_beyond_it_stays() {
     demand_same(&mesh, &kept, 1e-5);
 }
 
-/// Walls of 60 by 60 squares: within the tolerance of its own plane a noisy triangle finds its next neighbours only.
 #[test]
-fn a_wide_noisy_wall_is_one_region() {
+fn a_wide_noisy_wall_becomes_few_triangles() {
     let mesh = noisy(gridded_box(60), 0.0003, 2);
-    let result = simplify(&mesh, &SimplifyOptions::with_tolerance(0.002)).unwrap();
-    assert!(result.regions <= 12, "{} regions", result.regions);
+    let result = simplify(&mesh, &[], &SimplifyOptions::with_tolerance(0.002)).unwrap();
     assert!(result.mesh.triangles.len() * 50 < mesh.triangles.len());
+    assert!(result.largest_distance <= 0.002 && result.checked_points > 100_000);
     demand_same(&mesh, &result.mesh, 0.002);
 }
 
@@ -230,8 +229,15 @@ fn hostile_meshes_come_through() {
         );
     }
     assert!(simplified(&TriangleMesh::default(), 0.1).is_empty());
-    assert!(simplify(&gridded_box(1), &SimplifyOptions::with_tolerance(0.0)).is_err());
-    assert!(simplify(&gridded_box(1), &SimplifyOptions::with_tolerance(f64::NAN)).is_err());
+    assert!(simplify(&gridded_box(1), &[], &SimplifyOptions::with_tolerance(0.0)).is_err());
+    assert!(
+        simplify(
+            &gridded_box(1),
+            &[],
+            &SimplifyOptions::with_tolerance(f64::NAN)
+        )
+        .is_err()
+    );
 }
 
 #[test]
@@ -242,4 +248,82 @@ fn threads_make_no_difference() {
         pool.unwrap().install(|| simplified(&mesh, 0.01))
     };
     assert_eq!(on(1), on(3));
+}
+
+/// Length of the edges among `edges` that run along a line, within a distance.
+fn length_along(
+    result: &Simplified,
+    edges: &[[u32; 2]],
+    line: [Point3<f64>; 2],
+    within: f64,
+) -> f64 {
+    let direction = (line[1] - line[0]).normalize();
+    let off = |p: &Point3<f64>| (p - line[0]).cross(&direction).norm();
+    let ends = edges
+        .iter()
+        .map(|edge| edge.map(|end| result.mesh.positions[end as usize]));
+    ends.filter(|ends| ends.iter().all(|end| off(end) <= within))
+        .map(|[p, q]| (q - p).norm())
+        .sum()
+}
+
+/// A noisy box keeps its twelve edges as edges, from end to end, whether lines are known or not.
+#[test]
+fn the_edges_of_a_box_remain_edges() {
+    let (amplitude, tolerance) = (0.004, 0.02);
+    let mesh = noisy(gridded_box(12), amplitude, 5);
+    let options = SimplifyOptions::with_tolerance(tolerance);
+    let result = simplify(&mesh, &[], &options).unwrap();
+    assert!(result.mesh.triangles.len() * 10 < mesh.triangles.len());
+    let at = |x: u32, y: u32, z: u32| {
+        Point3::new(f64::from(x) * 4.0, f64::from(y) * 3.0, f64::from(z) * 5.0)
+    };
+    for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        for line in [
+            [at(0, i, j), at(1, i, j)],
+            [at(i, 0, j), at(i, 1, j)],
+            [at(i, j, 0), at(i, j, 1)],
+        ] {
+            let length = length_along(&result, &result.features, line, 2.0 * tolerance);
+            let whole = (line[1] - line[0]).norm();
+            assert!((length - whole).abs() < 0.05 * whole, "{length} of {whole}");
+        }
+    }
+    demand_same(&mesh, &result.mesh, tolerance);
+}
+
+/// A roof that turns by 20 degrees: no crease by itself, one where a line is known.
+#[test]
+fn a_known_line_keeps_a_shallow_edge() {
+    let n = 16;
+    let mut mesh = TriangleMesh::default();
+    let slope = 10.0_f64.to_radians().tan();
+    for j in 0..=n {
+        for i in 0..=n {
+            let (x, y) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+            mesh.positions
+                .push(Point3::new(x, y, -(x - 0.5).abs() * slope));
+        }
+    }
+    for j in 0..n {
+        for i in 0..n {
+            let at = |i: u32, j: u32| j * (n + 1) + i;
+            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let mesh = noisy(mesh, 0.0005, 3);
+    let ridge = [Point3::new(0.5, 0.0, 0.0), Point3::new(0.5, 1.0, 0.0)];
+    let options = SimplifyOptions::with_tolerance(0.004);
+    let length = |lines: &[[Point3<f64>; 2]]| {
+        let result = simplify(&mesh, lines, &options).unwrap();
+        demand_same(&mesh, &result.mesh, options.tolerance);
+        assert!(result.mesh.triangles.len() * 10 < mesh.triangles.len());
+        length_along(&result, &result.features, ridge, 0.008)
+    };
+    assert!(length(&[ridge]) > 0.98);
+    assert!(length(&[]) < 0.1);
+    // Lines elsewhere change nothing, nor do lines that are not finite.
+    let aside = ridge.map(|p| p + Vector3::new(0.2, 0.0, 0.0));
+    assert!(length(&[aside, [Point3::new(f64::NAN, 0.0, 0.0); 2]]) < 0.1);
 }

@@ -1,0 +1,271 @@
+//! Whether two vertices may fall together, and where.
+
+use nalgebra::{Point3, Vector3};
+
+use super::features::Features;
+use super::live::{LiveMesh, doubled_area, height};
+use super::quadric::Quadric;
+use super::samples::{Samples, blend, middles, parts};
+use crate::raycast::{RayScene, closest_in_triangle};
+
+/// A triangle that has an area before must turn by less than this (78 degrees) in one collapse.
+const LEAST_COSINE: f64 = 0.2;
+/// New triangles are held against the original at so many points along each side at most.
+const MOST_PARTS: usize = 3;
+
+/// Two vertices that may fall together.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Collapse {
+    pub(super) kept: u32,
+    pub(super) gone: u32,
+    pub(super) place: Point3<f64>,
+}
+
+/// The surface while it is simplified, with all that decides what may still change.
+pub(super) struct Reduction<'a> {
+    pub(super) mesh: LiveMesh,
+    pub(super) features: Features,
+    pub(super) samples: Samples,
+    pub(super) quadrics: Vec<Quadric>,
+    /// Vertices that stay where and what they are.
+    pub(super) is_fixed: Vec<bool>,
+    pub(super) original: &'a RayScene,
+    pub(super) tolerance: f64,
+    /// Length beyond which triangles are looked at in several places.
+    pub(super) step: f64,
+    pub(super) scratch: Scratch,
+}
+
+/// Reused memory.
+#[derive(Default)]
+pub(super) struct Scratch {
+    near: [Vec<u32>; 2],
+    /// Triangles that change, with their new corners.
+    changed: Vec<(u32, [Point3<f64>; 3], Vector3<f64>)>,
+    gone: Vec<u32>,
+    /// Which of the changed triangles stands for each sample of all that change or go.
+    owners: Vec<(u32, u32)>,
+}
+
+impl Reduction<'_> {
+    fn position(&self, vertex: u32) -> &Point3<f64> {
+        &self.mesh.positions[vertex as usize]
+    }
+
+    /// What a collapse would cost, and in which place: only to try the best first.
+    pub(super) fn estimate(&self, a: u32, b: u32) -> f64 {
+        let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
+        let (p, q) = (self.position(a), self.position(b));
+        let middle = nalgebra::center(p, q);
+        let best = quadric.best_place(&middle.coords).unwrap_or(middle);
+        let places = [&best, p, q].map(|place| quadric.at(&place.coords));
+        // Where all is flat, short edges first.
+        let length = (p - q).norm_squared();
+        places.into_iter().fold(f64::INFINITY, f64::min) + 1e-9 * length * length
+    }
+
+    /// Whether the two ends of an edge may fall together: the first place that will do. What the surface then stands for is in
+    /// the scratch memory, for [`make`](Self::make).
+    pub(super) fn judge(&mut self, a: u32, b: u32) -> Option<Collapse> {
+        let count = |vertex: u32| self.features.at(vertex).len();
+        let is_feature = self.features.contains(a, b);
+        // Vertices where edges that remain end or meet do not go, those along them only along them.
+        let may_move = |vertex: u32| {
+            let is_plain = match count(vertex) {
+                0 => true,
+                2 => is_feature,
+                _ => false,
+            };
+            is_plain && !self.is_fixed[vertex as usize]
+        };
+        let (a_moves, b_moves) = (may_move(a), may_move(b));
+        if !(a_moves || b_moves) || !self.keeps_topology(a, b) {
+            return None;
+        }
+        let (p, q) = (*self.position(a), *self.position(b));
+        let mut places = [None; 3];
+        if a_moves && b_moves {
+            let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
+            let middle = nalgebra::center(&p, &q);
+            let (at_p, at_q) = (quadric.at(&p.coords), quadric.at(&q.coords));
+            let best = quadric.best_place(&middle.coords);
+            let ends = if at_q < at_p { [q, p] } else { [p, q] };
+            places = [best, Some(ends[0]), Some(ends[1])];
+        } else {
+            places[0] = Some(if a_moves { q } else { p });
+        }
+        // The one that does not move is kept.
+        let (kept, gone) = if a_moves { (b, a) } else { (a, b) };
+        places.into_iter().flatten().find_map(|place| {
+            let collapse = Collapse { kept, gone, place };
+            self.allows(&collapse).then_some(collapse)
+        })
+    }
+
+    /// The link condition: the surface hangs together as before.
+    ///
+    /// # Reference
+    /// T. Dey, H. Edelsbrunner, S. Guha, D. Nekhayev, *Topology preserving edge contraction*, Publications de l'Institut
+    /// Mathématique 66, 1999.
+    fn keeps_topology(&mut self, a: u32, b: u32) -> bool {
+        let mesh = &self.mesh;
+        let mut opposite = [u32::MAX; 2];
+        let mut count = 0;
+        for triangle in mesh.with_edge(a, b) {
+            if count == 2 {
+                return false;
+            }
+            let corners = mesh.corners(triangle);
+            let Some(third) = corners.into_iter().find(|c| *c != a && *c != b) else {
+                return false;
+            };
+            opposite[count] = third;
+            count += 1;
+        }
+        let [near_a, near_b] = &mut self.scratch.near;
+        mesh.neighbors(a, near_a);
+        mesh.neighbors(b, near_b);
+        let common = near_a.iter().filter(|v| near_b.binary_search(v).is_ok());
+        if common.count() != count || count == 0 || opposite[0] == opposite[1] {
+            return false;
+        }
+        let is_on_rim = |vertex: u32, near: &[u32]| near.iter().any(|v| mesh.is_rim(vertex, *v));
+        if count == 1 {
+            // Not the last triangle of a piece.
+            return !(mesh.is_rim(a, opposite[0]) && mesh.is_rim(b, opposite[0]));
+        }
+        // Not two rims into one, and not a tetrahedron into two triangles face to face.
+        let has_lid = |vertex: u32| {
+            mesh.with_edge(vertex, opposite[0])
+                .any(|t| mesh.corners(t).contains(&opposite[1]))
+        };
+        !(is_on_rim(a, near_a) && is_on_rim(b, near_b)) && !(has_lid(a) && has_lid(b))
+    }
+
+    /// Whether the surface stays within the tolerance, both ways, and faces where it did.
+    fn allows(&mut self, collapse: &Collapse) -> bool {
+        let Collapse { kept, gone, place } = *collapse;
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let is_allowed = self.keeps_facing(collapse, &mut scratch)
+            && self
+                .features
+                .allow(&self.mesh, kept, gone, &place, self.tolerance)
+            && self.keeps_samples(&mut scratch)
+            && self.stays_near(&scratch);
+        self.scratch = scratch;
+        is_allowed
+    }
+
+    /// Lists what changes and what goes; false when a triangle turns over or loses its area.
+    fn keeps_facing(&self, collapse: &Collapse, scratch: &mut Scratch) -> bool {
+        let Collapse { kept, gone, place } = *collapse;
+        scratch.changed.clear();
+        scratch.gone.clear();
+        for vertex in [kept, gone] {
+            for &triangle in self.mesh.around(vertex) {
+                let corners = self.mesh.corners(triangle);
+                if corners.contains(&kept) && corners.contains(&gone) {
+                    if vertex == kept {
+                        scratch.gone.push(triangle);
+                    }
+                    continue;
+                }
+                let before = self.mesh.points(triangle);
+                let mut after = before;
+                for k in 0..3 {
+                    if corners[k] == vertex {
+                        after[k] = place;
+                    }
+                }
+                let (old, new) = (doubled_area(&before), doubled_area(&after));
+                let areas = old.norm() * new.norm();
+                let least = if height(&before) > 0.5 * self.tolerance {
+                    LEAST_COSINE * areas
+                } else {
+                    // A sliver may turn: what it stands for says where it must face.
+                    -areas
+                };
+                // Also false for what is not a number.
+                if !(new.norm() > 0.0 && old.dot(&new) >= least) {
+                    return false;
+                }
+                scratch.changed.push((triangle, after, new));
+            }
+        }
+        true
+    }
+
+    /// Finds a new triangle for every sample of those that change or go.
+    fn keeps_samples(&self, scratch: &mut Scratch) -> bool {
+        let Scratch {
+            changed,
+            gone,
+            owners,
+            ..
+        } = scratch;
+        owners.clear();
+        let limit = self.tolerance * self.tolerance;
+        let triangles = changed.iter().map(|(t, ..)| t).chain(gone.iter());
+        for &triangle in triangles {
+            for &sample in &self.samples.of_triangle[triangle as usize] {
+                let known = &self.samples.all[sample as usize];
+                let mut best = (limit.next_up(), u32::MAX);
+                for (index, (_, corners, normal)) in changed.iter().enumerate() {
+                    if known.facing.dot(normal) < 0.0 {
+                        continue;
+                    }
+                    let off = (known.point - corners[0]).dot(normal);
+                    if off * off >= best.0 * normal.norm_squared() {
+                        continue;
+                    }
+                    let [a, b, c] = corners;
+                    let weights = closest_in_triangle(&known.point, [a, b, c]);
+                    let squared = (blend(corners, weights) - known.point).norm_squared();
+                    if squared < best.0 {
+                        best = (squared, index as u32);
+                    }
+                }
+                if best.1 == u32::MAX {
+                    return false;
+                }
+                owners.push((sample, best.1));
+            }
+        }
+        true
+    }
+
+    /// Whether points of the new triangles lie near the original.
+    fn stays_near(&self, scratch: &Scratch) -> bool {
+        let is_near = |point: &Point3<f64>| self.original.closest(point, self.tolerance).is_some();
+        scratch.changed.iter().all(|(_, corners, _)| {
+            middles(parts(corners, self.step, MOST_PARTS))
+                .all(|weights| is_near(&blend(corners, weights)))
+        }) && scratch.changed.iter().all(|(_, [a, b, c], _)| {
+            [(a, b), (b, c), (c, a)]
+                .into_iter()
+                .all(|(p, q)| is_near(&nalgebra::center(p, q)))
+        })
+    }
+
+    /// Makes the collapse that was judged last.
+    pub(super) fn make(&mut self, collapse: &Collapse) {
+        let Collapse { kept, gone, place } = *collapse;
+        let Scratch {
+            changed,
+            gone: lost,
+            owners,
+            ..
+        } = &self.scratch;
+        for &triangle in changed.iter().map(|(t, ..)| t).chain(lost) {
+            self.samples.of_triangle[triangle as usize].clear();
+        }
+        for &(sample, owner) in owners {
+            let owner = changed[owner as usize].0;
+            self.samples.of_triangle[owner as usize].push(sample);
+        }
+        self.features.collapse(&self.mesh, kept, gone, &place);
+        self.mesh.collapse(kept, gone, place);
+        self.quadrics[kept as usize] =
+            self.quadrics[kept as usize].plus(&self.quadrics[gone as usize]);
+    }
+}
