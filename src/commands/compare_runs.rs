@@ -9,7 +9,8 @@ use crate::commands::sequence::Prepared;
 use crate::compare::ComparedSurface;
 use crate::mesh::LineSet;
 use crate::pipeline::{
-    self, BackEnd, FrontEndError, PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points,
+    self, Arrival, BackEnd, FrontEndError, PointBackEnd, PointFrontEndError, PointKeyframe,
+    run_map_points,
 };
 use crate::progress::{Progress, Verbosity};
 use crate::report::KeyframeReport;
@@ -95,7 +96,11 @@ pub(super) fn run_lines(prepared: &Prepared, verbosity: Verbosity) -> anyhow::Re
         &prepared.keyframes,
         prepared.options.extract(),
         None,
-        |number, keyframe| -> anyhow::Result<()> {
+        false,
+        |number, arrival| -> anyhow::Result<()> {
+            let Arrival::Last(keyframe) = arrival else {
+                return Ok(());
+            };
             let mut keyframe = match keyframe {
                 Ok(keyframe) => keyframe,
                 Err(error) if FrontEndError::is_limited_to_frame(&error) => {

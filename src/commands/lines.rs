@@ -10,8 +10,8 @@ use crate::commands::lines_baseline;
 use crate::commands::output::{OutputFolder, clusters_part, segments_part, write_geometry};
 use crate::commands::run_report::{RunLog, keyframe_report};
 use crate::commands::sequence::prepare;
-use crate::pipeline;
 use crate::pipeline::segment_map::SegmentMap;
+use crate::pipeline::{self, Arrival};
 use crate::progress::{Progress, Verbosity};
 use crate::report::milliseconds;
 
@@ -36,7 +36,11 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         &prepared.keyframes,
         prepared.options.extract(),
         None,
-        |_, keyframe| -> anyhow::Result<()> {
+        false,
+        |_, arrival| -> anyhow::Result<()> {
+            let Arrival::Last(keyframe) = arrival else {
+                return Ok(());
+            };
             let Some(mut keyframe) = log.accept(keyframe, &progress)? else {
                 progress.step(String::new);
                 return Ok(());

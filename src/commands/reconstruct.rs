@@ -1,5 +1,6 @@
 //! `linecarve reconstruct`: sequence in, surface out.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -19,9 +20,10 @@ use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
 use crate::commands::{kept_run, reconstruct_points, simplify};
 use crate::mesh::{TriangleMesh, write_glb};
-use crate::pipeline::{self, BackEnd, Keyframe};
+use crate::pipeline::{self, Arrival, BackEnd, BackEndError, Keyframe};
 use crate::progress::{Progress, Verbosity};
 use crate::report::page::{PageTable, write_page};
+use crate::report::{KeyframeReport, StageTimes, milliseconds};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     simplify::check(args.simplify)?;
@@ -58,20 +60,35 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     );
     let checkpoint = Checkpoint::open(output.root(), &description, args.resume)?;
     let boundary = Boundary::watch(args.memory_limit)?;
+    let mut early = Early::default();
     let outcome = pipeline::run(
         &prepared.sequence,
         &prepared.depth,
         &prepared.keyframes,
         prepared.options.extract(),
         Some(&checkpoint),
-        |number, keyframe| -> anyhow::Result<()> {
+        // Where no surface is written on the way nobody would see what is refined later.
+        growth.is_some(),
+        |number, arrival| -> anyhow::Result<()> {
             boundary.check(log.keyframes().len())?;
+            let keyframe = match arrival {
+                Arrival::Last(keyframe) => keyframe,
+                Arrival::First {
+                    mut keyframe,
+                    awaited,
+                } => {
+                    keyframe.world_from_camera.translation.vector -= prepared.origin;
+                    early.add(&mut map, number, &keyframe, awaited)?;
+                    return Ok(());
+                }
+            };
             let Some(mut keyframe) = log.accept(keyframe, &progress)? else {
                 progress.step(String::new);
                 return Ok(());
             };
             keyframe.world_from_camera.translation.vector -= prepared.origin;
             let mut report = add_lines(&mut map, &keyframe, &prepared.sequence)?;
+            early.complete(&map, number, &mut report);
             if growth.is_some() {
                 let surface = timed_surface(&mut report, || map.surface());
                 if let Some(page) = &mut page {
@@ -95,6 +112,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         },
     );
     let early_end = early_end(outcome)?;
+    map.withdraw_provisional()?;
     progress.finish();
     if early_end.is_none() {
         log.demand_a_keyframe()?;
@@ -130,6 +148,37 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         checkpoint.finish()?;
     }
     Ok(outcome)
+}
+
+/// What the report says of keyframes from before their last depth came, by their numbers.
+#[derive(Default)]
+struct Early {
+    keyframes: BTreeMap<usize, (usize, StageTimes)>,
+}
+
+impl Early {
+    /// Puts a keyframe with its first depth into the map.
+    fn add(
+        &mut self,
+        map: &mut BackEnd,
+        number: usize,
+        keyframe: &Keyframe,
+        awaited: usize,
+    ) -> Result<(), BackEndError> {
+        let mut times = keyframe.times;
+        times.carve += milliseconds(map.push_provisional(keyframe)?);
+        self.keyframes.insert(number, (awaited, times));
+        Ok(())
+    }
+
+    /// Completes the report of a keyframe whose last depth has come.
+    fn complete(&mut self, map: &BackEnd, number: usize, report: &mut KeyframeReport) {
+        if let Some((awaited, times)) = self.keyframes.remove(&number) {
+            report.milliseconds.add(&times);
+            report.awaited = Some(awaited);
+        }
+        report.provisional_segments = map.provisional_segments().lines.len();
+    }
 }
 
 /// Where the camera was, and which keyframe saw most.

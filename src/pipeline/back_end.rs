@@ -13,12 +13,13 @@ use nalgebra::Point3;
 use super::front_end::Keyframe;
 use super::intake::Intake;
 use super::options::Options;
+use super::provisional::{ProvisionalKeyframes, ProvisionalSetting};
 use super::segment_map::SegmentMap;
 use super::segment_points::measurements;
 use super::support::{Finding, Support};
 use super::surface_points::KeyframeSurface;
 use super::vertex_points::{Observers, VertexPoints};
-use crate::mesh::TriangleMesh;
+use crate::mesh::{LineSet, TriangleMesh};
 
 /// Colour of what no keyframe has a colour of: a middle grey.
 const UNSEEN: [u8; 3] = [128; 3];
@@ -84,6 +85,7 @@ pub struct BackEnd {
     segments: SegmentMap,
     intake: Intake,
     carver: Carver,
+    provisional: ProvisionalKeyframes,
     /// Number of keyframes that were added.
     keyframes: usize,
     vertices: VertexPoints,
@@ -117,6 +119,7 @@ impl BackEnd {
                     Hull::Drop
                 },
             }),
+            provisional: ProvisionalKeyframes::default(),
             keyframes: 0,
             vertices: VertexPoints::default(),
             support: Support::new(
@@ -125,6 +128,66 @@ impl BackEnd {
                 &options.surface_points,
             ),
         })
+    }
+
+    /// Puts in a keyframe whose depth will still be refined; [`push`](Self::push) of the same frame takes it away again and leaves
+    /// the map as if it had never been there. Returns how long it took.
+    ///
+    /// # Errors
+    /// When the carver refuses its position or one of its points: not a number, or out of range.
+    pub fn push_provisional(&mut self, keyframe: &Keyframe) -> Result<Duration, BackEndError> {
+        let start = Instant::now();
+        let refused = |source| BackEndError::Carve {
+            keyframe: keyframe.frame,
+            source,
+        };
+        let setting = ProvisionalSetting {
+            options: &self.options,
+            camera: &self.camera,
+            noise: &self.noise,
+            landmarks: self.intake.landmarks(),
+            points: self.intake.points(),
+        };
+        let mut transaction = self.carver.transaction();
+        self.provisional
+            .add(keyframe, setting, &mut transaction)
+            .map_err(refused)?;
+        let report = transaction.commit().map_err(refused)?;
+        self.follow(&report.surface);
+        Ok(start.elapsed())
+    }
+
+    /// Takes out all keyframes whose last depth has not come and will not.
+    ///
+    /// # Errors
+    /// As [`push_provisional`](Self::push_provisional).
+    pub fn withdraw_provisional(&mut self) -> Result<(), BackEndError> {
+        if self.provisional.is_empty() {
+            return Ok(());
+        }
+        let mut transaction = self.carver.transaction();
+        for keyframe in self.provisional.frames() {
+            self.provisional
+                .withdraw(keyframe, &mut transaction)
+                .map_err(|source| BackEndError::Carve { keyframe, source })?;
+        }
+        let report = transaction.commit().map_err(|source| BackEndError::Carve {
+            keyframe: self.keyframes,
+            source,
+        })?;
+        self.follow(&report.surface);
+        Ok(())
+    }
+
+    /// Lets what is known about triangles follow a commit that brought no keyframe with dense depth.
+    fn follow(&mut self, delta: &SurfaceDelta) {
+        let observers = Observers::new(&self.carver, self.intake.points(), &self.vertices);
+        self.support.follow(observers, delta, &[]);
+    }
+
+    /// The segments of keyframes whose depth will still be refined, in the order of their frames.
+    pub fn provisional_segments(&self) -> LineSet {
+        LineSet::from_segments(self.provisional.segments())
     }
 
     /// Adds a keyframe. Keyframes are numbered in the order in which they are added, from 0.
@@ -143,7 +206,11 @@ impl BackEnd {
             clustering: start.elapsed(),
             ..MapUpdate::default()
         };
+        self.intake.disregard(self.provisional.views());
         let mut transaction = self.carver.transaction();
+        self.provisional
+            .withdraw(keyframe.frame, &mut transaction)
+            .map_err(refused)?;
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let view = transaction.add_view(center).map_err(refused)?;
         let intake = &mut self.intake;
@@ -271,10 +338,16 @@ impl BackEnd {
 
     /// Colours of copies of vertices; `None` when no keyframe had any.
     fn colors(&self, origins: &[Option<VertexId>]) -> Option<Vec<[u8; 3]>> {
+        let provisional = self.provisional.colors(&self.carver);
         let colors: Vec<Option<[u8; 3]>> = origins
             .iter()
             .map(|vertex| {
-                let landmark = self.vertices.landmark((*vertex)?)?;
+                let vertex = (*vertex)?;
+                // Its place in memory may have been that of a landmark before.
+                if let Some(color) = provisional.get(&vertex) {
+                    return Some(*color);
+                }
+                let landmark = self.vertices.landmark(vertex)?;
                 self.intake.landmarks().color(landmark)
             })
             .collect();

@@ -25,6 +25,8 @@ pub(super) struct Intake {
     seen: Vec<u32>,
     /// Those of them that it was given a ray to.
     observed: Vec<u32>,
+    /// Views whose rays do not count, as they will be taken away.
+    provisional: Vec<ViewId>,
     /// Landmarks that it looked through.
     contradicted: Vec<u32>,
     /// Pairs of landmarks between which it sees a stretch of a segment.
@@ -49,6 +51,7 @@ impl Intake {
             least_tangent: options.carving.least_ray_angle_deg.to_radians().tan(),
             seen: Vec::new(),
             observed: Vec::new(),
+            provisional: Vec::new(),
             contradicted: Vec::new(),
             stretches: Vec::new(),
             edges: Vec::new(),
@@ -72,6 +75,12 @@ impl Intake {
     /// Landmarks that the keyframe sees, increasing once they are painted.
     pub(super) fn seen(&self) -> &[u32] {
         &self.seen
+    }
+
+    /// Says which views will be taken away: whether a point needs a ray does not depend on theirs.
+    pub(super) fn disregard(&mut self, views: impl Iterator<Item = ViewId>) {
+        self.provisional.clear();
+        self.provisional.extend(views);
     }
 
     /// Landmarks that the last call of [`Intake::observe`] gave a ray to, increasing.
@@ -282,7 +291,10 @@ impl Intake {
             let position = self.landmarks.position(landmark);
             let reach = self.least_tangent * (position - center).norm();
             let carver = transaction.before();
-            let mut centers = carver.views_of(point).filter_map(|view| carver.view(view));
+            let mut centers = carver
+                .views_of(point)
+                .filter(|view| !self.provisional.contains(view))
+                .filter_map(|view| carver.view(view));
             if !centers.any(|other| is_beside(center, [&position, &other], reach)) {
                 self.observed.push(landmark);
             }

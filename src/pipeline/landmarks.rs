@@ -157,9 +157,7 @@ impl Landmarks {
     /// The nearest landmark wins in the norm that counts pixels across the view ray and standard deviations along it,
     /// each as a share of its bound; of equally near ones the oldest. Expected O(log n).
     pub fn observe(&mut self, measurement: &Measurement) -> Observed {
-        if self.options.join
-            && let Some(id) = self.nearest_within_bounds(measurement)
-        {
+        if let Some(id) = self.find(measurement) {
             self.confirm(id, measurement);
             return Observed::Again(id);
         }
@@ -179,6 +177,14 @@ impl Landmarks {
         self.tree
             .insert(GeomWithData::new(position.coords.into(), id));
         Observed::New(id)
+    }
+
+    /// The landmark that a measurement is of, as [`observe`](Self::observe) finds it; nothing is noted. Expected O(log n).
+    pub fn find(&self, measurement: &Measurement) -> Option<u32> {
+        self.options
+            .join
+            .then(|| self.nearest_within_bounds(measurement))
+            .flatten()
     }
 
     /// Notes another measurement of a landmark.

@@ -14,6 +14,7 @@ pub mod landmarks;
 mod map_points;
 mod options;
 mod point_model;
+mod provisional;
 mod run;
 pub mod scale;
 pub mod segment_map;
@@ -32,4 +33,4 @@ pub use map_points::{
 };
 pub use options::{Options, OptionsError};
 pub use point_model::{ModelCarver, ModelCounts, ModelUpdate, PointModelError, PointModelOptions};
-pub use run::run;
+pub use run::{Arrival, run};

@@ -10,8 +10,19 @@ use super::front_end::{FrontEnd, FrontEndError, Keyframe};
 use crate::checkpoint::Checkpoint;
 use crate::sequence::Sequence;
 
-/// What the front end made of one keyframe.
-type Prepared = Result<Keyframe, FrontEndError>;
+/// What the front end hands on.
+#[derive(Debug)]
+pub enum Arrival {
+    /// A keyframe whose depth was estimated from the first of its neighbours: to be taken away again when its last estimate comes.
+    First {
+        /// The keyframe.
+        keyframe: Keyframe,
+        /// How many keyframes had come after it by then.
+        awaited: usize,
+    },
+    /// All that there will be of a keyframe.
+    Last(Result<Keyframe, FrontEndError>),
+}
 
 /// Runs the front end over `frames` of a sequence and hands each result to `consume`, in order, on the calling thread's
 /// side: while one group of keyframes is consumed, the next is prepared. Memory holds two groups, each of one keyframe a
@@ -19,7 +30,7 @@ type Prepared = Result<Keyframe, FrontEndError>;
 /// threads.
 ///
 /// `consume` is told the number of the keyframe. With depth from neighbours a keyframe comes when the last of those that may be
-/// its neighbours has.
+/// its neighbours has; when `is_with_first` says so it has come before, as soon as enough of them had.
 ///
 /// Keyframes are taken from `checkpoint` where it has them, and kept there.
 ///
@@ -32,7 +43,8 @@ pub fn run<E>(
     frames: &[usize],
     options: ExtractOptions,
     checkpoint: Option<&Checkpoint>,
-    consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
+    is_with_first: bool,
+    mut consume: impl FnMut(usize, Arrival) -> Result<(), E> + Send,
 ) -> Result<(), E>
 where
     E: From<ExtractError> + Send,
@@ -45,11 +57,18 @@ where
                     front_end.process(frames[keyframe], keyframe as u32)
                 })
             };
+            let consume = |number, keyframe| consume(number, Arrival::Last(keyframe));
             run_in_order(frames.len(), || front_end.clone(), prepare, consume)
         }
-        DepthSource::SemiDense(source) => {
-            depth_source::run(sequence, source, frames, options, checkpoint, consume)
-        }
+        DepthSource::SemiDense(source) => depth_source::run(
+            sequence,
+            source,
+            frames,
+            options,
+            checkpoint,
+            is_with_first,
+            consume,
+        ),
     }
 }
 

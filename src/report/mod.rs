@@ -82,11 +82,26 @@ pub struct KeyframeReport {
     pub triangles: usize,
     /// Triangles that came and went with this keyframe.
     pub changed_triangles: usize,
+    /// With depth from neighbours: how many keyframes came after this one until it was in the surface for the first time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub awaited: Option<usize>,
+    /// Segments in the surface after this keyframe whose depth will still be refined.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub provisional_segments: usize,
     /// What became of features, when the surface is made from map points.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_points: Option<MapPointReport>,
     /// Milliseconds of each stage.
     pub milliseconds: StageTimes,
+}
+
+/// Whether a count is left out of the report.
+#[allow(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde hands over references"
+)]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// Counts of one keyframe that is looked at for map points.

@@ -2,7 +2,34 @@
 
 use std::ops::RangeInclusive;
 
+use serde::{Deserialize, Serialize};
+
 use super::SemiDenseStage;
+use crate::checkpoint::Checkpoint;
+use crate::pipeline::front_end::Keyframe;
+
+/// What a run keeps of a keyframe.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Finished {
+    /// Whether the run that made it hands on first estimates.
+    pub(super) is_with_first: bool,
+    /// What the first estimate gave, when there was one before the last.
+    pub(super) first: Option<Keyframe>,
+    /// What the last one gave.
+    pub(super) last: Keyframe,
+}
+
+impl Finished {
+    /// What is kept of a keyframe; `None` when nothing is, or not all that is asked for.
+    pub(super) fn load(
+        checkpoint: Option<&Checkpoint>,
+        keyframe: usize,
+        is_with_first: bool,
+    ) -> Option<Self> {
+        let finished: Self = checkpoint?.load(keyframe)?;
+        (finished.is_with_first || !is_with_first).then_some(finished)
+    }
+}
 
 /// Which keyframes are finished, and what those that are not need of others.
 #[derive(Debug)]

@@ -1,5 +1,5 @@
-//! Keyframes whose depth comes from each other: estimated when the first neighbours have come, to be witnesses for others, and
-//! again when all have.
+//! Keyframes whose depth comes from each other: estimated when the first neighbours have come, for a map that is not to wait and
+//! to be witnesses for others, and again when all have.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -13,15 +13,17 @@ use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use rayon::prelude::*;
 
 use super::SemiDenseSource;
-use super::kept::Kept;
+use super::kept::{Finished, Kept};
 use super::schedule::{Schedule, Task};
 use crate::checkpoint::Checkpoint;
 use crate::pipeline::colors::KeyframeColors;
 use crate::pipeline::front_end::{FrontEndError, Keyframe};
+use crate::pipeline::run::Arrival;
 use crate::report::{StageTimes, milliseconds};
 use crate::sequence::Sequence;
 
 type Prepared = Result<Keyframe, FrontEndError>;
+type Arrivals = Vec<(usize, Arrival)>;
 
 /// A keyframe in the window.
 struct Entry {
@@ -40,6 +42,8 @@ struct First {
     neighbours: Vec<usize>,
     depth: SemiDenseDepth,
     duration: Duration,
+    /// What was handed on.
+    keyframe: Option<Keyframe>,
 }
 
 /// An estimate that is due at a step: the number of keyframes that had come.
@@ -54,9 +58,9 @@ struct Step {
     due: Vec<Due>,
 }
 
-/// Runs the front end over `frames` and hands each result to `consume`, in order, when its last estimate is made. While one
-/// group is consumed the next is prepared. Keyframes are taken from `checkpoint` where it has them, and kept there. What
-/// `consume` sees depends neither on that nor on the number of threads.
+/// Runs the front end over `frames` and hands each result to `consume`, in order, when its last estimate is made, and when
+/// `is_with_first` says so also when its first is. While one group is consumed the next is prepared. Keyframes are taken from
+/// `checkpoint` where it has them, and kept there. What `consume` sees depends neither on that nor on the number of threads.
 ///
 /// # Errors
 /// When `consume` fails, or the options are out of range.
@@ -66,19 +70,21 @@ pub(in crate::pipeline) fn run<E>(
     frames: &[usize],
     options: ExtractOptions,
     checkpoint: Option<&Checkpoint>,
-    mut consume: impl FnMut(usize, Prepared) -> Result<(), E> + Send,
+    is_with_first: bool,
+    mut consume: impl FnMut(usize, Arrival) -> Result<(), E> + Send,
 ) -> Result<(), E>
 where
     E: From<ExtractError> + Send,
 {
-    let mut front_end = FrontEnd::new(sequence, source, frames, options, checkpoint)?;
+    let mut front_end =
+        FrontEnd::new(sequence, source, frames, options, checkpoint, is_with_first)?;
     let group = rayon::current_num_threads().max(1);
     let mut ready = front_end.next_group(group);
-    while let Some(keyframes) = ready {
+    while let Some(arrivals) = ready {
         let (consumed, prepared) = rayon::join(
             || {
-                for (number, keyframe) in keyframes {
-                    consume(number, keyframe)?;
+                for (number, arrival) in arrivals {
+                    consume(number, arrival)?;
                 }
                 Ok::<(), E>(())
             },
@@ -95,6 +101,7 @@ struct FrontEnd<'a> {
     source: &'a SemiDenseSource,
     frames: &'a [usize],
     checkpoint: Option<&'a Checkpoint>,
+    is_with_first: bool,
     kept: Kept,
     estimator: SemiDense,
     detector: EdgeDetector,
@@ -116,9 +123,9 @@ impl<'a> FrontEnd<'a> {
         frames: &'a [usize],
         mut options: ExtractOptions,
         checkpoint: Option<&'a Checkpoint>,
+        is_with_first: bool,
     ) -> Result<Self, ExtractError> {
-        let is_kept =
-            |keyframe| checkpoint.is_some_and(|kept| kept.load::<Keyframe>(keyframe).is_some());
+        let is_kept = |keyframe| Finished::load(checkpoint, keyframe, is_with_first).is_some();
         // The depth of an edge pixel was measured on the edge itself: there is no other side to choose.
         options.edge_depth = EdgeDepthOptions::raw();
         Ok(Self {
@@ -126,6 +133,7 @@ impl<'a> FrontEnd<'a> {
             source,
             frames,
             checkpoint,
+            is_with_first,
             kept: Kept::new((0..frames.len()).map(is_kept).collect(), &source.options),
             estimator: SemiDense::new(source.options.matching)?,
             detector: EdgeDetector::new(options.edges)?,
@@ -138,8 +146,8 @@ impl<'a> FrontEnd<'a> {
         })
     }
 
-    /// The results of the next few steps, in order; `None` at the end.
-    fn next_group(&mut self, group: usize) -> Option<Vec<(usize, Prepared)>> {
+    /// What the next few steps hand on, in order; `None` at the end.
+    fn next_group(&mut self, group: usize) -> Option<Arrivals> {
         if self.is_over {
             return None;
         }
@@ -166,25 +174,55 @@ impl<'a> FrontEnd<'a> {
                     neighbours: due.task.neighbours.clone(),
                     depth,
                     duration,
+                    keyframe: None,
                 });
         }
+        let handed_on = self.hand_on(&tasks(false));
         let finished = self.in_parallel(&tasks(true), |this, extractor, due| {
-            Checkpoint::load_or(this.checkpoint, due.task.keyframe, || {
-                this.finish(due, extractor)
-            })
+            this.finish(due, extractor)
         });
-        let mut finished = finished.into_iter();
-        let mut results = Vec::new();
+        let (mut handed_on, mut finished) = (handed_on.into_iter(), finished.into_iter());
+        let mut arrivals = Vec::new();
         for step in steps {
-            results.extend(step.fault.map(|(number, fault)| (number, Err(fault))));
-            let last = step.due.iter().filter(|due| due.task.is_final);
-            results.extend(last.map(|due| due.task.keyframe).zip(&mut finished));
+            let fault = step.fault.map(|(number, fault)| (number, Err(fault)));
+            arrivals.extend(fault.map(|(number, fault)| (number, Arrival::Last(fault))));
+            for due in step.due {
+                let number = due.task.keyframe;
+                let arrival = if due.task.is_final {
+                    finished.next().map(Arrival::Last)
+                } else {
+                    let awaited = due.step - number;
+                    let first = handed_on.next().flatten();
+                    first.map(|keyframe| Arrival::First { keyframe, awaited })
+                };
+                arrivals.extend(arrival.map(|arrival| (number, arrival)));
+            }
         }
         while self.first < self.schedule.oldest_needed() {
             self.window.pop_front();
             self.first += 1;
         }
-        Some(results)
+        Some(arrivals)
+    }
+
+    /// The keyframes of first estimates, when they are asked for.
+    fn hand_on(&mut self, due: &[&Due]) -> Vec<Option<Keyframe>> {
+        if !self.is_with_first {
+            return vec![None; due.len()];
+        }
+        let keyframes = self.in_parallel(due, |this, extractor, due| {
+            let number = due.task.keyframe;
+            match Finished::load(this.checkpoint, number, true) {
+                Some(finished) => finished.first,
+                None => this.confirmed(due, extractor).ok(),
+            }
+        });
+        for (due, keyframe) in due.iter().zip(&keyframes) {
+            if let Some(first) = &mut self.window[due.task.keyframe - self.first].first {
+                first.keyframe.clone_from(keyframe);
+            }
+        }
+        keyframes
     }
 
     fn in_parallel<T: Send>(
@@ -322,16 +360,34 @@ impl<'a> FrontEnd<'a> {
         Ok((depth, start.elapsed()))
     }
 
-    /// The last estimate, confirmed by the first estimates of its neighbours as far as they were there at that step.
-    fn finish(
-        &self,
-        due: &Due,
-        extractor: &mut SegmentExtractor,
-    ) -> Result<Keyframe, FrontEndError> {
+    /// What is kept of a keyframe, or else its last estimate, which is then kept.
+    fn finish(&self, due: &Due, extractor: &mut SegmentExtractor) -> Prepared {
+        let number = due.task.keyframe;
+        if let Some(finished) = Finished::load(self.checkpoint, number, self.is_with_first) {
+            return Ok(finished.last);
+        }
+        let first = self.entry(number).first.as_ref();
+        let mut last = self.confirmed(due, extractor)?;
+        last.times.load = milliseconds(self.entry(number).loading);
+        last.times.edges = milliseconds(self.entry(number).edges);
+        last.times.depth += milliseconds(first.map_or(Duration::ZERO, |first| first.duration));
+        let finished = Finished {
+            is_with_first: self.is_with_first,
+            first: first.and_then(|first| first.keyframe.clone()),
+            last,
+        };
+        if let Some(checkpoint) = self.checkpoint {
+            checkpoint.store(number, &finished)?;
+        }
+        Ok(finished.last)
+    }
+
+    /// An estimate, confirmed by the first estimates of its neighbours as far as they were there at that step, and the segments
+    /// along it. Its times are those of this alone.
+    fn confirmed(&self, due: &Due, extractor: &mut SegmentExtractor) -> Prepared {
         let start = Instant::now();
         let task = &due.task;
-        let entry = self.entry(task.keyframe);
-        let mut depth = match &entry.first {
+        let mut depth = match &self.entry(task.keyframe).first {
             Some(first) if first.neighbours == task.neighbours => first.depth.clone(),
             _ => self.estimate(task)?,
         };
@@ -354,14 +410,8 @@ impl<'a> FrontEnd<'a> {
             &witnesses,
             &self.source.options.confirm,
         );
-        let first = entry
-            .first
-            .as_ref()
-            .map_or(Duration::ZERO, |first| first.duration);
         let times = StageTimes {
-            load: milliseconds(entry.loading),
-            edges: milliseconds(entry.edges),
-            depth: milliseconds(first + start.elapsed()),
+            depth: milliseconds(start.elapsed()),
             ..StageTimes::default()
         };
         self.keyframe(task, &depth, times, extractor)
@@ -373,7 +423,7 @@ impl<'a> FrontEnd<'a> {
         depth: &SemiDenseDepth,
         mut times: StageTimes,
         extractor: &mut SegmentExtractor,
-    ) -> Result<Keyframe, FrontEndError> {
+    ) -> Prepared {
         let view = self.view(task.keyframe)?;
         let extraction = extractor
             .extract_along(
