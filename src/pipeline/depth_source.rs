@@ -64,6 +64,8 @@ pub struct SemiDenseStage {
     /// What the depth of a place errs by however many pixels of an edge are averaged, as a share of the median depth: errors of
     /// poses are the same for all of them.
     pub relative_noise: f64,
+    /// In place of `[surface] longest_edge_share`: between edges there are no points, and triangles have to span it.
+    pub longest_edge_share: Option<f64>,
     /// Which keyframes are neighbours.
     pub neighbours: NeighbourOptions,
     /// How edge pixels are matched.
@@ -79,7 +81,8 @@ impl Default for SemiDenseStage {
             past: 8,
             future: 6,
             first_neighbours: 3,
-            relative_noise: 0.01,
+            relative_noise: 0.002,
+            longest_edge_share: Some(0.5),
             neighbours: NeighbourOptions::default(),
             matching: SemiDenseOptions::default(),
             confirm: WitnessOptions::default(),
@@ -94,8 +97,10 @@ impl SemiDenseStage {
     /// The first value out of range.
     pub fn validate(&self) -> Result<(), SemiDenseOptionsError> {
         self.matching.validate()?;
+        let longest_edge_share = self.longest_edge_share.unwrap_or(f64::MAX);
         for (name, value) in [
             ("relative_noise", self.relative_noise),
+            ("longest_edge_share", longest_edge_share),
             ("neighbours.precision", self.neighbours.precision),
             ("neighbours.match_sigma_px", self.neighbours.match_sigma_px),
             ("confirm.chi2", self.confirm.chi2),
