@@ -139,7 +139,9 @@ impl Reduction<'_> {
             mesh.with_edge(vertex, opposite[0])
                 .any(|t| mesh.corners(t).contains(&opposite[1]))
         };
-        !(is_on_rim(a, near_a) && is_on_rim(b, near_b)) && !(has_lid(a) && has_lid(b))
+        let joins_rims = is_on_rim(a, near_a) && is_on_rim(b, near_b);
+        let is_tetrahedron = has_lid(a) && has_lid(b);
+        !joins_rims && !is_tetrahedron
     }
 
     /// Whether the surface stays within the tolerance, both ways, and faces where it did.
