@@ -28,7 +28,7 @@ const SEGMENTS: &str = "segment_weight = 1\n";
 const TRIANGULATIONS: &str = "triangulation_weight = 1\n";
 
 /// Name of a row, and the parts of its configuration. The first is the paper: two points a segment, each for itself.
-const SWITCHES: [(&str, &[&str]); 14] = [
+const SWITCHES: [(&str, &[&str]); 16] = [
     (
         "ends of segments, not joined; votes",
         &[VOTES, NOT_JOINED, ENDS, NO_PLANES, UNMEASURED],
@@ -51,6 +51,10 @@ const SWITCHES: [(&str, &[&str]); 14] = [
         &[VOTES, SEGMENTS, NO_PLANES, UNMEASURED],
     ),
     ("points along segments; cut", &[CUT, NO_PLANES, UNMEASURED]),
+    (
+        "points along and whole segments; cut",
+        &[CUT, SEGMENTS, NO_PLANES, UNMEASURED],
+    ),
     ("points on planes, too; votes", &[VOTES, UNMEASURED]),
     (
         "planes and whole segments; votes",
@@ -67,6 +71,10 @@ const SWITCHES: [(&str, &[&str]); 14] = [
         &[CUT, NO_CORRECTIONS],
     ),
     ("measured triangles; cut: the default", &[CUT]),
+    (
+        "measured triangles and whole segments; cut",
+        &[CUT, SEGMENTS],
+    ),
 ];
 
 /// What the command line asks for.

@@ -237,3 +237,98 @@ fn points_without_deviations_are_soft_in_proportion_to_their_distance() {
     assert!(soft < 0.05 && hard < 0.1, "{soft} {hard}");
     assert_eq!(carver.snapshot(), carver.rebuilt(true).snapshot());
 }
+
+/// A wall seen from the front, unseen points far behind it, and a segment that noise has put just behind the wall.
+fn wall_with_segment(labels: Labels, with_segment: bool) -> f64 {
+    let mut carver = Carver::new(CarverOptions {
+        labels,
+        hull: Hull::Drop,
+    });
+    let mut transaction = carver.transaction();
+    let views = [-1.5, 0.1, 1.4].map(|x| {
+        let center = Point3::new(x, 0.3 - 0.2 * x, 5.0);
+        transaction.add_view(center).unwrap()
+    });
+    for i in -4..=4 {
+        for j in -4..=4 {
+            let (x, y) = (f64::from(i) * 0.25, f64::from(j) * 0.25);
+            let wall = Point3::new(x + 0.01 * y, y - 0.02 * x, 0.0);
+            let wall = transaction.add_point(wall).unwrap();
+            transaction.set_sigma(wall, Some(0.02)).unwrap();
+            for view in views {
+                transaction.add_observation(view, wall, 1).unwrap();
+            }
+            let behind = Point3::new(0.8 * x, 0.8 * y + 0.1, -2.0 - 0.1 * x * y);
+            transaction.add_point(behind).unwrap();
+        }
+    }
+    // Around the views, so that these are inside of the hull.
+    for (x, y) in [(-4.0, -3.9), (4.1, -4.0), (-3.9, 4.0), (4.0, 4.1)] {
+        transaction.add_point(Point3::new(x, y, 6.0)).unwrap();
+    }
+    if with_segment {
+        let ends = [-0.81, 0.77].map(|x| {
+            let end = transaction
+                .add_point(Point3::new(x, 0.1 * x + 0.04, -0.06))
+                .unwrap();
+            transaction.set_sigma(end, Some(0.06)).unwrap();
+            end
+        });
+        transaction.add_segment(views[1], ends, 1).unwrap();
+    }
+    transaction.commit().unwrap();
+    let mesh = carver.mesh(&ExportOptions::default());
+    assert!(!mesh.triangles.is_empty());
+    let corners = mesh.triangles.iter().flatten();
+    corners
+        .map(|v| mesh.vertices[*v as usize].z)
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// The exact triangle carves into the cells behind the wall, which reach to the points far behind; the soft one does not.
+#[test]
+fn a_noisy_segment_does_not_carve_behind_a_wall() {
+    let votes = [false, true].map(|with| wall_with_segment(Labels::default(), with));
+    assert!(votes[0] > -0.1 && votes[1] < -1.0, "{votes:?}");
+    let cut = [false, true].map(|with| wall_with_segment(cut(), with));
+    assert!(cut[0] > -0.1 && cut[1] > -0.1, "{cut:?}");
+}
+
+/// Segments alone free what lies before them.
+#[test]
+fn segments_free_space_without_any_ray() {
+    let mut carver = Carver::new(CarverOptions {
+        labels: cut(),
+        hull: Hull::Keep,
+    });
+    let mut transaction = carver.transaction();
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let mut ends = Vec::new();
+    for _ in 0..200 {
+        let position = rooms::wall_point(&mut rng);
+        ends.push(transaction.add_point(position).unwrap());
+    }
+    let view = transaction.add_view(Point3::new(0.1, 0.05, -0.02)).unwrap();
+    transaction.commit().unwrap();
+    assert_eq!(carver.triangle_count(), 0);
+    let mut transaction = carver.transaction();
+    for pair in ends.chunks_exact(2) {
+        transaction
+            .add_segment(view, [pair[0], pair[1]], 4)
+            .unwrap();
+    }
+    transaction.commit().unwrap();
+    assert!(carver.triangle_count() > 20, "{}", carver.triangle_count());
+    carver.check().unwrap();
+    assert_eq!(carver.snapshot(), carver.rebuilt(true).snapshot());
+    // Without them all is as it was.
+    let mut transaction = carver.transaction();
+    for pair in ends.chunks_exact(2) {
+        transaction
+            .remove_segment(view, [pair[0], pair[1]])
+            .unwrap();
+    }
+    transaction.commit().unwrap();
+    assert_eq!(carver.triangle_count(), 0);
+    carver.check().unwrap();
+}

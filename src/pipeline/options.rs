@@ -93,8 +93,9 @@ pub struct CarvingOptions {
     pub labels: LabelKind,
     /// With votes, a tetrahedron is free when at least this many rays cross it.
     pub free_threshold: u32,
-    /// With votes, the weight of the triangle between a camera and a stretch of a segment that it sees, 0 for none:
-    /// everything in it is free, not only what lies on the rays to points, which weigh 1.
+    /// The weight of the triangle between a camera and a stretch of a segment that it sees, 0 for none: everything in it is
+    /// free, not only what lies on the rays to points, which weigh 1. With the cut it is so sure as the ends, and all rays in
+    /// it together have this weight.
     pub segment_weight: u32,
     /// The same for the edges of a keyframe's triangulation that the surface was found to follow.
     pub triangulation_weight: u32,

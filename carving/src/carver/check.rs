@@ -8,7 +8,8 @@ use crate::flow::FlowViolation;
 use crate::surface::SurfaceViolation;
 use crate::tetrahedralization::{CellId, VertexId, Violation};
 use crate::visibility::{
-    CellEvidence, Evidence, RayId, Walker, crosses_cell, crosses_ghost, triangle_meets_cell,
+    CellEvidence, Evidence, RayId, SheetSight, Walker, crosses_cell, crosses_ghost,
+    triangle_meets_cell,
 };
 
 /// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
@@ -152,6 +153,24 @@ impl Carver {
                     }
                 }
                 found.matter += self.evidence.tie(&walker, cell, ray);
+            }
+            for sheet in self.sheets.all() {
+                let record = self.sheets.get(sheet);
+                let [a, b] = record
+                    .vertices
+                    .map(|v| tetrahedra.coordinates(VertexId::from_index(v as usize)));
+                let center = self.views.center(record.view);
+                if let Some(softness) = self.evidence.softness()
+                    && triangle_meets_cell([center, a, b], corners)
+                {
+                    let sight = SheetSight {
+                        center,
+                        ends: [a, b],
+                        sigmas: record.points.map(|point| self.points.sigma(point)),
+                        weight: record.weight,
+                    };
+                    found.add(&sight.passage(softness, corners));
+                }
             }
             if found != *self.evidence.of(cell) {
                 return Err(CarverViolation::Evidence { cell });

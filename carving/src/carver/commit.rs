@@ -85,6 +85,7 @@ impl Carver {
             sheets: &mut self.sheets,
             lists: &mut self.meetings,
             weights: &mut self.crossings,
+            evidence: &mut self.evidence,
             scratch: &mut self.sheet_scratch,
         }
     }
@@ -231,7 +232,7 @@ impl Carver {
         }
     }
 
-    /// Gives changed segments their vertices and weights, adds the new ones and lists them in `added`.
+    /// Gives changed segments their vertices, weights and deviations, adds the new ones and lists them in `added`.
     fn update_sheets(&mut self, plan: &Plan, added: &mut Vec<RayId>) {
         for &sheet in added.iter() {
             let Sheet { view, points, .. } = *self.sheets.get(sheet);
@@ -253,6 +254,10 @@ impl Carver {
             if self.views.is_alive(view) && self.sheets.find(view, points).is_none() {
                 added.push(self.sheets.add(view, points, [a, b], weight));
             }
+        }
+        for &sheet in added.iter() {
+            let record = self.sheets.get_mut(sheet);
+            record.sigmas = record.points.map(|point| self.points.sigma(point));
         }
     }
 

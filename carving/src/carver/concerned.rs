@@ -109,6 +109,11 @@ impl Plan {
         for &point in self.points.keys() {
             concerned.extend(sheets.of_point(point));
         }
+        if carver.evidence.is_on() {
+            for &point in self.sigmas.keys() {
+                concerned.extend(sheets.of_point(point));
+            }
+        }
         for &view in self.views.keys() {
             concerned.extend(sheets.of_view(view));
         }

@@ -43,6 +43,22 @@ impl CellEvidence {
             Exit::Elsewhere => None,
         }
     }
+
+    pub(crate) fn add(&mut self, other: &CellEvidence) {
+        for (sum, more) in self.entered.iter_mut().zip(other.entered) {
+            *sum += more;
+        }
+        self.free += other.free;
+        self.matter += other.matter;
+    }
+
+    fn subtract(&mut self, other: &CellEvidence) {
+        for (sum, less) in self.entered.iter_mut().zip(other.entered) {
+            *sum -= less;
+        }
+        self.free -= other.free;
+        self.matter -= other.matter;
+    }
 }
 
 /// A ray's own part.
@@ -169,6 +185,23 @@ impl Evidence {
             Exit::AtCenter => sight.full(),
             Exit::Elsewhere => 0,
         }
+    }
+
+    /// How what is said falls off near points; `None` while switched off.
+    pub(crate) fn softness(&self) -> Option<&Softness> {
+        self.softness.as_ref()
+    }
+
+    /// Adds what something other than a ray says about a cell.
+    pub(super) fn add_said(&mut self, cell: CellId, said: &CellEvidence) {
+        self.cells[cell.index()].add(said);
+        self.touch(cell);
+    }
+
+    /// Takes back what [`add_said`](Self::add_said) added.
+    pub(super) fn subtract_said(&mut self, cell: CellId, said: &CellEvidence) {
+        self.cells[cell.index()].subtract(said);
+        self.touch(cell);
     }
 
     /// Adds what a ray says about a cell that it crosses.

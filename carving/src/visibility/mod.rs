@@ -16,7 +16,7 @@
 //! * `rays`, `views`: the tables;
 //! * `softness`, `evidence`: what a ray says about facets, and the cells behind its point, beyond crossing cells;
 //! * `rewalk`: what to walk again after cells have been destroyed and created;
-//! * `triangle`, `sheets`, `sheet_walk`: the same for triangles between a centre and a segment.
+//! * `triangle`, `sheets`, `sheet_walk`, `sheet_evidence`: the same for triangles between a centre and a segment.
 //!
 //! # Reference
 //!
@@ -32,6 +32,7 @@ mod evidence;
 mod rays;
 mod rewalk;
 mod segment;
+mod sheet_evidence;
 mod sheet_walk;
 mod sheets;
 mod softness;
@@ -44,6 +45,7 @@ pub(crate) use evidence::{CellEvidence, Evidence};
 pub(crate) use rays::{RayId, Rays};
 pub(crate) use rewalk::{Rewalk, RewalkScratch};
 pub use segment::{crosses_cell, crosses_ghost};
+pub(crate) use sheet_evidence::SheetSight;
 pub(crate) use sheet_walk::{SheetScratch, SheetWalk};
 pub(crate) use sheets::{Sheet, Sheets};
 pub(crate) use softness::{Softness, UNIT};

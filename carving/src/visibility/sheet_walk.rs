@@ -19,7 +19,9 @@ use crate::predicates::are_collinear;
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
 
 use super::crossings::Crossings;
+use super::evidence::{CellEvidence, Evidence};
 use super::rays::RayId;
+use super::sheet_evidence::SheetSight;
 use super::sheets::Sheets;
 use super::triangle::{Contact, relate_cell, relate_ghost};
 use super::views::Views;
@@ -74,6 +76,8 @@ pub(crate) struct SheetWalk<'a> {
     pub(crate) lists: &'a mut Crossings,
     /// Holds the weight of each cell, rays and sheets together.
     pub(crate) weights: &'a mut Crossings,
+    /// What cells are told about, rays and sheets together.
+    pub(crate) evidence: &'a mut Evidence,
     pub(crate) scratch: &'a mut SheetScratch,
 }
 
@@ -157,6 +161,22 @@ impl SheetWalk<'_> {
         self.sheets.get_mut(sheet).is_degenerate = !is_generic;
     }
 
+    /// What a sheet says about a cell that it meets, while anyone listens.
+    fn said(&self, sheet: RayId, cell: CellId) -> Option<CellEvidence> {
+        let softness = self.evidence.softness()?;
+        let [center, a, b] = self.triangle(sheet);
+        let record = self.sheets.get(sheet);
+        let sight = SheetSight {
+            center,
+            ends: [a, b],
+            sigmas: record.sigmas,
+            weight: record.weight,
+        };
+        let vertices = self.tetrahedra.cell_vertices(cell);
+        let corners = vertices.map(|v| self.tetrahedra.coordinates(v));
+        Some(sight.passage(softness, corners))
+    }
+
     /// Lists a sheet with the cells of the latest search that satisfy `of_interest`.
     fn list(&mut self, sheet: RayId, of_interest: impl Fn(&SheetScratch, CellId) -> bool) {
         let weight = self.sheets.get(sheet).weight;
@@ -164,6 +184,9 @@ impl SheetWalk<'_> {
             if of_interest(self.scratch, cell) {
                 self.lists.add(cell, sheet, 0);
                 self.weights.burden(cell, weight);
+                if let Some(said) = self.said(sheet, cell) {
+                    self.evidence.add_said(cell, &said);
+                }
             }
         }
         for &cell in &self.scratch.beside {
@@ -197,6 +220,9 @@ impl SheetWalk<'_> {
             let weight = self.sheets.get(sheet).weight;
             for &cell in &self.scratch.met {
                 self.weights.lighten(cell, weight);
+                if let Some(said) = self.said(sheet, cell) {
+                    self.evidence.subtract_said(cell, &said);
+                }
             }
             concerned.extend(self.scratch.met.iter().chain(&self.scratch.beside));
         }

@@ -13,6 +13,8 @@ pub(crate) struct Sheet {
     /// Their vertices.
     pub(crate) vertices: [u32; 2],
     pub(crate) weight: u32,
+    /// Standard deviations of the ends along the rays to them.
+    pub(crate) sigmas: [Option<f64>; 2],
     /// Whether it may touch a cell at a special position; then it is walked over its full extent whenever one of the
     /// cells that list it changes.
     pub(crate) is_degenerate: bool,
@@ -79,6 +81,7 @@ impl Sheets {
             points,
             vertices,
             weight,
+            sigmas: [None; 2],
             is_degenerate: false,
         });
         let id = if let Some(slot) = self.free.pop() {

@@ -37,15 +37,15 @@ pub(crate) struct Sight<'a> {
     saturated: f64,
 }
 
-fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+pub(super) fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+pub(super) fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+pub(super) fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -53,13 +53,13 @@ fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
     ]
 }
 
-fn precedes(a: &[f64; 3], b: &[f64; 3]) -> bool {
+pub(super) fn precedes(a: &[f64; 3], b: &[f64; 3]) -> bool {
     (a[0], a[1], a[2]) < (b[0], b[1], b[2])
 }
 
 /// The corners of a facet in an order that depends on their positions alone, so that rounding is the same whatever the
 /// ids.
-fn in_order([mut a, mut b, mut c]: [&[f64; 3]; 3]) -> [&[f64; 3]; 3] {
+pub(super) fn in_order([mut a, mut b, mut c]: [&[f64; 3]; 3]) -> [&[f64; 3]; 3] {
     if precedes(b, a) {
         std::mem::swap(&mut a, &mut b);
     }
@@ -70,6 +70,19 @@ fn in_order([mut a, mut b, mut c]: [&[f64; 3]; 3]) -> [&[f64; 3]; 3] {
         }
     }
     [a, b, c]
+}
+
+/// `1 - exp(-x^2 / 2)` of a number of deviations; 1 of many and of what is not a number.
+#[inline]
+pub(super) fn soft(deviations: f64) -> f64 {
+    /// From this exponent on the weight is rounded to its full amount.
+    const SATURATED: f64 = 8.0;
+    let exponent = 0.5 * deviations * deviations;
+    if exponent < SATURATED {
+        -(-exponent).exp_m1()
+    } else {
+        1.0
+    }
 }
 
 impl<'a> Sight<'a> {
@@ -125,8 +138,6 @@ impl<'a> Sight<'a> {
     }
 
     fn cost_nearby(&self, facet: [&[f64; 3]; 3]) -> u64 {
-        /// From this exponent on the weight is rounded to its full amount.
-        const SATURATED: f64 = 8.0;
         let [a, b, c] = in_order(facet);
         let normal = cross(&minus(b, a), &minus(c, a));
         let share = dot(&normal, &minus(a, self.target)) / dot(&normal, &self.ray);
@@ -134,13 +145,8 @@ impl<'a> Sight<'a> {
             Some(sigma) => share * self.length / sigma,
             None => share / self.softness.relative_sigma,
         };
-        let exponent = 0.5 * deviations * deviations;
-        let soft = if exponent < SATURATED {
-            (-(-exponent).exp_m1() * UNIT as f64).round() as u64
-        } else {
-            // Also for deviations of zero, and where the facet is so thin that its plane is lost in rounding.
-            UNIT
-        };
+        // Full also for deviations of zero, and where the facet is so thin that its plane is lost in rounding.
+        let soft = (soft(deviations) * UNIT as f64).round() as u64;
         u64::from(self.weight.min(MAX_WEIGHT)) * soft
     }
 
