@@ -58,7 +58,7 @@ impl Frame {
         let (first, last) = (share(from), share(to));
         let part = (last - first).abs();
         // Also for what is not a number, at the centre.
-        if !(part > 0.0) {
+        if part.is_nan() || part <= 0.0 {
             return 0.0;
         }
         let step = [to[0] - from[0], to[1] - from[1]];
