@@ -76,9 +76,6 @@ pub(super) fn prepare(
         .collect();
     let depth = depth_source(&sequence, stages.depth, &options)?;
     let median_depth = depth.median_depth;
-    if let DepthSource::SemiDense(source) = &depth.source {
-        options.surface.longest_edge_share = source.options.longest_edge_share;
-    }
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
     let origin = origin_of(&sequence, &keyframes, median_depth, &mut warnings);
     Ok(Prepared {

@@ -64,8 +64,6 @@ pub struct SemiDenseStage {
     /// What the depth of a place errs by however many pixels of an edge are averaged, as a share of the median depth: errors of
     /// poses are the same for all of them.
     pub relative_noise: f64,
-    /// In place of `[surface] longest_edge_share`: between edges there are no points, and triangles have to span it.
-    pub longest_edge_share: Option<f64>,
     /// Which keyframes are neighbours.
     pub neighbours: NeighbourOptions,
     /// How edge pixels are matched.
@@ -82,7 +80,6 @@ impl Default for SemiDenseStage {
             future: 6,
             first_neighbours: 3,
             relative_noise: 0.002,
-            longest_edge_share: Some(0.5),
             neighbours: NeighbourOptions::default(),
             matching: SemiDenseOptions::default(),
             confirm: WitnessOptions::default(),
@@ -97,10 +94,8 @@ impl SemiDenseStage {
     /// The first value out of range.
     pub fn validate(&self) -> Result<(), SemiDenseOptionsError> {
         self.matching.validate()?;
-        let longest_edge_share = self.longest_edge_share.unwrap_or(f64::MAX);
         for (name, value) in [
             ("relative_noise", self.relative_noise),
-            ("longest_edge_share", longest_edge_share),
             ("neighbours.precision", self.neighbours.precision),
             ("neighbours.match_sigma_px", self.neighbours.match_sigma_px),
             ("confirm.chi2", self.confirm.chi2),

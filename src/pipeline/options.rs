@@ -125,7 +125,8 @@ impl Default for CarvingOptions {
 #[serde(default, deny_unknown_fields)]
 pub struct SurfaceOptions {
     /// Where depth is not dense, triangles with an edge longer than this share of the scene's median depth are left out:
-    /// they span what no keyframe measured. `None` keeps them.
+    /// they span what no keyframe measured. Points of edges and corners lie far apart, so that shorter bounds cost more of the
+    /// surface than they spare of what is none. `None` keeps all.
     pub longest_edge_share: Option<f64>,
     /// Where depth is dense, triangles are left out of which keyframes measured less than this share; 0 asks no keyframe.
     pub least_measured_share: f64,
@@ -141,7 +142,7 @@ pub struct SurfaceOptions {
 impl Default for SurfaceOptions {
     fn default() -> Self {
         Self {
-            longest_edge_share: Some(0.25),
+            longest_edge_share: Some(0.5),
             least_measured_share: 0.3,
             minimum_component: 8,
             keep_hull: false,
