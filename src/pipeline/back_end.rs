@@ -15,7 +15,7 @@ use super::intake::Intake;
 use super::options::Options;
 use super::provisional::{ProvisionalKeyframes, ProvisionalSetting};
 use super::segment_map::SegmentMap;
-use super::segment_points::measurements;
+use super::segment_points::{edge_measurements, measurements};
 use super::support::{Finding, Support};
 use super::surface_points::KeyframeSurface;
 use super::vertex_points::{Observers, VertexPoints};
@@ -228,6 +228,15 @@ impl BackEnd {
                 .take_segment(&mut transaction, along)
                 .map_err(refused)?;
         }
+        let single = edge_measurements(
+            &keyframe.edge_points,
+            &self.camera,
+            &keyframe.world_from_camera,
+            &self.noise,
+        );
+        intake
+            .take_singly(&mut transaction, single)
+            .map_err(refused)?;
         let options = &self.options.surface_points;
         let surface = KeyframeSurface::new(
             &keyframe.surface,

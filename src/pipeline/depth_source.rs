@@ -64,6 +64,8 @@ pub struct SemiDenseStage {
     /// What the depth of a place errs by however many pixels of an edge are averaged, as a share of the median depth: errors of
     /// poses are the same for all of them.
     pub relative_noise: f64,
+    /// Edges on no segment get a point every this many pixels; 0: they get none.
+    pub edge_point_spacing_px: usize,
     /// Which keyframes are neighbours.
     pub neighbours: NeighbourOptions,
     /// How edge pixels are matched.
@@ -80,6 +82,7 @@ impl Default for SemiDenseStage {
             future: 6,
             first_neighbours: 3,
             relative_noise: 0.002,
+            edge_point_spacing_px: 10,
             neighbours: NeighbourOptions::default(),
             matching: SemiDenseOptions::default(),
             confirm: WitnessOptions::default(),

@@ -11,6 +11,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use super::colors::KeyframeColors;
+use super::edge_points::EdgePoint;
 use crate::files::WriteError;
 use crate::report::{StageTimes, milliseconds};
 use crate::sequence::{FrameError, Sequence};
@@ -24,6 +25,9 @@ pub struct Keyframe {
     pub world_from_camera: Isometry3<f64>,
     /// Its segments, in its camera frame.
     pub segments: Vec<Segment>,
+    /// Points of edges on no segment, where depth comes from images alone.
+    #[serde(default)]
+    pub edge_points: Vec<EdgePoint>,
     /// The surface between them, where depth is dense.
     pub surface: SurfaceSamples,
     /// The colours of its image.
@@ -151,6 +155,7 @@ impl<'a> FrontEnd<'a> {
             frame,
             world_from_camera: self.sequence.frames()[frame].world_from_camera,
             segments: extraction.segments,
+            edge_points: Vec::new(),
             surface: extraction.surface,
             colors,
             edge_chains: extraction.chains,

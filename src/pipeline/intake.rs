@@ -142,6 +142,18 @@ impl Intake {
         Ok(())
     }
 
+    /// Takes points that are on no segment.
+    pub(super) fn take_singly(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        measurements: impl Iterator<Item = Measurement>,
+    ) -> Result<(), EventError> {
+        for measurement in measurements {
+            self.take(transaction, &measurement)?;
+        }
+        Ok(())
+    }
+
     /// Takes single points, after those of segments and surface are settled. As seen only those remain listed that were not
     /// before.
     pub(super) fn take_points(
@@ -150,9 +162,7 @@ impl Intake {
         measurements: impl Iterator<Item = Measurement>,
     ) -> Result<(), EventError> {
         let before = std::mem::take(&mut self.seen);
-        for measurement in measurements {
-            self.take(transaction, &measurement)?;
-        }
+        self.take_singly(transaction, measurements)?;
         let landmarks = &self.landmarks;
         self.seen.retain(|landmark| {
             before.binary_search(landmark).is_err() && landmarks.is_in_use(*landmark)

@@ -6,6 +6,7 @@
 mod back_end;
 pub mod colors;
 pub mod depth_source;
+pub mod edge_points;
 pub mod feature_depth;
 mod front_end;
 mod intake;

@@ -15,9 +15,9 @@ use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
 use super::front_end::Keyframe;
-use super::landmarks::Landmarks;
+use super::landmarks::{Landmarks, Measurement};
 use super::options::Options;
-use super::segment_points::measurements;
+use super::segment_points::{edge_measurements, measurements};
 
 /// The keyframes that wait for their last depth, by the position of their frame in the sequence.
 #[derive(Debug, Default)]
@@ -46,6 +46,36 @@ pub(super) struct ProvisionalSetting<'a> {
     pub(super) points: &'a [PointId],
 }
 
+impl Provisional {
+    /// Makes points of measurements; those that are of landmarks are noted in `seen` instead.
+    fn take(
+        &mut self,
+        measurements: impl Iterator<Item = Measurement>,
+        keyframe: &Keyframe,
+        setting: ProvisionalSetting<'_>,
+        transaction: &mut Transaction<'_>,
+        seen: &mut Vec<u32>,
+    ) -> Result<(), EventError> {
+        let camera_from_world = keyframe.world_from_camera.inverse();
+        for measurement in measurements {
+            if let Some(landmark) = setting.landmarks.find(&measurement) {
+                seen.push(landmark);
+                continue;
+            }
+            let point = transaction.add_point(measurement.point_in_world)?;
+            let sigma = setting.options.carving.cut.sigma_factor * measurement.sigma;
+            transaction.set_sigma(point, Some(sigma))?;
+            transaction.add_observation(self.view, point, 1)?;
+            let pixel = setting
+                .camera
+                .project(&(camera_from_world * measurement.point_in_world));
+            let color = pixel.and_then(|pixel| keyframe.colors.at(&pixel));
+            self.points.push((point, color));
+        }
+        Ok(())
+    }
+}
+
 impl ProvisionalKeyframes {
     /// Puts a keyframe into the map, in place of what was there of it.
     ///
@@ -58,9 +88,6 @@ impl ProvisionalKeyframes {
         transaction: &mut Transaction<'_>,
     ) -> Result<(), EventError> {
         self.withdraw(keyframe.frame, transaction)?;
-        let ProvisionalSetting {
-            options, landmarks, ..
-        } = setting;
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let mut provisional = Provisional {
             view: transaction.add_view(center)?,
@@ -71,27 +98,22 @@ impl ProvisionalKeyframes {
         for segment in &keyframe.segments {
             let ends = segment.ends_in_world(&keyframe.world_from_camera);
             provisional.segments.push(ends);
-            for measurement in measurements(
+            let along = measurements(
                 segment,
                 setting.camera,
                 &keyframe.world_from_camera,
                 setting.noise,
-                &options.segment_points,
-            ) {
-                if let Some(landmark) = landmarks.find(&measurement) {
-                    seen.push(landmark);
-                    continue;
-                }
-                let point = transaction.add_point(measurement.point_in_world)?;
-                let sigma = options.carving.cut.sigma_factor * measurement.sigma;
-                transaction.set_sigma(point, Some(sigma))?;
-                transaction.add_observation(provisional.view, point, 1)?;
-                let in_camera = keyframe.world_from_camera.inverse() * measurement.point_in_world;
-                let pixel = setting.camera.project(&in_camera);
-                let color = pixel.and_then(|pixel| keyframe.colors.at(&pixel));
-                provisional.points.push((point, color));
-            }
+                &setting.options.segment_points,
+            );
+            provisional.take(along, keyframe, setting, transaction, &mut seen)?;
         }
+        let single = edge_measurements(
+            &keyframe.edge_points,
+            setting.camera,
+            &keyframe.world_from_camera,
+            setting.noise,
+        );
+        provisional.take(single, keyframe, setting, transaction, &mut seen)?;
         seen.sort_unstable();
         seen.dedup();
         for landmark in seen {

@@ -3,9 +3,10 @@
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
 use linecarve_lines::fit::Segment;
-use nalgebra::{Isometry3, Point3, Unit};
+use nalgebra::{Isometry3, Point2, Point3, Unit};
 use serde::{Deserialize, Serialize};
 
+use super::edge_points::EdgePoint;
 use super::landmarks::Measurement;
 
 /// Which points of a segment are carved.
@@ -49,26 +50,50 @@ pub fn measurements<'a>(
     noise: &'a SensorNoise,
     options: &SegmentPointOptions,
 ) -> impl Iterator<Item = Measurement> + 'a {
-    let center = Point3::from(world_from_camera.translation.vector);
     options
         .shares(segment.length_px())
         .filter_map(move |share| {
             let pixel = segment.ends_px[0] + share * (segment.ends_px[1] - segment.ends_px[0]);
             let between = |ends: [f64; 2]| ends[0] + share * (ends[1] - ends[0]);
             let rho = between(segment.inverse_depths);
-            let point_in_camera = camera.point_at_depth(&pixel, 1.0 / rho).ok()?;
-            let point_in_world = world_from_camera * point_in_camera;
-            let ray = point_in_world - center;
-            let direction = Unit::try_new(ray, 0.0)?;
             let sigma_rho = between(segment.inverse_depth_sigmas).hypot(noise.sigma(rho));
-            Some(Measurement {
-                point_in_world,
-                direction,
-                pixel: 1.0 / (rho * camera.mean_focal_px()),
-                // d z = d rho / rho^2; along the ray the length grows with its slant.
-                sigma: sigma_rho / rho * ray.norm(),
-            })
+            measurement(&pixel, rho, sigma_rho, camera, world_from_camera)
         })
+}
+
+/// The points of edges on no segment as measurements in the world.
+pub(super) fn edge_measurements<'a>(
+    points: &'a [EdgePoint],
+    camera: &'a Camera,
+    world_from_camera: &'a Isometry3<f64>,
+    noise: &'a SensorNoise,
+) -> impl Iterator<Item = Measurement> + 'a {
+    points.iter().filter_map(move |point| {
+        let rho = point.inverse_depth;
+        let sigma_rho = point.sigma.hypot(noise.sigma(rho));
+        measurement(&point.pixel, rho, sigma_rho, camera, world_from_camera)
+    })
+}
+
+/// A pixel and its inverse depth as a measurement in the world; `None` where the camera sees nothing.
+fn measurement(
+    pixel: &Point2<f64>,
+    rho: f64,
+    sigma_rho: f64,
+    camera: &Camera,
+    world_from_camera: &Isometry3<f64>,
+) -> Option<Measurement> {
+    let center = Point3::from(world_from_camera.translation.vector);
+    let point_in_camera = camera.point_at_depth(pixel, 1.0 / rho).ok()?;
+    let point_in_world = world_from_camera * point_in_camera;
+    let ray = point_in_world - center;
+    Some(Measurement {
+        point_in_world,
+        direction: Unit::try_new(ray, 0.0)?,
+        pixel: 1.0 / (rho * camera.mean_focal_px()),
+        // d z = d rho / rho^2; along the ray the length grows with its slant.
+        sigma: sigma_rho / rho * ray.norm(),
+    })
 }
 
 #[cfg(test)]

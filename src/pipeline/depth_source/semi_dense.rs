@@ -17,6 +17,7 @@ use super::kept::{Finished, Kept};
 use super::schedule::{Schedule, Task};
 use crate::checkpoint::Checkpoint;
 use crate::pipeline::colors::KeyframeColors;
+use crate::pipeline::edge_points::edge_points;
 use crate::pipeline::front_end::{FrontEndError, Keyframe};
 use crate::pipeline::run::Arrival;
 use crate::report::{StageTimes, milliseconds};
@@ -439,10 +440,17 @@ impl<'a> FrontEnd<'a> {
             })?;
         times.depth += milliseconds(extraction.durations.edge_depth);
         times.fit = milliseconds(extraction.durations.fit);
+        let edge_points = edge_points(
+            view.chains(),
+            &depth.map,
+            &extraction.segments,
+            self.source.options.edge_point_spacing_px,
+        );
         Ok(Keyframe {
             frame: self.frames[task.keyframe],
             world_from_camera: *view.world_from_camera(),
             segments: extraction.segments,
+            edge_points,
             surface: extraction.surface,
             colors: self.entry(task.keyframe).colors.clone(),
             edge_chains: extraction.chains,
