@@ -23,6 +23,7 @@ pub mod raycast;
 pub mod render;
 pub mod report;
 pub mod sequence;
+pub mod simplify;
 mod srgb;
 pub mod stream;
 pub mod synth;

@@ -10,9 +10,10 @@ use crate::commands::heat_map::origin_of;
 use crate::commands::run_report::{print_object, print_text};
 use crate::diff::Tolerance;
 use crate::mesh::{
-    Geometry, GlbPart, LineSet, Shape, SimplifyOptions, SimplifyOptionsError, TriangleMesh,
-    read_geometry, simplify, write_glb, write_mesh_obj, write_mesh_ply,
+    Geometry, GlbPart, LineSet, Shape, TriangleMesh, read_geometry, write_glb, write_mesh_obj,
+    write_mesh_ply,
 };
+use crate::simplify::{SimplifyOptions, SimplifyOptionsError, simplify};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
 pub(super) fn check(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsError> {

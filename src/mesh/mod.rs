@@ -6,7 +6,6 @@ mod obj;
 mod ply;
 mod read;
 mod shape;
-mod simplify;
 mod types;
 
 pub use error::MeshFileError;
@@ -15,5 +14,4 @@ pub use obj::{write_lines_obj, write_mesh_obj};
 pub use ply::{write_lines_ply, write_mesh_ply, write_points_ply};
 pub use read::{ReadError, read_geometry};
 pub use shape::{Shape, ShapeKind};
-pub use simplify::{Simplified, SimplifyOptions, SimplifyOptionsError, simplify};
 pub use types::{GeometryFault, LineSet, TriangleMesh};

@@ -26,7 +26,6 @@ pub struct Keyframe {
     /// Its segments, in its camera frame.
     pub segments: Vec<Segment>,
     /// Points of edges on no segment, where depth comes from images alone.
-    #[serde(default)]
     pub edge_points: Vec<EdgePoint>,
     /// The surface between them, where depth is dense.
     pub surface: SurfaceSamples,

@@ -12,7 +12,7 @@ use super::live::{LiveMesh, doubled_area};
 use super::options::{SimplifyOptions, SimplifyOptionsError};
 use super::quadric::Quadric;
 use super::samples::{Samples, blend, middles, parts};
-use crate::mesh::types::TriangleMesh;
+use crate::mesh::TriangleMesh;
 use crate::raycast::RayScene;
 
 /// A mesh of fewer triangles, and how it came about.
