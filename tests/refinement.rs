@@ -96,7 +96,7 @@ fn first_depths_are_in_the_map_at_once_and_leave_nothing_behind() {
                     .expect("poses are in range");
                 assert!(refined.carver().ray_count() > rays);
                 assert!(waiting.insert(number, keyframe.segments.len()).is_none());
-                let listed = refined.provisional_segments().lines.len();
+                let listed = refined.provisional_segment_count();
                 assert_eq!(listed, waiting.values().sum::<usize>());
             }
             Arrival::Last(keyframe) => {
@@ -110,7 +110,7 @@ fn first_depths_are_in_the_map_at_once_and_leave_nothing_behind() {
                 }
             }
         }
-        let segments = refined.provisional_segments().lines.len();
+        let segments = refined.provisional_segment_count();
         assert_eq!(segments, waiting.values().sum::<usize>());
     }
     assert_eq!(finished, FRAMES);
@@ -145,7 +145,7 @@ fn a_run_that_ends_early_keeps_last_depths_alone() {
     refined.withdraw_provisional().expect("they are there");
     assert!(refined.surface() == plain.surface());
     assert_eq!(refined.carver().point_count(), plain.carver().point_count());
-    assert!(refined.provisional_segments().is_empty());
+    assert_eq!(refined.provisional_segment_count(), 0);
 }
 
 #[test]

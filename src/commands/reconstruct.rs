@@ -14,15 +14,15 @@ use crate::commands::map_steps::{GROWTH, add_lines, note_result, timed_surface, 
 use crate::commands::output::{
     OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
 };
-use crate::commands::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
+use crate::commands::page::PageRecorder;
 use crate::commands::picture::{Shot, write_overview};
 use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
+use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{kept_run, reconstruct_points, simplify};
 use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{self, Arrival, BackEnd, BackEndError, Keyframe};
 use crate::progress::{Progress, Verbosity};
-use crate::report::page::{PageTable, write_page};
 use crate::report::{KeyframeReport, StageTimes, milliseconds};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
@@ -126,10 +126,11 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let is_empty = mesh.is_empty();
     if let Some(mut page) = page {
         page.finish(last, map.segments(), &mesh);
-        write_run_page(
+        write_surface_page(
             &output.file("report.html"),
+            MadeFrom::Lines,
             page,
-            &prepared,
+            &prepared.page_run(),
             &mesh,
             &mut log,
         )?;
@@ -177,7 +178,7 @@ impl Early {
             report.milliseconds.add(&times);
             report.awaited = Some(awaited);
         }
-        report.provisional_segments = map.provisional_segments().lines.len();
+        report.provisional_segments = map.provisional_segment_count();
     }
 }
 
@@ -210,67 +211,6 @@ impl CameraPath {
             });
         }
     }
-}
-
-/// Writes the page with the surface over keyframes.
-fn write_run_page(
-    path: &std::path::Path,
-    recorder: PageRecorder,
-    prepared: &Prepared,
-    mesh: &TriangleMesh,
-    log: &mut RunLog,
-) -> anyhow::Result<()> {
-    let run = prepared.page_run();
-    let mut page = page_of(&run, "reconstruct", mesh);
-    page.images = recorder.images(&run)?;
-    let reports = log.keyframes().to_vec();
-    page.warnings = log.warnings().to_vec();
-    page.count_plots = growth_plots(&prepared.keyframes, &[("surface", &reports)]);
-    page.surfaces = vec![page_surface(
-        "lines",
-        "3D lines",
-        recorder,
-        &prepared.keyframes,
-        &reports,
-    )];
-    let result = log.result();
-    page.subtitle = format!(
-        "{} keyframes, {} segments in {} clusters, {} triangles",
-        reports.len(),
-        grouped(result.segments),
-        grouped(result.clusters),
-        grouped(result.triangles)
-    );
-    page.tables = vec![PageTable {
-        title: "Result".to_owned(),
-        columns: [
-            "segments",
-            "clusters",
-            "points",
-            "rays",
-            "tetrahedra",
-            "vertices",
-            "triangles",
-        ]
-        .map(str::to_owned)
-        .to_vec(),
-        rows: vec![
-            [
-                result.segments,
-                result.clusters,
-                result.points,
-                result.rays,
-                result.cells,
-                result.vertices,
-                result.triangles,
-            ]
-            .map(grouped)
-            .to_vec(),
-        ],
-        note: String::new(),
-    }];
-    write_page(path, &page)?;
-    Ok(())
 }
 
 /// Writes everything that comes at the end but the report.

@@ -15,11 +15,11 @@ use crate::commands::output::{OutputFolder, surface_part, write_geometry};
 use crate::commands::page::PageRecorder;
 use crate::commands::page_run::PageRun;
 use crate::commands::picture::{crosses, write_panels};
-use crate::commands::points_page::write_points_page;
 use crate::commands::reconstruct_points::cloud;
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::far_warning;
 use crate::commands::simplify;
+use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::map_points::{ModelView, PointModel};
 use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
 use crate::pipeline::scale::far_origin;
@@ -133,7 +133,14 @@ pub(super) fn run(
             });
         let depth = carver.median_depth().unwrap_or(1.0);
         let run = PageRun::of_views(sequence, model, (&camera, size), depth, origin);
-        write_points_page(&output.file("report.html"), page, &run, &mesh, &mut log)?;
+        write_surface_page(
+            &output.file("report.html"),
+            MadeFrom::Points,
+            page,
+            &run,
+            &mesh,
+            &mut log,
+        )?;
     }
     let carved = PointModel {
         views: Vec::new(),

@@ -16,10 +16,10 @@ use crate::commands::output::{OutputFolder, surface_part, write_geometry};
 use crate::commands::page::PageRecorder;
 use crate::commands::page_run::PageRun;
 use crate::commands::picture::{Shot, crosses, write_overview};
-use crate::commands::points_page::write_points_page;
 use crate::commands::prepare_points::{PreparedPoints, prepare_points};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::{open, read_options};
+use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{kept_run, reconstruct_model, simplify};
 use crate::map_points::PointModel;
 use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
@@ -154,7 +154,14 @@ fn from_features(
         page.finish_points(last, &carved_points(map.carver()), &mesh);
         let depth = depth.unwrap_or(1.0);
         let run = PageRun::of_frames(sequence, &prepared.keyframes, depth, prepared.origin);
-        write_points_page(&output.file("report.html"), page, &run, &mesh, &mut log)?;
+        write_surface_page(
+            &output.file("report.html"),
+            MadeFrom::Points,
+            page,
+            &run,
+            &mesh,
+            &mut log,
+        )?;
     }
     let mut points = cloud(&model);
     // The picture is drawn before the shift is taken back: rays want coordinates near zero.

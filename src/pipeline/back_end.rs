@@ -19,7 +19,7 @@ use super::segment_points::{edge_measurements, measurements};
 use super::support::{Finding, Support};
 use super::surface_points::KeyframeSurface;
 use super::vertex_points::{Observers, VertexPoints};
-use crate::mesh::{LineSet, TriangleMesh};
+use crate::mesh::TriangleMesh;
 
 /// Colour of what no keyframe has a colour of: a middle grey.
 const UNSEEN: [u8; 3] = [128; 3];
@@ -185,9 +185,9 @@ impl BackEnd {
         self.support.follow(observers, delta, &[]);
     }
 
-    /// The segments of keyframes whose depth will still be refined, in the order of their frames.
-    pub fn provisional_segments(&self) -> LineSet {
-        LineSet::from_segments(self.provisional.segments())
+    /// How many segments the keyframes have whose depth will still be refined.
+    pub fn provisional_segment_count(&self) -> usize {
+        self.provisional.segment_count()
     }
 
     /// Adds a keyframe. Keyframes are numbered in the order in which they are added, from 0.

@@ -100,9 +100,10 @@ impl Intake {
         self.stretches.clear();
         self.edges.clear();
         self.verdicts.clear();
-        self.vertex_of.clear();
         self.vertices.clear();
-        self.landmark_of.clear();
+        for landmark in self.landmark_of.drain(..).filter(|it| *it != NONE) {
+            self.vertex_of[landmark as usize] = NONE;
+        }
     }
 
     /// Joins a measurement to its landmark, which is returned.
@@ -228,6 +229,8 @@ impl Intake {
             };
             self.landmark_of.push(landmark);
         }
+        // New landmarks are entered as well, so that the next keyframe finds all of these to forget.
+        self.vertex_of.resize(self.points.len(), NONE);
         let landmark_of = &self.landmark_of;
         self.edges.extend(
             refined

@@ -31,8 +31,8 @@ struct Provisional {
     view: ViewId,
     /// Its own points, and the colours under which it sees them.
     points: Vec<(PointId, Option<[u8; 3]>)>,
-    /// The ends of its segments in the world.
-    segments: Vec<[Point3<f64>; 2]>,
+    /// How many segments it has.
+    segments: usize,
 }
 
 /// What provisional keyframes are made with.
@@ -92,12 +92,10 @@ impl ProvisionalKeyframes {
         let mut provisional = Provisional {
             view: transaction.add_view(center)?,
             points: Vec::new(),
-            segments: Vec::with_capacity(keyframe.segments.len()),
+            segments: keyframe.segments.len(),
         };
         let mut seen: Vec<u32> = Vec::new();
         for segment in &keyframe.segments {
-            let ends = segment.ends_in_world(&keyframe.world_from_camera);
-            provisional.segments.push(ends);
             let along = measurements(
                 segment,
                 setting.camera,
@@ -158,11 +156,10 @@ impl ProvisionalKeyframes {
         self.keyframes.is_empty()
     }
 
-    /// The segments of those that wait, in the order of their frames.
-    pub(super) fn segments(&self) -> impl Iterator<Item = [Point3<f64>; 2]> + '_ {
-        self.keyframes
-            .values()
-            .flat_map(|provisional| provisional.segments.iter().copied())
+    /// How many segments those that wait have.
+    pub(super) fn segment_count(&self) -> usize {
+        let segments = |provisional: &Provisional| provisional.segments;
+        self.keyframes.values().map(segments).sum()
     }
 
     /// The colours of their vertices.

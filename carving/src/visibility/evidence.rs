@@ -204,19 +204,16 @@ impl Evidence {
         self.touch(cell);
     }
 
-    /// Adds what a ray says about a cell that it crosses.
+    /// Adds what a ray says about a cell that it crosses; nothing without a sight.
     #[inline]
     pub(crate) fn add(
         &mut self,
         tetrahedra: &Tetrahedralization,
         cell: CellId,
-        sight: &Sight<'_>,
+        sight: Option<&Sight<'_>>,
         exit: Exit,
     ) {
-        if let Some(sum) = self.cells[cell.index()].of_exit(exit) {
-            *sum += Self::passage(tetrahedra, cell, sight, exit);
-            self.touch(cell);
-        }
+        self.change(tetrahedra, cell, sight, exit, |sum, cost| *sum += cost);
     }
 
     /// Takes back what [`add`](Self::add) added; nothing that it depends on may have changed since.
@@ -225,11 +222,24 @@ impl Evidence {
         &mut self,
         tetrahedra: &Tetrahedralization,
         cell: CellId,
-        sight: &Sight<'_>,
+        sight: Option<&Sight<'_>>,
         exit: Exit,
     ) {
+        self.change(tetrahedra, cell, sight, exit, |sum, cost| *sum -= cost);
+    }
+
+    #[inline]
+    fn change(
+        &mut self,
+        tetrahedra: &Tetrahedralization,
+        cell: CellId,
+        sight: Option<&Sight<'_>>,
+        exit: Exit,
+        by: impl FnOnce(&mut u64, u64),
+    ) {
+        let Some(sight) = sight else { return };
         if let Some(sum) = self.cells[cell.index()].of_exit(exit) {
-            *sum -= Self::passage(tetrahedra, cell, sight, exit);
+            by(sum, Self::passage(tetrahedra, cell, sight, exit));
             self.touch(cell);
         }
     }

@@ -213,9 +213,8 @@ impl Rewalk<'_> {
                 let sight = self.evidence.sight(&walker, ray);
                 for (&cell, &exit) in cells.iter().zip(&*exits) {
                     self.crossings.add(cell, ray, weight);
-                    if let Some(sight) = &sight {
-                        self.evidence.add(self.tetrahedra, cell, sight, exit);
-                    }
+                    self.evidence
+                        .add(self.tetrahedra, cell, sight.as_ref(), exit);
                 }
             }
             Err(_) => {
@@ -288,9 +287,8 @@ impl Rewalk<'_> {
             for (&cell, &exit) in cells.iter().zip(exits) {
                 if is_new[cell.index()] && !self.crossings.contains(cell, ray) {
                     self.crossings.add(cell, ray, weight);
-                    if let Some(sight) = &sight {
-                        self.evidence.add(self.tetrahedra, cell, sight, exit);
-                    }
+                    self.evidence
+                        .add(self.tetrahedra, cell, sight.as_ref(), exit);
                 }
             }
             for &cell in beside {
@@ -371,9 +369,8 @@ impl Rewalk<'_> {
                 let sight = self.evidence.sight(&walker, ray);
                 for (&cell, &exit) in cells[begin..end].iter().zip(&exits[begin..end]) {
                     self.crossings.add(cell, ray, weight);
-                    if let Some(sight) = &sight {
-                        self.evidence.add(self.tetrahedra, cell, sight, exit);
-                    }
+                    self.evidence
+                        .add(self.tetrahedra, cell, sight.as_ref(), exit);
                 }
                 self.evidence.place(&walker, ray);
                 begin = end;
@@ -399,9 +396,8 @@ impl Rewalk<'_> {
         let sight = self.evidence.sight(&walker, ray);
         for (&cell, &exit) in walk.cells.iter().zip(&walk.exits) {
             self.crossings.add(cell, ray, weight);
-            if let Some(sight) = &sight {
-                self.evidence.add(self.tetrahedra, cell, sight, exit);
-            }
+            self.evidence
+                .add(self.tetrahedra, cell, sight.as_ref(), exit);
         }
         for &cell in &walk.beside {
             self.crossings.add(cell, ray, 0);
@@ -430,9 +426,8 @@ impl Rewalk<'_> {
             let sight = self.evidence.sight(&walker, ray);
             for (&cell, &exit) in scratch.walk.cells.iter().zip(&scratch.walk.exits) {
                 self.crossings.lighten(cell, weight);
-                if let Some(sight) = &sight {
-                    self.evidence.subtract(self.tetrahedra, cell, sight, exit);
-                }
+                self.evidence
+                    .subtract(self.tetrahedra, cell, sight.as_ref(), exit);
             }
             self.evidence.lift(&walker, ray);
             for &cell in scratch.walk.cells.iter().chain(&scratch.walk.beside) {
