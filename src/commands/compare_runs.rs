@@ -191,6 +191,7 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
     )?;
     progress.finish();
     let warnings = left_out.warnings(prepared.keyframes.len())?;
+    map.finish()?;
     let mesh = map.surface();
     let points = carved_points(map.carver());
     recorder.finish_points(last, &points, &mesh);

@@ -4,14 +4,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 use crate::cli::Format;
+use crate::exchange::{PosedImage, TrajectoryFile, posed_images, write_trajectory};
 use crate::files::remove_unfinished;
 use crate::mesh::{
     Geometry, GlbPart, LineSet, TriangleMesh, write_glb, write_lines_obj, write_lines_ply,
     write_mesh_obj, write_mesh_ply,
 };
+use crate::sequence::Sequence;
 
 /// A folder that results go to, and the names of the files that went there.
 pub(super) struct OutputFolder {
@@ -154,6 +156,23 @@ fn extension(format: Format) -> &'static str {
         Format::Obj => "obj",
         Format::Ply => "ply",
     }
+}
+
+/// Writes `poses.txt`, the poses of the colour camera at some frames, in the order and format of TUM.
+pub(super) fn write_poses(
+    output: &mut OutputFolder,
+    sequence: &Sequence,
+    poses: impl Iterator<Item = (usize, Isometry3<f64>)>,
+) -> anyhow::Result<()> {
+    let given = posed_images(sequence);
+    let images: Vec<PosedImage> = poses
+        .map(|(frame, world_from_camera)| PosedImage {
+            world_from_camera,
+            ..given[frame].clone()
+        })
+        .collect();
+    write_trajectory(&output.file("poses.txt"), TrajectoryFile::Tum, &images)?;
+    Ok(())
 }
 
 #[cfg(test)]

@@ -74,6 +74,7 @@ pub(super) fn run(
         depth: "none",
         median_depth: carver.median_depth().unwrap_or(0.0),
         origin,
+        poses: None,
         options,
         warnings: &warnings,
     };

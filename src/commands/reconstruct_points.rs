@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Context;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use crate::checkpoint::Checkpoint;
 use crate::cli::ReconstructArgs;
@@ -12,7 +12,7 @@ use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{
     GROWTH, add_points, carved_points, note_result, timed_surface, write_growth,
 };
-use crate::commands::output::{OutputFolder, surface_part, write_geometry};
+use crate::commands::output::{OutputFolder, surface_part, write_geometry, write_poses};
 use crate::commands::page::PageRecorder;
 use crate::commands::page_run::PageRun;
 use crate::commands::picture::{Shot, crosses, write_overview};
@@ -63,6 +63,7 @@ fn from_features(
         depth: "none",
         median_depth: prepared.sensor_depth.unwrap_or(0.0),
         origin: prepared.origin,
+        poses: None,
         options,
         warnings: &prepared.warnings,
     };
@@ -129,6 +130,8 @@ fn from_features(
     let early_end = early_end(ran)?;
     progress.finish();
     log.demand_a_keyframe()?;
+    map.finish()?;
+    walk.poses = corrected_poses(&map);
 
     let depth = prepared.sensor_depth.or_else(|| map.map().median_depth());
     log.set_median_depth(depth);
@@ -178,6 +181,14 @@ fn from_features(
         &points.points,
         points.colors.as_deref(),
     )?;
+    if options.pose_correction.enabled {
+        let poses = walk.poses.iter().map(|pose| moved(pose, &prepared.origin));
+        write_poses(
+            &mut output,
+            sequence,
+            walk.frames.iter().copied().zip(poses),
+        )?;
+    }
     let formats = &args.stages.format;
     write_geometry(
         &mut output,
@@ -209,6 +220,21 @@ impl Walk {
         self.frames.push(frame);
         self.poses.push(*pose);
     }
+}
+
+/// The poses of keyframes as the map has them.
+fn corrected_poses(map: &PointBackEnd) -> Vec<Isometry3<f64>> {
+    let keyframes = map.map().keyframes().iter();
+    keyframes
+        .map(|keyframe| *keyframe.pose.world_from_camera())
+        .collect()
+}
+
+/// A pose in the frame of the given ones.
+fn moved(pose: &Isometry3<f64>, origin: &Vector3<f64>) -> Isometry3<f64> {
+    let mut moved = *pose;
+    moved.translation.vector += origin;
+    moved
 }
 
 /// Where on the way everything was lost.

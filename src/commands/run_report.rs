@@ -12,7 +12,8 @@ use crate::memory;
 use crate::pipeline::{FrontEndError, Keyframe, Options};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{
-    KeyframeReport, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary, write_report,
+    KeyframeReport, PoseSummary, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary,
+    write_report,
 };
 use crate::sequence::Sequence;
 
@@ -29,6 +30,8 @@ pub(super) struct RunHeader<'a> {
     /// Median depth of the scene in units of the poses, 0 as long as it is not known.
     pub(super) median_depth: f64,
     pub(super) origin: Vector3<f64>,
+    /// What the images say about the poses, when that was asked.
+    pub(super) poses: Option<PoseSummary>,
     pub(super) options: &'a Options,
     pub(super) warnings: &'a [String],
 }
@@ -51,6 +54,7 @@ impl RunLog {
             depth: prepared.depth.name(),
             median_depth: prepared.median_depth,
             origin: prepared.origin,
+            poses: prepared.poses,
             options: &prepared.options,
             warnings: &prepared.warnings,
         };
@@ -88,6 +92,7 @@ impl RunLog {
                     depth: header.depth,
                     median_depth: header.median_depth,
                     origin: header.origin.into(),
+                    poses: header.poses,
                 },
                 parameters: header.options.clone(),
                 keyframes: Vec::with_capacity(header.keyframes),

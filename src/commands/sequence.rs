@@ -8,8 +8,9 @@ use crate::cli::{KeyframeArgs, SequenceArgs, StageArgs};
 use crate::commands::depth::depth_source;
 use crate::keyframes;
 use crate::pipeline::scale::far_origin;
-use crate::pipeline::{DepthSource, Options};
+use crate::pipeline::{DepthSource, Options, correct_poses};
 use crate::progress::{Progress, Verbosity};
+use crate::report::PoseSummary;
 use crate::sequence::{OpenOptions, Sequence};
 
 /// A sequence that is ready to be worked on.
@@ -23,6 +24,8 @@ pub(super) struct Prepared {
     pub(super) median_depth: f64,
     /// Taken off all coordinates while computing.
     pub(super) origin: Vector3<f64>,
+    /// What the images say about the poses, when depth comes from them.
+    pub(super) poses: Option<PoseSummary>,
     pub(super) warnings: Vec<String>,
 }
 
@@ -63,7 +66,7 @@ pub(super) fn prepare(
     verbosity: Verbosity,
 ) -> anyhow::Result<Prepared> {
     let mut options = read_options(stages)?;
-    let sequence = open(input)?;
+    let mut sequence = open(input)?;
     anyhow::ensure!(
         !sequence.frames().is_empty(),
         "{}: none of the images of the model is there; without images only its points can be used",
@@ -77,6 +80,17 @@ pub(super) fn prepare(
     let depth = depth_source(&sequence, stages.depth, &options)?;
     let median_depth = depth.median_depth;
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
+    let mut poses = None;
+    if matches!(depth.source, DepthSource::SemiDense(_)) && options.pose_correction.enabled {
+        let warnings = &mut warnings;
+        poses = Some(correct(
+            &mut sequence,
+            &keyframes,
+            &options,
+            warnings,
+            verbosity,
+        )?);
+    }
     let origin = origin_of(&sequence, &keyframes, median_depth, &mut warnings);
     Ok(Prepared {
         options,
@@ -84,9 +98,35 @@ pub(super) fn prepare(
         depth: depth.source,
         median_depth,
         origin,
+        poses,
         warnings,
         sequence,
     })
+}
+
+/// Gives keyframes the poses that their images have, and says so when that makes a difference.
+fn correct(
+    sequence: &mut Sequence,
+    keyframes: &[usize],
+    options: &Options,
+    warnings: &mut Vec<String>,
+    verbosity: Verbosity,
+) -> anyhow::Result<PoseSummary> {
+    let mut progress = Progress::start("poses", keyframes.len(), verbosity);
+    let corrected = correct_poses(sequence, keyframes, options, || {
+        progress.step(|| "comparing poses with images".to_owned());
+    })?;
+    progress.finish();
+    let summary = corrected.summary;
+    if summary.is_corrected {
+        sequence.set_poses(keyframes.iter().copied().zip(corrected.world_from_camera));
+        warnings.push(format!(
+            "the images disagree with the poses of {} keyframes, by {:.1} pixels in direction and {:.1} in place (RMS): corrected \
+             ([pose_correction] enabled = false takes poses as they are)",
+            summary.keyframes, summary.turn_px, summary.shift_px
+        ));
+    }
+    Ok(summary)
 }
 
 /// The options that a command starts from.

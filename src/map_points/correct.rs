@@ -8,9 +8,15 @@ use crate::pose_correction::{
     CorrectedPose, KnownPoint, PosePrior, Track, TrackSight, adjust, correct_pose,
 };
 
+/// Keyframes that are moved together after the last has come: equations of six unknowns each are solved as one dense system.
+const BLOCK: usize = 100;
+
+/// How often all are moved: each time without the sightings that did not fit the last time.
+const ROUNDS: usize = 3;
+
 impl PointMap {
     /// Whether the pose of a keyframe has been brought into agreement with its points.
-    pub(super) fn is_corrected(&self, keyframe: u32) -> bool {
+    pub fn is_corrected(&self, keyframe: u32) -> bool {
         self.keyframes[keyframe as usize].pose_sigma_px <= self.options.pose_sigma_px
     }
 
@@ -90,7 +96,41 @@ impl PointMap {
         });
         window.truncate(self.correction.window - 1);
         window.push(keyframe);
+        self.adjust_together(&window, depth);
+    }
 
+    /// Moves all corrected keyframes and their points together: what later keyframes saw moves earlier ones as well. Sightings
+    /// that do not fit then are dropped. To be called after the last keyframe; what that changes is then in
+    /// [`changes`](Self::changes).
+    ///
+    /// # Complexity
+    /// As [`adjust`] on blocks of a hundred keyframes, each of which overlaps half of the one before it.
+    pub fn adjust_all(&mut self) {
+        self.changes.clear();
+        let Some(depth) = self.median_depth().filter(|_| self.correction.enabled) else {
+            return;
+        };
+        for _ in 0..ROUNDS {
+            let corrected: Vec<u32> = (0..self.keyframes.len() as u32)
+                .filter(|&keyframe| self.is_corrected(keyframe))
+                .collect();
+            let mut start = 0;
+            while start < corrected.len() {
+                let end = (start + BLOCK).min(corrected.len());
+                self.adjust_together(&corrected[start..end], depth);
+                if end == corrected.len() {
+                    break;
+                }
+                start += BLOCK / 2;
+            }
+            self.refine_dirty();
+        }
+        self.living
+            .retain(|id| self.points[id.0 as usize].is_some());
+        self.publish();
+    }
+
+    fn adjust_together(&mut self, window: &[u32], depth: f64) {
         let mut ids: Vec<MapPointId> = window
             .iter()
             .flat_map(|&free| self.keyframes[free as usize].points.iter().flatten())
@@ -117,7 +157,7 @@ impl PointMap {
         adjust(
             &self.camera,
             &mut poses,
-            &window,
+            window,
             &self.prior(depth),
             &mut tracks,
         );
@@ -127,10 +167,10 @@ impl PointMap {
             }
             self.dirty.push(*id);
         }
-        for &free in &window {
+        for &free in window {
             self.keyframes[free as usize].pose = poses[free as usize];
         }
-        for &free in &window {
+        for &free in window {
             if self.agreeing(free) >= self.correction.min_points {
                 self.keyframes[free as usize].pose_sigma_px = self.options.pose_sigma_px;
             }

@@ -212,10 +212,36 @@ impl PointBackEnd {
             matching: start.elapsed(),
             ..PointUpdate::default()
         };
+        self.follow(&mut update).map_err(refused)?;
+        update.carving = start.elapsed() - update.matching;
+        Ok(update)
+    }
+
+    /// Moves all keyframes and points together, after the last one: the surface is then that of points which all
+    /// keyframes agree on. With poses taken as they are nothing changes.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn finish(&mut self) -> Result<PointUpdate, PointBackEndError> {
+        let keyframe = self.views.len().saturating_sub(1);
+        let start = Instant::now();
+        self.map.adjust_all();
+        let mut update = PointUpdate {
+            matching: start.elapsed(),
+            ..PointUpdate::default()
+        };
+        self.follow(&mut update)
+            .map_err(|source| PointBackEndError::Carve { keyframe, source })?;
+        update.carving = start.elapsed() - update.matching;
+        Ok(update)
+    }
+
+    /// Lets the carver follow what has changed in the map.
+    fn follow(&mut self, update: &mut PointUpdate) -> Result<(), EventError> {
         let mut transaction = self.carver.transaction();
-        let center = self.map.keyframes()[number].center();
-        self.views
-            .push(transaction.add_view(center).map_err(refused)?);
+        for new in &self.map.keyframes()[self.views.len()..] {
+            self.views.push(transaction.add_view(new.center())?);
+        }
         for change in self.map.changes() {
             // Changes name points that were added before, and keyframes that were pushed.
             let carved = |points: &[Option<PointId>], point: u32| {
@@ -234,7 +260,7 @@ impl PointBackEnd {
                     if self.points.len() <= index {
                         self.points.resize(index + 1, None);
                     }
-                    let id = transaction.add_point(point_in_world).map_err(refused)?;
+                    let id = transaction.add_point(point_in_world)?;
                     self.points[index] = Some(id);
                     update.added += 1;
                 }
@@ -242,40 +268,31 @@ impl PointBackEnd {
                     point,
                     point_in_world,
                 } => {
-                    transaction
-                        .move_point(carved(&self.points, point.0), point_in_world)
-                        .map_err(refused)?;
+                    transaction.move_point(carved(&self.points, point.0), point_in_world)?;
                     update.moved += 1;
                 }
-                PointChange::MoveKeyframe { keyframe, center } => transaction
-                    .move_view(self.views[keyframe as usize], center)
-                    .map_err(refused)?,
+                PointChange::MoveKeyframe { keyframe, center } => {
+                    transaction.move_view(self.views[keyframe as usize], center)?;
+                }
                 PointChange::Remove { point } => {
-                    transaction
-                        .remove_point(carved(&self.points, point.0))
-                        .map_err(refused)?;
+                    transaction.remove_point(carved(&self.points, point.0))?;
                     self.points[point.0 as usize] = None;
                     update.removed += 1;
                 }
-                PointChange::See { keyframe, point } => transaction
-                    .add_observation(
-                        self.views[keyframe as usize],
-                        carved(&self.points, point.0),
-                        1,
-                    )
-                    .map_err(refused)?,
-                PointChange::Unsee { keyframe, point } => transaction
-                    .remove_observation(
-                        self.views[keyframe as usize],
-                        carved(&self.points, point.0),
-                    )
-                    .map_err(refused)?,
+                PointChange::See { keyframe, point } => transaction.add_observation(
+                    self.views[keyframe as usize],
+                    carved(&self.points, point.0),
+                    1,
+                )?,
+                PointChange::Unsee { keyframe, point } => transaction.remove_observation(
+                    self.views[keyframe as usize],
+                    carved(&self.points, point.0),
+                )?,
             }
         }
-        let report = transaction.commit().map_err(refused)?;
-        update.carving = start.elapsed() - update.matching;
+        let report = transaction.commit()?;
         update.changed_triangles = report.surface.added.len() + report.surface.removed.len();
-        Ok(update)
+        Ok(())
     }
 
     /// The points.

@@ -9,6 +9,7 @@ pub mod depth_source;
 pub mod edge_points;
 pub mod feature_depth;
 mod front_end;
+mod image_poses;
 mod intake;
 mod labels;
 pub mod landmarks;
@@ -27,6 +28,7 @@ mod vertex_points;
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
 pub use depth_source::{DepthSource, SemiDenseSource, SemiDenseStage};
 pub use front_end::{FrontEnd, FrontEndError, Keyframe};
+pub use image_poses::{ImagePoses, ImagePosesError, correct_poses};
 pub use labels::{CutSettings, LabelKind};
 pub use map_points::{
     PointBackEnd, PointBackEndError, PointFrontEndError, PointKeyframe, PointUpdate, find_features,

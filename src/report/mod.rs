@@ -51,6 +51,33 @@ pub struct SequenceSummary {
     pub median_depth: f64,
     /// Shift that was taken off all coordinates while computing, because they are large; outputs have it added again.
     pub origin: [f64; 3],
+    /// How far poses and images are apart, when that was asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub poses: Option<PoseSummary>,
+}
+
+/// How far the given poses are from what the images show.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct PoseSummary {
+    /// Keyframes that see enough points to be moved.
+    pub keyframes: usize,
+    /// The points.
+    pub points: usize,
+    /// Root of the mean squared distance of their projections from their features, with the poses moved.
+    pub reprojection_rms_px: f64,
+    /// By how much directions were moved: root mean square of an axis, in pixels of the image.
+    pub turn_px: f64,
+    /// By how much places were, as seen at the median depth.
+    pub shift_px: f64,
+    /// Whether the moved poses are used in place of those given.
+    pub is_corrected: bool,
+}
+
+impl PoseSummary {
+    /// Root mean square of turn and shift, in pixels.
+    pub fn moved_px(&self) -> f64 {
+        (0.5 * (self.turn_px.powi(2) + self.shift_px.powi(2))).sqrt()
+    }
 }
 
 /// Counts and durations of one keyframe.

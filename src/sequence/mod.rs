@@ -161,6 +161,16 @@ impl Sequence {
         &self.frames
     }
 
+    /// Gives frames other poses of the colour camera than those that were recorded.
+    ///
+    /// # Panics
+    /// When there is no such frame.
+    pub fn set_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
+        for (index, world_from_camera) in poses {
+            self.frames[index].world_from_camera = world_from_camera;
+        }
+    }
+
     /// The pinhole camera of the images that [`Sequence::load_gray`] and [`Sequence::load_color`] give.
     pub fn color_camera(&self) -> &Camera {
         &self.color_camera

@@ -417,3 +417,45 @@ fn disturbed_poses_are_corrected() {
     }
     assert!(!follower.centers.is_empty());
 }
+
+/// Root mean square of what the way from the first keyframe to each other one is wrong by, in radians and lengths at a depth of 4.
+fn error_of_ways(map: &PointMap) -> f64 {
+    let way = |at: usize| {
+        let pose = |at: usize| map.keyframes()[at].pose.world_from_camera();
+        pose(0).inverse() * pose(at)
+    };
+    let squares = (1..map.keyframes().len()).map(|at| {
+        let error = (walk(0).inverse() * walk(at as u32)).inverse() * way(at);
+        error.rotation.angle().powi(2) + error.translation.vector.norm_squared() / 16.0
+    });
+    (squares.sum::<f64>() / (map.keyframes().len() - 1) as f64).sqrt()
+}
+
+#[test]
+fn all_keyframes_together_agree_better_and_the_carver_is_told() {
+    let correction = PoseCorrectionOptions {
+        // One after another leaves more for the end.
+        window: 1,
+        ..PoseCorrectionOptions::default()
+    };
+    let (mut map, mut follower) = disturbed(correction);
+    let (before, error, moves) = (map.quality(), error_of_ways(&map), follower.moves);
+    map.adjust_all();
+    check_references(&map);
+    follower.apply(map.changes());
+    follower.check(&map);
+    let (after, error_after) = (map.quality(), error_of_ways(&map));
+    assert!(
+        after.reprojection_rms_px < before.reprojection_rms_px,
+        "{before:?} {after:?}"
+    );
+    assert!(after.sightings >= before.sightings);
+    assert!(error_after < 0.9 * error, "{error} {error_after}");
+    assert!(follower.moves > moves);
+
+    let (mut given, _) = disturbed(PoseCorrectionOptions::off());
+    let quality = given.quality();
+    given.adjust_all();
+    assert!(given.changes().is_empty());
+    assert_eq!(given.quality(), quality);
+}

@@ -1,0 +1,134 @@
+//! Poses as the images have them, for depth that comes from images alone.
+//!
+//! Depth is triangulated between keyframes that lie close together: what a pose is wrong by, in pixels, goes into it many times
+//! over, and is the same for all edges of a keyframe, so that no average takes it away.
+
+use nalgebra::Isometry3;
+
+use super::map_points::{PointFrontEndError, run_map_points};
+use super::options::Options;
+use crate::map_points::{PointMap, PointMapError};
+use crate::pose_correction::PoseChange;
+use crate::report::PoseSummary;
+use crate::sequence::Sequence;
+
+/// Poses that are moved by less than this share of what they may be wrong by stay as given. Points err as well: exact poses would
+/// follow their errors. A deviation that poses really have shows in full, while of their own points move them by little.
+const LEAST_SHARE: f64 = 0.5;
+
+/// The poses of keyframes, and what images have to say about them.
+#[derive(Debug, Clone)]
+pub struct ImagePoses {
+    /// Of each keyframe, `point_in_world = pose * point_in_camera`: corrected, or as given where too few points are seen or the
+    /// given poses are good enough.
+    pub world_from_camera: Vec<Isometry3<f64>>,
+    /// How far poses and images are apart.
+    pub summary: PoseSummary,
+}
+
+/// Why poses could not be corrected.
+#[derive(Debug, thiserror::Error)]
+pub enum ImagePosesError {
+    /// An option is out of range.
+    #[error(transparent)]
+    Options(#[from] PointMapError),
+    /// What is at fault is not one image alone.
+    #[error(transparent)]
+    Image(#[from] PointFrontEndError),
+}
+
+/// Brings the poses of `frames` into agreement with the points that their images share: each held by its given pose as
+/// `[pose_correction]` says, keyframe by keyframe and in the end all together. When that moves them by little, all stay as
+/// given. An image that cannot be read is passed over here; who needs it will say so. `progress` is told of every keyframe.
+///
+/// # Errors
+/// When options are out of range, or when an image's fault is one of all.
+///
+/// # Complexity
+/// Features of every image; for the rest see [`PointMap`] and [`PointMap::adjust_all`].
+pub fn correct_poses(
+    sequence: &Sequence,
+    frames: &[usize],
+    options: &Options,
+    mut progress: impl FnMut() + Send,
+) -> Result<ImagePoses, ImagePosesError> {
+    let (camera, size) = (sequence.color_camera(), sequence.color_size());
+    let mut map = PointMap::new(
+        options.map_points,
+        options.pose_correction,
+        camera,
+        size.width as usize,
+        size.height as usize,
+    )?;
+    // Position among the keyframes of each one in the map.
+    let mut pushed: Vec<usize> = Vec::with_capacity(frames.len());
+    run_map_points(
+        sequence,
+        frames,
+        &options.map_points,
+        None,
+        |position, keyframe| {
+            match keyframe {
+                Ok(keyframe) => {
+                    pushed.push(position);
+                    map.push(&keyframe.world_from_camera, keyframe.features);
+                }
+                Err(error) if error.is_limited_to_frame() => {}
+                Err(error) => return Err(ImagePosesError::Image(error)),
+            }
+            progress();
+            Ok(())
+        },
+    )?;
+    map.adjust_all();
+
+    let mut world_from_camera: Vec<Isometry3<f64>> = frames
+        .iter()
+        .map(|frame| sequence.frames()[*frame].world_from_camera)
+        .collect();
+    let corrected: Vec<(usize, u32)> = pushed
+        .iter()
+        .zip(0_u32..)
+        .filter(|(_, number)| map.is_corrected(*number))
+        .map(|(position, number)| (*position, number))
+        .collect();
+    let pose = |number: u32| &map.keyframes()[number as usize].pose;
+    let changes = corrected.iter().map(|(_, number)| pose(*number).change());
+    let mut summary = summary_of(changes, camera.mean_focal_px(), map.median_depth());
+    summary.is_corrected = summary.moved_px() > LEAST_SHARE * options.pose_correction.sigma_px;
+    let quality = map.quality();
+    summary.points = quality.points;
+    summary.reprojection_rms_px = quality.reprojection_rms_px;
+    if summary.is_corrected {
+        for (position, number) in corrected {
+            world_from_camera[position] = *pose(number).world_from_camera();
+        }
+    }
+    Ok(ImagePoses {
+        world_from_camera,
+        summary,
+    })
+}
+
+/// Root mean squares over the axes.
+fn summary_of(
+    changes: impl Iterator<Item = PoseChange>,
+    focal_px: f64,
+    median_depth: Option<f64>,
+) -> PoseSummary {
+    let mut summary = PoseSummary::default();
+    let (mut turns, mut shifts) = (0.0, 0.0);
+    for change in changes {
+        summary.keyframes += 1;
+        turns += change.turn_rad.powi(2);
+        shifts += change.shift.powi(2);
+    }
+    if let Some(depth) = median_depth
+        && summary.keyframes > 0
+    {
+        let axes = (3 * summary.keyframes) as f64;
+        summary.turn_px = focal_px * (turns / axes).sqrt();
+        summary.shift_px = focal_px * (shifts / axes).sqrt() / depth;
+    }
+    summary
+}
