@@ -141,6 +141,11 @@ pub struct StageArgs {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 
+    /// Images with a longer side are computed on at a whole fraction of their size; 0: as they are. Sequences with depth images
+    /// are left alone. Default: what the configuration says, 1600 when it says nothing.
+    #[arg(long, value_name = "PIXELS")]
+    pub max_image_size: Option<u32>,
+
     /// Formats of meshes and lines.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Format::Glb, Format::Obj, Format::Ply])]
     pub format: Vec<Format>,
@@ -177,7 +182,7 @@ pub struct ReconstructArgs {
     #[arg(long, value_enum, default_value_t = SurfaceSource::Lines)]
     pub from: SurfaceSource,
 
-    /// Triangulate flat parts of the final mesh anew, with as few triangles as an error of this much allows: a length in units
+    /// Thin out the final mesh as far as an error of this much allows, measured both ways: a length in units
     /// of the poses (0.002), or a share of the mesh's diagonal (0.02%, also when no value is given).
     #[arg(long, value_name = "LENGTH|N%", num_args = 0..=1, default_missing_value = "0.02%")]
     pub simplify: Option<Tolerance>,

@@ -4,7 +4,7 @@ use anyhow::Context;
 use nalgebra::Vector3;
 
 use crate::cli::{KeyframeArgs, SequenceArgs};
-use crate::commands::sequence::{choose, origin_of};
+use crate::commands::sequence::{choose, limit_image_size, origin_of};
 use crate::pipeline::Options;
 use crate::pipeline::feature_depth::median_feature_depth;
 use crate::pipeline::scale::median_scene_depth;
@@ -27,7 +27,7 @@ pub(super) struct PreparedPoints {
 /// Opens a sequence and prepares everything that comes before its first keyframe, with or without depth images.
 pub(super) fn prepare_points(
     input: &SequenceArgs,
-    sequence: Sequence,
+    mut sequence: Sequence,
     selection: &KeyframeArgs,
     mut options: Options,
     verbosity: Verbosity,
@@ -37,6 +37,7 @@ pub(super) fn prepare_points(
         .iter()
         .map(ToString::to_string)
         .collect();
+    limit_image_size(&mut sequence, &options, &mut warnings);
     let all: Vec<usize> = (0..sequence.frames().len()).collect();
     let sensor_depth = match sequence.depth_calibration() {
         Some(_) => median_scene_depth(&sequence, &all)?,

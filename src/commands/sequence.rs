@@ -77,6 +77,7 @@ pub(super) fn prepare(
         .iter()
         .map(ToString::to_string)
         .collect();
+    limit_image_size(&mut sequence, &options, &mut warnings);
     let depth = depth_source(&sequence, stages.depth, &options)?;
     let median_depth = depth.median_depth;
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
@@ -131,10 +132,31 @@ fn correct(
 
 /// The options that a command starts from.
 pub(super) fn read_options(stages: &StageArgs) -> anyhow::Result<Options> {
-    Ok(match &stages.config {
+    let mut options = match &stages.config {
         Some(path) => Options::read(path)?,
         None => Options::default(),
-    })
+    };
+    let size = &mut options.images.longest_side_px;
+    *size = stages.max_image_size.unwrap_or(*size);
+    Ok(options)
+}
+
+/// Has large images loaded smaller, and says so.
+pub(super) fn limit_image_size(
+    sequence: &mut Sequence,
+    options: &Options,
+    warnings: &mut Vec<String>,
+) {
+    let longest_side = match options.images.longest_side_px {
+        0 => u32::MAX,
+        pixels => pixels,
+    };
+    if let Some([stored, loaded]) = sequence.limit_image_size(longest_side) {
+        warnings.push(format!(
+            "images of {} x {} are computed on at {} x {} (--max-image-size 0: as they are, which takes the more time)",
+            stored.width, stored.height, loaded.width, loaded.height
+        ));
+    }
 }
 
 /// What is taken off all coordinates while computing on these keyframes; says so when it is not nothing.

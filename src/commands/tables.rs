@@ -44,6 +44,7 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let stages = StageArgs {
         depth: args.depth,
         config: args.config.clone(),
+        max_image_size: None,
         format: Vec::new(),
         json: args.json,
     };

@@ -30,6 +30,8 @@ use crate::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
 pub struct Options {
     /// Which frames become keyframes.
     pub keyframes: KeyframeOptions,
+    /// The images.
+    pub images: ImageOptions,
     /// The depth camera.
     pub sensor: SensorOptions,
     /// Depth from neighbouring keyframes.
@@ -66,6 +68,23 @@ pub struct Options {
     pub carving: CarvingOptions,
     /// The surface that is written.
     pub surface: SurfaceOptions,
+}
+
+/// The images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ImageOptions {
+    /// Larger images are computed on at a whole fraction of their size, where no side is longer than this; 0: as they are.
+    /// Sequences with depth images are left alone.
+    pub longest_side_px: u32,
+}
+
+impl Default for ImageOptions {
+    fn default() -> Self {
+        Self {
+            longest_side_px: 1600,
+        }
+    }
 }
 
 /// The depth camera.

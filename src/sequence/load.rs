@@ -35,10 +35,11 @@ impl Sequence {
     pub fn load_gray(&self, index: usize) -> Result<GrayImage, FrameError> {
         let path = &self.frames[index].color;
         let gray = gray_of(&self.decode_color(path)?, path)?;
-        Ok(match self.map_of_frame(index, path)? {
+        let gray = match self.map_of_frame(index, path)? {
             Some(map) => map.resample(&gray),
             None => gray,
-        })
+        };
+        Ok(self.reduced_gray(gray))
     }
 
     /// Both [`Sequence::load_gray`] and [`Sequence::load_color`] of a frame, whose file is decoded once.
@@ -53,13 +54,28 @@ impl Sequence {
         let image = self.decode_color(path)?;
         let gray = gray_of(&image, path)?;
         let color = image.into_rgb8();
-        Ok(match self.map_of_frame(index, path)? {
+        let (gray, color) = match self.map_of_frame(index, path)? {
             Some(map) => (map.resample(&gray), resample_color(&map, color, path)?),
             None => (gray, color),
-        })
+        };
+        Ok((self.reduced_gray(gray), self.reduced_color(color)))
     }
 
-    /// How the image of a frame becomes one of [`Sequence::color_camera`]; `None` when it is one.
+    fn reduced_gray(&self, image: GrayImage) -> GrayImage {
+        match &self.reduction {
+            Some(reduction) => reduction.gray(&image),
+            None => image,
+        }
+    }
+
+    fn reduced_color(&self, image: ColorImage) -> ColorImage {
+        match &self.reduction {
+            Some(reduction) => reduction.color(&image),
+            None => image,
+        }
+    }
+
+    /// How the image of a frame loses its lens distortion; `None` when it has none.
     ///
     /// A map for the camera of most frames is kept; one for another camera is made when it is asked for, as a model may
     /// have a camera for every image and a map takes eight bytes a pixel.
@@ -87,10 +103,11 @@ impl Sequence {
     pub fn load_color(&self, index: usize) -> Result<ColorImage, FrameError> {
         let path = &self.frames[index].color;
         let color = self.decode_color(path)?.into_rgb8();
-        match self.map_of_frame(index, path)? {
-            Some(map) => resample_color(&map, color, path),
-            None => Ok(color),
-        }
+        let color = match self.map_of_frame(index, path)? {
+            Some(map) => resample_color(&map, color, path)?,
+            None => color,
+        };
+        Ok(self.reduced_color(color))
     }
 
     /// The depth image of a frame, `None` when it has none. Raw 0 and 65535 are unknown.

@@ -21,6 +21,7 @@ mod model;
 mod open;
 mod pose_reading;
 mod poses;
+mod reduction;
 pub(crate) mod rigid;
 mod text;
 mod undistortion;
@@ -46,6 +47,7 @@ pub use live::{LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
 use pose_reading::{Mounting, PoseReading, QuaternionOrder};
+use reduction::Reduction;
 pub(crate) use text::parse_stamp_ns;
 use undistortion::Undistortion;
 pub use warning::Warning;
@@ -116,7 +118,7 @@ pub struct Sequence {
     folder: PathBuf,
     layout: &'static str,
     frames: Vec<Frame>,
-    /// Pinhole camera of the images as loaded.
+    /// Pinhole camera of the images without lens distortion.
     color_camera: Camera,
     /// Camera of the images as stored.
     stored_color_camera: Camera,
@@ -127,6 +129,8 @@ pub struct Sequence {
     depth: Option<DepthCalibration>,
     stored_depth_size: Option<ImageSize>,
     color_undistortion: Option<Undistortion>,
+    /// What is done to images after that.
+    reduction: Option<Reduction>,
     depth_undistortion: Option<Undistortion>,
     /// Cameras of frames whose images another camera took than the others; same size.
     other_cameras: Vec<Camera>,
@@ -173,7 +177,10 @@ impl Sequence {
 
     /// The pinhole camera of the images that [`Sequence::load_gray`] and [`Sequence::load_color`] give.
     pub fn color_camera(&self) -> &Camera {
-        &self.color_camera
+        match &self.reduction {
+            Some(reduction) => &reduction.camera,
+            None => &self.color_camera,
+        }
     }
 
     /// The camera of the image files, with its lens distortion.
@@ -214,9 +221,24 @@ impl Sequence {
         &self.color_origin
     }
 
-    /// Size of every colour image.
+    /// Size of every colour image as it is loaded.
     pub fn color_size(&self) -> ImageSize {
-        self.color_size
+        match &self.reduction {
+            Some(reduction) => reduction.size,
+            None => self.color_size,
+        }
+    }
+
+    /// Has images loaded at the largest whole fraction of their size at which no side is longer than `longest_side` pixels, and
+    /// [`color_camera`](Self::color_camera) follow. Sequences with depth images stay as they are. Returns the sizes as stored
+    /// and as loaded when they differ.
+    pub fn limit_image_size(&mut self, longest_side: u32) -> Option<[ImageSize; 2]> {
+        self.reduction = match &self.depth {
+            Some(_) => None,
+            None => Reduction::of(&self.color_camera, self.color_size, longest_side),
+        };
+        let reduction = self.reduction.as_ref()?;
+        Some([self.color_size, reduction.size])
     }
 
     /// How depth is read; `None` when no frame has a depth image.

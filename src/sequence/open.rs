@@ -192,6 +192,7 @@ pub(super) fn assemble(
             .and_then(|geometry| geometry.camera.size)
             .or(depth_size.as_ref().map(|(_, size)| *size)),
         color_undistortion,
+        reduction: None,
         depth_undistortion,
         other_cameras: cameras.into_iter().map(|camera| camera.camera).collect(),
         camera_of_frame,

@@ -1,0 +1,141 @@
+//! Images that are larger than is worth the time, brought to a whole fraction of their size.
+//!
+//! The time for depth from images grows with the third power of their side: as many more edge pixels, each with an epipolar line as
+//! much longer.
+
+use image::RgbImage;
+use linecarve_lines::camera::Camera;
+use linecarve_lines::image::GrayImage;
+
+use super::calibration::ImageSize;
+
+/// Each pixel becomes the mean of a square of `factor` by `factor`; what is left over at the right and below is cut off.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Reduction {
+    factor: u32,
+    /// The camera and size of what comes out.
+    pub(super) camera: Camera,
+    pub(super) size: ImageSize,
+}
+
+impl Reduction {
+    /// The least one that leaves no side longer than `longest_side`; `None` when there is nothing to do. `camera` is a pinhole.
+    pub(super) fn of(camera: &Camera, size: ImageSize, longest_side: u32) -> Option<Self> {
+        let factor = size.width.max(size.height).div_ceil(longest_side.max(1));
+        let (width, height) = (size.width / factor.max(1), size.height / factor.max(1));
+        if factor < 2 || width == 0 || height == 0 {
+            return None;
+        }
+        let share = 1.0 / f64::from(factor);
+        // The centre of a pixel is whole; its border, on which squares begin, half a pixel before it.
+        let center = |c: f64| (c + 0.5) * share - 0.5;
+        let camera = Camera::pinhole(
+            camera.fx() * share,
+            camera.fy() * share,
+            center(camera.cx()),
+            center(camera.cy()),
+        );
+        Some(Self {
+            factor,
+            camera: camera.ok()?,
+            size: ImageSize { width, height },
+        })
+    }
+
+    pub(super) fn gray(&self, image: &GrayImage) -> GrayImage {
+        let samples = self.means::<1>(image.samples(), image.width());
+        let (width, height) = (self.size.width as usize, self.size.height as usize);
+        GrayImage::new(width, height, samples)
+            .expect("as many samples as pixels, and fewer than before")
+    }
+
+    pub(super) fn color(&self, image: &RgbImage) -> RgbImage {
+        let samples = self.means::<3>(image.as_raw(), image.width() as usize);
+        RgbImage::from_raw(self.size.width, self.size.height, samples)
+            .expect("as many samples as pixels")
+    }
+
+    /// Means of the squares of an image with that many interleaved channels.
+    fn means<const CHANNELS: usize>(&self, samples: &[u8], width: usize) -> Vec<u8> {
+        let factor = self.factor as usize;
+        let row = width * CHANNELS;
+        let count = self.factor * self.factor;
+        let out_row = self.size.width as usize * CHANNELS;
+        let mut means = Vec::with_capacity(out_row * self.size.height as usize);
+        let mut sums = vec![0_u32; out_row];
+        for rows in samples.chunks_exact(row * factor) {
+            sums.fill(0);
+            for line in rows.chunks_exact(row) {
+                let squares = line.chunks_exact(factor * CHANNELS);
+                for (sum, square) in sums.chunks_exact_mut(CHANNELS).zip(squares) {
+                    for pixel in square.chunks_exact(CHANNELS) {
+                        for (sum, sample) in sum.iter_mut().zip(pixel) {
+                            *sum += u32::from(*sample);
+                        }
+                    }
+                }
+            }
+            means.extend(sums.iter().map(|sum| ((sum + count / 2) / count) as u8));
+        }
+        means
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera::pinhole(700.0, 710.0, 3.25, 2.0).unwrap()
+    }
+
+    const SIZE: ImageSize = ImageSize {
+        width: 8,
+        height: 5,
+    };
+
+    #[test]
+    fn small_images_stay() {
+        for longest_side in [8, 9, u32::MAX] {
+            assert_eq!(Reduction::of(&camera(), SIZE, longest_side), None);
+        }
+        let one = ImageSize {
+            width: 1,
+            height: 9,
+        };
+        assert_eq!(Reduction::of(&camera(), one, 4), None);
+    }
+
+    #[test]
+    fn pixels_are_means_and_the_rest_is_cut_off() {
+        let reduction = Reduction::of(&camera(), SIZE, 3).unwrap();
+        assert_eq!(
+            (
+                reduction.factor,
+                reduction.size.width,
+                reduction.size.height
+            ),
+            (3, 2, 1)
+        );
+        let samples: Vec<u8> = (0..40).collect();
+        // The square at the left holds 0 to 2, 8 to 10, 16 to 18.
+        let gray = reduction.gray(&GrayImage::new(8, 5, samples.clone()).unwrap());
+        assert_eq!(gray.samples(), [9, 12]);
+        let color = samples.iter().flat_map(|s| [*s, 255, 200 - s]).collect();
+        let color = reduction.color(&RgbImage::from_raw(8, 5, color).unwrap());
+        assert_eq!(color.into_raw(), [9, 255, 191, 12, 255, 188]);
+    }
+
+    #[test]
+    fn what_a_camera_sees_moves_with_the_pixels() {
+        let reduction = Reduction::of(&camera(), SIZE, 4).unwrap();
+        let point = Point3::new(0.001, 0.0005, 1.0);
+        let before = camera().project(&point).unwrap();
+        let after = reduction.camera.project(&point).unwrap();
+        // Distances from the border of the image halve.
+        assert!((2.0 * (after.x + 0.5) - (before.x + 0.5)).abs() < 1e-12);
+        assert!((2.0 * (after.y + 0.5) - (before.y + 0.5)).abs() < 1e-12);
+    }
+}
