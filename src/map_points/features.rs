@@ -1,18 +1,30 @@
 //! ORB features of an image. The one module that speaks the types of `kornia-imgproc`.
 
-use kornia_image::{Image, ImageSize};
-use kornia_imgproc::features::OrbDetector;
+use kornia_image::{Image, ImageError, ImageSize};
+use kornia_imgproc::features::{fast_detect_rows_u8_serial, suppress_direct_standalone};
+use kornia_imgproc::filter::gaussian_blur_u8;
+use kornia_imgproc::interpolation::InterpolationMode;
+use kornia_imgproc::resize::resize_fast_u8;
 use linecarve_lines::image::GrayImage;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::describe::{REACH_PX, describe, direction};
 use super::descriptor::Descriptor;
 use super::options::MapPointOptions;
+use super::spread::{Corner, spread};
 
 /// Corners whose patch would leave a level are not described; a level needs room for one inside this border.
-const BORDER_PX: usize = 20;
+const BORDER_PX: usize = REACH_PX + 1;
 
 /// Smallest side of a pyramid level.
 const MIN_SIDE_PX: usize = 2 * BORDER_PX + 8;
+
+/// Corners are spread over a level without this border.
+const SPREAD_BORDER_PX: u32 = 16;
+
+/// Pixels of the ring around a corner that follow each other and are all brighter, or all darker.
+const ARC_PX: usize = 9;
 
 /// Features of an image, the finest pyramid level first.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -41,6 +53,13 @@ impl Features {
     }
 }
 
+/// Features of a pyramid level.
+struct LevelFeatures {
+    corners: Vec<Corner>,
+    angles_rad: Vec<f32>,
+    descriptors: Vec<Descriptor>,
+}
+
 /// Why an image has no features.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("features cannot be found in an image of {width}x{height} pixels: {reason}")]
@@ -54,6 +73,9 @@ pub struct FeatureError {
 }
 
 /// Finds ORB features.
+///
+/// Levels, corners and their smoothing are the work of `kornia-imgproc`; they are spread and described here, with the result
+/// of its `OrbDetector`, which takes three times as long: it calls a function for each rounding of a coordinate.
 ///
 /// The same image gives the same features, for any number of threads. An image without corners, or one too small for a
 /// corner with its patch (below 48 pixels), has none.
@@ -83,58 +105,146 @@ impl FeatureDetector {
             height,
             reason,
         };
-        let levels = (0..self.options.levels)
-            .take_while(|&level| self.level_side(width.min(height), level) >= MIN_SIDE_PX)
-            .count();
+        let levels = self.levels(width, height);
         if levels == 0 {
             return Ok(Features::default());
         }
-        let threshold = f32::from(self.options.corner_threshold) / 255.0;
-        let detector = OrbDetector {
-            n_keypoints: self.options.features,
-            n_scales: levels,
-            downscale: self.options.scale_factor as f32,
-            ini_fast_threshold: threshold,
-            // Only for levels with hardly any corner.
-            min_fast_threshold: threshold * 0.4,
-            ..OrbDetector::default()
-        };
-        let input = Image::<u8, 1>::from_size_slice(ImageSize { width, height }, image.samples())
+        let pyramid = self
+            .pyramid(image, levels)
             .map_err(|error| refused(error.to_string()))?;
-        let found = detector
-            .detect_and_extract_u8(&input)
+        let wanted = self.features_per_level(levels);
+        let described: Vec<LevelFeatures> = pyramid
+            .par_iter()
+            .zip(wanted)
+            .map(|(level, wanted)| self.describe_level(level, wanted))
+            .collect::<Result<_, _>>()
             .map_err(|error| refused(error.to_string()))?;
 
-        let mut features = Features {
-            angles_rad: found.orientations,
-            descriptors: found
-                .descriptors
-                .iter()
-                .map(Descriptor::from_bytes)
-                .collect(),
-            octaves: found.octaves,
-            ..Features::default()
-        };
-        features.pixels.reserve(found.keypoints_xy.len());
-        features.grey.reserve(found.keypoints_xy.len());
-        for (pixel, octave) in found.keypoints_xy.iter().zip(&features.octaves) {
-            let level = usize::from(*octave);
-            let scale = self.options.scale(*octave) as f32;
-            // The detector multiplies a level's pixel by the scale; levels are resampled about the image's corner, which
-            // lies at (-0.5, -0.5).
-            let place = |at: f32, side: usize| {
-                let exact = side as f64 / self.level_side(side, level) as f64;
-                ((f64::from((at / scale).round()) + 0.5) * exact - 0.5) as f32
+        let mut features = Features::default();
+        for (octave, found) in described.into_iter().enumerate() {
+            // Levels are resampled about the image's corner, which lies at (-0.5, -0.5).
+            let place = |at: u32, side: usize| {
+                let scale = side as f64 / self.level_side(side, octave) as f64;
+                ((f64::from(at) + 0.5) * scale - 0.5) as f32
             };
-            let pixel = [place(pixel[0], width), place(pixel[1], height)];
-            let grey = image.get(pixel[0].round() as usize, pixel[1].round() as usize);
-            features.pixels.push(pixel);
-            features.grey.push(grey.copied().unwrap_or(0));
+            for corner in &found.corners {
+                let pixel = [place(corner.column, width), place(corner.row, height)];
+                let grey = image.get(pixel[0].round() as usize, pixel[1].round() as usize);
+                features.pixels.push(pixel);
+                features.grey.push(grey.copied().unwrap_or(0));
+                features.octaves.push(octave as u8);
+            }
+            features.angles_rad.extend(found.angles_rad);
+            features.descriptors.extend(found.descriptors);
         }
         Ok(features)
     }
 
-    /// Length of a side at a pyramid level, as the detector rounds it.
+    /// The image and what is made of it by shrinking it, each level from the one before.
+    fn pyramid(&self, image: &GrayImage, levels: usize) -> Result<Vec<Image<u8, 1>>, ImageError> {
+        let size_px = |level| ImageSize {
+            width: self.level_side(image.width(), level),
+            height: self.level_side(image.height(), level),
+        };
+        let mut pyramid = vec![Image::from_size_slice(size_px(0), image.samples())?];
+        for level in 1..levels {
+            let mut smaller = Image::from_size_val(size_px(level), 0)?;
+            resize_fast_u8(
+                &pyramid[level - 1],
+                &mut smaller,
+                InterpolationMode::Bilinear,
+            )?;
+            pyramid.push(smaller);
+        }
+        Ok(pyramid)
+    }
+
+    /// As many on each level as its side has of the sum of all sides.
+    fn features_per_level(&self, levels: usize) -> Vec<usize> {
+        let shrink = 1.0 / self.options.scale_factor as f32;
+        let features = self.options.features;
+        let first = features as f32 * (1.0 - shrink) / (1.0 - shrink.powi(levels as i32));
+        let mut level = first;
+        let mut wanted = Vec::with_capacity(levels);
+        for _ in 1..levels {
+            wanted.push(level.round() as usize);
+            level *= shrink;
+        }
+        wanted.push(features.saturating_sub(wanted.iter().sum()));
+        wanted
+    }
+
+    /// Finds and describes about as many corners of a level.
+    fn describe_level(
+        &self,
+        level: &Image<u8, 1>,
+        wanted: usize,
+    ) -> Result<LevelFeatures, ImageError> {
+        let (width, height) = (level.width() as u32, level.height() as u32);
+        let mut corners = spread(
+            &self.corners(level, wanted),
+            SPREAD_BORDER_PX..width - SPREAD_BORDER_PX,
+            SPREAD_BORDER_PX..height - SPREAD_BORDER_PX,
+            wanted,
+        );
+        let border = BORDER_PX as u32;
+        corners.retain(|corner| {
+            (border..=width - border).contains(&corner.column)
+                && (border..=height - border).contains(&corner.row)
+        });
+        let mut smoothed = Image::from_size_val(level.size(), 0)?;
+        gaussian_blur_u8(level, &mut smoothed, (7, 7), (2.0, 2.0))?;
+        let stride = level.width();
+        let angles_rad: Vec<f32> = corners
+            .iter()
+            .map(|corner| direction(level.as_slice(), stride, *corner))
+            .collect();
+        let descriptors = describe(smoothed.as_slice(), stride, &corners, &angles_rad);
+        Ok(LevelFeatures {
+            corners,
+            angles_rad,
+            descriptors,
+        })
+    }
+
+    /// Corners of a level, the strongest first: at most twenty times as many as wanted.
+    fn corners(&self, level: &Image<u8, 1>, wanted: usize) -> Vec<Corner> {
+        let threshold = f32::from(self.options.corner_threshold) / 255.0;
+        let above = |threshold| {
+            let rows = 0..level.height();
+            fast_detect_rows_u8_serial(level, threshold, ARC_PX, REACH_PX, rows)
+        };
+        let mut corners = above(threshold);
+        // A level with hardly any corner gets weaker ones where it has none.
+        if corners.len() < 10 {
+            for weaker in above(threshold * 0.4) {
+                let [row, column] = weaker.0;
+                let is_near = |other: &([usize; 2], f32)| {
+                    other.0[0].abs_diff(row) <= 3 && other.0[1].abs_diff(column) <= 3
+                };
+                if !corners.iter().any(is_near) {
+                    corners.push(weaker);
+                }
+            }
+        }
+        let most = wanted.saturating_mul(20).max(512);
+        suppress_direct_standalone(corners, most, level.width(), level.height(), 1)
+            .into_iter()
+            .map(|([row, column], _)| Corner {
+                column: column as u32,
+                row: row as u32,
+            })
+            .collect()
+    }
+
+    /// Number of levels with room for a corner and its patch.
+    fn levels(&self, width: usize, height: usize) -> usize {
+        (0..self.options.levels)
+            .take_while(|&level| self.level_side(width.min(height), level) >= MIN_SIDE_PX)
+            .count()
+    }
+
+    /// Length of a side at a pyramid level.
     fn level_side(&self, side: usize, level: usize) -> usize {
         let inverse = f64::from(self.options.scale_factor as f32).powi(-(level as i32));
         (side as f64 * inverse).round_ties_even() as usize
@@ -143,6 +253,7 @@ impl FeatureDetector {
 
 #[cfg(test)]
 mod tests {
+    use kornia_imgproc::features::OrbDetector;
     use linecarve_lines::image::Plane;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -176,6 +287,50 @@ mod tests {
                 (x.to_bits(), y.to_bits(), angle, features.descriptors[i])
             })
             .collect()
+    }
+
+    /// The detector of `kornia-imgproc`, whose features these are, step by step.
+    #[test]
+    fn features_are_those_of_the_library() {
+        let options = MapPointOptions::default();
+        let detector = FeatureDetector::new(options);
+        let threshold = f32::from(options.corner_threshold) / 255.0;
+        let weak = |image: &GrayImage| {
+            let samples = image.samples().iter().map(|grey| 100 + grey / 24).collect();
+            Plane::new(image.width(), image.height(), samples).unwrap()
+        };
+        for image in [
+            squares(640, 480),
+            squares(701, 103),
+            squares(90, 400),
+            squares(1500, 1100),
+            weak(&squares(320, 240)),
+        ] {
+            let (width, height) = (image.width(), image.height());
+            let library = OrbDetector {
+                n_keypoints: options.features,
+                n_scales: detector.levels(width, height),
+                downscale: options.scale_factor as f32,
+                ini_fast_threshold: threshold,
+                min_fast_threshold: threshold * 0.4,
+                ..OrbDetector::default()
+            };
+            let size = ImageSize { width, height };
+            let input = Image::<u8, 1>::from_size_slice(size, image.samples()).unwrap();
+            let expected = library.detect_and_extract_u8(&input).unwrap();
+            let found = detector.detect(&image).unwrap();
+            assert!(found.len() > 50, "{}", found.len());
+            assert_eq!(found.octaves, expected.octaves);
+            assert_eq!(found.angles_rad, expected.orientations);
+            let descriptors = expected.descriptors.iter().map(Descriptor::from_bytes);
+            assert_eq!(found.descriptors, descriptors.collect::<Vec<_>>());
+            for (i, [x, y]) in expected.keypoints_xy.into_iter().enumerate() {
+                // The library's places are off by up to half a pixel of the level, and by its rounded size.
+                let near = 1.5 * options.scale(found.octaves[i]) as f32;
+                let [column, row] = found.pixels[i];
+                assert!((column - x).abs() < near && (row - y).abs() < near);
+            }
+        }
     }
 
     #[test]

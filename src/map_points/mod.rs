@@ -9,6 +9,7 @@
 mod changes;
 mod correct;
 mod create;
+mod describe;
 mod descriptor;
 mod epipolar;
 mod features;
@@ -20,6 +21,7 @@ mod observe;
 mod options;
 mod point;
 mod refine;
+mod spread;
 mod triangulate;
 
 pub use changes::PointChange;
