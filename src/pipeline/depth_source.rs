@@ -6,7 +6,7 @@ mod schedule;
 mod semi_dense;
 
 use linecarve_lines::depth::semi_dense::{
-    NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, WitnessOptions,
+    NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions, WitnessOptions,
 };
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use serde::{Deserialize, Serialize};
@@ -73,6 +73,8 @@ pub struct SemiDenseStage {
     pub matching: SemiDenseOptions,
     /// Which depths the maps of other keyframes confirm.
     pub confirm: WitnessOptions,
+    /// Points between edges.
+    pub sweep: SweepOptions,
 }
 
 impl Default for SemiDenseStage {
@@ -86,6 +88,7 @@ impl Default for SemiDenseStage {
             neighbours: NeighbourOptions::default(),
             matching: SemiDenseOptions::default(),
             confirm: WitnessOptions::default(),
+            sweep: SweepOptions::default(),
         }
     }
 }
@@ -97,6 +100,7 @@ impl SemiDenseStage {
     /// The first value out of range.
     pub fn validate(&self) -> Result<(), SemiDenseOptionsError> {
         self.matching.validate()?;
+        self.sweep.validate()?;
         for (name, value) in [
             ("relative_noise", self.relative_noise),
             ("neighbours.precision", self.neighbours.precision),

@@ -1,8 +1,9 @@
 //! Points on image edges that are on no segment: curved edges, and straight ones too short or too noisy for a fit.
 //!
-//! From images alone edges are all that has a depth, so that what lies on no segment is missing from the surface as well.
+//! From images alone edges are most of what has a depth, so that what lies on no segment is missing from the surface as well.
 
 use linecarve_lines::depth::InverseDepthMap;
+use linecarve_lines::depth::semi_dense::SurfacePoint;
 use linecarve_lines::edges::EdgeChains;
 use linecarve_lines::fit::Segment;
 use nalgebra::Point2;
@@ -15,7 +16,7 @@ const LEAST_AGREEING: f64 = 0.75;
 /// Depths agree that differ by at most this many of their standard deviations.
 const AGREEMENT_SIGMAS: f32 = 2.0;
 
-/// A point of an image edge.
+/// A point by itself: of an image edge, or between edges.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EdgePoint {
     /// Where it is in the image.
@@ -24,6 +25,16 @@ pub struct EdgePoint {
     pub inverse_depth: f64,
     /// Standard deviation of that.
     pub sigma: f64,
+}
+
+impl From<SurfacePoint> for EdgePoint {
+    fn from(point: SurfacePoint) -> Self {
+        Self {
+            pixel: point.pixel.map(f64::from).into(),
+            inverse_depth: point.depth.rho.into(),
+            sigma: point.depth.sigma.into(),
+        }
+    }
 }
 
 /// The points of edges that are on none of `segments`, which were found along these chains in this depth. Each stands for a

@@ -25,7 +25,7 @@ pub struct Keyframe {
     pub world_from_camera: Isometry3<f64>,
     /// Its segments, in its camera frame.
     pub segments: Vec<Segment>,
-    /// Points of edges on no segment, where depth comes from images alone.
+    /// Points of edges on no segment and points between edges, where depth comes from images alone.
     pub edge_points: Vec<EdgePoint>,
     /// The surface between them, where depth is dense.
     pub surface: SurfaceSamples,

@@ -61,7 +61,7 @@ pub fn measurements<'a>(
         })
 }
 
-/// The points of edges on no segment as measurements in the world.
+/// Points on no segment as measurements in the world.
 pub(super) fn edge_measurements<'a>(
     points: &'a [EdgePoint],
     camera: &'a Camera,

@@ -17,7 +17,7 @@ use super::kept::{Finished, Kept};
 use super::schedule::{Schedule, Task};
 use crate::checkpoint::Checkpoint;
 use crate::pipeline::colors::KeyframeColors;
-use crate::pipeline::edge_points::edge_points;
+use crate::pipeline::edge_points::{EdgePoint, edge_points};
 use crate::pipeline::front_end::{FrontEndError, Keyframe};
 use crate::pipeline::run::Arrival;
 use crate::report::{StageTimes, milliseconds};
@@ -340,12 +340,13 @@ impl<'a> FrontEnd<'a> {
         })
     }
 
+    fn neighbours(&self, task: &Task) -> Result<Vec<&MatchView>, FrontEndError> {
+        let views = task.neighbours.iter().map(|&other| self.view(other));
+        views.collect()
+    }
+
     fn estimate(&self, task: &Task) -> Result<SemiDenseDepth, FrontEndError> {
-        let neighbours: Vec<&MatchView> = task
-            .neighbours
-            .iter()
-            .map(|&other| self.view(other))
-            .collect::<Result<_, _>>()?;
+        let neighbours = self.neighbours(task)?;
         self.estimator
             .estimate(self.view(task.keyframe)?, &neighbours, None)
             .map_err(|source| FrontEndError::Extract {
@@ -418,6 +419,20 @@ impl<'a> FrontEnd<'a> {
         self.keyframe(task, &depth, times, extractor)
     }
 
+    /// The points between the edges of a keyframe.
+    fn between_edges(
+        &self,
+        task: &Task,
+        view: &MatchView,
+        depth: &SemiDenseDepth,
+    ) -> Result<impl Iterator<Item = EdgePoint> + use<>, FrontEndError> {
+        let neighbours = self.neighbours(task)?;
+        let points =
+            self.estimator
+                .surface_points(view, depth, &neighbours, &self.source.options.sweep);
+        Ok(points.into_iter().map(EdgePoint::from))
+    }
+
     fn keyframe(
         &self,
         task: &Task,
@@ -440,12 +455,17 @@ impl<'a> FrontEnd<'a> {
             })?;
         times.depth += milliseconds(extraction.durations.edge_depth);
         times.fit = milliseconds(extraction.durations.fit);
-        let edge_points = edge_points(
+        let mut edge_points = edge_points(
             view.chains(),
             &depth.map,
             &extraction.segments,
             self.source.options.edge_point_spacing_px,
         );
+        if task.is_final {
+            let start = Instant::now();
+            edge_points.extend(self.between_edges(task, view, depth)?);
+            times.depth += milliseconds(start.elapsed());
+        }
         Ok(Keyframe {
             frame: self.frames[task.keyframe],
             world_from_camera: *view.world_from_camera(),

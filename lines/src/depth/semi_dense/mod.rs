@@ -2,7 +2,8 @@
 //!
 //! A [`MatchView`] is a keyframe prepared for matching. [`choose_neighbours`] picks the keyframes whose parallax measures its
 //! depth best, [`SemiDense::estimate`] searches each edge pixel along its epipolar line in each of them, fuses what agrees and
-//! checks it along the edge; [`confirm`] drops what too few other keyframes' own depths confirm.
+//! checks it along the edge; [`confirm`] drops what too few other keyframes' own depths confirm; [`SemiDense::surface_points`] adds
+//! points of the surface between the edges.
 //!
 //! # Reference
 //! R. Mur-Artal, J. D. Tardos, Probabilistic Semi-Dense Mapping from Highly Accurate Feature-Based Monocular SLAM, RSS 2015.
@@ -29,6 +30,7 @@ mod options;
 mod pair;
 mod photometric;
 mod search;
+mod surface;
 mod view;
 
 pub use between::{Witness, WitnessOptions, confirm};
@@ -36,6 +38,7 @@ pub use estimate::{PairReport, SemiDense, SemiDenseDepth};
 pub use neighbours::{NeighbourOptions, ViewGeometry, choose_neighbours};
 pub use noise::image_noise;
 pub use options::{InverseDepthRange, SemiDenseOptions, SemiDenseOptionsError};
+pub use surface::{SurfacePoint, SweepOptions};
 pub use view::{MatchView, MatchViewError};
 
 #[cfg(test)]

@@ -2,6 +2,9 @@
 
 use crate::image::GrayImage;
 
+/// Of rounding to whole numbers, 1 / sqrt(12).
+const ROUNDING: f64 = 0.288_675;
+
 /// Standard deviation of the noise of an image in grey levels, measured on the image itself.
 ///
 /// The second difference in both directions cancels whatever is locally a plane or a straight ramp; the median of its absolute
@@ -15,8 +18,6 @@ use crate::image::GrayImage;
 /// J. Immerkaer, Fast Noise Variance Estimation, Computer Vision and Image Understanding, 1996.
 /// *Differs from the paper*: the median instead of the mean, which texture raises.
 pub fn image_noise(image: &GrayImage) -> f64 {
-    /// Of rounding to whole numbers, 1 / sqrt(12).
-    const ROUNDING: f64 = 0.288_675;
     let (width, height) = (image.width(), image.height());
     if width < 3 || height < 3 {
         return ROUNDING;
@@ -50,6 +51,14 @@ pub fn image_noise(image: &GrayImage) -> f64 {
         below = after;
     }
     ROUNDING
+}
+
+/// Standard deviation of the noise of an image smoothed for matching, from that of the image itself: smoothing reduces it, rounding
+/// to whole levels comes back.
+pub(super) fn smoothed_noise(noise_sigma: f64) -> f64 {
+    /// Norm of the smoothing kernel: the factor by which it reduces independent noise.
+    const SMOOTHING: f64 = 0.29;
+    (SMOOTHING * noise_sigma).hypot(ROUNDING)
 }
 
 #[cfg(test)]

@@ -144,6 +144,19 @@ impl Pair {
         self.is_inside(place).then_some((place, rho / z))
     }
 
+    /// Where the neighbour sees a reference pixel of a known inverse depth, homogeneous; linear in pixel and inverse depth.
+    #[inline]
+    pub(super) fn homogeneous(&self, p: [f32; 2], rho: f32) -> [f32; 3] {
+        let q = self.at_infinity(p);
+        std::array::from_fn(|i| q[i] + rho * self.translation[i])
+    }
+
+    /// By how much that changes from one pixel to the next along an axis (0 across, 1 down) on a plane with this slope.
+    #[inline]
+    pub(super) fn homogeneous_slope(&self, axis: usize, slope: f32) -> [f32; 3] {
+        std::array::from_fn(|i| self.rotation[i][axis] + slope * self.translation[i])
+    }
+
     fn is_inside(&self, p: [f32; 2]) -> bool {
         let right = self.width as f32 - 1.0 - MARGIN_PX;
         let bottom = self.height as f32 - 1.0 - MARGIN_PX;
