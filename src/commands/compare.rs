@@ -69,6 +69,7 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         summaries.push(summary);
     }
     write_surfaces(args, &runs, &prepared.origin, &mut output)?;
+    prepared.write_corrected_poses(&mut output)?;
     let surfaces: Vec<ComparedSurface> = runs.iter().map(|run| run.surface.clone()).collect();
     write_pictures(
         args,

@@ -68,6 +68,7 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         log.write(&mut output, started, args.stages.json)?;
         return Ok(Outcome::Negative(format!("no segment was found: {reason}")));
     }
+    prepared.write_corrected_poses(&mut output)?;
     for part in [segments_part(&segments), clusters_part(&clusters)] {
         write_geometry(
             &mut output,

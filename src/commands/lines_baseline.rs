@@ -213,6 +213,7 @@ fn write(
     if findings.segments.is_empty() {
         return Ok(());
     }
+    prepared.write_corrected_poses(output)?;
     let mut segments = LineSet::from_segments(findings.segments.iter().map(|s| s.ends_in_world));
     segments.translate(&prepared.origin);
     log.result().segments = segments.lines.len();

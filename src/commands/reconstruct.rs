@@ -12,7 +12,7 @@ use crate::commands::Outcome;
 use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{GROWTH, add_lines, note_result, timed_surface, write_growth};
 use crate::commands::output::{
-    OutputFolder, clusters_part, segments_part, surface_part, write_geometry, write_poses,
+    OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
 };
 use crate::commands::page::PageRecorder;
 use crate::commands::picture::{Shot, write_overview};
@@ -246,15 +246,7 @@ fn write_results(
     mesh.translate(&prepared.origin);
     segments.translate(&prepared.origin);
     clusters.translate(&prepared.origin);
-    if prepared.poses.is_some_and(|poses| poses.is_corrected) {
-        let frames = prepared.sequence.frames();
-        let poses = |&frame: &usize| (frame, frames[frame].world_from_camera);
-        write_poses(
-            output,
-            &prepared.sequence,
-            prepared.keyframes.iter().map(poses),
-        )?;
-    }
+    prepared.write_corrected_poses(output)?;
     let formats = &args.stages.format;
     let parts = [
         surface_part(&mesh),

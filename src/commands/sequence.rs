@@ -6,6 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::cli::{KeyframeArgs, SequenceArgs, StageArgs};
 use crate::commands::depth::depth_source;
+use crate::commands::output::{OutputFolder, write_poses};
 use crate::keyframes;
 use crate::pipeline::scale::far_origin;
 use crate::pipeline::{DepthSource, Options, correct_poses};
@@ -30,6 +31,16 @@ pub(super) struct Prepared {
 }
 
 impl Prepared {
+    /// Writes the poses of the keyframes, where they are others than those given.
+    pub(super) fn write_corrected_poses(&self, output: &mut OutputFolder) -> anyhow::Result<()> {
+        if !self.poses.is_some_and(|poses| poses.is_corrected) {
+            return Ok(());
+        }
+        let frames = self.sequence.frames();
+        let poses = |&frame: &usize| (frame, frames[frame].world_from_camera);
+        write_poses(output, &self.sequence, self.keyframes.iter().map(poses))
+    }
+
     /// The depth camera, for what measures depth with one alone.
     ///
     /// # Errors

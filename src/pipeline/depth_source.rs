@@ -80,8 +80,8 @@ pub struct SemiDenseStage {
 impl Default for SemiDenseStage {
     fn default() -> Self {
         Self {
-            past: 8,
-            future: 6,
+            past: 12,
+            future: 10,
             first_neighbours: 3,
             relative_noise: 0.002,
             edge_point_spacing_px: 10,

@@ -39,7 +39,7 @@ pub struct NeighbourOptions {
 impl Default for NeighbourOptions {
     fn default() -> Self {
         Self {
-            count: 7,
+            count: 10,
             least_overlap: 0.3,
             least_parallax_rad: 1.0_f64.to_radians(),
             largest_parallax_rad: 35.0_f64.to_radians(),

@@ -66,7 +66,7 @@ impl Default for SemiDenseOptions {
             truncation_sigmas: 4.0,
             largest_residual: 12.0,
             fusion_chi2: 5.99,
-            least_agreeing: 3,
+            least_agreeing: 2,
             least_agreeing_share: 0.5,
             largest_rival_share: 0.8,
             largest_relative_sigma: 0.1,
