@@ -261,7 +261,10 @@ mod tests {
                 &at(0.0, 0.0, 0.0, 0.0),
                 &views,
                 2.0 * s,
-                &NeighbourOptions::default(),
+                &NeighbourOptions {
+                    count: 7,
+                    ..NeighbourOptions::default()
+                },
             )
         };
         let chosen = scaled(1.0);

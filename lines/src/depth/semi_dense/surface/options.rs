@@ -32,7 +32,7 @@ impl Default for SweepOptions {
             spacing_px: 12,
             neighbours: 7,
             reach: 0.06,
-            least_correlation: 0.8,
+            least_correlation: 0.9,
             agreeing_share: 0.5,
             least_margin: 0.02,
             least_texture: 2.0,
