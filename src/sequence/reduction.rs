@@ -57,28 +57,41 @@ impl Reduction {
 
     /// Means of the squares of an image with that many interleaved channels.
     fn means<const CHANNELS: usize>(&self, samples: &[u8], width: usize) -> Vec<u8> {
-        let factor = self.factor as usize;
-        let row = width * CHANNELS;
         let count = self.factor * self.factor;
-        let out_row = self.size.width as usize * CHANNELS;
-        let mut means = Vec::with_capacity(out_row * self.size.height as usize);
-        let mut sums = vec![0_u32; out_row];
-        for rows in samples.chunks_exact(row * factor) {
-            sums.fill(0);
-            for line in rows.chunks_exact(row) {
-                let squares = line.chunks_exact(factor * CHANNELS);
-                for (sum, square) in sums.chunks_exact_mut(CHANNELS).zip(squares) {
-                    for pixel in square.chunks_exact(CHANNELS) {
-                        for (sum, sample) in sum.iter_mut().zip(pixel) {
-                            *sum += u32::from(*sample);
-                        }
+        square_sums::<CHANNELS>(samples, width, self.factor as usize)
+            .into_iter()
+            .map(|sum| ((sum + count / 2) / count) as u8)
+            .collect()
+    }
+}
+
+/// Sums over the squares of `factor` by `factor` pixels of an image with that many interleaved channels, row by row; what is left
+/// over at the right and below is cut off.
+pub(super) fn square_sums<const CHANNELS: usize>(
+    samples: &[u8],
+    width: usize,
+    factor: usize,
+) -> Vec<u32> {
+    let row = width * CHANNELS;
+    let row_of_sums = width / factor * CHANNELS;
+    if row_of_sums == 0 {
+        return Vec::new();
+    }
+    let mut sums = vec![0_u32; row_of_sums * (samples.len() / (row * factor))];
+    let squares = sums.chunks_exact_mut(row_of_sums);
+    for (sums, rows) in squares.zip(samples.chunks_exact(row * factor)) {
+        for line in rows.chunks_exact(row) {
+            let squares = line.chunks_exact(factor * CHANNELS);
+            for (sum, square) in sums.chunks_exact_mut(CHANNELS).zip(squares) {
+                for pixel in square.chunks_exact(CHANNELS) {
+                    for (sum, sample) in sum.iter_mut().zip(pixel) {
+                        *sum += u32::from(*sample);
                     }
                 }
             }
-            means.extend(sums.iter().map(|sum| ((sum + count / 2) / count) as u8));
         }
-        means
     }
+    sums
 }
 
 #[cfg(test)]

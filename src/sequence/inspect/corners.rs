@@ -8,6 +8,8 @@
 
 use linecarve_lines::image::GrayImage;
 
+use crate::sequence::reduction::square_sums;
+
 /// Images are shrunk to about this width, by a whole factor.
 const WIDTH: usize = 800;
 /// Corners are kept per cell of this size, so that they cover the image.
@@ -130,19 +132,11 @@ fn normalise(patch: &mut [f32]) -> bool {
 fn shrink(image: &GrayImage) -> Small {
     let factor = image.width().div_ceil(WIDTH).max(1);
     let (width, height) = (image.width() / factor, image.height() / factor);
-    let mut values = Vec::with_capacity(width * height);
     let area = (factor * factor) as f32;
-    for y in 0..height {
-        for x in 0..width {
-            let mut sum = 0_u32;
-            for row in 0..factor {
-                let from = x * factor;
-                let samples = &image.row(y * factor + row)[from..from + factor];
-                sum += samples.iter().map(|&v| u32::from(v)).sum::<u32>();
-            }
-            values.push(sum as f32 / area);
-        }
-    }
+    let values = square_sums::<1>(image.samples(), image.width(), factor)
+        .into_iter()
+        .map(|sum| sum as f32 / area)
+        .collect();
     Small {
         width,
         height,
