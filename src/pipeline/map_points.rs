@@ -222,18 +222,11 @@ impl PointBackEnd {
     ///
     /// # Errors
     /// As [`push`](Self::push).
-    pub fn finish(&mut self) -> Result<PointUpdate, PointBackEndError> {
+    pub fn finish(&mut self) -> Result<(), PointBackEndError> {
         let keyframe = self.views.len().saturating_sub(1);
-        let start = Instant::now();
         self.map.adjust_all();
-        let mut update = PointUpdate {
-            matching: start.elapsed(),
-            ..PointUpdate::default()
-        };
-        self.follow(&mut update)
-            .map_err(|source| PointBackEndError::Carve { keyframe, source })?;
-        update.carving = start.elapsed() - update.matching;
-        Ok(update)
+        self.follow(&mut PointUpdate::default())
+            .map_err(|source| PointBackEndError::Carve { keyframe, source })
     }
 
     /// Lets the carver follow what has changed in the map.
