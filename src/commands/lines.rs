@@ -11,7 +11,7 @@ use crate::commands::output::{OutputFolder, clusters_part, segments_part, write_
 use crate::commands::run_report::{RunLog, keyframe_report};
 use crate::commands::sequence::prepare;
 use crate::pipeline::segment_map::SegmentMap;
-use crate::pipeline::{self, Arrival};
+use crate::pipeline::{self, Arrival, DepthSource};
 use crate::progress::{Progress, Verbosity};
 use crate::report::milliseconds;
 
@@ -26,7 +26,11 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     }
     let started = Instant::now();
     let mut output = OutputFolder::create(&args.out)?;
-    let prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;
+    let mut prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;
+    if let DepthSource::SemiDense(source) = &mut prepared.depth {
+        // Nobody asks for points here.
+        source.options.sweep.spacing_px = 0;
+    }
     let mut map = SegmentMap::new(prepared.options.cluster, prepared.median_depth)?;
     let mut log = RunLog::new("lines", &prepared, verbosity);
     let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);

@@ -164,7 +164,7 @@ pub(super) fn limit_image_size(
     };
     if let Some([stored, loaded]) = sequence.limit_image_size(longest_side) {
         warnings.push(format!(
-            "images of {} x {} are computed on at {} x {} (--max-image-size 0: as they are, which takes the more time)",
+            "images of {} x {} are computed on at {} x {} (--max-image-size 0, or [images] longest_side_px = 0: as they are, which takes longer)",
             stored.width, stored.height, loaded.width, loaded.height
         ));
     }
