@@ -13,7 +13,7 @@ use crate::report::PoseSummary;
 use crate::sequence::Sequence;
 
 /// Poses that are moved by less than this share of what they may be wrong by stay as given. Points err as well: exact poses would
-/// follow their errors. A deviation that poses really have shows in full, while of their own points move them by little.
+/// follow their errors. What poses are really wrong by shows in full; what points alone err by moves them little.
 const LEAST_SHARE: f64 = 0.5;
 
 /// The poses of keyframes, and what images have to say about them.

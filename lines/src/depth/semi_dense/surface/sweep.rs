@@ -10,7 +10,7 @@ use super::options::SweepOptions;
 use super::{LEAST_EYES, MOST_EYES, SurfacePoint};
 use crate::depth::map::InverseDepth;
 
-/// Half the side of a patch. With 7 it takes twice the time, and F at 5 cm is the same on two indoor sequences.
+/// Half the side of a patch.
 const RADIUS_PX: i32 = 5;
 /// Distance of its samples: images are smoothed, so that pixels between them tell little more.
 const SAMPLE_STEP_PX: i32 = 2;
