@@ -2,10 +2,10 @@
 
 use nalgebra::Point3;
 
-use crate::commands::map_steps::{add_lines, add_points, carved_points, timed_surface};
+use crate::commands::map_steps::{add_lines, add_points, carved_points, lens_of, timed_surface};
 use crate::commands::page::PageRecorder;
 use crate::commands::picture::crosses;
-use crate::commands::sequence::Prepared;
+use crate::commands::sequence::{Prepared, lens_warning};
 use crate::compare::ComparedSurface;
 use crate::mesh::LineSet;
 use crate::pipeline::{
@@ -190,8 +190,9 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
         consume,
     )?;
     progress.finish();
-    let warnings = left_out.warnings(prepared.keyframes.len())?;
+    let mut warnings = left_out.warnings(prepared.keyframes.len())?;
     map.finish()?;
+    warnings.extend(lens_of(&map).map(lens_warning));
     let mesh = map.surface();
     let points = carved_points(map.carver());
     recorder.finish_points(last, &points, &mesh);

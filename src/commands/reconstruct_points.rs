@@ -10,7 +10,7 @@ use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
 use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{
-    GROWTH, add_points, carved_points, note_result, timed_surface, write_growth,
+    GROWTH, add_points, carved_points, lens_of, note_result, timed_surface, write_growth,
 };
 use crate::commands::output::{OutputFolder, surface_part, write_geometry, write_poses};
 use crate::commands::page::PageRecorder;
@@ -18,7 +18,7 @@ use crate::commands::page_run::PageRun;
 use crate::commands::picture::{Shot, crosses, write_overview};
 use crate::commands::prepare_points::{PreparedPoints, prepare_points};
 use crate::commands::run_report::{RunHeader, RunLog};
-use crate::commands::sequence::{open, read_options};
+use crate::commands::sequence::{lens_warning, open, read_options};
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{kept_run, reconstruct_model, simplify};
 use crate::map_points::PointModel;
@@ -137,7 +137,12 @@ fn from_features(
     log.set_median_depth(depth);
     let quality = map.map().quality();
     let mut mesh = simplify::finished(map.surface(), &LineSet::default(), args.simplify)?;
+    let k1 = lens_of(&map);
+    if let Some(k1) = k1 {
+        log.warn(lens_warning(k1));
+    }
     let result = log.result();
+    result.lens_k1 = k1;
     note_result(result, map.carver(), &mesh);
     result.reprojection_rms_px = (quality.points > 0).then_some(quality.reprojection_rms_px);
     let model = map

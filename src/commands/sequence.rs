@@ -93,15 +93,12 @@ pub(super) fn prepare(
     let median_depth = depth.median_depth;
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
     let mut poses = None;
+    options.pose_correction.lens &= !sequence.has_known_lens();
     if matches!(depth.source, DepthSource::SemiDense(_)) && options.pose_correction.enabled {
         let warnings = &mut warnings;
-        poses = Some(correct(
-            &mut sequence,
-            &keyframes,
-            &options,
-            warnings,
-            verbosity,
-        )?);
+        let summary = correct(&mut sequence, &keyframes, &options, warnings, verbosity)?;
+        options.pose_correction.lens &= summary.lens_k1.is_none();
+        poses = Some(summary);
     }
     let origin = origin_of(&sequence, &keyframes, median_depth, &mut warnings);
     Ok(Prepared {
@@ -138,7 +135,20 @@ fn correct(
             summary.keyframes, summary.turn_px, summary.shift_px
         ));
     }
+    if let Some(k1) = summary.lens_k1 {
+        sequence.set_radial_distortion(k1)?;
+        warnings.push(lens_warning(k1));
+    }
     Ok(summary)
+}
+
+/// Says that images were not those of a pinhole.
+pub(super) fn lens_warning(k1: f64) -> String {
+    format!(
+        "the images are not those of a pinhole: radial distortion k1 = {k1:.4} is taken out ([pose_correction] lens = false takes them \
+         as they are; to say it, or what a calibration found, in linecarve.toml: [color] model = \"radial-tangential\", distortion = \
+         [{k1:.4}, 0.0, 0.0, 0.0])"
+    )
 }
 
 /// The options that a command starts from.

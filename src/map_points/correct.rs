@@ -9,7 +9,7 @@ use crate::pose_correction::{
 };
 
 /// Keyframes that are moved together after the last has come: equations of six unknowns each are solved as one dense system.
-const BLOCK: usize = 100;
+pub(super) const BLOCK: usize = 100;
 
 /// How often all are moved: each time without the sightings that did not fit the last time.
 const ROUNDS: usize = 3;
@@ -75,7 +75,7 @@ impl PointMap {
         true
     }
 
-    fn prior(&self, depth: f64) -> PosePrior {
+    pub(super) fn prior(&self, depth: f64) -> PosePrior {
         PosePrior::in_pixels(self.correction.sigma_px, self.camera.mean_focal_px(), depth)
     }
 
@@ -110,10 +110,11 @@ impl PointMap {
         let Some(depth) = self.median_depth().filter(|_| self.correction.enabled) else {
             return;
         };
+        if self.correction.lens {
+            self.find_lens();
+        }
         for _ in 0..ROUNDS {
-            let corrected: Vec<u32> = (0..self.keyframes.len() as u32)
-                .filter(|&keyframe| self.is_corrected(keyframe))
-                .collect();
+            let corrected = self.corrected_keyframes();
             let mut start = 0;
             while start < corrected.len() {
                 let end = (start + BLOCK).min(corrected.len());
@@ -131,37 +132,61 @@ impl PointMap {
     }
 
     fn adjust_together(&mut self, window: &[u32], depth: f64) {
+        let Some((ids, mut tracks)) = self.tracks_of(window) else {
+            return;
+        };
+        let mut poses = self.poses();
+        let mut lens = self.lens.clone();
+        let prior = self.prior(depth);
+        adjust(&mut lens, false, &mut poses, window, &prior, &mut tracks);
+        self.take(window, &poses, &ids, &tracks);
+    }
+
+    /// Keyframes that agree with their points.
+    pub(super) fn corrected_keyframes(&self) -> Vec<u32> {
+        (0..self.keyframes.len() as u32)
+            .filter(|&keyframe| self.is_corrected(keyframe))
+            .collect()
+    }
+
+    /// The points that keyframes see, with all their sightings; `None` when they are too few.
+    pub(super) fn tracks_of(&self, window: &[u32]) -> Option<(Vec<MapPointId>, Vec<Track>)> {
         let mut ids: Vec<MapPointId> = window
             .iter()
             .flat_map(|&free| self.keyframes[free as usize].points.iter().flatten())
             .copied()
+            .filter(|id| self.point(*id).is_some())
             .collect();
         ids.sort_unstable();
         ids.dedup();
         if ids.len() < self.correction.min_points {
-            return;
+            return None;
         }
-        let mut tracks: Vec<Track> = ids
-            .iter()
-            .filter_map(|&id| self.point(id))
-            .map(|point| Track {
+        let points = ids.iter().filter_map(|&id| self.point(id));
+        let tracks = points.map(|point| {
+            let sights = point.sightings.iter().map(|s| self.track_sight(s));
+            Track {
                 point_in_world: point.point_in_world,
-                sights: point
-                    .sightings
-                    .iter()
-                    .map(|s| self.track_sight(s))
-                    .collect(),
-            })
-            .collect();
-        let mut poses: Vec<CorrectedPose> = self.keyframes.iter().map(|k| k.pose).collect();
-        adjust(
-            &self.camera,
-            &mut poses,
-            window,
-            &self.prior(depth),
-            &mut tracks,
-        );
-        for (id, track) in ids.iter().zip(&tracks) {
+                sights: sights.collect(),
+            }
+        });
+        let tracks = tracks.collect();
+        Some((ids, tracks))
+    }
+
+    pub(super) fn poses(&self) -> Vec<CorrectedPose> {
+        self.keyframes.iter().map(|k| k.pose).collect()
+    }
+
+    /// Takes over what an adjustment has found.
+    pub(super) fn take(
+        &mut self,
+        window: &[u32],
+        poses: &[CorrectedPose],
+        ids: &[MapPointId],
+        tracks: &[Track],
+    ) {
+        for (id, track) in ids.iter().zip(tracks) {
             if let Some(point) = self.points[id.0 as usize].as_deref_mut() {
                 point.point_in_world = track.point_in_world;
             }
@@ -182,7 +207,7 @@ impl PointMap {
         let octave = view.features.octaves[sighting.feature as usize];
         TrackSight {
             camera: sighting.keyframe,
-            pixel: view.pixel(sighting.feature),
+            pixel: view.raw_pixel(sighting.feature),
             sigma_px: self.options.sigma_px(octave, self.options.pose_sigma_px),
         }
     }
@@ -198,7 +223,7 @@ impl PointMap {
             let feature = *feature as u32;
             let sight = self.track_sight(&MapSighting { keyframe, feature });
             let in_camera = view.camera_from_world() * point.point_in_world;
-            self.camera.project(&in_camera).is_some_and(|pixel| {
+            self.lens.camera().project(&in_camera).is_some_and(|pixel| {
                 (pixel - sight.pixel).norm_squared() < CHI2_PIXEL * sight.sigma_px * sight.sigma_px
             })
         })

@@ -6,10 +6,11 @@ use nalgebra::{Isometry3, Point3};
 use super::changes::PointChange;
 use super::features::Features;
 use super::keyframe::MapKeyframe;
+use super::lens::LOOK_AT;
 use super::model::{ModelPoint, ModelView, PointModel, Sighting};
 use super::options::{MapPointOptions, MapPointOptionsError};
 use super::point::{MapPoint, MapPointId, MapSighting};
-use crate::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
+use crate::pose_correction::{CorrectedLens, PoseCorrectionOptions, PoseCorrectionOptionsError};
 
 /// Points that several keyframes see, found in their images under known poses.
 ///
@@ -35,7 +36,10 @@ use crate::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
 pub struct PointMap {
     pub(super) options: MapPointOptions,
     pub(super) correction: PoseCorrectionOptions,
+    /// The pinhole in whose pixels the features of keyframes are.
     pub(super) camera: Camera,
+    /// The camera of the images.
+    pub(super) lens: CorrectedLens,
     /// Width and height of the images.
     pub(super) size: [f64; 2],
     pub(super) keyframes: Vec<MapKeyframe>,
@@ -112,6 +116,7 @@ impl PointMap {
             options,
             correction,
             camera: camera.clone(),
+            lens: CorrectedLens::new(camera.clone()),
             size: [width as f64, height as f64],
             keyframes: Vec::new(),
             points: Vec::new(),
@@ -149,7 +154,8 @@ impl PointMap {
         } else {
             self.options.pose_sigma_px
         };
-        let new = MapKeyframe::new(*world_from_camera, features, pose_sigma_px);
+        let mut new = MapKeyframe::new(*world_from_camera, features, pose_sigma_px);
+        new.straighten(self.lens.camera(), &self.camera);
         self.keyframes.push(new);
         if is_finite {
             if self.correction.enabled {
@@ -167,6 +173,9 @@ impl PointMap {
                     // What was matched under a poor pose is matched again under a good one.
                     counts.created += self.create(number);
                     self.refine_dirty();
+                }
+                if self.correction.lens && LOOK_AT.contains(&self.keyframes.len()) {
+                    self.find_lens();
                 }
             }
         }

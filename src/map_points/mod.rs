@@ -15,6 +15,7 @@ mod epipolar;
 mod features;
 mod grid;
 mod keyframe;
+mod lens;
 mod map;
 mod model;
 mod observe;

@@ -48,7 +48,7 @@ impl Default for MapPointOptions {
             levels: 8,
             scale_factor: 1.2,
             corner_threshold: 12,
-            feature_sigma_px: 0.7,
+            feature_sigma_px: 0.6,
             pose_sigma_px: 0.5,
             neighbors: 10,
             new_descriptor_distance: 50,

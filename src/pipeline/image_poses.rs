@@ -1,4 +1,4 @@
-//! Poses as the images have them, for depth that comes from images alone.
+//! Poses, and the lens, as the images have them, for depth that comes from images alone.
 //!
 //! Depth is triangulated between keyframes that lie close together: what a pose is wrong by, in pixels, goes into it many times
 //! over, and is the same for all edges of a keyframe, so that no average takes it away.
@@ -22,7 +22,7 @@ pub struct ImagePoses {
     /// Of each keyframe, `point_in_world = pose * point_in_camera`: corrected, or as given where too few points are seen or the
     /// given poses are good enough.
     pub world_from_camera: Vec<Isometry3<f64>>,
-    /// How far poses and images are apart.
+    /// How far poses and images are apart, and the lens that images which came as those of a pinhole turned out to have.
     pub summary: PoseSummary,
 }
 
@@ -38,8 +38,8 @@ pub enum ImagePosesError {
 }
 
 /// Brings the poses of `frames` into agreement with the points that their images share: each held by its given pose as
-/// `[pose_correction]` says, keyframe by keyframe and in the end all together. When that moves them by little, all stay as
-/// given. An image that cannot be read is passed over here; who needs it will say so. `progress` is told of every keyframe.
+/// `[pose_correction]` says, keyframe by keyframe and in the end all together. When that moves them by little and shows no lens,
+/// all stay as given. An image that cannot be read is passed over here; who needs it will say so. `progress` is told of every keyframe.
 ///
 /// # Errors
 /// When options are out of range, or when an image's fault is one of all.
@@ -95,7 +95,11 @@ pub fn correct_poses(
     let pose = |number: u32| &map.keyframes()[number as usize].pose;
     let changes = corrected.iter().map(|(_, number)| pose(*number).change());
     let mut summary = summary_of(changes, camera.mean_focal_px(), map.median_depth());
-    summary.is_corrected = summary.moved_px() > LEAST_SHARE * options.pose_correction.sigma_px;
+    let k1 = map.lens().k1();
+    summary.lens_k1 = (k1 != 0.0).then_some(k1);
+    // Poses that were found under a lens go with it.
+    summary.is_corrected = summary.lens_k1.is_some()
+        || summary.moved_px() > LEAST_SHARE * options.pose_correction.sigma_px;
     let quality = map.quality();
     summary.points = quality.points;
     summary.reprojection_rms_px = quality.reprojection_rms_px;

@@ -1,8 +1,8 @@
 //! Some cameras and the points that they see, moved together.
 
-use linecarve_lines::camera::Camera;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6x3, Point2, Point3, Vector3, Vector6};
 
+use super::lens::CorrectedLens;
 use super::pose::{CorrectedPose, PosePrior};
 use super::sight::{CHI2_PIXEL, cauchy, chi2, linearize};
 
@@ -44,10 +44,11 @@ pub struct Adjustment {
 }
 
 /// Moves the cameras `free` and the points of all tracks to where the projections fit the pixels best; the other cameras
-/// that see the points stay where they are, and every camera that moves is held by its given pose. The cost never grows.
+/// that see the points stay where they are, and every camera that moves is held by its given pose. The lens, one for all
+/// cameras, follows when it `is_lens_free`. The cost never grows.
 ///
 /// Levenberg-Marquardt on Cauchy's kernel; points are eliminated (Schur complement), so that the system that is solved has
-/// six unknowns a free camera. The same input gives the same bytes.
+/// six unknowns a free camera, and one for the lens. The same input gives the same bytes.
 ///
 /// # Complexity
 /// Per step: for each track quadratic in the free cameras that see it, and cubic in the number of free cameras.
@@ -57,7 +58,8 @@ pub struct Adjustment {
 /// Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment: a modern synthesis", 2000, section 6.1. *Differs:* given
 /// poses take part as measurements, so that no camera need be fixed.
 pub fn adjust(
-    camera: &Camera,
+    lens: &mut CorrectedLens,
+    is_lens_free: bool,
     poses: &mut [CorrectedPose],
     free: &[u32],
     prior: &PosePrior,
@@ -68,13 +70,12 @@ pub fn adjust(
         slots[index as usize] = Some(slot);
     }
     let mut problem = Problem {
-        camera,
         prior,
         free,
         slots,
-        system: System::new(free.len()),
+        system: System::new(free.len(), is_lens_free),
     };
-    let mut cost = problem.cost(poses, tracks);
+    let mut cost = problem.cost(lens, poses, tracks);
     let mut adjustment = Adjustment {
         cost_before: cost,
         cost_after: cost,
@@ -84,18 +85,22 @@ pub fn adjust(
         return adjustment;
     }
     let mut damping = 1e-4;
-    let mut next_poses = poses.to_vec();
-    let mut next_points: Vec<Point3<f64>> = Vec::with_capacity(tracks.len());
+    let mut next = Step {
+        lens: lens.clone(),
+        poses: poses.to_vec(),
+        points: Vec::with_capacity(tracks.len()),
+    };
     for _ in 0..MAX_STEPS {
-        let is_solved = problem.step(poses, tracks, damping, &mut next_poses, &mut next_points);
+        let is_solved = problem.step(lens, poses, tracks, damping, &mut next);
         let next_cost = if is_solved {
-            swap_points(tracks, &mut next_points);
-            problem.cost(&next_poses, tracks)
+            swap_points(tracks, &mut next.points);
+            problem.cost(&next.lens, &next.poses, tracks)
         } else {
             f64::INFINITY
         };
         if next_cost < cost {
-            poses.copy_from_slice(&next_poses);
+            lens.clone_from(&next.lens);
+            poses.copy_from_slice(&next.poses);
             let gain = (cost - next_cost) / cost;
             cost = next_cost;
             adjustment.steps += 1;
@@ -105,7 +110,7 @@ pub fn adjust(
             }
         } else {
             if is_solved {
-                swap_points(tracks, &mut next_points);
+                swap_points(tracks, &mut next.points);
             }
             damping *= 10.0;
             if damping > 1e4 {
@@ -123,8 +128,14 @@ fn swap_points(tracks: &mut [Track], points: &mut [Point3<f64>]) {
     }
 }
 
+/// Where everything goes to.
+struct Step {
+    lens: CorrectedLens,
+    poses: Vec<CorrectedPose>,
+    points: Vec<Point3<f64>>,
+}
+
 struct Problem<'a> {
-    camera: &'a Camera,
     prior: &'a PosePrior,
     free: &'a [u32],
     /// Which of the free cameras each camera is.
@@ -138,20 +149,27 @@ struct System {
     gradient: DVector<f64>,
     /// Of each track: inverse of its own block and its gradient.
     points: Vec<(Matrix3<f64>, Vector3<f64>)>,
-    /// Of each sight in a free camera, track by track: slot and block between camera and point.
+    /// Of each sight in a free pose, track by track: slot and block between pose and point.
     mixed: Vec<(usize, Matrix6x3<f64>)>,
+    /// Of each track: block between lens and point; none when the lens is as it is.
+    of_lens: Vec<Vector3<f64>>,
     /// Where the blocks of each track end.
     ends: Vec<usize>,
+    /// Where the lens is: after the poses; `None` when it is as it is.
+    lens_at: Option<usize>,
 }
 
 impl System {
-    fn new(free: usize) -> Self {
+    fn new(free: usize, is_lens_free: bool) -> Self {
+        let unknowns = 6 * free + usize::from(is_lens_free);
         Self {
-            normal: DMatrix::zeros(6 * free, 6 * free),
-            gradient: DVector::zeros(6 * free),
+            normal: DMatrix::zeros(unknowns, unknowns),
+            gradient: DVector::zeros(unknowns),
             points: Vec::new(),
             mixed: Vec::new(),
+            of_lens: Vec::new(),
             ends: Vec::new(),
+            lens_at: is_lens_free.then_some(6 * free),
         }
     }
 
@@ -160,20 +178,35 @@ impl System {
         self.gradient.fill(0.0);
         self.points.clear();
         self.mixed.clear();
+        self.of_lens.clear();
         self.ends.clear();
     }
 
-    fn add_camera(&mut self, slot: usize, gradient: &Vector6<f64>, normal: &Matrix6<f64>) {
+    fn add_pose(&mut self, slot: usize, gradient: &Vector6<f64>, normal: &Matrix6<f64>) {
         let at = 6 * slot;
         let mut rows = self.gradient.fixed_rows_mut::<6>(at);
         rows += gradient;
         let mut block = self.normal.fixed_view_mut::<6, 6>(at, at);
         block += normal;
     }
+
+    fn add_lens(&mut self, at: usize, gradient: f64, normal: f64) {
+        self.gradient[at] += gradient;
+        self.normal[(at, at)] += normal;
+    }
+
+    /// What a pose and the lens have in common.
+    fn add_pose_and_lens(&mut self, slot: usize, at: usize, block: &Vector6<f64>) {
+        let mut column = self.normal.fixed_view_mut::<6, 1>(6 * slot, at);
+        column += block;
+        let mut row = self.normal.fixed_view_mut::<1, 6>(at, 6 * slot);
+        row += block.transpose();
+    }
 }
 
 impl Problem<'_> {
-    fn cost(&self, poses: &[CorrectedPose], tracks: &[Track]) -> f64 {
+    fn cost(&self, lens: &CorrectedLens, poses: &[CorrectedPose], tracks: &[Track]) -> f64 {
+        let of_lens = self.system.lens_at.map_or(0.0, |_| lens.held_cost());
         let held: f64 = self
             .free
             .iter()
@@ -185,7 +218,7 @@ impl Problem<'_> {
             .map(|(track, sight)| {
                 let pose = poses[sight.camera as usize].camera_from_world();
                 let error = chi2(
-                    self.camera,
+                    lens.camera(),
                     pose,
                     &track.point_in_world,
                     &sight.pixel,
@@ -194,27 +227,31 @@ impl Problem<'_> {
                 cauchy(error, CHI2_PIXEL).0
             })
             .sum();
-        held + seen
+        of_lens + held + seen
     }
 
     /// Where cameras and points would go; returns whether the equations have a solution.
     fn step(
         &mut self,
+        lens: &CorrectedLens,
         poses: &[CorrectedPose],
         tracks: &[Track],
         damping: f64,
-        next_poses: &mut [CorrectedPose],
-        next_points: &mut Vec<Point3<f64>>,
+        next: &mut Step,
     ) -> bool {
         self.system.clear();
+        if let Some(at) = self.system.lens_at {
+            let (gradient, normal) = lens.hold();
+            self.system.add_lens(at, gradient, normal);
+        }
         for (slot, &index) in self.free.iter().enumerate() {
             let mut gradient = Vector6::zeros();
             let mut normal = Matrix6::zeros();
             poses[index as usize].hold(self.prior, &mut gradient, &mut normal);
-            self.system.add_camera(slot, &gradient, &normal);
+            self.system.add_pose(slot, &gradient, &normal);
         }
         for track in tracks {
-            self.add_track(poses, track);
+            self.add_track(lens, poses, track);
         }
         let system = &mut self.system;
         for at in 0..system.normal.nrows() {
@@ -222,7 +259,9 @@ impl Problem<'_> {
         }
         // After the cameras' own blocks are damped: what elimination takes away is not.
         let mut start = 0;
-        for ((inverse, gradient), &end) in system.points.iter_mut().zip(&system.ends) {
+        for (track, ((inverse, gradient), &end)) in
+            system.points.iter_mut().zip(&system.ends).enumerate()
+        {
             let mut damped = *inverse;
             for axis in 0..3 {
                 damped[(axis, axis)] *= 1.0 + damping;
@@ -238,6 +277,19 @@ impl Problem<'_> {
                     view -= through * other_block.transpose();
                 }
             }
+            if let Some(at) = system.lens_at {
+                let block = system.of_lens[track];
+                let through = *inverse * block;
+                system.gradient[at] -= through.dot(gradient);
+                system.normal[(at, at)] -= through.dot(&block);
+                for (slot, other_block) in &system.mixed[start..end] {
+                    let common = other_block * through;
+                    let mut column = system.normal.fixed_view_mut::<6, 1>(6 * slot, at);
+                    column -= common;
+                    let mut row = system.normal.fixed_view_mut::<1, 6>(at, 6 * slot);
+                    row -= common.transpose();
+                }
+            }
             start = end;
         }
         let Some(factor) = system.normal.clone().cholesky() else {
@@ -249,42 +301,70 @@ impl Problem<'_> {
         }
         for (slot, &index) in self.free.iter().enumerate() {
             let of_camera: Vector6<f64> = step.fixed_rows::<6>(6 * slot).into();
-            next_poses[index as usize] = poses[index as usize].moved(&of_camera);
+            next.poses[index as usize] = poses[index as usize].moved(&of_camera);
         }
-        next_points.clear();
+        let of_lens = system.lens_at.map(|at| step[at]);
+        if let Some(step) = of_lens {
+            let Ok(moved) = lens.moved(step) else {
+                return false;
+            };
+            next.lens = moved;
+        }
+        next.points.clear();
         let mut start = 0;
-        for ((track, (inverse, gradient)), &end) in
-            tracks.iter().zip(&system.points).zip(&system.ends)
+        for (index, ((track, (inverse, gradient)), &end)) in tracks
+            .iter()
+            .zip(&system.points)
+            .zip(&system.ends)
+            .enumerate()
         {
             let mut right = *gradient;
+            if let Some(step) = of_lens {
+                right += system.of_lens[index] * step;
+            }
             for (slot, block) in &system.mixed[start..end] {
                 right += block.tr_mul(&step.fixed_rows::<6>(6 * slot));
             }
             let to = track.point_in_world - inverse * right;
-            next_points.push(to);
+            next.points.push(to);
             start = end;
         }
         true
     }
 
-    fn add_track(&mut self, poses: &[CorrectedPose], track: &Track) {
+    fn add_track(&mut self, lens: &CorrectedLens, poses: &[CorrectedPose], track: &Track) {
         let mut normal = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
+        let mut with_lens = Vector3::zeros();
         for sight in &track.sights {
             let pose = poses[sight.camera as usize].camera_from_world();
             let point = &track.point_in_world;
-            let Some(at) = linearize(self.camera, pose, point, &sight.pixel, sight.sigma_px) else {
+            let Some(at) = linearize(lens.camera(), pose, point, &sight.pixel, sight.sigma_px)
+            else {
                 continue;
             };
             let (_, weight) = cauchy(at.chi2, CHI2_PIXEL);
             normal += weight * at.by_point.tr_mul(&at.by_point);
             gradient += weight * at.by_point.tr_mul(&at.residual);
-            if let Some(slot) = self.slots[sight.camera as usize] {
-                let of_camera = weight * at.by_pose.transpose();
-                self.system
-                    .add_camera(slot, &(of_camera * at.residual), &(of_camera * at.by_pose));
-                self.system.mixed.push((slot, of_camera * at.by_point));
+            let system = &mut self.system;
+            let slot = self.slots[sight.camera as usize];
+            let of_pose = weight * at.by_pose.transpose();
+            if let Some(slot) = slot {
+                system.add_pose(slot, &(of_pose * at.residual), &(of_pose * at.by_pose));
+                system.mixed.push((slot, of_pose * at.by_point));
             }
+            if let Some(start) = system.lens_at {
+                let by_lens = lens.by_k1(&(pose * point)) / sight.sigma_px;
+                let of_lens = weight * by_lens;
+                system.add_lens(start, of_lens.dot(&at.residual), of_lens.dot(&by_lens));
+                with_lens += at.by_point.tr_mul(&of_lens);
+                if let Some(slot) = slot {
+                    system.add_pose_and_lens(slot, start, &(of_pose * by_lens));
+                }
+            }
+        }
+        if self.system.lens_at.is_some() {
+            self.system.of_lens.push(with_lens);
         }
         self.system.points.push((normal, gradient));
         self.system.ends.push(self.system.mixed.len());

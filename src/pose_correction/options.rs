@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 pub struct PoseCorrectionOptions {
     /// Whether poses are corrected at all.
     pub enabled: bool,
+    /// Whether the lens of images that come as those of a pinhole is found along with the poses.
+    pub lens: bool,
     /// Standard deviation of what a given pose adds to projections, in turn and in shift: within this a pose is free to move.
     pub sigma_px: f64,
     /// Keyframes that are moved together with a new one: those that share most points with it.
@@ -22,6 +24,7 @@ impl Default for PoseCorrectionOptions {
     fn default() -> Self {
         Self {
             enabled: true,
+            lens: true,
             sigma_px: 3.0,
             window: 8,
             min_points: 30,
@@ -47,6 +50,7 @@ impl PoseCorrectionOptions {
     pub fn off() -> Self {
         Self {
             enabled: false,
+            lens: false,
             ..Self::default()
         }
     }

@@ -69,6 +69,9 @@ pub struct PoseSummary {
     pub turn_px: f64,
     /// By how much places were, as seen at the median depth.
     pub shift_px: f64,
+    /// Radial distortion, `k1` of Brown's model, of images that came as those of a pinhole; it is taken out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens_k1: Option<f64>,
     /// Whether the moved poses are used in place of those given.
     pub is_corrected: bool,
 }
@@ -248,6 +251,9 @@ pub struct ResultSummary {
     /// Root of the mean squared distance between points and their features in the images, in pixels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reprojection_rms_px: Option<f64>,
+    /// Radial distortion, `k1` of Brown's model, that points showed images of a supposed pinhole to have; points are free of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens_k1: Option<f64>,
     /// Files written, relative to the output folder.
     pub files: Vec<String>,
 }

@@ -30,7 +30,7 @@ mod yaml;
 
 use std::path::PathBuf;
 
-use linecarve_lines::camera::Camera;
+use linecarve_lines::camera::{Camera, CameraError, Distortion};
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
@@ -46,6 +46,7 @@ pub use inspect::{
 pub use live::{LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
+use open::pinhole_of;
 use pose_reading::{Mounting, PoseReading, QuaternionOrder};
 use reduction::Reduction;
 pub(crate) use text::parse_stamp_ns;
@@ -173,6 +174,36 @@ impl Sequence {
         for (index, world_from_camera) in poses {
             self.frames[index].world_from_camera = world_from_camera;
         }
+    }
+
+    /// Whether the files say what the lens of the images is like, or several cameras took them.
+    pub fn has_known_lens(&self) -> bool {
+        let stored = &self.stored_color_camera;
+        !stored.is_pinhole() || self.other_cameras.iter().any(|camera| camera != stored)
+    }
+
+    /// Has the radial distortion `k1` (of Brown's model) taken out of images that came as those of a pinhole;
+    /// [`color_camera`](Self::color_camera) follows.
+    ///
+    /// # Errors
+    /// When `k1` is not finite.
+    pub fn set_radial_distortion(&mut self, k1: f64) -> Result<(), CameraError> {
+        let of = &self.stored_color_camera;
+        let distortion = Distortion::radial(k1);
+        let stored = Camera::with_distortion(of.fx(), of.fy(), of.cx(), of.cy(), distortion)?;
+        self.color_undistortion = Undistortion::of(&stored, self.color_size);
+        self.color_camera = pinhole_of(&stored, self.color_undistortion.as_ref());
+        for same in &mut self.other_cameras {
+            same.clone_from(&stored);
+        }
+        self.stored_color_camera = stored;
+        if let Some(depth) = self.depth.as_mut().filter(|depth| depth.registered) {
+            depth.camera.clone_from(&self.color_camera);
+        }
+        if let Some(reduction) = &mut self.reduction {
+            reduction.follow(&self.color_camera)?;
+        }
+        Ok(())
     }
 
     /// The pinhole camera of the images that [`Sequence::load_gray`] and [`Sequence::load_color`] give.

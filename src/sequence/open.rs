@@ -281,7 +281,7 @@ fn depth_calibration(
 }
 
 /// The camera of the images as they are loaded.
-fn pinhole_of(stored: &Camera, undistortion: Option<&Undistortion>) -> Camera {
+pub(super) fn pinhole_of(stored: &Camera, undistortion: Option<&Undistortion>) -> Camera {
     undistortion.map_or_else(
         || stored.without_distortion(),
         |undistortion| undistortion.pinhole().clone(),

@@ -4,7 +4,7 @@
 //! much longer.
 
 use image::RgbImage;
-use linecarve_lines::camera::Camera;
+use linecarve_lines::camera::{Camera, CameraError};
 use linecarve_lines::image::GrayImage;
 
 use super::calibration::ImageSize;
@@ -26,20 +26,18 @@ impl Reduction {
         if factor < 2 || width == 0 || height == 0 {
             return None;
         }
-        let share = 1.0 / f64::from(factor);
-        // The centre of a pixel is whole; its border, on which squares begin, half a pixel before it.
-        let center = |c: f64| (c + 0.5) * share - 0.5;
-        let camera = Camera::pinhole(
-            camera.fx() * share,
-            camera.fy() * share,
-            center(camera.cx()),
-            center(camera.cy()),
-        );
         Some(Self {
             factor,
-            camera: camera.ok()?,
+            // Pixel centres are whole numbers there as well.
+            camera: camera.scaled(1.0 / f64::from(factor)).ok()?,
             size: ImageSize { width, height },
         })
+    }
+
+    /// The images to be reduced are now those of another pinhole, of the same size.
+    pub(super) fn follow(&mut self, camera: &Camera) -> Result<(), CameraError> {
+        self.camera = camera.scaled(1.0 / f64::from(self.factor))?;
+        Ok(())
     }
 
     pub(super) fn gray(&self, image: &GrayImage) -> GrayImage {

@@ -44,6 +44,17 @@ pub enum Distortion {
 }
 
 impl Distortion {
+    /// Brown's model with `k1` alone.
+    pub fn radial(k1: f64) -> Self {
+        Self::RadialTangential {
+            k1,
+            k2: 0.0,
+            p1: 0.0,
+            p2: 0.0,
+            k3: 0.0,
+        }
+    }
+
     /// The coefficients in the order of the fields.
     pub fn coefficients(&self) -> Vec<f64> {
         match *self {

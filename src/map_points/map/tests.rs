@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use linecarve_lines::camera::Distortion;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -35,13 +36,22 @@ impl Room {
         Self { points, random }
     }
 
-    /// What a camera sees, each pixel off by up to `error`, each descriptor in a few bits.
+    /// What a pinhole sees, each pixel off by up to `error`, each descriptor in a few bits.
     fn seen(&mut self, world_from_camera: &Isometry3<f64>, error: f64) -> Features {
+        self.seen_through(&camera(), world_from_camera, error)
+    }
+
+    fn seen_through(
+        &mut self,
+        camera: &Camera,
+        world_from_camera: &Isometry3<f64>,
+        error: f64,
+    ) -> Features {
         let camera_from_world = world_from_camera.inverse();
         let roll = camera_from_world.rotation.euler_angles().2 as f32;
         let mut features = Features::default();
         for (point, descriptor) in &self.points {
-            let Some(pixel) = camera().project(&(camera_from_world * point)) else {
+            let Some(pixel) = camera.project(&(camera_from_world * point)) else {
                 continue;
             };
             if !(pixel.x > 1.0 && pixel.y > 1.0 && pixel.x < 638.0 && pixel.y < 478.0) {
@@ -384,14 +394,6 @@ fn disturbed(correction: PoseCorrectionOptions) -> (PointMap, Follower) {
 fn disturbed_poses_are_corrected() {
     let (given, _) = disturbed(PoseCorrectionOptions::off());
     let (corrected, follower) = disturbed(PoseCorrectionOptions::default());
-    let errors = |map: &PointMap| -> f64 {
-        let mut errors: Vec<f64> = map
-            .established()
-            .map(|(_, point)| distance_to_room(&point.point_in_world))
-            .collect();
-        errors.sort_by(f64::total_cmp);
-        errors[errors.len() / 2]
-    };
     let (before, after) = (given.quality(), corrected.quality());
     // Without correction a place falls apart into several points with few sightings each.
     let sightings_a_point = |of: MapQuality| of.sightings as f64 / of.points as f64;
@@ -401,7 +403,7 @@ fn disturbed_poses_are_corrected() {
     );
     assert!(after.points > 500, "{after:?}");
     assert!(after.reprojection_rms_px < 0.6, "{after:?}");
-    let (before, after) = (errors(&given), errors(&corrected));
+    let (before, after) = (error_of_points(&given), error_of_points(&corrected));
     assert!(after < 0.1, "{before} {after}");
     // What poses were given stays known, and the carver has the cameras to a pixel at the scene's depth.
     for keyframe in given.keyframes() {
@@ -416,6 +418,16 @@ fn disturbed_poses_are_corrected() {
         }
     }
     assert!(!follower.centers.is_empty());
+}
+
+/// Median distance of points from the room.
+fn error_of_points(map: &PointMap) -> f64 {
+    let mut errors: Vec<f64> = map
+        .established()
+        .map(|(_, point)| distance_to_room(&point.point_in_world))
+        .collect();
+    errors.sort_by(f64::total_cmp);
+    errors[errors.len() / 2]
 }
 
 /// Root mean square of what the way from the first keyframe to each other one is wrong by, in radians and lengths at a depth of 4.
@@ -458,4 +470,44 @@ fn all_keyframes_together_agree_better_and_the_carver_is_told() {
     given.adjust_all();
     assert!(given.changes().is_empty());
     assert_eq!(given.quality(), quality);
+}
+
+/// A map of a longer walk with a camera whose lens has this `k1`, and that is taken for a pinhole.
+fn through_a_lens(k1: f64, correction: PoseCorrectionOptions) -> PointMap {
+    let distortion = Distortion::radial(k1);
+    let lens = Camera::with_distortion(525.0, 525.0, 319.5, 239.5, distortion).unwrap();
+    let mut room = Room::new(900);
+    let mut follower = Follower::default();
+    let mut map = PointMap::new(*map().options(), correction, &camera(), 640, 480).unwrap();
+    for step in 0..14 {
+        map.push(&walk(step), room.seen_through(&lens, &walk(step), 0.4));
+        check_references(&map);
+        follower.apply(map.changes());
+    }
+    map.adjust_all();
+    follower.apply(map.changes());
+    follower.check(&map);
+    map
+}
+
+#[test]
+fn a_lens_that_was_taken_for_none_is_found() {
+    let found = through_a_lens(-0.07, PoseCorrectionOptions::default());
+    let k1 = found.lens().k1();
+    assert!((k1 + 0.07).abs() < 0.01, "{k1}");
+    let kept = PoseCorrectionOptions {
+        lens: false,
+        ..PoseCorrectionOptions::default()
+    };
+    let missed = through_a_lens(-0.07, kept);
+    assert_eq!(missed.lens().k1(), 0.0);
+    let (with, without) = (error_of_points(&found), error_of_points(&missed));
+    assert!(with < 0.5 * without, "{without} {with}");
+}
+
+#[test]
+fn a_pinhole_stays_one() {
+    let map = through_a_lens(0.0, PoseCorrectionOptions::default());
+    assert_eq!(map.lens().k1(), 0.0);
+    assert!(map.lens().camera().is_pinhole());
 }

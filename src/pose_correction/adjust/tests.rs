@@ -1,5 +1,6 @@
 //! Cameras about a cloud of points whose poses are disturbed: where they belong is known.
 
+use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -104,6 +105,19 @@ fn difference_px(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     .fold(0.0, f64::max)
 }
 
+/// With the camera as it is.
+fn adjust_poses(
+    poses: &mut [CorrectedPose],
+    free: &[u32],
+    prior: &PosePrior,
+    tracks: &mut [Track],
+) -> Adjustment {
+    let mut lens = CorrectedLens::new(camera());
+    let done = adjust(&mut lens, false, poses, free, prior, tracks);
+    assert_eq!(lens, CorrectedLens::new(camera()));
+    done
+}
+
 fn all(count: u32) -> Vec<u32> {
     (0..count).collect()
 }
@@ -116,7 +130,7 @@ fn disturbed_cameras_find_back_and_the_whole_stays_in_place() {
         let before: Vec<f64> = (s.poses.iter().zip(&s.truths))
             .map(|(pose, truth)| difference_px(pose.world_from_camera(), truth))
             .collect();
-        let done = adjust(&camera(), &mut s.poses, &all(10), &prior, &mut s.tracks);
+        let done = adjust_poses(&mut s.poses, &all(10), &prior, &mut s.tracks);
         assert!(done.cost_after < 0.3 * done.cost_before, "{done:?}");
         // What all cameras have in common is only held by the given poses, and as good as their mean.
         let relative = |poses: &[CorrectedPose]| -> f64 {
@@ -157,7 +171,7 @@ fn cameras_that_are_not_free_stay_to_the_bit() {
     let mut s = scene(6, 3.0, 0.3, None);
     let given = s.poses.clone();
     let prior = PosePrior::in_pixels(3.0, 525.0, 3.0);
-    adjust(&camera(), &mut s.poses, &[1, 4], &prior, &mut s.tracks);
+    adjust_poses(&mut s.poses, &[1, 4], &prior, &mut s.tracks);
     for index in [0, 2, 3, 5] {
         assert_eq!(s.poses[index], given[index]);
     }
@@ -168,10 +182,43 @@ fn cameras_that_are_not_free_stay_to_the_bit() {
 fn right_poses_stay_where_they_are() {
     let mut s = scene(8, 0.0, 0.3, None);
     let prior = PosePrior::in_pixels(3.0, 525.0, 3.0);
-    adjust(&camera(), &mut s.poses, &all(8), &prior, &mut s.tracks);
+    adjust_poses(&mut s.poses, &all(8), &prior, &mut s.tracks);
     for (pose, truth) in s.poses.iter().zip(&s.truths) {
         let moved = difference_px(pose.world_from_camera(), truth);
         assert!(moved < 0.6, "{moved}");
+    }
+}
+
+#[test]
+fn the_lens_is_found_along_with_disturbed_poses() {
+    for k1 in [-0.08, 0.0, 0.05] {
+        let distorting = CorrectedLens::new(camera()).moved(k1).unwrap();
+        let mut s = scene(10, 4.0, 0.0, None);
+        for (track, point) in s.tracks.iter_mut().zip(&s.points) {
+            for sight in &mut track.sights {
+                let in_camera = s.truths[sight.camera as usize].inverse() * point;
+                let straight = camera().project(&in_camera).unwrap();
+                let bent = distorting.camera().project(&in_camera).unwrap();
+                sight.pixel += bent - straight;
+            }
+        }
+        let prior = PosePrior::in_pixels(4.0, 525.0, 3.0);
+        let mut fixed = s.poses.clone();
+        let without = adjust_poses(&mut fixed, &all(10), &prior, &mut s.tracks.clone());
+        let mut lens = CorrectedLens::new(camera());
+        let tracks = &mut s.tracks;
+        let with = adjust(&mut lens, true, &mut s.poses, &all(10), &prior, tracks);
+        assert!((lens.k1() - k1).abs() < 0.005, "{k1}: {}", lens.k1());
+        assert!(
+            with.cost_after <= 1.001 * without.cost_after,
+            "{without:?} {with:?}"
+        );
+        if k1 != 0.0 {
+            assert!(
+                with.cost_after < 0.5 * without.cost_after,
+                "{without:?} {with:?}"
+            );
+        }
     }
 }
 
@@ -180,9 +227,9 @@ fn nothing_to_go_by_changes_nothing_and_is_no_fault() {
     let prior = PosePrior::in_pixels(3.0, 525.0, 3.0);
     let s = scene(3, 1.0, 0.5, None);
     let mut poses = s.poses.clone();
-    adjust(&camera(), &mut poses, &[], &prior, &mut s.tracks.clone());
+    adjust_poses(&mut poses, &[], &prior, &mut s.tracks.clone());
     assert_eq!(poses, s.poses);
-    adjust(&camera(), &mut poses, &all(3), &prior, &mut []);
+    adjust_poses(&mut poses, &all(3), &prior, &mut []);
     for (pose, given) in poses.iter().zip(&s.poses) {
         assert!(difference_px(pose.world_from_camera(), given.world_from_camera()) < 1e-6);
     }
@@ -202,7 +249,7 @@ fn nothing_to_go_by_changes_nothing_and_is_no_fault() {
     .collect();
     for count in 1..=odd.len() {
         let mut poses = s.poses.clone();
-        adjust(&camera(), &mut poses, &all(3), &prior, &mut odd[..count]);
+        adjust_poses(&mut poses, &all(3), &prior, &mut odd[..count]);
         let is_finite = poses.iter().all(|pose| {
             pose.world_from_camera()
                 .to_homogeneous()
