@@ -10,8 +10,11 @@ count after every step.
     clients/replay_sequence.py kitchen --report out/batch/report.json --out out/live
     linecarve diff out/batch/mesh.ply out/live/mesh.ply
 
-Reads the 7-Scenes layout (frame-NNNNNN.color.jpg|png, .depth.png, .pose.txt) with its linecarve.toml. Python 3.11 or newer,
-nothing else.
+With --no-depth (and `reconstruct --depth semi-dense`) depth images are left out: depth comes from the images alone.
+
+Reads the 7-Scenes layout (frame-NNNNNN.color.jpg|png, .depth.png, .pose.txt) with its camera-intrinsics.txt, and the layout of
+Open3D (image/NNNNN.jpg|png, depth/NNNNN.png, trajectory.log, camera_primesense.json). A linecarve.toml beside them counts
+for what it says. Python 3.11 or newer, nothing else.
 """
 
 import argparse
@@ -26,12 +29,53 @@ import threading
 import tomllib
 
 
-def pose_of(path):
-    """The four rows of a pose file."""
-    numbers = [float(word) for word in path.read_text().split()]
-    if len(numbers) != 16:
-        sys.exit(f"{path}: 16 numbers are needed, there are {len(numbers)}")
+def rows_of(path, words):
+    """The four rows of 16 numbers."""
+    if len(words) != 16:
+        sys.exit(f"{path}: 16 numbers are needed for a pose, there are {len(words)}")
+    numbers = [float(word) for word in words]
     return [numbers[4 * row : 4 * row + 4] for row in range(4)]
+
+
+class Recording:
+    """Where the images and poses of a sequence are, and its calibration."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.log = {}
+        sidecar = folder / "linecarve.toml"
+        self.calibration = tomllib.loads(sidecar.read_text()) if sidecar.exists() else {}
+        if (folder / "trajectory.log").exists():
+            lines = (folder / "trajectory.log").read_text().split("\n")
+            for head in range(0, len(lines) - 4, 5):
+                words = " ".join(lines[head + 1 : head + 5]).split()
+                self.log[int(lines[head].split()[0])] = rows_of(folder / "trajectory.log", words)
+            self.frames = sorted(path.stem for path in (folder / "image").iterdir() if int(path.stem) in self.log)
+            camera = folder / "camera_primesense.json"
+            matrix = json.loads(camera.read_text())["intrinsic_matrix"] if camera.exists() else None
+        else:
+            self.frames = sorted(path.name.split(".")[0] for path in folder.glob("frame-*.pose.txt"))
+            camera = folder / "camera-intrinsics.txt"
+            # By rows here, by columns there.
+            words = camera.read_text().split() if camera.exists() else None
+            matrix = words and [float(words[at]) for at in (0, 3, 6, 1, 4, 7, 2, 5, 8)]
+        if matrix:
+            intrinsics = {"fx": matrix[0], "fy": matrix[4], "cx": matrix[6], "cy": matrix[7]}
+            self.calibration.setdefault("color", intrinsics)
+        if not self.frames or "color" not in self.calibration:
+            sys.exit(f"{folder}: poses and the intrinsics of the colour camera are needed, in one of the two layouts")
+
+    def pose(self, name):
+        if self.log:
+            return self.log[int(name)]
+        path = self.folder / f"{name}.pose.txt"
+        return rows_of(path, path.read_text().split())
+
+    def color(self, name):
+        return next(self.folder.glob(f"image/{name}.*" if self.log else f"{name}.color.*"))
+
+    def depth(self, name):
+        return self.folder / (f"depth/{name}.png" if self.log else f"{name}.depth.png")
 
 
 def drifted(rows, number, per_keyframe):
@@ -79,6 +123,10 @@ class Linecarve:
         """Sends a message and waits for its reply. A live system would not wait, but read replies in another thread."""
         self.process.stdin.write(json.dumps(message) + "\n")
         self.process.stdin.flush()
+        return self.receive()
+
+    def receive(self):
+        """The next reply."""
         reply = self.replies.get()
         if reply is None:
             sys.exit(f"linecarve ended with status {self.process.wait()}")
@@ -93,43 +141,43 @@ def main():
     parser.add_argument("--report", type=pathlib.Path, help="report.json of a batch run: its keyframes and median depth")
     parser.add_argument("--every", type=int, default=7, help="without a report: every n-th frame")
     parser.add_argument("--drift", type=float, default=0.002, help="error that each keyframe adds, in units of the poses")
-    parser.add_argument("--correct-every", type=int, default=10, help="keyframes between corrections of all poses")
+    parser.add_argument("--correct-every", type=int, default=10, help="keyframes between corrections of all poses; 0: none")
+    parser.add_argument("--no-depth", action="store_true", help="send no depth images: depth comes from the images alone")
+    parser.add_argument("--config", help="file with the parameters of the stages")
     parser.add_argument("--bytes", action="store_true", help="send images in the messages in place of their paths")
     parser.add_argument("--program", default="linecarve")
     parser.add_argument("--out", help="folder for the final mesh")
     options = parser.parse_args()
 
-    frames = sorted(path.name.split(".")[0] for path in options.sequence.glob("frame-*.pose.txt"))
-    sidecar = options.sequence / "linecarve.toml"
-    if not frames or not sidecar.exists():
-        sys.exit(f"{options.sequence}: frame-NNNNNN.pose.txt files and linecarve.toml are needed")
-    start = {"calibration": tomllib.loads(sidecar.read_text())}
+    recording = Recording(options.sequence)
+    start = {"calibration": recording.calibration}
+    if options.no_depth:
+        start["depth_source"] = "semi-dense"
     if options.report:
         report = json.loads(options.report.read_text())
         keyframes = [keyframe["frame"] for keyframe in report["keyframes"]]
         start["median_depth"] = report["sequence"]["median_depth"]
         start["origin"] = report["sequence"]["origin"]
     else:
-        keyframes = frames[:: options.every]
+        keyframes = recording.frames[:: options.every]
 
     def image(path):
         return {"base64": base64.b64encode(path.read_bytes()).decode()} if options.bytes else {"path": str(path)}
 
-    linecarve = Linecarve(options.program, ["--out", options.out] if options.out else [])
+    arguments = ["--out", options.out] if options.out else []
+    arguments += ["--config", options.config] if options.config else []
+    linecarve = Linecarve(options.program, arguments)
     if linecarve.send(type="start", **start)["type"] != "ready":
         sys.exit("the calibration was refused")
     surface, poses, milliseconds, corrections = Surface(), {}, [], []
     since_correction = 0
     for number, name in enumerate(keyframes):
-        poses[number] = pose_of(options.sequence / f"{name}.pose.txt")
-        color = next(options.sequence.glob(f"{name}.color.*"))
-        reply = linecarve.send(
-            type="keyframe",
-            id=number,
-            world_from_camera={"matrix": drifted(poses[number], since_correction, options.drift)},
-            color=image(color),
-            depth=image(options.sequence / f"{name}.depth.png"),
-        )
+        poses[number] = recording.pose(name)
+        images = {"color": image(recording.color(name))}
+        if not options.no_depth:
+            images["depth"] = image(recording.depth(name))
+        world_from_camera = {"matrix": drifted(poses[number], since_correction, options.drift)}
+        reply = linecarve.send(type="keyframe", id=number, world_from_camera=world_from_camera, **images)
         since_correction += 1
         if reply["type"] == "surface":
             surface.apply(reply)
@@ -137,7 +185,8 @@ def main():
             print(f"{name}: {reply['triangles']} triangles, {len(reply['added'])} new, {len(reply['removed'])} gone")
         else:
             del poses[number]
-        if since_correction == options.correct_every or number + 1 == len(keyframes):
+        is_last = number + 1 == len(keyframes)
+        if options.correct_every > 0 and (since_correction == options.correct_every or is_last):
             updates = [{"id": id, "world_from_camera": {"matrix": pose}} for id, pose in poses.items()]
             reply = linecarve.send(type="poses", poses=updates)
             surface.apply(reply)
@@ -145,9 +194,18 @@ def main():
             print(f"poses corrected: {len(reply['added'])} triangles new, {len(reply['removed'])} gone")
             since_correction = 0
     end = linecarve.send(type="end")
+    while end["type"] != "end":
+        if end["type"] == "surface":
+            surface.apply(end)
+            print(f"last estimates: {len(end['added'])} triangles new, {len(end['removed'])} gone, {end['milliseconds']:.0f} ms")
+        end = linecarve.receive()
     assert end["triangles"] == sum(surface.triangles.values())
+    linecarve.process.stdin.close()
+    linecarve.process.wait()
     print(f"{end['keyframes']} keyframes, {end['triangles']} triangles, {sorted(milliseconds)[len(milliseconds) // 2]:.1f} ms a "
-          f"keyframe (median), {max(corrections):.0f} ms the longest of {len(corrections)} corrections")
+          f"keyframe (median), {max(corrections, default=0):.0f} ms the longest of {len(corrections)} corrections")
+    if "corrected_poses" in end:
+        print(f"the images contradict the poses of {len(end['corrected_poses'])} keyframes: corrected")
 
 
 if __name__ == "__main__":

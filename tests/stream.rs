@@ -6,27 +6,10 @@ mod program;
 
 use std::path::Path;
 
-use assert_cmd::Command;
-use program::{expect_status, small_sequence};
+use program::{expect_status, small_sequence, stream};
 use serde_json::{Value, json};
 
 const FRAMES: usize = 5;
-
-/// Feeds lines to the program; its exit status and replies.
-fn stream(arguments: &[&str], lines: &[String]) -> (Option<i32>, Vec<Value>) {
-    let output = Command::cargo_bin("linecarve")
-        .unwrap()
-        .args(["stream", "--quiet"])
-        .args(arguments)
-        .write_stdin(lines.join("\n"))
-        .output()
-        .unwrap();
-    let replies = String::from_utf8(output.stdout).unwrap();
-    let replies = replies
-        .lines()
-        .map(|line| serde_json::from_str(line).unwrap());
-    (output.status.code(), replies.collect())
-}
 
 fn rows(text: &str) -> Value {
     let numbers: Vec<f64> = text
@@ -188,7 +171,7 @@ fn bad_messages_are_answered_and_leave_the_session_as_it_was() {
         (with("color", json!({ "base64": "%%" })), "not base 64"),
         (with("color", json!({ "base64": "AAAA" })), "keyframe 1"),
         (with("depth", json!({ "path": cut })), "cut.png"),
-        (with("depth", Value::Null), "no depth image"),
+        (with("depth", Value::Null), "has no depth image"),
         (with("id", json!("one")), "not a message"),
         (
             json!({"type": "poses", "poses": [{"id": 0, "world_from_camera": recording.poses[1]},

@@ -156,7 +156,7 @@ fn converse(bytes: &[u8]) {
             assert!(!error.to_string().is_empty());
         }
     }
-    let _ = session.summary();
+    let _ = session.finish();
 }
 
 /// What a run has kept, under a right checksum: damage that only a hostile hand can do.

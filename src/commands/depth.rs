@@ -33,7 +33,8 @@ pub(super) fn depth_source(
 
 fn semi_dense(sequence: &Sequence, options: &Options) -> anyhow::Result<ScaledSource> {
     let stage = options.semi_dense;
-    let median_depth = median_depth_from_images(sequence, &stage.matching)?.with_context(|| {
+    let all = all_frames(sequence);
+    let median_depth = median_depth_from_images(sequence, &all, &stage.matching)?.with_context(|| {
         format!(
             "{}: no depth can be estimated from the images looked at: their edges do not match along the epipolar \
              lines that the poses give. Are the poses and the calibration right (linecarve info), and does the camera \
@@ -58,8 +59,7 @@ fn sensor(sequence: &Sequence, options: &Options) -> anyhow::Result<ScaledSource
             sequence.layout()
         );
     };
-    let all: Vec<usize> = (0..sequence.frames().len()).collect();
-    let median_depth = median_scene_depth(sequence, &all)?.with_context(|| {
+    let median_depth = median_scene_depth(sequence, &all_frames(sequence))?.with_context(|| {
         format!(
             "{folder}: none of the depth images looked at holds a depth: are they the right files? (--depth semi-dense \
              does without them)"
@@ -71,4 +71,8 @@ fn sensor(sequence: &Sequence, options: &Options) -> anyhow::Result<ScaledSource
         ),
         median_depth,
     })
+}
+
+fn all_frames(sequence: &Sequence) -> Vec<usize> {
+    (0..sequence.frames().len()).collect()
 }

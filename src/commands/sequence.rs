@@ -168,11 +168,7 @@ pub(super) fn limit_image_size(
     options: &Options,
     warnings: &mut Vec<String>,
 ) {
-    let longest_side = match options.images.longest_side_px {
-        0 => u32::MAX,
-        pixels => pixels,
-    };
-    if let Some([stored, loaded]) = sequence.limit_image_size(longest_side) {
+    if let Some([stored, loaded]) = sequence.limit_image_size(options.images.longest_side()) {
         warnings.push(format!(
             "images of {} x {} are computed on at {} x {} (--max-image-size 0, or [images] longest_side_px = 0: as they are, which takes longer)",
             stored.width, stored.height, loaded.width, loaded.height

@@ -11,7 +11,7 @@ use crate::commands::output::{
 };
 use crate::pipeline::Options;
 use crate::progress::Verbosity;
-use crate::stream::{Message, Reply, Session, Summary};
+use crate::stream::{Ending, Message, Reply, Session, Summary};
 
 /// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.
 const LONGEST_MESSAGE: u64 = 1 << 28;
@@ -41,21 +41,18 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         match answer {
             Ok(Some(reply)) => replies.send(&reply)?,
             Ok(None) => {}
-            Err(message) => {
-                if verbosity > Verbosity::Quiet {
-                    eprintln!("warning: line {number}: {message}");
-                }
-                replies.send(&Reply::Error {
-                    line: number,
-                    message,
-                })?;
-            }
+            Err(message) => replies.refuse(number, message, verbosity)?,
         }
         if replies.nobody_listens {
             break;
         }
     }
-    let summary = session.summary();
+    let Ending { last, summary } = session.finish();
+    match last {
+        Ok(Some(reply)) => replies.send(&reply)?,
+        Ok(None) => {}
+        Err(error) => replies.refuse(number, error.to_string(), verbosity)?,
+    }
     if let Some(output) = &mut output {
         write_results(args, &summary, output)?;
     }
@@ -64,6 +61,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         vertices: summary.mesh.positions.len(),
         triangles: summary.mesh.triangles.len(),
         files: output.map_or_else(Vec::new, |output| output.written().to_vec()),
+        corrected_poses: summary.corrected_poses,
     })?;
     Ok(if summary.mesh.is_empty() {
         Outcome::Negative(format!(
@@ -111,6 +109,14 @@ struct Replies {
 }
 
 impl Replies {
+    /// Says what is wrong with a line, to the sender and on standard error.
+    fn refuse(&mut self, line: u64, message: String, verbosity: Verbosity) -> anyhow::Result<()> {
+        if verbosity > Verbosity::Quiet {
+            eprintln!("warning: line {line}: {message}");
+        }
+        self.send(&Reply::Error { line, message })
+    }
+
     fn send(&mut self, reply: &Reply) -> anyhow::Result<()> {
         let mut line = serde_json::to_vec(reply)?;
         line.push(b'\n');

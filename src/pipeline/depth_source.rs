@@ -1,6 +1,8 @@
 //! Where the depth of keyframes comes from.
 
+mod estimates;
 mod kept;
+mod live;
 pub mod scale;
 mod schedule;
 mod semi_dense;
@@ -11,6 +13,7 @@ use linecarve_lines::depth::semi_dense::{
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use serde::{Deserialize, Serialize};
 
+pub use semi_dense::SemiDenseFrontEnd;
 pub(super) use semi_dense::run;
 
 /// Where the depth of keyframes comes from.

@@ -26,7 +26,7 @@ pub mod surface_points;
 mod vertex_points;
 
 pub use back_end::{BackEnd, BackEndError, MapUpdate};
-pub use depth_source::{DepthSource, SemiDenseSource, SemiDenseStage};
+pub use depth_source::{DepthSource, SemiDenseFrontEnd, SemiDenseSource, SemiDenseStage};
 pub use front_end::{FrontEnd, FrontEndError, Keyframe};
 pub use image_poses::{ImagePoses, ImagePosesError, correct_poses};
 pub use labels::{CutSettings, LabelKind};

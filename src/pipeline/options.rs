@@ -79,6 +79,16 @@ pub struct ImageOptions {
     pub longest_side_px: u32,
 }
 
+impl ImageOptions {
+    /// The longest side that an image may have.
+    pub fn longest_side(&self) -> u32 {
+        match self.longest_side_px {
+            0 => u32::MAX,
+            pixels => pixels,
+        }
+    }
+}
+
 impl Default for ImageOptions {
     fn default() -> Self {
         Self {

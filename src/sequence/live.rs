@@ -78,6 +78,19 @@ impl LiveSequence {
             .world_from_color(world_from_camera, &self.mounting)
     }
 
+    /// As [`Sequence::limit_image_size`].
+    pub fn limit_image_size(&mut self, longest_side: u32) {
+        self.sequence.limit_image_size(longest_side);
+    }
+
+    /// As [`Sequence::set_poses`].
+    ///
+    /// # Panics
+    /// When there is no such frame.
+    pub fn set_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
+        self.sequence.set_poses(poses);
+    }
+
     /// Adds a frame; returns its index. A depth image is passed over when the first frame had none.
     pub fn append(&mut self, frame: LiveFrame) -> usize {
         let world_from_camera = self.color_pose(&frame.world_from_camera);

@@ -42,6 +42,20 @@ pub struct StartMessage {
     /// Taken off all coordinates while computing, for maps far from zero; default: the first keyframe's position in whole
     /// units where that is far away.
     pub origin: Option<[f64; 3]>,
+    /// Where the depth of keyframes comes from.
+    #[serde(default)]
+    pub depth_source: DepthKind,
+}
+
+/// Where the depth of keyframes comes from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DepthKind {
+    /// Every keyframe brings a depth image.
+    #[default]
+    Sensor,
+    /// The images of neighbouring keyframes; depth images are left alone.
+    SemiDense,
 }
 
 /// A keyframe.
@@ -54,7 +68,7 @@ pub struct KeyframeMessage {
     pub world_from_camera: Pose,
     /// The colour or grey image.
     pub color: ImageSource,
-    /// The depth image, 16 bits a pixel.
+    /// The depth image, 16 bits a pixel; none where depth comes from images alone.
     pub depth: Option<ImageSource>,
 }
 
@@ -153,7 +167,37 @@ pub enum Reply {
         triangles: usize,
         /// Files in the output folder.
         files: Vec<String>,
+        /// Poses that the images contradicted, as they were corrected before the last estimates.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        corrected_poses: Vec<CorrectedPose>,
     },
+}
+
+/// The pose of a colour camera.
+#[derive(Debug, Clone, Serialize)]
+pub struct CorrectedPose {
+    /// Of which keyframe.
+    pub id: u64,
+    /// `point_in_world = pose * point_in_camera`.
+    pub world_from_camera: PoseParts,
+}
+
+/// A rigid motion as messages have it.
+#[derive(Debug, Clone, Serialize)]
+pub struct PoseParts {
+    /// x, y, z.
+    pub translation: [f64; 3],
+    /// x, y, z, w.
+    pub rotation: [f64; 4],
+}
+
+impl From<&Isometry3<f64>> for PoseParts {
+    fn from(motion: &Isometry3<f64>) -> Self {
+        Self {
+            translation: motion.translation.vector.into(),
+            rotation: motion.rotation.coords.into(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -4,12 +4,22 @@
 //! from; `linecarve stream` reads them from standard input, a JSON object a line, and writes the replies to standard output.
 //!
 //! **The law.** After any messages the map is that of a run over the keyframes that are left, in the order in which they came,
-//! at the poses that they have now: a correction of poses leaves no trace of what was believed before.
+//! at the poses that they have now: a correction of poses leaves no trace of what was believed before. Where depth comes from
+//! images alone this holds at the end of the session; until then the depth of a keyframe stays what its neighbours' poses made it
+//! when it was estimated, and moves with its own.
 
+mod error;
 mod follower;
+mod image_map;
+mod live_map;
 mod message;
+mod sensor_map;
 mod session;
 
+pub use error::SessionError;
 pub use follower::{Follower, SurfaceChange};
-pub use message::{ImageSource, KeyframeMessage, Message, Pose, PoseUpdate, Reply, StartMessage};
-pub use session::{Session, SessionError, Summary};
+pub use message::{
+    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseParts, PoseUpdate,
+    Reply, StartMessage,
+};
+pub use session::{Ending, Session, Summary};

@@ -1,126 +1,41 @@
 //! The state between messages.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use base64::Engine;
-use linecarve_lines::depth::DepthSensor;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use tempfile::TempDir;
 
+use super::SessionError;
 use super::follower::Follower;
+use super::image_map::ImageMap;
+use super::live_map::LiveMap;
 use super::message::{
-    ImageSource, KeyframeMessage, Message, Pose, PoseUpdate, Reply, StartMessage,
+    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseUpdate, Reply,
+    StartMessage,
 };
+use super::sensor_map::SensorMap;
 use crate::mesh::{LineSet, TriangleMesh};
-use crate::pipeline::scale::{far_origin, median_scene_depth};
-use crate::pipeline::{BackEnd, BackEndError, FrontEnd, FrontEndError, Keyframe, Options};
+use crate::pipeline::Options;
 use crate::report::milliseconds;
-use crate::sequence::{FrameError, LiveFrame, LiveSequence, SequenceError};
-
-/// Why a message has no effect. The session goes on as if it had not come.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionError {
-    /// The first message must be `start`.
-    #[error("a message of type `start` with the calibration must come first")]
-    NotStarted,
-    /// `start` may come once.
-    #[error("the session has started already; begin another for other cameras")]
-    StartedTwice,
-    /// The calibration is refused, or does not fit the first image.
-    #[error("the calibration is refused: {0}")]
-    Calibration(#[from] SequenceError),
-    /// A length or position in `start` is unusable.
-    #[error("`{key}` is {value}: {expected}")]
-    Start {
-        /// Which key.
-        key: &'static str,
-        /// What it holds.
-        value: String,
-        /// What would do.
-        expected: &'static str,
-    },
-    /// A keyframe of this id is there already.
-    #[error("there is a keyframe {id} already; each needs an id of its own")]
-    KeyframeTwice {
-        /// The id.
-        id: u64,
-    },
-    /// No keyframe of this id is there.
-    #[error("there is no keyframe {id}: it was refused, removed or never sent")]
-    UnknownKeyframe {
-        /// The id.
-        id: u64,
-    },
-    /// A pose is none.
-    #[error("the pose of keyframe {id} {problem}")]
-    Pose {
-        /// The id.
-        id: u64,
-        /// What is wrong with it.
-        problem: String,
-    },
-    /// The bytes of an image are not base 64.
-    #[error("an image of keyframe {id} is not base 64: {source}")]
-    Base64 {
-        /// The id.
-        id: u64,
-        /// Where it ends to be.
-        source: base64::DecodeError,
-    },
-    /// The bytes of an image cannot be put aside.
-    #[error("an image of keyframe {id} cannot be put into {}: {source}", folder.display())]
-    Spool {
-        /// The id.
-        id: u64,
-        /// The folder for temporary files.
-        folder: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
-    /// The first keyframe tells the unit of length, and needs depth for it.
-    #[error(
-        "keyframe {id} has no depth, and the session none yet: the first keyframe needs a depth image"
-    )]
-    FirstWithoutDepth {
-        /// The id.
-        id: u64,
-    },
-    /// The images cannot be used.
-    #[error("keyframe {id}: {source}")]
-    FrontEnd {
-        /// The id.
-        id: u64,
-        /// Why.
-        source: FrontEndError,
-    },
-    /// The map refuses the keyframe.
-    #[error(transparent)]
-    BackEnd(#[from] BackEndError),
-}
+use crate::sequence::{LiveFrame, LiveSequence};
 
 /// Keyframes in, a surface out; see the [module](super) for its law.
 ///
-/// Memory: the map and the segments of all keyframes; images only while they are looked at.
+/// Memory: the map and the segments of all keyframes; images only while they are looked at, and where depth comes from them
+/// alone as long as they may be neighbours of further keyframes.
 pub struct Session {
     options: Options,
     start: Option<StartMessage>,
-    running: Option<Running>,
+    running: Option<Box<dyn LiveMap>>,
     follower: Follower,
     /// For images that come in messages.
     spool: TempDir,
-}
-
-/// What the first keyframe brings into being.
-struct Running {
-    live: LiveSequence,
-    sensor: DepthSensor,
-    median_depth: f64,
-    origin: Vector3<f64>,
-    /// Ids and what the front end made of each; the pose is that of the map, shifted.
-    keyframes: Vec<(u64, Keyframe)>,
-    map: BackEnd,
+    /// Those that may be looked at again, by keyframe.
+    spooled: BTreeMap<u64, Vec<PathBuf>>,
 }
 
 /// What a session ends with, in the frame of the poses.
@@ -136,8 +51,20 @@ pub struct Summary {
     pub clusters: LineSet,
     /// The shift that was taken off while computing.
     pub origin: Vector3<f64>,
-    /// Median depth in units of the poses; `None` when there was no keyframe.
+    /// Median depth in units of the poses; `None` when it was not given and no keyframe told it.
     pub median_depth: Option<f64>,
+    /// Poses that the images contradicted, as they were corrected.
+    pub corrected_poses: Vec<CorrectedPose>,
+}
+
+/// What the end of a session brings.
+#[derive(Debug)]
+pub struct Ending {
+    /// What changed since the last message, when something did; an error when what waited cannot be done, which then leaves the
+    /// surface as it was.
+    pub last: Result<Option<Reply>, SessionError>,
+    /// What there is now.
+    pub summary: Summary,
 }
 
 impl Session {
@@ -152,6 +79,7 @@ impl Session {
             running: None,
             follower: Follower::default(),
             spool: tempfile::tempdir()?,
+            spooled: BTreeMap::new(),
         })
     }
 
@@ -177,19 +105,27 @@ impl Session {
             Message::Remove { ids } => self.remove(ids)?,
             Message::End {} => return Ok(None),
         }
-        let Some(running) = &self.running else {
-            return Ok(None);
-        };
-        let mut surface = running.map.surface();
-        surface.translate(&running.origin);
+        Ok(self.surface(arrived))
+    }
+
+    /// The surface now; `None` when there has been no keyframe.
+    fn surface(&mut self, arrived: Instant) -> Option<Reply> {
+        let running = self.running.as_ref()?;
+        let mut surface = TriangleMesh::default();
+        let mut segments = 0;
+        if let Some(map) = running.map() {
+            surface = map.surface();
+            surface.translate(&running.origin());
+            segments = map.segments().segment_count() + map.provisional_segment_count();
+        }
         let change = self.follower.step(&surface);
-        Ok(Some(Reply::Surface {
-            keyframes: running.keyframes.len(),
-            segments: running.map.segments().segment_count(),
+        Some(Reply::Surface {
+            keyframes: running.keyframe_count(),
+            segments,
             triangles: surface.triangles.len(),
             change,
             milliseconds: milliseconds(arrived.elapsed()),
-        }))
+        })
     }
 
     fn begin(&mut self, start: &StartMessage) -> Result<(), SessionError> {
@@ -223,27 +159,32 @@ impl Session {
         let start = self.start.as_ref().ok_or(SessionError::NotStarted)?;
         let id = message.id;
         if let Some(running) = &self.running
-            && running.place(id).is_ok()
+            && running.contains(id)
         {
             return Err(SessionError::KeyframeTwice { id });
         }
         let world_from_camera = isometry(id, &message.world_from_camera)?;
+        let depth = match start.depth_source {
+            DepthKind::Sensor => message.depth.as_ref(),
+            DepthKind::SemiDense => None,
+        };
         let mut spooled = Vec::new();
         let mut file = |source: &ImageSource| spool(&self.spool, id, source, &mut spooled);
         let frame = LiveFrame {
             name: id.to_string(),
             world_from_camera,
             color: file(&message.color)?,
-            depth: message.depth.as_ref().map(&mut file).transpose()?,
+            depth: depth.map(&mut file).transpose()?,
         };
         let outcome = match &mut self.running {
             Some(running) => running.add(id, frame, &self.options),
-            None => Running::begin(start, &self.options, id, frame)
+            None => begin_map(start, &self.options, id, frame)
                 .map(|running| self.running = Some(running)),
         };
-        for path in spooled {
-            // What is left behind goes with the folder at the latest.
-            let _ = std::fs::remove_file(path);
+        if outcome.is_ok() && self.running.as_ref().is_some_and(|map| map.keeps_images()) {
+            self.spooled.insert(id, spooled);
+        } else {
+            delete(&spooled);
         }
         outcome
     }
@@ -253,15 +194,16 @@ impl Session {
             .running
             .as_mut()
             .ok_or_else(|| unknown(poses.first().map(|p| p.id)))?;
-        let mut keyframes = running.keyframes.clone();
-        for update in poses {
-            let place = running.place(update.id)?;
-            let pose = isometry(update.id, &update.world_from_camera)?;
-            let keyframe = &mut keyframes[place].1;
-            keyframe.world_from_camera = running.live.color_pose(&pose);
-            keyframe.world_from_camera.translation.vector -= running.origin;
-        }
-        running.rebuild(keyframes, &self.options)
+        let better = poses
+            .iter()
+            .map(|update| {
+                if !running.contains(update.id) {
+                    return Err(SessionError::UnknownKeyframe { id: update.id });
+                }
+                Ok((update.id, isometry(update.id, &update.world_from_camera)?))
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        running.correct(&better, &self.options)
     }
 
     fn remove(&mut self, ids: &[u64]) -> Result<(), SessionError> {
@@ -269,31 +211,84 @@ impl Session {
             .running
             .as_mut()
             .ok_or_else(|| unknown(ids.first().copied()))?;
-        for &id in ids {
-            running.place(id)?;
+        running.remove(ids, &self.options)?;
+        for id in ids {
+            delete(&self.spooled.remove(id).unwrap_or_default());
         }
-        let mut keyframes = running.keyframes.clone();
-        keyframes.retain(|(id, _)| !ids.contains(id));
-        running.rebuild(keyframes, &self.options)
+        Ok(())
+    }
+
+    /// Ends the session: no keyframe and no correction will follow.
+    ///
+    /// # Complexity
+    /// With depth images nothing is left to do. With depth from images alone the keyframes are waited out that still miss
+    /// neighbours, or, when poses were corrected or keyframes removed, everything is made anew as in a run over a recording.
+    pub fn finish(mut self) -> Ending {
+        let arrived = Instant::now();
+        let outcome = match &mut self.running {
+            Some(running) => running.finish(&self.options),
+            None => Ok(false),
+        };
+        let last = match outcome {
+            Ok(true) => Ok(self.surface(arrived)),
+            Ok(false) => Ok(None),
+            Err(error) => Err(error),
+        };
+        Ending {
+            last,
+            summary: self.summary(),
+        }
     }
 
     /// What there is now, in the frame of the poses.
-    pub fn summary(&self) -> Summary {
+    fn summary(&self) -> Summary {
         let Some(running) = &self.running else {
             return Summary::default();
         };
+        let origin = running.origin();
+        let poses = running.corrected_poses();
         let mut summary = Summary {
-            keyframes: running.keyframes.len(),
-            mesh: running.map.surface(),
-            segments: running.map.segments().segments(),
-            clusters: running.map.segments().clusters(),
-            origin: running.origin,
-            median_depth: Some(running.median_depth),
+            keyframes: running.keyframe_count(),
+            origin,
+            median_depth: running.median_depth(),
+            corrected_poses: poses
+                .iter()
+                .map(|(id, pose)| CorrectedPose {
+                    id: *id,
+                    world_from_camera: pose.into(),
+                })
+                .collect(),
+            ..Summary::default()
         };
-        summary.mesh.translate(&running.origin);
-        summary.segments.translate(&running.origin);
-        summary.clusters.translate(&running.origin);
+        if let Some(map) = running.map() {
+            summary.mesh = map.surface();
+            summary.segments = map.segments().segments();
+            summary.clusters = map.segments().clusters();
+            summary.mesh.translate(&origin);
+            summary.segments.translate(&origin);
+            summary.clusters.translate(&origin);
+        }
         summary
+    }
+}
+
+/// The map of the first keyframe.
+fn begin_map(
+    start: &StartMessage,
+    options: &Options,
+    id: u64,
+    frame: LiveFrame,
+) -> Result<Box<dyn LiveMap>, SessionError> {
+    Ok(match start.depth_source {
+        DepthKind::Sensor => Box::new(SensorMap::begin(start, options, id, frame)?),
+        DepthKind::SemiDense => Box::new(ImageMap::begin(start, options, id, frame)?),
+    })
+}
+
+/// Removes files that nobody needs any more; what is left behind goes with the folder at the latest.
+fn delete(files: &[PathBuf]) {
+    for path in files {
+        let _ = std::fs::remove_file(path);
     }
 }
 
@@ -304,7 +299,7 @@ fn unknown(id: Option<u64>) -> SessionError {
     })
 }
 
-fn isometry(id: u64, pose: &Pose) -> Result<nalgebra::Isometry3<f64>, SessionError> {
+fn isometry(id: u64, pose: &Pose) -> Result<Isometry3<f64>, SessionError> {
     pose.to_isometry()
         .map_err(|problem| SessionError::Pose { id, problem })
 }
@@ -333,99 +328,5 @@ fn spool(
                 })?;
             Ok(path)
         }
-    }
-}
-
-impl Running {
-    /// Where a keyframe is in the list.
-    fn place(&self, id: u64) -> Result<usize, SessionError> {
-        let mut ids = self.keyframes.iter().map(|(id, _)| *id);
-        ids.position(|other| other == id)
-            .ok_or(SessionError::UnknownKeyframe { id })
-    }
-
-    fn begin(
-        start: &StartMessage,
-        options: &Options,
-        id: u64,
-        frame: LiveFrame,
-    ) -> Result<Self, SessionError> {
-        let live = LiveSequence::begin(&start.calibration, frame)?;
-        let sequence = live.sequence();
-        let Some(calibration) = sequence.depth_calibration() else {
-            return Err(SessionError::FirstWithoutDepth { id });
-        };
-        let of_frame = |source: FrameError| SessionError::FrontEnd {
-            id,
-            source: source.into(),
-        };
-        let measured = || median_scene_depth(sequence, &[0]).map_err(of_frame);
-        let median_depth = match start.median_depth {
-            Some(depth) => depth,
-            None => measured()?.ok_or(SessionError::FirstWithoutDepth { id })?,
-        };
-        let sensor = calibration.sensor(options.sensor.relative_noise, median_depth);
-        let first = sequence.frames()[0].world_from_camera.translation.vector;
-        let origin = match start.origin {
-            Some(origin) => origin.into(),
-            None => far_origin([Point3::from(first)], median_depth),
-        };
-        let map = BackEnd::new(options, sequence.color_camera(), sensor.noise, median_depth)?;
-        let mut running = Self {
-            live,
-            sensor,
-            median_depth,
-            origin,
-            keyframes: Vec::new(),
-            map,
-        };
-        running.push(id, 0, options)?;
-        Ok(running)
-    }
-
-    fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError> {
-        let frame = self.live.append(frame);
-        self.push(id, frame, options)
-    }
-
-    /// Runs the front end on a frame of the sequence and joins the keyframe to the map.
-    fn push(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
-        let failed = |source| SessionError::FrontEnd { id, source };
-        let mut front_end = FrontEnd::new(self.live.sequence(), &self.sensor, options.extract())
-            .map_err(|source| {
-                failed(FrontEndError::Extract {
-                    frame: id.to_string(),
-                    source,
-                })
-            })?;
-        let number = self.keyframes.len() as u32;
-        let mut keyframe = front_end.process(frame, number).map_err(failed)?;
-        keyframe.world_from_camera.translation.vector -= self.origin;
-        if let Err(error) = self.map.push(&keyframe) {
-            // The map is not to be used after it has refused a keyframe half-way.
-            let keyframes = std::mem::take(&mut self.keyframes);
-            self.rebuild(keyframes, options)?;
-            return Err(error.into());
-        }
-        self.keyframes.push((id, keyframe));
-        Ok(())
-    }
-
-    /// Replaces the keyframes, and the map by one made of them; when that fails, all stays as it is.
-    fn rebuild(
-        &mut self,
-        mut keyframes: Vec<(u64, Keyframe)>,
-        options: &Options,
-    ) -> Result<(), SessionError> {
-        let camera = self.live.sequence().color_camera();
-        let mut map = BackEnd::new(options, camera, self.sensor.noise, self.median_depth)?;
-        for (number, (_, keyframe)) in keyframes.iter_mut().enumerate() {
-            for segment in &mut keyframe.segments {
-                segment.keyframe = number as u32;
-            }
-            map.push(keyframe)?;
-        }
-        (self.keyframes, self.map) = (keyframes, map);
-        Ok(())
     }
 }

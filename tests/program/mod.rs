@@ -41,6 +41,25 @@ pub(crate) fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// Feeds lines to `linecarve stream`; its exit status and replies.
+pub(crate) fn stream(
+    arguments: &[&str],
+    lines: &[String],
+) -> (Option<i32>, Vec<serde_json::Value>) {
+    let output = Command::cargo_bin("linecarve")
+        .expect("cargo builds the program before its tests")
+        .args(["stream", "--quiet"])
+        .args(arguments)
+        .write_stdin(lines.join("\n"))
+        .output()
+        .expect("the program starts");
+    let replies = String::from_utf8(output.stdout).expect("replies are text");
+    let replies = replies
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("a reply is a JSON object"));
+    (output.status.code(), replies.collect())
+}
+
 /// A rendered sequence in a folder of its own.
 pub(crate) fn small_sequence(frames: usize, layout: &str) -> TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");

@@ -39,7 +39,7 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// `is_kept` tells of each keyframe whether it was finished before.
+    /// `is_kept` tells of each keyframe whether it was finished before; those beyond it were not.
     pub(super) fn new(is_kept: Vec<bool>, options: &SemiDenseStage) -> Self {
         let is_missing: Vec<bool> = is_kept.iter().map(|kept| !kept).collect();
         let is_witness = with_neighbours(&is_missing, options);
@@ -52,13 +52,17 @@ impl Kept {
 
     /// Whether a keyframe that is not finished may need the first estimate of this one.
     pub(super) fn is_witness(&self, keyframe: usize) -> bool {
-        self.is_witness[keyframe]
+        is_marked(&self.is_witness, keyframe)
     }
 
     /// Whether an estimate that is still to be made may need the image of this keyframe.
     pub(super) fn is_seen(&self, keyframe: usize) -> bool {
-        self.is_seen[keyframe]
+        is_marked(&self.is_seen, keyframe)
     }
+}
+
+fn is_marked(marks: &[bool], keyframe: usize) -> bool {
+    marks.get(keyframe).copied().unwrap_or(true)
 }
 
 /// Those that are marked, and whatever may be their neighbours.
@@ -96,6 +100,6 @@ mod tests {
         assert_eq!(marked(Kept::is_witness), [5, 6, 7, 8]);
         assert_eq!(marked(Kept::is_seen), [3, 4, 5, 6, 7, 8, 9]);
         let fresh = Kept::new(vec![false; 3], &options);
-        assert!((0..3).all(|keyframe| fresh.is_witness(keyframe) && fresh.is_seen(keyframe)));
+        assert!((0..9).all(|keyframe| fresh.is_witness(keyframe) && fresh.is_seen(keyframe)));
     }
 }

@@ -15,8 +15,8 @@ const DISTANCES: [usize; 5] = [1, 3, 7, 15, 31];
 /// Frames that are turned by more than this see something else.
 const LARGEST_TURN_RAD: f64 = 0.6;
 
-/// The median depth of a sequence in units of the poses, from matches of a few hundred edge pixels of some of its frames with
-/// frames near them.
+/// The median depth of `frames` of a sequence in units of the poses, from matches of a few hundred edge pixels of some of them
+/// with others near them in the list.
 ///
 /// Frames that cannot be read are passed over; `None` when no frame tells: no texture, no parallax, or wrong poses.
 ///
@@ -24,16 +24,17 @@ const LARGEST_TURN_RAD: f64 = 0.6;
 /// When an option is out of range, or images contradict the calibration, which no other frame would mend.
 pub fn median_depth_from_images(
     sequence: &Sequence,
+    frames: &[usize],
     options: &SemiDenseOptions,
 ) -> Result<Option<f64>, ScaleError> {
     let estimator = SemiDense::new(*options)?;
-    let count = sequence.frames().len();
+    let count = frames.len();
     let samples = count.min(SAMPLES);
     let medians: Vec<Option<f64>> = (0..samples)
         .into_par_iter()
         .map(|sample| {
             let index = (2 * sample + 1) * count / (2 * samples);
-            median_at(sequence, index, &estimator)
+            median_at(sequence, frames, index, &estimator)
         })
         .collect::<Result<_, _>>()?;
     let mut known: Vec<f64> = medians.into_iter().flatten().collect();
@@ -52,10 +53,11 @@ pub enum ScaleError {
     Frame(#[from] FrameError),
 }
 
-/// The median depth of the matched pixels of one frame.
+/// The median depth of the matched pixels of the frame at one place of the list.
 fn median_at(
     sequence: &Sequence,
-    index: usize,
+    frames: &[usize],
+    place: usize,
     estimator: &SemiDense,
 ) -> Result<Option<f64>, FrameError> {
     let mut detector = EdgeDetector::default();
@@ -69,14 +71,15 @@ fn median_at(
             Err(error) => Err(error),
         }
     };
-    let Some(reference) = view(index)? else {
+    let Some(reference) = view(frames[place])? else {
         return Ok(None);
     };
     let mut neighbours = Vec::new();
     for distance in DISTANCES {
-        let before = index.checked_sub(distance);
-        let after = Some(index + distance).filter(|frame| *frame < sequence.frames().len());
-        for frame in [before, after].into_iter().flatten() {
+        let before = place.checked_sub(distance);
+        let after = Some(place + distance).filter(|place| *place < frames.len());
+        for place in [before, after].into_iter().flatten() {
+            let frame = frames[place];
             let turn = sequence.frames()[frame]
                 .world_from_camera
                 .rotation

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use linecarve_lines::depth::semi_dense::{ViewGeometry, choose_neighbours};
+use nalgebra::Isometry3;
 
 use super::SemiDenseSource;
 
@@ -87,6 +88,18 @@ impl Schedule {
         tasks
     }
 
+    /// Gives a keyframe of the window another pose; `None` takes it out: it is nobody's neighbour any more, and nothing of it is due.
+    pub(super) fn move_to(&mut self, keyframe: usize, pose: Option<Isometry3<f64>>) {
+        let place = keyframe.checked_sub(self.first);
+        let Some(slot) = place.and_then(|place| self.window.get_mut(place)) else {
+            return;
+        };
+        match (slot.as_mut(), pose) {
+            (Some(waiting), Some(pose)) => waiting.geometry.world_from_camera = pose,
+            _ => *slot = None,
+        }
+    }
+
     /// The sequence is over: the last estimates of what is left.
     pub(super) fn finish(&self) -> Vec<Task> {
         let end = self.first + self.window.len();
@@ -139,7 +152,6 @@ mod tests {
     use super::super::SemiDenseStage;
     use super::*;
     use linecarve_lines::camera::Camera;
-    use nalgebra::Isometry3;
 
     fn view(x: f64) -> ViewGeometry {
         ViewGeometry {
@@ -196,6 +208,28 @@ mod tests {
             };
             assert_eq!(published[keyframe], expected);
             assert_eq!(finished[keyframe], [(keyframe + 3).min(12)]);
+        }
+    }
+
+    #[test]
+    fn keyframes_that_are_taken_out_are_in_no_task() {
+        let mut schedule = schedule();
+        for step in 0..4 {
+            schedule.push(Some(view(0.1 * f64::from(step))));
+        }
+        schedule.move_to(2, None);
+        // Numbers that are no longer there, or not yet, are nobody.
+        schedule.move_to(99, None);
+        // Far away, it sees nothing of what the others see.
+        schedule.move_to(1, Some(Isometry3::translation(50.0, 0.0, 0.0)));
+        let mut tasks = schedule.push(Some(view(0.4)));
+        tasks.extend(schedule.finish());
+        assert!(!tasks.is_empty());
+        for task in tasks {
+            assert_ne!(task.keyframe, 2);
+            assert!(!task.neighbours.contains(&2));
+            assert_eq!(task.keyframe == 1, task.neighbours.is_empty());
+            assert!(!task.neighbours.contains(&1));
         }
     }
 

@@ -5,9 +5,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use linecarve_lines::depth::EdgeDepthOptions;
-use linecarve_lines::depth::semi_dense::{
-    MatchView, SemiDense, SemiDenseDepth, ViewGeometry, Witness, confirm,
-};
+use linecarve_lines::depth::semi_dense::{MatchView, SemiDense, SemiDenseDepth, ViewGeometry};
 use linecarve_lines::edges::EdgeDetector;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use rayon::prelude::*;
@@ -17,47 +15,54 @@ use super::kept::{Finished, Kept};
 use super::schedule::{Schedule, Task};
 use crate::checkpoint::Checkpoint;
 use crate::pipeline::colors::KeyframeColors;
-use crate::pipeline::edge_points::{EdgePoint, edge_points};
 use crate::pipeline::front_end::{FrontEndError, Keyframe};
 use crate::pipeline::run::Arrival;
-use crate::report::{StageTimes, milliseconds};
 use crate::sequence::Sequence;
 
-type Prepared = Result<Keyframe, FrontEndError>;
-type Arrivals = Vec<(usize, Arrival)>;
+pub(super) type Prepared = Result<Keyframe, FrontEndError>;
+/// Numbers of keyframes with what came of them.
+pub(super) type Arrivals = Vec<(usize, Arrival)>;
 
 /// A keyframe in the window.
-struct Entry {
-    /// `None`: it could not be read, or nothing that is still to be made needs it.
-    view: Option<MatchView>,
-    colors: KeyframeColors,
+pub(super) struct Entry {
+    /// Position of its frame in the sequence, and its name there.
+    pub(super) frame: usize,
+    pub(super) name: String,
+    /// `None`: it could not be read or was taken out, or nothing that is still to be made needs it.
+    pub(super) view: Option<MatchView>,
+    pub(super) colors: KeyframeColors,
     /// Time for reading it and for drawing its edges.
-    loading: Duration,
-    edges: Duration,
+    pub(super) loading: Duration,
+    pub(super) edges: Duration,
     /// Its first estimate, and the step at which that was made.
-    first: Option<First>,
+    pub(super) first: Option<First>,
 }
 
-struct First {
-    step: usize,
-    neighbours: Vec<usize>,
-    depth: SemiDenseDepth,
-    duration: Duration,
+pub(super) struct First {
+    pub(super) step: usize,
+    pub(super) neighbours: Vec<usize>,
+    pub(super) depth: SemiDenseDepth,
+    /// Whether all poses are those that it was made with.
+    pub(super) is_current: bool,
+    pub(super) duration: Duration,
     /// What was handed on.
-    keyframe: Option<Keyframe>,
+    pub(super) keyframe: Option<Keyframe>,
 }
 
 /// An estimate that is due at a step: the number of keyframes that had come.
-struct Due {
-    step: usize,
-    task: Task,
+pub(super) struct Due {
+    pub(super) step: usize,
+    pub(super) task: Task,
 }
 
 /// What a step hands on: the fault of its own keyframe, then what is due.
-struct Step {
+pub(super) struct Step {
     fault: Option<(usize, FrontEndError)>,
     due: Vec<Due>,
 }
+
+/// A keyframe as it was read: its place in the window, and its geometry or what is wrong with it.
+pub(super) type Read = (Entry, Result<ViewGeometry, FrontEndError>);
 
 /// Runs the front end over `frames` and hands each result to `consume`, in order, when its last estimate is made, and when
 /// `is_with_first` says so also when its first is. While one group is consumed the next is prepared. Keyframes are taken from
@@ -78,9 +83,14 @@ where
     E: From<ExtractError> + Send,
 {
     let mut front_end =
-        FrontEnd::new(sequence, source, frames, options, checkpoint, is_with_first)?;
-    let group = rayon::current_num_threads().max(1);
-    let mut ready = front_end.next_group(group);
+        SemiDenseFrontEnd::new(source, frames.len(), options, checkpoint, is_with_first)?;
+    let mut groups = frames.chunks(rayon::current_num_threads().max(1));
+    let mut prepare = || {
+        let group = groups.next()?;
+        let is_last = groups.len() == 0;
+        Some(front_end.advance(sequence, group, is_last))
+    };
+    let mut ready = prepare();
     while let Some(arrivals) = ready {
         let (consumed, prepared) = rayon::join(
             || {
@@ -89,7 +99,7 @@ where
                 }
                 Ok::<(), E>(())
             },
-            || front_end.next_group(group),
+            &mut prepare,
         );
         consumed?;
         ready = prepared;
@@ -97,45 +107,43 @@ where
     Ok(())
 }
 
-struct FrontEnd<'a> {
-    sequence: &'a Sequence,
-    source: &'a SemiDenseSource,
-    frames: &'a [usize],
-    checkpoint: Option<&'a Checkpoint>,
-    is_with_first: bool,
+/// Makes keyframes of images: takes them one after another, and hands on what is due.
+///
+/// Memory holds the keyframes that may still be neighbours: `past` and `future` of [`SemiDenseStage`](super::SemiDenseStage).
+pub struct SemiDenseFrontEnd {
+    pub(super) source: SemiDenseSource,
+    pub(super) checkpoint: Option<Checkpoint>,
+    pub(super) is_with_first: bool,
     kept: Kept,
-    estimator: SemiDense,
-    detector: EdgeDetector,
+    pub(super) estimator: SemiDense,
+    pub(super) detector: EdgeDetector,
     /// Copied for each thread: it keeps memory from one keyframe to the next.
     extractor: SegmentExtractor,
-    schedule: Schedule,
-    window: VecDeque<Entry>,
+    pub(super) schedule: Schedule,
+    pub(super) window: VecDeque<Entry>,
     /// Number of the first keyframe in the window.
-    first: usize,
+    pub(super) first: usize,
     /// Keyframes that have been read.
     read: usize,
-    is_over: bool,
 }
 
-impl<'a> FrontEnd<'a> {
-    fn new(
-        sequence: &'a Sequence,
-        source: &'a SemiDenseSource,
-        frames: &'a [usize],
+impl SemiDenseFrontEnd {
+    /// A front end before the first keyframe; what `checkpoint` has of the first `count` of them is not made again.
+    pub(super) fn new(
+        source: &SemiDenseSource,
+        count: usize,
         mut options: ExtractOptions,
-        checkpoint: Option<&'a Checkpoint>,
+        checkpoint: Option<&Checkpoint>,
         is_with_first: bool,
     ) -> Result<Self, ExtractError> {
         let is_kept = |keyframe| Finished::load(checkpoint, keyframe, is_with_first).is_some();
         // The depth of an edge pixel was measured on the edge itself: there is no other side to choose.
         options.edge_depth = EdgeDepthOptions::raw();
         Ok(Self {
-            sequence,
-            source,
-            frames,
-            checkpoint,
+            source: *source,
+            checkpoint: checkpoint.cloned(),
             is_with_first,
-            kept: Kept::new((0..frames.len()).map(is_kept).collect(), &source.options),
+            kept: Kept::new((0..count).map(is_kept).collect(), &source.options),
             estimator: SemiDense::new(source.options.matching)?,
             detector: EdgeDetector::new(options.edges)?,
             extractor: SegmentExtractor::new(options)?,
@@ -143,16 +151,54 @@ impl<'a> FrontEnd<'a> {
             window: VecDeque::new(),
             first: 0,
             read: 0,
-            is_over: false,
         })
     }
 
-    /// What the next few steps hand on, in order; `None` at the end.
-    fn next_group(&mut self, group: usize) -> Option<Arrivals> {
-        if self.is_over {
-            return None;
+    /// Takes the next few keyframes and hands on what is due by then; after the last of all, what is left.
+    fn advance(&mut self, sequence: &Sequence, frames: &[usize], is_last: bool) -> Arrivals {
+        let read: Vec<Read> = frames
+            .par_iter()
+            .enumerate()
+            .map_init(
+                || self.detector.clone(),
+                |detector, (place, frame)| self.read(sequence, *frame, self.read + place, detector),
+            )
+            .collect();
+        let mut steps: Vec<Step> = read.into_iter().map(|read| self.enter(read)).collect();
+        if is_last {
+            steps.push(self.rest());
         }
-        let steps = self.read_group(group);
+        self.estimate_all(steps)
+    }
+
+    /// Puts the next keyframe into the window and asks what is due.
+    pub(super) fn enter(&mut self, (entry, geometry): Read) -> Step {
+        let step = self.read;
+        let (geometry, fault) = match geometry {
+            Ok(geometry) => (Some(geometry), None),
+            Err(fault) => (None, Some((step, fault))),
+        };
+        let tasks = self.schedule.push(geometry);
+        self.window.push_back(entry);
+        self.read += 1;
+        Step {
+            fault,
+            due: tasks.into_iter().map(|task| Due { step, task }).collect(),
+        }
+    }
+
+    /// What is left when the last keyframe has come.
+    pub(super) fn rest(&self) -> Step {
+        let step = self.read;
+        let tasks = self.schedule.finish();
+        Step {
+            fault: None,
+            due: tasks.into_iter().map(|task| Due { step, task }).collect(),
+        }
+    }
+
+    /// Makes what is due at a few steps, and hands it on in order.
+    pub(super) fn estimate_all(&mut self, steps: Vec<Step>) -> Arrivals {
         // First estimates need images alone; last ones also the first estimates of others.
         let tasks = |is_final: bool| -> Vec<&Due> {
             steps
@@ -174,13 +220,14 @@ impl<'a> FrontEnd<'a> {
                     step: due.step,
                     neighbours: due.task.neighbours.clone(),
                     depth,
+                    is_current: true,
                     duration,
                     keyframe: None,
                 });
         }
         let handed_on = self.hand_on(&tasks(false));
         let finished = self.in_parallel(&tasks(true), |this, extractor, due| {
-            this.finish(due, extractor)
+            this.finish_keyframe(due, extractor)
         });
         let (mut handed_on, mut finished) = (handed_on.into_iter(), finished.into_iter());
         let mut arrivals = Vec::new();
@@ -203,7 +250,7 @@ impl<'a> FrontEnd<'a> {
             self.window.pop_front();
             self.first += 1;
         }
-        Some(arrivals)
+        arrivals
     }
 
     /// The keyframes of first estimates, when they are asked for.
@@ -213,7 +260,7 @@ impl<'a> FrontEnd<'a> {
         }
         let keyframes = self.in_parallel(due, |this, extractor, due| {
             let number = due.task.keyframe;
-            match Finished::load(this.checkpoint, number, true) {
+            match Finished::load(this.checkpoint.as_ref(), number, true) {
                 Some(finished) => finished.first,
                 None => this.confirmed(due, extractor).ok(),
             }
@@ -239,55 +286,26 @@ impl<'a> FrontEnd<'a> {
             .collect()
     }
 
-    /// Reads the next few keyframes into the window and asks what is due; after the last one, what is left.
-    fn read_group(&mut self, group: usize) -> Vec<Step> {
-        let end = (self.read + group).min(self.frames.len());
-        let read: Vec<(Entry, Option<FrontEndError>)> = (self.read..end)
-            .into_par_iter()
-            .map_init(
-                || self.detector.clone(),
-                |detector, number| self.read(number, detector),
-            )
-            .collect();
-        let mut steps = Vec::with_capacity(read.len() + 1);
-        for (entry, fault) in read {
-            let step = self.read;
-            let tasks = self
-                .schedule
-                .push(fault.is_none().then(|| self.geometry(step)));
-            self.window.push_back(entry);
-            self.read += 1;
-            steps.push(Step {
-                fault: fault.map(|fault| (step, fault)),
-                due: tasks.into_iter().map(|task| Due { step, task }).collect(),
-            });
-        }
-        if self.read == self.frames.len() {
-            self.is_over = true;
-            let step = self.read;
-            let tasks = self.schedule.finish();
-            steps.push(Step {
-                fault: None,
-                due: tasks.into_iter().map(|task| Due { step, task }).collect(),
-            });
-        }
-        steps
-    }
-
-    fn geometry(&self, keyframe: usize) -> ViewGeometry {
-        let size = self.sequence.color_size();
-        ViewGeometry {
-            camera: self.sequence.color_camera().clone(),
-            world_from_camera: self.sequence.frames()[self.frames[keyframe]].world_from_camera,
+    /// Reads a frame that is, or will be, the keyframe of this number.
+    pub(super) fn read(
+        &self,
+        sequence: &Sequence,
+        frame: usize,
+        keyframe: usize,
+        detector: &mut EdgeDetector,
+    ) -> Read {
+        let start = Instant::now();
+        let recorded = &sequence.frames()[frame];
+        let size = sequence.color_size();
+        let geometry = ViewGeometry {
+            camera: sequence.color_camera().clone(),
+            world_from_camera: recorded.world_from_camera,
             width: size.width as usize,
             height: size.height as usize,
-        }
-    }
-
-    fn read(&self, keyframe: usize, detector: &mut EdgeDetector) -> (Entry, Option<FrontEndError>) {
-        let start = Instant::now();
-        let frame = self.frames[keyframe];
+        };
         let mut entry = Entry {
+            frame,
+            name: recorded.name.clone(),
             view: None,
             colors: KeyframeColors::default(),
             loading: Duration::ZERO,
@@ -295,188 +313,35 @@ impl<'a> FrontEnd<'a> {
             first: None,
         };
         if !self.kept.is_seen(keyframe) {
-            return (entry, None);
+            return (entry, Ok(geometry));
         }
-        let (image, color) = match self.sequence.load_gray_and_color(frame) {
+        let (image, color) = match sequence.load_gray_and_color(frame) {
             Ok(images) => images,
-            Err(error) => return (entry, Some(error.into())),
+            Err(error) => return (entry, Err(error.into())),
         };
         entry.colors = KeyframeColors::of(&color);
         entry.loading = start.elapsed();
         let view = MatchView::new(
             &image,
-            self.sequence.color_camera(),
-            &self.sequence.frames()[frame].world_from_camera,
+            &geometry.camera,
+            &geometry.world_from_camera,
             detector,
         );
         entry.edges = start.elapsed() - entry.loading;
         match view {
             Ok(view) => {
                 entry.view = Some(view);
-                (entry, None)
+                (entry, Ok(geometry))
             }
             Err(source) => {
-                let frame = self.sequence.frames()[frame].name.clone();
-                (entry, Some(FrontEndError::Match { frame, source }))
+                let frame = entry.name.clone();
+                (entry, Err(FrontEndError::Match { frame, source }))
             }
         }
     }
 
-    fn entry(&self, keyframe: usize) -> &Entry {
-        &self.window[keyframe - self.first]
-    }
-
-    fn name(&self, keyframe: usize) -> String {
-        let frame = self.frames[keyframe];
-        self.sequence.frames()[frame].name.clone()
-    }
-
-    /// The view of a keyframe that a task names; those that could not be read are in no task, and tasks that need one of
-    /// the others are passed over.
-    fn view(&self, keyframe: usize) -> Result<&MatchView, FrontEndError> {
-        let view = self.entry(keyframe).view.as_ref();
-        view.ok_or_else(|| FrontEndError::WithoutDepth {
-            frame: self.name(keyframe),
-        })
-    }
-
-    fn neighbours(&self, task: &Task) -> Result<Vec<&MatchView>, FrontEndError> {
-        let views = task.neighbours.iter().map(|&other| self.view(other));
-        views.collect()
-    }
-
-    fn estimate(&self, task: &Task) -> Result<SemiDenseDepth, FrontEndError> {
-        let neighbours = self.neighbours(task)?;
-        self.estimator
-            .estimate(self.view(task.keyframe)?, &neighbours, None)
-            .map_err(|source| FrontEndError::Extract {
-                frame: self.name(task.keyframe),
-                source: source.into(),
-            })
-    }
-
-    /// The first estimate of a keyframe, and how long it took.
-    fn first_estimate(&self, task: &Task) -> Result<(SemiDenseDepth, Duration), FrontEndError> {
-        let start = Instant::now();
-        let depth = self.estimate(task)?;
-        Ok((depth, start.elapsed()))
-    }
-
-    /// What is kept of a keyframe, or else its last estimate, which is then kept.
-    fn finish(&self, due: &Due, extractor: &mut SegmentExtractor) -> Prepared {
-        let number = due.task.keyframe;
-        if let Some(finished) = Finished::load(self.checkpoint, number, self.is_with_first) {
-            return Ok(finished.last);
-        }
-        let first = self.entry(number).first.as_ref();
-        let mut last = self.confirmed(due, extractor)?;
-        last.times.load = milliseconds(self.entry(number).loading);
-        last.times.edges = milliseconds(self.entry(number).edges);
-        last.times.depth += milliseconds(first.map_or(Duration::ZERO, |first| first.duration));
-        let finished = Finished {
-            is_with_first: self.is_with_first,
-            first: first.and_then(|first| first.keyframe.clone()),
-            last,
-        };
-        if let Some(checkpoint) = self.checkpoint {
-            checkpoint.store(number, &finished)?;
-        }
-        Ok(finished.last)
-    }
-
-    /// An estimate, confirmed by the first estimates of its neighbours as far as they were there at that step, and the segments
-    /// along it. Its times are those of this alone.
-    fn confirmed(&self, due: &Due, extractor: &mut SegmentExtractor) -> Prepared {
-        let start = Instant::now();
-        let task = &due.task;
-        let mut depth = match &self.entry(task.keyframe).first {
-            Some(first) if first.neighbours == task.neighbours => first.depth.clone(),
-            _ => self.estimate(task)?,
-        };
-        let mut witnesses = Vec::with_capacity(depth.pairs.len());
-        for (pair, correction) in depth.pairs.iter().zip(&depth.corrections) {
-            let other = task.neighbours[pair.neighbour];
-            if let Some(first) = &self.entry(other).first
-                && first.step <= due.step
-            {
-                witnesses.push(Witness {
-                    view: self.view(other)?,
-                    map: &first.depth.map,
-                    correction: *correction,
-                });
-            }
-        }
-        confirm(
-            self.view(task.keyframe)?,
-            &mut depth.map,
-            &witnesses,
-            &self.source.options.confirm,
-        );
-        let times = StageTimes {
-            depth: milliseconds(start.elapsed()),
-            ..StageTimes::default()
-        };
-        self.keyframe(task, &depth, times, extractor)
-    }
-
-    /// The points between the edges of a keyframe.
-    fn between_edges(
-        &self,
-        task: &Task,
-        view: &MatchView,
-        depth: &SemiDenseDepth,
-    ) -> Result<impl Iterator<Item = EdgePoint> + use<>, FrontEndError> {
-        let neighbours = self.neighbours(task)?;
-        let points =
-            self.estimator
-                .surface_points(view, depth, &neighbours, &self.source.options.sweep);
-        Ok(points.into_iter().map(EdgePoint::from))
-    }
-
-    fn keyframe(
-        &self,
-        task: &Task,
-        depth: &SemiDenseDepth,
-        mut times: StageTimes,
-        extractor: &mut SegmentExtractor,
-    ) -> Prepared {
-        let view = self.view(task.keyframe)?;
-        let extraction = extractor
-            .extract_along(
-                view.chains(),
-                view.smoothed(),
-                &depth.map,
-                view.camera(),
-                task.keyframe as u32,
-            )
-            .map_err(|source| FrontEndError::Extract {
-                frame: self.name(task.keyframe),
-                source,
-            })?;
-        times.depth += milliseconds(extraction.durations.edge_depth);
-        times.fit = milliseconds(extraction.durations.fit);
-        let mut edge_points = edge_points(
-            view.chains(),
-            &depth.map,
-            &extraction.segments,
-            self.source.options.edge_point_spacing_px,
-        );
-        if task.is_final {
-            let start = Instant::now();
-            edge_points.extend(self.between_edges(task, view, depth)?);
-            times.depth += milliseconds(start.elapsed());
-        }
-        Ok(Keyframe {
-            frame: self.frames[task.keyframe],
-            world_from_camera: *view.world_from_camera(),
-            segments: extraction.segments,
-            edge_points,
-            surface: extraction.surface,
-            colors: self.entry(task.keyframe).colors.clone(),
-            edge_chains: extraction.chains,
-            edge_pixels: extraction.edge_pixels,
-            edge_pixels_with_depth: extraction.edge_pixels_with_depth,
-            times,
-        })
+    /// Number of the keyframe that comes next.
+    pub(super) fn next_number(&self) -> usize {
+        self.read
     }
 }

@@ -44,13 +44,7 @@ impl MatchView {
         if !camera.is_pinhole() {
             return Err(MatchViewError::Distorted);
         }
-        let is_finite = world_from_camera
-            .to_homogeneous()
-            .iter()
-            .all(|entry| entry.is_finite());
-        if !is_finite {
-            return Err(MatchViewError::Pose(*world_from_camera));
-        }
+        check_pose(world_from_camera)?;
         let chains = detector.detect(image);
         Ok(Self {
             smoothed: detector.smoothed().clone(),
@@ -86,6 +80,19 @@ impl MatchView {
         &self.world_from_camera
     }
 
+    /// Gives the view another pose; its edges stay as they are.
+    ///
+    /// # Errors
+    /// When the pose is not finite; the view keeps the one that it has.
+    pub fn set_world_from_camera(
+        &mut self,
+        world_from_camera: &Isometry3<f64>,
+    ) -> Result<(), MatchViewError> {
+        check_pose(world_from_camera)?;
+        self.world_from_camera = *world_from_camera;
+        Ok(())
+    }
+
     /// Camera, pose and size, for the choice of neighbours.
     pub fn geometry(&self) -> ViewGeometry {
         ViewGeometry {
@@ -94,6 +101,15 @@ impl MatchView {
             width: self.smoothed.width(),
             height: self.smoothed.height(),
         }
+    }
+}
+
+fn check_pose(world_from_camera: &Isometry3<f64>) -> Result<(), MatchViewError> {
+    let matrix = world_from_camera.to_homogeneous();
+    if matrix.iter().all(|entry| entry.is_finite()) {
+        Ok(())
+    } else {
+        Err(MatchViewError::Pose(*world_from_camera))
     }
 }
 

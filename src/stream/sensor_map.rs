@@ -1,0 +1,165 @@
+//! The map of a session whose keyframes have depth images.
+
+use linecarve_lines::depth::DepthSensor;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::SessionError;
+use super::live_map::LiveMap;
+use super::message::StartMessage;
+use crate::pipeline::scale::{far_origin, median_scene_depth};
+use crate::pipeline::{BackEnd, FrontEnd, FrontEndError, Keyframe, Options};
+use crate::sequence::{FrameError, LiveFrame, LiveSequence};
+
+/// Each keyframe by itself: what its images yield stays, and moves with its pose.
+pub(super) struct SensorMap {
+    live: LiveSequence,
+    sensor: DepthSensor,
+    median_depth: f64,
+    origin: Vector3<f64>,
+    /// Ids and what the front end made of each; the pose is that of the map, shifted.
+    keyframes: Vec<(u64, Keyframe)>,
+    map: BackEnd,
+}
+
+impl LiveMap for SensorMap {
+    fn contains(&self, id: u64) -> bool {
+        self.place(id).is_ok()
+    }
+
+    fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError> {
+        let frame = self.live.append(frame);
+        self.push(id, frame, options)
+    }
+
+    fn correct(
+        &mut self,
+        poses: &[(u64, Isometry3<f64>)],
+        options: &Options,
+    ) -> Result<(), SessionError> {
+        let mut keyframes = self.keyframes.clone();
+        for (id, pose) in poses {
+            let keyframe = &mut keyframes[self.place(*id)?].1;
+            keyframe.world_from_camera = self.live.color_pose(pose);
+            keyframe.world_from_camera.translation.vector -= self.origin;
+        }
+        self.rebuild(keyframes, options)
+    }
+
+    fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
+        for &id in ids {
+            self.place(id)?;
+        }
+        let mut keyframes = self.keyframes.clone();
+        keyframes.retain(|(id, _)| !ids.contains(id));
+        self.rebuild(keyframes, options)
+    }
+
+    fn keyframe_count(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    fn map(&self) -> Option<&BackEnd> {
+        Some(&self.map)
+    }
+
+    fn origin(&self) -> Vector3<f64> {
+        self.origin
+    }
+
+    fn median_depth(&self) -> Option<f64> {
+        Some(self.median_depth)
+    }
+}
+
+impl SensorMap {
+    /// Where a keyframe is in the list.
+    fn place(&self, id: u64) -> Result<usize, SessionError> {
+        let mut ids = self.keyframes.iter().map(|(id, _)| *id);
+        ids.position(|other| other == id)
+            .ok_or(SessionError::UnknownKeyframe { id })
+    }
+
+    /// A map of the first keyframe.
+    ///
+    /// # Errors
+    /// When the calibration does not fit it, it cannot be read, or it has no depth to tell the unit of length.
+    pub(super) fn begin(
+        start: &StartMessage,
+        options: &Options,
+        id: u64,
+        frame: LiveFrame,
+    ) -> Result<Self, SessionError> {
+        let live = LiveSequence::begin(&start.calibration, frame)?;
+        let sequence = live.sequence();
+        let Some(calibration) = sequence.depth_calibration() else {
+            return Err(SessionError::FirstWithoutDepth { id });
+        };
+        let of_frame = |source: FrameError| SessionError::FrontEnd {
+            id,
+            source: source.into(),
+        };
+        let measured = || median_scene_depth(sequence, &[0]).map_err(of_frame);
+        let median_depth = match start.median_depth {
+            Some(depth) => depth,
+            None => measured()?.ok_or(SessionError::FirstWithoutDepth { id })?,
+        };
+        let sensor = calibration.sensor(options.sensor.relative_noise, median_depth);
+        let first = sequence.frames()[0].world_from_camera.translation.vector;
+        let origin = match start.origin {
+            Some(origin) => origin.into(),
+            None => far_origin([Point3::from(first)], median_depth),
+        };
+        let map = BackEnd::new(options, sequence.color_camera(), sensor.noise, median_depth)?;
+        let mut running = Self {
+            live,
+            sensor,
+            median_depth,
+            origin,
+            keyframes: Vec::new(),
+            map,
+        };
+        running.push(id, 0, options)?;
+        Ok(running)
+    }
+
+    /// Runs the front end on a frame of the sequence and joins the keyframe to the map.
+    fn push(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
+        let failed = |source| SessionError::FrontEnd { id, source };
+        let mut front_end = FrontEnd::new(self.live.sequence(), &self.sensor, options.extract())
+            .map_err(|source| {
+                failed(FrontEndError::Extract {
+                    frame: id.to_string(),
+                    source,
+                })
+            })?;
+        let number = self.keyframes.len() as u32;
+        let mut keyframe = front_end.process(frame, number).map_err(failed)?;
+        keyframe.world_from_camera.translation.vector -= self.origin;
+        if let Err(error) = self.map.push(&keyframe) {
+            // The map is not to be used after it has refused a keyframe half-way.
+            let keyframes = std::mem::take(&mut self.keyframes);
+            self.rebuild(keyframes, options)?;
+            return Err(error.into());
+        }
+        self.keyframes.push((id, keyframe));
+        Ok(())
+    }
+
+    /// Replaces the keyframes, and the map by one made of them; when that fails, all stays as it is.
+    fn rebuild(
+        &mut self,
+        mut keyframes: Vec<(u64, Keyframe)>,
+        options: &Options,
+    ) -> Result<(), SessionError> {
+        let camera = self.live.sequence().color_camera();
+        let mut map = BackEnd::new(options, camera, self.sensor.noise, self.median_depth)?;
+        for (number, (_, keyframe)) in keyframes.iter_mut().enumerate() {
+            for segment in &mut keyframe.segments {
+                segment.keyframe = number as u32;
+            }
+            map.push(keyframe)?;
+        }
+        (self.keyframes, self.map) = (keyframes, map);
+        Ok(())
+    }
+}
