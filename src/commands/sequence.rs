@@ -113,8 +113,8 @@ pub(super) fn prepare(
     })
 }
 
-/// Gives keyframes the poses that their images have, and says so when that makes a difference.
-fn correct(
+/// Gives keyframes the poses that their images have, and images the lens; says so when that makes a difference.
+pub(super) fn correct(
     sequence: &mut Sequence,
     keyframes: &[usize],
     options: &Options,

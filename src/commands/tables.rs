@@ -6,19 +6,20 @@ use std::time::Instant;
 use anyhow::{Context, ensure};
 use linecarve_lines::baselines::{FoundSegment, LineDetector, LineDetectorOptions, Method};
 use linecarve_lines::depth::EdgeDepthOptions;
-use linecarve_lines::edges::EdgeDetector;
+use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
 use rayon::prelude::*;
 
 use crate::cli::{self, StageArgs, TablesArgs};
 use crate::commands::Outcome;
 use crate::commands::depth::depth_source;
 use crate::commands::run_report::{print_object, print_text};
-use crate::commands::sequence::{Prepared, prepare};
+use crate::commands::sequence::{Prepared, correct, open, prepare};
 use crate::mesh::{LineSet, TriangleMesh, read_geometry, write_lines_obj};
 use crate::pipeline::{DepthSource, SemiDenseSource};
 use crate::progress::{Progress, Verbosity};
 use crate::raycast::RayScene;
 use crate::report::milliseconds;
+use crate::sequence::Sequence;
 use crate::tables::images::{ImageEdges, ImageMeasure, Tally, tally};
 use crate::tables::methods::{MethodRun, Runs, StageTime, clustered};
 use crate::tables::semi_dense;
@@ -50,32 +51,41 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
     };
     let prepared = prepare(&args.input, &args.selection, &stages, verbosity)?;
     let mut found = run_methods(&prepared, verbosity)?;
-    let semi_dense = match &prepared.depth {
-        DepthSource::SemiDense(source) => Some(*source),
-        DepthSource::Sensor(_) if args.depth == cli::DepthSource::Auto => {
-            second_source(&prepared, &mut found.warnings)
+    let sequence = &prepared.sequence;
+    let mut second = None;
+    match &prepared.depth {
+        DepthSource::SemiDense(source) => {
+            let runs = run_semi_dense(sequence, &prepared, source, &mut found, verbosity)?;
+            found.runs.extend(runs);
         }
-        DepthSource::Sensor(_) => None,
-    };
-    if let Some(source) = semi_dense {
-        run_semi_dense(&prepared, &source, &mut found, verbosity)?;
+        DepthSource::Sensor(_) if args.depth == cli::DepthSource::Auto => {
+            if let Some(source) = second_source(&prepared, &mut found.warnings) {
+                let sequence = corrected(&args.input, &prepared, &mut found, verbosity)?;
+                let runs = run_semi_dense(&sequence, &prepared, &source, &mut found, verbosity)?;
+                second = Some((sequence, runs));
+            }
+        }
+        DepthSource::Sensor(_) => {}
     }
     let keyframes = found.frames.len();
-    for index in (0..found.runs.len()).rev() {
-        if found.runs[index].name == Method::EdgeAided.to_string() {
-            let clusters = clustered(
-                &found.runs[index],
-                prepared.options.cluster,
-                prepared.median_depth,
-                keyframes,
-            )?;
-            found.runs.insert(index + 1, clusters);
+    let mut rows = Vec::new();
+    let given = (None, std::mem::take(&mut found.runs));
+    let second = second.map(|(sequence, runs)| (Some(sequence), runs));
+    for (other, runs) in std::iter::once(given).chain(second) {
+        let sequence = other.as_ref().unwrap_or(&prepared.sequence);
+        let runs = with_clusters(runs, &prepared, keyframes)?;
+        if let Some(folder) = &args.save {
+            save(folder, &runs)?;
         }
+        rows.extend(measure_all(
+            sequence,
+            &prepared,
+            &scene,
+            &found.frames,
+            &runs,
+            verbosity,
+        )?);
     }
-    if let Some(folder) = &args.save {
-        save(folder, &found.runs)?;
-    }
-    let rows = measure_all(&prepared, &scene, &found, verbosity)?;
     let folder = prepared.sequence.folder();
     let name = folder.file_name().unwrap_or(folder.as_os_str());
     let tables = Tables {
@@ -207,14 +217,50 @@ fn second_source(prepared: &Prepared, warnings: &mut Vec<String>) -> Option<Semi
     }
 }
 
+/// The sequence with the poses and the lens that its images have, as a run on depth from images takes them.
+fn corrected(
+    input: &cli::SequenceArgs,
+    prepared: &Prepared,
+    found: &mut Found,
+    verbosity: Verbosity,
+) -> anyhow::Result<Sequence> {
+    let mut sequence = open(input)?;
+    let options = &prepared.options;
+    if options.pose_correction.enabled {
+        let warnings = &mut found.warnings;
+        correct(&mut sequence, &found.frames, options, warnings, verbosity)?;
+    }
+    Ok(sequence)
+}
+
+/// Runs, and after those whose segments make clusters these.
+fn with_clusters(
+    runs: Vec<MethodRun>,
+    prepared: &Prepared,
+    keyframes: usize,
+) -> anyhow::Result<Vec<MethodRun>> {
+    let mut all = Vec::with_capacity(runs.len() + 1);
+    for run in runs {
+        let clusters = (run.name == Method::EdgeAided.to_string())
+            .then(|| {
+                let depth = prepared.median_depth;
+                clustered(&run, prepared.options.cluster, depth, keyframes)
+            })
+            .transpose()?;
+        all.push(run);
+        all.extend(clusters);
+    }
+    Ok(all)
+}
+
 /// The methods that need depth, with that of neighbouring keyframes.
 fn run_semi_dense(
+    sequence: &Sequence,
     prepared: &Prepared,
     source: &SemiDenseSource,
     found: &mut Found,
     verbosity: Verbosity,
-) -> anyhow::Result<()> {
-    let sequence = &prepared.sequence;
+) -> anyhow::Result<Vec<MethodRun>> {
     let mut options = prepared.options.methods();
     // The depth of an edge pixel was measured on the edge itself: there is no other side to choose.
     options.extract.edge_depth = EdgeDepthOptions::raw();
@@ -227,32 +273,32 @@ fn run_semi_dense(
         runs.push(sequence, frame, number, &image, Some(map))?;
     }
     progress.finish();
-    found.runs.extend(runs.finish());
     found.depth_stages.push(StageTime {
         stage: "semi-dense".to_owned(),
         milliseconds: milliseconds(time) / found.frames.len() as f64,
     });
-    Ok(())
+    Ok(runs.finish())
 }
 
+/// A row for each run; `sequence` has the poses and images that it was made from.
 fn measure_all(
+    sequence: &Sequence,
     prepared: &Prepared,
     scene: &RayScene,
-    found: &Found,
+    frames: &[usize],
+    runs: &[MethodRun],
     verbosity: Verbosity,
 ) -> anyhow::Result<Vec<Row>> {
-    let progress = Progress::start("measure", found.runs.len(), verbosity);
+    let progress = Progress::start("measure", runs.len(), verbosity);
     let step = SAMPLE_SHARE * prepared.median_depth;
-    let sets: Vec<&[FoundSegment]> = found
-        .runs
-        .iter()
-        .map(|run| run.segments.as_slice())
-        .collect();
-    let tallies = found
-        .frames
+    let sets: Vec<&[FoundSegment]> = runs.iter().map(|run| run.segments.as_slice()).collect();
+    let edges = prepared.options.edges;
+    let tallies = frames
         .par_iter()
         .enumerate()
-        .map(|(number, &frame)| keyframe_tallies(prepared, scene, &sets, number as u32, frame))
+        .map(|(number, &frame)| {
+            keyframe_tallies(sequence, edges, scene, &sets, number as u32, frame)
+        })
         .collect::<anyhow::Result<Vec<_>>>()?;
     // From keyframe by keyframe to method by method.
     let mut by_method: Vec<Vec<Tally>> = sets.iter().map(|_| Vec::new()).collect();
@@ -261,8 +307,7 @@ fn measure_all(
             method.push(tally);
         }
     }
-    let rows = found
-        .runs
+    let rows = runs
         .iter()
         .zip(by_method)
         .map(|(run, tallies)| {
@@ -288,15 +333,15 @@ fn measure_all(
 }
 
 fn keyframe_tallies(
-    prepared: &Prepared,
+    sequence: &Sequence,
+    edges: EdgeOptions,
     scene: &RayScene,
     sets: &[&[FoundSegment]],
     number: u32,
     frame: usize,
 ) -> anyhow::Result<Vec<Tally>> {
-    let sequence = &prepared.sequence;
     let image = sequence.load_gray(frame)?;
-    let chains = EdgeDetector::new(prepared.options.edges)?.detect(&image);
+    let chains = EdgeDetector::new(edges)?.detect(&image);
     let least = LONG_EDGE_SHARE * image.width().min(image.height()) as f64;
     let mut long_edges = LineDetector::new(LineDetectorOptions::default())?.detect(&image, &chains);
     long_edges.retain(|edge| edge.length_px() >= least);
