@@ -1,10 +1,11 @@
 //! Semi-dense depth against the depth camera of a sequence: coverage, error, calibration of sigma, time; and pictures.
 //!
-//! `cargo run --release --example semi_dense -- SEQUENCE [--out DIR] [--step N] [--translation LENGTH] [--no-confirm]`
+//! `cargo run --release --example semi_dense -- SEQUENCE [--out DIR] [--step N] [--translation LENGTH] [--no-confirm] [--k1 K1]`
 //!
 //! The depth images serve as the reference alone. Each keyframe is estimated from the best of those around it, then
 //! confirmed by theirs. The reference at an edge is the near side of a jump, as everywhere in the library; a second set of
-//! figures takes the nearest value within 2 pixels, which forgives what lies on the wrong side of an outline.
+//! figures takes the nearest value within 2 pixels, which forgives what lies on the wrong side of an outline. Images of a sequence
+//! that comes as that of a pinhole lose the radial distortion `--k1`.
 
 #![allow(clippy::print_stdout, reason = "the figures are the output")]
 
@@ -18,6 +19,7 @@ use std::time::Instant;
 
 use sequence::Sequence;
 
+use linecarve_lines::camera::{Camera, Distortion, UndistortionMap};
 use linecarve_lines::depth::semi_dense::{
     MatchView, NeighbourOptions, SemiDense, SemiDenseDepth, SemiDenseOptions, ViewGeometry,
     Witness, WitnessOptions, choose_neighbours, confirm,
@@ -40,6 +42,7 @@ struct Arguments {
     step: usize,
     translation: f64,
     is_confirmed: bool,
+    k1: f64,
     options: SemiDenseOptions,
 }
 
@@ -50,6 +53,7 @@ fn arguments() -> Result<Arguments, AnyError> {
         step: 1,
         translation: 0.15,
         is_confirmed: true,
+        k1: 0.0,
         options: SemiDenseOptions::default(),
     };
     let mut all = std::env::args().skip(1);
@@ -59,6 +63,7 @@ fn arguments() -> Result<Arguments, AnyError> {
             "--out" => parsed.out = Some(value()?.into()),
             "--step" => parsed.step = value()?.parse::<usize>()?.max(1),
             "--translation" => parsed.translation = value()?.parse()?,
+            "--k1" => parsed.k1 = value()?.parse()?,
             "--no-confirm" => parsed.is_confirmed = false,
             "--epipolar-sigma" => parsed.options.epipolar_sigma_px = value()?.parse()?,
             "--agreeing" => parsed.options.least_agreeing = value()?.parse()?,
@@ -122,15 +127,43 @@ impl Tally {
     }
 }
 
+/// What takes the distortion out of images like that of `first`; the camera of the sequence becomes theirs.
+fn undistort(
+    sequence: &mut Sequence,
+    first: &sequence::View,
+    k1: f64,
+) -> Result<UndistortionMap, AnyError> {
+    let image = sequence.gray(first)?;
+    let (width, height) = (image.width(), image.height());
+    let of = &sequence.color_camera;
+    let lens = Distortion::radial(k1);
+    let stored = Camera::with_distortion(of.fx(), of.fy(), of.cx(), of.cy(), lens)?;
+    sequence.color_camera = UndistortionMap::inscribed_camera(&stored, width, height);
+    Ok(UndistortionMap::new(
+        &stored,
+        &sequence.color_camera,
+        width,
+        height,
+    )?)
+}
+
 fn main() -> Result<(), AnyError> {
     let arguments = arguments()?;
-    let sequence = Sequence::open(&arguments.sequence)?;
+    let mut sequence = Sequence::open(&arguments.sequence)?;
     let keyframes = sequence.keyframes(arguments.translation, TURN_RAD);
     let mut detector = EdgeDetector::default();
     let mut views = Vec::new();
     let mut references = Vec::new();
+    let undistortion = match keyframes.first().filter(|_| arguments.k1 != 0.0) {
+        Some(first) => Some(undistort(&mut sequence, first, arguments.k1)?),
+        None => None,
+    };
     for keyframe in &keyframes {
         let image = sequence.gray(keyframe)?;
+        let image = match &undistortion {
+            Some(map) => map.resample(&image),
+            None => image,
+        };
         let pose = &keyframe.world_from_camera;
         views.push(MatchView::new(
             &image,
