@@ -62,6 +62,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         triangles: summary.mesh.triangles.len(),
         files: output.map_or_else(Vec::new, |output| output.written().to_vec()),
         corrected_poses: summary.corrected_poses,
+        lens_k1: summary.lens_k1,
     })?;
     Ok(if summary.mesh.is_empty() {
         Outcome::Negative(format!(

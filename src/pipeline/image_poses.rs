@@ -39,7 +39,7 @@ pub enum ImagePosesError {
 
 /// Brings the poses of `frames` into agreement with the points that their images share: each held by its given pose as
 /// `[pose_correction]` says, keyframe by keyframe and in the end all together. When that moves them by little and shows no lens,
-/// all stay as given. An image that cannot be read is passed over here; who needs it will say so. `progress` is told of every keyframe.
+/// all stay as given. Nobody looks for a lens that the sequence knows. An image that cannot be read is passed over here; who needs it will say so. `progress` is told of every keyframe.
 ///
 /// # Errors
 /// When options are out of range, or when an image's fault is one of all.
@@ -53,9 +53,11 @@ pub fn correct_poses(
     mut progress: impl FnMut() + Send,
 ) -> Result<ImagePoses, ImagePosesError> {
     let (camera, size) = (sequence.color_camera(), sequence.color_size());
+    let mut correction = options.pose_correction;
+    correction.lens &= !sequence.has_known_lens();
     let mut map = PointMap::new(
         options.map_points,
-        options.pose_correction,
+        correction,
         camera,
         size.width as usize,
         size.height as usize,

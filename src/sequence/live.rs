@@ -91,6 +91,19 @@ impl LiveSequence {
         self.sequence.set_poses(poses);
     }
 
+    /// As [`Sequence::set_radial_distortion`].
+    ///
+    /// # Errors
+    /// When `k1` is not finite.
+    pub fn set_radial_distortion(&mut self, k1: f64) -> Result<(), SequenceError> {
+        self.sequence
+            .set_radial_distortion(k1)
+            .map_err(|error| SequenceError::Content {
+                path: ORIGIN.into(),
+                problem: error.to_string(),
+            })
+    }
+
     /// Adds a frame; returns its index. A depth image is passed over when the first frame had none.
     pub fn append(&mut self, frame: LiveFrame) -> usize {
         let world_from_camera = self.color_pose(&frame.world_from_camera);

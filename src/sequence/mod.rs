@@ -182,14 +182,17 @@ impl Sequence {
         !stored.is_pinhole() || self.other_cameras.iter().any(|camera| camera != stored)
     }
 
-    /// Has the radial distortion `k1` (of Brown's model) taken out of images that came as those of a pinhole;
-    /// [`color_camera`](Self::color_camera) follows.
+    /// Has the radial distortion `k1` (of Brown's model) taken out of images that came as those of a pinhole, which they are again
+    /// with 0; [`color_camera`](Self::color_camera) follows.
     ///
     /// # Errors
     /// When `k1` is not finite.
     pub fn set_radial_distortion(&mut self, k1: f64) -> Result<(), CameraError> {
         let of = &self.stored_color_camera;
-        let distortion = Distortion::radial(k1);
+        let distortion = match k1 {
+            0.0 => Distortion::None,
+            _ => Distortion::radial(k1),
+        };
         let stored = Camera::with_distortion(of.fx(), of.fy(), of.cx(), of.cy(), distortion)?;
         self.color_undistortion = Undistortion::of(&stored, self.color_size);
         self.color_camera = pinhole_of(&stored, self.color_undistortion.as_ref());

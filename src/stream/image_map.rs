@@ -4,13 +4,13 @@ use linecarve_carving::tetrahedralization::accept;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
+use super::estimating::{Estimating, Member, empty_map};
 use super::live_map::LiveMap;
 use super::message::StartMessage;
 use crate::pipeline::depth_source::scale::median_depth_from_images;
 use crate::pipeline::scale::far_origin;
 use crate::pipeline::{
-    self, Arrival, BackEnd, DepthSource, Keyframe, Options, SemiDenseFrontEnd, SemiDenseSource,
-    correct_poses,
+    self, Arrival, BackEnd, DepthSource, Options, SemiDenseSource, correct_poses,
 };
 use crate::sequence::{LiveFrame, LiveSequence};
 
@@ -27,118 +27,7 @@ pub(super) struct ImageMap {
     /// Whether every estimate is that of a run over the members at their poses.
     is_as_recorded: bool,
     corrected_poses: Vec<(u64, Isometry3<f64>)>,
-}
-
-/// A keyframe of the session.
-struct Member {
-    id: u64,
-    /// Position in the sequence.
-    frame: usize,
-    estimate: Option<Estimate>,
-}
-
-/// What the front end made of a keyframe; the pose is that of the map, shifted.
-enum Estimate {
-    First(Keyframe),
-    Last(Keyframe),
-}
-
-impl Estimate {
-    fn keyframe_mut(&mut self) -> &mut Keyframe {
-        match self {
-            Self::First(keyframe) | Self::Last(keyframe) => keyframe,
-        }
-    }
-}
-
-struct Estimating {
-    /// `None` when the session is over.
-    front_end: Option<SemiDenseFrontEnd>,
-    map: BackEnd,
-    source: SemiDenseSource,
-    origin: Vector3<f64>,
-}
-
-impl Estimating {
-    /// Estimates of nothing yet.
-    fn begin(
-        options: &Options,
-        live: &LiveSequence,
-        median_depth: f64,
-        origin: Vector3<f64>,
-    ) -> Result<Self, SessionError> {
-        let source = SemiDenseSource {
-            options: options.semi_dense,
-            median_depth,
-        };
-        Ok(Self {
-            front_end: Some(SemiDenseFrontEnd::live(&source, options.extract())?),
-            map: empty_map(options, live, source)?,
-            source,
-            origin,
-        })
-    }
-
-    /// Puts what the front end hands on into map and members; keyframe `id` was the reason. After an error the map is not to be
-    /// used any further.
-    fn take(
-        &mut self,
-        id: u64,
-        arrival: Arrival,
-        members: &mut [Member],
-    ) -> Result<(), SessionError> {
-        let (mut keyframe, is_last) = match arrival {
-            Arrival::First { keyframe, .. } => (keyframe, false),
-            Arrival::Last(Ok(keyframe)) => (keyframe, true),
-            Arrival::Last(Err(source)) => return Err(SessionError::FrontEnd { id, source }),
-        };
-        // Those that wait are among the newest.
-        let mut newest_first = members.iter_mut().rev();
-        let Some(member) = newest_first.find(|member| member.frame == keyframe.frame) else {
-            return Ok(());
-        };
-        keyframe.world_from_camera.translation.vector -= self.origin;
-        member.estimate = Some(if is_last {
-            self.map.push(&keyframe)?;
-            Estimate::Last(keyframe)
-        } else {
-            self.map.push_provisional(&keyframe)?;
-            Estimate::First(keyframe)
-        });
-        Ok(())
-    }
-
-    /// Makes the map anew of what there is of the members; when that fails, it stays as it is.
-    fn remake_map(
-        &mut self,
-        members: &[Member],
-        options: &Options,
-        live: &LiveSequence,
-    ) -> Result<(), SessionError> {
-        let mut map = empty_map(options, live, self.source)?;
-        for member in members {
-            if let Some(Estimate::Last(keyframe)) = &member.estimate {
-                map.push(keyframe)?;
-            }
-        }
-        for member in members {
-            if let Some(Estimate::First(keyframe)) = &member.estimate {
-                map.push_provisional(keyframe)?;
-            }
-        }
-        self.map = map;
-        Ok(())
-    }
-}
-
-fn empty_map(
-    options: &Options,
-    live: &LiveSequence,
-    source: SemiDenseSource,
-) -> Result<BackEnd, SessionError> {
-    let noise = DepthSource::SemiDense(source).noise();
-    let camera = live.sequence().color_camera();
-    Ok(BackEnd::new(options, camera, noise, source.median_depth)?)
+    lens_k1: Option<f64>,
 }
 
 impl LiveMap for ImageMap {
@@ -221,6 +110,10 @@ impl LiveMap for ImageMap {
                 let better = frames.iter().copied().zip(poses.world_from_camera);
                 self.live.set_poses(better);
             }
+            if let Some(k1) = poses.summary.lens_k1 {
+                self.live.set_radial_distortion(k1)?;
+                self.lens_k1 = Some(k1);
+            }
         }
         let outcome = self.finish_at(median_depth, is_corrected, options);
         match &outcome {
@@ -230,7 +123,12 @@ impl LiveMap for ImageMap {
                 self.corrected_poses = ids.zip(poses).collect();
             }
             Ok(()) => {}
-            Err(_) => self.live.set_poses(told),
+            Err(_) => {
+                self.live.set_poses(told);
+                if self.lens_k1.take().is_some() {
+                    self.live.set_radial_distortion(0.0)?;
+                }
+            }
         }
         outcome.map(|()| true)
     }
@@ -254,6 +152,10 @@ impl LiveMap for ImageMap {
 
     fn corrected_poses(&self) -> Vec<(u64, Isometry3<f64>)> {
         self.corrected_poses.clone()
+    }
+
+    fn lens_k1(&self) -> Option<f64> {
+        self.lens_k1
     }
 
     fn keeps_images(&self) -> bool {
@@ -283,6 +185,7 @@ impl ImageMap {
             estimating: None,
             is_as_recorded: true,
             corrected_poses: Vec::new(),
+            lens_k1: None,
         };
         map.push(id, 0, options)?;
         Ok(map)

@@ -47,6 +47,11 @@ pub(super) trait LiveMap {
         Vec::new()
     }
 
+    /// Radial distortion that images of a supposed pinhole turned out to have, taken out of them.
+    fn lens_k1(&self) -> Option<f64> {
+        None
+    }
+
     /// Whether images may be looked at again.
     fn keeps_images(&self) -> bool {
         false

@@ -170,6 +170,10 @@ pub enum Reply {
         /// Poses that the images contradicted, as they were corrected before the last estimates.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         corrected_poses: Vec<CorrectedPose>,
+        /// Radial distortion, `k1` of Brown's model, that images of a supposed pinhole turned out to have; taken out of them before
+        /// the last estimates.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        lens_k1: Option<f64>,
     },
 }
 

@@ -9,6 +9,7 @@
 //! when it was estimated, and moves with its own.
 
 mod error;
+mod estimating;
 mod follower;
 mod image_map;
 mod live_map;

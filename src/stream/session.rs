@@ -55,6 +55,8 @@ pub struct Summary {
     pub median_depth: Option<f64>,
     /// Poses that the images contradicted, as they were corrected.
     pub corrected_poses: Vec<CorrectedPose>,
+    /// Radial distortion, `k1` of Brown's model, that images of a supposed pinhole turned out to have.
+    pub lens_k1: Option<f64>,
 }
 
 /// What the end of a session brings.
@@ -251,6 +253,7 @@ impl Session {
             keyframes: running.keyframe_count(),
             origin,
             median_depth: running.median_depth(),
+            lens_k1: running.lens_k1(),
             corrected_poses: poses
                 .iter()
                 .map(|(id, pose)| CorrectedPose {
