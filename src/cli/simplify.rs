@@ -20,6 +20,11 @@ pub struct SimplifyArgs {
     #[arg(long, value_name = "LENGTH|N%", default_value = "0.02%")]
     pub tolerance: Tolerance,
 
+    /// How far rims may move within their surface, which keeps the tolerance: they are where evidence ends, and jagged. A length or
+    /// a share of the diagonal; 0 holds them to the tolerance. Default: half the median length of a rim's edges, at most 20 tolerances.
+    #[arg(long, value_name = "LENGTH|N%")]
+    pub rim_tolerance: Option<Tolerance>,
+
     /// Edges of the surface that turn by more than this, and stand out by more than the tolerance, remain edges.
     #[arg(long, value_name = "DEGREES", default_value_t = 50.0)]
     pub crease: f64,

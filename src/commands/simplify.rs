@@ -13,7 +13,7 @@ use crate::mesh::{
     Geometry, GlbPart, LineSet, Shape, TriangleMesh, read_geometry, write_glb, write_mesh_obj,
     write_mesh_ply,
 };
-use crate::simplify::{SimplifyOptions, SimplifyOptionsError, simplify};
+use crate::simplify::{SimplifyOptions, SimplifyOptionsError, rim_tolerance, simplify};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
 pub(super) fn check(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsError> {
@@ -32,7 +32,11 @@ pub(super) fn finished(
         return Ok(mesh);
     };
     let diagonal = Shape::from(mesh.clone()).diagonal();
-    let options = SimplifyOptions::with_tolerance(tolerance.length(diagonal));
+    let tolerance = tolerance.length(diagonal);
+    let options = SimplifyOptions {
+        rim_tolerance: rim_tolerance(&mesh, tolerance),
+        ..SimplifyOptions::with_tolerance(tolerance)
+    };
     Ok(simplify(&mesh, &ends(&lines.points, &lines.lines), &options)?.mesh)
 }
 
@@ -47,6 +51,7 @@ fn ends(points: &[Point3<f64>], lines: &[[u32; 2]]) -> Vec<[Point3<f64>; 2]> {
 #[derive(Serialize)]
 struct Summary {
     tolerance: f64,
+    rim_tolerance: f64,
     vertices: usize,
     triangles: usize,
     vertices_before: usize,
@@ -54,6 +59,8 @@ struct Summary {
     feature_edges: usize,
     checked_points: usize,
     largest_distance: f64,
+    mean_distance: f64,
+    farthest_beyond: f64,
 }
 
 pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
@@ -75,10 +82,6 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
             args.mesh.display()
         )));
     }
-    let options = SimplifyOptions {
-        crease_rad: args.crease.to_radians(),
-        ..SimplifyOptions::with_tolerance(args.tolerance.length(shape.diagonal()))
-    };
     let lines = match &args.lines {
         Some(path) => {
             let known = read_geometry(path)?;
@@ -86,7 +89,17 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         }
         None => Vec::new(),
     };
+    let diagonal = shape.diagonal();
     let mesh = shape.into_mesh();
+    let tolerance = args.tolerance.length(diagonal);
+    let options = SimplifyOptions {
+        crease_rad: args.crease.to_radians(),
+        rim_tolerance: match args.rim_tolerance {
+            Some(given) => given.length(diagonal),
+            None => rim_tolerance(&mesh, tolerance),
+        },
+        ..SimplifyOptions::with_tolerance(tolerance)
+    };
     let simplified = simplify(&mesh, &lines, &options)?;
     match extension {
         "obj" => write_mesh_obj(&args.out, &simplified.mesh)?,
@@ -102,6 +115,7 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
     }
     let summary = Summary {
         tolerance: options.tolerance,
+        rim_tolerance: options.rim_tolerance,
         vertices: simplified.mesh.positions.len(),
         triangles: simplified.mesh.triangles.len(),
         vertices_before: mesh.positions.len(),
@@ -109,19 +123,23 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         feature_edges: simplified.features.len(),
         checked_points: simplified.checked_points,
         largest_distance: simplified.largest_distance,
+        mean_distance: simplified.mean_distance,
+        farthest_beyond: simplified.farthest_beyond,
     };
     if args.json {
         print_object(&summary)?;
     } else {
         print_text(&format!(
-            "{} of {} triangles and {} of {} vertices stay, within {:.6}; at {} points the surfaces are {:.6} apart at most\n",
+            "{} of {} triangles and {} of {} vertices stay, within {:.6}; at {} points the surfaces are {:.6} apart in the mean and {:.6} at most, and rims up to {:.6} away\n",
             summary.triangles,
             summary.triangles_before,
             summary.vertices,
             summary.vertices_before,
             summary.tolerance,
             summary.checked_points,
-            summary.largest_distance
+            summary.mean_distance,
+            summary.largest_distance,
+            summary.farthest_beyond
         ))?;
     }
     Ok(Outcome::Done)

@@ -211,6 +211,14 @@ impl RayScene {
         })
     }
 
+    /// The triangles whose boxes come within `reach` of a point, in no particular order.
+    pub(crate) fn near(&self, point: &Point3<f64>, reach: f64) -> impl Iterator<Item = u32> + '_ {
+        let (point, limit) = (*point, reach * reach);
+        self.tree
+            .leaves(move |node| squared_distance_to_box(&point, &node.aabb()) <= limit)
+            .map(|leaf| self.names[leaf as usize])
+    }
+
     /// The smallest axis-aligned box (low corner, high corner) around all triangles that rays can hit; `None` when there
     /// are none.
     pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {

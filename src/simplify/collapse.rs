@@ -2,16 +2,18 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::extent::{Extent, Limits};
 use super::features::Features;
 use super::live::{LiveMesh, doubled_area, height};
 use super::quadric::Quadric;
+use super::rims::OnRim;
 use super::samples::{Samples, blend, middles, parts};
-use crate::raycast::{RayScene, closest_in_triangle};
+use crate::raycast::closest_in_triangle;
 
 /// A triangle that has an area before must turn by less than this (78 degrees) in one collapse.
 const LEAST_COSINE: f64 = 0.2;
 /// New triangles are held against the original at so many points along each side at most.
-const MOST_PARTS: usize = 3;
+const MOST_PARTS: usize = 8;
 
 /// Two vertices that may fall together.
 #[derive(Debug, Clone, Copy)]
@@ -21,6 +23,9 @@ pub(super) struct Collapse {
     pub(super) place: Point3<f64>,
 }
 
+/// A triangle that changes: its new corners, and twice its new area along its normal.
+pub(super) type Changed = (u32, [Point3<f64>; 3], Vector3<f64>);
+
 /// The surface while it is simplified, with all that decides what may still change.
 pub(super) struct Reduction<'a> {
     pub(super) mesh: LiveMesh,
@@ -29,8 +34,8 @@ pub(super) struct Reduction<'a> {
     pub(super) quadrics: Vec<Quadric>,
     /// Vertices that stay where and what they are.
     pub(super) is_fixed: Vec<bool>,
-    pub(super) original: &'a RayScene,
-    pub(super) tolerance: f64,
+    pub(super) original: &'a Extent,
+    pub(super) limits: Limits,
     /// Length beyond which triangles are looked at in several places.
     pub(super) step: f64,
     pub(super) scratch: Scratch,
@@ -41,8 +46,10 @@ pub(super) struct Reduction<'a> {
 pub(super) struct Scratch {
     near: [Vec<u32>; 2],
     /// Triangles that change, with their new corners.
-    changed: Vec<(u32, [Point3<f64>; 3], Vector3<f64>)>,
-    gone: Vec<u32>,
+    pub(super) changed: Vec<Changed>,
+    /// Of each of them, what lies on a rim then; empty where no vertex does.
+    pub(super) rims: Vec<OnRim>,
+    pub(super) gone: Vec<u32>,
     /// Which of the changed triangles stands for each sample of all that change or go.
     owners: Vec<(u32, u32)>,
 }
@@ -151,9 +158,10 @@ impl Reduction<'_> {
         let is_allowed = self.keeps_facing(collapse, &mut scratch)
             && self
                 .features
-                .allow(&self.mesh, kept, gone, &place, self.tolerance)
+                .allow(&self.mesh, kept, gone, &place, self.limits)
+            && self.keeps_rims_apart(collapse, &mut scratch)
             && self.keeps_samples(&mut scratch)
-            && self.stays_near(&scratch);
+            && self.stays_near(collapse, &scratch);
         self.scratch = scratch;
         is_allowed
     }
@@ -181,7 +189,7 @@ impl Reduction<'_> {
                 }
                 let (old, new) = (doubled_area(&before), doubled_area(&after));
                 let areas = old.norm() * new.norm();
-                let least = if height(&before) > 0.5 * self.tolerance {
+                let least = if height(&before) > 0.5 * self.limits.off {
                     LEAST_COSINE * areas
                 } else {
                     // A sliver may turn: what it stands for says where it must face.
@@ -203,10 +211,11 @@ impl Reduction<'_> {
             changed,
             gone,
             owners,
+            rims,
             ..
         } = scratch;
         owners.clear();
-        let limit = self.tolerance * self.tolerance;
+        let limit = self.limits.off * self.limits.off;
         let triangles = changed.iter().map(|(t, ..)| t).chain(gone.iter());
         for &triangle in triangles {
             for &sample in &self.samples.of_triangle[triangle as usize] {
@@ -228,6 +237,9 @@ impl Reduction<'_> {
                     }
                 }
                 if best.1 == u32::MAX {
+                    best.1 = self.covered_beyond(known, changed, rims);
+                }
+                if best.1 == u32::MAX {
                     return false;
                 }
                 owners.push((sample, best.1));
@@ -237,16 +249,24 @@ impl Reduction<'_> {
     }
 
     /// Whether points of the new triangles lie near the original.
-    fn stays_near(&self, scratch: &Scratch) -> bool {
-        let is_near = |point: &Point3<f64>| self.original.closest(point, self.tolerance).is_some();
-        scratch.changed.iter().all(|(_, corners, _)| {
+    fn stays_near(&self, collapse: &Collapse, scratch: &Scratch) -> bool {
+        const SIDES: [[f64; 3]; 3] = [[0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.5, 0.0, 0.5]];
+        let reach = self.limits.off.max(self.limits.beyond);
+        let is_near = |triangle: u32, point: &Point3<f64>| {
+            let place = self.original.place(point, self.limits, reach);
+            place.is_some_and(|place| {
+                place.distance <= self.limits.off
+                    && (place.beyond == 0.0 || self.may_cover(triangle, &place, collapse, scratch))
+            })
+        };
+        let are_near = |weights: [f64; 3]| {
+            let mut changed = scratch.changed.iter();
+            changed.all(|(t, corners, _)| is_near(*t, &blend(corners, weights)))
+        };
+        scratch.changed.iter().all(|(triangle, corners, _)| {
             middles(parts(corners, self.step, MOST_PARTS))
-                .all(|weights| is_near(&blend(corners, weights)))
-        }) && scratch.changed.iter().all(|(_, [a, b, c], _)| {
-            [(a, b), (b, c), (c, a)]
-                .into_iter()
-                .all(|(p, q)| is_near(&nalgebra::center(p, q)))
-        })
+                .all(|weights| is_near(*triangle, &blend(corners, weights)))
+        }) && SIDES.into_iter().all(are_near)
     }
 
     /// Makes the collapse that was judged last.
@@ -264,6 +284,7 @@ impl Reduction<'_> {
         for &(sample, owner) in owners {
             let owner = changed[owner as usize].0;
             self.samples.of_triangle[owner as usize].push(sample);
+            self.samples.owner[sample as usize] = owner;
         }
         self.features.collapse(&self.mesh, kept, gone, &place);
         self.mesh.collapse(kept, gone, place);

@@ -4,16 +4,24 @@ use nalgebra::Point3;
 use rstar::{AABB, RTree, RTreeObject};
 use rustc_hash::FxHashMap;
 
+use super::extent::Limits;
 use super::live::{LiveMesh, doubled_area};
 use super::options::SimplifyOptions;
 
 /// The edges that remain edges while others collapse.
 ///
-/// Each knows the vertices that it has swallowed, which stay within the tolerance of it.
+/// Each knows the vertices that it has swallowed, which stay within its tolerance of it.
 pub(super) struct Features {
-    swallowed: FxHashMap<(u32, u32), Vec<Point3<f64>>>,
+    edges: FxHashMap<(u32, u32), Edge>,
     /// The other ends of such edges at each vertex.
     at: Vec<Vec<u32>>,
+}
+
+/// What is known of one.
+struct Edge {
+    swallowed: Vec<Point3<f64>>,
+    /// Whether it is a rim and nothing else, which may move farther.
+    is_loose: bool,
 }
 
 /// A known line in the tree that finds those near a point.
@@ -47,36 +55,44 @@ impl Features {
             .filter(|line| line.iter().all(|p| p.coords.iter().all(|v| v.is_finite())));
         let tree = RTree::bulk_load(finite.map(|line| Line(*line)).collect());
         let mut features = Self {
-            swallowed: FxHashMap::default(),
+            edges: FxHashMap::default(),
             at: vec![Vec::new(); mesh.positions.len()],
         };
         let mut others = Vec::new();
         for vertex in 0..mesh.positions.len() as u32 {
             mesh.neighbors(vertex, &mut others);
             for &other in others.iter().filter(|other| **other > vertex) {
-                if is_feature(mesh, vertex, other, &tree, options) {
-                    features.insert(vertex, other, Vec::new());
+                let kind = kind(mesh, vertex, other, &tree, options);
+                if kind != Kind::None {
+                    let edge = Edge {
+                        swallowed: Vec::new(),
+                        is_loose: kind == Kind::Rim,
+                    };
+                    features.insert(vertex, other, edge);
                 }
             }
         }
         features
     }
 
-    fn insert(&mut self, a: u32, b: u32, swallowed: Vec<Point3<f64>>) {
-        match self.swallowed.get_mut(&key(a, b)) {
-            Some(known) => known.extend(swallowed),
+    fn insert(&mut self, a: u32, b: u32, edge: Edge) {
+        match self.edges.get_mut(&key(a, b)) {
+            Some(known) => {
+                known.swallowed.extend(edge.swallowed);
+                known.is_loose &= edge.is_loose;
+            }
             None => {
-                self.swallowed.insert(key(a, b), swallowed);
+                self.edges.insert(key(a, b), edge);
                 self.at[a as usize].push(b);
                 self.at[b as usize].push(a);
             }
         }
     }
 
-    fn remove(&mut self, a: u32, b: u32) -> Vec<Point3<f64>> {
+    fn remove(&mut self, a: u32, b: u32) -> Option<Edge> {
         self.at[a as usize].retain(|other| *other != b);
         self.at[b as usize].retain(|other| *other != a);
-        self.swallowed.remove(&key(a, b)).unwrap_or_default()
+        self.edges.remove(&key(a, b))
     }
 
     /// The other ends of the edges at a vertex.
@@ -84,8 +100,13 @@ impl Features {
         &self.at[vertex as usize]
     }
 
+    /// Whether an edge is a rim and nothing else.
+    pub(super) fn is_loose(&self, a: u32, b: u32) -> bool {
+        self.edges.get(&key(a, b)).is_some_and(|edge| edge.is_loose)
+    }
+
     pub(super) fn contains(&self, a: u32, b: u32) -> bool {
-        self.swallowed.contains_key(&key(a, b))
+        self.edges.contains_key(&key(a, b))
     }
 
     /// All of them.
@@ -103,11 +124,18 @@ impl Features {
         kept: u32,
         gone: u32,
         place: &Point3<f64>,
-        tolerance: f64,
+        limits: Limits,
     ) -> bool {
-        let limit = tolerance * tolerance;
+        let squared = |edge: &Edge| {
+            let limit = if edge.is_loose {
+                limits.beyond
+            } else {
+                limits.off
+            };
+            limit * limit
+        };
         let position = |vertex: u32| &mesh.positions[vertex as usize];
-        let is_near = |point: &Point3<f64>, end: u32| {
+        let is_near = |point: &Point3<f64>, end: u32, limit: f64| {
             squared_to_segment(point, place, position(end)) <= limit
         };
         let ends = |vertex: u32, other: u32| {
@@ -118,28 +146,32 @@ impl Features {
         let follow = |vertex: u32, other: u32| {
             position(vertex) == place
                 || ends(vertex, other).all(|end| {
-                    let swallowed = &self.swallowed[&key(vertex, end)];
-                    swallowed.iter().all(|point| is_near(point, end))
+                    let edge = &self.edges[&key(vertex, end)];
+                    let limit = squared(edge);
+                    edge.swallowed
+                        .iter()
+                        .all(|point| is_near(point, end, limit))
                 })
         };
         if !follow(kept, gone) || !follow(gone, kept) {
             return false;
         }
-        let Some(swallowed) = self.swallowed.get(&key(kept, gone)) else {
+        let Some(edge) = self.edges.get(&key(kept, gone)) else {
             return true;
         };
         let both = [position(kept), position(gone)];
-        swallowed.iter().chain(both).all(|point| {
+        let limit = squared(edge);
+        edge.swallowed.iter().chain(both).all(|point| {
             ends(kept, gone)
                 .chain(ends(gone, kept))
-                .any(|end| is_near(point, end))
+                .any(|end| is_near(point, end, limit))
         })
     }
 
     /// Follows a collapse, before the mesh does.
     pub(super) fn collapse(&mut self, mesh: &LiveMesh, kept: u32, gone: u32, place: &Point3<f64>) {
-        if self.contains(kept, gone) {
-            let mut points = self.remove(kept, gone);
+        if let Some(edge) = self.remove(kept, gone) {
+            let mut points = edge.swallowed;
             points.extend([kept, gone].map(|vertex| mesh.positions[vertex as usize]));
             self.take_over(kept, gone);
             for point in points {
@@ -151,9 +183,9 @@ impl Features {
                     .copied()
                     .min_by(|a, b| distance(*a).total_cmp(&distance(*b)).then(a.cmp(b)));
                 if let Some(nearest) = nearest
-                    && let Some(list) = self.swallowed.get_mut(&key(kept, nearest))
+                    && let Some(edge) = self.edges.get_mut(&key(kept, nearest))
                 {
-                    list.push(point);
+                    edge.swallowed.push(point);
                 }
             }
         } else {
@@ -164,47 +196,60 @@ impl Features {
     /// Gives the edges of a vertex that goes to the one that is kept.
     fn take_over(&mut self, kept: u32, gone: u32) {
         for end in self.at[gone as usize].clone() {
-            let points = self.remove(gone, end);
-            self.insert(kept, end, points);
+            if let Some(edge) = self.remove(gone, end) {
+                self.insert(kept, end, edge);
+            }
         }
     }
 }
 
-fn is_feature(
-    mesh: &LiveMesh,
-    a: u32,
-    b: u32,
-    lines: &RTree<Line>,
-    options: &SimplifyOptions,
-) -> bool {
+/// What an edge is to remain.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    None,
+    /// A rim along no known line.
+    Rim,
+    Fixed,
+}
+
+fn kind(mesh: &LiveMesh, a: u32, b: u32, lines: &RTree<Line>, options: &SimplifyOptions) -> Kind {
     let mut sides = mesh.with_edge(a, b);
     let (Some(first), second, None) = (sides.next(), sides.next(), sides.next()) else {
         // Where more than two triangles meet nothing may change.
-        return true;
+        return Kind::Fixed;
     };
+    let [p, q] = [a, b].map(|vertex| mesh.positions[vertex as usize]);
     let Some(second) = second else {
-        return true;
+        return if runs_along(&p, &q, lines, options.line_reach) {
+            Kind::Fixed
+        } else {
+            Kind::Rim
+        };
     };
     let [first, second] = [first, second].map(|t| mesh.points(t));
-    let [p, q] = [a, b].map(|vertex| mesh.positions[vertex as usize]);
     let along = q - p;
     let areas = [&first, &second].map(doubled_area);
     let least = areas[0].norm().min(areas[1].norm());
     // Triangles thinner than the tolerance turn for no reason.
     if least.is_nan() || least <= options.tolerance * along.norm() {
-        return false;
+        return Kind::None;
     }
     let sine = areas[0].cross(&areas[1]).norm();
     let turn = sine.atan2(areas[0].dot(&areas[1]));
     if turn < options.crease_rad.min(options.line_crease_rad) {
-        return false;
+        return Kind::None;
     }
     // How far either side stands out of the plane of the other.
     if least / along.norm() * turn.min(std::f64::consts::FRAC_PI_2).sin() < options.tolerance {
-        return false;
+        return Kind::None;
     }
-    turn >= options.crease_rad
+    if turn >= options.crease_rad
         || turn >= options.line_crease_rad && runs_along(&p, &q, lines, options.line_reach)
+    {
+        Kind::Fixed
+    } else {
+        Kind::None
+    }
 }
 
 fn runs_along(p: &Point3<f64>, q: &Point3<f64>, lines: &RTree<Line>, reach: f64) -> bool {

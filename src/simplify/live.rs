@@ -10,6 +10,8 @@ pub(super) struct LiveMesh {
     pub(super) positions: Vec<Point3<f64>>,
     triangles: Vec<[u32; 3]>,
     around: Vec<Vec<u32>>,
+    /// Which vertices lie on a rim.
+    on_rim: Vec<bool>,
 }
 
 impl LiveMesh {
@@ -23,11 +25,22 @@ impl LiveMesh {
                 }
             }
         }
-        Self {
+        let mut mesh = Self {
             positions: positions.to_vec(),
             triangles: triangles.to_vec(),
+            on_rim: vec![false; positions.len()],
             around,
+        };
+        for triangle in triangles {
+            for k in 0..3 {
+                let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+                if mesh.is_rim(a, b) {
+                    mesh.on_rim[a as usize] = true;
+                    mesh.on_rim[b as usize] = true;
+                }
+            }
         }
+        mesh
     }
 
     /// Triangles around a vertex.
@@ -71,9 +84,15 @@ impl LiveMesh {
         self.with_edge(a, b).count() == 1
     }
 
+    /// Whether a vertex lies on a rim.
+    pub(super) fn is_on_rim(&self, vertex: u32) -> bool {
+        self.on_rim[vertex as usize]
+    }
+
     /// Lets `gone` fall together with `kept`, which moves. The triangles that have both are gone.
     pub(super) fn collapse(&mut self, kept: u32, gone: u32, position: Point3<f64>) {
         self.positions[kept as usize] = position;
+        self.on_rim[kept as usize] |= self.on_rim[gone as usize];
         let moving = std::mem::take(&mut self.around[gone as usize]);
         for triangle in moving {
             let corners = self.triangles[triangle as usize];

@@ -6,6 +6,9 @@ pub struct SimplifyOptions {
     /// No vertex and no sampled point of the original is farther than this from the simplified surface, nor the other way
     /// round. In units of the mesh.
     pub tolerance: f64,
+    /// How far rims may move within the plane of their patch, in units of the mesh; they keep the tolerance when it is larger. Rims
+    /// along known lines keep it always.
+    pub rim_tolerance: f64,
     /// Edges at which the surface turns by more than this, and stands out by more than the tolerance, remain edges.
     pub crease_rad: f64,
     /// Edges along known lines remain edges from this turn on.
@@ -20,6 +23,9 @@ pub enum SimplifyOptionsError {
     /// The tolerance is not a length.
     #[error("the tolerance {0} is not a positive length")]
     Tolerance(f64),
+    /// The tolerance of rims is not a length.
+    #[error("the tolerance of rims {0} is not a length")]
+    RimTolerance(f64),
     /// The distance from lines is not a length.
     #[error("the reach of lines {0} is not a length")]
     Reach(f64),
@@ -29,10 +35,11 @@ pub enum SimplifyOptionsError {
 }
 
 impl SimplifyOptions {
-    /// With a tolerance, edges from 50 degrees on, from 15 where a line is known no farther than twice the tolerance.
+    /// With a tolerance, which rims keep as well, edges from 50 degrees on, from 15 where a line is known no farther than twice the tolerance.
     pub fn with_tolerance(tolerance: f64) -> Self {
         Self {
             tolerance,
+            rim_tolerance: tolerance,
             crease_rad: 50.0_f64.to_radians(),
             line_crease_rad: 15.0_f64.to_radians(),
             line_reach: 2.0 * tolerance,
@@ -46,6 +53,9 @@ impl SimplifyOptions {
     pub fn validate(&self) -> Result<(), SimplifyOptionsError> {
         if !(self.tolerance > 0.0 && self.tolerance.is_finite()) {
             return Err(SimplifyOptionsError::Tolerance(self.tolerance));
+        }
+        if !(self.rim_tolerance >= 0.0 && self.rim_tolerance.is_finite()) {
+            return Err(SimplifyOptionsError::RimTolerance(self.rim_tolerance));
         }
         if !(self.line_reach >= 0.0 && self.line_reach.is_finite()) {
             return Err(SimplifyOptionsError::Reach(self.line_reach));

@@ -6,12 +6,14 @@ use std::collections::BinaryHeap;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::check::{Check, check};
 use super::collapse::{Reduction, Scratch};
+use super::extent::{Extent, Limits, Patches};
 use super::features::Features;
 use super::live::{LiveMesh, doubled_area};
 use super::options::{SimplifyOptions, SimplifyOptionsError};
 use super::quadric::Quadric;
-use super::samples::{Samples, blend, middles, parts};
+use super::samples::Samples;
 use crate::mesh::TriangleMesh;
 use crate::raycast::RayScene;
 
@@ -24,28 +26,34 @@ pub struct Simplified {
     pub features: Vec<[u32; 2]>,
     /// Points at which the two surfaces were held against each other in the end.
     pub checked_points: usize,
-    /// The largest distance there. In units of the mesh.
+    /// The largest distance there, beyond rims that from the plane of the patch. In units of the mesh.
     pub largest_distance: f64,
+    /// The mean distance there, by area.
+    pub mean_distance: f64,
+    /// How far a point there lies beyond a rim at most, along the surface.
+    pub farthest_beyond: f64,
 }
 
 /// All edges are tried again so many times at most, as long as one in a hundred goes.
 const MOST_PASSES: usize = 4;
 /// After a check that finds points too far apart, what lies there stays as it was; so many times at most.
 const MOST_ROUNDS: usize = 8;
+/// So many rounds rims may move farther than the surface.
+const MOST_LOOSE_ROUNDS: usize = 5;
+/// A patch turns by less than this (50 degrees).
+const MOST_PATCH_TURN_RAD: f64 = 0.87;
 /// Of the tolerance: what may be used up where few points are looked at, so that more points seldom find more than all of it.
 const JUDGED_SHARE: f64 = 0.95;
 /// Samples are about so many times the triangles.
 const SAMPLES_A_TRIANGLE: f64 = 4.0;
-/// A triangle is checked at most so many places along each side.
-const MOST_CHECKED_PARTS: usize = 64;
 
 /// Simplifies a mesh, which must be valid ([`TriangleMesh::validate`]), by edges that collapse.
 ///
 /// Every vertex and sampled point of the original stays within the tolerance of the result, on the side that it faced, and
 /// every sampled point of the result within the tolerance of the original; that is measured, not estimated, before each collapse
-/// and once more, more densely, in the end. Rims, creases and edges along `lines` stay within the tolerance of themselves and remain
-/// edges. Pieces, holes and handles stay. Where surfaces meet in more than a disk nothing changes. Colours are those
-/// of the original at the nearest point.
+/// and once more, more densely, in the end. Beyond rims both surfaces go on in their plane as far as the tolerance of rims.
+/// Creases and edges along `lines` stay within the tolerance of themselves and remain edges, rims within theirs. Pieces, holes and
+/// handles stay. Where surfaces meet in more than a disk nothing changes. Colours are those of the original at the nearest point.
 ///
 /// # Errors
 /// When an option is out of range.
@@ -71,7 +79,18 @@ pub fn simplify(
         triangles: mesh.triangles.clone(),
         colors: mesh.colors.clone(),
     };
-    let original = RayScene::new(&local);
+    let mut limits = Limits {
+        off: options.tolerance,
+        beyond: options.rim_tolerance.max(options.tolerance),
+    };
+    let is_loose = limits.beyond > limits.off;
+    let patches = |radius| {
+        is_loose.then_some(Patches {
+            radius,
+            most_turn_rad: MOST_PATCH_TURN_RAD,
+        })
+    };
+    let original = Extent::new(&local, patches(limits.beyond));
     let area: f64 = local
         .triangles
         .iter()
@@ -82,10 +101,19 @@ pub fn simplify(
         .max(f64::MIN_POSITIVE);
     let mut is_kept = shared_places(&local.positions);
     let mut result = None;
-    for _ in 0..MOST_ROUNDS {
-        let reduction = reduce(&local, &lines, &original, options, step, &is_kept);
-        let (compact, features) = finished(&reduction, &local, &original);
-        let check = check(&local, &original, &compact, step, options.tolerance);
+    for round in 0..MOST_ROUNDS {
+        if round == MOST_LOOSE_ROUNDS {
+            limits.beyond = limits.off;
+        }
+        let reduction = reduce(&local, &lines, &original, options, limits, step, &is_kept);
+        let (compact, features, came_from) = finished(&reduction, &local, original.scene());
+        let check = check(
+            (&local, &original),
+            (&compact, &Extent::new(&compact, patches(0.0))),
+            step,
+            limits,
+            &came_from,
+        );
         if check.too_far.is_empty() {
             result = Some((compact, features, check));
             break;
@@ -102,6 +130,8 @@ pub fn simplify(
         features,
         checked_points: check.points,
         largest_distance: check.largest,
+        mean_distance: check.mean(),
+        farthest_beyond: check.beyond,
     })
 }
 
@@ -144,8 +174,9 @@ fn middle(points: &[Point3<f64>]) -> Vector3<f64> {
 fn reduce<'a>(
     mesh: &TriangleMesh,
     lines: &[[Point3<f64>; 2]],
-    original: &'a RayScene,
+    original: &'a Extent,
     options: &SimplifyOptions,
+    limits: Limits,
     step: f64,
     is_kept: &[bool],
 ) -> Reduction<'a> {
@@ -155,13 +186,16 @@ fn reduce<'a>(
         .map(|vertex| is_kept[vertex] || !live.is_regular(vertex as u32))
         .collect();
     let mut reduction = Reduction {
-        quadrics: quadrics(&live, &features),
+        quadrics: quadrics(&live, &features, (limits.off / limits.beyond).powi(2)),
         samples: Samples::new(&mesh.positions, &mesh.triangles, step, options.tolerance),
         mesh: live,
         features,
         is_fixed,
         original,
-        tolerance: JUDGED_SHARE * options.tolerance,
+        limits: Limits {
+            off: JUDGED_SHARE * limits.off,
+            beyond: JUDGED_SHARE * limits.beyond,
+        },
         step,
         scratch: Scratch::default(),
     };
@@ -177,8 +211,9 @@ fn reduce<'a>(
     reduction
 }
 
-/// Of each vertex: the planes of its triangles by their areas, and planes upright on the edges that remain.
-fn quadrics(mesh: &LiveMesh, features: &Features) -> Vec<Quadric> {
+/// Of each vertex: the planes of its triangles by their areas, and planes upright on the edges that remain, with a factor where
+/// these are rims that may move farther.
+fn quadrics(mesh: &LiveMesh, features: &Features, loose: f64) -> Vec<Quadric> {
     let mut quadrics = vec![Quadric::ZERO; mesh.positions.len()];
     for vertex in 0..mesh.positions.len() as u32 {
         for &triangle in mesh.around(vertex) {
@@ -193,16 +228,13 @@ fn quadrics(mesh: &LiveMesh, features: &Features) -> Vec<Quadric> {
     for (a, b) in features.edges() {
         let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
         let along = q - p;
+        let weight = along.norm_squared() * if features.is_loose(a, b) { loose } else { 1.0 };
         for triangle in mesh.with_edge(a, b) {
             let upright = doubled_area(&mesh.points(triangle)).cross(&along);
             let length = upright.norm();
             if length > 0.0 {
                 for vertex in [a, b] {
-                    quadrics[vertex as usize].add_plane(
-                        &p.coords,
-                        &(upright / length),
-                        along.norm_squared(),
-                    );
+                    quadrics[vertex as usize].add_plane(&p.coords, &(upright / length), weight);
                 }
             }
         }
@@ -252,7 +284,7 @@ fn finished(
     reduction: &Reduction<'_>,
     mesh: &TriangleMesh,
     original: &RayScene,
-) -> (TriangleMesh, Vec<[u32; 2]>) {
+) -> (TriangleMesh, Vec<[u32; 2]>, Vec<u32>) {
     let live = &reduction.mesh;
     let mut triangles: Vec<[u32; 3]> = live.triangles().collect();
     let mut new_name = vec![u32::MAX; live.positions.len()];
@@ -300,92 +332,8 @@ fn finished(
         triangles,
         colors,
     };
-    (compact, features)
-}
-
-/// What the last comparison found.
-#[derive(Default)]
-struct Check {
-    points: usize,
-    largest: f64,
-    /// Vertices of the original at places that are too far apart, or next to such; ascending.
-    too_far: Vec<u32>,
-}
-
-/// Holds two surfaces against each other, both ways, at their vertices and points no farther apart than `step`.
-fn check(
-    mesh: &TriangleMesh,
-    original: &RayScene,
-    reduced: &TriangleMesh,
-    step: f64,
-    tolerance: f64,
-) -> Check {
-    let mut check = Check::default();
-    if original.triangle_count() == 0 {
-        return check;
-    }
-    let scene = RayScene::new(reduced);
-    // Distances are rounded: a place on the limit is not beyond it.
-    let limit = tolerance * (1.0 + 1e-9);
-    // The triangle of the original that a point too far belongs to, or the nearest one.
-    let forward = measured(mesh, &scene, step, |triangle, distance, _| {
-        (distance > limit).then_some(triangle)
-    });
-    let backward = measured(reduced, original, step, |_, distance, nearest| {
-        (distance > limit).then_some(nearest)
-    });
-    for (points, largest, found) in [forward, backward] {
-        check.points += points;
-        check.largest = check.largest.max(largest);
-        let corners = found.iter().flat_map(|t| mesh.triangles[*t as usize]);
-        check.too_far.extend(corners);
-    }
-    check.too_far.sort_unstable();
-    check.too_far.dedup();
-    check
-}
-
-/// Distances from points of a mesh to another: how many, the largest, and what `name` makes of the triangle, the distance and the
-/// nearest triangle.
-fn measured(
-    mesh: &TriangleMesh,
-    other: &RayScene,
-    step: f64,
-    name: impl Fn(u32, f64, u32) -> Option<u32> + Sync,
-) -> (usize, f64, Vec<u32>) {
-    mesh.triangles
-        .par_iter()
-        .enumerate()
-        .map(|(triangle, corners)| {
-            let corners = corners.map(|c| mesh.positions[c as usize]);
-            let mut found = (0, 0.0_f64, Vec::new());
-            if doubled_area(&corners).norm() == 0.0 {
-                return found;
-            }
-            let places = middles(parts(&corners, step, MOST_CHECKED_PARTS));
-            let points = places.map(|weights| blend(&corners, weights));
-            for point in points.chain(corners) {
-                found.0 += 1;
-                let Some(nearest) = other.closest(&point, f64::INFINITY) else {
-                    found.1 = f64::INFINITY;
-                    found.2.push(triangle as u32);
-                    continue;
-                };
-                found.1 = found.1.max(nearest.distance);
-                let named = name(triangle as u32, nearest.distance, nearest.triangle);
-                found.2.extend(named);
-            }
-            found
-        })
-        .reduce(
-            || (0, 0.0, Vec::new()),
-            |mut a, b| {
-                a.0 += b.0;
-                a.1 = a.1.max(b.1);
-                a.2.extend(b.2);
-                a
-            },
-        )
+    let kept = kept.into_iter().map(|old| old as u32).collect();
+    (compact, features, kept)
 }
 
 #[cfg(test)]

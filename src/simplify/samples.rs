@@ -16,6 +16,10 @@ pub(super) struct Sample {
 pub(super) struct Samples {
     pub(super) all: Vec<Sample>,
     pub(super) of_triangle: Vec<Vec<u32>>,
+    /// The triangle that stands for each.
+    pub(super) owner: Vec<u32>,
+    /// The last sample of each triangle of the original, which lies inside it.
+    pub(super) inside: Vec<u32>,
 }
 
 /// A triangle is parted so many times along each side at most.
@@ -56,12 +60,15 @@ impl Samples {
         let mut samples = Self {
             all: Vec::new(),
             of_triangle: vec![Vec::new(); triangles.len()],
+            owner: Vec::new(),
+            inside: Vec::with_capacity(triangles.len()),
         };
         let mut is_taken = vec![false; positions.len()];
         for (triangle, corners) in triangles.iter().enumerate() {
             let list = &mut samples.of_triangle[triangle];
             let mut add = |point, facing| {
                 list.push(samples.all.len() as u32);
+                samples.owner.push(triangle as u32);
                 samples.all.push(Sample { point, facing });
             };
             for &corner in corners {
@@ -78,6 +85,7 @@ impl Samples {
             for weights in middles(parts(&corners, step, MOST_PARTS)) {
                 add(blend(&corners, weights), facing);
             }
+            samples.inside.push(samples.all.len() as u32 - 1);
         }
         samples
     }

@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::diff::{Check, DiffOptions, Tolerance, Topology, compare};
 use crate::mesh::Shape;
+use crate::simplify::rim_tolerance;
 
 /// A box whose walls are grids of n by n squares, closed, facing outwards; vertices shared.
 fn gridded_box(n: u32) -> TriangleMesh {
@@ -326,4 +327,151 @@ fn a_known_line_keeps_a_shallow_edge() {
     // Lines elsewhere change nothing, nor do lines that are not finite.
     let aside = ridge.map(|p| p + Vector3::new(0.2, 0.0, 0.0));
     assert!(length(&[aside, [Point3::new(f64::NAN, 0.0, 0.0); 2]]) < 0.1);
+}
+
+/// Walls of squares in a plane: those of a grid of n by n that are wanted, each of some size.
+fn squares(n: u32, size: f64, is_wanted: impl Fn(u32, u32) -> bool) -> TriangleMesh {
+    let mut mesh = TriangleMesh::default();
+    for place in 0..(n + 1) * (n + 1) {
+        let (i, j) = (place % (n + 1), place / (n + 1));
+        mesh.positions
+            .push(Point3::new(f64::from(i) * size, f64::from(j) * size, 0.0));
+    }
+    for (i, j) in (0..n * n).map(|square| (square % n, square / n)) {
+        if is_wanted(i, j) {
+            let at = |i: u32, j: u32| j * (n + 1) + i;
+            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    mesh
+}
+
+fn with_rim_tolerance(mesh: &TriangleMesh, tolerance: f64, rim_tolerance: f64) -> Simplified {
+    let options = SimplifyOptions {
+        rim_tolerance,
+        ..SimplifyOptions::with_tolerance(tolerance)
+    };
+    let result = simplify(mesh, &[], &options).unwrap();
+    result.mesh.validate().unwrap();
+    assert!(result.largest_distance <= tolerance && result.mean_distance < tolerance);
+    assert!(result.farthest_beyond <= rim_tolerance);
+    let [before, after] = [mesh, &result.mesh].map(|m| Topology::of(&Shape::from(m.clone())));
+    assert_eq!(
+        (after.components, after.boundary_loops, after.genus),
+        (before.components, before.boundary_loops, before.genus)
+    );
+    result
+}
+
+/// How many triangles lie over a place in the plane, its own sides left out.
+fn layers(mesh: &TriangleMesh, x: f64, y: f64) -> usize {
+    let is_over = |triangle: &&[u32; 3]| {
+        let [a, b, c] = triangle.map(|corner| mesh.positions[corner as usize]);
+        let side =
+            |p: Point3<f64>, q: Point3<f64>| (q.x - p.x) * (y - p.y) - (q.y - p.y) * (x - p.x);
+        let sides = [side(a, b), side(b, c), side(c, a)];
+        sides.iter().all(|s| *s > 0.0) || sides.iter().all(|s| *s < 0.0)
+    };
+    mesh.triangles.iter().filter(is_over).count()
+}
+
+/// A rough wall with spurs and notches around it, and a jagged hole.
+#[test]
+fn jagged_rims_straighten_and_the_surface_keeps_its_plane() {
+    let (n, size) = (30, 0.05);
+    let jagged = squares(n, size, |i, j| {
+        let is_hole = (12 + j % 2..18 - i % 2).contains(&i) && (11..19).contains(&j);
+        let is_notch = i == 0 && j % 3 == 0 || j == 0 && i % 2 == 0 || i + 1 == n && j % 2 == 0;
+        !(is_hole || is_notch)
+    });
+    let mesh = noisy(jagged, 0.0004, 7);
+    let area = |mesh: &TriangleMesh| -> f64 {
+        let corners = |t: &[u32; 3]| t.map(|c| mesh.positions[c as usize]);
+        let areas = mesh.triangles.iter();
+        areas.map(|t| 0.5 * doubled_area(&corners(t)).z).sum()
+    };
+    let tight = with_rim_tolerance(&mesh, 0.002, 0.0);
+    let loose = with_rim_tolerance(&mesh, 0.002, 0.07);
+    let counts = [&tight, &loose].map(|result| result.mesh.triangles.len());
+    assert!(counts[1] * 4 < counts[0], "{counts:?}");
+    assert!(tight.farthest_beyond == 0.0 && loose.farthest_beyond > 0.01);
+    assert!(loose.mesh.positions.iter().all(|p| p.z.abs() <= 0.0024));
+    let share = area(&loose.mesh) / area(&mesh);
+    assert!((share - 1.0).abs() < 0.07, "{share}");
+}
+
+/// Two walls beside each other in one plane, with less between them than rims may move.
+#[test]
+fn walls_on_both_sides_of_a_slit_stay_apart() {
+    let n = 24;
+    for gap in [1, 2] {
+        let mesh = squares(n, 0.05, |i, j| {
+            let edge = 11 + (j * 7 / 3) % 3;
+            i < edge || i >= edge + gap
+        });
+        let reduced = with_rim_tolerance(&mesh, 0.002, 0.12).mesh;
+        assert!(reduced.triangles.len() * 6 < mesh.triangles.len());
+        for place in 0..240 * 240 {
+            let (x, y) = (f64::from(place % 240), f64::from(place / 240));
+            let (x, y) = (0.0050137 * x, 0.0050079 * y);
+            assert!(layers(&reduced, x, y) <= 1, "{x} {y}");
+        }
+    }
+}
+
+/// A jagged floor ends before a wall, by less than rims may move.
+#[test]
+fn a_floor_does_not_come_out_behind_the_wall() {
+    let n = 20;
+    let mut mesh = squares(n, 0.05, |i, j| i + 1 + j % 2 < n);
+    let first = mesh.positions.len() as u32;
+    let wall = squares(n, 0.05, |_, _| true);
+    let upright = wall
+        .positions
+        .iter()
+        .map(|p| Point3::new(0.97, p.x, p.y - 0.5));
+    mesh.positions.extend(upright);
+    let triangles = wall.triangles.iter().map(|t| t.map(|c| c + first));
+    mesh.triangles.extend(triangles);
+    let reduced = with_rim_tolerance(&mesh, 0.002, 0.08).mesh;
+    assert!(reduced.positions.iter().all(|p| p.x <= 0.9721));
+    assert!(reduced.triangles.len() * 20 < mesh.triangles.len());
+}
+
+#[test]
+fn rims_along_known_lines_keep_the_tolerance() {
+    let mesh = squares(12, 1.0, |i, j| {
+        !((2..5).contains(&j) && (4..8).contains(&i))
+    });
+    let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+    let around = |[a, b, c, d]: [Point3<f64>; 4]| [[a, b], [b, c], [c, d], [d, a]];
+    let lines = [
+        around([at(0.0, 0.0), at(12.0, 0.0), at(12.0, 12.0), at(0.0, 12.0)]),
+        around([at(4.0, 2.0), at(8.0, 2.0), at(8.0, 5.0), at(4.0, 5.0)]),
+    ]
+    .concat();
+    let options = SimplifyOptions {
+        rim_tolerance: 1.5,
+        ..SimplifyOptions::with_tolerance(1e-6)
+    };
+    let known = simplify(&mesh, &lines, &options).unwrap().mesh;
+    assert_eq!((known.positions.len(), known.triangles.len()), (8, 8));
+    demand_same(&mesh, &known, 1e-9);
+    let negative = SimplifyOptions {
+        rim_tolerance: -1.0,
+        ..options
+    };
+    assert_eq!(
+        simplify(&mesh, &[], &negative),
+        Err(SimplifyOptionsError::RimTolerance(-1.0))
+    );
+}
+
+#[test]
+fn rims_are_jagged_by_their_edges() {
+    let mesh = squares(6, 0.05, |i, j| i + j > 0);
+    assert!((rim_tolerance(&mesh, 0.002) - 0.025).abs() < 1e-12);
+    assert!((rim_tolerance(&mesh, 0.0001) - 0.002).abs() < 1e-12);
+    assert!((rim_tolerance(&gridded_box(2), 0.002) - 0.002).abs() < 1e-12);
 }
