@@ -9,6 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use carvings::random_carving;
 use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh, Triangle};
 use linecarve_carving::tetrahedralization::IncidentCells;
+use nalgebra::Point3;
 
 /// Triangles by undirected edge.
 fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {
@@ -100,6 +101,57 @@ fn repaired_meshes_are_manifold_and_cover_the_same_surface() {
         }
     }
     assert!(split > 0, "no case needed repair");
+}
+
+/// A line that is known by the places of its ends is found again on a repaired surface: repair copies vertices and halves edges, but moves
+/// nothing and fills nothing.
+#[test]
+fn repair_keeps_every_edge_where_it_was() {
+    type Place = [u64; 3];
+    let place = |p: &Point3<f64>| -> Place { [p.x, p.y, p.z].map(f64::to_bits) };
+    let places = |mesh: &IndexedMesh| -> BTreeSet<[Place; 2]> {
+        let ends = edges(mesh).into_keys().map(|(a, b)| {
+            let mut ends = [a, b].map(|v| place(&mesh.vertices[v as usize]));
+            ends.sort_unstable();
+            ends
+        });
+        ends.collect()
+    };
+    let mut copied = 0;
+    let mut halved = 0;
+    for seed in 0..40 {
+        let carver = random_carving(
+            seed,
+            if seed % 2 == 0 {
+                Hull::Drop
+            } else {
+                Hull::Keep
+            },
+        );
+        let plain = carver.mesh(&ExportOptions::default());
+        let repaired = carver.mesh(&ExportOptions {
+            manifold: true,
+            ..Default::default()
+        });
+        let (before, after) = (places(&plain), places(&repaired));
+        let known: BTreeSet<Place> = plain.vertices.iter().map(place).collect();
+        for (a, b) in edges(&plain).into_keys() {
+            let [p, q] = [a, b].map(|v| plain.vertices[v as usize]);
+            let sorted = |x: Place, y: Place| [x.min(y), x.max(y)];
+            let middle = place(&nalgebra::center(&p, &q));
+            let is_whole = after.contains(&sorted(place(&p), place(&q)));
+            let is_halved = after.contains(&sorted(place(&p), middle))
+                && after.contains(&sorted(middle, place(&q)));
+            assert!(is_whole || is_halved, "seed {seed}: {p} {q}");
+            halved += usize::from(!is_whole);
+        }
+        // What is new ends at a midpoint.
+        for ends in after.difference(&before) {
+            assert!(ends.iter().any(|end| !known.contains(end)), "seed {seed}");
+        }
+        copied += repaired.vertices.len() - plain.vertices.len();
+    }
+    assert!(copied > 0, "no case needed repair, {halved} halved");
 }
 
 #[test]
