@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use base64::Engine;
 use linecarve::map_points::{Descriptor, Features};
 use linecarve::pipeline::colors::KeyframeColors;
+use linecarve::pipeline::edge_points::EdgePoint;
 use linecarve::pipeline::{Keyframe, PointKeyframe};
 use linecarve::report::StageTimes;
 use linecarve_lines::fit::Segment;
@@ -327,6 +328,11 @@ fn lines_keyframe() -> Keyframe {
         frame: 0,
         world_from_camera: poses(2)[1],
         segments: vec![segment],
+        edge_points: vec![EdgePoint {
+            pixel: Point2::new(20.0, 30.0),
+            inverse_depth: 0.5,
+            sigma: 0.01,
+        }],
         surface: SurfaceSamples::default(),
         colors: KeyframeColors::of(&image::RgbImage::new(8, 8)),
         edge_chains: 1,
