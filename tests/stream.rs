@@ -6,7 +6,7 @@ mod program;
 
 use std::path::Path;
 
-use program::{expect_status, small_sequence, stream};
+use program::{expect_status, small_sequence, stream, triangles_after};
 use serde_json::{Value, json};
 
 const FRAMES: usize = 5;
@@ -121,20 +121,13 @@ fn a_session_with_corrections_ends_with_the_surface_of_the_recording() {
     assert_eq!(replies[0]["type"], "ready");
 
     // The changes add up.
-    let (mut vertices, mut triangles) = (0, 0);
-    for reply in &replies[1..messages.len()] {
-        assert_eq!(reply["type"], "surface");
-        assert_eq!(reply["first_vertex"], vertices);
-        let count = |key: &str| reply[key].as_array().unwrap().len();
-        vertices += count("vertices");
-        triangles = triangles + count("added") - count("removed");
-        assert_eq!(reply["triangles"], triangles);
-    }
+    let triangles = triangles_after(&replies[1..messages.len()]);
     let end = replies.last().unwrap();
     assert_eq!(
         (&end["type"], &end["keyframes"]),
         (&json!("end"), &json!(FRAMES))
     );
+    assert_eq!(end["triangles"], triangles);
     for name in ["mesh.ply", "segments.ply", "clusters.ply", "mesh.glb"] {
         let read = |run: &str| std::fs::read(recording.folder.path().join(run).join(name)).unwrap();
         assert!(read("batch") == read("live"), "{name} differs");

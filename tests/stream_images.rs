@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use base64::Engine;
 use linecarve::pipeline::Options;
 use linecarve::stream::{Message, Reply, Session};
-use program::{expect_status, stream};
+use program::{expect_status, stream, triangles_after};
 use serde_json::{Value, json};
 
 /// More than the keyframes that one waits for, so that some are finished while messages come.
@@ -122,15 +122,7 @@ impl Recording {
         assert_eq!(status, Some(0), "{replies:?}");
         // One for each message, one for the last estimates, one for the end.
         assert_eq!(replies.len(), messages.len() + 2);
-        let (mut vertices, mut triangles) = (0, 0);
-        for reply in &replies[1..=messages.len()] {
-            assert_eq!(reply["type"], "surface", "{reply}");
-            assert_eq!(reply["first_vertex"], vertices);
-            let count = |key: &str| reply[key].as_array().unwrap().len();
-            vertices += count("vertices");
-            triangles = triangles + count("added") - count("removed");
-            assert_eq!(reply["triangles"], triangles);
-        }
+        let triangles = triangles_after(&replies[1..=messages.len()]);
         let end = replies.last().unwrap();
         assert_eq!(end["keyframes"], KEYFRAMES);
         assert_eq!(end["triangles"], triangles);

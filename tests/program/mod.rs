@@ -101,3 +101,17 @@ pub(crate) fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     walk(folder, folder, &mut files);
     files
 }
+
+/// Follows the changes that the replies of a session tell, and returns how many triangles there are in the end.
+pub(crate) fn triangles_after(replies: &[serde_json::Value]) -> usize {
+    let (mut vertices, mut triangles) = (0, 0);
+    for reply in replies {
+        assert_eq!(reply["type"], "surface", "{reply}");
+        assert_eq!(reply["first_vertex"], vertices);
+        let count = |key: &str| reply[key].as_array().expect("a list").len();
+        vertices += count("vertices");
+        triangles = triangles + count("added") - count("removed");
+        assert_eq!(reply["triangles"], triangles);
+    }
+    triangles
+}
