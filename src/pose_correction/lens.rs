@@ -8,8 +8,8 @@ const SIGMA: f64 = 0.1;
 
 /// A camera that was given as a pinhole, with the lens that its images have: `k1` of Brown's model.
 ///
-/// That is what poses and points cannot make up for. Focal length and principal point they can, almost: a trial with these free
-/// as well found them 2 % off where they were exact, and points further from the truth than with the given ones.
+/// That is what poses and points cannot make up for. Focal length and principal point they can, almost: free as well, these run away
+/// from where they are exact, and points with them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CorrectedLens {
     k1: f64,
