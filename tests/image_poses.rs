@@ -6,9 +6,8 @@ use std::path::Path;
 
 use linecarve::pipeline::{ImagePoses, Options, correct_poses};
 use linecarve::sequence::{OpenOptions, Sequence};
-use linecarve_lines::camera::{Camera, Distortion};
-use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector3};
-use program::{expect_status, stderr};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use program::{bend, expect_status, stderr};
 use tempfile::TempDir;
 
 const KEYFRAMES: usize = 10;
@@ -169,41 +168,13 @@ fn a_run_says_what_it_corrected_unless_it_is_told_not_to() {
     assert!(!out.join("poses.txt").exists());
 }
 
-/// Images of the sample as a lens with this `k1` has them.
-fn bent(folder: &TempDir, k1: f64) {
-    let sequence = open(folder);
-    let pinhole = sequence.color_camera().clone();
-    let distortion = Distortion::radial(k1);
-    let (fx, fy, cx, cy) = (pinhole.fx(), pinhole.fy(), pinhole.cx(), pinhole.cy());
-    let lens = Camera::with_distortion(fx, fy, cx, cy, distortion).expect("a camera");
-    for (index, frame) in sequence.frames().iter().enumerate() {
-        let straight = sequence.load_color(index).expect("a whole sample");
-        let (width, height) = straight.dimensions();
-        let mut bent = straight.clone();
-        for (x, y, pixel) in bent.enumerate_pixels_mut() {
-            let direction = lens.unproject(&Point2::new(f64::from(x), f64::from(y)));
-            let from = pinhole
-                .project(&direction.expect("inside the model").into())
-                .expect("in front");
-            let [u, v] = [(from.x, width), (from.y, height)]
-                .map(|(at, side)| at.clamp(0.0, f64::from(side) - 1.001));
-            let [left, top] = [u as u32, v as u32];
-            let [a, b] = [u.fract(), v.fract()];
-            let at = |x: u32, y: u32, channel: usize| f64::from(straight.get_pixel(x, y)[channel]);
-            for channel in 0..3 {
-                let row = |y: u32| at(left, y, channel) * (1.0 - a) + at(left + 1, y, channel) * a;
-                pixel[channel] = (row(top) * (1.0 - b) + row(top + 1) * b).round() as u8;
-            }
-        }
-        bent.save(&frame.color).expect("a writable folder");
-    }
-}
-
 #[test]
 fn a_lens_that_the_calibration_leaves_out_is_found_and_taken_out() {
     let folder = sample_of(16, |_, pose| pose);
-    bent(&folder, -0.09);
     let mut sequence = open(&folder);
+    for frame in sequence.frames() {
+        bend(&frame.color, sequence.color_camera(), -0.09);
+    }
     assert!(!sequence.has_known_lens());
     let frames: Vec<usize> = (0..16).collect();
     let found = correct_poses(&sequence, &frames, &Options::default(), || {}).expect("images");

@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use base64::Engine;
 use linecarve::pipeline::Options;
 use linecarve::stream::{Message, Reply, Session};
-use program::{expect_status, stream, triangles_after};
+use linecarve_lines::camera::Camera;
+use program::{bend, expect_status, stream, triangles_after};
 use serde_json::{Value, json};
 
 /// More than the keyframes that one waits for, so that some are finished while messages come.
@@ -25,6 +26,12 @@ struct Recording {
 
 impl Recording {
     fn new() -> Self {
+        Self::through_a_lens(0.0)
+    }
+
+    /// As the camera has it whose lens has this `k1` and is taken for a pinhole.
+    fn through_a_lens(k1: f64) -> Self {
+        let pinhole = Camera::pinhole(525.0, 525.0, 319.5, 239.5).unwrap();
         let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
         let folder = tempfile::tempdir().unwrap();
         let sequence = folder.path().join("sequence");
@@ -40,6 +47,9 @@ impl Recording {
             .map(|line| {
                 let name = line.split_whitespace().nth(1).unwrap();
                 std::fs::copy(sample.join(name), sequence.join(name)).unwrap();
+                if k1 != 0.0 {
+                    bend(&sequence.join(name), &pinhole, k1);
+                }
                 sequence.join(name)
             })
             .collect();
@@ -190,6 +200,16 @@ fn corrected_poses_leave_no_trace() {
         "what there was moved at once"
     );
     assert_ne!(at_correction["removed"], json!([]));
+}
+
+#[test]
+fn a_lens_is_found_at_the_end_as_in_a_run() {
+    let recording = Recording::through_a_lens(-0.09);
+    let mut messages = vec![recording.start_at_scale()];
+    messages.extend(recording.keyframes());
+    let replies = recording.expect_files_of_the_run(&messages);
+    let k1 = replies.last().unwrap()["lens_k1"].as_f64().unwrap();
+    assert!((k1 + 0.09).abs() < 0.03, "{k1}");
 }
 
 #[test]

@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use assert_cmd::Command;
+use linecarve_lines::camera::{Camera, Distortion};
+use nalgebra::Point2;
 use tempfile::TempDir;
 
 /// Runs the program to its end.
@@ -114,4 +116,29 @@ pub(crate) fn triangles_after(replies: &[serde_json::Value]) -> usize {
         assert_eq!(reply["triangles"], triangles);
     }
     triangles
+}
+
+/// Makes of a pinhole's image what a camera has in its place whose lens has this `k1`.
+pub(crate) fn bend(path: &Path, pinhole: &Camera, k1: f64) {
+    let (fx, fy, cx, cy) = (pinhole.fx(), pinhole.fy(), pinhole.cx(), pinhole.cy());
+    let lens = Camera::with_distortion(fx, fy, cx, cy, Distortion::radial(k1)).expect("a camera");
+    let straight = image::open(path).expect("an image").into_rgb8();
+    let (width, height) = straight.dimensions();
+    let mut bent = straight.clone();
+    for (x, y, pixel) in bent.enumerate_pixels_mut() {
+        let direction = lens.unproject(&Point2::new(f64::from(x), f64::from(y)));
+        let from = pinhole
+            .project(&direction.expect("inside the model").into())
+            .expect("in front");
+        let [u, v] = [(from.x, width), (from.y, height)]
+            .map(|(at, side)| at.clamp(0.0, f64::from(side) - 1.001));
+        let [left, top] = [u as u32, v as u32];
+        let [a, b] = [u.fract(), v.fract()];
+        let at = |x: u32, y: u32, channel: usize| f64::from(straight.get_pixel(x, y)[channel]);
+        for channel in 0..3 {
+            let row = |y: u32| at(left, y, channel) * (1.0 - a) + at(left + 1, y, channel) * a;
+            pixel[channel] = (row(top) * (1.0 - b) + row(top + 1) * b).round() as u8;
+        }
+    }
+    bent.save(path).expect("a writable folder");
 }
