@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::commands::map_steps::{add_lines, add_points, carved_points, lens_of, timed_surface};
+use crate::commands::map_steps::{add_lines, add_points, carved_points, timed_surface};
 use crate::commands::page::PageRecorder;
 use crate::commands::picture::crosses;
 use crate::commands::sequence::{Prepared, lens_warning};
@@ -153,12 +153,7 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
     let label = "map points";
     let sequence = &prepared.sequence;
     let mut progress = Progress::start(label, prepared.keyframes.len(), verbosity);
-    let mut map = PointBackEnd::new(
-        &prepared.options,
-        sequence.color_camera(),
-        sequence.color_size(),
-        Some(prepared.median_depth),
-    )?;
+    let mut map = PointBackEnd::new(&prepared.options, sequence, Some(prepared.median_depth))?;
     let mut recorder = PageRecorder::new();
     let mut reports: Vec<KeyframeReport> = Vec::new();
     let mut left_out = LeftOut::new(label);
@@ -192,7 +187,7 @@ pub(super) fn run_points(prepared: &Prepared, verbosity: Verbosity) -> anyhow::R
     progress.finish();
     let mut warnings = left_out.warnings(prepared.keyframes.len())?;
     map.finish()?;
-    warnings.extend(lens_of(&map).map(lens_warning));
+    warnings.extend(map.map().lens().k1().map(lens_warning));
     let mesh = map.surface();
     let points = carved_points(map.carver());
     recorder.finish_points(last, &points, &mesh);

@@ -68,11 +68,6 @@ pub(super) fn add_points(
     Ok((update, report))
 }
 
-/// Radial distortion that points showed images of a supposed pinhole to have.
-pub(super) fn lens_of(map: &PointBackEnd) -> Option<f64> {
-    Some(map.map().lens().k1()).filter(|k1| *k1 != 0.0)
-}
-
 fn note_carver(report: &mut KeyframeReport, carver: &Carver) {
     report.rays = carver.ray_count();
     report.cells = carver.tetrahedra().finite_cell_count();

@@ -38,7 +38,6 @@ pub(super) fn prepare_points(
         .map(ToString::to_string)
         .collect();
     limit_image_size(&mut sequence, &options, &mut warnings);
-    options.pose_correction.lens &= !sequence.has_known_lens();
     let all: Vec<usize> = (0..sequence.frames().len()).collect();
     let sensor_depth = match sequence.depth_calibration() {
         Some(_) => median_scene_depth(&sequence, &all)?,

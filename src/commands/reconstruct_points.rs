@@ -10,7 +10,7 @@ use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
 use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{
-    GROWTH, add_points, carved_points, lens_of, note_result, timed_surface, write_growth,
+    GROWTH, add_points, carved_points, note_result, timed_surface, write_growth,
 };
 use crate::commands::output::{OutputFolder, surface_part, write_geometry, write_poses};
 use crate::commands::page::PageRecorder;
@@ -69,12 +69,7 @@ fn from_features(
     };
     let mut log = RunLog::begin(&header, verbosity);
     let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);
-    let mut map = PointBackEnd::new(
-        options,
-        sequence.color_camera(),
-        sequence.color_size(),
-        prepared.sensor_depth,
-    )?;
+    let mut map = PointBackEnd::new(options, sequence, prepared.sensor_depth)?;
     let mut walk = Walk::default();
     if !args.final_only {
         output.numbered(GROWTH)?;
@@ -137,7 +132,7 @@ fn from_features(
     log.set_median_depth(depth);
     let quality = map.map().quality();
     let mut mesh = simplify::finished(map.surface(), &LineSet::default(), args.simplify)?;
-    let k1 = lens_of(&map);
+    let k1 = map.map().lens().k1();
     if let Some(k1) = k1 {
         log.warn(lens_warning(k1));
     }

@@ -93,12 +93,15 @@ pub(super) fn prepare(
     let median_depth = depth.median_depth;
     let keyframes = choose(&sequence, selection, &mut options, median_depth, verbosity)?;
     let mut poses = None;
-    options.pose_correction.lens &= !sequence.has_known_lens();
     if matches!(depth.source, DepthSource::SemiDense(_)) && options.pose_correction.enabled {
         let warnings = &mut warnings;
-        let summary = correct(&mut sequence, &keyframes, &options, warnings, verbosity)?;
-        options.pose_correction.lens &= summary.lens_k1.is_none();
-        poses = Some(summary);
+        poses = Some(correct(
+            &mut sequence,
+            &keyframes,
+            &options,
+            warnings,
+            verbosity,
+        )?);
     }
     let origin = origin_of(&sequence, &keyframes, median_depth, &mut warnings);
     Ok(Prepared {

@@ -5,9 +5,9 @@
 
 use nalgebra::Isometry3;
 
-use super::map_points::{PointFrontEndError, run_map_points};
+use super::map_points::{PointFrontEndError, empty_map, run_map_points};
 use super::options::Options;
-use crate::map_points::{PointMap, PointMapError};
+use crate::map_points::PointMapError;
 use crate::pose_correction::PoseChange;
 use crate::report::PoseSummary;
 use crate::sequence::Sequence;
@@ -39,29 +39,21 @@ pub enum ImagePosesError {
 
 /// Brings the poses of `frames` into agreement with the points that their images share: each held by its given pose as
 /// `[pose_correction]` says, keyframe by keyframe and in the end all together. When that moves them by little and shows no lens,
-/// all stay as given. Nobody looks for a lens that the sequence knows. An image that cannot be read is passed over here; who needs it will say so. `progress` is told of every keyframe.
+/// all stay as given. An image that cannot be read is passed over here; who needs it will say so. `progress` is told of every
+/// keyframe.
 ///
 /// # Errors
 /// When options are out of range, or when an image's fault is one of all.
 ///
 /// # Complexity
-/// Features of every image; for the rest see [`PointMap`] and [`PointMap::adjust_all`].
+/// Features of every image; for the rest see [`PointMap`](crate::map_points::PointMap) and its `adjust_all`.
 pub fn correct_poses(
     sequence: &Sequence,
     frames: &[usize],
     options: &Options,
     mut progress: impl FnMut() + Send,
 ) -> Result<ImagePoses, ImagePosesError> {
-    let (camera, size) = (sequence.color_camera(), sequence.color_size());
-    let mut correction = options.pose_correction;
-    correction.lens &= !sequence.has_known_lens();
-    let mut map = PointMap::new(
-        options.map_points,
-        correction,
-        camera,
-        size.width as usize,
-        size.height as usize,
-    )?;
+    let mut map = empty_map(sequence, options)?;
     // Position among the keyframes of each one in the map.
     let mut pushed: Vec<usize> = Vec::with_capacity(frames.len());
     run_map_points(
@@ -96,9 +88,12 @@ pub fn correct_poses(
         .collect();
     let pose = |number: u32| &map.keyframes()[number as usize].pose;
     let changes = corrected.iter().map(|(_, number)| pose(*number).change());
-    let mut summary = summary_of(changes, camera.mean_focal_px(), map.median_depth());
-    let k1 = map.lens().k1();
-    summary.lens_k1 = (k1 != 0.0).then_some(k1);
+    let mut summary = summary_of(
+        changes,
+        sequence.color_camera().mean_focal_px(),
+        map.median_depth(),
+    );
+    summary.lens_k1 = map.lens().k1();
     // Poses that were found under a lens go with it.
     summary.is_corrected = summary.lens_k1.is_some()
         || summary.moved_px() > LEAST_SHARE * options.pose_correction.sigma_px;

@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 
 use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, ViewId};
 use linecarve_carving::surface::{ExportOptions, Hull};
-use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +18,7 @@ use crate::map_points::{
 };
 use crate::mesh::TriangleMesh;
 use crate::report::{StageTimes, milliseconds};
-use crate::sequence::{FrameError, ImageSize, Sequence};
+use crate::sequence::{FrameError, Sequence};
 
 /// A keyframe on its way from image to map.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -133,6 +132,23 @@ pub fn run_map_points<E: Send>(
     run_in_order(frames.len(), || (), prepare, consume)
 }
 
+/// A map of points for keyframes of a sequence. Nobody looks for a lens that the sequence knows.
+///
+/// # Errors
+/// When an option is out of range.
+pub(super) fn empty_map(sequence: &Sequence, options: &Options) -> Result<PointMap, PointMapError> {
+    let mut correction = options.pose_correction;
+    correction.lens &= !sequence.has_known_lens();
+    let size = sequence.color_size();
+    PointMap::new(
+        options.map_points,
+        correction,
+        sequence.color_camera(),
+        size.width as usize,
+        size.height as usize,
+    )
+}
+
 /// What one keyframe did to the map.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PointUpdate {
@@ -165,26 +181,18 @@ pub struct PointBackEnd {
 }
 
 impl PointBackEnd {
-    /// An empty map for keyframes of `camera`, a pinhole, of `size`. `median_depth` is that of the scene in units of the
-    /// poses, which sets the longest edge of the surface; without one it is that of the points.
+    /// An empty map for keyframes of `sequence`. `median_depth` is that of the scene in units of the poses, which sets the longest
+    /// edge of the surface; without one it is that of the points.
     ///
     /// # Errors
     /// When an option is out of range.
     pub fn new(
         options: &Options,
-        camera: &Camera,
-        size: ImageSize,
+        sequence: &Sequence,
         median_depth: Option<f64>,
     ) -> Result<Self, PointBackEndError> {
-        let (width, height) = (size.width as usize, size.height as usize);
         Ok(Self {
-            map: PointMap::new(
-                options.map_points,
-                options.pose_correction,
-                camera,
-                width,
-                height,
-            )?,
+            map: empty_map(sequence, options)?,
             carver: Carver::new(carver_options(options)),
             options: options.clone(),
             median_depth,

@@ -30,9 +30,9 @@ impl CorrectedLens {
         &self.camera
     }
 
-    /// Second-order radial coefficient; 0 for a pinhole.
-    pub fn k1(&self) -> f64 {
-        self.k1
+    /// Second-order radial coefficient; `None` as long as the camera is the pinhole that it was given as.
+    pub fn k1(&self) -> Option<f64> {
+        (!self.camera.is_pinhole()).then_some(self.k1)
     }
 
     /// By how much the lens moves the pixel of a point in front of the camera, in pixels.

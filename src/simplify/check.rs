@@ -52,8 +52,8 @@ impl Check {
     }
 }
 
-/// Holds two surfaces against each other, both ways, at their vertices and points no farther apart than `step`. `came_from` has the vertex of
-/// the original for each of the reduced surface.
+/// Holds two surfaces against each other, both ways, at their vertices and points no farther apart than `step`. `came_from` has the
+/// vertex of the original for each of the reduced surface.
 pub(super) fn check(
     (mesh, original): (&TriangleMesh, &Extent),
     (reduced, extent): (&TriangleMesh, &Extent),

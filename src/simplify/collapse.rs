@@ -49,6 +49,8 @@ pub(super) struct Scratch {
     pub(super) changed: Vec<Changed>,
     /// Of each of them, what lies on a rim then; empty where no vertex does.
     pub(super) rims: Vec<OnRim>,
+    /// The vertices of rims that change their triangles.
+    pub(super) around: Vec<u32>,
     pub(super) gone: Vec<u32>,
     /// Which of the changed triangles stands for each sample of all that change or go.
     owners: Vec<(u32, u32)>,

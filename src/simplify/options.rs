@@ -35,7 +35,8 @@ pub enum SimplifyOptionsError {
 }
 
 impl SimplifyOptions {
-    /// With a tolerance, which rims keep as well, edges from 50 degrees on, from 15 where a line is known no farther than twice the tolerance.
+    /// With a tolerance, which rims keep as well, edges from 50 degrees on, from 15 where a line is known no farther than twice the
+    /// tolerance.
     pub fn with_tolerance(tolerance: f64) -> Self {
         Self {
             tolerance,

@@ -44,21 +44,17 @@ impl Reduction<'_> {
         if !(mesh.is_on_rim(kept) || mesh.is_on_rim(gone)) {
             return true;
         }
-        let mut seen = [kept; 24];
-        let mut count = 1;
+        scratch.around.clear();
+        scratch.around.push(kept);
         for (triangle, ..) in &scratch.changed {
             for vertex in self.names_after(*triangle, collapse) {
-                // Vertices have few neighbours; of more the first are looked at.
-                if mesh.is_on_rim(vertex) && count < seen.len() && !seen[..count].contains(&vertex)
-                {
-                    seen[count] = vertex;
-                    count += 1;
+                if mesh.is_on_rim(vertex) && !scratch.around.contains(&vertex) {
+                    scratch.around.push(vertex);
                 }
             }
         }
-        seen[..count]
-            .iter()
-            .all(|vertex| self.leaves_gap(*vertex, collapse))
+        let mut around = scratch.around.iter();
+        around.all(|vertex| self.leaves_gap(*vertex, collapse))
     }
 
     fn names_after(&self, triangle: u32, collapse: &Collapse) -> [u32; 3] {
