@@ -72,6 +72,10 @@ impl FeatureGrid {
 
     /// Cells that an interval meets along an axis, `None` when it is beside the grid or not a number.
     fn span(&self, axis: usize, count: usize, low: f32, high: f32) -> Option<(usize, usize)> {
+        // Without features there are no cells, and no sides to divide by.
+        if count == 0 {
+            return None;
+        }
         let first = (low - self.origin[axis]) / self.cell[axis];
         let last = (high - self.origin[axis]) / self.cell[axis];
         if !(last >= 0.0 && first < count as f32 && first <= last) {
@@ -195,6 +199,13 @@ mod tests {
         grid.near_box([6.0, 6.0], [8.0, 8.0], |entry| seen.push(entry));
         assert_eq!(seen, [0, 1, 2]);
         grid.near_box([f32::NAN, 6.0], [8.0, 8.0], |_| panic!("not a place"));
-        FeatureGrid::new(&[]).near_box([0.0; 2], [1e9; 2], |_| panic!("nothing is there"));
+        // None beside the origin, none around it.
+        for low in [0.0, -1.0, 1.0] {
+            let (grid, corners) = (FeatureGrid::new(&[]), ([low; 2], [1e9; 2]));
+            grid.near_box(corners.0, corners.1, |_| panic!("nothing is there"));
+            grid.near_line([0.6, 0.8, 0.0], 1.0, corners.0, corners.1, |_| {
+                panic!("nothing is there")
+            });
+        }
     }
 }
