@@ -338,6 +338,13 @@ fn incident_cells_are_exactly_those_with_the_vertex() {
             .filter(|&c| t.cell_vertices(c).contains(&v))
             .collect();
         assert_eq!(found, expected);
+        for other in t.vertices() {
+            let shares_a_cell = expected
+                .iter()
+                .any(|&cell| t.cell_vertices(cell).contains(&other));
+            let is_joined = t.are_joined(v, other, &mut scratch);
+            assert_eq!(is_joined, other != v && shares_a_cell);
+        }
     }
 }
 

@@ -160,16 +160,20 @@ impl Carver {
                     .vertices
                     .map(|v| tetrahedra.coordinates(VertexId::from_index(v as usize)));
                 let center = self.views.center(record.view);
+                let sight = SheetSight {
+                    center,
+                    ends: [a, b],
+                    sigmas: record.points.map(|point| self.points.sigma(point)),
+                    weight: record.weight,
+                };
                 if let Some(softness) = self.evidence.softness()
                     && triangle_meets_cell([center, a, b], corners)
                 {
-                    let sight = SheetSight {
-                        center,
-                        ends: [a, b],
-                        sigmas: record.points.map(|point| self.points.sigma(point)),
-                        weight: record.weight,
-                    };
-                    found.add(&sight.passage(softness, corners));
+                    let frame = sight.frame(softness);
+                    found.add(&sight.passage(&frame, corners, sight.ends_in(corners)));
+                }
+                if sight.has_area() {
+                    found.matter += self.evidence.sheet_tie(tetrahedra, cell, &sight);
                 }
             }
             if found != *self.evidence.of(cell) {
@@ -192,15 +196,17 @@ impl Carver {
         for sheet in self.sheets.all() {
             let record = self.sheets.get(sheet);
             let vertices = self.tetrahedra.cell_vertices(cell);
-            let meets = !self.tetrahedra.is_ghost(cell) && {
+            let (mut meets, mut frees) = (false, false);
+            if !self.tetrahedra.is_ghost(cell) {
                 let [a, b] = record.vertices.map(|v| {
                     self.tetrahedra
                         .coordinates(VertexId::from_index(v as usize))
                 });
                 let corners = vertices.map(|v| self.tetrahedra.coordinates(v));
-                triangle_meets_cell([self.views.center(record.view), a, b], corners)
-            };
-            found += u64::from(meets) * u64::from(record.weight);
+                meets = triangle_meets_cell([self.views.center(record.view), a, b], corners);
+                frees = meets && !crosses_cell(a, b, corners);
+            }
+            found += u64::from(frees) * u64::from(record.weight);
             let is_listed = listed.binary_search(&sheet).is_ok();
             if is_repeated || is_stale || (meets && !is_listed) {
                 return Err(CarverViolation::Segment {

@@ -254,7 +254,8 @@ impl<'a> Transaction<'a> {
     }
 
     /// Lets a view see the whole segment between two points: every cell whose open interior meets the triangle between
-    /// the centre and the segment gains the weight. If it does already, the weights add up.
+    /// the centre and the segment gains the weight, but for cells through whose open interior the segment itself runs: those
+    /// are free in front of it and matter behind. If the view sees it already, the weights add up.
     ///
     /// A triangle without area, whether its ends are one point or the centre is in line with them, gains nothing
     /// and meets nothing; what lies along it is for rays, which are not implied by the segment.

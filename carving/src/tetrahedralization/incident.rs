@@ -73,4 +73,14 @@ impl Tetrahedralization {
         }
         &scratch.cells
     }
+
+    /// Whether two vertices are the ends of an edge; never below dimension three.
+    ///
+    /// # Complexity
+    ///
+    /// That of [`incident_cells`](Self::incident_cells) of `a`.
+    pub fn are_joined(&self, a: VertexId, b: VertexId, scratch: &mut IncidentCells) -> bool {
+        let is_at_b = |cell: &CellId| self.cell_vertices(*cell).contains(&b);
+        a != b && self.incident_cells(a, scratch).iter().any(is_at_b)
+    }
 }

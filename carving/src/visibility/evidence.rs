@@ -9,18 +9,18 @@
 //! * for the cell that the ray crosses and whose closure holds the centre: its full weight;
 //! * for the cell whose open interior holds the place [behind](Sight::behind) its point: the weight of the tie.
 //!
-//! The first two come and go with the entries of the crossing lists. For the third, every cell lists the rays whose
-//! place it holds, or holds in its boundary; those of destroyed cells are located anew.
+//! The first two come and go with the entries of the crossing lists. For the third, every cell lists the [places](super::ties)
+//! that it holds, or holds in its boundary; those of destroyed cells are located anew. Sheets tie
+//! [places](SheetSight::behind) behind their segments to matter in the same way.
 
-use crate::predicates::orient3d;
-use crate::tetrahedralization::{CellId, Location, Tetrahedralization, VertexId, accept};
+use crate::tetrahedralization::{CellId, Tetrahedralization};
 
 use super::rays::RayId;
 use super::segment::Exit;
+use super::sheet_evidence::{PLACES, SheetSight};
 use super::softness::{Sight, Softness};
+use super::ties::{Ties, is_inside};
 use super::walk::Walker;
-
-const NONE: u32 = u32::MAX;
 
 /// Sums of one cell, in units of [`UNIT`](super::softness::UNIT) for each ray of weight 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,38 +61,20 @@ impl CellEvidence {
     }
 }
 
-/// A ray's own part.
-#[derive(Clone, Copy, Debug)]
-struct RayRecord {
-    sigma: Option<f64>,
-    /// The cell that lists it for its place behind the point.
-    cell: u32,
-    /// Whether that place is in the open interior of that cell.
-    is_inside: bool,
-    links: [u32; 2],
-}
-
-impl RayRecord {
-    const EMPTY: RayRecord = RayRecord {
-        sigma: None,
-        cell: NONE,
-        is_inside: false,
-        links: [NONE; 2],
-    };
-}
-
 /// Sums of all cells; nothing at all while switched off.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Evidence {
     softness: Option<Softness>,
     cells: Vec<CellEvidence>,
-    /// Per cell the first ray whose place behind the point is listed by it.
-    first: Vec<u32>,
-    rays: Vec<RayRecord>,
+    /// Per ray the standard deviation of its point.
+    sigmas: Vec<Option<f64>>,
+    /// Per ray the place behind its point.
+    behind_rays: Ties,
+    /// Per sheet the places behind its segment.
+    behind_sheets: Ties,
     touched: Vec<CellId>,
     is_touched: Vec<bool>,
-    /// Rays whose place is to be located.
-    adrift: Vec<RayId>,
+    adrift: Vec<u32>,
 }
 
 impl Evidence {
@@ -116,11 +98,18 @@ impl Evidence {
         }
         if self.cells.len() < cells {
             self.cells.resize(cells, CellEvidence::default());
-            self.first.resize(cells, NONE);
             self.is_touched.resize(cells, false);
         }
-        if self.rays.len() < rays {
-            self.rays.resize(rays, RayRecord::EMPTY);
+        if self.sigmas.len() < rays {
+            self.sigmas.resize(rays, None);
+        }
+        self.behind_rays.grow(cells, rays);
+    }
+
+    /// Makes room for cells and sheets with numbers below.
+    pub(super) fn grow_sheets(&mut self, cells: usize, sheets: usize) {
+        if self.softness.is_some() {
+            self.behind_sheets.grow(cells, PLACES * sheets);
         }
     }
 
@@ -134,7 +123,7 @@ impl Evidence {
     pub(crate) fn describe(&mut self, ray: RayId, sigma: Option<f64>) {
         if self.softness.is_some() {
             self.grow(0, ray.0 as usize + 1);
-            self.rays[ray.0 as usize].sigma = sigma;
+            self.sigmas[ray.0 as usize] = sigma;
         }
     }
 
@@ -161,8 +150,7 @@ impl Evidence {
         let softness = self.softness?;
         let center = walker.views.center(walker.rays.view(ray));
         let target = walker.tetrahedra.coordinates(walker.target(ray));
-        let record = self.rays.get(ray.0 as usize);
-        let sigma = record.and_then(|record| record.sigma);
+        let sigma = self.sigmas.get(ray.0 as usize).copied().flatten();
         let weight = walker.rays.weight(ray);
         Some(Sight::new([center, target], sigma, weight, softness))
     }
@@ -250,20 +238,16 @@ impl Evidence {
             return;
         }
         self.cells[cell.index()] = CellEvidence::default();
-        let mut ray = std::mem::replace(&mut self.first[cell.index()], NONE);
-        while ray != NONE {
-            self.adrift.push(RayId(ray));
-            let record = &mut self.rays[ray as usize];
-            ray = record.links[1];
-            record.cell = NONE;
-        }
+        self.behind_rays.set_adrift(cell);
+        self.behind_sheets.set_adrift(cell);
     }
 
     /// Locates the places of all rays that have lost theirs.
     pub(crate) fn locate_adrift(&mut self, walker: &Walker<'_>) {
         let mut adrift = std::mem::take(&mut self.adrift);
-        for ray in adrift.drain(..) {
-            self.place(walker, ray);
+        self.behind_rays.take_adrift(&mut adrift);
+        for &ray in &adrift {
+            self.place(walker, RayId(ray));
         }
         self.adrift = adrift;
     }
@@ -273,34 +257,13 @@ impl Evidence {
         let Some(sight) = self.sight(walker, ray) else {
             return;
         };
+        let hint = walker.tetrahedra.cell_of(walker.target(ray));
         let place = sight.behind();
-        let target = walker.target(ray);
-        let hint = walker.tetrahedra.cell_of(target);
-        // A place out of range is beyond everything.
-        let Ok(location) = walker.tetrahedra.locate(&place.into(), hint) else {
-            return;
-        };
-        let at_vertex = |v: VertexId| walker.tetrahedra.cell_of(v);
-        let (cell, is_inside) = match location {
-            Location::InCell(cell) => (Some(cell), true),
-            Location::OnFacet { cell, .. }
-            | Location::OnEdge { cell, .. }
-            | Location::Outside(cell) => (Some(cell), false),
-            Location::OnVertex(vertex) => (at_vertex(vertex), false),
-            Location::NoCells => (None, false),
-        };
-        let Some(cell) = cell else { return };
-        let tie = sight.tie();
-        let next = std::mem::replace(&mut self.first[cell.index()], ray.0);
-        if next != NONE {
-            self.rays[next as usize].links[0] = ray.0;
-        }
-        let record = &mut self.rays[ray.0 as usize];
-        record.cell = cell.index() as u32;
-        record.is_inside = is_inside;
-        record.links = [NONE, next];
-        if is_inside {
-            self.cells[cell.index()].matter += tie;
+        let hung = self
+            .behind_rays
+            .hang(walker.tetrahedra, ray.0, &place, hint);
+        if let Some(cell) = hung {
+            self.cells[cell.index()].matter += sight.tie();
             self.touch(cell);
         }
     }
@@ -310,29 +273,75 @@ impl Evidence {
         let Some(sight) = self.sight(walker, ray) else {
             return;
         };
-        let tie = sight.tie();
-        let RayRecord {
-            cell,
-            is_inside,
-            links: [before, after],
-            ..
-        } = self.rays[ray.0 as usize];
-        if cell == NONE {
-            return;
-        }
-        self.rays[ray.0 as usize].cell = NONE;
-        let cell = CellId::from_index(cell as usize);
-        match before {
-            NONE => self.first[cell.index()] = after,
-            before => self.rays[before as usize].links[1] = after,
-        }
-        if after != NONE {
-            self.rays[after as usize].links[0] = before;
-        }
-        if is_inside {
-            self.cells[cell.index()].matter -= tie;
+        if let Some(cell) = self.behind_rays.lift(ray.0) {
+            self.cells[cell.index()].matter -= sight.tie();
             self.touch(cell);
         }
+    }
+
+    /// Ties what is behind a sheet's segment to matter, where it is not tied already.
+    pub(super) fn place_sheet(
+        &mut self,
+        tetrahedra: &Tetrahedralization,
+        sheet: RayId,
+        sight: &SheetSight<'_>,
+        places: impl IntoIterator<Item = usize>,
+        hint: Option<CellId>,
+    ) {
+        let Some(softness) = self.softness else {
+            return;
+        };
+        let tie = sight.tie(&softness);
+        for k in places {
+            let id = PLACES as u32 * sheet.0 + k as u32;
+            let place = sight.behind(&softness, k);
+            if let Some(cell) = self.behind_sheets.hang(tetrahedra, id, &place, hint) {
+                self.cells[cell.index()].matter += tie;
+                self.touch(cell);
+            }
+        }
+    }
+
+    /// Takes the ties behind a sheet's segment away.
+    pub(super) fn lift_sheet(&mut self, sheet: RayId, sight: &SheetSight<'_>) {
+        let Some(softness) = &self.softness else {
+            return;
+        };
+        let tie = sight.tie(softness);
+        for k in 0..PLACES as u32 {
+            if let Some(cell) = self.behind_sheets.lift(PLACES as u32 * sheet.0 + k) {
+                self.cells[cell.index()].matter -= tie;
+                self.touch(cell);
+            }
+        }
+    }
+
+    /// The sheets with places that have lost their cell, and which of them; moved to `adrift`, which is cleared first.
+    pub(super) fn take_adrift_sheets(&mut self, adrift: &mut Vec<(RayId, usize)>) {
+        adrift.clear();
+        let mut ids = std::mem::take(&mut self.adrift);
+        self.behind_sheets.take_adrift(&mut ids);
+        adrift.extend(ids.iter().map(|id| {
+            let places = PLACES as u32;
+            (RayId(id / places), (id % places) as usize)
+        }));
+        self.adrift = ids;
+    }
+
+    /// What a sheet with an area says about matter in a finite cell, by the rule alone; for tests.
+    pub(crate) fn sheet_tie(
+        &self,
+        tetrahedra: &Tetrahedralization,
+        cell: CellId,
+        sight: &SheetSight<'_>,
+    ) -> u64 {
+        let Some(softness) = &self.softness else {
+            return 0;
+        };
+        let inside = (0..PLACES)
+            .map(|k| sight.behind(softness, k))
+            .filter(|place| is_inside(tetrahedra, cell, *place));
+        inside.count() as u64 * sight.tie(softness)
     }
 
     /// What a ray says about matter in a finite cell, by the rule alone; for tests.
@@ -340,24 +349,17 @@ impl Evidence {
         let Some(sight) = self.sight(walker, ray) else {
             return 0;
         };
-        let Ok(place) = accept(&sight.behind().into()) else {
-            return 0;
-        };
-        let vertices = walker.tetrahedra.cell_vertices(cell);
-        let is_inside = Tetrahedralization::FACET.iter().all(|facet| {
-            let [a, b, c] = facet.map(|k| walker.tetrahedra.coordinates(vertices[k]));
-            orient3d(a, b, c, &place) > 0.0
-        });
-        if is_inside { sight.tie() } else { 0 }
+        if is_inside(walker.tetrahedra, cell, sight.behind()) {
+            sight.tie()
+        } else {
+            0
+        }
     }
 
     /// Forgets all sums and places, not the deviations.
     pub(crate) fn clear(&mut self) {
         self.cells.fill(CellEvidence::default());
-        self.first.fill(NONE);
-        for ray in &mut self.rays {
-            ray.cell = NONE;
-        }
-        self.adrift.clear();
+        self.behind_rays.clear();
+        self.behind_sheets.clear();
     }
 }

@@ -14,7 +14,7 @@
 //!   searching all cells that it touches;
 //! * `crossings`: per cell the rays that cross it and their total weight;
 //! * `rays`, `views`: the tables;
-//! * `softness`, `evidence`: what a ray says about facets, and the cells behind its point, beyond crossing cells;
+//! * `softness`, `ties`, `evidence`: what a ray says about facets, and the cells behind its point, beyond crossing cells;
 //! * `rewalk`: what to walk again after cells have been destroyed and created;
 //! * `triangle`, `sheets`, `sheet_walk`, `sheet_evidence`: the same for triangles between a centre and a segment.
 //!
@@ -36,6 +36,7 @@ mod sheet_evidence;
 mod sheet_walk;
 mod sheets;
 mod softness;
+mod ties;
 mod triangle;
 mod views;
 mod walk;

@@ -3,16 +3,24 @@
 //! Between the rays to the two ends lie the rays to all points between. A facet that the triangle of centre and ends
 //! cuts is pierced by a part of them; that part of the weight it costs to be matter behind the facet, less near the
 //! segment, as for [single rays](super::softness). The deviation at a point of the segment lies between those of the ends,
-//! in proportion. Where the triangle is cut across from side to side the parts add up to the weight of one ray.
+//! in proportion. Where the triangle is cut across from side to side the parts add up to the weight of one ray. Rays that end
+//! inside a cell do not speak of it: a part of it is free, the rest is not.
+//!
+//! As behind the point of a ray there is matter behind the segment, at a few places that together weigh what one ray's does.
 //!
 //! All is a function of positions, deviations and weight of one segment and one cell; ends and corners are put in order by
 //! position first.
 
-use crate::predicates::orient3d;
+use std::cmp::Ordering;
+
+use crate::predicates::{are_collinear, orient3d};
 use crate::tetrahedralization::Tetrahedralization;
 
 use super::evidence::CellEvidence;
-use super::softness::{MAX_WEIGHT, Softness, UNIT, cross, dot, in_order, minus, precedes, soft};
+use super::segment::crosses_cell;
+use super::softness::{
+    LEAST_BEHIND, MAX_WEIGHT, Softness, UNIT, cross, dot, in_order, minus, precedes, soft,
+};
 
 /// A segment seen by a view, as evidence.
 #[derive(Clone, Copy, Debug)]
@@ -27,8 +35,11 @@ pub(crate) struct SheetSight<'a> {
 /// Rays over which the part of a facet is averaged.
 const RAYS: usize = 4;
 
+/// Places behind a segment that are tied to matter.
+pub(super) const PLACES: usize = 4;
+
 /// The triangle as a frame of its plane: the centre is the origin, the ends are the axes.
-struct Frame {
+pub(crate) struct Frame {
     ends: [[f64; 3]; 2],
     sigmas: [f64; 2],
     normal: [f64; 3],
@@ -51,12 +62,23 @@ impl Frame {
         ])
     }
 
-    /// Mean of what the rays between two places in the triangle say, times their part of all rays.
-    fn part(&self, from: [f64; 2], to: [f64; 2]) -> f64 {
+    /// Mean of what the rays between two places in the triangle say, times their part of all rays; those left out that
+    /// end between two shares of the way along the segment.
+    fn part(&self, from: [f64; 2], to: [f64; 2], silent: Option<[f64; 2]>) -> f64 {
         // The share of the way from the first end to the second at which the ray through a place ends.
         let share = |[u, v]: [f64; 2]| v / (u + v);
         let (first, last) = (share(from), share(to));
-        let part = (last - first).abs();
+        let (first, last) = (first.min(last), first.max(last));
+        let said = |first: f64, last: f64| self.said(from, to, [first, last]);
+        match silent {
+            Some([low, high]) => said(first, last.min(low)) + said(first.max(high), last),
+            None => said(first, last),
+        }
+    }
+
+    /// The same of the rays that end between two shares; they meet the line between the two places.
+    fn said(&self, from: [f64; 2], to: [f64; 2], [first, last]: [f64; 2]) -> f64 {
+        let part = last - first;
         // Also for what is not a number, at the centre.
         if part.is_nan() || part <= 0.0 {
             return 0.0;
@@ -65,7 +87,7 @@ impl Frame {
         let turn = from[0] * step[1] - from[1] * step[0];
         let said: f64 = (0..RAYS)
             .map(|k| {
-                let t = first + (last - first) * (k as f64 + 0.5) / RAYS as f64;
+                let t = first + part * (k as f64 + 0.5) / RAYS as f64;
                 // How far from the centre, as a share of the ray, it meets the line between the two places.
                 let reach = (turn / ((1.0 - t) * step[1] - t * step[0])).clamp(0.0, 1.0);
                 let [a, b] = &self.ends;
@@ -75,6 +97,25 @@ impl Frame {
             })
             .sum();
         said / RAYS as f64 * part
+    }
+
+    /// The part of the segment that lies in a cell, as shares of the way along it; corners relative to the centre.
+    fn inside(&self, cell: &[[f64; 3]; 4]) -> Option<[f64; 2]> {
+        let (mut low, mut high) = (0.0_f64, 1.0_f64);
+        for (opposite, facet) in Tetrahedralization::FACET.iter().enumerate() {
+            let [p, q, r] = in_order(facet.map(|k| &cell[k]));
+            let normal = cross(&minus(q, p), &minus(r, p));
+            let height = |x: &[f64; 3]| dot(&normal, &minus(x, p));
+            let inward = height(&cell[opposite]).signum();
+            let [start, end] = [0, 1].map(|k| inward * height(&self.ends[k]));
+            match (start >= 0.0, end >= 0.0) {
+                (true, true) => {}
+                (false, false) => return None,
+                (true, false) => high = high.min(start / (start - end)),
+                (false, true) => low = low.max(start / (start - end)),
+            }
+        }
+        (low < high).then_some([low, high])
     }
 }
 
@@ -95,7 +136,8 @@ fn clipped(from: [f64; 2], to: [f64; 2]) -> Option<[[f64; 2]; 2]> {
 }
 
 impl SheetSight<'_> {
-    fn frame(&self, softness: &Softness) -> Frame {
+    /// The triangle in its plane, with the deviations at its ends.
+    pub(crate) fn frame(&self, softness: &Softness) -> Frame {
         let sigma = |k: usize| {
             self.sigmas[k].unwrap_or_else(|| {
                 let ray = minus(self.ends[k], self.center);
@@ -117,34 +159,82 @@ impl SheetSight<'_> {
         }
     }
 
-    /// What it says about a finite cell that it meets.
-    pub(crate) fn passage(&self, softness: &Softness, cell: [&[f64; 3]; 4]) -> CellEvidence {
+    /// Whether the triangle has an area; without one it says nothing.
+    pub(crate) fn has_area(&self) -> bool {
+        let [a, b] = self.ends;
+        !are_collinear(self.center, a, b)
+    }
+
+    /// Whether a part of the segment runs through the open interior of a positively oriented cell: it is free in front and
+    /// matter behind, and the sheet does not say which of them it is as a whole.
+    pub(crate) fn ends_in(&self, cell: [&[f64; 3]; 4]) -> bool {
+        let [a, b] = self.ends;
+        crosses_cell(a, b, cell)
+    }
+
+    /// Weight of the tie of one place; together they weigh what the tie of one ray does.
+    pub(super) fn tie(&self, softness: &Softness) -> u64 {
+        let each = (softness.tie + PLACES as u64 / 2) / PLACES as u64;
+        u64::from(self.weight.min(MAX_WEIGHT)) * each
+    }
+
+    /// Where matter is expected: one of [`PLACES`] behind the segment as seen from the centre, evenly along it.
+    pub(super) fn behind(&self, softness: &Softness, place: usize) -> [f64; 3] {
+        let Frame { ends, sigmas, .. } = self.frame(softness);
+        let t = (place as f64 + 0.5) / PLACES as f64;
+        let target: [f64; 3] = std::array::from_fn(|k| ends[0][k] + t * (ends[1][k] - ends[0][k]));
+        let sigma = sigmas[0] + t * (sigmas[1] - sigmas[0]);
+        let length = dot(&target, &target).sqrt();
+        let share = 1.0 + (softness.behind_sigmas * sigma / length).max(LEAST_BEHIND);
+        std::array::from_fn(|k| self.center[k] + share * target[k])
+    }
+
+    /// What it says about a finite cell that it meets; with the [frame](Self::frame) of this sheet, and whether it
+    /// [ends in](Self::ends_in) the cell.
+    pub(crate) fn passage(
+        &self,
+        frame: &Frame,
+        cell: [&[f64; 3]; 4],
+        ends_in: bool,
+    ) -> CellEvidence {
         let mut said = CellEvidence::default();
-        let frame = self.frame(softness);
         let weight = u64::from(self.weight.min(MAX_WEIGHT)) * UNIT;
+        let relative = cell.map(|corner| minus(corner, self.center));
+        let silent = ends_in.then(|| frame.inside(&relative)).flatten();
+        let mut order = [0, 1, 2, 3];
+        order.sort_unstable_by(|&i, &j| {
+            if precedes(cell[i], cell[j]) {
+                Ordering::Less
+            } else {
+                Ordering::Greater
+            }
+        });
+        let heights = relative.map(|corner| dot(&frame.normal, &corner));
+        let cut =
+            |i: usize, j: usize| frame.cut(&relative[i], &relative[j], [heights[i], heights[j]]);
         let mut is_center_inside = true;
         for (facet, corners) in Tetrahedralization::FACET.iter().enumerate() {
-            let corners = corners.map(|k| cell[k]);
-            let [p, q, r] = corners;
+            let [p, q, r] = corners.map(|k| cell[k]);
             let side = orient3d(p, q, r, self.center);
             is_center_inside &= side > 0.0;
             if side >= 0.0 {
                 continue;
             }
-            let corners = in_order(corners).map(|corner| minus(corner, self.center));
-            let heights = [0, 1, 2].map(|k: usize| dot(&frame.normal, &corners[k]));
-            let mut cuts = [(0, 1), (1, 2), (0, 2)]
+            let mut corners = order.into_iter().filter(|&k| k != facet);
+            let [p, q, r] = std::array::from_fn(|_| corners.next().unwrap_or(facet));
+            let mut cuts = [(p, q), (q, r), (p, r)]
                 .into_iter()
-                .filter_map(|(i, j)| frame.cut(&corners[i], &corners[j], [heights[i], heights[j]]));
+                .filter_map(|(i, j)| cut(i, j));
             if let (Some(from), Some(to)) = (cuts.next(), cuts.next())
                 && let Some([from, to]) = clipped(from, to)
             {
-                let part = frame.part(from, to);
+                let part = frame.part(from, to, silent);
                 said.entered[facet] = (weight as f64 * part).round() as u64;
             }
         }
         if is_center_inside {
-            said.free = weight;
+            let part = silent.map_or(1.0, |[low, high]| 1.0 - (high - low));
+            said.free = (weight as f64 * part).round() as u64;
         }
         said
     }
@@ -160,15 +250,15 @@ mod tests {
         tie: UNIT,
     };
 
-    /// A cell in front of the middle of a segment, its base towards it at a height.
-    fn cost(height: f64, sigma: f64, flip: bool) -> [u64; 4] {
+    /// A cell with its facet towards the centre at a height above the segment, cut from side to side, and the corner
+    /// opposite at another height.
+    fn cost(height: f64, apex: f64, sigma: f64, flip: bool) -> [u64; 4] {
         let (a, b) = ([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
-        // Its facet towards the centre is cut from side to side; the base lies far below.
         let cell = [
             [-9.0, -9.0, height],
             [9.0, -9.0, height],
             [0.0, 9.0, height],
-            [0.0, 0.0, -20.0],
+            [0.0, 0.0, apex],
         ];
         let cell = if orient3d(&cell[0], &cell[1], &cell[2], &cell[3]) > 0.0 {
             cell
@@ -181,21 +271,82 @@ mod tests {
             sigmas: [Some(sigma); 2],
             weight: 3,
         };
-        sight.passage(&SOFTNESS, cell.each_ref()).entered
+        let cell = cell.each_ref();
+        sight
+            .passage(&sight.frame(&SOFTNESS), cell, sight.ends_in(cell))
+            .entered
     }
 
     #[test]
     fn a_facet_far_in_front_costs_one_ray_and_one_at_the_segment_nothing() {
-        assert_eq!(cost(5.0, 0.1, false).iter().sum::<u64>(), 3 * UNIT);
-        assert_eq!(cost(0.0, 0.1, false).iter().sum::<u64>(), 0);
+        assert_eq!(cost(5.0, 4.0, 0.1, false).iter().sum::<u64>(), 3 * UNIT);
+        assert_eq!(cost(0.0, -20.0, 0.1, false).iter().sum::<u64>(), 0);
         // At about one deviation: 1 - exp(-1/2) = 0.39 of 768; rays aside are a little longer.
-        let near = cost(0.1, 0.1, false);
+        let near = cost(0.1, 0.05, 0.1, false);
         assert!((300..306).contains(&near.iter().sum::<u64>()), "{near:?}");
-        assert_eq!(near, cost(0.1, 0.1, true));
+        assert_eq!(near, cost(0.1, 0.05, 0.1, true));
         // Behind the segment nothing.
-        assert_eq!(cost(-0.1, 0.1, false), [0; 4]);
+        assert_eq!(cost(-0.1, -20.0, 0.1, false), [0; 4]);
         // Without a deviation every facet in front is hard.
-        assert_eq!(cost(1e-6, 0.0, false).iter().sum::<u64>(), 3 * UNIT);
+        assert_eq!(cost(1e-6, 5e-7, 0.0, false).iter().sum::<u64>(), 3 * UNIT);
+    }
+
+    #[test]
+    fn a_cell_that_holds_the_segment_is_not_spoken_of() {
+        assert_eq!(cost(5.0, -20.0, 0.1, false), [0; 4]);
+        // A quarter of the segment inside: the rays to the rest cross the cell.
+        let (a, b) = ([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
+        let cell = [
+            [-9.0, -9.0, 5.0],
+            [0.0, 9.0, 5.0],
+            [9.0, -9.0, 5.0],
+            [0.0, 0.0, -5.0],
+        ];
+        let shifted = cell.map(|[x, y, z]| [x + 2.75, y, z]);
+        let sight = SheetSight {
+            center: &[0.0, 0.0, 10.0],
+            ends: [&a, &b],
+            sigmas: [Some(0.1); 2],
+            weight: 1000,
+        };
+        let corners = shifted.each_ref();
+        let inside = {
+            let frame = sight.frame(&SOFTNESS);
+            frame.inside(&shifted.map(|corner| minus(&corner, sight.center)))
+        };
+        let [low, high] = inside.expect("it ends in the cell");
+        assert!((low - 0.75).abs() < 1e-12 && high == 1.0, "{low} {high}");
+        assert!(sight.ends_in(corners));
+        let said: u64 = sight
+            .passage(&sight.frame(&SOFTNESS), corners, true)
+            .entered
+            .iter()
+            .sum();
+        let crossing = 1000.0 * UNIT as f64 * low;
+        assert!(said > 0 && said as f64 <= crossing, "{said} {crossing}");
+    }
+
+    #[test]
+    fn places_behind_lie_behind_the_segment_and_weigh_as_one_ray() {
+        let (a, b) = ([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
+        let sight = SheetSight {
+            center: &[0.0, 0.0, 10.0],
+            ends: [&a, &b],
+            sigmas: [Some(0.25), Some(0.25)],
+            weight: 3,
+        };
+        for (place, x) in [-0.75, -0.25, 0.25, 0.75].into_iter().enumerate() {
+            let place = sight.behind(&SOFTNESS, place);
+            // Two deviations further from the centre than the segment.
+            let beyond = x * x + 100.0;
+            let share = 1.0 + 0.5 / f64::sqrt(beyond);
+            assert!((place[0] - x * share).abs() < 1e-12, "{place:?}");
+            assert!(
+                (place[2] - (10.0 - 10.0 * share)).abs() < 1e-12,
+                "{place:?}"
+            );
+        }
+        assert_eq!(sight.tie(&SOFTNESS) * PLACES as u64, 3 * UNIT);
     }
 
     #[test]
@@ -210,7 +361,7 @@ mod tests {
         // A wide triangle at height 1, and the three triangles that a point within makes of it, each over an apex below.
         let wide = [[-9.0, -9.0, 1.0], [9.0, -9.0, 1.0], [0.0, 9.0, 1.0]];
         let within = [0.11, 0.07, 1.0];
-        let apex = [0.0, 0.0, -20.0];
+        let apex = [0.0, 0.0, 0.8];
         let entered = |base: [&[f64; 3]; 3]| {
             let [p, q, r] = base;
             let cell = if orient3d(p, q, r, &apex) > 0.0 {
@@ -219,7 +370,9 @@ mod tests {
                 [q, p, r, &apex]
             };
             // The facet opposite the apex.
-            sight.passage(&SOFTNESS, cell).entered[3]
+            sight
+                .passage(&sight.frame(&SOFTNESS), cell, sight.ends_in(cell))
+                .entered[3]
         };
         let [p, q, r] = &wide;
         let whole = entered([p, q, r]);
@@ -247,7 +400,7 @@ mod tests {
             sigmas: [None; 2],
             weight: 2,
         };
-        let said = sight.passage(&SOFTNESS, corners);
+        let said = sight.passage(&sight.frame(&SOFTNESS), corners, true);
         assert_eq!(
             (said.free, said.entered, said.matter),
             (2 * UNIT, [0; 4], 0)

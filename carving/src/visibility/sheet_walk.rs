@@ -4,7 +4,8 @@
 //! lies in the cell's open interior; one without area meets nothing. The cells that it touches are connected through
 //! facets, so a breadth-first search from one of its ends finds all that it meets.
 //!
-//! *What lists hold.* A finite cell lists the sheets that meet it. A ghost cell lists, without weight, sheets that may
+//! *What lists hold.* A finite cell lists the sheets that meet it; a sheet gives its weight to those of them whose open interior its
+//! segment does not cross. A ghost cell lists, without weight, sheets that may
 //! enter the hull through its facet (see the module on rays for why that is what has to be known when the hull grows). A sheet
 //! that touches a cell at a special position is marked as degenerate and also listed, without weight, by cells with a
 //! facet in its plane: it might meet a cell created there later.
@@ -15,32 +16,36 @@
 //! cells at its ends. From there the search goes on in created cells alone. Degenerate sheets are searched for over
 //! their full extent.
 
-use crate::predicates::are_collinear;
+use crate::predicates::orient3d;
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
 
 use super::crossings::Crossings;
 use super::evidence::{CellEvidence, Evidence};
 use super::rays::RayId;
-use super::sheet_evidence::SheetSight;
-use super::sheets::Sheets;
-use super::triangle::{Contact, relate_cell, relate_ghost};
+use super::sheet_evidence::{Frame, PLACES, SheetSight};
+use super::sheets::{Sheet, Sheets};
+use super::triangle::{Contact, relate_cell, relate_cell_beside, relate_ghost};
 use super::views::Views;
 
 /// Reused memory of searches.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SheetScratch {
-    /// Finite cells that the sheet of the latest search meets.
-    met: Vec<CellId>,
+    /// Finite cells that the sheet of the latest search meets, and whether its segment may run through them.
+    met: Vec<(CellId, bool)>,
     /// Cells that list it without weight.
     beside: Vec<CellId>,
     queue: Vec<CellId>,
     /// Per cell the number of the search that saw it last.
     seen: Vec<u32>,
+    /// Per vertex the search that computed its side of the plane last, and that side.
+    sides: Vec<(u32, f64)>,
     search: u32,
     around: IncidentCells,
     listed: Vec<RayId>,
     /// Sheets that are concerned by an update, with created cells to begin in.
     starts: Vec<(RayId, u32)>,
+    /// Places behind segments that have lost their cell.
+    adrift: Vec<(RayId, usize)>,
     is_new: Vec<bool>,
 }
 
@@ -48,14 +53,16 @@ pub(crate) struct SheetScratch {
 const NOWHERE: u32 = u32::MAX;
 
 impl SheetScratch {
-    fn begin(&mut self, cells: usize) {
+    fn begin(&mut self, cells: usize, vertices: usize) {
         self.met.clear();
         self.beside.clear();
         self.queue.clear();
         self.seen.resize(cells.max(self.seen.len()), 0);
+        self.sides.resize(vertices.max(self.sides.len()), (0, 0.0));
         self.search = self.search.wrapping_add(1);
         if self.search == 0 {
             self.seen.fill(0);
+            self.sides.fill((0, 0.0));
             self.search = 1;
         }
     }
@@ -81,20 +88,41 @@ pub(crate) struct SheetWalk<'a> {
     pub(crate) scratch: &'a mut SheetScratch,
 }
 
-impl SheetWalk<'_> {
-    fn triangle(&self, sheet: RayId) -> [&[f64; 3]; 3] {
-        let record = self.sheets.get(sheet);
-        let [a, b] = record.vertices.map(|vertex| {
-            self.tetrahedra
-                .coordinates(VertexId::from_index(vertex as usize))
-        });
-        [self.views.center(record.view), a, b]
+/// A sheet as it speaks.
+fn sight<'a>(
+    tetrahedra: &'a Tetrahedralization,
+    views: &'a Views,
+    record: &Sheet,
+) -> SheetSight<'a> {
+    let at = |vertex: u32| tetrahedra.coordinates(VertexId::from_index(vertex as usize));
+    SheetSight {
+        center: views.center(record.view),
+        ends: record.vertices.map(at),
+        sigmas: record.sigmas,
+        weight: record.weight,
     }
+}
 
+/// Whether a sheet gives its weight to a cell that it meets, and what it says about it while anyone listens.
+fn passage(
+    tetrahedra: &Tetrahedralization,
+    sight: &SheetSight<'_>,
+    frame: Option<&Frame>,
+    cell: CellId,
+    is_at_segment: bool,
+) -> (bool, Option<CellEvidence>) {
+    let vertices = tetrahedra.cell_vertices(cell);
+    let corners = vertices.map(|v| tetrahedra.coordinates(v));
+    let ends_in = is_at_segment && sight.ends_in(corners);
+    let said = frame.map(|frame| sight.passage(frame, corners, ends_in));
+    (!ends_in, said)
+}
+
+impl SheetWalk<'_> {
     /// Whether a sheet has an area.
     fn has_area(&self, sheet: RayId) -> bool {
-        let [center, a, b] = self.triangle(sheet);
-        !are_collinear(center, a, b)
+        let sight = sight(self.tetrahedra, self.views, self.sheets.get(sheet));
+        sight.has_area()
     }
 
     /// Goes on from the cells in the queue to all that the sheet touches and that satisfy `within`. False if something
@@ -125,16 +153,24 @@ impl SheetWalk<'_> {
                 }
                 continue;
             }
-            let relation = relate_cell(triangle, vertices.map(|v| tetrahedra.coordinates(v)));
+            let corners = vertices.map(|v| tetrahedra.coordinates(v));
+            let (sides, search) = (&mut scratch.sides, scratch.search);
+            let relation = relate_cell_beside(triangle, corners, |k| {
+                let known = &mut sides[vertices[k].index()];
+                if known.0 != search {
+                    *known = (search, orient3d(triangle[0], a, b, corners[k]));
+                }
+                known.1
+            });
             is_generic &= relation.is_generic;
             match relation.contact {
                 Contact::Apart => continue,
-                Contact::Meets => scratch.met.push(cell),
+                Contact::Meets => scratch.met.push((cell, relation.is_at_segment)),
                 Contact::Touches if relation.is_coplanar => scratch.beside.push(cell),
                 Contact::Touches => {}
             }
-            for next in tetrahedra.neighbors(cell) {
-                if within(scratch, next) {
+            for (next, is_touched) in tetrahedra.neighbors(cell).into_iter().zip(relation.touched) {
+                if is_touched && within(scratch, next) {
                     scratch.see(next);
                 }
             }
@@ -144,7 +180,10 @@ impl SheetWalk<'_> {
 
     /// Finds all cells of a sheet from one of its ends and notes whether it is degenerate.
     fn search_whole(&mut self, sheet: RayId) {
-        self.scratch.begin(self.tetrahedra.cell_capacity());
+        self.scratch.begin(
+            self.tetrahedra.cell_capacity(),
+            self.tetrahedra.vertex_capacity(),
+        );
         if !self.has_area(sheet) {
             return;
         }
@@ -161,32 +200,44 @@ impl SheetWalk<'_> {
         self.sheets.get_mut(sheet).is_degenerate = !is_generic;
     }
 
-    /// What a sheet says about a cell that it meets, while anyone listens.
-    fn said(&self, sheet: RayId, cell: CellId) -> Option<CellEvidence> {
-        let softness = self.evidence.softness()?;
-        let [center, a, b] = self.triangle(sheet);
-        let record = self.sheets.get(sheet);
-        let sight = SheetSight {
-            center,
-            ends: [a, b],
-            sigmas: record.sigmas,
-            weight: record.weight,
-        };
-        let vertices = self.tetrahedra.cell_vertices(cell);
-        let corners = vertices.map(|v| self.tetrahedra.coordinates(v));
-        Some(sight.passage(softness, corners))
+    /// Ties places behind a sheet's segment to matter.
+    fn place(&mut self, sheet: RayId, places: impl IntoIterator<Item = usize>) {
+        if !self.has_area(sheet) {
+            return;
+        }
+        let end = VertexId::from_index(self.sheets.get(sheet).vertices[0] as usize);
+        let hint = self.tetrahedra.cell_of(end);
+        let (tetrahedra, views, sheets) = (self.tetrahedra, self.views, &*self.sheets);
+        let sight = sight(tetrahedra, views, sheets.get(sheet));
+        self.evidence
+            .place_sheet(tetrahedra, sheet, &sight, places, hint);
+    }
+
+    /// Takes the ties behind a sheet's segment away.
+    fn lift(&mut self, sheet: RayId) {
+        let sight = sight(self.tetrahedra, self.views, self.sheets.get(sheet));
+        self.evidence.lift_sheet(sheet, &sight);
     }
 
     /// Lists a sheet with the cells of the latest search that satisfy `of_interest`.
     fn list(&mut self, sheet: RayId, of_interest: impl Fn(&SheetScratch, CellId) -> bool) {
-        let weight = self.sheets.get(sheet).weight;
-        for &cell in &self.scratch.met {
-            if of_interest(self.scratch, cell) {
-                self.lists.add(cell, sheet, 0);
-                self.weights.burden(cell, weight);
-                if let Some(said) = self.said(sheet, cell) {
-                    self.evidence.add_said(cell, &said);
-                }
+        let tetrahedra = self.tetrahedra;
+        let sight = sight(tetrahedra, self.views, self.sheets.get(sheet));
+        let says = self
+            .evidence
+            .softness()
+            .map(|softness| sight.frame(softness));
+        for &(cell, is_at_segment) in &self.scratch.met {
+            if !of_interest(self.scratch, cell) {
+                continue;
+            }
+            self.lists.add(cell, sheet, 0);
+            let (frees, said) = passage(tetrahedra, &sight, says.as_ref(), cell, is_at_segment);
+            if frees {
+                self.weights.burden(cell, sight.weight);
+            }
+            if let Some(said) = said {
+                self.evidence.add_said(cell, &said);
             }
         }
         for &cell in &self.scratch.beside {
@@ -204,6 +255,7 @@ impl SheetWalk<'_> {
         for &sheet in sheets {
             self.search_whole(sheet);
             self.list(sheet, |_, _| true);
+            self.place(sheet, 0..PLACES);
         }
     }
 
@@ -216,15 +268,25 @@ impl SheetWalk<'_> {
         let mut is_removed = vec![false; self.sheets.capacity()];
         for &sheet in sheets {
             is_removed[sheet.0 as usize] = true;
+            self.lift(sheet);
             self.search_whole(sheet);
-            let weight = self.sheets.get(sheet).weight;
-            for &cell in &self.scratch.met {
-                self.weights.lighten(cell, weight);
-                if let Some(said) = self.said(sheet, cell) {
+            let sight = sight(self.tetrahedra, self.views, self.sheets.get(sheet));
+            let says = self
+                .evidence
+                .softness()
+                .map(|softness| sight.frame(softness));
+            for &(cell, is_at_segment) in &self.scratch.met {
+                let (frees, said) =
+                    passage(self.tetrahedra, &sight, says.as_ref(), cell, is_at_segment);
+                if frees {
+                    self.weights.lighten(cell, sight.weight);
+                }
+                if let Some(said) = said {
                     self.evidence.subtract_said(cell, &said);
                 }
+                concerned.push(cell);
             }
-            concerned.extend(self.scratch.met.iter().chain(&self.scratch.beside));
+            concerned.extend(&self.scratch.beside);
         }
         concerned.sort_unstable();
         concerned.dedup();
@@ -243,6 +305,8 @@ impl SheetWalk<'_> {
     pub(crate) fn update(&mut self, changes: &Changes) {
         let tetrahedra = self.tetrahedra;
         self.lists.grow(tetrahedra.cell_capacity());
+        self.evidence
+            .grow_sheets(tetrahedra.cell_capacity(), self.sheets.capacity());
         self.scratch.is_new.resize(
             tetrahedra.cell_capacity().max(self.scratch.is_new.len()),
             false,
@@ -265,7 +329,8 @@ impl SheetWalk<'_> {
         for concerned in starts.chunk_by(|a, b| a.0 == b.0) {
             let sheet = concerned[0].0;
             let is_generic = !self.sheets.get(sheet).is_degenerate && {
-                self.scratch.begin(tetrahedra.cell_capacity());
+                self.scratch
+                    .begin(tetrahedra.cell_capacity(), tetrahedra.vertex_capacity());
                 for &(_, start) in concerned.iter().filter(|(_, start)| *start != NOWHERE) {
                     self.scratch.see(CellId::from_index(start as usize));
                 }
@@ -279,6 +344,12 @@ impl SheetWalk<'_> {
             self.list(sheet, |scratch, cell| scratch.is_new[cell.index()]);
         }
         self.scratch.starts = starts;
+        let mut adrift = std::mem::take(&mut self.scratch.adrift);
+        self.evidence.take_adrift_sheets(&mut adrift);
+        for &(sheet, place) in &adrift {
+            self.place(sheet, [place]);
+        }
+        self.scratch.adrift = adrift;
         for cell in changes.created.iter().chain(&changes.reshaped) {
             self.scratch.is_new[cell.index()] = false;
         }

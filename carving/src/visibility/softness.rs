@@ -20,6 +20,9 @@ pub(crate) const UNIT: u64 = 256;
 /// A ray counts for this many at most. With [`UNIT`], and four billion rays, sums stay below 2^60.
 pub(crate) const MAX_WEIGHT: u32 = (1 << 16) - 1;
 
+/// Of a ray's length: however sure a point, the place behind it is behind it and not at it.
+pub(super) const LEAST_BEHIND: f64 = 1.0 / (1 << 20) as f64;
+
 /// A ray as evidence, with what all that it says has in common.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sight<'a> {
@@ -152,14 +155,12 @@ impl<'a> Sight<'a> {
 
     /// Where matter is expected: behind the target as seen from the centre.
     pub(crate) fn behind(&self) -> [f64; 3] {
-        /// Of the ray's length: however sure the point, the place is behind it and not at it.
-        const LEAST: f64 = 1.0 / (1 << 20) as f64;
         let share = self.softness.behind_sigmas
             * match self.sigma {
                 Some(sigma) => sigma / self.length,
                 None => self.softness.relative_sigma,
             };
-        let share = share.max(LEAST);
+        let share = share.max(LEAST_BEHIND);
         std::array::from_fn(|k| self.target[k] - share * self.ray[k])
     }
 

@@ -29,13 +29,22 @@ pub(super) struct Relation {
     pub(super) is_generic: bool,
     /// Whether three corners of the cell lie in the plane of the triangle.
     pub(super) is_coplanar: bool,
+    /// Whether the segment opposite the triangle's centre may run through the cell.
+    pub(super) is_at_segment: bool,
+    /// Facets of the cell, by the corners opposite them, that the triangle may touch.
+    pub(super) touched: [bool; 4],
 }
 
 const APART: Relation = Relation {
     contact: Contact::Apart,
     is_generic: true,
     is_coplanar: false,
+    is_at_segment: false,
+    touched: [false; 4],
 };
+
+/// The edge of the triangle opposite its centre.
+const SEGMENT: usize = 1;
 
 /// Orders of signs on one line of separation.
 #[derive(Default)]
@@ -59,17 +68,29 @@ struct Section<'a, const N: usize> {
     corners: [&'a [f64; 3]; N],
     above: [f64; N],
     is_generic: bool,
+    /// Per edge of the triangle, the edges of the cell that pierce the plane strictly beyond it, as [`bit`]s.
+    beyond: [u16; 3],
+}
+
+/// A bit for the edge between two corners.
+fn bit(k: usize, l: usize) -> u16 {
+    1 << (4 * k.min(l) + k.max(l))
 }
 
 impl<'a, const N: usize> Section<'a, N> {
-    fn new(triangle: [&'a [f64; 3]; 3], corners: [&'a [f64; 3]; N]) -> Self {
-        let [center, a, b] = triangle;
+    /// Of corners on these sides of the plane; those of a corner that is an end of the triangle are not asked for.
+    fn new(
+        triangle: [&'a [f64; 3]; 3],
+        corners: [&'a [f64; 3]; N],
+        mut side: impl FnMut(usize) -> f64,
+    ) -> Self {
+        let [_, a, b] = triangle;
         let mut is_generic = true;
-        let above = corners.map(|corner| {
-            if corner == a || corner == b {
+        let above = std::array::from_fn(|k| {
+            if corners[k] == a || corners[k] == b {
                 return 0.0;
             }
-            let side = orient3d(center, a, b, corner);
+            let side = side(k);
             is_generic &= side != 0.0;
             side
         });
@@ -78,6 +99,7 @@ impl<'a, const N: usize> Section<'a, N> {
             corners,
             above,
             is_generic,
+            beyond: [0; 3],
         }
     }
 
@@ -108,6 +130,9 @@ impl<'a, const N: usize> Section<'a, N> {
                 for l in (0..N).filter(|&l| self.above[l] < 0.0) {
                     let side = orient3d(self.corners[l], t, u, v);
                     self.is_generic &= side != 0.0;
+                    if side < 0.0 {
+                        self.beyond[i] |= bit(k, l);
+                    }
                     sides.add(side);
                 }
             }
@@ -115,8 +140,23 @@ impl<'a, const N: usize> Section<'a, N> {
         sides
     }
 
-    /// Tests the plane and the three edges of the triangle. `None` when one of them parts the two.
-    fn contact(&mut self) -> Option<Contact> {
+    /// Whether the triangle may touch the facet with these corners: neither its plane nor a line along one of its edges parts
+    /// them.
+    fn may_touch(&self, facet: [usize; 3]) -> bool {
+        if facet.iter().any(|&k| self.above[k] == 0.0) {
+            return true;
+        }
+        let [p, q, r] = facet;
+        let pierced = [(p, q), (q, r), (r, p)]
+            .into_iter()
+            .filter(|&(k, l)| (self.above[k] > 0.0) != (self.above[l] > 0.0))
+            .fold(0, |bits, (k, l)| bits | bit(k, l));
+        pierced != 0 && self.beyond.iter().all(|beyond| pierced & !beyond != 0)
+    }
+
+    /// Tests the plane and the three edges of the triangle. `None` when one of them parts the two. Otherwise also whether the
+    /// section lies strictly on the triangle's side of each edge.
+    fn contact(&mut self) -> Option<(Contact, [bool; 3])> {
         let mut sides = Sides::default();
         for side in self.above {
             sides.add(side);
@@ -126,28 +166,59 @@ impl<'a, const N: usize> Section<'a, N> {
             return None;
         }
         let mut meets = pierced;
-        for edge in 0..3 {
+        let mut within = [false; 3];
+        for (edge, within) in within.iter_mut().enumerate() {
             let sides = self.beyond_edge(edge);
             if sides.negative && !sides.zero && !sides.positive {
                 return None;
             }
             meets &= sides.positive;
+            *within = sides.positive && !sides.zero && !sides.negative;
         }
-        Some(if meets {
+        let contact = if meets {
             Contact::Meets
         } else {
             Contact::Touches
-        })
+        };
+        Some((contact, within))
     }
 }
 
 /// How the closed triangle of `center`, `a` and `b`, which are not on one line, and a positively oriented cell meet.
 pub(super) fn relate_cell(triangle: [&[f64; 3]; 3], cell: [&[f64; 3]; 4]) -> Relation {
-    let mut section = Section::new(triangle, cell);
-    let Some(mut contact) = section.contact() else {
+    relate_cell_beside(triangle, cell, side_of(triangle, cell))
+}
+
+/// On which side of a triangle's plane each corner lies.
+fn side_of<const N: usize>(
+    [center, a, b]: [&[f64; 3]; 3],
+    corners: [&[f64; 3]; N],
+) -> impl Fn(usize) -> f64 {
+    move |k| orient3d(center, a, b, corners[k])
+}
+
+/// The same when the sides of the plane on which the corners lie are known: each that of `orient3d(center, a, b, corner)`.
+pub(super) fn relate_cell_beside(
+    triangle: [&[f64; 3]; 3],
+    cell: [&[f64; 3]; 4],
+    side: impl FnMut(usize) -> f64,
+) -> Relation {
+    let mut section = Section::new(triangle, cell, side);
+    let Some((mut contact, within)) = section.contact() else {
         return APART;
     };
     let mut is_generic = section.is_generic;
+    let touched = FACET.map(|facet| section.may_touch(facet));
+    if is_generic && within == [true; 3] && section.in_plane() == 0 {
+        // The section is in the interior of the triangle: nothing of the triangle's boundary is near the cell.
+        return Relation {
+            contact,
+            is_generic,
+            is_coplanar: false,
+            is_at_segment: false,
+            touched,
+        };
+    }
     for facet in FACET {
         let [p, q, r] = facet.map(|k| cell[k]);
         let mut sides = Sides::default();
@@ -172,6 +243,8 @@ pub(super) fn relate_cell(triangle: [&[f64; 3]; 3], cell: [&[f64; 3]; 4]) -> Rel
         contact,
         is_generic,
         is_coplanar: section.in_plane() >= 3,
+        is_at_segment: !within[SEGMENT],
+        touched,
     }
 }
 
@@ -183,11 +256,13 @@ pub(super) fn relate_ghost(triangle: [&[f64; 3]; 3], facet: [&[f64; 3]; 3]) -> R
     if outside < 0.0 {
         return APART;
     }
-    let mut section = Section::new(triangle, facet);
+    let mut section = Section::new(triangle, facet, side_of(triangle, facet));
     if section.contact().is_none() {
         return APART;
     }
     Relation {
+        is_at_segment: false,
+        touched: [false; 4],
         contact: if outside > 0.0 {
             Contact::Touches
         } else {

@@ -75,6 +75,12 @@ proptest! {
         prop_assert_eq!(triangle_meets_cell(ends, corners), meets);
         let relation = relate_cell(ends, corners);
         prop_assert_eq!(relation.contact == Contact::Apart, polygon.is_empty());
+        for (facet, function) in functions.iter().enumerate() {
+            let touches = polygon.iter().any(|corner| at(function, corner) == 0);
+            prop_assert!(relation.touched[facet] || !touches, "{facet}");
+        }
+        let crosses = crate::visibility::crosses_cell(ends[1], ends[2], corners);
+        prop_assert!(relation.is_at_segment || !crosses);
         // What is in general position has no touch but at shared ends.
         if relation.is_generic && !meets && !polygon.is_empty() {
             prop_assert!(corners.contains(&ends[1]) || corners.contains(&ends[2]));
