@@ -9,6 +9,8 @@ pub enum SceneKind {
     /// A furnished room with a doorway to a corridor, seen all around.
     #[default]
     Room,
+    /// The same room without its furniture.
+    BareRoom,
     /// A table with a few boxes that stands in the void, seen from one side.
     Boxes,
     /// Three white walls that meet in a corner.

@@ -36,6 +36,7 @@ impl Scene {
     pub fn of(kind: SceneKind) -> Self {
         match kind {
             SceneKind::Room => Self::room(),
+            SceneKind::BareRoom => Self::bare_room(),
             SceneKind::Boxes => Self::boxes(),
             SceneKind::Corner => Self::corner(),
         }

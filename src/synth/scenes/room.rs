@@ -22,8 +22,16 @@ impl Scene {
     /// A living room of 4.6 m by 3.8 m: a sofa, a bookcase, a desk with a screen, a cabinet, a coffee table on a rug,
     /// cartons, posters, a window, and a doorway through which a corridor is seen.
     pub fn room() -> Self {
+        let mut scene = Self::bare_room();
+        scene.title = "A room";
+        scene.things();
+        scene
+    }
+
+    /// The same room without its furniture: planes, posters, a picture in its frame, skirting boards, window and doorway.
+    pub fn bare_room() -> Self {
         let mut scene = Self::empty(
-            "A room",
+            "A bare room",
             Path {
                 // Around the coffee table, looking across it.
                 eye: |t| {
@@ -49,7 +57,6 @@ impl Scene {
         scene.corridor();
         scene.window();
         scene.walls_with_pictures();
-        scene.things();
         scene.ambient = [0.45, 0.45, 0.46];
         scene.lamps = vec![
             Lamp {
