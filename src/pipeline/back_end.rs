@@ -280,15 +280,17 @@ impl BackEnd {
             &keyframe.world_from_camera,
             &keyframe.surface,
         );
-        if !contradictions.is_empty() {
-            // What the keyframe measured behind the surface that was carved so far becomes points.
-            let known = points.len();
+        let halfway = intake.take_unjoined(&self.carver);
+        if !(contradictions.is_empty() && halfway.is_empty()) {
+            // What the keyframe measured behind the surface that was carved so far becomes points, and what is halfway along
+            // segments that cells cross.
+            let known = intake.points().len();
             let mut transaction = self.carver.transaction();
             let measured = contradictions
                 .iter()
                 .filter_map(|pixel| surface.measured_at(pixel));
             intake
-                .take_points(&mut transaction, measured)
+                .take_points(&mut transaction, measured.chain(halfway))
                 .map_err(refused)?;
             intake.paint(keyframe, &surface);
             intake

@@ -1,6 +1,7 @@
 //! Where the measurements of keyframes go: to landmarks, and to the points of the carver.
 
-use linecarve_carving::carver::{EventError, PointId, Transaction, ViewId};
+use linecarve_carving::carver::{Carver, EventError, PointId, Transaction, ViewId};
+use linecarve_carving::tetrahedralization::IncidentCells;
 use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
@@ -31,6 +32,9 @@ pub(super) struct Intake {
     contradicted: Vec<u32>,
     /// Pairs of landmarks between which it sees a stretch of a segment.
     stretches: Vec<[u32; 2]>,
+    /// What is halfway along each of these stretches, where that may be asked for.
+    halfway: Vec<([u32; 2], Measurement)>,
+    is_conforming: bool,
     /// Pairs of landmarks joined by an edge of its triangulation that the surface follows.
     edges: Vec<[u32; 2]>,
     verdicts: Vec<(u32, Verdict)>,
@@ -54,6 +58,8 @@ impl Intake {
             provisional: Vec::new(),
             contradicted: Vec::new(),
             stretches: Vec::new(),
+            halfway: Vec::new(),
+            is_conforming: options.segment_points.conforming,
             edges: Vec::new(),
             verdicts: Vec::new(),
             vertex_of: Vec::new(),
@@ -98,6 +104,7 @@ impl Intake {
         self.seen.clear();
         self.contradicted.clear();
         self.stretches.clear();
+        self.halfway.clear();
         self.edges.clear();
         self.verdicts.clear();
         self.vertices.clear();
@@ -132,15 +139,37 @@ impl Intake {
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
     ) -> Result<(), EventError> {
-        let mut last = None;
+        let mut last: Option<(u32, Measurement)> = None;
         for measurement in measurements {
             let landmark = self.take(transaction, &measurement)?;
-            if let Some(last) = last.filter(|last| *last != landmark) {
-                self.stretches.push(pair(last, landmark));
+            if let Some((last, before)) = last.filter(|(last, _)| *last != landmark) {
+                let ends = pair(last, landmark);
+                self.stretches.push(ends);
+                if self.is_conforming {
+                    self.halfway.push((ends, before.halfway(&measurement)));
+                }
             }
-            last = Some(landmark);
+            last = Some((landmark, measurement));
         }
         Ok(())
+    }
+
+    /// Takes the points halfway along stretches that are no edge of the tetrahedralisation, after the keyframe was carved.
+    ///
+    /// # Complexity
+    /// The stretches, times the cells around a vertex.
+    pub(super) fn take_unjoined(&mut self, carver: &Carver) -> Vec<Measurement> {
+        let tetrahedra = carver.tetrahedra();
+        let mut scratch = IncidentCells::new();
+        let mut is_unjoined = |ends: [u32; 2]| {
+            let [a, b] = ends.map(|landmark| carver.vertex_of(self.points[landmark as usize]));
+            matches!((a, b), (Some(a), Some(b)) if !tetrahedra.are_joined(a, b, &mut scratch))
+        };
+        self.halfway
+            .drain(..)
+            .filter(|(ends, _)| is_unjoined(*ends))
+            .map(|(_, halfway)| halfway)
+            .collect()
     }
 
     /// Takes points that are on no segment.
@@ -337,7 +366,9 @@ impl Intake {
             pairs.sort_unstable();
             pairs.dedup();
             let is_in_use = |landmark: &u32| self.landmarks.is_in_use(*landmark);
-            for ends in pairs.iter().filter(|ends| ends.iter().all(is_in_use)) {
+            let has_ray = |landmark: &u32| self.observed.binary_search(landmark).is_ok();
+            let is_new = |ends: &&[u32; 2]| ends.iter().all(is_in_use) && ends.iter().any(has_ray);
+            for ends in pairs.iter().filter(is_new) {
                 let ends = ends.map(|landmark| self.points[landmark as usize]);
                 transaction.add_segment(view, ends, weight)?;
             }
@@ -361,7 +392,6 @@ fn pair(a: u32, b: u32) -> [u32; 2] {
 
 #[cfg(test)]
 mod tests {
-    use linecarve_carving::carver::Carver;
     use nalgebra::Unit;
 
     use super::*;
@@ -390,6 +420,50 @@ mod tests {
             intake.observed().to_vec()
         };
         centers.iter().map(look).collect()
+    }
+
+    #[test]
+    fn a_stretch_with_another_point_on_its_way_gets_one_halfway() {
+        let mut options = Options::default();
+        options.segment_points.conforming = true;
+        // A point almost on the way between the ends, or none; and others around, so that there are cells.
+        for (is_parted, expected) in [(true, 1), (false, 0)] {
+            let mut carver = Carver::default();
+            let mut transaction = carver.transaction();
+            let mut intake = Intake::new(&options);
+            intake.begin();
+            let at = |x: f64, y: f64, z: f64| Measurement {
+                point_in_world: Point3::new(x, y, z),
+                direction: Unit::new_normalize(Point3::new(x, y, z).coords),
+                pixel: 0.001,
+                sigma: 0.001,
+            };
+            let around = [
+                [0.0, 3.0, 2.0],
+                [0.0, -3.0, 2.1],
+                [0.2, 0.1, 6.0],
+                [0.1, 0.0, 0.1],
+            ];
+            for [x, y, z] in around {
+                transaction.add_point(Point3::new(x, y, z)).unwrap();
+            }
+            if is_parted {
+                for [y, z] in [[0.01, 2.01], [-0.01, 2.01], [0.0, 1.99]] {
+                    transaction.add_point(Point3::new(0.0, y, z)).unwrap();
+                }
+            }
+            let ends = [at(-1.0, 0.0, 2.0), at(1.0, 0.0, 2.0)];
+            intake
+                .take_segment(&mut transaction, ends.into_iter())
+                .unwrap();
+            transaction.commit().unwrap();
+            let halfway = intake.take_unjoined(&carver);
+            assert_eq!(halfway.len(), expected);
+            for measurement in halfway {
+                assert_eq!(measurement.point_in_world, Point3::new(0.0, 0.0, 2.0));
+                assert!((measurement.direction.z - 1.0).abs() < 1e-12);
+            }
+        }
     }
 
     #[test]

@@ -50,6 +50,19 @@ pub struct Measurement {
     pub sigma: f64,
 }
 
+impl Measurement {
+    /// What is halfway between two measurements of one straight line by one camera.
+    pub fn halfway(&self, other: &Measurement) -> Measurement {
+        let directions = self.direction.into_inner() + other.direction.into_inner();
+        Measurement {
+            point_in_world: nalgebra::center(&self.point_in_world, &other.point_in_world),
+            direction: Unit::try_new(directions, 0.0).unwrap_or(self.direction),
+            pixel: 0.5 * (self.pixel + other.pixel),
+            sigma: 0.5 * (self.sigma + other.sigma),
+        }
+    }
+}
+
 /// What became of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Observed {
