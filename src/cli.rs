@@ -17,7 +17,7 @@ pub use compare::CompareArgs;
 pub use convert::{ConvertArgs, Target};
 pub use diff::DiffArgs;
 pub use evaluate::{AlignBy, EvaluateArgs};
-pub use simplify::SimplifyArgs;
+pub use simplify::{DEFAULT_TOLERANCE, SimplifyArgs};
 pub use stream::StreamArgs;
 pub use tables::TablesArgs;
 pub use view::ViewArgs;
@@ -184,7 +184,7 @@ pub struct ReconstructArgs {
 
     /// Thin out the final mesh as far as an error of this much allows, measured both ways: a length in units
     /// of the poses (0.002), or a share of the mesh's diagonal (0.02%, also when no value is given).
-    #[arg(long, value_name = "LENGTH|N%", num_args = 0..=1, default_missing_value = "0.02%")]
+    #[arg(long, value_name = "LENGTH|N%", num_args = 0..=1, default_missing_value = simplify::DEFAULT_TOLERANCE_TEXT)]
     pub simplify: Option<Tolerance>,
 
     /// Leave out the surface of every single keyframe (`keyframes/NNNNNN.glb`).

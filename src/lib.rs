@@ -11,6 +11,7 @@ pub mod compare;
 pub mod diff;
 pub mod evaluation;
 pub mod exchange;
+pub mod feature_edges;
 pub mod files;
 pub mod keyframes;
 pub mod map_points;

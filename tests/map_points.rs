@@ -63,6 +63,7 @@ fn images_and_poses_alone_give_a_surface_that_repeats() {
         "mesh.glb",
         "mesh.obj",
         "mesh.ply",
+        "feature-edges.ply",
         "points.ply",
         "picture.png",
         "keyframes/000009.glb",
@@ -80,6 +81,9 @@ fn images_and_poses_alone_give_a_surface_that_repeats() {
         value.unwrap_or_else(|| panic!("{pointer} is missing"))
     };
     assert!(number("/result/points") > 300.0 && number("/result/triangles") > 300.0);
+    // No lines are known, so that creases alone are edges.
+    assert!(number("/result/feature_edges/creases") > 0.0);
+    assert_eq!(number("/result/feature_edges/along_lines"), 0.0);
     assert!(number("/result/reprojection_rms_px") < 1.5);
     // The room is 3.6 to 5 m wide: the scale of the poses must come back.
     assert!((1.0..4.0).contains(&number("/sequence/median_depth")));
@@ -99,6 +103,8 @@ fn one_keyframe_and_blank_images_say_why_there_is_no_surface() {
         "{}",
         stderr(&output)
     );
+    let edges = linecarve::mesh::read_geometry(&out.join("feature-edges.ply")).unwrap();
+    assert!(edges.positions.is_empty() && edges.lines.is_empty());
     for entry in std::fs::read_dir(sequence.join("rgb")).unwrap() {
         let path = entry.unwrap().path();
         let size = image::image_dimensions(&path).unwrap();

@@ -48,6 +48,9 @@ fn every_output_is_there_and_repeats_for_any_number_of_threads() {
         "clusters.glb",
         "clusters.obj",
         "clusters.ply",
+        "feature-edges.glb",
+        "feature-edges.obj",
+        "feature-edges.ply",
         "scene.glb",
         "picture.png",
         "report.html",
@@ -55,6 +58,10 @@ fn every_output_is_there_and_repeats_for_any_number_of_threads() {
         "keyframes/000004.glb",
     ] {
         assert!(first.contains_key(Path::new(name)), "{name} is missing");
+    }
+    let scene = String::from_utf8_lossy(&first[Path::new("scene.glb")]).into_owned();
+    for node in ["surface", "segments", "clusters", "feature-edges"] {
+        assert!(scene.contains(&format!("\"name\":\"{node}\"")), "{node}");
     }
     // The page tells durations, too.
     first.remove(Path::new("report.html")).unwrap();
@@ -75,6 +82,10 @@ fn every_output_is_there_and_repeats_for_any_number_of_threads() {
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
     assert_eq!(report["keyframes"].as_array().unwrap().len(), 5);
     assert!(report["result"]["triangles"].as_u64().unwrap() > 100);
+    let edges = &report["result"]["feature_edges"];
+    assert!(edges["creases"].as_u64().unwrap() > 0 && edges["along_lines"].as_u64().unwrap() > 0);
+    let length = edges["creases_length"].as_f64().unwrap();
+    assert!(length > 0.0 && edges["along_lines_length"].as_f64().unwrap() > 0.0);
     let rays: Vec<u64> = report["keyframes"]
         .as_array()
         .unwrap()

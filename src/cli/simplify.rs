@@ -6,6 +6,11 @@ use clap::Args;
 
 use crate::diff::Tolerance;
 
+/// The tolerance when none is given, as it is written.
+pub(super) const DEFAULT_TOLERANCE_TEXT: &str = "0.02%";
+/// The tolerance when none is given.
+pub const DEFAULT_TOLERANCE: Tolerance = Tolerance::ShareOfDiagonal(0.02 / 100.0);
+
 /// Arguments of `simplify`.
 #[derive(Debug, Args)]
 pub struct SimplifyArgs {
@@ -17,7 +22,7 @@ pub struct SimplifyArgs {
     pub out: PathBuf,
 
     /// How far the surfaces may lie apart: a length in units of the mesh (0.002), or a share of its diagonal (0.05%).
-    #[arg(long, value_name = "LENGTH|N%", default_value = "0.02%")]
+    #[arg(long, value_name = "LENGTH|N%", default_value = DEFAULT_TOLERANCE_TEXT)]
     pub tolerance: Tolerance,
 
     /// How far rims may move within their surface, which keeps the tolerance: they are where evidence ends, and jagged. A length or
@@ -33,7 +38,22 @@ pub struct SimplifyArgs {
     #[arg(long, value_name = "FILE")]
     pub lines: Option<PathBuf>,
 
+    /// Write the edges that remained edges as lines over the simplified mesh, coloured by what they are: creases red, edges along known
+    /// lines green, rims grey. The name says the format: .glb, .obj or .ply.
+    #[arg(long, value_name = "FILE")]
+    pub feature_edges: Option<PathBuf>,
+
     /// One JSON object on standard output in place of text.
     #[arg(long)]
     pub json: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_is_what_it_says() {
+        assert_eq!(DEFAULT_TOLERANCE_TEXT.parse(), Ok(DEFAULT_TOLERANCE));
+    }
 }

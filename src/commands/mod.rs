@@ -6,6 +6,7 @@ mod convert;
 mod depth;
 mod diff;
 mod evaluate;
+mod feature_edges;
 mod heat_map;
 mod info;
 mod interrupt;

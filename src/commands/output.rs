@@ -8,10 +8,11 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::cli::Format;
 use crate::exchange::{PosedImage, TrajectoryFile, posed_images, write_trajectory};
+use crate::feature_edges::CREASE_COLOR;
 use crate::files::remove_unfinished;
 use crate::mesh::{
-    Geometry, GlbPart, LineSet, TriangleMesh, write_glb, write_lines_obj, write_lines_ply,
-    write_mesh_obj, write_mesh_ply,
+    Geometry, GlbPart, LineSet, MeshFileError, TriangleMesh, write_glb, write_lines_obj,
+    write_lines_ply, write_mesh_obj, write_mesh_ply,
 };
 use crate::sequence::Sequence;
 
@@ -92,6 +93,8 @@ const CLAY: [u8; 3] = [214, 206, 192];
 const SEGMENT: [u8; 3] = [222, 88, 40];
 /// Colour of clusters.
 const CLUSTER: [u8; 3] = [32, 96, 200];
+/// Name of the edges of a mesh, as files and as a node.
+pub(super) const FEATURE_EDGES: &str = "feature-edges";
 
 /// Writes a mesh or lines as `<name>.<extension>` in each of the formats.
 pub(super) fn write_geometry(
@@ -103,15 +106,25 @@ pub(super) fn write_geometry(
 ) -> anyhow::Result<()> {
     for format in distinct(formats) {
         let path = output.file(&format!("{name}.{}", extension(format)));
-        match (format, part.geometry) {
-            (Format::Glb, _) => write_glb(&path, &[part], origin)?,
-            (Format::Obj, Geometry::Mesh(mesh)) => write_mesh_obj(&path, mesh)?,
-            (Format::Obj, Geometry::Lines(lines)) => write_lines_obj(&path, lines)?,
-            (Format::Ply, Geometry::Mesh(mesh)) => write_mesh_ply(&path, mesh)?,
-            (Format::Ply, Geometry::Lines(lines)) => write_lines_ply(&path, lines)?,
-        }
+        write_part(&path, part, format, origin)?;
     }
     Ok(())
+}
+
+/// Writes a mesh or lines to a file.
+pub(super) fn write_part(
+    path: &Path,
+    part: GlbPart<'_>,
+    format: Format,
+    origin: &Vector3<f64>,
+) -> Result<(), MeshFileError> {
+    match (format, part.geometry) {
+        (Format::Glb, _) => write_glb(path, &[part], origin),
+        (Format::Obj, Geometry::Mesh(mesh)) => write_mesh_obj(path, mesh),
+        (Format::Obj, Geometry::Lines(lines)) => write_lines_obj(path, lines),
+        (Format::Ply, Geometry::Mesh(mesh)) => write_mesh_ply(path, mesh),
+        (Format::Ply, Geometry::Lines(lines)) => write_lines_ply(path, lines),
+    }
 }
 
 /// The surface as a node of a GLB file.
@@ -138,6 +151,15 @@ pub(super) fn clusters_part(lines: &LineSet) -> GlbPart<'_> {
         name: "clusters",
         geometry: Geometry::Lines(lines),
         color: CLUSTER,
+    }
+}
+
+/// The edges of the surface as a node of a GLB file; each has the colour of its kind.
+pub(super) fn feature_edges_part(lines: &LineSet) -> GlbPart<'_> {
+    GlbPart {
+        name: FEATURE_EDGES,
+        geometry: Geometry::Lines(lines),
+        color: CREASE_COLOR,
     }
 }
 

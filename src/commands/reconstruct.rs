@@ -12,15 +12,16 @@ use crate::commands::Outcome;
 use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{GROWTH, add_lines, note_result, timed_surface, write_growth};
 use crate::commands::output::{
-    OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
+    FEATURE_EDGES, OutputFolder, clusters_part, feature_edges_part, segments_part, surface_part,
+    write_geometry,
 };
 use crate::commands::page::PageRecorder;
 use crate::commands::picture::{Shot, write_overview};
 use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
-use crate::commands::{kept_run, reconstruct_points, simplify};
-use crate::mesh::{TriangleMesh, write_glb};
+use crate::commands::{feature_edges, kept_run, reconstruct_points, simplify};
+use crate::mesh::{LineSet, TriangleMesh, write_glb};
 use crate::pipeline::{self, Arrival, BackEnd, BackEndError, Keyframe};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, StageTimes, milliseconds};
@@ -118,8 +119,11 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         log.demand_a_keyframe()?;
     }
 
-    let mesh = simplify::finished(map.surface(), &map.segments().clusters(), args.simplify)?;
+    let clusters = map.segments().clusters();
+    let mesh = simplify::finished(map.surface(), &clusters, args.simplify)?;
+    let edges = feature_edges::of_final_mesh(&mesh, &clusters, args.simplify)?;
     let result = log.result();
+    result.feature_edges = Some(feature_edges::summary(&edges));
     result.segments = map.segments().segment_count();
     result.clusters = map.segments().cluster_count();
     note_result(result, map.carver(), &mesh);
@@ -135,7 +139,20 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
             &mut log,
         )?;
     }
-    write_results(args, &prepared, &map, mesh, &path, &mut output, verbosity)?;
+    let surface = Surface {
+        mesh,
+        edges: edges.lines,
+        clusters,
+    };
+    write_results(
+        args,
+        &prepared,
+        map.segments().segments(),
+        surface,
+        &path,
+        &mut output,
+        verbosity,
+    )?;
 
     let outcome = if let Some(cause) = &early_end {
         Outcome::Negative(log.interrupted(cause, cause.remedy()))
@@ -213,17 +230,23 @@ impl CameraPath {
     }
 }
 
+/// The final mesh, its edges, and the lines that it knows.
+struct Surface {
+    mesh: TriangleMesh,
+    edges: LineSet,
+    clusters: LineSet,
+}
+
 /// Writes everything that comes at the end but the report.
 fn write_results(
     args: &ReconstructArgs,
     prepared: &Prepared,
-    map: &BackEnd,
-    mut mesh: TriangleMesh,
+    mut segments: LineSet,
+    mut surface: Surface,
     path: &CameraPath,
     output: &mut OutputFolder,
     verbosity: Verbosity,
 ) -> anyhow::Result<()> {
-    let (mut segments, mut clusters) = (map.segments().segments(), map.segments().clusters());
     // The picture is drawn before the shift is taken back: rays want coordinates near zero.
     if !args.no_picture
         && let Some(richest) = &path.richest
@@ -236,24 +259,27 @@ fn write_results(
         };
         write_overview(
             &output.file("picture.png"),
-            &mesh,
-            &clusters,
+            &surface.mesh,
+            &surface.clusters,
             &shot,
             verbosity,
         )
         .context("the picture could not be made (--no-picture leaves it out)")?;
     }
-    mesh.translate(&prepared.origin);
-    segments.translate(&prepared.origin);
-    clusters.translate(&prepared.origin);
+    surface.mesh.translate(&prepared.origin);
+    for lines in [&mut segments, &mut surface.clusters, &mut surface.edges] {
+        lines.translate(&prepared.origin);
+    }
     prepared.write_corrected_poses(output)?;
     let formats = &args.stages.format;
     let parts = [
-        surface_part(&mesh),
+        surface_part(&surface.mesh),
         segments_part(&segments),
-        clusters_part(&clusters),
+        clusters_part(&surface.clusters),
+        feature_edges_part(&surface.edges),
     ];
-    for (name, part) in ["mesh", "segments", "clusters"].into_iter().zip(parts) {
+    let names = ["mesh", "segments", "clusters", FEATURE_EDGES];
+    for (name, part) in names.into_iter().zip(parts) {
         write_geometry(output, name, part, formats, &prepared.origin)?;
     }
     if formats.contains(&Format::Glb) {

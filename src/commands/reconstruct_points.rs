@@ -12,7 +12,9 @@ use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{
     GROWTH, add_points, carved_points, note_result, timed_surface, write_growth,
 };
-use crate::commands::output::{OutputFolder, surface_part, write_geometry, write_poses};
+use crate::commands::output::{
+    FEATURE_EDGES, OutputFolder, feature_edges_part, surface_part, write_geometry, write_poses,
+};
 use crate::commands::page::PageRecorder;
 use crate::commands::page_run::PageRun;
 use crate::commands::picture::{Shot, crosses, write_overview};
@@ -20,7 +22,7 @@ use crate::commands::prepare_points::{PreparedPoints, prepare_points};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::{lens_warning, open, read_options};
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
-use crate::commands::{kept_run, reconstruct_model, simplify};
+use crate::commands::{feature_edges, kept_run, reconstruct_model, simplify};
 use crate::map_points::PointModel;
 use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
 use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points};
@@ -132,12 +134,14 @@ fn from_features(
     log.set_median_depth(depth);
     let quality = map.map().quality();
     let mut mesh = simplify::finished(map.surface(), &LineSet::default(), args.simplify)?;
+    let mut edges = feature_edges::of_final_mesh(&mesh, &LineSet::default(), args.simplify)?;
     let k1 = map.map().lens().k1();
     if let Some(k1) = k1 {
         log.warn(lens_warning(k1));
     }
     let result = log.result();
     result.lens_k1 = k1;
+    result.feature_edges = Some(feature_edges::summary(&edges));
     note_result(result, map.carver(), &mesh);
     result.reprojection_rms_px = (quality.points > 0).then_some(quality.reprojection_rms_px);
     let model = map
@@ -173,6 +177,7 @@ fn from_features(
         draw(sequence, &mesh, &marks, &walk, &mut output, verbosity)?;
     }
     mesh.translate(&prepared.origin);
+    edges.lines.translate(&prepared.origin);
     for point in &mut points.points {
         *point += prepared.origin;
     }
@@ -190,13 +195,13 @@ fn from_features(
         )?;
     }
     let formats = &args.stages.format;
-    write_geometry(
-        &mut output,
-        "mesh",
-        surface_part(&mesh),
-        formats,
-        &prepared.origin,
-    )?;
+    let parts = [
+        ("mesh", surface_part(&mesh)),
+        (FEATURE_EDGES, feature_edges_part(&edges.lines)),
+    ];
+    for (name, part) in parts {
+        write_geometry(&mut output, name, part, formats, &prepared.origin)?;
+    }
     log.write(&mut output, started, args.stages.json)?;
     if early_end.is_none() {
         checkpoint.finish()?;

@@ -1,18 +1,19 @@
 //! `linecarve simplify`: the same surface with fewer triangles.
 
-use anyhow::bail;
+use std::path::Path;
+
+use anyhow::Context;
 use nalgebra::Point3;
 use serde::Serialize;
 
-use crate::cli::SimplifyArgs;
+use crate::cli::{Format, SimplifyArgs};
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
+use crate::commands::output::{feature_edges_part, surface_part, write_part};
 use crate::commands::run_report::{print_object, print_text};
 use crate::diff::Tolerance;
-use crate::mesh::{
-    Geometry, GlbPart, LineSet, Shape, TriangleMesh, read_geometry, write_glb, write_mesh_obj,
-    write_mesh_ply,
-};
+use crate::feature_edges::FeatureLines;
+use crate::mesh::{LineSet, Shape, TriangleMesh, read_geometry};
 use crate::simplify::{SimplifyOptions, SimplifyOptionsError, rim_tolerance, simplify};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
@@ -41,7 +42,7 @@ pub(super) fn finished(
 }
 
 /// Lines by the places of their ends.
-fn ends(points: &[Point3<f64>], lines: &[[u32; 2]]) -> Vec<[Point3<f64>; 2]> {
+pub(super) fn ends(points: &[Point3<f64>], lines: &[[u32; 2]]) -> Vec<[Point3<f64>; 2]> {
     let ends = lines.iter();
     ends.map(|line| line.map(|end| points[end as usize]))
         .collect()
@@ -64,16 +65,10 @@ struct Summary {
 }
 
 pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
-    let extension = args
-        .out
-        .extension()
-        .and_then(|extension| extension.to_str())
-        .map(str::to_ascii_lowercase);
-    let Some(extension @ ("glb" | "obj" | "ply")) = extension.as_deref() else {
-        bail!(
-            "--out {}: give a name that ends with .glb, .obj or .ply",
-            args.out.display()
-        );
+    let format = format_of("--out", &args.out)?;
+    let edges_format = match &args.feature_edges {
+        Some(path) => Some((path, format_of("--feature-edges", path)?)),
+        None => None,
     };
     let shape = read_geometry(&args.mesh)?;
     if shape.triangles.is_empty() {
@@ -101,17 +96,11 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         ..SimplifyOptions::with_tolerance(tolerance)
     };
     let simplified = simplify(&mesh, &lines, &options)?;
-    match extension {
-        "obj" => write_mesh_obj(&args.out, &simplified.mesh)?,
-        "ply" => write_mesh_ply(&args.out, &simplified.mesh)?,
-        _ => {
-            let part = GlbPart {
-                name: "surface",
-                geometry: Geometry::Mesh(&simplified.mesh),
-                color: [200; 3],
-            };
-            write_glb(&args.out, &[part], &origin_of(&simplified.mesh.positions))?;
-        }
+    let origin = origin_of(&simplified.mesh.positions);
+    write_part(&args.out, surface_part(&simplified.mesh), format, &origin)?;
+    if let Some((path, format)) = edges_format {
+        let edges = FeatureLines::new(&simplified.mesh, simplified.features.iter().copied());
+        write_part(path, feature_edges_part(&edges.lines), format, &origin)?;
     }
     let summary = Summary {
         tolerance: options.tolerance,
@@ -143,4 +132,21 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         ))?;
     }
     Ok(Outcome::Done)
+}
+
+/// The format that the name of a file says.
+fn format_of(option: &str, path: &Path) -> anyhow::Result<Format> {
+    let extension = path.extension().and_then(|extension| extension.to_str());
+    let format = match extension.map(str::to_ascii_lowercase).as_deref() {
+        Some("glb") => Some(Format::Glb),
+        Some("obj") => Some(Format::Obj),
+        Some("ply") => Some(Format::Ply),
+        _ => None,
+    };
+    format.with_context(|| {
+        format!(
+            "{option} {}: give a name that ends with .glb, .obj or .ply",
+            path.display()
+        )
+    })
 }

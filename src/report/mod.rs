@@ -245,6 +245,9 @@ pub struct ResultSummary {
     pub vertices: usize,
     /// Triangles of the mesh.
     pub triangles: usize,
+    /// Edges of the mesh that are edges of the scene, where there is a mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feature_edges: Option<FeatureEdgeSummary>,
     /// Milliseconds for the extraction of the final surface, where no keyframe has them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_milliseconds: Option<f64>,
@@ -256,6 +259,19 @@ pub struct ResultSummary {
     pub lens_k1: Option<f64>,
     /// Files written, relative to the output folder.
     pub files: Vec<String>,
+}
+
+/// Edges of the mesh that are edges of the scene, as the files `feature-edges.*` hold them; rims are not among them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct FeatureEdgeSummary {
+    /// Edges at which the surface turns, along known lines or not.
+    pub creases: usize,
+    /// Other edges along known lines.
+    pub along_lines: usize,
+    /// Sum of the lengths of the creases, in units of the poses.
+    pub creases_length: f64,
+    /// Sum of the lengths of the others.
+    pub along_lines_length: f64,
 }
 
 /// Sums over the run.

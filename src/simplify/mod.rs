@@ -1,6 +1,6 @@
 //! Fewer triangles for the same surface: edges collapse as long as what they stood for stays within a tolerance.
 //!
-//! 1. **Features** (`features`): rims, creases and edges along lines that are known remain edges. Rims may move farther than the surface
+//! 1. **Features** (`features`, found by [`feature_edges`](crate::feature_edges)): rims, creases and edges along known lines remain edges. Rims may move farther than the surface
 //!    does, in the plane of their patch (`extent`, `rims`): they are where evidence ends.
 //! 2. **Order** (`quadric`, `reduce`): the edge whose collapse would stray least from the planes around it goes first.
 //! 3. **Judgement** (`collapse`): an edge collapses only if the surface hangs together as before, faces where it did, and lies

@@ -1,5 +1,7 @@
 //! How far a simplified surface may lie from the original.
 
+use crate::feature_edges::{FeatureOptions, FeatureOptionsError};
+
 /// How far a simplified surface may lie from the original, and what counts as an edge of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimplifyOptions {
@@ -26,24 +28,32 @@ pub enum SimplifyOptionsError {
     /// The tolerance of rims is not a length.
     #[error("the tolerance of rims {0} is not a length")]
     RimTolerance(f64),
-    /// The distance from lines is not a length.
-    #[error("the reach of lines {0} is not a length")]
-    Reach(f64),
-    /// The angle is not between 0 and a straight one.
-    #[error("the turn of an edge {0} is not an angle between 0 and a straight one")]
-    Turn(f64),
+    /// What counts as an edge.
+    #[error(transparent)]
+    Features(#[from] FeatureOptionsError),
 }
 
 impl SimplifyOptions {
     /// With a tolerance, which rims keep as well, edges from 50 degrees on, from 15 where a line is known no farther than twice the
     /// tolerance.
     pub fn with_tolerance(tolerance: f64) -> Self {
+        let features = FeatureOptions::with_tolerance(tolerance);
         Self {
             tolerance,
             rim_tolerance: tolerance,
-            crease_rad: 50.0_f64.to_radians(),
+            crease_rad: features.crease_rad,
             line_crease_rad: 15.0_f64.to_radians(),
             line_reach: 2.0 * tolerance,
+        }
+    }
+
+    /// Which edges remain edges.
+    pub(super) fn features(&self) -> FeatureOptions {
+        FeatureOptions {
+            crease_rad: self.crease_rad,
+            line_turn_rad: self.line_crease_rad,
+            line_reach: self.line_reach,
+            least_height: self.tolerance,
         }
     }
 
@@ -58,14 +68,6 @@ impl SimplifyOptions {
         if !(self.rim_tolerance >= 0.0 && self.rim_tolerance.is_finite()) {
             return Err(SimplifyOptionsError::RimTolerance(self.rim_tolerance));
         }
-        if !(self.line_reach >= 0.0 && self.line_reach.is_finite()) {
-            return Err(SimplifyOptionsError::Reach(self.line_reach));
-        }
-        for turn in [self.crease_rad, self.line_crease_rad] {
-            if !(turn > 0.0 && turn <= std::f64::consts::PI) {
-                return Err(SimplifyOptionsError::Turn(turn));
-            }
-        }
-        Ok(())
+        Ok(self.features().validate()?)
     }
 }

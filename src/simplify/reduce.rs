@@ -14,6 +14,7 @@ use super::live::{LiveMesh, doubled_area};
 use super::options::{SimplifyOptions, SimplifyOptionsError};
 use super::quadric::Quadric;
 use super::samples::Samples;
+use crate::feature_edges::{EdgeKind, FeatureEdge, FeatureEdges, Places};
 use crate::mesh::TriangleMesh;
 use crate::raycast::RayScene;
 
@@ -22,8 +23,9 @@ use crate::raycast::RayScene;
 pub struct Simplified {
     /// The mesh. Vertices and triangles are in the order of those that they come from.
     pub mesh: TriangleMesh,
-    /// Edges that remain edges, by the vertices of the mesh: rims, creases, edges along known lines.
-    pub features: Vec<[u32; 2]>,
+    /// Edges that remain edges: rims, creases, edges along known lines. Copies of an edge between vertices at the same places are
+    /// all there.
+    pub features: Vec<FeatureEdge>,
     /// Points at which the two surfaces were held against each other in the end.
     pub checked_points: usize,
     /// The largest distance there, beyond rims that from the plane of the patch. In units of the mesh.
@@ -91,6 +93,7 @@ pub fn simplify(
         })
     };
     let original = Extent::new(&local, patches(limits.beyond));
+    let found = FeatureEdges::find(&local, &lines, &options.features())?;
     let area: f64 = local
         .triangles
         .iter()
@@ -99,13 +102,16 @@ pub fn simplify(
     let step = (area / (SAMPLES_A_TRIANGLE * local.triangles.len().max(1) as f64))
         .sqrt()
         .max(f64::MIN_POSITIVE);
-    let mut is_kept = shared_places(&local.positions);
+    // Vertices that were split where surfaces meet stay, so that these still meet.
+    let places = Places::new(&local.positions);
+    let vertices = 0..local.positions.len() as u32;
+    let mut is_kept: Vec<bool> = vertices.map(|vertex| places.is_shared(vertex)).collect();
     let mut result = None;
     for round in 0..MOST_ROUNDS {
         if round == MOST_LOOSE_ROUNDS {
             limits.beyond = limits.off;
         }
-        let reduction = reduce(&local, &lines, &original, options, limits, step, &is_kept);
+        let reduction = reduce(&local, &found, &original, options, limits, step, &is_kept);
         let (compact, features, came_from) = finished(&reduction, &local, original.scene());
         let check = check(
             (&local, &original),
@@ -135,20 +141,6 @@ pub fn simplify(
     })
 }
 
-/// Which vertices lie where others do, as those that were split where surfaces meet: they stay, so that these still meet.
-fn shared_places(positions: &[Point3<f64>]) -> Vec<bool> {
-    let bits = |vertex: u32| positions[vertex as usize].coords.map(f64::to_bits);
-    let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-    order.sort_unstable_by_key(|vertex| <[u64; 3]>::from(bits(*vertex)));
-    let mut is_shared = vec![false; positions.len()];
-    for group in order.chunk_by(|a, b| bits(*a) == bits(*b)) {
-        for vertex in group.iter().filter(|_| group.len() > 1) {
-            is_shared[*vertex as usize] = true;
-        }
-    }
-    is_shared
-}
-
 /// Keeps all corners of triangles that have one of some vertices, given in ascending order.
 fn keep_around(triangles: &[[u32; 3]], vertices: &[u32], is_kept: &mut [bool]) {
     for triangle in triangles {
@@ -173,7 +165,7 @@ fn middle(points: &[Point3<f64>]) -> Vector3<f64> {
 /// Collapses what may collapse.
 fn reduce<'a>(
     mesh: &TriangleMesh,
-    lines: &[[Point3<f64>; 2]],
+    found: &FeatureEdges,
     original: &'a Extent,
     options: &SimplifyOptions,
     limits: Limits,
@@ -181,7 +173,7 @@ fn reduce<'a>(
     is_kept: &[bool],
 ) -> Reduction<'a> {
     let live = LiveMesh::new(&mesh.positions, &mesh.triangles);
-    let features = Features::new(&live, lines, options);
+    let features = Features::new(&live, found);
     let is_fixed = (0..mesh.positions.len())
         .map(|vertex| is_kept[vertex] || !live.is_regular(vertex as u32))
         .collect();
@@ -225,10 +217,11 @@ fn quadrics(mesh: &LiveMesh, features: &Features, loose: f64) -> Vec<Quadric> {
             }
         }
     }
-    for (a, b) in features.edges() {
+    for (a, b, kind) in features.edges() {
         let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
         let along = q - p;
-        let weight = along.norm_squared() * if features.is_loose(a, b) { loose } else { 1.0 };
+        let is_loose = kind == EdgeKind::Rim;
+        let weight = along.norm_squared() * if is_loose { loose } else { 1.0 };
         for triangle in mesh.with_edge(a, b) {
             let upright = doubled_area(&mesh.points(triangle)).cross(&along);
             let length = upright.norm();
@@ -284,7 +277,7 @@ fn finished(
     reduction: &Reduction<'_>,
     mesh: &TriangleMesh,
     original: &RayScene,
-) -> (TriangleMesh, Vec<[u32; 2]>, Vec<u32>) {
+) -> (TriangleMesh, Vec<FeatureEdge>, Vec<u32>) {
     let live = &reduction.mesh;
     let mut triangles: Vec<[u32; 3]> = live.triangles().collect();
     let mut new_name = vec![u32::MAX; live.positions.len()];
@@ -325,7 +318,10 @@ fn finished(
     let features = reduction
         .features
         .edges()
-        .map(|(a, b)| [new_name[a as usize], new_name[b as usize]])
+        .map(|(a, b, kind)| FeatureEdge {
+            ends: [a, b].map(|end| new_name[end as usize]),
+            kind,
+        })
         .collect();
     let compact = TriangleMesh {
         positions: kept.iter().map(|old| live.positions[*old]).collect(),

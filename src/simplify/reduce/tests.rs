@@ -254,7 +254,7 @@ fn threads_make_no_difference() {
 /// Length of the edges among `edges` that run along a line, within a distance.
 fn length_along(
     result: &Simplified,
-    edges: &[[u32; 2]],
+    edges: &[FeatureEdge],
     line: [Point3<f64>; 2],
     within: f64,
 ) -> f64 {
@@ -262,7 +262,7 @@ fn length_along(
     let off = |p: &Point3<f64>| (p - line[0]).cross(&direction).norm();
     let ends = edges
         .iter()
-        .map(|edge| edge.map(|end| result.mesh.positions[end as usize]));
+        .map(|edge| edge.ends.map(|end| result.mesh.positions[end as usize]));
     ends.filter(|ends| ends.iter().all(|end| off(end) <= within))
         .map(|[p, q]| (q - p).norm())
         .sum()

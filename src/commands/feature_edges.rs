@@ -1,0 +1,41 @@
+//! The edges of the final mesh of a run, for its files and its report.
+
+use crate::cli::DEFAULT_TOLERANCE;
+use crate::commands::simplify::ends;
+use crate::diff::Tolerance;
+use crate::feature_edges::{
+    EdgeKind, FeatureEdges, FeatureLines, FeatureOptions, FeatureOptionsError,
+};
+use crate::mesh::{LineSet, Shape, TriangleMesh};
+use crate::report::FeatureEdgeSummary;
+
+/// Creases of the final mesh, and its edges along the lines that the run knows. Rims are left out: they are where evidence ends.
+///
+/// `tolerance` is that of `--simplify`; without it that which it has when no value is given says what is thin or near.
+pub(super) fn of_final_mesh(
+    mesh: &TriangleMesh,
+    lines: &LineSet,
+    tolerance: Option<Tolerance>,
+) -> Result<FeatureLines, FeatureOptionsError> {
+    let diagonal = Shape::from(mesh.clone()).diagonal();
+    let tolerance = tolerance.unwrap_or(DEFAULT_TOLERANCE).length(diagonal);
+    let options = FeatureOptions::with_tolerance(tolerance);
+    let found = FeatureEdges::find(mesh, &ends(&lines.points, &lines.lines), &options)?;
+    let edges = found.edges().iter().copied();
+    Ok(FeatureLines::new(
+        mesh,
+        edges.filter(|edge| edge.kind != EdgeKind::Rim),
+    ))
+}
+
+/// What the report says of them.
+pub(super) fn summary(found: &FeatureLines) -> FeatureEdgeSummary {
+    let [creases, along_lines, _] = found.counts;
+    let [creases_length, along_lines_length, _] = found.lengths;
+    FeatureEdgeSummary {
+        creases,
+        along_lines,
+        creases_length,
+        along_lines_length,
+    }
+}

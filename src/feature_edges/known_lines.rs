@@ -1,0 +1,63 @@
+//! Known lines, and which edges run along one.
+
+use nalgebra::Point3;
+use rstar::{AABB, RTree, RTreeObject};
+
+/// An edge runs along a line when it turns away from it by less than this (15 degrees).
+const ALONG_COSINE: f64 = 0.966;
+
+/// Lines that are known, found by their places.
+pub(super) struct KnownLines {
+    tree: RTree<Line>,
+    reach: f64,
+}
+
+struct Line([Point3<f64>; 2]);
+
+impl RTreeObject for Line {
+    type Envelope = AABB<[f64; 3]>;
+
+    fn envelope(&self) -> Self::Envelope {
+        let [a, b] = self.0;
+        AABB::from_corners(a.coords.into(), b.coords.into())
+    }
+}
+
+impl KnownLines {
+    /// Of lines by their ends; those that are not finite are left out. Edges no farther than `reach` run along one.
+    pub(super) fn new(lines: &[[Point3<f64>; 2]], reach: f64) -> Self {
+        let is_finite = |p: &Point3<f64>| p.coords.iter().all(|v| v.is_finite());
+        let finite = lines.iter().filter(|line| line.iter().all(is_finite));
+        Self {
+            tree: RTree::bulk_load(finite.map(|line| Line(*line)).collect()),
+            reach,
+        }
+    }
+
+    /// Whether the edge between two points has both within the reach of one line, and its direction.
+    pub(super) fn run_along(&self, p: &Point3<f64>, q: &Point3<f64>) -> bool {
+        let reach = self.reach;
+        let around = |p: &Point3<f64>, by: f64| -> [f64; 3] { p.coords.map(|v| v + by).into() };
+        let near = AABB::from_corners(around(&p.inf(q), -reach), around(&p.sup(q), reach));
+        let mut candidates = self.tree.locate_in_envelope_intersecting(near);
+        candidates.any(|Line([a, b])| {
+            let (edge, line) = (q - p, b - a);
+            edge.dot(&line).abs() >= ALONG_COSINE * edge.norm() * line.norm()
+                && [p, q]
+                    .iter()
+                    .all(|end| squared_to_segment(end, a, b) <= reach * reach)
+        })
+    }
+}
+
+/// Squared distance of a point from a segment.
+pub(crate) fn squared_to_segment(point: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
+    let along = b - a;
+    let length = along.norm_squared();
+    let t = if length > 0.0 {
+        ((point - a).dot(&along) / length).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    (point - (a + along * t)).norm_squared()
+}
