@@ -21,14 +21,18 @@ const VOTES: &str = "[carving]\nlabels = \"votes\"\n";
 const CUT: &str = "[carving]\nlabels = \"cut\"\n";
 const NOT_JOINED: &str = "[landmarks]\njoin = false\n";
 const ENDS: &str = "[segment_points]\nspacing_px = 10000.0\n";
+const CONFORMING: &str = "[segment_points]\nconforming = true\n";
 const NO_PLANES: &str = "[surface_points]\nenabled = false\n";
 const NO_CORRECTIONS: &str = "[surface_points]\ncorrection_sigmas = inf\n";
 const UNMEASURED: &str = "[surface]\nleast_measured_share = 0.0\n";
 const SEGMENTS: &str = "segment_weight = 1\n";
 const TRIANGULATIONS: &str = "triangulation_weight = 1\n";
 
+/// Lines alone leave wide cells, which want more weight on their shape than the default.
+const SHAPE: &str = "[carving.cut]\nquality_weight = 0.2\n";
+
 /// Name of a row, and the parts of its configuration. The first is the paper: two points a segment, each for itself.
-const SWITCHES: [(&str, &[&str]); 16] = [
+const SWITCHES: [(&str, &[&str]); 19] = [
     (
         "ends of segments, not joined; votes",
         &[VOTES, NOT_JOINED, ENDS, NO_PLANES, UNMEASURED],
@@ -41,7 +45,6 @@ const SWITCHES: [(&str, &[&str]); 16] = [
         "ends and whole segments; votes",
         &[VOTES, SEGMENTS, ENDS, NO_PLANES, UNMEASURED],
     ),
-    ("ends of segments; cut", &[CUT, ENDS, NO_PLANES, UNMEASURED]),
     (
         "points along segments; votes",
         &[VOTES, NO_PLANES, UNMEASURED],
@@ -50,10 +53,21 @@ const SWITCHES: [(&str, &[&str]); 16] = [
         "points along and whole segments; votes",
         &[VOTES, SEGMENTS, NO_PLANES, UNMEASURED],
     ),
-    ("points along segments; cut", &[CUT, NO_PLANES, UNMEASURED]),
+    (
+        "ends of segments; cut",
+        &[CUT, SHAPE, ENDS, NO_PLANES, UNMEASURED],
+    ),
+    (
+        "ends and whole segments; cut",
+        &[CUT, SEGMENTS, SHAPE, ENDS, NO_PLANES, UNMEASURED],
+    ),
+    (
+        "points along segments; cut",
+        &[CUT, SHAPE, NO_PLANES, UNMEASURED],
+    ),
     (
         "points along and whole segments; cut",
-        &[CUT, SEGMENTS, NO_PLANES, UNMEASURED],
+        &[CUT, SEGMENTS, SHAPE, NO_PLANES, UNMEASURED],
     ),
     ("points on planes, too; votes", &[VOTES, UNMEASURED]),
     (
@@ -65,12 +79,20 @@ const SWITCHES: [(&str, &[&str]); 16] = [
         &[VOTES, SEGMENTS, TRIANGULATIONS, UNMEASURED],
     ),
     ("points on planes, too; cut", &[CUT, UNMEASURED]),
+    (
+        "planes and whole segments; cut",
+        &[CUT, SEGMENTS, UNMEASURED],
+    ),
     ("measured triangles; votes", &[VOTES]),
     (
         "measured triangles; cut, no corrections",
         &[CUT, NO_CORRECTIONS],
     ),
     ("measured triangles; cut: the default", &[CUT]),
+    (
+        "measured triangles, segments conforming; cut",
+        &[CUT, CONFORMING],
+    ),
     (
         "measured triangles and whole segments; cut",
         &[CUT, SEGMENTS],
