@@ -260,8 +260,8 @@ impl BackEnd {
             .observe_between(
                 &mut transaction,
                 view,
-                carving.segment_weight,
-                carving.triangulation_weight,
+                &center,
+                [carving.segment_weight, carving.triangulation_weight],
             )
             .map_err(refused)?;
         update.count_points(intake, known);

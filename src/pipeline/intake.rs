@@ -5,6 +5,7 @@ use linecarve_carving::tetrahedralization::IncidentCells;
 use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
+use super::beside::{Triangles, is_beside};
 use super::front_end::Keyframe;
 use super::landmarks::{Landmarks, Measurement, Observed, Settled};
 use super::options::Options;
@@ -22,6 +23,8 @@ pub(super) struct Intake {
     sigma_factor: f64,
     /// Tangent of the angle that a ray keeps from those that its point has.
     least_tangent: f64,
+    /// Triangles to stretches, and to edges of triangulations.
+    triangles: [Triangles; 2],
     /// Landmarks that the keyframe sees; with repetitions until they are painted.
     seen: Vec<u32>,
     /// Those of them that it was given a ray to.
@@ -53,6 +56,7 @@ impl Intake {
             points: Vec::new(),
             sigma_factor: options.carving.cut.sigma_factor,
             least_tangent: options.carving.least_ray_angle_deg.to_radians().tan(),
+            triangles: [(); 2].map(|()| Triangles::new(options.carving.least_segment_angle_deg)),
             seen: Vec::new(),
             observed: Vec::new(),
             provisional: Vec::new(),
@@ -347,19 +351,18 @@ impl Intake {
         Ok(())
     }
 
-    /// Adds the stretches of segments and the edges of the triangulation as segments that the view sees, with these
-    /// weights; with 0 none.
+    /// Adds the stretches of segments and the edges of the triangulation as segments that a view with this centre sees, with these
+    /// weights; with 0 none. Those that a view beside it sees already are left out.
     pub(super) fn observe_between(
         &mut self,
         transaction: &mut Transaction<'_>,
         view: ViewId,
-        stretch_weight: u32,
-        edge_weight: u32,
+        center: &Point3<f64>,
+        weights: [u32; 2],
     ) -> Result<(), EventError> {
-        for (pairs, weight) in [
-            (&mut self.stretches, stretch_weight),
-            (&mut self.edges, edge_weight),
-        ] {
+        let pairs = [&mut self.stretches, &mut self.edges];
+        for ((pairs, triangles), weight) in pairs.into_iter().zip(&mut self.triangles).zip(weights)
+        {
             if weight == 0 {
                 continue;
             }
@@ -368,21 +371,16 @@ impl Intake {
             let is_in_use = |landmark: &u32| self.landmarks.is_in_use(*landmark);
             let has_ray = |landmark: &u32| self.observed.binary_search(landmark).is_ok();
             let is_new = |ends: &&[u32; 2]| ends.iter().all(is_in_use) && ends.iter().any(has_ray);
-            for ends in pairs.iter().filter(is_new) {
-                let ends = ends.map(|landmark| self.points[landmark as usize]);
-                transaction.add_segment(view, ends, weight)?;
+            for pair in pairs.iter().filter(is_new) {
+                let ends = pair.map(|landmark| (landmark, self.landmarks.position(landmark)));
+                if triangles.note(transaction.before(), view, center, ends) {
+                    let ends = pair.map(|landmark| self.points[landmark as usize]);
+                    transaction.add_segment(view, ends, weight)?;
+                }
             }
         }
         Ok(())
     }
-}
-
-/// Whether a place lies nearer than `reach` to a stretch between two others.
-fn is_beside(place: &Point3<f64>, [from, to]: [&Point3<f64>; 2], reach: f64) -> bool {
-    let along = to - from;
-    let share = (place - from).dot(&along) / along.norm_squared();
-    let nearest = from + share.clamp(0.0, 1.0) * along;
-    (place - nearest).norm_squared() < reach * reach
 }
 
 /// A pair in one order.

@@ -4,6 +4,7 @@
 //! order. [`run`] drives both, so that the front end of the next keyframes works beside the back end of these.
 
 mod back_end;
+mod beside;
 pub mod colors;
 pub mod depth_source;
 pub mod edge_points;

@@ -134,6 +134,9 @@ pub struct CarvingOptions {
     /// the point has: a camera that stays in one place tells nothing new with each keyframe, and would make all rays dearer.
     /// In degrees; 0 for all rays.
     pub least_ray_angle_deg: f64,
+    /// A stretch gets a triangle from a camera only where the camera lies this far, as seen from its ends, beside those that
+    /// have triangles the same way there. In degrees; 0 for all triangles.
+    pub least_segment_angle_deg: f64,
     /// Settings of the cut.
     pub cut: CutSettings,
 }
@@ -146,6 +149,7 @@ impl Default for CarvingOptions {
             segment_weight: 0,
             triangulation_weight: 0,
             least_ray_angle_deg: 2.0,
+            least_segment_angle_deg: 15.0,
             cut: CutSettings::default(),
         }
     }
@@ -322,13 +326,23 @@ impl Options {
                 expected: "a share from 0 to 1 is needed",
             });
         }
-        let angle = self.carving.least_ray_angle_deg;
-        if !(0.0..=45.0).contains(&angle) {
-            return Err(OptionsError::Range {
-                key: "carving.least_ray_angle_deg",
-                value: angle.to_string(),
-                expected: "degrees from 0 to 45 are needed",
-            });
+        for (key, angle) in [
+            (
+                "carving.least_ray_angle_deg",
+                self.carving.least_ray_angle_deg,
+            ),
+            (
+                "carving.least_segment_angle_deg",
+                self.carving.least_segment_angle_deg,
+            ),
+        ] {
+            if !(0.0..=45.0).contains(&angle) {
+                return Err(OptionsError::Range {
+                    key,
+                    value: angle.to_string(),
+                    expected: "degrees from 0 to 45 are needed",
+                });
+            }
         }
         positive("carving.cut.sigma_factor", self.carving.cut.sigma_factor)?;
         self.carving.cut.options().validate()?;
@@ -369,6 +383,10 @@ mod tests {
             (
                 "[carving]\nleast_ray_angle_deg = nan\n",
                 "carving.least_ray_angle_deg",
+            ),
+            (
+                "[carving]\nleast_segment_angle_deg = 46.0\n",
+                "carving.least_segment_angle_deg",
             ),
             ("[carving.cut]\nbehind_sigmas = -1.0\n", "behind_sigmas"),
             ("[carving\n", "options.toml"),
