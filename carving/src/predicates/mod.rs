@@ -37,7 +37,7 @@ const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
 
 /// The larger of two numbers, neither of which is NaN; one machine instruction.
 #[inline(always)]
-fn larger(a: f64, b: f64) -> f64 {
+pub(crate) fn larger(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 

@@ -16,7 +16,6 @@
 //! cells at its ends. From there the search goes on in created cells alone. Degenerate sheets are searched for over
 //! their full extent.
 
-use crate::predicates::orient3d;
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
 
 use super::crossings::Crossings;
@@ -24,7 +23,7 @@ use super::evidence::{CellEvidence, Evidence};
 use super::rays::RayId;
 use super::sheet_evidence::{Frame, PLACES, SheetSight};
 use super::sheets::{Sheet, Sheets};
-use super::triangle::{Contact, relate_cell, relate_cell_beside, relate_ghost};
+use super::triangle::{Contact, Seen, Triangle, relate_cell, relate_ghost, relate_seen_cell};
 use super::views::Views;
 
 /// Reused memory of searches.
@@ -37,8 +36,8 @@ pub(crate) struct SheetScratch {
     queue: Vec<CellId>,
     /// Per cell the number of the search that saw it last.
     seen: Vec<u32>,
-    /// Per vertex the search that computed its side of the plane last, and that side.
-    sides: Vec<(u32, f64)>,
+    /// Per vertex the search whose sheet saw it last, and how.
+    sights: Vec<(u32, Seen)>,
     search: u32,
     around: IncidentCells,
     listed: Vec<RayId>,
@@ -51,6 +50,8 @@ pub(crate) struct SheetScratch {
 
 /// Stands for no cell in a list of starts: the sheet is concerned all the same.
 const NOWHERE: u32 = u32::MAX;
+/// Stand for all created cells at an end of the sheet.
+const AT_END: [u32; 2] = [u32::MAX - 1, u32::MAX - 2];
 
 impl SheetScratch {
     fn begin(&mut self, cells: usize, vertices: usize) {
@@ -58,11 +59,12 @@ impl SheetScratch {
         self.beside.clear();
         self.queue.clear();
         self.seen.resize(cells.max(self.seen.len()), 0);
-        self.sides.resize(vertices.max(self.sides.len()), (0, 0.0));
+        let needed = vertices.max(self.sights.len());
+        self.sights.resize(needed, (0, Seen::default()));
         self.search = self.search.wrapping_add(1);
         if self.search == 0 {
             self.seen.fill(0);
-            self.sides.fill((0, 0.0));
+            self.sights.fill((0, Seen::default()));
             self.search = 1;
         }
     }
@@ -133,7 +135,7 @@ impl SheetWalk<'_> {
         let [a, b] = record
             .vertices
             .map(|vertex| tetrahedra.coordinates(VertexId::from_index(vertex as usize)));
-        let triangle = [self.views.center(record.view), a, b];
+        let triangle = &Triangle::new([self.views.center(record.view), a, b]);
         let scratch = &mut *self.scratch;
         let mut is_generic = true;
         while let Some(cell) = scratch.queue.pop() {
@@ -154,14 +156,15 @@ impl SheetWalk<'_> {
                 continue;
             }
             let corners = vertices.map(|v| tetrahedra.coordinates(v));
-            let (sides, search) = (&mut scratch.sides, scratch.search);
-            let relation = relate_cell_beside(triangle, corners, |k| {
-                let known = &mut sides[vertices[k].index()];
+            let (sights, search) = (&mut scratch.sights, scratch.search);
+            let seen = std::array::from_fn(|k| {
+                let known = &mut sights[vertices[k].index()];
                 if known.0 != search {
-                    *known = (search, orient3d(triangle[0], a, b, corners[k]));
+                    *known = (search, triangle.see(corners[k]));
                 }
                 known.1
             });
+            let relation = relate_seen_cell(triangle, corners, seen);
             is_generic &= relation.is_generic;
             match relation.contact {
                 Contact::Apart => continue,
@@ -331,8 +334,8 @@ impl SheetWalk<'_> {
             let is_generic = !self.sheets.get(sheet).is_degenerate && {
                 self.scratch
                     .begin(tetrahedra.cell_capacity(), tetrahedra.vertex_capacity());
-                for &(_, start) in concerned.iter().filter(|(_, start)| *start != NOWHERE) {
-                    self.scratch.see(CellId::from_index(start as usize));
+                for &(_, start) in concerned {
+                    self.see_start(sheet, start);
                 }
                 self.search(sheet, |scratch, cell| scratch.is_new[cell.index()])
             };
@@ -378,19 +381,30 @@ impl SheetWalk<'_> {
                     .filter(|start| **start != NOWHERE)
                     .map(|start| (sheet, *start)),
             );
-            for end in self.sheets.get(sheet).vertices {
-                let end = VertexId::from_index(end as usize);
-                if vertices.contains(&end) {
-                    let around = tetrahedra.incident_cells(end, &mut self.scratch.around);
-                    let is_new = &self.scratch.is_new;
-                    starts.extend(
-                        around
-                            .iter()
-                            .filter(|cell| is_new[cell.index()])
-                            .map(|cell| (sheet, cell.index() as u32)),
-                    );
+            for (end, at_end) in self.sheets.get(sheet).vertices.into_iter().zip(AT_END) {
+                if vertices.contains(&VertexId::from_index(end as usize)) {
+                    starts.push((sheet, at_end));
                 }
             }
         }
+    }
+
+    /// Puts the created cells that an entry of a list of starts stands for in the queue.
+    fn see_start(&mut self, sheet: RayId, start: u32) {
+        if start == NOWHERE {
+            return;
+        }
+        let Some(end) = AT_END.iter().position(|at_end| *at_end == start) else {
+            self.scratch.see(CellId::from_index(start as usize));
+            return;
+        };
+        let end = VertexId::from_index(self.sheets.get(sheet).vertices[end] as usize);
+        let mut around = std::mem::take(&mut self.scratch.around);
+        for &cell in self.tetrahedra.incident_cells(end, &mut around) {
+            if self.scratch.is_new[cell.index()] {
+                self.scratch.see(cell);
+            }
+        }
+        self.scratch.around = around;
     }
 }

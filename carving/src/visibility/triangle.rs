@@ -3,10 +3,16 @@
 //! In the plane of the triangle the cell is a convex polygon, whose corners are the cell's own corners in the plane and
 //! the points where edges of the cell pierce it. Two convex polygons are apart when, and only when, a line along an edge of
 //! one of them parts them. A line along an edge of the polygon belongs to a facet of the cell, a line along an edge of the
-//! triangle to two of its corners, so each test is the sign of an orientation: no point is ever computed.
+//! triangle to two of its corners, so each test is the sign of an orientation: no point is ever computed. Most signs come from
+//! numbers that the triangle has for each corner once ([`sides`]).
+
+mod sides;
 
 use crate::predicates::orient3d;
 use crate::tetrahedralization::Tetrahedralization;
+
+use sides::FacetPlane;
+pub(super) use sides::{Seen, Triangle};
 
 const FACET: [[usize; 3]; 4] = Tetrahedralization::FACET;
 
@@ -64,11 +70,14 @@ impl Sides {
 
 /// Corners of a cell or facet relative to the plane of a triangle.
 struct Section<'a, const N: usize> {
-    triangle: [&'a [f64; 3]; 3],
+    triangle: &'a Triangle<'a>,
     corners: [&'a [f64; 3]; N],
+    seen: [Seen; N],
     above: [f64; N],
     is_generic: bool,
-    /// Per edge of the triangle, the edges of the cell that pierce the plane strictly beyond it, as [`bit`]s.
+    /// Edges of the cell that pierce the plane, as [`bit`]s.
+    pierced: u16,
+    /// Per edge of the triangle, those that do so strictly beyond it.
     beyond: [u16; 3],
 }
 
@@ -78,27 +87,22 @@ fn bit(k: usize, l: usize) -> u16 {
 }
 
 impl<'a, const N: usize> Section<'a, N> {
-    /// Of corners on these sides of the plane; those of a corner that is an end of the triangle are not asked for.
-    fn new(
-        triangle: [&'a [f64; 3]; 3],
-        corners: [&'a [f64; 3]; N],
-        mut side: impl FnMut(usize) -> f64,
-    ) -> Self {
-        let [_, a, b] = triangle;
+    fn new(triangle: &'a Triangle<'a>, corners: [&'a [f64; 3]; N], seen: [Seen; N]) -> Self {
+        let [_, a, b] = triangle.corners;
         let mut is_generic = true;
-        let above = std::array::from_fn(|k| {
-            if corners[k] == a || corners[k] == b {
-                return 0.0;
-            }
-            let side = side(k);
-            is_generic &= side != 0.0;
-            side
-        });
+        let mut above = [0.0; N];
+        for k in 0..N {
+            above[k] = seen[k].above;
+            // An end of the triangle in its plane is nothing special.
+            is_generic &= above[k] != 0.0 || corners[k] == a || corners[k] == b;
+        }
         Self {
             triangle,
             corners,
+            seen,
             above,
             is_generic,
+            pierced: 0,
             beyond: [0; 3],
         }
     }
@@ -110,34 +114,48 @@ impl<'a, const N: usize> Section<'a, N> {
     /// On which sides of the line through corners `i` and `i + 1` of the triangle the section lies; positive is the side of
     /// the triangle.
     fn beyond_edge(&mut self, i: usize) -> Sides {
-        let (u, v) = (self.triangle[i], self.triangle[(i + 1) % 3]);
         let mut sides = Sides::default();
-        let apex = (0..N).find(|&k| self.above[k] != 0.0);
         for k in 0..N {
-            let t = self.corners[k];
             if self.above[k] == 0.0 {
-                // The turn of u, v, t as seen from a corner off the plane.
-                let Some(apex) = apex else { continue };
-                if t == u || t == v {
-                    sides.add(0.0);
+                let Some(side) = self.beside_edge(i, k) else {
                     continue;
-                }
-                let turn = orient3d(u, v, t, self.corners[apex]);
-                let side = if self.above[apex] > 0.0 { turn } else { -turn };
-                self.is_generic &= side != 0.0;
+                };
                 sides.add(side);
             } else if self.above[k] > 0.0 {
-                for l in (0..N).filter(|&l| self.above[l] < 0.0) {
-                    let side = orient3d(self.corners[l], t, u, v);
-                    self.is_generic &= side != 0.0;
-                    if side < 0.0 {
-                        self.beyond[i] |= bit(k, l);
+                for l in 0..N {
+                    if self.above[l] < 0.0 {
+                        let high = (self.corners[k], &self.seen[k]);
+                        let side = self
+                            .triangle
+                            .pierced(i, high, (self.corners[l], &self.seen[l]));
+                        self.is_generic &= side != 0.0;
+                        self.pierced |= bit(k, l);
+                        if side < 0.0 {
+                            self.beyond[i] |= bit(k, l);
+                        }
+                        sides.add(side);
                     }
-                    sides.add(side);
                 }
             }
         }
         sides
+    }
+
+    /// The side of that line on which corner `k` lies, which is in the plane; `None` when all are.
+    fn beside_edge(&mut self, i: usize, k: usize) -> Option<f64> {
+        let apex = self.above.iter().position(|above| *above != 0.0)?;
+        let (u, v) = (self.triangle.corners[i], self.triangle.corners[(i + 1) % 3]);
+        let t = self.corners[k];
+        if t == u || t == v {
+            return Some(0.0);
+        }
+        let side = self.triangle.beside(i, &self.seen[k]).unwrap_or_else(|| {
+            // The turn of u, v, t as seen from a corner off the plane.
+            let turn = orient3d(u, v, t, self.corners[apex]);
+            if self.above[apex] > 0.0 { turn } else { -turn }
+        });
+        self.is_generic &= side != 0.0;
+        Some(side)
     }
 
     /// Whether the triangle may touch the facet with these corners: neither its plane nor a line along one of its edges parts
@@ -147,11 +165,14 @@ impl<'a, const N: usize> Section<'a, N> {
             return true;
         }
         let [p, q, r] = facet;
-        let pierced = [(p, q), (q, r), (r, p)]
-            .into_iter()
-            .filter(|&(k, l)| (self.above[k] > 0.0) != (self.above[l] > 0.0))
-            .fold(0, |bits, (k, l)| bits | bit(k, l));
+        let pierced = self.pierced & (bit(p, q) | bit(q, r) | bit(r, p));
         pierced != 0 && self.beyond.iter().all(|beyond| pierced & !beyond != 0)
+    }
+
+    /// Whether an edge of the cell pierces the triangle, of a section in general position.
+    fn is_pierced(&self) -> bool {
+        let [first, second, third] = self.beyond;
+        self.pierced & !(first | second | third) != 0
     }
 
     /// Tests the plane and the three edges of the triangle. `None` when one of them parts the two. Otherwise also whether the
@@ -184,50 +205,44 @@ impl<'a, const N: usize> Section<'a, N> {
     }
 }
 
-/// How the closed triangle of `center`, `a` and `b`, which are not on one line, and a positively oriented cell meet.
-pub(super) fn relate_cell(triangle: [&[f64; 3]; 3], cell: [&[f64; 3]; 4]) -> Relation {
-    relate_cell_beside(triangle, cell, side_of(triangle, cell))
+/// How a closed triangle, whose corners are not on one line, and a positively oriented cell meet.
+pub(super) fn relate_cell(triangle: &Triangle<'_>, cell: [&[f64; 3]; 4]) -> Relation {
+    relate_seen_cell(triangle, cell, cell.map(|corner| triangle.see(corner)))
 }
 
-/// On which side of a triangle's plane each corner lies.
-fn side_of<const N: usize>(
-    [center, a, b]: [&[f64; 3]; 3],
-    corners: [&[f64; 3]; N],
-) -> impl Fn(usize) -> f64 {
-    move |k| orient3d(center, a, b, corners[k])
-}
-
-/// The same when the sides of the plane on which the corners lie are known: each that of `orient3d(center, a, b, corner)`.
-pub(super) fn relate_cell_beside(
-    triangle: [&[f64; 3]; 3],
+/// The same when the triangle has [seen](Triangle::see) the corners.
+pub(super) fn relate_seen_cell(
+    triangle: &Triangle<'_>,
     cell: [&[f64; 3]; 4],
-    side: impl FnMut(usize) -> f64,
+    seen: [Seen; 4],
 ) -> Relation {
-    let mut section = Section::new(triangle, cell, side);
+    let mut section = Section::new(triangle, cell, seen);
     let Some((mut contact, within)) = section.contact() else {
         return APART;
     };
     let mut is_generic = section.is_generic;
     let touched = FACET.map(|facet| section.may_touch(facet));
-    if is_generic && within == [true; 3] && section.in_plane() == 0 {
-        // The section is in the interior of the triangle: nothing of the triangle's boundary is near the cell.
+    if is_generic && section.is_pierced() {
+        // The triangle goes on on both sides of an edge of the cell. Where a corner of it lies in the plane of a facet besides, the
+        // interior on either side is met or not regardless.
         return Relation {
-            contact,
+            contact: Contact::Meets,
             is_generic,
             is_coplanar: false,
-            is_at_segment: false,
+            is_at_segment: !within[SEGMENT],
             touched,
         };
     }
     for facet in FACET {
         let [p, q, r] = facet.map(|k| cell[k]);
+        let plane = FacetPlane::new([p, q, r]);
         let mut sides = Sides::default();
-        for corner in triangle {
+        for (place, corner) in triangle.corners.into_iter().enumerate() {
             if corner == p || corner == q || corner == r {
-                is_generic &= corner != triangle[0];
+                is_generic &= place != 0;
                 sides.add(0.0);
             } else {
-                let side = orient3d(p, q, r, corner);
+                let side = plane.side(corner);
                 is_generic &= side != 0.0;
                 sides.add(side);
             }
@@ -250,13 +265,13 @@ pub(super) fn relate_cell_beside(
 
 /// Whether the triangle may enter the hull through the facet of a ghost cell: its centre is strictly outside, and plane and
 /// edges of the triangle do not part it from the facet.
-pub(super) fn relate_ghost(triangle: [&[f64; 3]; 3], facet: [&[f64; 3]; 3]) -> Relation {
+pub(super) fn relate_ghost(triangle: &Triangle<'_>, facet: [&[f64; 3]; 3]) -> Relation {
     let [p, q, r] = facet;
-    let outside = orient3d(p, q, r, triangle[0]);
+    let outside = orient3d(p, q, r, triangle.corners[0]);
     if outside < 0.0 {
         return APART;
     }
-    let mut section = Section::new(triangle, facet, side_of(triangle, facet));
+    let mut section = Section::new(triangle, facet, facet.map(|corner| triangle.see(corner)));
     if section.contact().is_none() {
         return APART;
     }
@@ -278,7 +293,7 @@ pub(super) fn relate_ghost(triangle: [&[f64; 3]; 3], facet: [&[f64; 3]; 3]) -> R
 pub fn triangle_meets_cell(triangle: [&[f64; 3]; 3], cell: [&[f64; 3]; 4]) -> bool {
     let [center, a, b] = triangle;
     !crate::predicates::are_collinear(center, a, b)
-        && relate_cell(triangle, cell).contact == Contact::Meets
+        && relate_cell(&Triangle::new(triangle), cell).contact == Contact::Meets
 }
 
 #[cfg(test)]

@@ -73,7 +73,7 @@ proptest! {
         let meets = !polygon.is_empty()
             && functions.iter().all(|f| polygon.iter().any(|p| at(f, p) > 0));
         prop_assert_eq!(triangle_meets_cell(ends, corners), meets);
-        let relation = relate_cell(ends, corners);
+        let relation = relate_cell(&Triangle::new(ends), corners);
         prop_assert_eq!(relation.contact == Contact::Apart, polygon.is_empty());
         for (facet, function) in functions.iter().enumerate() {
             let touches = polygon.iter().any(|corner| at(function, corner) == 0);
