@@ -11,8 +11,6 @@
 //! All is a function of positions, deviations and weight of one segment and one cell; ends and corners are put in order by
 //! position first.
 
-use std::cmp::Ordering;
-
 use crate::predicates::{are_collinear, orient3d};
 use crate::tetrahedralization::Tetrahedralization;
 
@@ -135,6 +133,17 @@ fn clipped(from: [f64; 2], to: [f64; 2]) -> Option<[[f64; 2]; 2]> {
     (low < high).then(|| [at(low), at(high)])
 }
 
+/// Corners in an order that depends on their positions alone.
+fn by_position(corners: [&[f64; 3]; 4]) -> [usize; 4] {
+    let mut order = [0, 1, 2, 3];
+    for (first, second) in [(0, 1), (2, 3), (0, 2), (1, 3), (1, 2)] {
+        if precedes(corners[order[second]], corners[order[first]]) {
+            order.swap(first, second);
+        }
+    }
+    order
+}
+
 impl SheetSight<'_> {
     /// The triangle in its plane, with the deviations at its ends.
     pub(crate) fn frame(&self, softness: &Softness) -> Frame {
@@ -201,14 +210,7 @@ impl SheetSight<'_> {
         let weight = u64::from(self.weight.min(MAX_WEIGHT)) * UNIT;
         let relative = cell.map(|corner| minus(corner, self.center));
         let silent = ends_in.then(|| frame.inside(&relative)).flatten();
-        let mut order = [0, 1, 2, 3];
-        order.sort_unstable_by(|&i, &j| {
-            if precedes(cell[i], cell[j]) {
-                Ordering::Less
-            } else {
-                Ordering::Greater
-            }
-        });
+        let order = by_position(cell);
         let heights = relative.map(|corner| dot(&frame.normal, &corner));
         let cut =
             |i: usize, j: usize| frame.cut(&relative[i], &relative[j], [heights[i], heights[j]]);

@@ -157,13 +157,13 @@ impl SheetWalk<'_> {
             }
             let corners = vertices.map(|v| tetrahedra.coordinates(v));
             let (sights, search) = (&mut scratch.sights, scratch.search);
-            let seen = std::array::from_fn(|k| {
-                let known = &mut sights[vertices[k].index()];
+            for (vertex, corner) in vertices.iter().zip(corners) {
+                let known = &mut sights[vertex.index()];
                 if known.0 != search {
-                    *known = (search, triangle.see(corners[k]));
+                    *known = (search, triangle.see(corner));
                 }
-                known.1
-            });
+            }
+            let seen = vertices.map(|vertex| &sights[vertex.index()].1);
             let relation = relate_seen_cell(triangle, corners, seen);
             is_generic &= relation.is_generic;
             match relation.contact {

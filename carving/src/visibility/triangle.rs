@@ -72,7 +72,7 @@ impl Sides {
 struct Section<'a, const N: usize> {
     triangle: &'a Triangle<'a>,
     corners: [&'a [f64; 3]; N],
-    seen: [Seen; N],
+    seen: [&'a Seen; N],
     above: [f64; N],
     is_generic: bool,
     /// Edges of the cell that pierce the plane, as [`bit`]s.
@@ -87,7 +87,7 @@ fn bit(k: usize, l: usize) -> u16 {
 }
 
 impl<'a, const N: usize> Section<'a, N> {
-    fn new(triangle: &'a Triangle<'a>, corners: [&'a [f64; 3]; N], seen: [Seen; N]) -> Self {
+    fn new(triangle: &'a Triangle<'a>, corners: [&'a [f64; 3]; N], seen: [&'a Seen; N]) -> Self {
         let [_, a, b] = triangle.corners;
         let mut is_generic = true;
         let mut above = [0.0; N];
@@ -124,10 +124,10 @@ impl<'a, const N: usize> Section<'a, N> {
             } else if self.above[k] > 0.0 {
                 for l in 0..N {
                     if self.above[l] < 0.0 {
-                        let high = (self.corners[k], &self.seen[k]);
+                        let high = (self.corners[k], self.seen[k]);
                         let side = self
                             .triangle
-                            .pierced(i, high, (self.corners[l], &self.seen[l]));
+                            .pierced(i, high, (self.corners[l], self.seen[l]));
                         self.is_generic &= side != 0.0;
                         self.pierced |= bit(k, l);
                         if side < 0.0 {
@@ -149,7 +149,7 @@ impl<'a, const N: usize> Section<'a, N> {
         if t == u || t == v {
             return Some(0.0);
         }
-        let side = self.triangle.beside(i, &self.seen[k]).unwrap_or_else(|| {
+        let side = self.triangle.beside(i, self.seen[k]).unwrap_or_else(|| {
             // The turn of u, v, t as seen from a corner off the plane.
             let turn = orient3d(u, v, t, self.corners[apex]);
             if self.above[apex] > 0.0 { turn } else { -turn }
@@ -207,14 +207,15 @@ impl<'a, const N: usize> Section<'a, N> {
 
 /// How a closed triangle, whose corners are not on one line, and a positively oriented cell meet.
 pub(super) fn relate_cell(triangle: &Triangle<'_>, cell: [&[f64; 3]; 4]) -> Relation {
-    relate_seen_cell(triangle, cell, cell.map(|corner| triangle.see(corner)))
+    let seen = cell.map(|corner| triangle.see(corner));
+    relate_seen_cell(triangle, cell, seen.each_ref())
 }
 
 /// The same when the triangle has [seen](Triangle::see) the corners.
 pub(super) fn relate_seen_cell(
     triangle: &Triangle<'_>,
     cell: [&[f64; 3]; 4],
-    seen: [Seen; 4],
+    seen: [&Seen; 4],
 ) -> Relation {
     let mut section = Section::new(triangle, cell, seen);
     let Some((mut contact, within)) = section.contact() else {
@@ -271,7 +272,8 @@ pub(super) fn relate_ghost(triangle: &Triangle<'_>, facet: [&[f64; 3]; 3]) -> Re
     if outside < 0.0 {
         return APART;
     }
-    let mut section = Section::new(triangle, facet, facet.map(|corner| triangle.see(corner)));
+    let seen = facet.map(|corner| triangle.see(corner));
+    let mut section = Section::new(triangle, facet, seen.each_ref());
     if section.contact().is_none() {
         return APART;
     }
