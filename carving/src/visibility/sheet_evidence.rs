@@ -17,7 +17,7 @@ use crate::tetrahedralization::Tetrahedralization;
 use super::evidence::CellEvidence;
 use super::segment::crosses_cell;
 use super::softness::{
-    LEAST_BEHIND, MAX_WEIGHT, Softness, UNIT, cross, dot, in_order, minus, precedes, soft,
+    LEAST_BEHIND, MANY, MAX_WEIGHT, Softness, UNIT, cross, dot, in_order, minus, precedes, soft,
 };
 
 /// A segment seen by a view, as evidence.
@@ -42,6 +42,8 @@ pub(crate) struct Frame {
     sigmas: [f64; 2],
     normal: [f64; 3],
     squared: f64,
+    /// The share of the way to the segment up to which all of it is many deviations away.
+    clear: f64,
 }
 
 impl Frame {
@@ -80,6 +82,9 @@ impl Frame {
         // Also for what is not a number, at the centre.
         if part.is_nan() || part <= 0.0 {
             return 0.0;
+        }
+        if from[0] + from[1] < self.clear && to[0] + to[1] < self.clear {
+            return part;
         }
         let step = [to[0] - from[0], to[1] - from[1]];
         let turn = from[0] * step[1] - from[1] * step[0];
@@ -160,11 +165,18 @@ impl SheetSight<'_> {
         };
         let ends = order.map(|k| minus(self.ends[k], self.center));
         let normal = cross(&ends[0], &ends[1]);
+        let squared = dot(&normal, &normal);
+        let sigmas = order.map(sigma);
+        let along = minus(&ends[1], &ends[0]);
+        let nearest = (squared / dot(&along, &along)).sqrt();
+        // A little less, for rounding.
+        let clear = 1.0 - 1.000_001 * MANY * sigmas[0].max(sigmas[1]) / nearest;
         Frame {
             ends,
-            sigmas: order.map(sigma),
+            sigmas,
             normal,
-            squared: dot(&normal, &normal),
+            squared,
+            clear,
         }
     }
 

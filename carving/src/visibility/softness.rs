@@ -75,13 +75,14 @@ pub(super) fn in_order([mut a, mut b, mut c]: [&[f64; 3]; 3]) -> [&[f64; 3]; 3] 
     [a, b, c]
 }
 
-/// `1 - exp(-x^2 / 2)` of a number of deviations; 1 of many and of what is not a number.
+/// From so many deviations on the weight is rounded to its full amount.
+pub(super) const MANY: f64 = 4.0;
+
+/// `1 - exp(-x^2 / 2)` of a number of deviations; 1 of [many](MANY) and of what is not a number.
 #[inline]
 pub(super) fn soft(deviations: f64) -> f64 {
-    /// From this exponent on the weight is rounded to its full amount.
-    const SATURATED: f64 = 8.0;
     let exponent = 0.5 * deviations * deviations;
-    if exponent < SATURATED {
+    if exponent < 0.5 * MANY * MANY {
         -(-exponent).exp_m1()
     } else {
         1.0
