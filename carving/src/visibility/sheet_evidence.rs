@@ -46,20 +46,32 @@ pub(crate) struct Frame {
     clear: f64,
 }
 
+/// A corner of a cell in a frame.
+struct Place {
+    height: f64,
+    along: [f64; 2],
+}
+
+/// Where an edge of a facet cuts the plane, if it does.
+fn cut(p: &Place, q: &Place) -> Option<[f64; 2]> {
+    if (p.height > 0.0) == (q.height > 0.0) {
+        return None;
+    }
+    let share = p.height / (p.height - q.height);
+    Some([0, 1].map(|k| p.along[k] + share * (q.along[k] - p.along[k])))
+}
+
 impl Frame {
-    /// Where an edge of a facet cuts the plane, if it does, by the two coordinates; corners relative to the centre.
-    fn cut(&self, p: &[f64; 3], q: &[f64; 3], heights: [f64; 2]) -> Option<[f64; 2]> {
-        let [above, below] = heights;
-        if (above > 0.0) == (below > 0.0) {
-            return None;
-        }
-        let share = above / (above - below);
-        let point: [f64; 3] = std::array::from_fn(|k| p[k] + share * (q[k] - p[k]));
+    /// A point relative to the centre by its height over the plane, up to a factor, and its two coordinates along the ends.
+    fn place(&self, point: &[f64; 3]) -> Place {
         let [a, b] = &self.ends;
-        Some([
-            dot(&self.normal, &cross(&point, b)) / self.squared,
-            dot(&self.normal, &cross(a, &point)) / self.squared,
-        ])
+        Place {
+            height: dot(&self.normal, point),
+            along: [
+                dot(&self.normal, &cross(point, b)) / self.squared,
+                dot(&self.normal, &cross(a, point)) / self.squared,
+            ],
+        }
     }
 
     /// Mean of what the rays between two places in the triangle say, times their part of all rays; those left out that
@@ -223,9 +235,7 @@ impl SheetSight<'_> {
         let relative = cell.map(|corner| minus(corner, self.center));
         let silent = ends_in.then(|| frame.inside(&relative)).flatten();
         let order = by_position(cell);
-        let heights = relative.map(|corner| dot(&frame.normal, &corner));
-        let cut =
-            |i: usize, j: usize| frame.cut(&relative[i], &relative[j], [heights[i], heights[j]]);
+        let places = relative.map(|corner| frame.place(&corner));
         let mut is_center_inside = true;
         for (facet, corners) in Tetrahedralization::FACET.iter().enumerate() {
             let [p, q, r] = corners.map(|k| cell[k]);
@@ -238,7 +248,7 @@ impl SheetSight<'_> {
             let [p, q, r] = std::array::from_fn(|_| corners.next().unwrap_or(facet));
             let mut cuts = [(p, q), (q, r), (p, r)]
                 .into_iter()
-                .filter_map(|(i, j)| cut(i, j));
+                .filter_map(|(i, j)| cut(&places[i], &places[j]));
             if let (Some(from), Some(to)) = (cuts.next(), cuts.next())
                 && let Some([from, to]) = clipped(from, to)
             {
