@@ -32,7 +32,7 @@ const TRIANGULATIONS: &str = "triangulation_weight = 1\n";
 const SHAPE: &str = "[carving.cut]\nquality_weight = 0.2\n";
 
 /// Name of a row, and the parts of its configuration. The first is the paper: two points a segment, each for itself.
-const SWITCHES: [(&str, &[&str]); 19] = [
+const SWITCHES: [(&str, &[&str]); 21] = [
     (
         "ends of segments, not joined; votes",
         &[VOTES, NOT_JOINED, ENDS, NO_PLANES, UNMEASURED],
@@ -96,6 +96,14 @@ const SWITCHES: [(&str, &[&str]); 19] = [
     (
         "measured triangles and whole segments; cut",
         &[CUT, SEGMENTS],
+    ),
+    (
+        "measured triangles and edges of triangulations; cut",
+        &[CUT, TRIANGULATIONS],
+    ),
+    (
+        "measured triangles, whole segments and edges of triangulations; cut",
+        &[CUT, SEGMENTS, TRIANGULATIONS],
     ),
 ];
 

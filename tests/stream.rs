@@ -128,7 +128,13 @@ fn a_session_with_corrections_ends_with_the_surface_of_the_recording() {
         (&json!("end"), &json!(FRAMES))
     );
     assert_eq!(end["triangles"], triangles);
-    for name in ["mesh.ply", "segments.ply", "clusters.ply", "mesh.glb"] {
+    for name in [
+        "mesh.ply",
+        "segments.ply",
+        "clusters.ply",
+        "feature-edges.ply",
+        "mesh.glb",
+    ] {
         let read = |run: &str| std::fs::read(recording.folder.path().join(run).join(name)).unwrap();
         assert!(read("batch") == read("live"), "{name} differs");
     }

@@ -136,7 +136,12 @@ impl Recording {
         let end = replies.last().unwrap();
         assert_eq!(end["keyframes"], KEYFRAMES);
         assert_eq!(end["triangles"], triangles);
-        for name in ["mesh.ply", "segments.ply", "clusters.ply"] {
+        for name in [
+            "mesh.ply",
+            "segments.ply",
+            "clusters.ply",
+            "feature-edges.ply",
+        ] {
             let read = |run| std::fs::read(self.folder.path().join(run).join(name)).unwrap();
             assert!(read("batch") == read("live"), "{name} differs");
         }

@@ -9,7 +9,7 @@ use super::Format;
 /// Arguments of `stream`.
 #[derive(Debug, Args)]
 pub struct StreamArgs {
-    /// Folder for mesh, segments and clusters at the end; made when missing. Default: nothing is written but the replies.
+    /// Folder for mesh, its edges, segments and clusters at the end; made when missing. Default: nothing is written but the replies.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 

@@ -8,12 +8,12 @@ use nalgebra::Vector3;
 use crate::cli::CompareArgs;
 use crate::commands::Outcome;
 use crate::commands::compare_runs::{ComparedRun, run_lines, run_points};
-use crate::commands::output::{
-    OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
-};
+use crate::commands::feature_edges;
+use crate::commands::output::OutputFolder;
 use crate::commands::page::{growth_plots, page_of, page_surface};
 use crate::commands::run_report::print_object;
 use crate::commands::sequence::{Prepared, prepare};
+use crate::commands::surface_files::SurfaceFiles;
 use crate::compare::{
     ComparedSurface, Comparison, ErrorPaint, Gallery, GalleryView, GroundTruthSummary,
     SurfaceSummary, score_table,
@@ -250,35 +250,16 @@ fn write_surfaces(
     for run in runs {
         let name = run.surface.name;
         output.subfolder(name)?;
-        let mut mesh = run.surface.mesh.clone();
-        mesh.translate(origin);
-        write_geometry(
-            output,
-            &format!("{name}/mesh"),
-            surface_part(&mesh),
-            formats,
-            origin,
-        )?;
-        if let Some((segments, clusters)) = &run.lines {
-            let (mut segments, mut clusters) = (segments.clone(), clusters.clone());
-            segments.translate(origin);
-            clusters.translate(origin);
-            let (segments, clusters) = (segments_part(&segments), clusters_part(&clusters));
-            write_geometry(
-                output,
-                &format!("{name}/segments"),
-                segments,
-                formats,
-                origin,
-            )?;
-            write_geometry(
-                output,
-                &format!("{name}/clusters"),
-                clusters,
-                formats,
-                origin,
-            )?;
-        }
+        let known = run.lines.as_ref().map(|(_, clusters)| clusters.clone());
+        let mesh = run.surface.mesh.clone();
+        let edges = feature_edges::of_final_mesh(&mesh, &known.unwrap_or_default(), None)?;
+        let mut surface = SurfaceFiles {
+            mesh,
+            lines: run.lines.clone(),
+            edges: edges.lines,
+        };
+        surface.translate(origin);
+        surface.write(output, &format!("{name}/"), formats, origin)?;
         if let Some(points) = &run.points {
             let path = output.file(&format!("{name}/points.ply"));
             let points: Vec<_> = points.iter().map(|point| point + origin).collect();

@@ -27,6 +27,7 @@ mod run_report;
 mod sequence;
 mod simplify;
 mod stream;
+mod surface_files;
 mod surface_page;
 mod synth;
 mod tables;

@@ -11,17 +11,15 @@ use crate::cli::{Format, ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
 use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{GROWTH, add_lines, note_result, timed_surface, write_growth};
-use crate::commands::output::{
-    FEATURE_EDGES, OutputFolder, clusters_part, feature_edges_part, segments_part, surface_part,
-    write_geometry,
-};
+use crate::commands::output::OutputFolder;
 use crate::commands::page::PageRecorder;
 use crate::commands::picture::{Shot, write_overview};
 use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
+use crate::commands::surface_files::SurfaceFiles;
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{feature_edges, kept_run, reconstruct_points, simplify};
-use crate::mesh::{LineSet, TriangleMesh, write_glb};
+use crate::mesh::write_glb;
 use crate::pipeline::{self, Arrival, BackEnd, BackEndError, Keyframe};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, StageTimes, milliseconds};
@@ -139,20 +137,12 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
             &mut log,
         )?;
     }
-    let surface = Surface {
+    let surface = SurfaceFiles {
         mesh,
+        lines: Some((map.segments().segments(), clusters)),
         edges: edges.lines,
-        clusters,
     };
-    write_results(
-        args,
-        &prepared,
-        map.segments().segments(),
-        surface,
-        &path,
-        &mut output,
-        verbosity,
-    )?;
+    write_results(args, &prepared, surface, &path, &mut output, verbosity)?;
 
     let outcome = if let Some(cause) = &early_end {
         Outcome::Negative(log.interrupted(cause, cause.remedy()))
@@ -230,19 +220,11 @@ impl CameraPath {
     }
 }
 
-/// The final mesh, its edges, and the lines that it knows.
-struct Surface {
-    mesh: TriangleMesh,
-    edges: LineSet,
-    clusters: LineSet,
-}
-
 /// Writes everything that comes at the end but the report.
 fn write_results(
     args: &ReconstructArgs,
     prepared: &Prepared,
-    mut segments: LineSet,
-    mut surface: Surface,
+    mut surface: SurfaceFiles,
     path: &CameraPath,
     output: &mut OutputFolder,
     verbosity: Verbosity,
@@ -250,6 +232,7 @@ fn write_results(
     // The picture is drawn before the shift is taken back: rays want coordinates near zero.
     if !args.no_picture
         && let Some(richest) = &path.richest
+        && let Some((_, clusters)) = &surface.lines
     {
         let shot = Shot {
             sequence: &prepared.sequence,
@@ -260,29 +243,18 @@ fn write_results(
         write_overview(
             &output.file("picture.png"),
             &surface.mesh,
-            &surface.clusters,
+            clusters,
             &shot,
             verbosity,
         )
         .context("the picture could not be made (--no-picture leaves it out)")?;
     }
-    surface.mesh.translate(&prepared.origin);
-    for lines in [&mut segments, &mut surface.clusters, &mut surface.edges] {
-        lines.translate(&prepared.origin);
-    }
+    surface.translate(&prepared.origin);
     prepared.write_corrected_poses(output)?;
     let formats = &args.stages.format;
-    let parts = [
-        surface_part(&surface.mesh),
-        segments_part(&segments),
-        clusters_part(&surface.clusters),
-        feature_edges_part(&surface.edges),
-    ];
-    let names = ["mesh", "segments", "clusters", FEATURE_EDGES];
-    for (name, part) in names.into_iter().zip(parts) {
-        write_geometry(output, name, part, formats, &prepared.origin)?;
-    }
+    surface.write(output, "", formats, &prepared.origin)?;
     if formats.contains(&Format::Glb) {
+        let parts = surface.parts();
         write_glb(&output.file("scene.glb"), &parts, &prepared.origin)?;
     }
     Ok(())

@@ -11,15 +11,14 @@ use crate::cli::{KeyframeArgs, ReconstructArgs};
 use crate::commands::Outcome;
 use crate::commands::interrupt::{self, Boundary};
 use crate::commands::map_steps::{GROWTH, carved_points, note_result, timed_surface, write_growth};
-use crate::commands::output::{
-    FEATURE_EDGES, OutputFolder, feature_edges_part, surface_part, write_geometry,
-};
+use crate::commands::output::OutputFolder;
 use crate::commands::page::PageRecorder;
 use crate::commands::page_run::PageRun;
 use crate::commands::picture::{crosses, write_panels};
 use crate::commands::reconstruct_points::cloud;
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::far_warning;
+use crate::commands::surface_files::SurfaceFiles;
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{feature_edges, simplify};
 use crate::map_points::{ModelView, PointModel};
@@ -109,9 +108,9 @@ pub(super) fn run(
     }
 
     let start = Instant::now();
-    let mut mesh = simplify::finished(carver.surface(), &LineSet::default(), args.simplify)?;
+    let mesh = simplify::finished(carver.surface(), &LineSet::default(), args.simplify)?;
     let extracted = milliseconds(start.elapsed());
-    let mut edges = feature_edges::of_final_mesh(&mesh, &LineSet::default(), args.simplify)?;
+    let edges = feature_edges::of_final_mesh(&mesh, &LineSet::default(), args.simplify)?;
     let result = log.result();
     result.feature_edges = Some(feature_edges::summary(&edges));
     note_result(result, carver.carver(), &mesh);
@@ -166,8 +165,6 @@ pub(super) fn run(
             verbosity,
         )?;
     }
-    mesh.translate(&origin);
-    edges.lines.translate(&origin);
     for point in &mut points.points {
         *point += origin;
     }
@@ -177,13 +174,13 @@ pub(super) fn run(
         points.colors.as_deref(),
     )?;
     let formats = &args.stages.format;
-    let parts = [
-        ("mesh", surface_part(&mesh)),
-        (FEATURE_EDGES, feature_edges_part(&edges.lines)),
-    ];
-    for (name, part) in parts {
-        write_geometry(&mut output, name, part, formats, &origin)?;
-    }
+    let mut surface = SurfaceFiles {
+        mesh,
+        lines: None,
+        edges: edges.lines,
+    };
+    surface.translate(&origin);
+    surface.write(&mut output, "", formats, &origin)?;
     log.write(&mut output, started, args.stages.json)?;
     Ok(outcome)
 }

@@ -12,15 +12,14 @@ use crate::commands::interrupt::{Boundary, early_end};
 use crate::commands::map_steps::{
     GROWTH, add_points, carved_points, note_result, timed_surface, write_growth,
 };
-use crate::commands::output::{
-    FEATURE_EDGES, OutputFolder, feature_edges_part, surface_part, write_geometry, write_poses,
-};
+use crate::commands::output::{OutputFolder, write_poses};
 use crate::commands::page::PageRecorder;
 use crate::commands::page_run::PageRun;
 use crate::commands::picture::{Shot, crosses, write_overview};
 use crate::commands::prepare_points::{PreparedPoints, prepare_points};
 use crate::commands::run_report::{RunHeader, RunLog};
 use crate::commands::sequence::{lens_warning, open, read_options};
+use crate::commands::surface_files::SurfaceFiles;
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{feature_edges, kept_run, reconstruct_model, simplify};
 use crate::map_points::PointModel;
@@ -133,8 +132,8 @@ fn from_features(
     let depth = prepared.sensor_depth.or_else(|| map.map().median_depth());
     log.set_median_depth(depth);
     let quality = map.map().quality();
-    let mut mesh = simplify::finished(map.surface(), &LineSet::default(), args.simplify)?;
-    let mut edges = feature_edges::of_final_mesh(&mesh, &LineSet::default(), args.simplify)?;
+    let mesh = simplify::finished(map.surface(), &LineSet::default(), args.simplify)?;
+    let edges = feature_edges::of_final_mesh(&mesh, &LineSet::default(), args.simplify)?;
     let k1 = map.map().lens().k1();
     if let Some(k1) = k1 {
         log.warn(lens_warning(k1));
@@ -176,8 +175,6 @@ fn from_features(
         let marks = crosses(&points.points, CROSS_SHARE * depth.unwrap_or(0.0));
         draw(sequence, &mesh, &marks, &walk, &mut output, verbosity)?;
     }
-    mesh.translate(&prepared.origin);
-    edges.lines.translate(&prepared.origin);
     for point in &mut points.points {
         *point += prepared.origin;
     }
@@ -195,13 +192,13 @@ fn from_features(
         )?;
     }
     let formats = &args.stages.format;
-    let parts = [
-        ("mesh", surface_part(&mesh)),
-        (FEATURE_EDGES, feature_edges_part(&edges.lines)),
-    ];
-    for (name, part) in parts {
-        write_geometry(&mut output, name, part, formats, &prepared.origin)?;
-    }
+    let mut surface = SurfaceFiles {
+        mesh,
+        lines: None,
+        edges: edges.lines,
+    };
+    surface.translate(&prepared.origin);
+    surface.write(&mut output, "", formats, &prepared.origin)?;
     log.write(&mut output, started, args.stages.json)?;
     if early_end.is_none() {
         checkpoint.finish()?;

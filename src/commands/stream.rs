@@ -6,9 +6,9 @@ use anyhow::Context;
 
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
-use crate::commands::output::{
-    OutputFolder, clusters_part, segments_part, surface_part, write_geometry,
-};
+use crate::commands::feature_edges;
+use crate::commands::output::OutputFolder;
+use crate::commands::surface_files::SurfaceFiles;
 use crate::pipeline::Options;
 use crate::progress::Verbosity;
 use crate::stream::{Ending, Message, Reply, Session, Summary};
@@ -53,22 +53,22 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         Ok(None) => {}
         Err(error) => replies.refuse(number, error.to_string(), verbosity)?,
     }
+    let keyframes = summary.keyframes;
+    let (vertices, triangles) = (summary.mesh.positions.len(), summary.mesh.triangles.len());
+    let (corrected_poses, lens_k1) = (summary.corrected_poses.clone(), summary.lens_k1);
     if let Some(output) = &mut output {
-        write_results(args, &summary, output)?;
+        write_results(args, summary, output)?;
     }
     replies.send(&Reply::End {
-        keyframes: summary.keyframes,
-        vertices: summary.mesh.positions.len(),
-        triangles: summary.mesh.triangles.len(),
+        keyframes,
+        vertices,
+        triangles,
         files: output.map_or_else(Vec::new, |output| output.written().to_vec()),
-        corrected_poses: summary.corrected_poses,
-        lens_k1: summary.lens_k1,
+        corrected_poses,
+        lens_k1,
     })?;
-    Ok(if summary.mesh.is_empty() {
-        Outcome::Negative(format!(
-            "the mesh is empty after {} keyframe(s)",
-            summary.keyframes
-        ))
+    Ok(if triangles == 0 {
+        Outcome::Negative(format!("the mesh is empty after {keyframes} keyframe(s)"))
     } else {
         Outcome::Done
     })
@@ -135,16 +135,15 @@ impl Replies {
 /// Writes what there is at the end.
 fn write_results(
     args: &StreamArgs,
-    summary: &Summary,
+    summary: Summary,
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
-    let parts = [
-        ("mesh", surface_part(&summary.mesh)),
-        ("segments", segments_part(&summary.segments)),
-        ("clusters", clusters_part(&summary.clusters)),
-    ];
-    for (name, part) in parts {
-        write_geometry(output, name, part, &args.format, &summary.origin)?;
-    }
-    Ok(())
+    let edges = feature_edges::of_final_mesh(&summary.mesh, &summary.clusters, None)?;
+    let mut surface = SurfaceFiles {
+        mesh: summary.mesh,
+        lines: Some((summary.segments, summary.clusters)),
+        edges: edges.lines,
+    };
+    surface.translate(&summary.origin);
+    surface.write(output, "", &args.format, &summary.origin)
 }

@@ -77,11 +77,14 @@ impl Triangles {
 mod tests {
     use super::*;
 
-    /// Whether each of some triangles, by its centre and its landmarks with their places, is noted.
-    fn noted(least_angle_deg: f64, triangles: &[([f64; 3], [(u32, [f64; 3]); 2])]) -> Vec<bool> {
+    /// A landmark with its place.
+    type End = (u32, [f64; 3]);
+
+    /// Whether each of some triangles, by its centre and its ends, is noted.
+    fn noted(least_angle_deg: f64, triangles: &[([f64; 3], [End; 2])]) -> Vec<bool> {
         let mut carver = Carver::default();
         let mut known = Triangles::new(least_angle_deg);
-        let mut note = |(center, ends): &([f64; 3], [(u32, [f64; 3]); 2])| {
+        let note = |(center, ends): &([f64; 3], [End; 2])| {
             let center = Point3::from(*center);
             let mut transaction = carver.transaction();
             let view = transaction.add_view(center).unwrap();
@@ -89,13 +92,13 @@ mod tests {
             let ends = ends.map(|(landmark, place)| (landmark, Point3::from(place)));
             known.note(&carver, view, &center, ends)
         };
-        triangles.iter().map(&mut note).collect()
+        triangles.iter().map(note).collect()
     }
 
     /// Two metres before the origin.
-    const A: (u32, [f64; 3]) = (0, [-1.0, 0.0, 2.0]);
-    const B: (u32, [f64; 3]) = (1, [1.0, 0.0, 2.0]);
-    const C: (u32, [f64; 3]) = (7, [2.0, 0.02, 2.0]);
+    const A: End = (0, [-1.0, 0.0, 2.0]);
+    const B: End = (1, [1.0, 0.0, 2.0]);
+    const C: End = (7, [2.0, 0.02, 2.0]);
 
     #[test]
     fn a_camera_beside_one_with_a_triangle_gets_none() {

@@ -38,7 +38,7 @@ pub struct Session {
     spooled: BTreeMap<u64, Vec<PathBuf>>,
 }
 
-/// What a session ends with, in the frame of the poses.
+/// What a session ends with; all coordinates near zero, moved by `-origin` from the frame of the poses.
 #[derive(Debug, Clone, Default)]
 pub struct Summary {
     /// Keyframes in the map.
@@ -49,7 +49,7 @@ pub struct Summary {
     pub segments: LineSet,
     /// What several keyframes agree on.
     pub clusters: LineSet,
-    /// The shift that was taken off while computing.
+    /// The shift that was taken off.
     pub origin: Vector3<f64>,
     /// Median depth in units of the poses; `None` when it was not given and no keyframe told it.
     pub median_depth: Option<f64>,
@@ -242,7 +242,7 @@ impl Session {
         }
     }
 
-    /// What there is now, in the frame of the poses.
+    /// What there is now.
     fn summary(&self) -> Summary {
         let Some(running) = &self.running else {
             return Summary::default();
@@ -267,9 +267,6 @@ impl Session {
             summary.mesh = map.surface();
             summary.segments = map.segments().segments();
             summary.clusters = map.segments().clusters();
-            summary.mesh.translate(&origin);
-            summary.segments.translate(&origin);
-            summary.clusters.translate(&origin);
         }
         summary
     }
