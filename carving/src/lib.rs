@@ -10,4 +10,5 @@ pub mod labels;
 pub mod predicates;
 pub mod surface;
 pub mod tetrahedralization;
+mod vectors;
 pub mod visibility;

@@ -1,22 +1,7 @@
 //! How well a facet fits into the empty spheres of its two cells.
 
+use crate::vectors::{cross, dot, minus};
 use crate::visibility::UNIT;
-
-fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
-fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
 
 /// For the facet opposite each corner the cosine of its angle with the circumsphere, in units of 1/[`UNIT`]: 1 when the
 /// sphere's centre is far inside, -1 when it is far on the other side of the facet. 0 where rounding leaves nothing.

@@ -33,7 +33,7 @@ pub use orient::{are_collinear, orient3d};
 mod tests;
 
 /// Half an ulp of 1: the relative error of one rounded operation.
-const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
+pub(crate) const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
 
 /// The larger of two numbers, neither of which is NaN; one machine instruction.
 #[inline(always)]

@@ -13,12 +13,11 @@
 
 use crate::predicates::{are_collinear, orient3d};
 use crate::tetrahedralization::Tetrahedralization;
+use crate::vectors::{cross, dot, minus};
 
 use super::evidence::CellEvidence;
 use super::segment::crosses_cell;
-use super::softness::{
-    LEAST_BEHIND, MANY, MAX_WEIGHT, Softness, UNIT, cross, dot, in_order, minus, precedes, soft,
-};
+use super::softness::{LEAST_BEHIND, MANY, MAX_WEIGHT, Softness, UNIT, in_order, precedes, soft};
 
 /// A segment seen by a view, as evidence.
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,7 @@
 //! What one ray says about one facet: how sure it is that the facet is not matter.
 
+use crate::vectors::{cross, dot, minus};
+
 use super::segment::{Exit, exit};
 
 /// How far from its point a ray speaks for free space. Without units: lengths come from a point's own standard deviation, or
@@ -38,22 +40,6 @@ pub(crate) struct Sight<'a> {
     /// Corners with a larger product with the ray, seen from the target, are so far that the weight is rounded to its full
     /// amount.
     saturated: f64,
-}
-
-pub(super) fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
-pub(super) fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-pub(super) fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
 }
 
 pub(super) fn precedes(a: &[f64; 3], b: &[f64; 3]) -> bool {

@@ -5,16 +5,15 @@
 //! line between two points pierces the plane, its side of an edge is the sign of a product of their heights and these; whatever rounding
 //! leaves in doubt is asked of the exact orientation. Bounds hold for numbers that are neither huge nor tiny; others are in doubt.
 
-use crate::predicates::{larger, orient3d};
+use crate::predicates::{UNIT_ROUNDOFF, larger, orient3d};
+use crate::vectors::{cross, dot, minus};
 
-/// Half an ulp of 1.
-const ROUNDOFF: f64 = f64::EPSILON / 2.0;
 /// With `m` the largest coordinate of the ends and `r` the larger of it and that of the point: 48 roundings of `m^2 r`.
-const HEIGHT_BOUND: f64 = 64.0 * ROUNDOFF;
+const HEIGHT_BOUND: f64 = 64.0 * UNIT_ROUNDOFF;
 /// 468 roundings of `m^3 r`.
-const ACROSS_BOUND: f64 = 1024.0 * ROUNDOFF;
+const ACROSS_BOUND: f64 = 1024.0 * UNIT_ROUNDOFF;
 /// Of points with `r` and `s`: heights are at most `6 m^2 r`, the others `36 m^3 r`, so that 9936 roundings of `m^5 r s`.
-const PIERCED_BOUND: f64 = 16384.0 * ROUNDOFF;
+const PIERCED_BOUND: f64 = 16384.0 * UNIT_ROUNDOFF;
 /// Bounds within which no product has lost digits to underflow, or overflowed.
 const SURE_BOUNDS: std::ops::Range<f64> = 1e-200..1e250;
 
@@ -41,22 +40,6 @@ pub(in crate::visibility) struct Seen {
     height: f64,
     across: [f64; 3],
     reach: f64,
-}
-
-fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn largest(a: &[f64; 3]) -> f64 {
