@@ -1,4 +1,4 @@
-//! Cost of rays, of surface extraction and of moves, in a room.
+//! Cost of rays, of whole segments, of surface extraction and of moves, in a room.
 //!
 //! `cargo bench -p linecarve-carving --bench carving`; 50,000 points with `LINECARVE_LONG_BENCHES=1`.
 
@@ -6,6 +6,7 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use linecarve_carving::carver::{Carver, CarverOptions, Event, PointId, ViewId};
+use linecarve_carving::labels::{CutOptions, Labels};
 use linecarve_carving::surface::ExportOptions;
 use nalgebra::{Point3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -61,27 +62,58 @@ fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
     keyframes
 }
 
-fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>) {
+/// The longest segment that a view sees.
+const LONGEST_M: f64 = 0.3;
+
+/// Points and, where they are asked for, segments from each point that the view sees to the next that is near.
+fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>, segments: bool) {
     let mut transaction = carver.transaction();
     let view = transaction.add_view(keyframe.center).expect("in range");
     let first = ids.len();
     for &point in &keyframe.new_points {
         ids.push(transaction.add_point(point).expect("in range"));
     }
-    let seen = ids[first..].iter().copied();
-    for point in seen.chain(keyframe.seen_again.iter().map(|&i| ids[i])) {
+    let again = keyframe.seen_again.iter().map(|&i| ids[i]);
+    let seen: Vec<PointId> = ids[first..].iter().copied().chain(again).collect();
+    for &point in &seen {
         transaction
             .add_observation(view, point, 1)
             .expect("the point is known");
+    }
+    if segments {
+        let place = |id: PointId| {
+            let known = transaction.before().point(id);
+            known.unwrap_or_else(|| keyframe.new_points[(id.0 as usize) - first])
+        };
+        let pairs: Vec<[PointId; 2]> = (seen.iter().enumerate())
+            .filter_map(|(k, &a)| {
+                let is_near = |b: &&PointId| (place(**b) - place(a)).norm() < LONGEST_M;
+                let b = seen[k + 1..].iter().find(is_near)?;
+                Some([a, *b])
+            })
+            .collect();
+        for pair in pairs {
+            transaction
+                .add_segment(view, pair, 1)
+                .expect("both points are known");
+        }
     }
     black_box(transaction.commit().expect("no ray is of zero length"));
 }
 
 fn fill(keyframes: &[Keyframe]) -> (Carver, Vec<PointId>) {
-    let mut carver = Carver::new(CarverOptions::default());
+    fill_with(keyframes, CarverOptions::default(), false)
+}
+
+fn fill_with(
+    keyframes: &[Keyframe],
+    options: CarverOptions,
+    segments: bool,
+) -> (Carver, Vec<PointId>) {
+    let mut carver = Carver::new(options);
     let mut ids = vec![];
     for keyframe in keyframes {
-        add(&mut carver, keyframe, &mut ids);
+        add(&mut carver, keyframe, &mut ids, segments);
     }
     (carver, ids)
 }
@@ -106,6 +138,28 @@ fn rays(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::from_parameter(points), |bencher| {
             bencher.iter(|| fill(&keyframes).0.triangle_count());
         });
+    }
+    group.finish();
+}
+
+/// All keyframes of a run, with rays alone, the baseline, and with segments, about one a ray.
+fn segments(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("segments");
+    group.sample_size(10);
+    let keyframes = room(5_000, 100);
+    for (labels, name) in [
+        (Labels::default(), "votes"),
+        (Labels::Cut(CutOptions::default()), "cut"),
+    ] {
+        let options = CarverOptions {
+            labels,
+            ..CarverOptions::default()
+        };
+        for (segments, what) in [(false, "baseline, rays alone"), (true, "rays and segments")] {
+            group.bench_function(BenchmarkId::new(what, name), |bencher| {
+                bencher.iter(|| fill_with(&keyframes, options, segments).0.triangle_count());
+            });
+        }
     }
     group.finish();
 }
@@ -168,5 +222,5 @@ fn moves(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, rays, surface, moves);
+criterion_group!(benches, rays, segments, surface, moves);
 criterion_main!(benches);
