@@ -78,7 +78,10 @@ fn both_surfaces_are_measured_and_drawn_and_repeat_for_any_number_of_threads() {
             "{name}"
         );
         for format in ["glb", "obj", "ply"] {
-            assert!(one.join(name).join(format!("mesh.{format}")).is_file());
+            for file in ["mesh", "feature-edges"] {
+                let path = one.join(name).join(format!("{file}.{format}"));
+                assert!(path.is_file(), "{}", path.display());
+            }
         }
     }
     // Every file that is named is there, and the other way round.
