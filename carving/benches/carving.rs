@@ -22,6 +22,8 @@ struct Keyframe {
     new_points: Vec<Point3<f64>>,
     /// Older points, by their number of arrival.
     seen_again: Vec<usize>,
+    /// From each point that the view sees to the next that is near, by their numbers.
+    segments: Vec<[usize; 2]>,
 }
 
 impl Keyframe {
@@ -29,6 +31,9 @@ impl Keyframe {
         self.new_points.len() + self.seen_again.len()
     }
 }
+
+/// The longest segment that a view sees.
+const LONGEST_M: f64 = 0.3;
 
 /// A room seen by a camera on a loop, its points a little off the walls.
 fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
@@ -41,6 +46,7 @@ fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
             center: pose.center,
             new_points: vec![],
             seen_again: vec![],
+            segments: vec![],
         })
         .collect();
     let mut views_of_point: Vec<(Point3<f64>, Vec<usize>)> = vec![];
@@ -53,19 +59,30 @@ fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
         }
     }
     views_of_point.sort_by_key(|(_, views)| views[0]);
-    for (number, (point, views)) in views_of_point.into_iter().enumerate() {
-        keyframes[views[0]].new_points.push(point);
+    let mut seen_by_view = vec![vec![]; keyframes.len()];
+    for (number, (point, views)) in views_of_point.iter().enumerate() {
+        keyframes[views[0]].new_points.push(*point);
         for &view in &views[1..] {
             keyframes[view].seen_again.push(number);
         }
+        for &view in views {
+            seen_by_view[view].push(number);
+        }
+    }
+    for (keyframe, seen) in keyframes.iter_mut().zip(&seen_by_view) {
+        let place = |number: usize| views_of_point[number].0;
+        keyframe
+            .segments
+            .extend(seen.iter().enumerate().filter_map(|(k, &a)| {
+                let is_near = |b: &&usize| (place(**b) - place(a)).norm() < LONGEST_M;
+                let b = seen[k + 1..].iter().find(is_near)?;
+                Some([a, *b])
+            }));
     }
     keyframes
 }
 
-/// The longest segment that a view sees.
-const LONGEST_M: f64 = 0.3;
-
-/// Points and, where they are asked for, segments from each point that the view sees to the next that is near.
+/// Points with their rays, and segments where they are asked for.
 fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>, segments: bool) {
     let mut transaction = carver.transaction();
     let view = transaction.add_view(keyframe.center).expect("in range");
@@ -73,28 +90,16 @@ fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>, segment
     for &point in &keyframe.new_points {
         ids.push(transaction.add_point(point).expect("in range"));
     }
-    let again = keyframe.seen_again.iter().map(|&i| ids[i]);
-    let seen: Vec<PointId> = ids[first..].iter().copied().chain(again).collect();
-    for &point in &seen {
+    let seen = ids[first..].iter().copied();
+    for point in seen.chain(keyframe.seen_again.iter().map(|&i| ids[i])) {
         transaction
             .add_observation(view, point, 1)
             .expect("the point is known");
     }
     if segments {
-        let place = |id: PointId| {
-            let known = transaction.before().point(id);
-            known.unwrap_or_else(|| keyframe.new_points[(id.0 as usize) - first])
-        };
-        let pairs: Vec<[PointId; 2]> = (seen.iter().enumerate())
-            .filter_map(|(k, &a)| {
-                let is_near = |b: &&PointId| (place(**b) - place(a)).norm() < LONGEST_M;
-                let b = seen[k + 1..].iter().find(is_near)?;
-                Some([a, *b])
-            })
-            .collect();
-        for pair in pairs {
+        for ends in &keyframe.segments {
             transaction
-                .add_segment(view, pair, 1)
+                .add_segment(view, ends.map(|number| ids[number]), 1)
                 .expect("both points are known");
         }
     }
