@@ -292,9 +292,10 @@ impl Evidence {
             return;
         };
         let tie = sight.tie(&softness);
+        let frame = sight.frame(&softness);
         for k in places {
             let id = PLACES as u32 * sheet.0 + k as u32;
-            let place = sight.behind(&softness, k);
+            let place = sight.behind(&frame, &softness, k);
             if let Some(cell) = self.behind_sheets.hang(tetrahedra, id, &place, hint) {
                 self.cells[cell.index()].matter += tie;
                 self.touch(cell);
@@ -338,8 +339,9 @@ impl Evidence {
         let Some(softness) = &self.softness else {
             return 0;
         };
+        let frame = sight.frame(softness);
         let inside = (0..PLACES)
-            .map(|k| sight.behind(softness, k))
+            .map(|k| sight.behind(&frame, softness, k))
             .filter(|place| is_inside(tetrahedra, cell, *place));
         inside.count() as u64 * sight.tie(softness)
     }

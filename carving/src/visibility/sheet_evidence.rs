@@ -210,9 +210,10 @@ impl SheetSight<'_> {
         u64::from(self.weight.min(MAX_WEIGHT)) * each
     }
 
-    /// Where matter is expected: one of [`PLACES`] behind the segment as seen from the centre, evenly along it.
-    pub(super) fn behind(&self, softness: &Softness, place: usize) -> [f64; 3] {
-        let Frame { ends, sigmas, .. } = self.frame(softness);
+    /// Where matter is expected: one of [`PLACES`] behind the segment as seen from the centre, evenly along it; with the
+    /// [frame](Self::frame) of this sheet.
+    pub(super) fn behind(&self, frame: &Frame, softness: &Softness, place: usize) -> [f64; 3] {
+        let Frame { ends, sigmas, .. } = frame;
         let t = (place as f64 + 0.5) / PLACES as f64;
         let target: [f64; 3] = std::array::from_fn(|k| ends[0][k] + t * (ends[1][k] - ends[0][k]));
         let sigma = sigmas[0] + t * (sigmas[1] - sigmas[0]);
@@ -358,8 +359,9 @@ mod tests {
             sigmas: [Some(0.25), Some(0.25)],
             weight: 3,
         };
+        let frame = sight.frame(&SOFTNESS);
         for (place, x) in [-0.75, -0.25, 0.25, 0.75].into_iter().enumerate() {
-            let place = sight.behind(&SOFTNESS, place);
+            let place = sight.behind(&frame, &SOFTNESS, place);
             // Two deviations further from the centre than the segment.
             let beyond = x * x + 100.0;
             let share = 1.0 + 0.5 / f64::sqrt(beyond);

@@ -176,8 +176,8 @@ impl<'a, const N: usize> Section<'a, N> {
     }
 
     /// Tests the plane and the three edges of the triangle. `None` when one of them parts the two. Otherwise also whether the
-    /// section lies strictly on the triangle's side of each edge.
-    fn contact(&mut self) -> Option<(Contact, [bool; 3])> {
+    /// segment may run through the section: not when all of it lies strictly on the triangle's side.
+    fn contact(&mut self) -> Option<(Contact, bool)> {
         let mut sides = Sides::default();
         for side in self.above {
             sides.add(side);
@@ -187,21 +187,23 @@ impl<'a, const N: usize> Section<'a, N> {
             return None;
         }
         let mut meets = pierced;
-        let mut within = [false; 3];
-        for (edge, within) in within.iter_mut().enumerate() {
+        let mut is_at_segment = true;
+        for edge in 0..3 {
             let sides = self.beyond_edge(edge);
             if sides.negative && !sides.zero && !sides.positive {
                 return None;
             }
             meets &= sides.positive;
-            *within = sides.positive && !sides.zero && !sides.negative;
+            if edge == SEGMENT {
+                is_at_segment = sides.zero || sides.negative || !sides.positive;
+            }
         }
         let contact = if meets {
             Contact::Meets
         } else {
             Contact::Touches
         };
-        Some((contact, within))
+        Some((contact, is_at_segment))
     }
 }
 
@@ -218,7 +220,7 @@ pub(super) fn relate_seen_cell(
     seen: [&Seen; 4],
 ) -> Relation {
     let mut section = Section::new(triangle, cell, seen);
-    let Some((mut contact, within)) = section.contact() else {
+    let Some((mut contact, is_at_segment)) = section.contact() else {
         return APART;
     };
     let mut is_generic = section.is_generic;
@@ -230,7 +232,7 @@ pub(super) fn relate_seen_cell(
             contact: Contact::Meets,
             is_generic,
             is_coplanar: false,
-            is_at_segment: !within[SEGMENT],
+            is_at_segment,
             touched,
         };
     }
@@ -259,7 +261,7 @@ pub(super) fn relate_seen_cell(
         contact,
         is_generic,
         is_coplanar: section.in_plane() >= 3,
-        is_at_segment: !within[SEGMENT],
+        is_at_segment,
         touched,
     }
 }
@@ -278,8 +280,6 @@ pub(super) fn relate_ghost(triangle: &Triangle<'_>, facet: [&[f64; 3]; 3]) -> Re
         return APART;
     }
     Relation {
-        is_at_segment: false,
-        touched: [false; 4],
         contact: if outside > 0.0 {
             Contact::Touches
         } else {
@@ -287,6 +287,7 @@ pub(super) fn relate_ghost(triangle: &Triangle<'_>, facet: [&[f64; 3]; 3]) -> Re
         },
         is_generic: section.is_generic && outside != 0.0,
         is_coplanar: section.in_plane() >= 3,
+        ..APART
     }
 }
 
