@@ -20,7 +20,7 @@ use crate::compare::{
 };
 use crate::evaluation::{EvaluationOptions, Reference, ShapeFacts, evaluate};
 use crate::files::write_atomically;
-use crate::mesh::{Shape, TriangleMesh, read_geometry};
+use crate::mesh::{LineSet, Shape, TriangleMesh, read_geometry};
 use crate::progress::{Progress, Verbosity};
 use crate::render::{HeatScale, View, up_direction, write_png};
 use crate::report::page::{ErrorScale, KeyframeImage, PageTable, triangle_errors, write_page};
@@ -247,14 +247,17 @@ fn write_surfaces(
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
     let formats = &args.stages.format;
+    let no_lines = LineSet::default();
     for run in runs {
         let name = run.surface.name;
         output.subfolder(name)?;
-        let known = run.lines.as_ref().map(|(_, clusters)| clusters.clone());
-        let mesh = run.surface.mesh.clone();
-        let edges = feature_edges::of_final_mesh(&mesh, &known.unwrap_or_default(), None)?;
+        let known = run
+            .lines
+            .as_ref()
+            .map_or(&no_lines, |(_, clusters)| clusters);
+        let edges = feature_edges::of_final_mesh(&run.surface.mesh, known, None)?;
         let mut surface = SurfaceFiles {
-            mesh,
+            mesh: run.surface.mesh.clone(),
             lines: run.lines.clone(),
             edges: edges.lines,
         };

@@ -6,7 +6,7 @@ use crate::diff::Tolerance;
 use crate::feature_edges::{
     EdgeKind, FeatureEdges, FeatureLines, FeatureOptions, FeatureOptionsError,
 };
-use crate::mesh::{LineSet, Shape, TriangleMesh};
+use crate::mesh::{LineSet, TriangleMesh};
 use crate::report::FeatureEdgeSummary;
 
 /// Creases of the final mesh, and its edges along the lines that the run knows. Rims are left out: they are where evidence ends.
@@ -17,8 +17,8 @@ pub(super) fn of_final_mesh(
     lines: &LineSet,
     tolerance: Option<Tolerance>,
 ) -> Result<FeatureLines, FeatureOptionsError> {
-    let diagonal = Shape::from(mesh.clone()).diagonal();
-    let tolerance = tolerance.unwrap_or(DEFAULT_TOLERANCE).length(diagonal);
+    let tolerance = tolerance.unwrap_or(DEFAULT_TOLERANCE);
+    let tolerance = tolerance.length(mesh.diagonal());
     let options = FeatureOptions::with_tolerance(tolerance);
     let found = FeatureEdges::find(mesh, &ends(&lines.points, &lines.lines), &options)?;
     let edges = found.edges().iter().copied();

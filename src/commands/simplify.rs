@@ -13,7 +13,7 @@ use crate::commands::output::{feature_edges_part, surface_part, write_part};
 use crate::commands::run_report::{print_object, print_text};
 use crate::diff::Tolerance;
 use crate::feature_edges::FeatureLines;
-use crate::mesh::{LineSet, Shape, TriangleMesh, read_geometry};
+use crate::mesh::{LineSet, TriangleMesh, read_geometry};
 use crate::simplify::{SimplifyOptions, SimplifyOptionsError, rim_tolerance, simplify};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
@@ -32,8 +32,7 @@ pub(super) fn finished(
     let Some(tolerance) = tolerance.filter(|_| !mesh.is_empty()) else {
         return Ok(mesh);
     };
-    let diagonal = Shape::from(mesh.clone()).diagonal();
-    let tolerance = tolerance.length(diagonal);
+    let tolerance = tolerance.length(mesh.diagonal());
     let options = SimplifyOptions {
         rim_tolerance: rim_tolerance(&mesh, tolerance),
         ..SimplifyOptions::with_tolerance(tolerance)

@@ -10,7 +10,7 @@ use crate::commands::output::{
 use crate::mesh::{GlbPart, LineSet, TriangleMesh};
 
 /// A surface and its lines.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct SurfaceFiles {
     pub(super) mesh: TriangleMesh,
     /// Segments and clusters, where it was made with lines.

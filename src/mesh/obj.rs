@@ -9,7 +9,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::error::MeshFileError;
-use super::types::{LineSet, TriangleMesh, bounds};
+use super::types::{LineSet, TriangleMesh, diagonal};
 use crate::files::write_atomically;
 
 /// Coordinates are rounded to this share of the bounding box's diagonal.
@@ -68,7 +68,7 @@ fn write_vertices(
 
 /// Digits behind the point that resolve [`RESOLUTION`].
 fn decimals(points: &[Point3<f64>]) -> usize {
-    let diagonal = bounds(points).map_or(0.0, |(low, high)| (high - low).norm());
+    let diagonal = diagonal(points);
     if diagonal > 0.0 {
         (-(diagonal * RESOLUTION).log10()).ceil().clamp(0.0, 17.0) as usize
     } else {

@@ -2,7 +2,9 @@
 
 use nalgebra::{Matrix4, Point3};
 
-use super::types::{GeometryFault, LineSet, TriangleMesh, bounds, validate, validate_indices};
+use super::types::{
+    GeometryFault, LineSet, TriangleMesh, bounds, diagonal, validate, validate_indices,
+};
 
 /// What the elements of a [`Shape`] make it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,7 +55,7 @@ impl Shape {
 
     /// Length of the diagonal of the bounding box; 0 of nothing.
     pub fn diagonal(&self) -> f64 {
-        self.bounds().map_or(0.0, |(low, high)| (high - low).norm())
+        diagonal(&self.positions)
     }
 
     /// Moves every point by an affine map.

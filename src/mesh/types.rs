@@ -70,6 +70,11 @@ impl TriangleMesh {
         validate(&self.positions, &self.triangles, self.colors.as_deref())
     }
 
+    /// Length of the diagonal of the bounding box of its vertices; 0 of nothing.
+    pub fn diagonal(&self) -> f64 {
+        diagonal(&self.positions)
+    }
+
     /// Moves every vertex.
     pub fn translate(&mut self, shift: &Vector3<f64>) {
         for position in &mut self.positions {
@@ -160,6 +165,11 @@ pub(super) fn bounds(points: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>
     Some(points.iter().fold((first, first), |(low, high), point| {
         (low.inf(point), high.sup(point))
     }))
+}
+
+/// Length of the diagonal of the bounding box; 0 of nothing.
+pub(super) fn diagonal(points: &[Point3<f64>]) -> f64 {
+    bounds(points).map_or(0.0, |(low, high)| (high - low).norm())
 }
 
 #[cfg(test)]

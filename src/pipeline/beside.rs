@@ -35,7 +35,7 @@ impl Triangles {
         }
     }
 
-    /// Notes the triangle of a view to the stretch between two landmarks, unless one beside it is known. Whether it was noted.
+    /// Notes the triangle of a view to the stretch between two landmarks, unless one beside it is known. Whether it tells something new.
     ///
     /// # Complexity
     /// The triangles that end in the two landmarks.
