@@ -10,13 +10,14 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve::map_points::{
-    FeatureDetector, FeatureGrid, MapPointOptions, ModelPoint, ModelView, PairGeometry, PointMap,
-    PointModel, Sighting, match_along_epipolar_lines,
-};
 use linecarve::pipeline::{ModelCarver, Options, PointKeyframe, find_features};
-use linecarve::pose_correction::PoseCorrectionOptions;
-use linecarve::sequence::{OpenOptions, Sequence};
+use linecarve_points::pose_correction::PoseCorrectionOptions;
+use linecarve_points::{
+    FeatureDetector, FeatureGrid, MapPointOptions, PairGeometry, PointMap,
+    match_along_epipolar_lines,
+};
+use linecarve_sequence::{ModelPoint, ModelView, PointModel, Sighting};
+use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

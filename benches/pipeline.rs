@@ -10,8 +10,8 @@ use std::path::Path;
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use linecarve::pipeline::scale::median_scene_depth;
 use linecarve::pipeline::{BackEnd, FrontEnd, Keyframe, Options};
-use linecarve::sequence::{OpenOptions, Sequence};
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
+use linecarve_sequence::{OpenOptions, Sequence};
 
 fn pipeline(criterion: &mut Criterion) {
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");

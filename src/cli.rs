@@ -7,6 +7,7 @@ mod evaluate;
 mod simplify;
 mod stream;
 mod tables;
+mod values;
 mod view;
 
 use std::path::PathBuf;
@@ -20,12 +21,11 @@ pub use evaluate::{AlignBy, EvaluateArgs};
 pub use simplify::{DEFAULT_TOLERANCE, SimplifyArgs};
 pub use stream::StreamArgs;
 pub use tables::TablesArgs;
+pub use values::{CheckChoice, LabelChoice, LayoutChoice, SceneChoice};
 pub use view::ViewArgs;
 
-use crate::diff::Tolerance;
 use crate::memory::MemoryLimit;
-use crate::pipeline::LabelKind;
-use crate::synth::{SceneKind, SequenceLayout};
+use linecarve_mesh::diff::Tolerance;
 
 /// Turns posed keyframes into a surface by carving free space with 3D line segments.
 ///
@@ -176,7 +176,7 @@ pub struct ReconstructArgs {
 
     /// How tetrahedra are labelled; default: what the configuration says, a minimum cut when it says nothing.
     #[arg(long, value_enum)]
-    pub labels: Option<LabelKind>,
+    pub labels: Option<LabelChoice>,
 
     /// What the surface is made from.
     #[arg(long, value_enum, default_value_t = SurfaceSource::Lines)]
@@ -293,8 +293,8 @@ pub enum Format {
 #[derive(Debug, Args)]
 pub struct SynthArgs {
     /// The scene.
-    #[arg(value_enum, default_value_t = SceneKind::Room)]
-    pub scene: SceneKind,
+    #[arg(value_enum, default_value_t = SceneChoice::Room)]
+    pub scene: SceneChoice,
 
     /// Folder for the sequence and its ground truth; must be empty or missing.
     #[arg(long, value_name = "DIR")]
@@ -313,8 +313,8 @@ pub struct SynthArgs {
     pub focal: Option<f64>,
 
     /// Layout of the files.
-    #[arg(long, value_enum, default_value_t = SequenceLayout::Tum)]
-    pub layout: SequenceLayout,
+    #[arg(long, value_enum, default_value_t = LayoutChoice::Tum)]
+    pub layout: LayoutChoice,
 
     /// Quality of the colour images, which are JPEG, 1 to 100.
     #[arg(long, value_name = "QUALITY", default_value_t = 85)]

@@ -4,7 +4,7 @@ mod program;
 
 use std::path::{Path, PathBuf};
 
-use linecarve::mesh::{TriangleMesh, read_geometry, write_glb, write_mesh_obj, write_mesh_ply};
+use linecarve_mesh::{TriangleMesh, read_geometry, write_glb, write_mesh_obj, write_mesh_ply};
 use nalgebra::Vector3;
 use program::{expect_status, stderr};
 
@@ -99,9 +99,9 @@ fn formats_of_the_same_mesh_are_the_same() {
     let mesh = room();
     let path = |name: &str| folder.path().join(name);
     write_mesh_obj(&path("a.obj"), &mesh).unwrap();
-    let part = [linecarve::mesh::GlbPart {
+    let part = [linecarve_mesh::GlbPart {
         name: "room",
-        geometry: linecarve::mesh::Geometry::Mesh(&mesh),
+        geometry: linecarve_mesh::Geometry::Mesh(&mesh),
         color: [200; 3],
     }];
     write_glb(&path("a.glb"), &part, &Vector3::zeros()).unwrap();

@@ -4,7 +4,7 @@ mod program;
 
 use std::path::{Path, PathBuf};
 
-use linecarve::mesh::{LineSet, Shape, read_geometry, write_lines_obj, write_mesh_ply};
+use linecarve_mesh::{LineSet, Shape, read_geometry, write_lines_obj, write_mesh_ply};
 use nalgebra::{Point3, Similarity3, Vector3};
 use program::{expect_status, linecarve, stderr};
 

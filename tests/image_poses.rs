@@ -5,7 +5,7 @@ mod program;
 use std::path::Path;
 
 use linecarve::pipeline::{ImagePoses, Options, correct_poses};
-use linecarve::sequence::{OpenOptions, Sequence};
+use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use program::{bend, expect_status, stderr};
 use tempfile::TempDir;

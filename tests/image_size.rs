@@ -4,7 +4,7 @@ mod program;
 
 use std::path::Path;
 
-use linecarve::sequence::{OpenOptions, Sequence};
+use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::Point3;
 use program::{expect_status, stderr};
 use tempfile::TempDir;

@@ -7,7 +7,7 @@ mod program;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use linecarve::mesh::{TriangleMesh, read_geometry};
+use linecarve_mesh::{TriangleMesh, read_geometry};
 use nalgebra::Point3;
 use program::expect_status;
 

@@ -4,7 +4,7 @@ mod program;
 
 use std::path::{Path, PathBuf};
 
-use linecarve::mesh::read_geometry;
+use linecarve_mesh::read_geometry;
 use program::{contents, expect_status, small_sequence, stderr};
 
 fn text(path: &Path) -> &str {

@@ -103,7 +103,7 @@ fn one_keyframe_and_blank_images_say_why_there_is_no_surface() {
         "{}",
         stderr(&output)
     );
-    let edges = linecarve::mesh::read_geometry(&out.join("feature-edges.ply")).unwrap();
+    let edges = linecarve_mesh::read_geometry(&out.join("feature-edges.ply")).unwrap();
     assert!(edges.positions.is_empty() && edges.lines.is_empty());
     for entry in std::fs::read_dir(sequence.join("rgb")).unwrap() {
         let path = entry.unwrap().path();

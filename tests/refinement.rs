@@ -6,11 +6,11 @@ mod program;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use linecarve::mesh::TriangleMesh;
 use linecarve::pipeline::{
     Arrival, BackEnd, DepthSource, Keyframe, Options, SemiDenseSource, SemiDenseStage, run,
 };
-use linecarve::sequence::{OpenOptions, Sequence};
+use linecarve_mesh::TriangleMesh;
+use linecarve_sequence::{OpenOptions, Sequence};
 use program::{contents, expect_status, small_sequence};
 
 const FRAMES: usize = 12;

@@ -5,10 +5,10 @@ mod program;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use linecarve::feature_edges::CREASE_COLOR;
-use linecarve::mesh::{LineSet, TriangleMesh, read_geometry};
-use linecarve::raycast::RayScene;
-use linecarve::synth::{Scene, SceneKind};
+use linecarve_mesh::feature_edges::CREASE_COLOR;
+use linecarve_mesh::raycast::RayScene;
+use linecarve_mesh::{LineSet, TriangleMesh, read_geometry};
+use linecarve_synth::{Scene, SceneKind};
 use nalgebra::{Isometry3, Point3, Vector3};
 use program::expect_status;
 

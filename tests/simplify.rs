@@ -8,8 +8,8 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
 
-use linecarve::feature_edges::{CREASE_COLOR, RIM_COLOR};
-use linecarve::mesh::{LineSet, read_geometry};
+use linecarve_mesh::feature_edges::{CREASE_COLOR, RIM_COLOR};
+use linecarve_mesh::{LineSet, read_geometry};
 use program::{expect_status, stderr};
 
 /// A trough of two walls of n by n squares that stand upright on each other.

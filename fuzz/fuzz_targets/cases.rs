@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use base64::Engine;
-use linecarve::map_points::{Descriptor, Features};
+use linecarve_points::{Descriptor, Features};
 use linecarve::pipeline::colors::KeyframeColors;
 use linecarve::pipeline::edge_points::EdgePoint;
 use linecarve::pipeline::{Keyframe, PointKeyframe};

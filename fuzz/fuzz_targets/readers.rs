@@ -12,11 +12,11 @@
 #![no_main]
 #![allow(dead_code, reason = "the tests of layouts use more of the writers")]
 
-#[path = "../../tests/sequence/geometry_files.rs"]
+#[path = "../../sequence/tests/layouts/geometry_files.rs"]
 mod geometry_files;
-#[path = "../../tests/sequence/support.rs"]
+#[path = "../../sequence/tests/layouts/support.rs"]
 mod support;
-#[path = "../../tests/sequence/writers.rs"]
+#[path = "../../sequence/tests/layouts/writers.rs"]
 mod writers;
 
 mod cases;
@@ -26,12 +26,12 @@ use std::sync::OnceLock;
 
 use libfuzzer_sys::fuzz_target;
 use linecarve::checkpoint::{Checkpoint, FOLDER};
-use linecarve::exchange::{
+use linecarve_sequence::export::{
     TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
 };
-use linecarve::mesh::read_geometry;
+use linecarve_mesh::read_geometry;
 use linecarve::pipeline::{Keyframe, ModelCarver, Options, PointKeyframe};
-use linecarve::sequence::{InspectOptions, OpenOptions, Sequence, inspect};
+use linecarve_sequence::{InspectOptions, OpenOptions, Sequence, inspect};
 use linecarve::stream::{Message, Session};
 
 use cases::{Case, Cases, Kind};

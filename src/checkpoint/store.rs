@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::files::{WriteError, write_atomically};
+use linecarve_mesh::files::{WriteError, write_atomically};
 
 /// Folder inside the output folder.
 pub const FOLDER: &str = ".linecarve";

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::diff::{Check, Tolerance};
+use super::CheckChoice;
+use linecarve_mesh::diff::Tolerance;
 
 /// Arguments of `diff`.
 #[derive(Debug, Args)]
@@ -21,8 +22,8 @@ pub struct DiffArgs {
     pub tolerance: Tolerance,
 
     /// What makes a difference.
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = Check::DEFAULT)]
-    pub check: Vec<Check>,
+    #[arg(long, value_enum, value_delimiter = ',', default_values = ["distance", "bounds", "vertices", "orientation", "topology"])]
+    pub check: Vec<CheckChoice>,
 
     /// Points drawn on each surface, besides vertices and centres of triangles.
     #[arg(long, value_name = "N", default_value_t = 50_000)]

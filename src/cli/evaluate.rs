@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::Point3;
 
 use super::KeyframeArgs;
-use crate::evaluation::Region;
+use linecarve_mesh::evaluation::Region;
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::diff::Tolerance;
+use linecarve_mesh::diff::Tolerance;
 
 /// The tolerance when none is given, as it is written.
 pub(super) const DEFAULT_TOLERANCE_TEXT: &str = "0.02%";

@@ -18,12 +18,12 @@ use crate::compare::{
     ComparedSurface, Comparison, ErrorPaint, Gallery, GalleryView, GroundTruthSummary,
     SurfaceSummary, score_table,
 };
-use crate::evaluation::{EvaluationOptions, Reference, ShapeFacts, evaluate};
-use crate::files::write_atomically;
-use crate::mesh::{LineSet, Shape, TriangleMesh, read_geometry};
 use crate::progress::{Progress, Verbosity};
-use crate::render::{HeatScale, View, up_direction, write_png};
 use crate::report::page::{ErrorScale, KeyframeImage, PageTable, triangle_errors, write_page};
+use linecarve_mesh::evaluation::{EvaluationOptions, Reference, ShapeFacts, evaluate};
+use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::render::{HeatScale, View, up_direction, write_png};
+use linecarve_mesh::{LineSet, Shape, TriangleMesh, read_geometry};
 
 /// What the colours of errors say.
 const ERROR_LABEL: &str = "distance to ground truth (units of the poses)";
@@ -221,7 +221,7 @@ fn measure(
     options: &EvaluationOptions,
     origin: &Vector3<f64>,
     warnings: &mut Warnings,
-) -> anyhow::Result<Option<crate::evaluation::Evaluation>> {
+) -> anyhow::Result<Option<linecarve_mesh::evaluation::Evaluation>> {
     if run.surface.mesh.is_empty() {
         return Ok(None);
     }
@@ -266,7 +266,7 @@ fn write_surfaces(
         if let Some(points) = &run.points {
             let path = output.file(&format!("{name}/points.ply"));
             let points: Vec<_> = points.iter().map(|point| point + origin).collect();
-            crate::mesh::write_points_ply(&path, &points, None)?;
+            linecarve_mesh::write_points_ply(&path, &points, None)?;
         }
     }
     Ok(())

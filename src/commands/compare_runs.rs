@@ -7,13 +7,13 @@ use crate::commands::page::PageRecorder;
 use crate::commands::picture::crosses;
 use crate::commands::sequence::{Prepared, lens_warning};
 use crate::compare::ComparedSurface;
-use crate::mesh::LineSet;
 use crate::pipeline::{
     self, Arrival, BackEnd, FrontEndError, PointBackEnd, PointFrontEndError, PointKeyframe,
     run_map_points,
 };
 use crate::progress::{Progress, Verbosity};
 use crate::report::KeyframeReport;
+use linecarve_mesh::LineSet;
 
 /// Length of the crosses that mark points in pictures, as a share of the median depth.
 const CROSS_SHARE: f64 = 0.006;

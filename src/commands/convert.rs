@@ -8,15 +8,15 @@ use nalgebra::Vector3;
 use crate::cli::{ConvertArgs, SequenceArgs, Target};
 use crate::commands::Outcome;
 use crate::commands::sequence::open;
-use crate::exchange::{
-    TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
-};
-use crate::mesh::{
+use crate::progress::Verbosity;
+use linecarve_mesh::{
     Geometry, GlbPart, LineSet, TriangleMesh, read_geometry, write_glb, write_lines_obj,
     write_lines_ply, write_mesh_obj, write_mesh_ply,
 };
-use crate::progress::Verbosity;
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
+use linecarve_sequence::export::{
+    TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
+};
 
 /// Colour of what has none of its own.
 const CLAY: [u8; 3] = [214, 206, 192];

@@ -6,7 +6,7 @@ use crate::cli;
 use crate::pipeline::depth_source::scale::median_depth_from_images;
 use crate::pipeline::scale::median_scene_depth;
 use crate::pipeline::{DepthSource, Options, SemiDenseSource};
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 /// Where depth comes from, and the median depth of the scene in units of the poses.
 pub(super) struct ScaledSource {

@@ -8,9 +8,9 @@ use crate::cli::DiffArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::run_report::{print_object, print_text};
-use crate::diff::{DiffOptions, Difference, compare, write_junit, write_junit_failure};
-use crate::evaluation::{Reference, ShapeFacts};
-use crate::mesh::{Shape, read_geometry};
+use linecarve_mesh::diff::{DiffOptions, Difference, compare, write_junit, write_junit_failure};
+use linecarve_mesh::evaluation::{Reference, ShapeFacts};
+use linecarve_mesh::{Shape, read_geometry};
 
 pub(super) fn run(args: &DiffArgs) -> anyhow::Result<Outcome> {
     let subject = format!("{} {}", name(&args.expected), name(&args.actual));
@@ -66,7 +66,7 @@ fn compared(args: &DiffArgs) -> anyhow::Result<(Shape, Shape, Difference)> {
     let actual = read_geometry(&args.actual)?;
     let options = DiffOptions {
         tolerance: args.tolerance,
-        checks: args.check.clone(),
+        checks: args.check.iter().map(|&check| check.into()).collect(),
         samples: args.samples,
         seed: args.seed,
     };

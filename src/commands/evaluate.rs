@@ -11,14 +11,15 @@ use crate::commands::Outcome;
 use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::run_report::{print_object, print_text};
 use crate::commands::sequence::{choose, open};
-use crate::evaluation::{
-    Alignment, DistanceStatistics, Evaluation, EvaluationOptions, Observed, ObservedOptions,
-    Observer, Reference, ShapeFacts, Trajectory, evaluate_observed,
-};
-use crate::mesh::{Shape, ShapeKind, read_geometry};
 use crate::pipeline::Options;
 use crate::pipeline::scale::median_scene_depth;
 use crate::progress::{Progress, Verbosity};
+use linecarve_mesh::evaluation::{
+    Alignment, DistanceStatistics, Evaluation, EvaluationOptions, Observed, ObservedOptions,
+    Observer, Reference, ShapeFacts, evaluate_observed,
+};
+use linecarve_mesh::{Shape, ShapeKind, read_geometry};
+use linecarve_sequence::Trajectory;
 
 pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let options = EvaluationOptions {

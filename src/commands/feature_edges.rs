@@ -2,12 +2,12 @@
 
 use crate::cli::DEFAULT_TOLERANCE;
 use crate::commands::simplify::ends;
-use crate::diff::Tolerance;
-use crate::feature_edges::{
+use crate::report::FeatureEdgeSummary;
+use linecarve_mesh::diff::Tolerance;
+use linecarve_mesh::feature_edges::{
     EdgeKind, FeatureEdges, FeatureLines, FeatureOptions, FeatureOptionsError,
 };
-use crate::mesh::{LineSet, TriangleMesh};
-use crate::report::FeatureEdgeSummary;
+use linecarve_mesh::{LineSet, TriangleMesh};
 
 /// Creases of the final mesh, and its edges along the lines that the run knows. Rims are left out: they are where evidence ends.
 ///

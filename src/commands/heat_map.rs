@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::bail;
 use nalgebra::{Point3, Vector3};
 
-use crate::evaluation::heat_colors;
-use crate::mesh::{Geometry, GlbPart, LineSet, Shape, TriangleMesh, write_glb};
+use linecarve_mesh::evaluation::heat_colors;
+use linecarve_mesh::{Geometry, GlbPart, LineSet, Shape, TriangleMesh, write_glb};
 
 /// A shape with a distance for each of its points.
 pub(super) struct Colored {

@@ -7,7 +7,7 @@ use crate::commands::Outcome;
 use crate::commands::run_report::{print_object, print_text};
 use crate::commands::sequence::open;
 use crate::progress::Verbosity;
-use crate::sequence::{CameraFacts, InspectOptions, SequenceFacts, inspect};
+use linecarve_sequence::{CameraFacts, InspectOptions, SequenceFacts, inspect};
 
 /// So many other readings are printed; the JSON object has them all.
 const SHOWN: usize = 5;

@@ -1,7 +1,7 @@
 //! Runs that can be resumed after they were killed.
 
 use crate::pipeline::Options;
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 /// What a run is, line by line: one that differs cannot go on with what another has stored.
 pub(super) fn describe(

@@ -13,10 +13,10 @@ use crate::commands::Outcome;
 use crate::commands::output::{OutputFolder, clusters_part, segments_part, write_geometry};
 use crate::commands::run_report::RunLog;
 use crate::commands::sequence::{Prepared, prepare};
-use crate::mesh::{LineSet, TriangleMesh, write_mesh_ply};
 use crate::pipeline::{DepthSource, FrontEndError};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, StageTimes, milliseconds};
+use linecarve_mesh::{LineSet, TriangleMesh, write_mesh_ply};
 
 pub(super) fn run(
     args: &LinesArgs,

@@ -7,12 +7,12 @@ use nalgebra::{Point3, Vector3};
 
 use crate::commands::output::{OutputFolder, surface_part};
 use crate::commands::run_report::keyframe_report;
-use crate::mesh::{TriangleMesh, write_glb};
 use crate::pipeline::{
     BackEnd, BackEndError, Keyframe, PointBackEnd, PointBackEndError, PointKeyframe, PointUpdate,
 };
 use crate::report::{KeyframeReport, MapPointReport, ResultSummary, milliseconds};
-use crate::sequence::Sequence;
+use linecarve_mesh::{TriangleMesh, write_glb};
+use linecarve_sequence::Sequence;
 
 /// Folder of the surfaces after each keyframe.
 pub(super) const GROWTH: &str = "keyframes";

@@ -7,14 +7,14 @@ use anyhow::Context;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::cli::Format;
-use crate::exchange::{PosedImage, TrajectoryFile, posed_images, write_trajectory};
-use crate::feature_edges::CREASE_COLOR;
-use crate::files::remove_unfinished;
-use crate::mesh::{
+use linecarve_mesh::feature_edges::CREASE_COLOR;
+use linecarve_mesh::files::remove_unfinished;
+use linecarve_mesh::{
     Geometry, GlbPart, LineSet, MeshFileError, TriangleMesh, write_glb, write_lines_obj,
     write_lines_ply, write_mesh_obj, write_mesh_ply,
 };
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
+use linecarve_sequence::export::{PosedImage, TrajectoryFile, posed_images, write_trajectory};
 
 /// A folder that results go to, and the names of the files that went there.
 pub(super) struct OutputFolder {

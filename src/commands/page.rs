@@ -7,15 +7,15 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::commands::page_run::PageRun;
-use crate::mesh::{LineSet, TriangleMesh};
 use crate::pipeline::Keyframe;
 use crate::pipeline::segment_map::SegmentMap;
-use crate::render::{View, up_direction};
 use crate::report::page::{
     CountPlot, Elements, HistoryLimits, KeyframeImage, OutsideView, Page, PageKeyframe,
     PageSurface, Series, StageTiming, SurfaceHistory, keyframe_image,
 };
 use crate::report::{KeyframeReport, StageTimes};
+use linecarve_mesh::render::{View, up_direction};
+use linecarve_mesh::{LineSet, TriangleMesh};
 
 /// Size for which the view from outside is laid out.
 const OUTSIDE_SIZE: (u32, u32) = (640, 480);

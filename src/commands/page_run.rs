@@ -4,9 +4,9 @@ use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::commands::sequence::Prepared;
-use crate::map_points::PointModel;
 use crate::report::page::PageCamera;
-use crate::sequence::Sequence;
+use linecarve_sequence::PointModel;
+use linecarve_sequence::Sequence;
 
 /// What a page tells of the sequence and the keyframes of a run.
 pub(super) struct PageRun<'a> {

@@ -5,10 +5,10 @@ use std::path::Path;
 use image::{GenericImage, RgbImage};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::mesh::{LineSet, TriangleMesh};
 use crate::progress::{Progress, Verbosity};
-use crate::render::{BackFaces, RenderOptions, Renderer, View, up_direction, write_png};
-use crate::sequence::Sequence;
+use linecarve_mesh::render::{BackFaces, RenderOptions, Renderer, View, up_direction, write_png};
+use linecarve_mesh::{LineSet, TriangleMesh};
+use linecarve_sequence::Sequence;
 
 /// Pixels between panels.
 const GAP: u32 = 8;

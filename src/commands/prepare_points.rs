@@ -9,7 +9,7 @@ use crate::pipeline::Options;
 use crate::pipeline::feature_depth::median_feature_depth;
 use crate::pipeline::scale::median_scene_depth;
 use crate::progress::Verbosity;
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 /// A sequence that is ready to be looked at for map points.
 pub(super) struct PreparedPoints {

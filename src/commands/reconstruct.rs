@@ -19,10 +19,10 @@ use crate::commands::sequence::{Prepared, prepare};
 use crate::commands::surface_files::SurfaceFiles;
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{feature_edges, kept_run, reconstruct_points, simplify};
-use crate::mesh::write_glb;
 use crate::pipeline::{self, Arrival, BackEnd, BackEndError, Keyframe};
 use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, StageTimes, milliseconds};
+use linecarve_mesh::write_glb;
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     simplify::check(args.simplify)?;
@@ -33,7 +33,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let mut output = OutputFolder::create(&args.out)?;
     let mut prepared = prepare(&args.input, &args.selection, &args.stages, verbosity)?;
     let labels = &mut prepared.options.carving.labels;
-    *labels = args.labels.unwrap_or(*labels);
+    *labels = args.labels.map_or(*labels, Into::into);
     let mut log = RunLog::new("reconstruct", &prepared, verbosity);
     let mut progress = Progress::start("keyframes", prepared.keyframes.len(), verbosity);
     let mut map = BackEnd::new(

@@ -21,14 +21,14 @@ use crate::commands::sequence::far_warning;
 use crate::commands::surface_files::SurfaceFiles;
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{feature_edges, simplify};
-use crate::map_points::{ModelView, PointModel};
-use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
 use crate::pipeline::scale::far_origin;
 use crate::pipeline::{ModelCarver, ModelCounts, ModelUpdate, Options};
 use crate::progress::{Progress, Verbosity};
-use crate::render::{View, up_direction};
 use crate::report::{KeyframeReport, milliseconds};
-use crate::sequence::Sequence;
+use linecarve_mesh::render::{View, up_direction};
+use linecarve_mesh::{LineSet, TriangleMesh, write_points_ply};
+use linecarve_sequence::Sequence;
+use linecarve_sequence::{ModelView, PointModel};
 
 /// The picture of a view is made this wide at most: structure from motion likes large images.
 const MAX_PICTURE_WIDTH: u32 = 960;

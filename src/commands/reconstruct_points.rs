@@ -22,11 +22,11 @@ use crate::commands::sequence::{lens_warning, open, read_options};
 use crate::commands::surface_files::SurfaceFiles;
 use crate::commands::surface_page::{MadeFrom, write_surface_page};
 use crate::commands::{feature_edges, kept_run, reconstruct_model, simplify};
-use crate::map_points::PointModel;
-use crate::mesh::{LineSet, TriangleMesh, write_points_ply};
 use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points};
 use crate::progress::{Progress, Verbosity};
-use crate::sequence::Sequence;
+use linecarve_mesh::{LineSet, TriangleMesh, write_points_ply};
+use linecarve_sequence::PointModel;
+use linecarve_sequence::Sequence;
 
 /// Length of the crosses that mark points in the picture, as a share of the median depth.
 const CROSS_SHARE: f64 = 0.006;
@@ -35,7 +35,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let started = Instant::now();
     let output = OutputFolder::create(&args.out)?;
     let mut options = read_options(&args.stages)?;
-    options.carving.labels = args.labels.unwrap_or(options.carving.labels);
+    options.carving.labels = args.labels.map_or(options.carving.labels, Into::into);
     let sequence = open(&args.input)?;
     if let Some(model) = sequence.map_points() {
         return reconstruct_model::run(

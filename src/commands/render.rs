@@ -9,12 +9,12 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use crate::cli::RenderArgs;
 use crate::commands::Outcome;
 use crate::compare::distance_within;
-use crate::evaluation::Reference;
-use crate::mesh::{LineSet, TriangleMesh, read_geometry};
-use crate::render::{
+use linecarve_mesh::evaluation::Reference;
+use linecarve_mesh::render::{
     BackFaces, HeatScale, RenderOptions, Renderer, View, up_direction, with_color_bar, write_png,
 };
-use crate::sequence::{OpenOptions, Sequence};
+use linecarve_mesh::{LineSet, TriangleMesh, read_geometry};
+use linecarve_sequence::{OpenOptions, Sequence};
 
 pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
     let mesh = read_geometry(&args.mesh)?.into_mesh();

@@ -15,7 +15,7 @@ use crate::report::{
     KeyframeReport, PoseSummary, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary,
     write_report,
 };
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 /// What a run is about to do.
 pub(super) struct RunHeader<'a> {

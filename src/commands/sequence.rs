@@ -7,12 +7,12 @@ use nalgebra::{Point3, Vector3};
 use crate::cli::{KeyframeArgs, SequenceArgs, StageArgs};
 use crate::commands::depth::depth_source;
 use crate::commands::output::{OutputFolder, write_poses};
-use crate::keyframes;
 use crate::pipeline::scale::far_origin;
 use crate::pipeline::{DepthSource, Options, correct_poses};
 use crate::progress::{Progress, Verbosity};
 use crate::report::PoseSummary;
-use crate::sequence::{OpenOptions, Sequence};
+use linecarve_sequence::keyframes;
+use linecarve_sequence::{OpenOptions, Sequence};
 
 /// A sequence that is ready to be worked on.
 pub(super) struct Prepared {

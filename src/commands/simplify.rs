@@ -11,10 +11,10 @@ use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
 use crate::commands::output::{feature_edges_part, surface_part, write_part};
 use crate::commands::run_report::{print_object, print_text};
-use crate::diff::Tolerance;
-use crate::feature_edges::FeatureLines;
-use crate::mesh::{LineSet, TriangleMesh, read_geometry};
-use crate::simplify::{SimplifyOptions, SimplifyOptionsError, rim_tolerance, simplify};
+use linecarve_mesh::diff::Tolerance;
+use linecarve_mesh::feature_edges::FeatureLines;
+use linecarve_mesh::simplify::{SimplifyOptions, SimplifyOptionsError, rim_tolerance, simplify};
+use linecarve_mesh::{LineSet, TriangleMesh, read_geometry};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
 pub(super) fn check(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsError> {

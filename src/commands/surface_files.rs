@@ -7,7 +7,7 @@ use crate::commands::output::{
     FEATURE_EDGES, OutputFolder, clusters_part, feature_edges_part, segments_part, surface_part,
     write_geometry,
 };
-use crate::mesh::{GlbPart, LineSet, TriangleMesh};
+use linecarve_mesh::{GlbPart, LineSet, TriangleMesh};
 
 /// A surface and its lines.
 #[derive(Debug)]

@@ -5,8 +5,8 @@ use std::path::Path;
 use crate::commands::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
 use crate::commands::page_run::PageRun;
 use crate::commands::run_report::RunLog;
-use crate::mesh::TriangleMesh;
 use crate::report::page::{PageTable, write_page};
+use linecarve_mesh::TriangleMesh;
 
 /// What a surface was carved from.
 #[derive(Clone, Copy, PartialEq, Eq)]

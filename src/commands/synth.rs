@@ -5,17 +5,17 @@ use std::sync::Mutex;
 use crate::cli::{NoiseModel, SynthArgs};
 use crate::commands::Outcome;
 use crate::progress::{Progress, Verbosity};
-use crate::synth::{ColorFormat, DepthNoise, SynthOptions, write_sequence};
+use linecarve_synth::{ColorFormat, DepthNoise, SynthOptions, write_sequence};
 
 pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let (width, height) = args.size;
     let options = SynthOptions {
-        scene: args.scene,
+        scene: args.scene.into(),
         frames: args.frames,
         width,
         height,
         focal_px: args.focal,
-        layout: args.layout,
+        layout: args.layout.into(),
         color: if args.png {
             ColorFormat::Png
         } else {

@@ -14,17 +14,17 @@ use crate::commands::Outcome;
 use crate::commands::depth::depth_source;
 use crate::commands::run_report::{print_object, print_text};
 use crate::commands::sequence::{Prepared, correct, open, prepare};
-use crate::mesh::{LineSet, TriangleMesh, read_geometry, write_lines_obj};
 use crate::pipeline::{DepthSource, SemiDenseSource};
 use crate::progress::{Progress, Verbosity};
-use crate::raycast::RayScene;
 use crate::report::milliseconds;
-use crate::sequence::Sequence;
 use crate::tables::images::{ImageEdges, ImageMeasure, Tally, tally};
 use crate::tables::methods::{MethodRun, Runs, StageTime, clustered};
 use crate::tables::semi_dense;
 use crate::tables::surface::{Distances, SurfaceMeasure, measure};
 use crate::tables::table::{Row, Tables, ratios};
+use linecarve_mesh::raycast::RayScene;
+use linecarve_mesh::{LineSet, TriangleMesh, read_geometry, write_lines_obj};
+use linecarve_sequence::Sequence;
 
 /// Samples along segments are this share of the scene's median depth apart.
 const SAMPLE_SHARE: f64 = 0.005;

@@ -5,9 +5,9 @@ use nalgebra::{Point3, Vector3};
 
 use super::grid::panel_grid;
 use super::result::{ComparedSurface, distance_within};
-use crate::evaluation::Reference;
-use crate::mesh::TriangleMesh;
-use crate::render::{
+use linecarve_mesh::TriangleMesh;
+use linecarve_mesh::evaluation::Reference;
+use linecarve_mesh::render::{
     BackFaces, HeatScale, PictureError, RenderOptions, Renderer, View, with_caption, with_color_bar,
 };
 
@@ -128,7 +128,7 @@ impl<'a> Gallery<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::{LineSet, Shape};
+    use linecarve_mesh::{LineSet, Shape};
 
     fn wall(z: f64) -> TriangleMesh {
         TriangleMesh {

@@ -3,9 +3,9 @@
 use nalgebra::Point3;
 use serde::Serialize;
 
-use crate::evaluation::{Evaluation, Reference, ShapeFacts};
-use crate::mesh::{LineSet, TriangleMesh};
 use crate::report::{KeyframeReport, StageTimes};
+use linecarve_mesh::evaluation::{Evaluation, Reference, ShapeFacts};
+use linecarve_mesh::{LineSet, TriangleMesh};
 
 /// A surface at the end of its run, in the frame of computation.
 #[derive(Debug, Clone)]
@@ -125,7 +125,7 @@ pub fn distance_within(ground_truth: &Reference, point: &Point3<f64>, end: f64) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Shape;
+    use linecarve_mesh::Shape;
 
     #[test]
     fn distances_end_where_they_are_told_to() {

@@ -40,7 +40,7 @@ pub fn score_table(surfaces: &[SurfaceSummary], labels: &[&str]) -> ScoreTable {
             surface.triangles.to_string(),
         ];
         if !thresholds.is_empty() {
-            let distances = |statistics: Option<crate::evaluation::DistanceStatistics>| {
+            let distances = |statistics: Option<linecarve_mesh::evaluation::DistanceStatistics>| {
                 statistics.map_or_else(dash, |s| format!("{:.4} ({:.4})", s.mean, s.median))
             };
             let evaluation = surface.evaluation.as_ref();
@@ -96,8 +96,8 @@ impl ScoreTable {
 mod tests {
     use super::*;
     use crate::compare::ComparedSurface;
-    use crate::evaluation::{EvaluationOptions, evaluate};
-    use crate::mesh::{LineSet, Shape, TriangleMesh};
+    use linecarve_mesh::evaluation::{EvaluationOptions, evaluate};
+    use linecarve_mesh::{LineSet, Shape, TriangleMesh};
     use nalgebra::Point3;
 
     fn wall(z: f64) -> TriangleMesh {

@@ -19,7 +19,7 @@ use super::segment_points::{edge_measurements, measurements};
 use super::support::{Finding, Support};
 use super::surface_points::KeyframeSurface;
 use super::vertex_points::{Observers, VertexPoints};
-use crate::mesh::TriangleMesh;
+use linecarve_mesh::TriangleMesh;
 
 /// Colour of what no keyframe has a colour of: a middle grey.
 const UNSEEN: [u8; 3] = [128; 3];

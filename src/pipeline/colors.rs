@@ -4,7 +4,7 @@ use linecarve_lines::image::Plane;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use crate::sequence::ColorImage;
+use linecarve_sequence::ColorImage;
 
 /// Side of the squares of pixels that share a colour. Vertices are further apart, and a mean is calmer than a pixel on an
 /// edge.

@@ -1,9 +1,9 @@
 //! How far away a scene is, when there is no depth image: from features of a few frames.
 
 use super::map_points::find_features;
-use crate::map_points::{MapPointOptions, PointMap, PointMapError};
-use crate::pose_correction::PoseCorrectionOptions;
-use crate::sequence::Sequence;
+use linecarve_points::pose_correction::PoseCorrectionOptions;
+use linecarve_points::{MapPointOptions, PointMap, PointMapError};
+use linecarve_sequence::Sequence;
 
 /// Places in the sequence that are looked at.
 const PLACES: usize = 3;

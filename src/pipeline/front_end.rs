@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use super::colors::KeyframeColors;
 use super::edge_points::EdgePoint;
-use crate::files::WriteError;
 use crate::report::{StageTimes, milliseconds};
-use crate::sequence::{FrameError, Sequence};
+use linecarve_mesh::files::WriteError;
+use linecarve_sequence::{FrameError, Sequence};
 
 /// A keyframe on its way from the front end to the back end.
 #[derive(Debug, Clone, Serialize, Deserialize)]

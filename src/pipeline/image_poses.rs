@@ -7,10 +7,10 @@ use nalgebra::Isometry3;
 
 use super::map_points::{PointFrontEndError, empty_map, run_map_points};
 use super::options::Options;
-use crate::map_points::PointMapError;
-use crate::pose_correction::PoseChange;
 use crate::report::PoseSummary;
-use crate::sequence::Sequence;
+use linecarve_points::PointMapError;
+use linecarve_points::pose_correction::PoseChange;
+use linecarve_sequence::Sequence;
 
 /// Poses that are moved by less than this share of what they may be wrong by stay as given. Points err as well: exact poses would
 /// follow their errors. What poses are really wrong by shows in full; what points alone err by moves them little.
@@ -46,7 +46,7 @@ pub enum ImagePosesError {
 /// When options are out of range, or when an image's fault is one of all.
 ///
 /// # Complexity
-/// Features of every image; for the rest see [`PointMap`](crate::map_points::PointMap) and its `adjust_all`.
+/// Features of every image; for the rest see [`PointMap`](linecarve_points::PointMap) and its `adjust_all`.
 pub fn correct_poses(
     sequence: &Sequence,
     frames: &[usize],

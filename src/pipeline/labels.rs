@@ -2,14 +2,13 @@
 
 use std::num::NonZeroU64;
 
-use clap::ValueEnum;
 use linecarve_carving::labels::{CutOptions, Labels, Votes};
 use serde::{Deserialize, Serialize};
 
 use super::options::CarvingOptions;
 
 /// How tetrahedra are labelled.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LabelKind {
     /// Free when enough rays cross it, as in the literature on carving.

@@ -11,14 +11,14 @@ use serde::{Deserialize, Serialize};
 use super::options::Options;
 use super::run::run_in_order;
 use crate::checkpoint::Checkpoint;
-use crate::files::WriteError;
-use crate::map_points::{
+use crate::report::{StageTimes, milliseconds};
+use linecarve_mesh::TriangleMesh;
+use linecarve_mesh::files::WriteError;
+use linecarve_points::{
     FeatureDetector, FeatureError, Features, MapPointOptions, PointChange, PointCounts, PointMap,
     PointMapError,
 };
-use crate::mesh::TriangleMesh;
-use crate::report::{StageTimes, milliseconds};
-use crate::sequence::{FrameError, Sequence};
+use linecarve_sequence::{FrameError, Sequence};
 
 /// A keyframe on its way from image to map.
 #[derive(Debug, Clone, Serialize, Deserialize)]

@@ -20,9 +20,9 @@ use super::landmarks::LandmarkOptions;
 use super::point_model::PointModelOptions;
 use super::segment_points::SegmentPointOptions;
 use super::surface_points::SurfacePointOptions;
-use crate::keyframes::KeyframeOptions;
-use crate::map_points::{MapPointOptions, MapPointOptionsError};
-use crate::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
+use linecarve_points::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
+use linecarve_points::{MapPointOptions, MapPointOptionsError};
+use linecarve_sequence::keyframes::KeyframeOptions;
 
 /// The parameters of every stage. A missing section or key has its default; an unknown one is refused.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -8,8 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use super::map_points::{carver_options, surface_of};
 use super::options::Options;
-use crate::map_points::{ModelPoint, PointModel, parallax_cosine};
-use crate::mesh::TriangleMesh;
+use linecarve_mesh::TriangleMesh;
+use linecarve_points::parallax_cosine;
+use linecarve_sequence::{ModelPoint, PointModel};
 
 /// Which points of a model are carved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

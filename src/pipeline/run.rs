@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::depth_source::{self, DepthSource};
 use super::front_end::{FrontEnd, FrontEndError, Keyframe};
 use crate::checkpoint::Checkpoint;
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 /// What the front end hands on.
 #[derive(Debug)]

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::sequence::{FrameError, Sequence};
+use linecarve_sequence::{FrameError, Sequence};
 
 /// Frames that are looked at, evenly spread over the sequence.
 const SAMPLES: usize = 9;

@@ -6,7 +6,7 @@ use linecarve_lines::cluster::{
 use nalgebra::Point3;
 
 use super::front_end::Keyframe;
-use crate::mesh::LineSet;
+use linecarve_mesh::LineSet;
 
 /// Segments of all keyframes in the world, and their clusters.
 pub struct SegmentMap {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::files::{WriteError, write_atomically};
+use linecarve_mesh::files::{WriteError, write_atomically};
 
 /// Everything that a run says about itself. Counts and parameters repeat from run to run; durations and memory do not.
 #[derive(Debug, Clone, Serialize)]

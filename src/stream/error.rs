@@ -7,7 +7,7 @@ use linecarve_lines::ExtractError;
 
 use crate::pipeline::depth_source::scale::ScaleError;
 use crate::pipeline::{BackEndError, FrontEndError, ImagePosesError};
-use crate::sequence::SequenceError;
+use linecarve_sequence::SequenceError;
 
 /// Why a message has no effect. The session goes on as if it had not come.
 #[derive(Debug, thiserror::Error)]

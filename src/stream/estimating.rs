@@ -6,7 +6,7 @@ use super::SessionError;
 use crate::pipeline::{
     Arrival, BackEnd, DepthSource, Keyframe, Options, SemiDenseFrontEnd, SemiDenseSource,
 };
-use crate::sequence::LiveSequence;
+use linecarve_sequence::LiveSequence;
 
 /// A keyframe of the session.
 pub(super) struct Member {

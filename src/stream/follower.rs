@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 use serde::Serialize;
 
-use crate::mesh::TriangleMesh;
+use linecarve_mesh::TriangleMesh;
 
 /// What turns the surface before into the surface now.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]

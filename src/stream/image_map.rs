@@ -12,7 +12,7 @@ use crate::pipeline::scale::far_origin;
 use crate::pipeline::{
     self, Arrival, BackEnd, DepthSource, Options, SemiDenseSource, correct_poses,
 };
-use crate::sequence::{LiveFrame, LiveSequence};
+use linecarve_sequence::{LiveFrame, LiveSequence};
 
 /// Keyframes with depth from each other. While they come, the front end does what it does in a run over a recording; a correction
 /// of poses moves what there is of each keyframe with it. At the end everything that a correction touched is made anew from

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::SessionError;
 use crate::pipeline::{BackEnd, Options};
-use crate::sequence::LiveFrame;
+use linecarve_sequence::LiveFrame;
 
 /// What the first keyframe brings into being: keyframes, and the map that is made of them. After an error everything is as it
 /// was before.

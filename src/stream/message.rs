@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use super::SurfaceChange;
-use crate::sequence::rigid;
+use linecarve_sequence::rigid;
 
 /// A message to a [`Session`](super::Session).
 #[derive(Debug, Clone, Deserialize)]

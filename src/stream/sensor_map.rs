@@ -8,7 +8,7 @@ use super::live_map::LiveMap;
 use super::message::StartMessage;
 use crate::pipeline::scale::{far_origin, median_scene_depth};
 use crate::pipeline::{BackEnd, FrontEnd, FrontEndError, Keyframe, Options};
-use crate::sequence::{FrameError, LiveFrame, LiveSequence};
+use linecarve_sequence::{FrameError, LiveFrame, LiveSequence};
 
 /// Each keyframe by itself: what its images yield stays, and moves with its pose.
 pub(super) struct SensorMap {

@@ -18,10 +18,10 @@ use super::message::{
     StartMessage,
 };
 use super::sensor_map::SensorMap;
-use crate::mesh::{LineSet, TriangleMesh};
 use crate::pipeline::Options;
 use crate::report::milliseconds;
-use crate::sequence::{LiveFrame, LiveSequence};
+use linecarve_mesh::{LineSet, TriangleMesh};
+use linecarve_sequence::{LiveFrame, LiveSequence};
 
 /// Keyframes in, a surface out; see the [module](super) for its law.
 ///

@@ -3,7 +3,7 @@
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
-use crate::raycast::RayScene;
+use linecarve_mesh::raycast::RayScene;
 
 /// One ray for a square of this many pixels a side.
 const STEP: usize = 4;
@@ -66,7 +66,7 @@ impl DepthBuffer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::TriangleMesh;
+    use linecarve_mesh::TriangleMesh;
 
     #[test]
     fn a_wall_hides_what_is_behind_it() {

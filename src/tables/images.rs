@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::depth_buffer::DepthBuffer;
 use super::edge_field::{EdgeField, direction_bin};
 use super::surface::Distances;
-use crate::raycast::RayScene;
+use linecarve_mesh::raycast::RayScene;
 
 /// A line counts in a keyframe when it is visible over this many pixels there.
 const LEAST_VISIBLE_PX: usize = 8;
@@ -258,7 +258,7 @@ mod tests {
     use linecarve_lines::image::GrayImage;
 
     use super::*;
-    use crate::mesh::TriangleMesh;
+    use linecarve_mesh::TriangleMesh;
 
     /// A vertical edge in the middle of the image.
     fn measured(segments: &[FoundSegment], scene: &RayScene) -> ImageMeasure {

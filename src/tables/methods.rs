@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use crate::report::milliseconds;
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 /// Time of a stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]

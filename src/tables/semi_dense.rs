@@ -12,7 +12,7 @@ use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
 
 use crate::pipeline::SemiDenseSource;
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 /// The depth map of each of `frames`, and how long they took on one thread, edges left out.
 ///

@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::raycast::RayScene;
+use linecarve_mesh::raycast::RayScene;
 
 /// Distances to the ground truth, in units of the poses.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -80,7 +80,7 @@ pub fn measure(scene: &RayScene, segments: &[FoundSegment], step: f64) -> Surfac
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::TriangleMesh;
+    use linecarve_mesh::TriangleMesh;
 
     #[test]
     fn a_slanted_segment_over_a_floor() {

@@ -142,3 +142,12 @@ pub(crate) fn bend(path: &Path, pinhole: &Camera, k1: f64) {
     }
     bent.save(path).expect("a writable folder");
 }
+
+/// A recording below `LINECARVE_DATA`.
+pub(crate) fn data(name: &str) -> PathBuf {
+    let root = std::env::var_os("LINECARVE_DATA")
+        .expect("LINECARVE_DATA names the folder of the recordings");
+    let path = PathBuf::from(root).join(name);
+    assert!(path.exists(), "{} is not there", path.display());
+    path
+}

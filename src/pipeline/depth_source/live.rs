@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 use super::SemiDenseSource;
 use super::semi_dense::{Arrivals, SemiDenseFrontEnd};
 use crate::pipeline::front_end::FrontEndError;
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 impl SemiDenseFrontEnd {
     /// A front end for keyframes whose number is not known beforehand. What it hands on, first estimates included, is what

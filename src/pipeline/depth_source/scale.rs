@@ -6,7 +6,7 @@ use linecarve_lines::depth::semi_dense::{
 use linecarve_lines::edges::EdgeDetector;
 use rayon::prelude::*;
 
-use crate::sequence::{FrameError, Sequence};
+use linecarve_sequence::{FrameError, Sequence};
 
 /// Frames that are looked at, evenly spread over the sequence.
 const SAMPLES: usize = 9;

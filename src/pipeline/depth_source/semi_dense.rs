@@ -17,7 +17,7 @@ use crate::checkpoint::Checkpoint;
 use crate::pipeline::colors::KeyframeColors;
 use crate::pipeline::front_end::{FrontEndError, Keyframe};
 use crate::pipeline::run::Arrival;
-use crate::sequence::Sequence;
+use linecarve_sequence::Sequence;
 
 pub(super) type Prepared = Result<Keyframe, FrontEndError>;
 /// Numbers of keyframes with what came of them.

@@ -1,7 +1,7 @@
 use nalgebra::{Isometry3, Translation3};
 
 use super::*;
-use crate::map_points::{ModelView, Sighting};
+use linecarve_sequence::{ModelView, Sighting};
 
 /// A wall of points at z = 4 and a box of points before it, seen by a row of cameras at z = 0.
 fn wall() -> PointModel {

@@ -7,7 +7,7 @@ use super::encode::{Positions, push_number, text};
 use super::history::SurfaceHistory;
 use super::images::KeyframeImage;
 use super::life_spans::LifeSpans;
-use crate::render::View;
+use linecarve_mesh::render::View;
 
 /// Everything on a page. Lengths are in units of the poses, in the frame in which the histories were recorded.
 #[derive(Debug, Clone)]

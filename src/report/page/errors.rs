@@ -37,8 +37,8 @@ pub fn triangle_errors(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::TriangleMesh;
     use crate::report::page::{Elements, HistoryLimits};
+    use linecarve_mesh::TriangleMesh;
 
     #[test]
     fn errors_are_means_over_the_triangle() {

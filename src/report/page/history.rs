@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::life_spans::LifeSpans;
-use crate::mesh::{LineSet, TriangleMesh};
+use linecarve_mesh::{LineSet, TriangleMesh};
 
 /// How much a history keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

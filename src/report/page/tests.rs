@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::{Elements, HistoryLimits, SurfaceHistory};
-use crate::mesh::TriangleMesh;
+use linecarve_mesh::TriangleMesh;
 
 const NOTHING: Elements<'static> = Elements::Points(&[]);
 

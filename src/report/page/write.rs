@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use super::data::{Page, PageData};
-use crate::files::{WriteError, write_atomically};
+use linecarve_mesh::files::{WriteError, write_atomically};
 
 const TEMPLATE: &str = include_str!("../../../assets/report/report.html");
 const STYLE: &str = include_str!("../../../assets/report/report.css");

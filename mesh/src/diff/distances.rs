@@ -1,0 +1,153 @@
+//! Distances from one surface to the other, and the places where they are largest.
+
+use nalgebra::Point3;
+
+use super::result::{Place, Side, SideDistances};
+use crate::Shape;
+use crate::evaluation::{DistanceStatistics, Nearest, Reference, on_surface};
+
+/// A point of a mesh whose distance is measured.
+struct Probe {
+    point: Point3<f64>,
+    triangle: u32,
+}
+
+/// Measures from `mesh`, which is the side `on`, to `other`; the summary and the farthest place. `None` when either has no
+/// triangle with an area.
+pub(super) fn to_other(
+    mesh: &Shape,
+    on: Side,
+    other: &Reference,
+    samples: usize,
+    seed: u64,
+) -> Option<(SideDistances, Place)> {
+    let drawn = on_surface(mesh, samples, seed);
+    if drawn.is_empty() || !other.is_mesh() {
+        return None;
+    }
+    let points: Vec<Point3<f64>> = drawn.iter().map(|(point, _)| *point).collect();
+    let at_samples = other.nearest_of_all(&points);
+    let distances: Vec<f64> = at_samples
+        .iter()
+        .map(|nearest| nearest.map_or(f64::INFINITY, |nearest| nearest.distance))
+        .collect();
+    let over_surface = DistanceStatistics::of(&distances)?;
+
+    let fixed = fixed_probes(mesh);
+    let points: Vec<Point3<f64>> = fixed.iter().map(|probe| probe.point).collect();
+    let at_fixed = other.nearest_of_all(&points);
+    let all = drawn
+        .into_iter()
+        .map(|(point, triangle)| Probe { point, triangle })
+        .zip(at_samples)
+        .chain(fixed.into_iter().zip(at_fixed));
+    let mut worst: Option<(Probe, Nearest)> = None;
+    for (probe, nearest) in all {
+        // Valid shapes have finite points, and the other one has a triangle.
+        let Some(nearest) = nearest else { continue };
+        if worst
+            .as_ref()
+            .is_none_or(|(_, worst)| nearest.distance > worst.distance)
+        {
+            worst = Some((probe, nearest));
+        }
+    }
+    let (probe, nearest) = worst?;
+    let summary = SideDistances {
+        mean: over_surface.mean,
+        p95: over_surface.p95,
+        max: nearest.distance,
+    };
+    let place = Place {
+        on,
+        point: probe.point.coords.into(),
+        distance: nearest.distance,
+        nearest: nearest.point.coords.into(),
+        vertex: nearest_corner(mesh, probe.triangle, &probe.point),
+        triangle: probe.triangle,
+    };
+    Some((summary, place))
+}
+
+/// Every vertex that a triangle uses, and the centre of every triangle.
+fn fixed_probes(mesh: &Shape) -> Vec<Probe> {
+    let mut is_taken = vec![false; mesh.positions.len()];
+    let mut probes = Vec::with_capacity(2 * mesh.triangles.len());
+    for (triangle, corners) in mesh.triangles.iter().enumerate() {
+        let triangle = triangle as u32;
+        let mut sum = nalgebra::Vector3::zeros();
+        for corner in corners {
+            let point = mesh.positions[*corner as usize];
+            sum += point.coords;
+            if !std::mem::replace(&mut is_taken[*corner as usize], true) {
+                probes.push(Probe { point, triangle });
+            }
+        }
+        probes.push(Probe {
+            point: Point3::from(sum / 3.0),
+            triangle,
+        });
+    }
+    probes
+}
+
+/// The corner of a triangle that is nearest to a point.
+pub(super) fn nearest_corner(mesh: &Shape, triangle: u32, point: &Point3<f64>) -> u32 {
+    let corners = mesh.triangles[triangle as usize];
+    let distance = |corner: u32| (mesh.positions[corner as usize] - point).norm_squared();
+    corners
+        .into_iter()
+        .min_by(|a, b| distance(*a).total_cmp(&distance(*b)))
+        .unwrap_or(corners[0])
+}
+
+/// The vertex in use that lies farthest from any vertex in use of the other mesh.
+pub(super) fn farthest_vertex(mesh: &Shape, on: Side, other: &Shape) -> Option<Place> {
+    let cloud = Reference::new(&Shape {
+        positions: used_positions(other),
+        ..Shape::default()
+    });
+    let mut triangle_of = vec![None; mesh.positions.len()];
+    for (triangle, corners) in mesh.triangles.iter().enumerate() {
+        for corner in corners {
+            triangle_of[*corner as usize].get_or_insert(triangle as u32);
+        }
+    }
+    let used: Vec<(u32, u32)> = triangle_of
+        .iter()
+        .enumerate()
+        .filter_map(|(vertex, triangle)| triangle.map(|triangle| (vertex as u32, triangle)))
+        .collect();
+    let points: Vec<_> = used
+        .iter()
+        .map(|(vertex, _)| mesh.positions[*vertex as usize])
+        .collect();
+    let mut worst: Option<Place> = None;
+    for ((vertex, triangle), nearest) in used.into_iter().zip(cloud.nearest_of_all(&points)) {
+        let nearest = nearest?;
+        if worst.is_none_or(|worst| nearest.distance > worst.distance) {
+            worst = Some(Place {
+                on,
+                point: mesh.positions[vertex as usize].coords.into(),
+                distance: nearest.distance,
+                nearest: nearest.point.coords.into(),
+                vertex,
+                triangle,
+            });
+        }
+    }
+    worst
+}
+
+/// Positions of the vertices that triangles use.
+pub(super) fn used_positions(mesh: &Shape) -> Vec<Point3<f64>> {
+    let mut is_used = vec![false; mesh.positions.len()];
+    for corner in mesh.triangles.as_flattened() {
+        is_used[*corner as usize] = true;
+    }
+    mesh.positions
+        .iter()
+        .zip(is_used)
+        .filter_map(|(position, is_used)| is_used.then_some(*position))
+        .collect()
+}

@@ -1,0 +1,72 @@
+//! Triangles that face the other side.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::distances::nearest_corner;
+use super::result::{Place, Side};
+use crate::Shape;
+use crate::evaluation::Reference;
+
+/// The triangles of `mesh` at whose centre the other mesh has a surface within `tolerance` that faces the other side, and
+/// none that faces the same side: their number, and the one with the largest area.
+///
+/// Triangles lower than twice the tolerance do not count: within it they may face anywhere.
+pub(super) fn flipped(
+    mesh: &Shape,
+    on: Side,
+    other: &Reference,
+    tolerance: f64,
+) -> (usize, Option<Place>) {
+    let Some(scene) = other.scene() else {
+        return (0, None);
+    };
+    // With no tolerance at all rounding is still to be put up with.
+    let slack = tolerance.max(1e-7 * mesh.diagonal());
+    let found: Vec<(u32, f64, Place)> = mesh
+        .triangles
+        .par_iter()
+        .enumerate()
+        .filter_map(|(triangle, corners)| {
+            let [a, b, c] = corners.map(|corner| mesh.positions[corner as usize]);
+            let cross = (b - a).cross(&(c - a));
+            let doubled_area = cross.norm();
+            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+            let height = doubled_area / longest;
+            // Also false for what has no height at all.
+            let is_high = height > 2.0 * slack;
+            if !is_high {
+                return None;
+            }
+            let normal: Vector3<f64> = cross / doubled_area;
+            let center = Point3::from((a.coords + b.coords + c.coords) / 3.0);
+            let nearest = other.nearest(&center)?;
+            let is_against = nearest.normal.is_some_and(|other| other.dot(&normal) < 0.0);
+            if nearest.distance > slack || !is_against {
+                return None;
+            }
+            // Thin parts have both sides within reach: is there one that faces the same way?
+            let reach = nearest.distance + slack;
+            let start = center + normal * reach;
+            let agreeing = scene.cast_where(&start, &-normal, 2.0 * reach, |_, front| front);
+            if agreeing.is_some() {
+                return None;
+            }
+            let triangle = triangle as u32;
+            let place = Place {
+                on,
+                point: center.coords.into(),
+                distance: nearest.distance,
+                nearest: nearest.point.coords.into(),
+                vertex: nearest_corner(mesh, triangle, &center),
+                triangle,
+            };
+            Some((triangle, doubled_area, place))
+        })
+        .collect();
+    let worst = found
+        .iter()
+        .max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))
+        .map(|(_, _, place)| *place);
+    (found.len(), worst)
+}

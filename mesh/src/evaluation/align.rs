@@ -1,0 +1,118 @@
+//! Bringing a shape into the frame of its ground truth.
+
+use nalgebra::{Matrix4, Point3, Similarity3, UnitQuaternion, Vector3};
+
+use super::icp::{IcpOptions, IcpResult, register};
+use super::options::Alignment;
+use super::result::AlignmentFacts;
+use crate::Shape;
+
+/// Samples of an alignment have seeds this far from those of the scores.
+const OTHER_SEED: u64 = 0x5EED_A116;
+
+/// Finds the map from the frame of `shape` into that of `truth`, with a warning when it should not be trusted.
+pub(super) fn align(
+    shape: &Shape,
+    truth: &Shape,
+    alignment: &Alignment,
+    seed: u64,
+) -> (Similarity3<f64>, AlignmentFacts, Option<String>) {
+    let options = |with_scale| IcpOptions {
+        with_scale,
+        seed: seed ^ OTHER_SEED,
+        ..IcpOptions::default()
+    };
+    let (method, found) = match alignment {
+        Alignment::None => return without_search("none", Similarity3::identity()),
+        Alignment::Given(known) => return without_search("given", *known),
+        Alignment::Icp { start } => ("icp", register(shape, truth, start, &options(false))),
+        Alignment::Similarity { start } => {
+            let options = options(true);
+            let starts = match start {
+                Some(start) => vec![*start],
+                None => vec![Similarity3::identity(), same_size_and_center(shape, truth)],
+            };
+            let best = starts
+                .iter()
+                .filter_map(|start| register(shape, truth, start, &options))
+                .min_by(|a, b| a.rms.total_cmp(&b.rms));
+            ("similarity", best)
+        }
+    };
+    let Some(IcpResult {
+        truth_from_shape,
+        pairs,
+        rms,
+        has_converged,
+        ..
+    }) = found
+    else {
+        let (identity, facts, _) = without_search("none", Similarity3::identity());
+        let warning = "nothing to align by: the shapes stand where their files put them".to_owned();
+        return (identity, facts, Some(warning));
+    };
+    let warning = if !has_converged {
+        Some(
+            "the alignment had not come to rest when it was given up: give a better start (--trajectories)"
+                .to_owned(),
+        )
+    } else if rms > 0.02 * truth.diagonal() {
+        Some(format!(
+            "after the alignment even the nearer pairs lie {rms:.3} apart: it has probably found a wrong place; \
+             give a better start (--trajectories)"
+        ))
+    } else {
+        None
+    };
+    let facts = AlignmentFacts {
+        method,
+        truth_from_shape: rows(&truth_from_shape.to_homogeneous()),
+        scale: truth_from_shape.scaling(),
+        pairs: Some(pairs),
+        rms: Some(rms),
+        has_converged: Some(has_converged),
+    };
+    (truth_from_shape, facts, warning)
+}
+
+fn without_search(
+    method: &'static str,
+    known: Similarity3<f64>,
+) -> (Similarity3<f64>, AlignmentFacts, Option<String>) {
+    let facts = AlignmentFacts {
+        method,
+        truth_from_shape: rows(&known.to_homogeneous()),
+        scale: known.scaling(),
+        pairs: None,
+        rms: None,
+        has_converged: None,
+    };
+    (known, facts, None)
+}
+
+/// The map without rotation that gives two shapes the same mean and the same spread of their points.
+fn same_size_and_center(shape: &Shape, truth: &Shape) -> Similarity3<f64> {
+    let moments = |points: &[Point3<f64>]| {
+        let count = points.len().max(1) as f64;
+        let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count;
+        let spread = points
+            .iter()
+            .map(|p| (p.coords - mean).norm_squared())
+            .sum::<f64>()
+            / count;
+        (mean, spread.sqrt())
+    };
+    let (mean, spread) = moments(&shape.positions);
+    let (truth_mean, truth_spread) = moments(&truth.positions);
+    let scale = if spread > 0.0 && truth_spread > 0.0 {
+        truth_spread / spread
+    } else {
+        1.0
+    };
+    let translation = truth_mean - mean * scale;
+    Similarity3::from_parts(translation.into(), UnitQuaternion::identity(), scale)
+}
+
+fn rows(matrix: &Matrix4<f64>) -> [[f64; 4]; 4] {
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
+}

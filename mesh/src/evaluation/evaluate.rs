@@ -1,0 +1,307 @@
+//! The evaluation itself.
+
+use nalgebra::{Point3, Similarity3};
+
+use super::align::align;
+use super::observed::Observed;
+use super::options::{EvaluationOptions, EvaluationOptionsError, Region};
+use super::reference::Reference;
+use super::result::{Evaluation, ObservedFacts, ShapeFacts, ThresholdScore};
+use super::samples::{along_lines, of_cloud, on_surface};
+use super::statistics::{DistanceStatistics, share_below};
+use crate::{GeometryFault, Shape, ShapeKind};
+
+/// Sizes that differ by this factor are taken for different units.
+const OTHER_UNITS: f64 = 10.0;
+
+/// Why nothing can be measured.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum EvaluationError {
+    /// An option is out of range.
+    #[error(transparent)]
+    Options(#[from] EvaluationOptionsError),
+    /// The shape or the ground truth is not valid.
+    #[error("{which}: {fault}")]
+    Geometry {
+        /// `the shape` or `the ground truth`.
+        which: &'static str,
+        /// What is wrong.
+        fault: GeometryFault,
+    },
+    /// The shape has no point.
+    #[error("there is nothing to evaluate: the shape has no point")]
+    Empty,
+    /// The ground truth is neither a mesh nor a cloud.
+    #[error("the ground truth holds {0}: a mesh or a cloud of points is needed")]
+    GroundTruth(&'static str),
+}
+
+/// Measures a mesh, a set of lines or a cloud against a mesh or a cloud.
+///
+/// Points are drawn on both: on triangles uniform by area, along lines at equal steps, of clouds the points. Those that lie
+/// outside the region do not count; what counts is their distance to the exact nearest point of the other one. A cloud
+/// stands for its surface by its points, so that distances to it are upper bounds.
+///
+/// # Errors
+/// When an option is out of range, one of the shapes is not valid, the shape is empty, or the ground truth neither a mesh
+/// nor a cloud.
+///
+/// # Complexity
+/// O((n + s) log n) for n elements and s samples; memory for both shapes, once more when they are aligned.
+///
+/// ```
+/// use linecarve_mesh::evaluation::{EvaluationOptions, evaluate};
+/// use linecarve_mesh::Shape;
+/// use nalgebra::Point3;
+///
+/// let wall = |z| Shape {
+///     positions: vec![Point3::new(0.0, 0.0, z), Point3::new(4.0, 0.0, z), Point3::new(0.0, 3.0, z)],
+///     triangles: vec![[0, 1, 2]],
+///     ..Shape::default()
+/// };
+/// let options = EvaluationOptions { region_margin: 0.1, samples: 1000, ..EvaluationOptions::default() };
+/// let evaluation = evaluate(&wall(0.03), &wall(0.0), &options)?;
+/// assert!((evaluation.accuracy.unwrap().mean - 0.03).abs() < 1e-12);
+/// assert_eq!((evaluation.at[0].f, evaluation.at[1].f), (Some(0.0), Some(1.0)));
+/// # Ok::<(), linecarve_mesh::evaluation::EvaluationError>(())
+/// ```
+pub fn evaluate(
+    shape: &Shape,
+    ground_truth: &Shape,
+    options: &EvaluationOptions,
+) -> Result<Evaluation, EvaluationError> {
+    evaluate_observed(shape, None, ground_truth, options)
+}
+
+/// [`evaluate`], limited to what keyframes looked at: what they did not look at counts neither as surface nor as
+/// covering the ground truth.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_observed(
+    shape: &Shape,
+    observed: Option<&Observed>,
+    ground_truth: &Shape,
+    options: &EvaluationOptions,
+) -> Result<Evaluation, EvaluationError> {
+    options.validate()?;
+    let check = |which, shape: &Shape| {
+        shape
+            .validate()
+            .map_err(|fault| EvaluationError::Geometry { which, fault })
+    };
+    check("the shape", shape)?;
+    check("the ground truth", ground_truth)?;
+    if shape.kind() == ShapeKind::Empty {
+        return Err(EvaluationError::Empty);
+    }
+    match ground_truth.kind() {
+        ShapeKind::Mesh | ShapeKind::Cloud => {}
+        ShapeKind::Lines => return Err(EvaluationError::GroundTruth("lines and no triangle")),
+        ShapeKind::Empty => return Err(EvaluationError::GroundTruth("nothing")),
+    }
+
+    let mut warnings = Vec::new();
+    let counted = observed.map_or(shape, |observed| &observed.shape);
+    let (truth_from_shape, alignment, doubt) =
+        align(counted, ground_truth, &options.alignment, options.seed);
+    warnings.extend(doubt);
+    warnings.extend(unit_warning(shape, ground_truth, &truth_from_shape));
+
+    let kind = shape.kind();
+    let moved = moved(counted, &truth_from_shape);
+    let counted = moved.as_ref().unwrap_or(counted);
+    let region = region_box(ground_truth, options);
+    let inside = |point: &Point3<f64>| {
+        region.is_none_or(|(low, high)| {
+            (0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))
+        })
+    };
+
+    let covers = kind != ShapeKind::Lines;
+    let (truth, surface) = rayon::join(
+        || Reference::new(ground_truth),
+        || covers.then(|| Reference::new(counted)),
+    );
+    let drawn = drawn_points(counted, kind, options);
+    let drawn_count = drawn.len();
+    let scored: Vec<_> = drawn.into_iter().filter(inside).collect();
+    let accuracy = truth.distances(&scored);
+
+    let completeness = surface.map(|surface| {
+        let points: Vec<_> =
+            drawn_points(ground_truth, ground_truth.kind(), &with_other_seed(options))
+                .into_iter()
+                .filter(inside)
+                .collect();
+        surface.distances(&points)
+    });
+
+    let vertices: Vec<_> = of_cloud(
+        &observed_vertices(shape, observed),
+        most_vertices(kind, options.samples),
+        options.seed.wrapping_add(2),
+    )
+    .iter()
+    .map(|vertex| truth_from_shape * vertex)
+    .filter(inside)
+    .collect();
+    let at_vertices = truth.distances(&vertices);
+
+    if scored.is_empty() {
+        warnings.push(
+            "no point of the shape lies in the region of interest: are both in one frame? (--align, --roi none)"
+                .to_owned(),
+        );
+    } else if (scored.len() as f64) < 0.1 * drawn_count as f64 {
+        warnings.push(format!(
+            "only {} of {drawn_count} points of the shape lie in the region of interest",
+            scored.len()
+        ));
+    }
+    if kind == ShapeKind::Mesh && drawn_count == 0 {
+        warnings.push("the triangles of the shape have no area".to_owned());
+    }
+
+    let at = options
+        .thresholds
+        .iter()
+        .map(|&threshold| score(threshold, &accuracy, completeness.as_deref(), &at_vertices))
+        .collect();
+    Ok(Evaluation {
+        shape: ShapeFacts::of(shape),
+        ground_truth: ShapeFacts::of(ground_truth),
+        alignment,
+        region: region.map(|(low, high)| [low.coords.into(), high.coords.into()]),
+        observed: observed.map(|observed| ObservedFacts {
+            keyframes: observed.keyframes,
+            share: observed.share,
+        }),
+        seed: options.seed,
+        drawn: drawn_count,
+        outside_region: drawn_count - scored.len(),
+        accuracy: DistanceStatistics::of(&accuracy),
+        completeness: completeness.as_deref().and_then(finite_statistics),
+        at,
+        vertices: DistanceStatistics::of(&at_vertices),
+        warnings,
+    })
+}
+
+/// How many vertices are measured. Those of lines and clouds are the measure; of a mesh a part tells as much.
+fn most_vertices(kind: ShapeKind, samples: usize) -> usize {
+    match kind {
+        ShapeKind::Mesh => samples.div_ceil(8),
+        ShapeKind::Lines | ShapeKind::Cloud | ShapeKind::Empty => samples,
+    }
+}
+
+/// Statistics, or nothing when there is nothing to be near to: JSON knows no infinity.
+fn finite_statistics(distances: &[f64]) -> Option<DistanceStatistics> {
+    DistanceStatistics::of(distances).filter(|statistics| statistics.max.is_finite())
+}
+
+fn with_other_seed(options: &EvaluationOptions) -> EvaluationOptions {
+    EvaluationOptions {
+        seed: options.seed.wrapping_add(1),
+        ..options.clone()
+    }
+}
+
+fn score(
+    threshold: f64,
+    accuracy: &[f64],
+    completeness: Option<&[f64]>,
+    at_vertices: &[f64],
+) -> ThresholdScore {
+    let precision = share_below(accuracy, threshold);
+    let recall = completeness.map(|distances| share_below(distances, threshold));
+    ThresholdScore {
+        threshold,
+        precision,
+        recall,
+        f: recall.map(|recall| {
+            if precision + recall > 0.0 {
+                2.0 * precision * recall / (precision + recall)
+            } else {
+                0.0
+            }
+        }),
+        vertex_precision: share_below(at_vertices, threshold),
+    }
+}
+
+fn unit_warning(shape: &Shape, truth: &Shape, applied: &Similarity3<f64>) -> Option<String> {
+    let (size, truth_size) = (shape.diagonal() * applied.scaling(), truth.diagonal());
+    let ratio = size / truth_size;
+    if truth_size > 0.0 && size > 0.0 && !(1.0 / OTHER_UNITS..OTHER_UNITS).contains(&ratio) {
+        return Some(format!(
+            "the shape measures {size:.4} from corner to corner, the ground truth {truth_size:.4}: are their units the \
+             same? (evaluate --align sim3 finds a scale)"
+        ));
+    }
+    None
+}
+
+fn moved(shape: &Shape, by: &Similarity3<f64>) -> Option<Shape> {
+    (*by != Similarity3::identity()).then(|| {
+        let mut shape = shape.clone();
+        for position in &mut shape.positions {
+            *position = by * *position;
+        }
+        shape
+    })
+}
+
+fn region_box(truth: &Shape, options: &EvaluationOptions) -> Option<(Point3<f64>, Point3<f64>)> {
+    let (low, high) = match options.region {
+        Region::Everywhere => return None,
+        Region::GroundTruth => truth.bounds()?,
+        Region::Box { low, high } => (low, high),
+    };
+    let margin = nalgebra::Vector3::repeat(options.region_margin);
+    Some((low - margin, high + margin))
+}
+
+/// The points that stand for a shape of a kind.
+fn drawn_points(shape: &Shape, kind: ShapeKind, options: &EvaluationOptions) -> Vec<Point3<f64>> {
+    match kind {
+        ShapeKind::Mesh => on_surface(shape, options.samples, options.seed)
+            .into_iter()
+            .map(|(point, _)| point)
+            .collect(),
+        ShapeKind::Lines => along_lines(shape, options.step()),
+        ShapeKind::Cloud | ShapeKind::Empty => {
+            of_cloud(&shape.positions, options.samples, options.seed)
+        }
+    }
+}
+
+/// The vertices that elements use (of a cloud all), without those that no keyframe looked at.
+fn observed_vertices(shape: &Shape, observed: Option<&Observed>) -> Vec<Point3<f64>> {
+    let mut counts = match shape.kind() {
+        ShapeKind::Cloud | ShapeKind::Empty => vec![true; shape.positions.len()],
+        ShapeKind::Mesh | ShapeKind::Lines => {
+            let mut is_used = vec![false; shape.positions.len()];
+            let corners = shape.triangles.as_flattened().iter();
+            for corner in corners.chain(shape.lines.as_flattened()) {
+                is_used[*corner as usize] = true;
+            }
+            is_used
+        }
+    };
+    if let Some(observed) = observed {
+        for (counts, is_seen) in counts.iter_mut().zip(&observed.vertices) {
+            *counts = *counts && *is_seen;
+        }
+    }
+    shape
+        .positions
+        .iter()
+        .zip(counts)
+        .filter_map(|(position, counts)| counts.then_some(*position))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,400 @@
+//! What of a shape keyframes looked at.
+//!
+//! A closed carved surface spans space that no camera has seen, where a ground truth has nothing. Pieces of the shape
+//! whose centre no depth image has in front of, or shortly behind, its measured surface are left out. Wrong surface in
+//! seen free space stays, and costs accuracy.
+
+use linecarve_lines::camera::Camera;
+use linecarve_lines::image::Plane;
+use nalgebra::{Isometry3, Point3};
+use rayon::prelude::*;
+
+use crate::{Shape, ShapeKind};
+
+/// More pieces than this are not made.
+const MOST_PIECES: usize = 100_000_000;
+
+/// When a piece counts as looked at, in units of the poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObservedOptions {
+    /// Depth up to which images are believed.
+    pub far: f64,
+    /// How far behind the measured surface a piece may lie.
+    pub behind: f64,
+    /// Triangles and lines are cut until no edge is longer than this.
+    pub edge: f64,
+}
+
+impl ObservedOptions {
+    /// For a scene with the given median depth: believed to 2.5 times of it, a tenth of it behind, cut to a fifth of that.
+    pub fn at_depth(median_depth: f64) -> Self {
+        Self {
+            far: 2.5 * median_depth,
+            behind: 0.1 * median_depth,
+            edge: 0.02 * median_depth,
+        }
+    }
+}
+
+/// Why a shape cannot be cut into pieces.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ObserverError {
+    /// An option is not a positive length.
+    #[error("the limits of what counts as observed must be positive lengths, not {0}")]
+    Options(f64),
+    /// There would be too many pieces.
+    #[error(
+        "edges of {edge} would cut the shape into more than {MOST_PIECES} pieces: allow longer ones"
+    )]
+    Pieces {
+        /// The longest edge allowed.
+        edge: f64,
+    },
+}
+
+/// Collects, view by view, what was looked at.
+pub struct Observer {
+    options: ObservedOptions,
+    /// Corners of the pieces: three of a triangle, two of a line (the last repeated), one of a point (repeated).
+    pieces: Vec<[Point3<f64>; 3]>,
+    is_seen: Vec<bool>,
+    vertices: Vec<Point3<f64>>,
+    is_vertex_seen: Vec<bool>,
+    kind: ShapeKind,
+    /// Area, length or number of the whole.
+    total: f64,
+    keyframes: usize,
+}
+
+/// What was looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observed {
+    /// The pieces that were looked at: the shape without the others.
+    pub shape: Shape,
+    /// Whether each vertex of the original was looked at.
+    pub vertices: Vec<bool>,
+    /// Share of the area (of lines the length, of clouds the points).
+    pub share: f64,
+    /// Number of views.
+    pub keyframes: usize,
+}
+
+impl Observer {
+    /// Cuts a shape into pieces. What lies out of reach of cameras at `eyes` is not cut, it counts as not looked at.
+    ///
+    /// # Errors
+    /// When an option is out of range or there would be too many pieces.
+    pub fn new(
+        shape: &Shape,
+        eyes: &[Point3<f64>],
+        options: &ObservedOptions,
+    ) -> Result<Self, ObserverError> {
+        for length in [options.far, options.behind, options.edge] {
+            if !(length > 0.0 && length.is_finite()) {
+                return Err(ObserverError::Options(length));
+            }
+        }
+        let reach = options.far + options.behind;
+        let mut cutter = Cutter {
+            low: Point3::from(
+                eyes.iter()
+                    .fold([f64::INFINITY; 3].into(), inf)
+                    .coords
+                    .add_scalar(-reach),
+            ),
+            high: Point3::from(
+                eyes.iter()
+                    .fold([f64::NEG_INFINITY; 3].into(), sup)
+                    .coords
+                    .add_scalar(reach),
+            ),
+            edge: options.edge,
+            pieces: Vec::new(),
+        };
+        let at = |index: u32| shape.positions[index as usize];
+        let kind = shape.kind();
+        let mut total = 0.0;
+        match kind {
+            ShapeKind::Mesh => {
+                for triangle in &shape.triangles {
+                    let corners = triangle.map(at);
+                    total += weight(kind, &corners);
+                    cutter.cut(corners)?;
+                }
+            }
+            ShapeKind::Lines => {
+                for [a, b] in &shape.lines {
+                    let corners = [at(*a), at(*b), at(*b)];
+                    total += weight(kind, &corners);
+                    cutter.cut(corners)?;
+                }
+            }
+            ShapeKind::Cloud | ShapeKind::Empty => {
+                for point in &shape.positions {
+                    total += 1.0;
+                    cutter.cut([*point; 3])?;
+                }
+            }
+        }
+        Ok(Self {
+            options: *options,
+            is_seen: vec![false; cutter.pieces.len()],
+            pieces: cutter.pieces,
+            is_vertex_seen: vec![false; shape.positions.len()],
+            vertices: shape.positions.clone(),
+            kind,
+            total,
+            keyframes: 0,
+        })
+    }
+
+    /// Adds a view: `depth` is z in units of the poses, not positive where it is unknown.
+    pub fn look(
+        &mut self,
+        camera: &Camera,
+        world_from_camera: &Isometry3<f64>,
+        depth: &Plane<f32>,
+    ) {
+        let view = DepthView {
+            camera,
+            camera_from_world: world_from_camera.inverse(),
+            depth,
+            options: &self.options,
+        };
+        self.keyframes += 1;
+        self.is_seen
+            .par_iter_mut()
+            .zip(&self.pieces)
+            .with_min_len(1024)
+            .for_each(|(is_seen, [a, b, c])| {
+                *is_seen = *is_seen
+                    || view.sees(&match self.kind {
+                        ShapeKind::Lines => nalgebra::center(a, b),
+                        _ => Point3::from((a.coords + b.coords + c.coords) / 3.0),
+                    });
+            });
+        self.is_vertex_seen
+            .par_iter_mut()
+            .zip(&self.vertices)
+            .with_min_len(1024)
+            .for_each(|(is_seen, vertex)| *is_seen = *is_seen || view.sees(vertex));
+    }
+
+    /// What all views together looked at.
+    pub fn finish(self) -> Observed {
+        let mut shape = Shape::default();
+        let mut seen = 0.0;
+        for (corners, _) in self.pieces.iter().zip(&self.is_seen).filter(|(_, s)| **s) {
+            seen += weight(self.kind, corners);
+            let first = shape.positions.len() as u32;
+            match self.kind {
+                ShapeKind::Mesh => {
+                    shape.positions.extend(corners);
+                    shape.triangles.push([first, first + 1, first + 2]);
+                }
+                ShapeKind::Lines => {
+                    shape.positions.extend(&corners[..2]);
+                    shape.lines.push([first, first + 1]);
+                }
+                ShapeKind::Cloud | ShapeKind::Empty => shape.positions.push(corners[0]),
+            }
+        }
+        Observed {
+            shape,
+            vertices: self.is_vertex_seen,
+            share: if self.total > 0.0 {
+                seen / self.total
+            } else {
+                0.0
+            },
+            keyframes: self.keyframes,
+        }
+    }
+}
+
+fn inf(low: Point3<f64>, point: &Point3<f64>) -> Point3<f64> {
+    low.inf(point)
+}
+
+fn sup(high: Point3<f64>, point: &Point3<f64>) -> Point3<f64> {
+    high.sup(point)
+}
+
+/// Area, length or number.
+fn weight(kind: ShapeKind, [a, b, c]: &[Point3<f64>; 3]) -> f64 {
+    match kind {
+        ShapeKind::Mesh => 0.5 * (b - a).cross(&(c - a)).norm(),
+        ShapeKind::Lines => (b - a).norm(),
+        ShapeKind::Cloud | ShapeKind::Empty => 1.0,
+    }
+}
+
+struct DepthView<'a> {
+    camera: &'a Camera,
+    camera_from_world: Isometry3<f64>,
+    depth: &'a Plane<f32>,
+    options: &'a ObservedOptions,
+}
+
+impl DepthView<'_> {
+    fn sees(&self, point: &Point3<f64>) -> bool {
+        let in_camera = self.camera_from_world * point;
+        if in_camera.z <= 0.0 || in_camera.z >= self.options.far + self.options.behind {
+            return false;
+        }
+        let Some(pixel) = self.camera.project(&in_camera) else {
+            return false;
+        };
+        let (x, y) = (pixel.x.round(), pixel.y.round());
+        let (width, height) = (self.depth.width(), self.depth.height());
+        if !(x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64) {
+            return false;
+        }
+        let depth = f64::from(self.depth.samples()[y as usize * width + x as usize]);
+        depth > 0.0 && depth <= self.options.far && in_camera.z < depth + self.options.behind
+    }
+}
+
+/// Cuts triangles at the middle of their longest edge.
+struct Cutter {
+    low: Point3<f64>,
+    high: Point3<f64>,
+    edge: f64,
+    pieces: Vec<[Point3<f64>; 3]>,
+}
+
+impl Cutter {
+    fn cut(&mut self, whole: [Point3<f64>; 3]) -> Result<(), ObserverError> {
+        let mut open = vec![whole];
+        while let Some([a, b, c]) = open.pop() {
+            let (low, high) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
+            if (0..3).any(|axis| high[axis] < self.low[axis] || low[axis] > self.high[axis]) {
+                continue;
+            }
+            let lengths = [(b - a).norm(), (c - b).norm(), (a - c).norm()];
+            let longest = (0..3).fold(0, |best, at| {
+                if lengths[at] > lengths[best] {
+                    at
+                } else {
+                    best
+                }
+            });
+            if lengths[longest] <= self.edge {
+                if self.pieces.len() == MOST_PIECES {
+                    return Err(ObserverError::Pieces { edge: self.edge });
+                }
+                self.pieces.push([a, b, c]);
+                continue;
+            }
+            // The longest edge first. A line is a triangle whose last corner is repeated: its halves are lines.
+            let [p, q, r] = match longest {
+                0 => [a, b, c],
+                1 => [b, c, a],
+                _ => [c, a, b],
+            };
+            let middle = nalgebra::center(&p, &q);
+            if c == b {
+                open.extend([
+                    [a, middle_of(a, b), middle_of(a, b)],
+                    [middle_of(a, b), b, b],
+                ]);
+            } else {
+                open.extend([[p, middle, r], [middle, q, r]]);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn middle_of(a: Point3<f64>, b: Point3<f64>) -> Point3<f64> {
+    nalgebra::center(&a, &b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A camera at the origin that looks at a wall at z = 2, its right half unknown.
+    fn look_at_wall(shape: &Shape) -> Observed {
+        let camera = Camera::pinhole(50.0, 50.0, 49.5, 49.5).unwrap();
+        let samples = (0..100 * 100)
+            .map(|i| if i % 100 < 50 { 2.0 } else { 0.0 })
+            .collect();
+        let depth = Plane::new(100, 100, samples).unwrap();
+        let options = ObservedOptions {
+            far: 4.0,
+            behind: 0.2,
+            edge: 0.02,
+        };
+        let eyes = [Point3::origin()];
+        let mut observer = Observer::new(shape, &eyes, &options).unwrap();
+        observer.look(&camera, &Isometry3::identity(), &depth);
+        observer.finish()
+    }
+
+    fn square(z: f64) -> Shape {
+        Shape {
+            positions: [
+                [-1.0, -1.0, z],
+                [1.0, -1.0, z],
+                [1.0, 1.0, z],
+                [-1.0, 1.0, z],
+            ]
+            .map(Point3::from)
+            .to_vec(),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Shape::default()
+        }
+    }
+
+    #[test]
+    fn what_lies_in_front_or_shortly_behind_counts_where_depth_is_known() {
+        for (z, expected) in [
+            (1.9, 0.5),
+            (2.1, 0.5),
+            (2.3, 0.0),
+            (-2.0, 0.0),
+            (100.0, 0.0),
+        ] {
+            let observed = look_at_wall(&square(z));
+            assert!(
+                (observed.share - expected).abs() < 0.01,
+                "{z}: {}",
+                observed.share
+            );
+            assert!(observed.shape.positions.iter().all(|p| p.x < 0.03));
+            assert_eq!(observed.vertices[0], expected > 0.0);
+            assert!(!observed.vertices[1]);
+            assert_eq!(observed.shape.validate(), Ok(()));
+        }
+    }
+
+    #[test]
+    fn lines_and_clouds_are_cut_likewise() {
+        let lines = Shape {
+            positions: vec![Point3::new(-1.0, 0.0, 2.0), Point3::new(1.0, 0.0, 2.0)],
+            lines: vec![[0, 1]],
+            ..Shape::default()
+        };
+        let observed = look_at_wall(&lines);
+        assert!((observed.share - 0.5).abs() < 0.02, "{}", observed.share);
+        assert_eq!(observed.shape.kind(), ShapeKind::Lines);
+        let cloud = Shape {
+            lines: Vec::new(),
+            ..lines
+        };
+        let observed = look_at_wall(&cloud);
+        assert_eq!(observed.share, 0.5);
+        assert_eq!(observed.shape.positions.len(), 1);
+        assert_eq!(look_at_wall(&Shape::default()).share, 0.0);
+    }
+
+    #[test]
+    fn limits_must_be_lengths() {
+        let options = ObservedOptions {
+            edge: 0.0,
+            ..ObservedOptions::at_depth(2.0)
+        };
+        assert!(Observer::new(&square(2.0), &[Point3::origin()], &options).is_err());
+    }
+}

@@ -1,0 +1,267 @@
+//! Nearest points of a mesh or a cloud.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use rstar::primitives::GeomWithData;
+use rstar::{PointDistance, RTree};
+
+use crate::raycast::RayScene;
+use crate::{Shape, TriangleMesh};
+
+/// Neighbouring queries are answered in turn, each starting from the answer before it. The number is fixed so that
+/// results do not depend on threads.
+const RUN: usize = 512;
+
+/// The nearest point of a [`Reference`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearest {
+    /// Where it is.
+    pub point: Point3<f64>,
+    /// How far.
+    pub distance: f64,
+    /// The triangle of a mesh, the point of a cloud.
+    pub element: u32,
+    /// Unit normal of the triangle; a cloud has none.
+    pub normal: Option<Vector3<f64>>,
+}
+
+/// The nearest point before anybody asks for its normal.
+struct Found {
+    point: Point3<f64>,
+    distance: f64,
+    element: u32,
+}
+
+/// A mesh or cloud, prepared for nearest-point queries.
+///
+/// Distances to a mesh go to its triangles (those without area are left out; a mesh of nothing else stands for its
+/// vertices), to a cloud to its points. Lines do not count.
+pub struct Reference {
+    kind: Kind,
+}
+
+enum Kind {
+    Mesh(Box<RayScene>),
+    Cloud(RTree<GeomWithData<[f64; 3], u32>>),
+}
+
+impl Reference {
+    /// Prepares a valid shape.
+    ///
+    /// # Complexity
+    /// O(n log n) for n triangles or points.
+    pub fn new(shape: &Shape) -> Self {
+        if !shape.triangles.is_empty() {
+            let scene = RayScene::new(&TriangleMesh {
+                positions: shape.positions.clone(),
+                triangles: shape.triangles.clone(),
+                colors: None,
+            });
+            if scene.triangle_count() > 0 {
+                return Self {
+                    kind: Kind::Mesh(Box::new(scene)),
+                };
+            }
+        }
+        let points = shape
+            .positions
+            .iter()
+            .enumerate()
+            .map(|(index, p)| GeomWithData::new([p.x, p.y, p.z], index as u32))
+            .collect();
+        Self {
+            kind: Kind::Cloud(RTree::bulk_load(points)),
+        }
+    }
+
+    /// Whether distances go to triangles.
+    pub fn is_mesh(&self) -> bool {
+        matches!(self.kind, Kind::Mesh(_))
+    }
+
+    /// The mesh prepared for rays; `None` of a cloud.
+    pub fn scene(&self) -> Option<&RayScene> {
+        match &self.kind {
+            Kind::Mesh(scene) => Some(scene),
+            Kind::Cloud(_) => None,
+        }
+    }
+
+    /// The nearest point; `None` when there is none or `point` is not finite.
+    pub fn nearest(&self, point: &Point3<f64>) -> Option<Nearest> {
+        self.within(point, f64::INFINITY)
+            .map(|found| self.with_normal(found))
+    }
+
+    /// The nearest point no farther than `max`.
+    fn within(&self, point: &Point3<f64>, max: f64) -> Option<Found> {
+        match &self.kind {
+            Kind::Mesh(scene) => scene.closest(point, max).map(|closest| Found {
+                point: closest.point,
+                distance: closest.distance,
+                element: closest.triangle,
+            }),
+            Kind::Cloud(tree) => {
+                let query = [point.x, point.y, point.z];
+                if query.iter().any(|coordinate| !coordinate.is_finite()) {
+                    return None;
+                }
+                let found = tree.nearest_neighbor(query)?;
+                Some(Found {
+                    point: Point3::from(*found.geom()),
+                    distance: found.geom().distance_2(&query).sqrt(),
+                    element: found.data,
+                })
+            }
+        }
+    }
+
+    fn with_normal(&self, found: Found) -> Nearest {
+        Nearest {
+            point: found.point,
+            distance: found.distance,
+            element: found.element,
+            normal: self.scene().map(|scene| scene.normal(found.element)),
+        }
+    }
+
+    /// The nearest points of many, in their order, in parallel.
+    pub fn nearest_of_all(&self, points: &[Point3<f64>]) -> Vec<Option<Nearest>> {
+        self.of_all(points, None, |found| Some(self.with_normal(found)))
+    }
+
+    /// Distances of many points, in their order, in parallel; infinite where there is nothing to be near to.
+    pub fn distances(&self, points: &[Point3<f64>]) -> Vec<f64> {
+        self.of_all(points, f64::INFINITY, |found| found.distance)
+    }
+
+    /// What is wanted of the nearest points of many, in their order, in parallel; `nothing` where there is none.
+    fn of_all<T: Copy + Send + Sync>(
+        &self,
+        points: &[Point3<f64>],
+        nothing: T,
+        wanted: impl Fn(Found) -> T + Sync,
+    ) -> Vec<T> {
+        let order = along_curve(points);
+        let mut answers = vec![nothing; points.len()];
+        let runs = order.par_chunks(RUN).zip(answers.par_chunks_mut(RUN));
+        runs.for_each(|(run, answers)| {
+            let mut last: Option<Point3<f64>> = None;
+            for (index, answer) in run.iter().zip(answers) {
+                let point = &points[*index as usize];
+                // The last answer is a point of the reference: the next one is no farther than it. The bound is
+                // widened against rounding.
+                let bound = last.map_or(f64::INFINITY, |last| (last - point).norm() * 1.000_001);
+                let found = self
+                    .within(point, bound)
+                    .or_else(|| self.within(point, f64::INFINITY));
+                last = found.as_ref().map(|found| found.point);
+                *answer = found.map_or(nothing, &wanted);
+            }
+        });
+        let mut in_order = vec![nothing; points.len()];
+        for (index, answer) in order.into_iter().zip(answers) {
+            in_order[index as usize] = answer;
+        }
+        in_order
+    }
+}
+
+/// The order of points along a Z-curve through their bounding box: neighbours in it are neighbours in space, which
+/// spares most of the search and keeps the tree in the cache.
+fn along_curve(points: &[Point3<f64>]) -> Vec<u32> {
+    const CELLS: f64 = 1024.0;
+    let finite = || points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
+    let Some(first) = finite().next() else {
+        return (0..points.len() as u32).collect();
+    };
+    let (low, high) = finite().fold((*first, *first), |(low, high), point| {
+        (low.inf(point), high.sup(point))
+    });
+    let scale = CELLS / (high - low).amax().max(f64::MIN_POSITIVE);
+    // Ten bits of an axis, two zeros behind each.
+    let spread = |value: f64| {
+        let mut bits = (value.min(CELLS - 1.0) as u64) & 0x3FF;
+        bits = (bits | bits << 16) & 0x0300_00FF;
+        bits = (bits | bits << 8) & 0x0300_F00F;
+        bits = (bits | bits << 4) & 0x030C_30C3;
+        (bits | bits << 2) & 0x0924_9249
+    };
+    let mut keys: Vec<u64> = points
+        .iter()
+        .enumerate()
+        .map(|(index, point)| {
+            let [x, y, z] = [0, 1, 2].map(|axis| spread((point[axis] - low[axis]) * scale));
+            (x | y << 1 | z << 2) << 32 | index as u64
+        })
+        .collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|key| key as u32).collect()
+}
+
+/// Distance of each point of a shape to a ground truth, as both stand; infinite when that is empty.
+///
+/// For error pictures of many shapes against one ground truth make the [`Reference`] once and ask it.
+pub fn vertex_distances(shape: &Shape, ground_truth: &Shape) -> Vec<f64> {
+    Reference::new(ground_truth).distances(&shape.positions)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn soup(seed: u64, triangles: u32) -> Shape {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        Shape {
+            positions: (0..3 * triangles)
+                .map(|_| Point3::from(Vector3::from_fn(|_, _| random.random::<f64>())))
+                .collect(),
+            triangles: (0..triangles)
+                .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
+                .collect(),
+            ..Shape::default()
+        }
+    }
+
+    #[test]
+    fn runs_of_queries_give_the_distances_of_single_ones() {
+        let queries = soup(2, 700).positions;
+        let mesh = soup(1, 300);
+        let cloud = Shape {
+            triangles: Vec::new(),
+            ..mesh.clone()
+        };
+        for shape in [mesh, cloud] {
+            let reference = Reference::new(&shape);
+            let together = reference.distances(&queries);
+            for (query, distance) in queries.iter().zip(together) {
+                let alone = reference.nearest(query).unwrap();
+                assert!((alone.distance - distance).abs() <= 1e-15);
+                assert!(((alone.point - query).norm() - distance).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn triangles_without_area_leave_their_corners() {
+        let shape = Shape {
+            positions: vec![Point3::origin(), Point3::new(2.0, 0.0, 0.0)],
+            triangles: vec![[0, 1, 0]],
+            ..Shape::default()
+        };
+        let reference = Reference::new(&shape);
+        assert!(!reference.is_mesh());
+        assert_eq!(reference.distances(&[Point3::new(0.5, 0.0, 0.0)]), [0.5]);
+        assert_eq!(
+            vertex_distances(&shape, &Shape::default()),
+            [f64::INFINITY; 2]
+        );
+        assert!(
+            reference
+                .nearest(&Point3::new(f64::NAN, 0.0, 0.0))
+                .is_none()
+        );
+    }
+}

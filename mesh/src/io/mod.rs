@@ -1,0 +1,13 @@
+//! Files of meshes, line sets and point clouds: GLB, OBJ and PLY in both directions, STL and rows of numbers read only.
+
+mod error;
+mod glb;
+mod obj;
+mod ply;
+mod read;
+
+pub use error::MeshFileError;
+pub use glb::{Geometry, GlbPart, write_glb};
+pub use obj::{write_lines_obj, write_mesh_obj};
+pub use ply::{write_lines_ply, write_mesh_ply, write_points_ply};
+pub use read::{ReadError, read_geometry};

@@ -1,0 +1,82 @@
+//! Reading meshes, line sets and point clouds.
+//!
+//! [`read_geometry`] takes PLY (ASCII and both binary kinds), OBJ, STL (ASCII and binary), glTF and GLB, and text with a
+//! point in each row, and gives a [`Shape`]. The content decides about the format where it can, the name otherwise.
+//! Everything is checked before it is handed out: coordinates are finite, elements name points that are there.
+
+mod accessor;
+mod error;
+mod gltf;
+mod obj;
+mod ply;
+mod rows;
+mod stl;
+
+use std::path::Path;
+
+use crate::shape::Shape;
+pub use error::ReadError;
+
+/// Formats that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Ply,
+    Obj,
+    Stl,
+    Gltf,
+    Rows,
+}
+
+/// Reads a mesh, a line set or a point cloud.
+///
+/// Points keep the order that they have in the file, colours become sRGB of 8 bits. Polygons are cut into fans, polylines
+/// into lines. glTF is brought back into the frame that `extras.original_from_gltf` of its scene names; without it
+/// coordinates are taken as they stand. The corners of STL are joined where they are equal.
+///
+/// An empty file of a known format is an empty [`Shape`], not an error: whether that will do is the caller's matter.
+///
+/// # Errors
+/// When the file cannot be read, its format is not known, its content is damaged, a coordinate is not finite or an
+/// element names a point that is not there.
+pub fn read_geometry(path: &Path) -> Result<Shape, ReadError> {
+    let bytes = std::fs::read(path).map_err(|source| ReadError::Open {
+        path: path.to_owned(),
+        source,
+    })?;
+    let format = format_of(path, &bytes).ok_or_else(|| ReadError::UnknownFormat {
+        path: path.to_owned(),
+    })?;
+    let shape = match format {
+        Format::Ply => ply::parse(&bytes).map_err(ReadError::content(path, "PLY")),
+        Format::Obj => obj::parse(&bytes).map_err(ReadError::content(path, "OBJ")),
+        Format::Stl => stl::parse(&bytes).map_err(ReadError::content(path, "STL")),
+        Format::Gltf => gltf::parse(&bytes, path).map_err(ReadError::content(path, "glTF")),
+        Format::Rows => rows::parse(&bytes).map_err(ReadError::content(path, "x y z")),
+    }?;
+    shape.validate().map_err(|fault| ReadError::Geometry {
+        path: path.to_owned(),
+        fault,
+    })?;
+    Ok(shape)
+}
+
+fn format_of(path: &Path, bytes: &[u8]) -> Option<Format> {
+    if bytes.starts_with(b"glTF") {
+        return Some(Format::Gltf);
+    }
+    if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+        return Some(Format::Ply);
+    }
+    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+    match extension.as_str() {
+        "ply" => Some(Format::Ply),
+        "obj" => Some(Format::Obj),
+        "stl" => Some(Format::Stl),
+        "glb" | "gltf" => Some(Format::Gltf),
+        "xyz" | "txt" | "csv" => Some(Format::Rows),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

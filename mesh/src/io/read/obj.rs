@@ -1,0 +1,195 @@
+//! Wavefront OBJ.
+//!
+//! Rows of `v`, `f`, `l` and `p` are read here and not by a library: those at hand give every group a list of vertices of its
+//! own, which tears meshes along groups, leave out what no face uses, and cannot say in which line a fault lies.
+//! Texture coordinates, normals, materials and names are passed over.
+
+use nalgebra::Point3;
+
+use crate::shape::Shape;
+
+/// Parses a file; the message of a failure names the line.
+pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
+    let mut parser = Parser::default();
+    let mut logical = String::new();
+    for (number, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+        let text = String::from_utf8_lossy(line);
+        let text = text.trim();
+        // A backslash at the end goes on in the next line.
+        if let Some(begun) = text.strip_suffix('\\') {
+            logical.push_str(begun);
+            logical.push(' ');
+            continue;
+        }
+        let outcome = if logical.is_empty() {
+            parser.row(text)
+        } else {
+            logical.push_str(text);
+            let outcome = parser.row(&logical);
+            logical.clear();
+            outcome
+        };
+        outcome.map_err(|message| format!("line {}: {message}", number + 1))?;
+    }
+    if parser.shape.positions.is_empty() && !parser.has_known_row && !bytes.is_empty() {
+        return Err("no row begins with v, f, l or p".to_owned());
+    }
+    Ok(parser.finish())
+}
+
+#[derive(Default)]
+struct Parser {
+    shape: Shape,
+    /// One for each vertex so far, or none.
+    colors: Vec<[u8; 3]>,
+    has_known_row: bool,
+}
+
+impl Parser {
+    fn row(&mut self, text: &str) -> Result<(), String> {
+        let mut words = text.split_ascii_whitespace();
+        match words.next() {
+            Some("v") => self.vertex(words)?,
+            Some("f") => {
+                let (first, second, third) = (
+                    self.corner(words.next())?,
+                    self.corner(words.next())?,
+                    self.corner(words.next())?,
+                );
+                self.shape.triangles.push([first, second, third]);
+                let mut last = third;
+                for word in words {
+                    let next = self.corner(Some(word))?;
+                    self.shape.triangles.push([first, last, next]);
+                    last = next;
+                }
+            }
+            Some("l") => {
+                let (mut last, second) = (self.corner(words.next())?, self.corner(words.next())?);
+                self.shape.lines.push([last, second]);
+                last = second;
+                for word in words {
+                    let next = self.corner(Some(word))?;
+                    self.shape.lines.push([last, next]);
+                    last = next;
+                }
+            }
+            Some("p") => {}
+            // Comments, texture coordinates, normals, groups, materials, free-form surfaces.
+            _ => return Ok(()),
+        }
+        self.has_known_row = true;
+        Ok(())
+    }
+
+    /// `v x y z`, then perhaps a weight, or red, green and blue from 0 to 1.
+    fn vertex<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Result<(), String> {
+        let mut numbers = [0.0_f64; 7];
+        let mut count = 0;
+        for word in words {
+            if word.starts_with('#') {
+                break;
+            }
+            if count == numbers.len() {
+                return Err("more than seven numbers in a vertex".to_owned());
+            }
+            numbers[count] = word.parse().map_err(|_| format!("`{word}` is no number"))?;
+            count += 1;
+        }
+        if count < 3 {
+            return Err(format!("a vertex has three coordinates, not {count}"));
+        }
+        if self.shape.positions.len() == u32::MAX as usize {
+            return Err("more vertices than 32 bits can count".to_owned());
+        }
+        let [x, y, z, ..] = numbers;
+        let before = self.shape.positions.len();
+        self.shape.positions.push(Point3::new(x, y, z));
+        // Colours are given for all vertices or are not used.
+        if count >= 6 && self.colors.len() == before {
+            let [r, g, b] = [count - 3, count - 2, count - 1]
+                .map(|at| (numbers[at] * 255.0).round().clamp(0.0, 255.0) as u8);
+            self.colors.push([r, g, b]);
+        }
+        Ok(())
+    }
+
+    /// A corner such as `7`, `7/1/3` or `-1`, as an index from 0.
+    fn corner(&self, word: Option<&str>) -> Result<u32, String> {
+        let word = word.ok_or("an element with too few corners")?;
+        let number = word.split('/').next().unwrap_or_default();
+        let count = self.shape.positions.len();
+        let given: i64 = number
+            .parse()
+            .map_err(|_| format!("`{word}` names no vertex"))?;
+        let index = match given {
+            1.. => given - 1,
+            0 => return Err("vertex 0 is named; vertices count from 1".to_owned()),
+            _ => count as i64 + given,
+        };
+        // A positive index may name a vertex that comes later: the whole is checked at the end.
+        u32::try_from(index)
+            .map_err(|_| format!("vertex {given} is named, there are {count} so far"))
+    }
+
+    fn finish(mut self) -> Shape {
+        if !self.colors.is_empty() && self.colors.len() == self.shape.positions.len() {
+            self.shape.colors = Some(self.colors);
+        }
+        self.shape
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn groups_share_their_vertices_and_unused_ones_stay() {
+        let text = "# a comment\no one\nv 0 0 0\nv 1 0 0 # beside\nv 1 1 0\nv 9 9 9\nvt 0 0\nvn 0 0 1\n\
+                    f 1/1/1 2/1/1 3/1/1\ng two\nusemtl red\nv 0 1 0\nf 1//1 3//1 -1//1\n";
+        let shape = parse(text.as_bytes()).unwrap();
+        assert_eq!(shape.positions.len(), 5);
+        assert_eq!(shape.triangles, [[0, 1, 2], [0, 2, 4]]);
+    }
+
+    #[test]
+    fn polygons_polylines_and_continued_lines_are_cut() {
+        let text =
+            "v 0 0 0\r\nv 1 0 0\r\nv 1 1 0\r\nv 0 1 0\r\nf 1 2 \\\r\n 3 4\r\nl 1 2 3 4\r\np 1\r\n";
+        let shape = parse(text.as_bytes()).unwrap();
+        assert_eq!(shape.triangles, [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(shape.lines, [[0, 1], [1, 2], [2, 3]]);
+    }
+
+    #[test]
+    fn colours_count_when_every_vertex_has_them() {
+        let shape = parse(b"v 0 0 0 1 0 0.5\nv 1 1 1 0 0 2\n").unwrap();
+        assert_eq!(shape.colors, Some(vec![[255, 0, 128], [0, 0, 255]]));
+        let shape = parse(b"v 0 0 0 1 0 0.5\nv 1 1 1\nv 2 2 2 1 1 1\n").unwrap();
+        assert_eq!(shape.colors, None);
+    }
+
+    #[test]
+    fn faults_are_named_with_their_line() {
+        for (text, line, word) in [
+            ("v 0 0\n", "line 1", "three coordinates"),
+            ("v 0 0 0\nv x 0 0\n", "line 2", "`x`"),
+            ("v 0 0 0\nf 1 1\n", "line 2", "too few"),
+            ("v 0 0 0\nf\n", "line 2", "too few"),
+            ("v 0 0 0\nf 1 0 1\n", "line 2", "count from 1"),
+            ("v 0 0 0\nf 1 -2 1\n", "line 2", "there are 1"),
+            ("v 0 0 0\nf 1 a/b 1\n", "line 2", "a/b"),
+            ("v 0 0 0\nl 1\n", "line 2", "too few"),
+            ("v 0 0 0 1 2 3 4 5\n", "line 1", "seven"),
+            ("v 0 0 0\nf 1 99999999999 1\n", "line 2", "99999999999"),
+        ] {
+            let message = parse(text.as_bytes()).unwrap_err();
+            assert!(
+                message.contains(line) && message.contains(word),
+                "{text:?}: {message}"
+            );
+        }
+        assert!(parse(b"\x00\x01 garbage\n").is_err());
+    }
+}

@@ -1,0 +1,22 @@
+//! Triangle meshes, line sets and point clouds: their files, and everything that is asked of them.
+
+pub mod diff;
+pub mod evaluation;
+pub mod feature_edges;
+pub mod files;
+mod io;
+pub mod raycast;
+pub mod render;
+mod shape;
+pub mod simplify;
+pub mod srgb;
+#[cfg(test)]
+mod test_room;
+mod types;
+
+pub use io::{
+    Geometry, GlbPart, MeshFileError, ReadError, read_geometry, write_glb, write_lines_obj,
+    write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
+};
+pub use shape::{Shape, ShapeKind};
+pub use types::{GeometryFault, LineSet, TriangleMesh};

@@ -1,0 +1,268 @@
+//! The passes of a picture, and its file.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use image::{ImageFormat, Rgb, RgbImage};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::buffer::{SampleBuffer, ViewRays};
+use super::occlusion::Openness;
+use super::options::{Background, RenderOptions, RenderOptionsError};
+use super::outline::outline_at;
+use super::segments::draw_segments;
+use super::shade::{Albedo, Light};
+use super::view::View;
+use crate::files::{WriteError, write_atomically};
+use crate::raycast::RayScene;
+use crate::srgb::{encoded_color, linear_color};
+use crate::{LineSet, TriangleMesh};
+
+/// A mesh ready to be drawn from any number of views.
+///
+/// ```
+/// use linecarve_mesh::TriangleMesh;
+/// use linecarve_mesh::render::{RenderOptions, Renderer, View};
+/// use nalgebra::{Point3, Vector3};
+///
+/// let mesh = TriangleMesh {
+///     positions: vec![Point3::new(-1.0, -1.0, 2.0), Point3::new(3.0, -1.0, 2.0), Point3::new(-1.0, 3.0, 2.0)],
+///     triangles: vec![[0, 2, 1]],
+///     ..TriangleMesh::default()
+/// };
+/// let up = -Vector3::y();
+/// let view = View::look_at(&Point3::origin(), &Point3::new(0.0, 0.0, 1.0), &up, (64, 48), 1.0)?;
+/// let picture = Renderer::new(&mesh).draw(None, &view, &RenderOptions::default(), &|_, _| {})?;
+/// assert_eq!(picture.dimensions(), (64, 48));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Renderer<'a> {
+    mesh: &'a TriangleMesh,
+    scene: RayScene,
+}
+
+/// The sRGB colour of a place on the surface.
+pub type Paint<'a> = dyn Fn(&Point3<f64>) -> [u8; 3] + Sync + 'a;
+
+/// Why there is no picture, or no file of it.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// An option is out of its range.
+    #[error(transparent)]
+    Options(#[from] RenderOptionsError),
+    /// The picture has no pixel, or too many.
+    #[error(
+        "a picture of {width} x {height} pixels with {supersampling} x {supersampling} samples each cannot be drawn: at least one pixel and at most {} samples",
+        MOST_SAMPLES
+    )]
+    Size {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+        /// Samples of a pixel along each side.
+        supersampling: u32,
+    },
+    /// The PNG could not be encoded.
+    #[error("cannot encode {}: {source}", path.display())]
+    Encode {
+        /// The file.
+        path: PathBuf,
+        /// What the encoder said.
+        source: image::ImageError,
+    },
+    /// The file system refused.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+}
+
+/// Samples of the largest picture: about 6 GB of buffer.
+const MOST_SAMPLES: u64 = 1 << 27;
+
+impl<'a> Renderer<'a> {
+    /// Prepares a mesh, which may be empty: then only the background and the segments are drawn.
+    pub fn new(mesh: &'a TriangleMesh) -> Self {
+        Self {
+            mesh,
+            scene: RayScene::new(mesh),
+        }
+    }
+
+    /// The mesh ready for rays.
+    pub fn scene(&self) -> &RayScene {
+        &self.scene
+    }
+
+    /// Draws the mesh and, over it, segments.
+    ///
+    /// Parallel over rows; the same bytes for any number of threads. `progress` is called with rows done and rows to do,
+    /// from any thread.
+    ///
+    /// # Errors
+    /// When an option is out of its range or the picture has no pixel or too many.
+    pub fn draw(
+        &self,
+        lines: Option<&LineSet>,
+        view: &View,
+        options: &RenderOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<RgbImage, PictureError> {
+        self.draw_with(None, lines, view, options, progress)
+    }
+
+    /// [`Renderer::draw`] with a colour for every place on the surface, in sRGB, in place of those of the mesh: errors are
+    /// so shown where they are, not where the vertices are. `paint` is asked about once a pixel, from any thread.
+    ///
+    /// # Errors
+    /// As [`Renderer::draw`].
+    pub fn draw_painted(
+        &self,
+        paint: &Paint<'_>,
+        lines: Option<&LineSet>,
+        view: &View,
+        options: &RenderOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<RgbImage, PictureError> {
+        self.draw_with(Some(paint), lines, view, options, progress)
+    }
+
+    fn draw_with(
+        &self,
+        paint: Option<&Paint<'_>>,
+        lines: Option<&LineSet>,
+        view: &View,
+        options: &RenderOptions,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<RgbImage, PictureError> {
+        options.validate()?;
+        let count = u64::from(view.width)
+            * u64::from(view.height)
+            * u64::from(options.supersampling * options.supersampling);
+        if count == 0 || count > MOST_SAMPLES {
+            return Err(PictureError::Size {
+                width: view.width,
+                height: view.height,
+                supersampling: options.supersampling,
+            });
+        }
+        let step = options.supersampling as usize;
+        let height = view.height as usize;
+        let occluded = options.occlusion_rays > 0;
+        let total = height * step + if occluded { 2 * height } else { height };
+        let done = AtomicUsize::new(0);
+        let row_done = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+
+        let buffer = SampleBuffer::cast(&self.scene, view, step, options.back_faces, &row_done);
+        let openness = occluded.then(|| {
+            Openness::measure(
+                &self.scene,
+                view,
+                &buffer,
+                (options.occlusion_rays, options.back_faces),
+                &row_done,
+            )
+        });
+        let mut light = self.light_of(view, &buffer, openness.as_ref(), paint, options, &row_done);
+        if let Some(lines) = lines {
+            draw_segments(&mut light, lines, view, &buffer, options);
+        }
+        let mut picture = RgbImage::new(view.width, view.height);
+        for (pixel, color) in picture.pixels_mut().zip(&light) {
+            *pixel = Rgb(encoded_color(*color));
+        }
+        Ok(picture)
+    }
+
+    /// Linear light of each pixel, without segments.
+    fn light_of(
+        &self,
+        view: &View,
+        buffer: &SampleBuffer,
+        openness: Option<&Openness>,
+        paint: Option<&Paint<'_>>,
+        options: &RenderOptions,
+        row_done: &(dyn Fn() + Sync),
+    ) -> Vec<[f64; 3]> {
+        let step = buffer.supersampling;
+        let width = view.width as usize;
+        let rays = ViewRays::new(view, step);
+        let albedo = Albedo::new(self.mesh, options.clay);
+        let rotation = &view.world_from_camera.rotation;
+        let lamps = Light::new(
+            &view.up,
+            &(rotation * Vector3::x()),
+            &(rotation * Vector3::z()),
+        );
+        let sample_light = |column: usize, row: usize, known: &mut Option<(u32, [f64; 3])>| {
+            let sample = buffer.at(column, row)?;
+            let open = openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row)));
+            let toward_viewer = -rays.direction(column, row).normalize();
+            let surface = match (paint, &known) {
+                (None, _) => albedo.at(self.mesh.triangles[sample.triangle as usize], sample),
+                (Some(_), Some((triangle, color))) if *triangle == sample.triangle => *color,
+                (Some(paint), _) => {
+                    let ray = rays.direction(column, row);
+                    let color =
+                        linear_color(paint(&(rays.origin() + ray * f64::from(sample.depth))));
+                    *known = Some((sample.triangle, color));
+                    color
+                }
+            };
+            let color = lamps.shade(surface, sample, &toward_viewer, open, options);
+            let (jump, fold) = outline_at(buffer, sample, (column, row));
+            let kept = (1.0 - options.outline * jump) * (1.0 - options.crease * fold);
+            Some(color.map(|v| v * kept))
+        };
+        let mut light = vec![[0.0; 3]; width * view.height as usize];
+        light
+            .par_chunks_mut(width)
+            .enumerate()
+            .for_each(|(y, line)| {
+                let behind = background(options.background, y, view.height);
+                for (x, pixel) in line.iter_mut().enumerate() {
+                    // The samples of a pixel lie so near one another that one colour does for a triangle.
+                    let mut known = None;
+                    for row in y * step..(y + 1) * step {
+                        for column in x * step..(x + 1) * step {
+                            let color = sample_light(column, row, &mut known).unwrap_or(behind);
+                            for (sum, part) in pixel.iter_mut().zip(color) {
+                                // Clipped before averaging, else a bright sample would swallow an outline.
+                                *sum += part.min(1.0);
+                            }
+                        }
+                    }
+                    *pixel = pixel.map(|sum| sum / (step * step) as f64);
+                }
+                row_done();
+            });
+        light
+    }
+}
+
+fn background(background: Background, y: usize, height: u32) -> [f64; 3] {
+    match background {
+        Background::Plain(color) => linear_color(color),
+        Background::Gradient(top, bottom) => {
+            let t = y as f64 / f64::from(height.max(2) - 1);
+            let (top, bottom) = (linear_color(top), linear_color(bottom));
+            std::array::from_fn(|channel| top[channel] + t * (bottom[channel] - top[channel]))
+        }
+    }
+}
+
+/// Writes a picture as PNG, whole or not at all.
+///
+/// # Errors
+/// When the picture cannot be encoded or the file not written.
+pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), PictureError> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture
+        .write_to(&mut bytes, ImageFormat::Png)
+        .map_err(|source| PictureError::Encode {
+            path: path.to_owned(),
+            source,
+        })?;
+    write_atomically(path, |out| out.write_all(bytes.get_ref()))?;
+    Ok(())
+}

@@ -1,0 +1,100 @@
+//! Light on a sample.
+
+use nalgebra::Vector3;
+
+use super::buffer::Sample;
+use super::options::{BackFaces, RenderOptions};
+use crate::TriangleMesh;
+use crate::srgb::linear_color;
+
+/// Linear colour of back faces: what they are is mixed with this.
+const BACK_TINT: [f64; 3] = [0.42, 0.16, 0.15];
+
+/// The colours of a mesh, ready for blending.
+pub(super) struct Albedo {
+    colors: Option<Vec<[f32; 3]>>,
+    clay: [f64; 3],
+}
+
+impl Albedo {
+    /// Colours that do not number the vertices are passed over.
+    pub(super) fn new(mesh: &TriangleMesh, clay: [u8; 3]) -> Self {
+        let colors = mesh
+            .colors
+            .as_ref()
+            .filter(|colors| colors.len() == mesh.positions.len())
+            .map(|colors| {
+                colors
+                    .iter()
+                    .map(|color| linear_color(*color).map(|v| v as f32))
+                    .collect()
+            });
+        Self {
+            colors,
+            clay: linear_color(clay),
+        }
+    }
+
+    /// The linear colour of what a sample sees on the triangle with these corners.
+    pub(super) fn at(&self, corners: [u32; 3], sample: &Sample) -> [f64; 3] {
+        let Some(colors) = &self.colors else {
+            return self.clay;
+        };
+        let [v, w] = sample.barycentric;
+        let weights = [1.0 - v - w, v, w];
+        let mut color = [0.0; 3];
+        for (corner, weight) in corners.into_iter().zip(weights) {
+            for (sum, part) in color.iter_mut().zip(colors[corner as usize]) {
+                *sum += f64::from(weight * part);
+            }
+        }
+        color
+    }
+}
+
+/// The lamps of a view.
+pub(super) struct Light {
+    up: Vector3<f64>,
+    key: Vector3<f64>,
+}
+
+impl Light {
+    /// Sky along `up`, a lamp over the left shoulder of the viewer who looks along `forward`.
+    pub(super) fn new(up: &Vector3<f64>, right: &Vector3<f64>, forward: &Vector3<f64>) -> Self {
+        Self {
+            up: *up,
+            key: (up * 1.1 - right * 0.55 - forward * 0.6).normalize(),
+        }
+    }
+
+    /// Linear light reflected to the viewer by a surface of linear `color` that a sample sees; `toward_viewer` has unit
+    /// length.
+    pub(super) fn shade(
+        &self,
+        color: [f64; 3],
+        sample: &Sample,
+        toward_viewer: &Vector3<f64>,
+        openness: f64,
+        options: &RenderOptions,
+    ) -> [f64; 3] {
+        let normal = sample.normal();
+        let sky = 0.5 + 0.5 * normal.dot(&self.up);
+        // A lamp of some size lights a little beyond its horizon.
+        let key = ((normal.dot(&self.key) + 0.25) / 1.25).max(0.0);
+        let head = normal.dot(toward_viewer).max(0.0);
+        let ambient = openness * (0.34 + 0.16 * sky);
+        let direct = (0.4 + 0.6 * openness) * (0.42 * key + 0.16 * head);
+        let tinted = !sample.front && options.back_faces == BackFaces::Tinted;
+        std::array::from_fn(|channel| {
+            let surface = if tinted {
+                0.3 * color[channel] + 0.7 * BACK_TINT[channel]
+            } else {
+                color[channel]
+            };
+            // Shade is a little blue and light a little warm, as in a room with a window.
+            let cool = [0.96, 1.0, 1.06][channel];
+            let warm = [1.04, 1.0, 0.95][channel];
+            surface * (ambient * cool + direct * warm) * 1.12
+        })
+    }
+}

@@ -1,0 +1,196 @@
+//! COLMAP's text model: cameras, images with what they see, points with their tracks.
+
+use std::path::Path;
+
+use linecarve_lines::camera::{Camera, Distortion};
+use nalgebra::{Isometry3, Quaternion};
+
+use super::posed_images;
+use crate::Sequence;
+use linecarve_mesh::files::{WriteError, write_atomically};
+
+/// Why a model cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ColmapError {
+    /// A file could not be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A view has no camera and none can stand in.
+    #[error("the view {name} of the map has no camera: COLMAP needs one for every image")]
+    NoCamera {
+        /// The view.
+        name: String,
+    },
+}
+
+/// An image as the files have it.
+struct Image {
+    name: String,
+    camera: usize,
+    world_from_camera: Isometry3<f64>,
+    /// Where it sees which point; pixels of this program.
+    sightings: Vec<([f64; 2], usize)>,
+}
+
+/// Writes `cameras.txt`, `images.txt` and `points3D.txt` into a folder that exists.
+///
+/// With a map, all of its views are written, each with the camera and the size of its image, and a sighting whose pixel is not known goes where the pose puts it; without,
+/// the frames of the sequence and no points.
+///
+/// # Errors
+/// When a file cannot be written, or a view of the map has no camera.
+pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapError> {
+    let common = sequence.color_size();
+    let common = [common.width, common.height];
+    // Some models do not say, and have no images: the principal point is near the middle.
+    let size_for = |camera: &Camera| match sequence.frames() {
+        [] => [camera.cx(), camera.cy()].map(|c| (2.0 * c + 1.0).clamp(1.0, 65535.0) as u32),
+        _ => common,
+    };
+    let mut cameras: Vec<(Camera, [u32; 2])> = Vec::new();
+    let mut place = |camera: &Camera, size: [u32; 2]| {
+        cameras
+            .iter()
+            .position(|(other, other_size)| other == camera && *other_size == size)
+            .unwrap_or_else(|| {
+                cameras.push((camera.clone(), size));
+                cameras.len() - 1
+            })
+    };
+    let mut images = Vec::new();
+    let points = match sequence.map_points() {
+        Some(model) => {
+            for view in &model.views {
+                let camera = view.camera.as_ref().ok_or_else(|| ColmapError::NoCamera {
+                    name: view.name.clone(),
+                })?;
+                images.push(Image {
+                    name: view.name.clone(),
+                    camera: place(camera, view.size_px.unwrap_or_else(|| size_for(camera))),
+                    world_from_camera: view.world_from_camera,
+                    sightings: Vec::new(),
+                });
+            }
+            model.points.as_slice()
+        }
+        None => {
+            for image in posed_images(sequence) {
+                images.push(Image {
+                    camera: place(&image.camera, common),
+                    name: image.file,
+                    world_from_camera: image.world_from_camera,
+                    sightings: Vec::new(),
+                });
+            }
+            &[]
+        }
+    };
+    // The place of each sighting in its image's list, point by point.
+    let mut tracks: Vec<Vec<(usize, usize)>> = Vec::with_capacity(points.len());
+    for (index, point) in points.iter().enumerate() {
+        let mut track = Vec::new();
+        for sighting in &point.sightings {
+            let Some(image) = images.get_mut(sighting.view as usize) else {
+                continue;
+            };
+            let pixel = sighting.pixel.or_else(|| {
+                let point_in_camera = image.world_from_camera.inverse() * point.point_in_world;
+                cameras[image.camera]
+                    .0
+                    .project(&point_in_camera)
+                    .map(|seen| [seen.x, seen.y])
+            });
+            if let Some(pixel) = pixel {
+                track.push((sighting.view as usize, image.sightings.len()));
+                image.sightings.push((pixel, index));
+            }
+        }
+        tracks.push(track);
+    }
+    write_atomically(&folder.join("cameras.txt"), |out| {
+        writeln!(out, "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")?;
+        for (index, (camera, [width, height])) in cameras.iter().enumerate() {
+            let (model, parameters) = parameters(camera);
+            let parameters: Vec<String> = parameters.iter().map(ToString::to_string).collect();
+            writeln!(
+                out,
+                "{} {model} {width} {height} {}",
+                index + 1,
+                parameters.join(" ")
+            )?;
+        }
+        Ok(())
+    })?;
+    write_atomically(&folder.join("images.txt"), |out| {
+        writeln!(out, "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")?;
+        writeln!(out, "# POINTS2D[] as X Y POINT3D_ID")?;
+        for (index, image) in images.iter().enumerate() {
+            let pose = image.world_from_camera.inverse();
+            let Quaternion { coords } = *pose.rotation.quaternion();
+            let t = pose.translation.vector;
+            writeln!(
+                out,
+                "{} {} {} {} {} {} {} {} {} {}",
+                index + 1,
+                coords.w,
+                coords.x,
+                coords.y,
+                coords.z,
+                t.x,
+                t.y,
+                t.z,
+                image.camera + 1,
+                image.name
+            )?;
+            let mut separator = "";
+            for ([x, y], point) in &image.sightings {
+                write!(out, "{separator}{} {} {}", x + 0.5, y + 0.5, point + 1)?;
+                separator = " ";
+            }
+            writeln!(out)?;
+        }
+        Ok(())
+    })?;
+    write_atomically(&folder.join("points3D.txt"), |out| {
+        writeln!(
+            out,
+            "# POINT3D_ID X Y Z R G B ERROR TRACK[] as IMAGE_ID POINT2D_IDX"
+        )?;
+        for (index, (point, track)) in points.iter().zip(&tracks).enumerate() {
+            let p = point.point_in_world;
+            let [r, g, b] = point.color.unwrap_or([128; 3]);
+            write!(out, "{} {} {} {} {r} {g} {b} 0", index + 1, p.x, p.y, p.z)?;
+            for (image, place) in track {
+                write!(out, " {} {place}", image + 1)?;
+            }
+            writeln!(out)?;
+        }
+        Ok(())
+    })?;
+    Ok(())
+}
+
+/// Model and parameters of a camera; COLMAP's first pixel has its centre at (0.5, 0.5).
+fn parameters(camera: &Camera) -> (&'static str, Vec<f64>) {
+    let mut values = vec![
+        camera.fx(),
+        camera.fy(),
+        camera.cx() + 0.5,
+        camera.cy() + 0.5,
+    ];
+    match *camera.distortion() {
+        Distortion::None => ("PINHOLE", values),
+        Distortion::RadialTangential { k1, k2, p1, p2, k3 } => {
+            values.extend([k1, k2, p1, p2]);
+            if k3 == 0.0 {
+                return ("OPENCV", values);
+            }
+            values.extend([k3, 0.0, 0.0, 0.0]);
+            ("FULL_OPENCV", values)
+        }
+        Distortion::KannalaBrandt { k1, k2, k3, k4 } => {
+            values.extend([k1, k2, k3, k4]);
+            ("OPENCV_FISHEYE", values)
+        }
+    }
+}

@@ -1,0 +1,297 @@
+//! Corners of an image and which of them look alike in another: just enough to test poses, without any model of motion.
+//!
+//! # Reference
+//! J. Shi, C. Tomasi, Good Features to Track, CVPR, 1994 (the measure of a corner). M. Brown, R. Szeliski, S. Winder,
+//! Multi-Image Matching using Multi-Scale Oriented Patches, CVPR, 2005 (small normalised patches, compared by the ratio
+//! of the best to the second). *Differs from the papers:* one scale and no orientation, since neighbouring frames turn
+//! little about the viewing direction.
+
+use linecarve_lines::image::GrayImage;
+
+use crate::reduction::square_sums;
+
+/// Images are shrunk to about this width, by a whole factor.
+const WIDTH: usize = 800;
+/// Corners are kept per cell of this size, so that they cover the image.
+const CELL: usize = 24;
+const PER_CELL: usize = 2;
+/// At most so many corners an image.
+const MOST: usize = 900;
+/// Half the side of the window in which gradients are summed.
+const WINDOW: usize = 3;
+/// The descriptor is a patch of so many samples a side, so far apart.
+const SIDE: usize = 8;
+const SPACING: usize = 4;
+const MARGIN: usize = SIDE * SPACING / 2 + SPACING;
+/// Squared distance to the best over that to the second best.
+const RATIO: f32 = 0.6;
+/// Least correlation of two patches.
+const LEAST_CORRELATION: f32 = 0.8;
+
+/// Corners of an image with what is around them.
+pub(super) struct Corners {
+    /// Place in pixels of the whole image.
+    pub(super) pixels: Vec<[f64; 2]>,
+    /// For each corner `SIDE * SIDE` samples with mean 0 and norm 1.
+    patches: Vec<f32>,
+}
+
+/// A grey image of floats.
+struct Small {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+    factor: usize,
+}
+
+/// Finds the corners of an image; none in one too small.
+pub(super) fn find(image: &GrayImage) -> Corners {
+    let small = shrink(image);
+    let mut out = Corners {
+        pixels: Vec::new(),
+        patches: Vec::new(),
+    };
+    if small.width <= 2 * MARGIN || small.height <= 2 * MARGIN {
+        return out;
+    }
+    let blurred = blur(&small, SPACING);
+    let strength = strengths(&small);
+    let shrunk = |value: usize| (value as f64 + 0.5) * small.factor as f64 - 0.5;
+    for (x, y) in strongest(&strength, small.width, small.height) {
+        let start = out.patches.len();
+        for row in 0..SIDE {
+            for column in 0..SIDE {
+                let at_x = x + column * SPACING + SPACING / 2 - SIDE * SPACING / 2;
+                let at_y = y + row * SPACING + SPACING / 2 - SIDE * SPACING / 2;
+                out.patches.push(blurred[at_y * small.width + at_x]);
+            }
+        }
+        if normalise(&mut out.patches[start..]) {
+            out.pixels.push([shrunk(x), shrunk(y)]);
+        } else {
+            out.patches.truncate(start);
+        }
+    }
+    out
+}
+
+/// Pairs of corners that are each other's best match, clearly better than the second best.
+pub(super) fn matches(a: &Corners, b: &Corners) -> Vec<([f64; 2], [f64; 2])> {
+    let forward = nearest(a, b);
+    let backward = nearest(b, a);
+    forward
+        .iter()
+        .enumerate()
+        .filter_map(|(i, found)| {
+            let j = (*found)?;
+            (backward[j] == Some(i)).then(|| (a.pixels[i], b.pixels[j]))
+        })
+        .collect()
+}
+
+/// For each corner of `a` the best in `b`, where it is distinctly the best.
+fn nearest(a: &Corners, b: &Corners) -> Vec<Option<usize>> {
+    const N: usize = SIDE * SIDE;
+    a.patches
+        .chunks_exact(N)
+        .map(|patch| {
+            let (mut best, mut second, mut at) = (f32::NEG_INFINITY, f32::NEG_INFINITY, 0);
+            for (j, other) in b.patches.chunks_exact(N).enumerate() {
+                let correlation: f32 = patch.iter().zip(other).map(|(p, q)| p * q).sum();
+                if correlation > best {
+                    second = best;
+                    best = correlation;
+                    at = j;
+                } else if correlation > second {
+                    second = correlation;
+                }
+            }
+            let is_clear = best > LEAST_CORRELATION && (1.0 - best) < RATIO * (1.0 - second);
+            is_clear.then_some(at)
+        })
+        .collect()
+}
+
+/// Mean 0, norm 1; `false` for a patch without contrast.
+fn normalise(patch: &mut [f32]) -> bool {
+    let mean = patch.iter().sum::<f32>() / patch.len() as f32;
+    for value in patch.iter_mut() {
+        *value -= mean;
+    }
+    let norm = patch.iter().map(|v| v * v).sum::<f32>().sqrt();
+    // Less than about one grey level a sample is noise.
+    if norm < SIDE as f32 {
+        return false;
+    }
+    for value in patch {
+        *value /= norm;
+    }
+    true
+}
+
+fn shrink(image: &GrayImage) -> Small {
+    let factor = image.width().div_ceil(WIDTH).max(1);
+    let (width, height) = (image.width() / factor, image.height() / factor);
+    let area = (factor * factor) as f32;
+    let values = square_sums::<1>(image.samples(), image.width(), factor)
+        .into_iter()
+        .map(|sum| sum as f32 / area)
+        .collect();
+    Small {
+        width,
+        height,
+        values,
+        factor,
+    }
+}
+
+/// Mean of `size` x `size` values around each; borders are left as they are.
+fn blur(image: &Small, size: usize) -> Vec<f32> {
+    let (width, height) = (image.width, image.height);
+    let half = size / 2;
+    let mut rows = image.values.clone();
+    for y in 0..height {
+        let row = &image.values[y * width..(y + 1) * width];
+        for x in half..width - half {
+            let sum: f32 = row[x - half..x - half + size].iter().sum();
+            rows[y * width + x] = sum / size as f32;
+        }
+    }
+    let mut out = rows.clone();
+    for y in half..height - half {
+        for x in 0..width {
+            let sum: f32 = (0..size).map(|k| rows[(y - half + k) * width + x]).sum();
+            out[y * width + x] = sum / size as f32;
+        }
+    }
+    out
+}
+
+/// The smaller eigenvalue of the gradients' second moments around each pixel.
+fn strengths(image: &Small) -> Vec<f32> {
+    let (width, height) = (image.width, image.height);
+    let at = |x: usize, y: usize| image.values[y * width + x];
+    // Products of derivatives, and their sums in a window, by running sums of columns.
+    let mut products = vec![[0.0_f32; 3]; width * height];
+    for y in 1..height - 1 {
+        for x in 1..width - 1 {
+            let gx = at(x + 1, y) - at(x - 1, y);
+            let gy = at(x, y + 1) - at(x, y - 1);
+            products[y * width + x] = [gx * gx, gx * gy, gy * gy];
+        }
+    }
+    let mut out = vec![0.0; width * height];
+    let mut columns = vec![[0.0_f32; 3]; width];
+    for y in MARGIN..height - MARGIN {
+        for (x, column) in columns.iter_mut().enumerate() {
+            *column = [0.0; 3];
+            for row in y - WINDOW..=y + WINDOW {
+                for (slot, value) in column.iter_mut().zip(products[row * width + x]) {
+                    *slot += value;
+                }
+            }
+        }
+        for x in MARGIN..width - MARGIN {
+            let mut sum = [0.0_f32; 3];
+            for column in &columns[x - WINDOW..=x + WINDOW] {
+                for (slot, value) in sum.iter_mut().zip(column) {
+                    *slot += value;
+                }
+            }
+            let [xx, xy, yy] = sum;
+            let half_trace = 0.5 * (xx + yy);
+            let root = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+            out[y * width + x] = half_trace - root;
+        }
+    }
+    out
+}
+
+/// The strongest local maxima of each cell, then of all; in the order of rows.
+fn strongest(strength: &[f32], width: usize, height: usize) -> Vec<(usize, usize)> {
+    const REACH: usize = 3;
+    let mut kept: Vec<(f32, usize)> = Vec::new();
+    let mut cell: Vec<(f32, usize)> = Vec::new();
+    for top in (MARGIN..height - MARGIN).step_by(CELL) {
+        for left in (MARGIN..width - MARGIN).step_by(CELL) {
+            cell.clear();
+            for y in top..(top + CELL).min(height - MARGIN) {
+                for x in left..(left + CELL).min(width - MARGIN) {
+                    let here = strength[y * width + x];
+                    // One grey level of slope over the window, both ways.
+                    let is_peak = here > (4 * (2 * WINDOW + 1) * (2 * WINDOW + 1)) as f32
+                        && (y - REACH..=y + REACH).all(|ny| {
+                            strength[ny * width + x - REACH..=ny * width + x + REACH]
+                                .iter()
+                                .enumerate()
+                                .all(|(k, &other)| {
+                                    let index = ny * width + x - REACH + k;
+                                    other < here || (other == here && index >= y * width + x)
+                                })
+                        });
+                    if is_peak {
+                        cell.push((here, y * width + x));
+                    }
+                }
+            }
+            cell.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            kept.extend(cell.iter().take(PER_CELL));
+        }
+    }
+    kept.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    kept.truncate(MOST);
+    kept.sort_by_key(|corner| corner.1);
+    kept.into_iter()
+        .map(|(_, index)| (index % width, index / width))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use linecarve_lines::image::Plane;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// Random squares, the same for every shift.
+    fn picture(width: usize, height: usize, shift: usize) -> GrayImage {
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let mut samples = vec![90_u8; width * height];
+        for _ in 0..160 {
+            let (x, y): (usize, usize) = (
+                random.random_range(0..width + 40),
+                random.random_range(0..height),
+            );
+            let (w, h) = (random.random_range(6..20), random.random_range(6..20));
+            let level = random.random_range(0..=255);
+            for row in y..(y + h).min(height) {
+                for column in x..x + w {
+                    if let Some(column) = column.checked_sub(shift).filter(|c| *c < width) {
+                        samples[row * width + column] = level;
+                    }
+                }
+            }
+        }
+        Plane::new(width, height, samples).unwrap()
+    }
+
+    #[test]
+    fn corners_of_a_shifted_image_match() {
+        let (a, b) = (find(&picture(320, 240, 0)), find(&picture(320, 240, 13)));
+        let found = matches(&a, &b);
+        assert!(found.len() > 40, "{}", found.len());
+        let right = found
+            .iter()
+            .filter(|(p, q)| (p[0] - q[0] - 13.0).abs() < 1.5 && (p[1] - q[1]).abs() < 1.5)
+            .count();
+        assert!(right * 10 > found.len() * 9, "{right} of {}", found.len());
+    }
+
+    #[test]
+    fn small_and_flat_images_have_none() {
+        for (width, height) in [(1, 1), (30, 200), (200, 30), (200, 200)] {
+            let flat = Plane::new(width, height, vec![7_u8; width * height]).unwrap();
+            assert!(find(&flat).pixels.is_empty(), "{width} x {height}");
+        }
+    }
+}

@@ -1,0 +1,373 @@
+//! Facts about cameras, motion, images and depth.
+
+use linecarve_lines::camera::{Camera, Distortion};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::consistency::Consistency;
+use super::epipolar::EpipolarFacts;
+use super::looks::Looks;
+use super::registration::RegistrationFacts;
+use super::{forgive, quantile, spread};
+use crate::{FrameError, Sequence, Warning};
+
+/// What is known of a sequence.
+#[derive(Debug, Clone, Serialize)]
+pub struct SequenceFacts {
+    /// The layout that was recognised.
+    pub layout: &'static str,
+    /// Number of frames with image and pose.
+    pub frames: usize,
+    /// The colour camera as stored.
+    pub color: CameraFacts,
+    /// Its motion.
+    pub motion: MotionFacts,
+    /// Its images; `None` when not one of the sample could be decoded.
+    pub images: Option<ImageFacts>,
+    /// Its depth; `None` when it has none.
+    pub depth: Option<DepthFacts>,
+    /// Its points with the views that see them; `None` when it has none.
+    pub map_points: Option<MapPointFacts>,
+    /// How well depth images agree with each other under the poses, for each gap at which any could be compared.
+    pub consistency: Vec<Consistency>,
+    /// How well corners that look alike lie on each other's epipolar lines; `None` when there are too few.
+    pub epipolar: Option<EpipolarFacts>,
+    /// How well outlines in depth lie on edges in colour; `None` when there are too few.
+    pub registration: Option<RegistrationFacts>,
+    /// What the layout takes for granted.
+    pub conventions: Vec<String>,
+    /// What was left out or looks wrong.
+    pub warnings: Vec<Warning>,
+}
+
+/// A camera.
+#[derive(Debug, Clone, Serialize)]
+pub struct CameraFacts {
+    /// Image width in pixels; `None` when unknown.
+    pub width: Option<u32>,
+    /// Image height in pixels; `None` when unknown.
+    pub height: Option<u32>,
+    /// Focal length along x in pixels.
+    pub fx: f64,
+    /// Focal length along y in pixels.
+    pub fy: f64,
+    /// Principal point x in pixels; the centre of the top-left pixel is 0.
+    pub cx: f64,
+    /// Principal point y in pixels.
+    pub cy: f64,
+    /// `pinhole`, `radial-tangential` or `kannala-brandt`.
+    pub model: &'static str,
+    /// Coefficients of the model.
+    pub distortion: Vec<f64>,
+    /// The file or default that it comes from.
+    pub origin: String,
+}
+
+/// Motion of the colour camera, in units of the poses.
+#[derive(Debug, Clone, Serialize)]
+pub struct MotionFacts {
+    /// Sum of all steps.
+    pub path_length: f64,
+    /// Sides of the box around all camera centres, along the axes of the world.
+    pub extent: [f64; 3],
+    /// Median distance between neighbouring frames.
+    pub median_step: f64,
+    /// Largest distance between neighbouring frames.
+    pub largest_step: f64,
+    /// The frame that the largest step leads to; `None` of a single frame.
+    pub largest_step_to: Option<String>,
+    /// Median angle between neighbouring frames in degrees.
+    pub median_turn_deg: f64,
+}
+
+/// Brightness and blur of a sample of the images.
+#[derive(Debug, Clone, Serialize)]
+pub struct ImageFacts {
+    /// How many images were decoded.
+    pub sampled: usize,
+    /// How many could not be.
+    pub undecodable: usize,
+    /// Least and largest mean grey level.
+    pub mean_gray: [f64; 2],
+    /// Median slope of the strongest edges in grey levels a pixel ([`crate::keyframes::sharpness`]).
+    pub median_sharpness: f64,
+    /// Sharpness of the most blurred image over the median.
+    pub least_relative_sharpness: f64,
+    /// The most blurred image.
+    pub most_blurred: String,
+}
+
+/// Depth on a sample of the frames, in units of the poses.
+#[derive(Debug, Clone, Serialize)]
+pub struct DepthFacts {
+    /// Whether depth pixels belong to the colour pixels of the same place.
+    pub registered: bool,
+    /// The depth camera as loaded.
+    pub camera: CameraFacts,
+    /// Raw units per unit of the poses.
+    pub scale: f64,
+    /// Number of frames that have a depth image.
+    pub frames: usize,
+    /// How many depth images were decoded.
+    pub sampled: usize,
+    /// How many could not be.
+    pub undecodable: usize,
+    /// Mean share of pixels with known depth.
+    pub mean_coverage: f64,
+    /// Share in the image with the fewest.
+    pub least_coverage: f64,
+    /// The 1st, 50th and 99th percentile of known depths; `None` when no depth is known at all.
+    pub percentiles: Option<[f64; 3]>,
+}
+
+/// Points that the layout holds.
+#[derive(Debug, Clone, Serialize)]
+pub struct MapPointFacts {
+    /// How many points.
+    pub points: usize,
+    /// How many views, with or without an image.
+    pub views: usize,
+    /// Mean number of views that see a point.
+    pub mean_sightings: f64,
+    /// How many sightings know their pixel and a camera to compare it with.
+    pub compared: usize,
+    /// Median distance in pixels between where a view saw a point and where its pose puts it.
+    pub median_reprojection_px: Option<f64>,
+    /// Share of all sightings whose point lies before the view.
+    pub share_in_front: f64,
+}
+
+impl MapPointFacts {
+    /// A warning when points and poses do not belong together.
+    fn suspicion(&self) -> Option<Warning> {
+        /// A few points behind their cameras are outliers of the model.
+        const LEAST_IN_FRONT: f64 = 0.95;
+        const LARGEST_PX: f64 = 4.0;
+        if self.share_in_front < LEAST_IN_FRONT {
+            return Some(Warning::statement(format!(
+                "only {:.0} % of the sightings of map points lie before their camera: poses and points do not belong \
+                 together, or the poses have another convention",
+                100.0 * self.share_in_front
+            )));
+        }
+        let median = self.median_reprojection_px.filter(|px| *px > LARGEST_PX)?;
+        Some(Warning::statement(format!(
+            "map points lie {median:.1} px (median) from where the views saw them: cameras, poses and points do not belong \
+             together"
+        )))
+    }
+}
+
+fn map_points(sequence: &Sequence) -> Option<MapPointFacts> {
+    let model = sequence.map_points()?;
+    let mut errors = Vec::new();
+    let (mut sightings, mut in_front) = (0_usize, 0_usize);
+    for point in &model.points {
+        for sighting in &point.sightings {
+            let Some(view) = model.views.get(sighting.view as usize) else {
+                continue;
+            };
+            let point_in_camera = view.world_from_camera.inverse() * point.point_in_world;
+            sightings += 1;
+            in_front += usize::from(point_in_camera.z > 0.0);
+            if let (Some([x, y]), Some(camera)) = (sighting.pixel, &view.camera)
+                && let Some(seen) = camera.project(&point_in_camera)
+            {
+                errors.push((seen.x - x).hypot(seen.y - y));
+            }
+        }
+    }
+    Some(MapPointFacts {
+        points: model.points.len(),
+        views: model.views.len(),
+        mean_sightings: sightings as f64 / model.points.len().max(1) as f64,
+        compared: errors.len(),
+        median_reprojection_px: quantile(&mut errors, 0.5),
+        share_in_front: in_front as f64 / sightings.max(1) as f64,
+    })
+}
+
+fn camera_facts(camera: &Camera, size: Option<(u32, u32)>, origin: String) -> CameraFacts {
+    CameraFacts {
+        width: size.map(|s| s.0),
+        height: size.map(|s| s.1),
+        fx: camera.fx(),
+        fy: camera.fy(),
+        cx: camera.cx(),
+        cy: camera.cy(),
+        model: match camera.distortion() {
+            Distortion::None => "pinhole",
+            Distortion::RadialTangential { .. } => "radial-tangential",
+            Distortion::KannalaBrandt { .. } => "kannala-brandt",
+        },
+        distortion: camera.distortion().coefficients(),
+        origin,
+    }
+}
+
+/// Everything but consistency.
+pub(super) fn measure(
+    sequence: &Sequence,
+    looks: &Looks,
+    samples: usize,
+) -> Result<SequenceFacts, FrameError> {
+    let size = sequence.color_size();
+    let mut facts = SequenceFacts {
+        layout: sequence.layout(),
+        frames: sequence.frames().len(),
+        color: camera_facts(
+            sequence.stored_color_camera(),
+            Some((size.width, size.height)),
+            sequence.color_camera_origin().to_owned(),
+        ),
+        motion: motion(sequence),
+        images: images(sequence, looks),
+        depth: depth(sequence, samples)?,
+        map_points: map_points(sequence),
+        consistency: Vec::new(),
+        epipolar: None,
+        registration: None,
+        conventions: sequence.conventions().to_vec(),
+        warnings: sequence.warnings().to_vec(),
+    };
+    if let Some(points) = &facts.map_points {
+        facts.warnings.extend(points.suspicion());
+    }
+    if let Some(depth) = facts
+        .depth
+        .as_ref()
+        .filter(|depth| depth.percentiles.is_none())
+    {
+        facts.warnings.push(Warning::statement(format!(
+            "not one pixel of {} depth images has a known depth",
+            depth.sampled
+        )));
+    }
+    Ok(facts)
+}
+
+fn motion(sequence: &Sequence) -> MotionFacts {
+    let frames = sequence.frames();
+    let mut steps = Vec::new();
+    let mut turns = Vec::new();
+    let mut largest: Option<(f64, usize)> = None;
+    for (index, pair) in frames.windows(2).enumerate() {
+        let [from, to] = [0, 1].map(|i| &pair[i].world_from_camera);
+        let step = (to.translation.vector - from.translation.vector).norm();
+        steps.push(step);
+        turns.push(to.rotation.angle_to(&from.rotation).to_degrees());
+        if largest.is_none_or(|(most, _)| step > most) {
+            largest = Some((step, index + 1));
+        }
+    }
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [f64::NEG_INFINITY; 3];
+    for frame in frames {
+        for axis in 0..3 {
+            let value = frame.world_from_camera.translation.vector[axis];
+            low[axis] = low[axis].min(value);
+            high[axis] = high[axis].max(value);
+        }
+    }
+    MotionFacts {
+        path_length: steps.iter().fold(0.0, |sum, step| sum + step),
+        extent: [0, 1, 2].map(|axis| (high[axis] - low[axis]).max(0.0)),
+        median_step: quantile(&mut steps, 0.5).unwrap_or(0.0),
+        largest_step: largest.map_or(0.0, |(step, _)| step),
+        largest_step_to: largest.map(|(_, index)| frames[index].name.clone()),
+        median_turn_deg: quantile(&mut turns, 0.5).unwrap_or(0.0),
+    }
+}
+
+fn images(sequence: &Sequence, looks: &Looks) -> Option<ImageFacts> {
+    let measured: Vec<Option<(usize, f64, f64)>> = looks
+        .sampled()
+        .map(|(frame, look)| look.map(|look| (frame, look.mean_gray, look.sharpness)))
+        .collect();
+    let known: Vec<(usize, f64, f64)> = measured.iter().flatten().copied().collect();
+    let &first = known.first()?;
+    let mut all: Vec<f64> = known.iter().map(|row| row.2).collect();
+    let median_sharpness = quantile(&mut all, 0.5).unwrap_or(0.0);
+    let blurred = known.iter().fold(
+        first,
+        |least, row| if row.2 < least.2 { *row } else { least },
+    );
+    Some(ImageFacts {
+        sampled: known.len(),
+        undecodable: measured.len() - known.len(),
+        mean_gray: known.iter().fold([first.1; 2], |[low, high], row| {
+            [low.min(row.1), high.max(row.1)]
+        }),
+        median_sharpness,
+        least_relative_sharpness: if median_sharpness > 0.0 {
+            blurred.2 / median_sharpness
+        } else {
+            1.0
+        },
+        most_blurred: sequence.frames()[blurred.0].name.clone(),
+    })
+}
+
+fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, FrameError> {
+    /// One pixel in so many enters the percentiles.
+    const STRIDE: usize = 61;
+    let Some(calibration) = sequence.depth_calibration() else {
+        return Ok(None);
+    };
+    let with_depth: Vec<usize> = (0..sequence.frames().len())
+        .filter(|&index| sequence.frames()[index].depth.is_some())
+        .collect();
+    let measured = spread(with_depth.len(), samples)
+        .par_iter()
+        .map(|&at| {
+            let depth = forgive(sequence.load_depth(with_depth[at]))?.flatten();
+            Ok(depth.map(|depth| {
+                let all = depth.samples();
+                let known = all.iter().filter(|&&z| z > 0.0).count();
+                let few: Vec<f64> = all
+                    .iter()
+                    .step_by(STRIDE)
+                    .filter(|&&z| z > 0.0)
+                    .map(|&z| f64::from(z))
+                    .collect();
+                (
+                    known as f64 / all.len().max(1) as f64,
+                    few,
+                    (depth.width(), depth.height()),
+                )
+            }))
+        })
+        .collect::<Result<Vec<_>, FrameError>>()?;
+    let sampled = measured.iter().flatten().count();
+    let coverage = || measured.iter().flatten().map(|row| row.0);
+    let mut depths: Vec<f64> = measured
+        .iter()
+        .flatten()
+        .flat_map(|row| row.1.iter().copied())
+        .collect();
+    let percentiles = match [0.01, 0.5, 0.99].map(|share| quantile(&mut depths, share)) {
+        [Some(low), Some(middle), Some(high)] => Some([low, middle, high]),
+        _ => None,
+    };
+    let size = measured
+        .iter()
+        .flatten()
+        .next()
+        .map(|row| (row.2.0 as u32, row.2.1 as u32));
+    let origin = if calibration.registered {
+        "registered to colour"
+    } else {
+        "a camera of its own"
+    };
+    Ok(Some(DepthFacts {
+        registered: calibration.registered,
+        camera: camera_facts(&calibration.camera, size, origin.to_owned()),
+        scale: calibration.scale,
+        frames: with_depth.len(),
+        sampled,
+        undecodable: measured.len() - sampled,
+        mean_coverage: coverage().sum::<f64>() / sampled.max(1) as f64,
+        least_coverage: coverage().fold(1.0, f64::min) * f64::from(u8::from(sampled > 0)),
+        percentiles,
+    }))
+}

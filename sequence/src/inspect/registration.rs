@@ -1,0 +1,324 @@
+//! Do the edges of depth lie on edges of the colour image? And would they if the images were moved?
+
+use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
+use linecarve_lines::image::GrayImage;
+use nalgebra::Point2;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{forgive, spread};
+use crate::{DepthCalibration, DepthImage, FrameError, Sequence};
+
+/// A jump by this share of the nearer depth is the outline of something.
+const JUMP: f64 = 0.05;
+
+/// A shadow of a depth sensor up to this many pixels wide may lie between both sides of an outline.
+const WIDEST_SHADOW: usize = 16;
+
+/// Distances are cut off here, so that outlines without any edge in the colour image do not decide.
+const CUT_OFF_PX: u8 = 8;
+
+/// Distances are kept in thirds of a pixel.
+const THIRDS: u8 = 3;
+
+/// Outline pixels that are looked at, over all images: one in so many of what there is.
+const ENOUGH_PIXELS: usize = 6000;
+
+/// Below this many a comparison says nothing.
+const FEWEST_PIXELS: usize = 200;
+
+/// Moved images are suspected to fit when they lower the mean distance below this share of that as read. Noise alone
+/// lowers it by a few per cent; the uncalibrated colour camera of 7-Scenes by a third and more.
+const SUSPICION: f64 = 0.8;
+
+/// How well outlines in depth images lie on edges of the colour images.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RegistrationFacts {
+    /// How many pairs of images were looked at.
+    pub frames: usize,
+    /// How many outline pixels.
+    pub pixels: usize,
+    /// Mean distance from an outline pixel to the nearest colour edge as read, each cut off at 8 px.
+    pub mean_distance_px: f64,
+    /// The same once outlines are scaled about the principal point and shifted by the best amount.
+    pub best_distance_px: f64,
+    /// Best scale.
+    pub best_scale: f64,
+    /// Best shift in x and y.
+    pub best_shift_px: [f64; 2],
+}
+
+impl RegistrationFacts {
+    /// A warning when moved images fit much better.
+    pub(super) fn suspicion(&self) -> Option<String> {
+        let is_moved =
+            self.best_scale != 1.0 || self.best_shift_px.iter().any(|shift| shift.abs() > 2.0);
+        (is_moved && self.best_distance_px < SUSPICION * self.mean_distance_px).then(|| {
+            format!(
+                "outlines in depth lie {:.1} px from colour edges, but {:.1} px when scaled by {:.2} and shifted by ({:.0}, \
+                 {:.0}) px: depth is probably not registered to colour as assumed; a [depth] section in linecarve.toml can \
+                 tell both cameras",
+                self.mean_distance_px,
+                self.best_distance_px,
+                self.best_scale,
+                self.best_shift_px[0],
+                self.best_shift_px[1]
+            )
+        })
+    }
+}
+
+/// An image pair: where outlines fall in the colour image, and the distance of each of its pixels to an edge.
+struct Pair {
+    outlines: Vec<Point2<f64>>,
+    width: usize,
+    height: usize,
+    /// Thirds of a pixel.
+    distances: Vec<u8>,
+}
+
+/// Compares depth and colour of `samples` frames; `None` when there is too little to compare.
+pub(super) fn measure(
+    sequence: &Sequence,
+    samples: usize,
+) -> Result<Option<RegistrationFacts>, FrameError> {
+    let Some(calibration) = sequence.depth_calibration() else {
+        return Ok(None);
+    };
+    let with_depth: Vec<usize> = (0..sequence.frames().len())
+        .filter(|&index| sequence.frames()[index].depth.is_some())
+        .collect();
+    let pairs = spread(with_depth.len(), samples)
+        .par_iter()
+        .map(|&at| {
+            let index = with_depth[at];
+            let color = forgive(sequence.load_gray(index))?;
+            let depth = forgive(sequence.load_depth(index))?.flatten();
+            Ok(color
+                .zip(depth)
+                .and_then(|(color, depth)| pair(sequence, calibration, &color, &depth)))
+        })
+        .collect::<Result<Vec<_>, FrameError>>()?;
+    let mut pairs: Vec<Pair> = pairs.into_iter().flatten().collect();
+    let total: usize = pairs.iter().map(|pair| pair.outlines.len()).sum();
+    if total < FEWEST_PIXELS {
+        return Ok(None);
+    }
+    let step = total.div_ceil(ENOUGH_PIXELS);
+    for pair in &mut pairs {
+        pair.outlines = pair.outlines.iter().copied().step_by(step).collect();
+    }
+    let center = Point2::new(sequence.color_camera().cx(), sequence.color_camera().cy());
+    let as_read = mean_distance(&pairs, &center, 1.0, [0.0, 0.0]);
+    // The search: shifts of a short baseline and ratios of focal lengths, coarse, then single pixels around the best.
+    let shifts = |middle: f64, reach: i32, step: i32| {
+        (-reach..=reach).map(move |i| middle + f64::from(i * step))
+    };
+    let coarse = (-8..=8).flat_map(|scale| {
+        let scale = 1.0 + 0.02 * f64::from(scale);
+        shifts(0.0, 8, 3).flat_map(move |x| shifts(0.0, 8, 3).map(move |y| (scale, [x, y])))
+    });
+    let (_, scale, [x, y]) = best(&pairs, &center, coarse, as_read);
+    let fine = (-1..=1).flat_map(|step| {
+        let scale = scale + 0.01 * f64::from(step);
+        shifts(x, 2, 1).flat_map(move |x| shifts(y, 2, 1).map(move |y| (scale, [x, y])))
+    });
+    let (best_distance_px, best_scale, best_shift_px) = best(&pairs, &center, fine, as_read);
+    Ok(Some(RegistrationFacts {
+        frames: pairs.len(),
+        pixels: pairs.iter().map(|pair| pair.outlines.len()).sum(),
+        mean_distance_px: as_read,
+        best_distance_px,
+        best_scale,
+        best_shift_px,
+    }))
+}
+
+/// The move with the smallest mean distance, of equal ones the first; none at all counts with `as_read`.
+fn best(
+    pairs: &[Pair],
+    center: &Point2<f64>,
+    moves: impl Iterator<Item = (f64, [f64; 2])>,
+    as_read: f64,
+) -> (f64, f64, [f64; 2]) {
+    let moves: Vec<_> = moves.collect();
+    let distances: Vec<f64> = moves
+        .par_iter()
+        .map(|(scale, shift)| mean_distance(pairs, center, *scale, *shift))
+        .collect();
+    let mut found = (as_read, 1.0, [0.0, 0.0]);
+    for ((scale, shift), distance) in moves.into_iter().zip(distances) {
+        if distance < found.0 {
+            found = (distance, scale, shift);
+        }
+    }
+    found
+}
+
+fn mean_distance(pairs: &[Pair], center: &Point2<f64>, scale: f64, shift: [f64; 2]) -> f64 {
+    let (mut sum, mut count) = (0_u64, 0_u64);
+    for pair in pairs {
+        for outline in &pair.outlines {
+            let x = (center.x + scale * (outline.x - center.x) + shift[0]).round();
+            let y = (center.y + scale * (outline.y - center.y) + shift[1]).round();
+            let is_inside = x >= 0.0 && y >= 0.0 && x < pair.width as f64 && y < pair.height as f64;
+            let distance = if is_inside {
+                pair.distances[y as usize * pair.width + x as usize]
+            } else {
+                CUT_OFF_PX * THIRDS
+            };
+            sum += u64::from(distance);
+            count += 1;
+        }
+    }
+    sum as f64 / (count.max(1) as f64 * f64::from(THIRDS))
+}
+
+fn pair(
+    sequence: &Sequence,
+    calibration: &DepthCalibration,
+    color: &GrayImage,
+    depth: &DepthImage,
+) -> Option<Pair> {
+    let mut detector = EdgeDetector::new(EdgeOptions::default()).ok()?;
+    let chains = detector.detect(color);
+    let (width, height) = (color.width(), color.height());
+    let mut distances = vec![CUT_OFF_PX * THIRDS; width * height];
+    for [x, y] in chains.pixels() {
+        distances[usize::from(*y) * width + usize::from(*x)] = 0;
+    }
+    spread_distances(&mut distances, width, height);
+    let outlines = outlines(depth)
+        .into_iter()
+        .filter_map(|[x, y]| {
+            let pixel = Point2::new(x as f64, y as f64);
+            if calibration.registered {
+                return Some(pixel);
+            }
+            let z = f64::from(*depth.get(x, y)?);
+            let point = calibration.camera.point_at_depth(&pixel, z).ok()?;
+            sequence
+                .color_camera()
+                .project(&(calibration.color_from_depth * point))
+        })
+        .collect();
+    Some(Pair {
+        outlines,
+        width,
+        height,
+        distances,
+    })
+}
+
+/// Pixels on the nearer side of a jump in depth along a row or a column.
+fn outlines(depth: &DepthImage) -> Vec<[usize; 2]> {
+    let mut found = Vec::new();
+    let (width, height) = (depth.width(), depth.height());
+    let mut scan = |line: &mut dyn Iterator<Item = [usize; 2]>| {
+        let mut last: Option<([usize; 2], f64)> = None;
+        let mut unknown = 0;
+        for pixel in line {
+            let z = depth
+                .get(pixel[0], pixel[1])
+                .copied()
+                .map_or(0.0, f64::from);
+            if z <= 0.0 {
+                unknown += 1;
+                continue;
+            }
+            if let Some((before, nearer)) = last
+                && unknown <= WIDEST_SHADOW
+                && (z - nearer).abs() > JUMP * z.min(nearer)
+            {
+                found.push(if z < nearer { pixel } else { before });
+            }
+            last = Some((pixel, z));
+            unknown = 0;
+        }
+    };
+    for y in 0..height {
+        scan(&mut (0..width).map(|x| [x, y]));
+    }
+    for x in 0..width {
+        scan(&mut (0..height).map(|y| [x, y]));
+    }
+    found
+}
+
+/// Fills in the distance to the nearest 0 in two passes, steps of 3 and 4 thirds of a pixel; values that are there are
+/// upper bounds.
+///
+/// # Reference
+/// G. Borgefors, Distance Transformations in Digital Images, CVGIP, 1986: chamfer 3-4.
+fn spread_distances(distances: &mut [u8], width: usize, height: usize) {
+    let mut relax = |x: usize, y: usize, neighbours: [(isize, isize, u8); 4]| {
+        let mut least = distances[y * width + x];
+        for (dx, dy, step) in neighbours {
+            let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else {
+                continue;
+            };
+            if nx < width && ny < height {
+                least = least.min(distances[ny * width + nx].saturating_add(step));
+            }
+        }
+        distances[y * width + x] = least;
+    };
+    for y in 0..height {
+        for x in 0..width {
+            relax(x, y, [(-1, 0, 3), (-1, -1, 4), (0, -1, 3), (1, -1, 4)]);
+        }
+    }
+    for y in (0..height).rev() {
+        for x in (0..width).rev() {
+            relax(x, y, [(1, 0, 3), (1, 1, 4), (0, 1, 3), (-1, 1, 4)]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use linecarve_lines::image::Plane;
+
+    #[test]
+    fn distances_grow_by_pixels_up_to_the_cut_off() {
+        let mut distances = vec![24; 20 * 3];
+        distances[20] = 0;
+        spread_distances(&mut distances, 20, 3);
+        assert_eq!(distances[20..30], [0, 3, 6, 9, 12, 15, 18, 21, 24, 24]);
+        assert_eq!(distances[..3], [3, 4, 7]);
+    }
+
+    #[test]
+    fn outlines_are_on_the_nearer_side_also_across_a_shadow() {
+        let depth = Plane::new(6, 1, vec![2.0, 2.0, 0.0, 1.0, 1.0, 1.01]).unwrap();
+        assert_eq!(outlines(&depth), [[3, 0]]);
+        let wide = Plane::new(30, 1, [vec![2.0], vec![0.0; 28], vec![1.0]].concat()).unwrap();
+        assert!(outlines(&wide).is_empty());
+    }
+
+    #[test]
+    fn a_shift_is_found() {
+        let (width, height) = (60, 40);
+        let mut distances = vec![24; width * height];
+        let outlines: Vec<_> = (5..35)
+            .map(|i| Point2::new(f64::from(i + 7 * (i % 3)), f64::from(i)))
+            .collect();
+        for outline in &outlines {
+            distances[(outline.y as usize + 3) * width + outline.x as usize - 4] = 0;
+        }
+        spread_distances(&mut distances, width, height);
+        let pairs = [Pair {
+            outlines,
+            width,
+            height,
+            distances,
+        }];
+        let center = Point2::new(29.5, 19.5);
+        let as_read = mean_distance(&pairs, &center, 1.0, [0.0, 0.0]);
+        let moves =
+            (-6..=6).flat_map(|x| (-6..=6).map(move |y| (1.0, [f64::from(x), f64::from(y)])));
+        let found = best(&pairs, &center, moves, as_read);
+        assert_eq!(found, (0.0, 1.0, [-4.0, 3.0]));
+    }
+}

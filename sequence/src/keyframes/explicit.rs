@@ -1,0 +1,210 @@
+//! Keyframes that the user names.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use crate::{Frame, parse_stamp_ns};
+
+/// A time stamp names the frame nearest to it within this: programs print stamps with microseconds or fewer digits.
+const STAMP_TOLERANCE_NS: u64 = 1_000_000;
+
+/// Why a list of keyframes is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ListError {
+    /// The file cannot be read.
+    #[error("cannot read the list of keyframes {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// A line names no frame.
+    #[error("{}, line {line}: {entry:?} is neither the name of a frame (such as {example:?}), nor an index below {count}, nor the time stamp of one in seconds", path.display())]
+    Unknown {
+        /// The file.
+        path: PathBuf,
+        /// Which line, counted from 1.
+        line: usize,
+        /// What stands there.
+        entry: String,
+        /// The name of the first frame.
+        example: String,
+        /// Number of frames.
+        count: usize,
+    },
+    /// The list is empty.
+    #[error("{}: the list of keyframes is empty", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// Every n-th frame, from the first. An `n` of 0 counts as 1.
+pub fn every(n: usize, count: usize) -> Vec<usize> {
+    (0..count).step_by(n.max(1)).collect()
+}
+
+/// The frames that a text file names, one a line, in the order of the sequence and each once. Empty lines and what
+/// follows a `#` are passed over.
+///
+/// A line, or its first word, is the name of a frame, the file name of its image, an index from 0, or a time stamp in
+/// seconds with a decimal point, in this order of precedence: keyframe trajectories of other programs serve as lists.
+///
+/// # Errors
+/// When the file cannot be read, names a frame that is not there, or names none.
+pub fn named(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, ListError> {
+    let bytes = std::fs::read(path).map_err(|source| ListError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    let text = String::from_utf8_lossy(&bytes);
+    let text = text.trim_start_matches('\u{feff}');
+    let names = Names::new(frames);
+    let mut chosen = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let entry = line.split('#').next().unwrap_or_default().trim();
+        if entry.is_empty() {
+            continue;
+        }
+        let is_separator = |c: char| c.is_whitespace() || c == ',';
+        let word = entry.split(is_separator).next().unwrap_or_default();
+        let Some(frame) = names.find(entry).or_else(|| names.find(word)) else {
+            return Err(ListError::Unknown {
+                path: path.to_owned(),
+                line: index + 1,
+                entry: entry.chars().take(80).collect(),
+                example: frames
+                    .first()
+                    .map_or_else(String::new, |frame| frame.name.clone()),
+                count: frames.len(),
+            });
+        };
+        chosen.push(frame);
+    }
+    if chosen.is_empty() {
+        return Err(ListError::Empty {
+            path: path.to_owned(),
+        });
+    }
+    chosen.sort_unstable();
+    chosen.dedup();
+    Ok(chosen)
+}
+
+/// What frames can be called by.
+struct Names<'a> {
+    by_name: HashMap<&'a str, usize>,
+    /// Ascending.
+    by_stamp: Vec<(i64, usize)>,
+    count: usize,
+}
+
+impl<'a> Names<'a> {
+    fn new(frames: &'a [Frame]) -> Self {
+        let mut by_name = HashMap::new();
+        for (index, frame) in frames.iter().enumerate() {
+            by_name.entry(frame.name.as_str()).or_insert(index);
+        }
+        for (index, frame) in frames.iter().enumerate() {
+            if let Some(name) = frame.color.file_name().and_then(|name| name.to_str()) {
+                by_name.entry(name).or_insert(index);
+            }
+        }
+        let mut by_stamp: Vec<_> = (0..)
+            .zip(frames)
+            .map(|(index, frame)| (frame.timestamp_ns, index))
+            .collect();
+        by_stamp.sort_unstable();
+        Self {
+            by_name,
+            by_stamp,
+            count: frames.len(),
+        }
+    }
+
+    fn find(&self, entry: &str) -> Option<usize> {
+        let file_name = entry.rsplit(['/', '\\']).next().unwrap_or(entry);
+        let by_name = [entry, file_name]
+            .into_iter()
+            .find_map(|name| self.by_name.get(name).copied());
+        let by_index = || entry.parse().ok().filter(|index| *index < self.count);
+        let by_stamp = || {
+            let stamp_ns = parse_stamp_ns(entry).filter(|_| entry.contains('.'))?;
+            self.nearest(stamp_ns)
+        };
+        by_name.or_else(by_index).or_else(by_stamp)
+    }
+
+    fn nearest(&self, stamp_ns: i64) -> Option<usize> {
+        let after = self
+            .by_stamp
+            .partition_point(|&(other, _)| other < stamp_ns);
+        self.by_stamp[after.saturating_sub(1)..self.by_stamp.len().min(after + 1)]
+            .iter()
+            .map(|&(other, index)| (other.abs_diff(stamp_ns), index))
+            .min()
+            .filter(|(difference, _)| *difference <= STAMP_TOLERANCE_NS)
+            .map(|(_, index)| index)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry3;
+
+    use super::*;
+
+    fn frames() -> Vec<Frame> {
+        ["frame-000000", "frame-000003", "7"]
+            .into_iter()
+            .map(|name| Frame {
+                name: name.to_owned(),
+                timestamp_ns: 1_305_031_102_175_304_000 + name.len() as i64 * 1_000_000_000,
+                world_from_camera: Isometry3::identity(),
+                color: Path::new("rgb").join(name).with_extension("png"),
+                depth: None,
+            })
+            .collect()
+    }
+
+    fn read(text: &[u8]) -> Result<Vec<usize>, ListError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("list.txt");
+        std::fs::write(&path, text).unwrap();
+        named(&path, &frames())
+    }
+
+    #[test]
+    fn names_and_indices_come_in_the_order_of_the_sequence() {
+        let list = "# chosen by hand\n7\r\n\nframe-000003 # table\n0\n1\n";
+        assert_eq!(read(list.as_bytes()).unwrap(), [0, 1, 2]);
+    }
+
+    #[test]
+    fn what_names_no_frame_is_told_with_its_line() {
+        let message = read(b"0\nframe-000001\n").unwrap_err().to_string();
+        assert!(
+            message.contains("list.txt, line 2") && message.contains("frame-000001"),
+            "{message}"
+        );
+        assert!(matches!(read(b"3"), Err(ListError::Unknown { .. })));
+        assert!(matches!(read(b"\xff\xfe0"), Err(ListError::Unknown { .. })));
+        assert!(matches!(read(b"# nothing\n"), Err(ListError::Empty { .. })));
+    }
+
+    #[test]
+    fn image_files_and_time_stamps_name_frames_too() {
+        assert_eq!(read(b"rgb/frame-000003.png\nC:\\7.png").unwrap(), [1, 2]);
+        // Seven digits and a pose, as other programs write keyframe trajectories.
+        assert_eq!(read(b"1305031103.1753041 1 2 3 0 0 0 1").unwrap(), [2]);
+        assert!(read(b"1305031103.2").is_err());
+    }
+
+    #[test]
+    fn every_third() {
+        assert_eq!(every(3, 8), [0, 3, 6]);
+        assert_eq!(every(0, 2), [0, 1]);
+    }
+}

@@ -1,0 +1,41 @@
+//! Keyframes of a whole sequence.
+
+use super::options::{KeyframeOptions, KeyframeOptionsError};
+use super::overlap::FlatScene;
+use super::selector::Selector;
+use super::sharpness::sharpness;
+use crate::Sequence;
+
+/// The keyframes of a whole sequence, in its order. `median_depth` is that of the scene, in units of the poses. Images
+/// are read only for windows of more than one frame, and of those only the frames that are compared. `progress` is told
+/// how many frames have been looked at.
+///
+/// # Errors
+/// When an option is out of range.
+pub fn select(
+    sequence: &Sequence,
+    options: &KeyframeOptions,
+    median_depth: f64,
+    mut progress: impl FnMut(usize),
+) -> Result<Vec<usize>, KeyframeOptionsError> {
+    let scene = FlatScene::new(sequence.color_camera(), sequence.color_size(), median_depth);
+    let mut selector = Selector::new(options, scene)?;
+    let mut measure = |index: usize| {
+        sequence
+            .load_gray(index)
+            .ok()
+            .map(|image| sharpness(&image))
+    };
+    let mut keyframes = Vec::new();
+    for (index, frame) in sequence.frames().iter().enumerate() {
+        selector.push(
+            index,
+            &frame.world_from_camera,
+            &mut measure,
+            &mut keyframes,
+        );
+        progress(index + 1);
+    }
+    selector.finish(&mut measure, &mut keyframes);
+    Ok(keyframes)
+}

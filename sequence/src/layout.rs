@@ -1,0 +1,351 @@
+//! The interface that every sequence layout implements, and the list of those that are known.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Isometry3;
+
+use super::calibration::{CalibratedCamera, Calibration};
+use super::layouts::orb_slam::{ImagesAndPoses, OrbSlam};
+use super::layouts::{colmap::Colmap, euroc::Euroc, nvm::Nvm, openmvs::OpenMvs};
+use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumRgbd};
+use super::layouts::{stella::Stella, transforms::Transforms};
+use super::pose_reading::QuaternionOrder;
+use super::{SequenceError, Warning};
+use crate::sparse_model::PointModel;
+
+/// The layouts in the order of preference. A new one is added here.
+pub(super) static LAYOUTS: [&dyn Layout; 11] = [
+    &SevenScenes,
+    &TumRgbd,
+    &Open3dLog,
+    &Colmap,
+    &Nvm,
+    &OpenMvs,
+    &Transforms,
+    &Stella,
+    &OrbSlam,
+    &Euroc,
+    &ImagesAndPoses,
+];
+
+/// Where poses come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PoseOrigin {
+    /// The layout's own files.
+    Layout,
+    /// A file that the user names: the layout reads no poses and misses none.
+    Elsewhere,
+}
+
+/// A way in which posed images lie in a folder.
+pub(super) trait Layout: Sync {
+    /// The name that messages and reports use.
+    fn name(&self) -> &'static str;
+
+    /// The files that tell the layout, for the message about a folder that is of none.
+    fn looks_for(&self) -> &'static str;
+
+    /// Whether the folder is of this layout, complete or not: what is missing is the business of
+    /// [`Layout::read`], which can name it.
+    fn recognises(&self, folder: &Folder) -> bool;
+
+    /// The same when poses come from elsewhere.
+    fn recognises_with_poses(&self, folder: &Folder) -> bool {
+        self.recognises(folder)
+    }
+
+    /// Whether a file of this name is a sequence of this layout in itself, the folder being its own.
+    fn recognises_file(&self, name: &str) -> bool {
+        let _ = name;
+        false
+    }
+
+    /// Whether poses can come from elsewhere; not where they are one with what else the files hold.
+    fn takes_poses(&self) -> bool {
+        true
+    }
+
+    /// Reads calibration and, unless they come from elsewhere, poses; images are only listed.
+    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError>;
+}
+
+/// What a layout reads: poses and calibration as the files have them.
+#[derive(Debug)]
+pub(super) struct Recording {
+    pub(super) frames: Vec<RecordedFrame>,
+    pub(super) calibration: Calibration,
+    /// Cameras that frames name, when there is more than one.
+    pub(super) cameras: Vec<CalibratedCamera>,
+    /// Whether time stamps are times; otherwise they are numbers of images.
+    pub(super) has_time: bool,
+    /// Another order of quaternions that is worth a try when poses do not fit; `None` when there are no quaternions or
+    /// programs have written them.
+    pub(super) other_quaternion: Option<QuaternionOrder>,
+    /// Points with the views that see them.
+    pub(super) map_points: Option<PointModel>,
+    pub(super) warnings: Vec<Warning>,
+    /// Conventions that the layout assumes, a sentence each.
+    pub(super) conventions: Vec<String>,
+}
+
+impl Recording {
+    /// Frames with time stamps under one calibration.
+    pub(super) fn new(frames: Vec<RecordedFrame>, calibration: Calibration) -> Self {
+        Self {
+            frames,
+            calibration,
+            cameras: Vec::new(),
+            has_time: true,
+            other_quaternion: None,
+            map_points: None,
+            warnings: Vec::new(),
+            conventions: Vec::new(),
+        }
+    }
+
+    /// Says that images have numbers and no times, and that the layout's own poses are matrices.
+    pub(super) fn note_numbers_and_matrices(&mut self, origin: PoseOrigin) {
+        self.has_time = false;
+        if origin == PoseOrigin::Layout {
+            self.conventions.push(
+                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal"
+                    .to_owned(),
+            );
+        }
+        self.conventions
+            .push("the layout knows no time: time stamps are image numbers".to_owned());
+    }
+}
+
+/// A frame as a layout reads it.
+#[derive(Debug)]
+pub(super) struct RecordedFrame {
+    pub(super) name: String,
+    pub(super) timestamp_ns: i64,
+    /// World from what [`super::pose_reading::PoseReading::camera`] names, as the format says; `None` when poses come
+    /// from elsewhere.
+    pub(super) pose: Option<Isometry3<f64>>,
+    pub(super) color: PathBuf,
+    pub(super) depth: Option<PathBuf>,
+    /// Index into [`Recording::cameras`]; `None` for the camera of the calibration.
+    pub(super) camera: Option<u32>,
+}
+
+/// A folder and the names in it, listed once.
+#[derive(Debug)]
+pub(super) struct Folder {
+    path: PathBuf,
+    /// Sorted; names that are not UTF-8 are left out, no layout has such.
+    names: Vec<String>,
+    /// The one file in it that the user named.
+    file: Option<String>,
+}
+
+impl Folder {
+    /// Lists a folder.
+    pub(super) fn list(path: &Path) -> Result<Self, SequenceError> {
+        match std::fs::metadata(path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Err(SequenceError::FolderMissing {
+                    folder: path.to_owned(),
+                });
+            }
+            Ok(metadata) if !metadata.is_dir() => {
+                return Err(SequenceError::NotAFolder {
+                    path: path.to_owned(),
+                });
+            }
+            _ => {}
+        }
+        let attempt = || -> std::io::Result<Vec<String>> {
+            let mut names = Vec::new();
+            for entry in std::fs::read_dir(path)? {
+                if let Ok(name) = entry?.file_name().into_string() {
+                    names.push(name);
+                }
+            }
+            names.sort_unstable();
+            Ok(names)
+        };
+        let names = attempt().map_err(|source| SequenceError::Unreadable {
+            path: path.to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            names,
+            file: None,
+        })
+    }
+
+    /// Lists a folder, or the folder of a file that some layout reads by itself.
+    pub(super) fn of_input(path: &Path) -> Result<Self, SequenceError> {
+        let is_file = std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file());
+        let name = path.file_name().and_then(|name| name.to_str());
+        if let Some(name) = name.filter(|_| is_file)
+            && LAYOUTS.iter().any(|layout| layout.recognises_file(name))
+        {
+            let parent = path
+                .parent()
+                .filter(|parent| !parent.as_os_str().is_empty());
+            let mut folder = Self::list(parent.unwrap_or(Path::new(".")))?;
+            folder.file = Some(name.to_owned());
+            return Ok(folder);
+        }
+        Self::list(path)
+    }
+
+    /// The one file in it that the user named.
+    pub(super) fn file(&self) -> Option<&str> {
+        self.file.as_deref()
+    }
+
+    /// Where the folder lies.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The names in the folder, sorted.
+    pub(super) fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The path of an entry, `None` when there is none of this name.
+    pub(super) fn entry(&self, name: &str) -> Option<PathBuf> {
+        let found = self
+            .names
+            .binary_search_by(|probe| probe.as_str().cmp(name));
+        found.is_ok().then(|| self.path.join(name))
+    }
+
+    /// The first of several names that exists, as a path.
+    pub(super) fn first_entry(&self, names: &[&str]) -> Option<PathBuf> {
+        names.iter().find_map(|name| self.entry(name))
+    }
+
+    /// The last component of the path, for data sets that put facts into it.
+    pub(super) fn own_name(&self) -> String {
+        // A relative "." has no name of its own.
+        let absolute = std::fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
+        absolute
+            .file_name()
+            .map(|name| name.to_string_lossy().into_owned())
+            .unwrap_or_default()
+    }
+}
+
+/// The image file name extensions that are read, in the order of preference.
+pub(super) const IMAGE_EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff"];
+
+/// The part of an image's file name before its extension; `None` when it is not an image.
+pub(super) fn image_stem(name: &str) -> Option<&str> {
+    let (stem, extension) = name.rsplit_once('.')?;
+    let is_image = IMAGE_EXTENSIONS
+        .iter()
+        .any(|known| known.eq_ignore_ascii_case(extension));
+    (is_image && !stem.is_empty()).then_some(stem)
+}
+
+/// The layout of a folder, or the one of the given name, and the others that it could have been read as.
+pub(super) fn recognise(
+    folder: &Folder,
+    forced: Option<&str>,
+    origin: PoseOrigin,
+) -> Result<(&'static dyn Layout, Vec<&'static str>), SequenceError> {
+    if folder.names().is_empty() {
+        return Err(SequenceError::EmptyFolder {
+            folder: folder.path().to_owned(),
+        });
+    }
+    let fits = |layout: &&dyn Layout| match folder.file() {
+        Some(name) => layout.recognises_file(name),
+        None if origin == PoseOrigin::Elsewhere => layout.recognises_with_poses(folder),
+        None => layout.recognises(folder),
+    };
+    let others = |chosen: &str| {
+        LAYOUTS
+            .iter()
+            .filter(|layout| layout.name() != chosen && fits(layout))
+            .map(|layout| layout.name())
+            .collect()
+    };
+    if let Some(name) = forced {
+        let layout = LAYOUTS
+            .iter()
+            .copied()
+            .find(|layout| layout.name() == name)
+            .ok_or_else(|| SequenceError::UnknownLayoutName {
+                name: name.to_owned(),
+                known: layout_names().join(", "),
+            })?;
+        if origin == PoseOrigin::Elsewhere && !layout.takes_poses() {
+            return Err(poses_refused(folder, layout));
+        }
+        return Ok((layout, others(name)));
+    }
+    let recognised = || LAYOUTS.iter().copied().filter(fits);
+    let takes = |layout: &&dyn Layout| origin == PoseOrigin::Layout || layout.takes_poses();
+    if let Some(layout) = recognised().find(takes) {
+        return Ok((layout, others(layout.name())));
+    }
+    if let Some(layout) = recognised().next() {
+        return Err(poses_refused(folder, layout));
+    }
+    let looked_for: Vec<String> = LAYOUTS
+        .iter()
+        .map(|layout| format!("{} ({})", layout.looks_for(), layout.name()))
+        .collect();
+    Err(SequenceError::UnknownLayout {
+        folder: folder.path().to_owned(),
+        looked_for: looked_for.join("; "),
+        found: some_of(folder.names()),
+        hint: hint_at_subfolder(folder),
+    })
+}
+
+/// The names of all layouts, in the order of preference.
+pub(super) fn layout_names() -> Vec<&'static str> {
+    LAYOUTS.iter().map(|layout| layout.name()).collect()
+}
+
+fn poses_refused(folder: &Folder, layout: &dyn Layout) -> SequenceError {
+    SequenceError::Content {
+        path: folder.path().to_owned(),
+        problem: format!(
+            "is read as {}, whose poses belong together with its points and cameras: leave --poses out, or give a \
+             folder of images",
+            layout.name()
+        ),
+    }
+}
+
+fn known(folder: &Folder) -> Option<&'static dyn Layout> {
+    LAYOUTS
+        .iter()
+        .copied()
+        .find(|layout| layout.recognises(folder))
+}
+
+/// The first few names and how many more.
+fn some_of(names: &[String]) -> String {
+    const SHOWN: usize = 6;
+    let mut text = names[..names.len().min(SHOWN)].join(", ");
+    if names.len() > SHOWN {
+        text += &format!(" and {} more", names.len() - SHOWN);
+    }
+    text
+}
+
+/// Data sets often come as a folder of sequences: name the first that could be opened.
+fn hint_at_subfolder(folder: &Folder) -> String {
+    const LOOKED_AT: usize = 50;
+    for name in folder.names().iter().take(LOOKED_AT) {
+        let path = folder.path().join(name);
+        if let Ok(inside) = Folder::list(&path)
+            && let Some(layout) = known(&inside)
+        {
+            return format!("; {} is a sequence ({})", path.display(), layout.name());
+        }
+    }
+    String::new()
+}

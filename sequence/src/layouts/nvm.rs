@@ -1,0 +1,334 @@
+//! VisualSFM: one file `*.nvm` with cameras, poses and points; images beside it.
+//!
+//! # Reference
+//! C. Wu, VisualSFM: A Visual Structure from Motion System, documentation of the N-View Match format. The lens is
+//! `undistorted = measured * (1 + d * |measured|^2)`, both relative to the principal point and in focal lengths.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::camera::{Camera, Distortion};
+use nalgebra::{Isometry3, Point3, Translation3};
+
+use super::super::calibration::{CalibratedCamera, ImageSize};
+use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
+use super::super::load::image_size;
+use super::super::model::{ModelImage, SparseModel};
+use super::super::text::{Row, TextFile, parse_number, shorten};
+use super::super::{SequenceError, Warning, rigid};
+use crate::sparse_model::{ModelPoint, Sighting};
+
+/// The reader.
+pub(in super::super) struct Nvm;
+
+fn is_model(name: &str) -> bool {
+    name.to_ascii_lowercase().ends_with(".nvm")
+}
+
+fn model_path(folder: &Folder) -> Option<PathBuf> {
+    if let Some(name) = folder.file() {
+        return Some(folder.path().join(name));
+    }
+    let mut models = folder.names().iter().filter(|name| is_model(name));
+    let only = models.next().filter(|_| models.next().is_none());
+    only.map(|name| folder.path().join(name))
+}
+
+impl Layout for Nvm {
+    fn name(&self) -> &'static str {
+        "nvm"
+    }
+
+    fn looks_for(&self) -> &'static str {
+        "one file *.nvm"
+    }
+
+    fn recognises(&self, folder: &Folder) -> bool {
+        model_path(folder).is_some()
+    }
+
+    fn recognises_file(&self, name: &str) -> bool {
+        is_model(name)
+    }
+
+    fn takes_poses(&self) -> bool {
+        false
+    }
+
+    fn read(&self, folder: &Folder, _origin: PoseOrigin) -> Result<Recording, SequenceError> {
+        let path = model_path(folder).ok_or_else(|| SequenceError::Content {
+            path: folder.path().to_owned(),
+            problem: "has no file *.nvm".to_owned(),
+        })?;
+        let file = TextFile::read(&path)?;
+        let mut parsed = parse(&file, &path)?;
+        let roots = [folder.path().to_owned(), folder.path().join("images")];
+        let sizes: Vec<Option<ImageSize>> = parsed
+            .cameras
+            .iter()
+            .map(|camera| {
+                roots
+                    .iter()
+                    .find_map(|root| image_size(&root.join(&camera.name)).ok())
+            })
+            .collect();
+        let mut warnings = Vec::new();
+        let are_relative = place_measurements(&mut parsed, &sizes, &mut warnings);
+        let model = model_of(parsed, &sizes, &path)?;
+        let mut recording = model.into_recording(&path, &roots)?;
+        recording.warnings.extend(warnings);
+        recording.conventions.push(format!(
+            "poses: {}, quaternion camera from world, w first, and camera centre; principal points in the middle of the \
+             images; measurements relative to the {} of the image",
+            path.display(),
+            if are_relative { "middle" } else { "corner" }
+        ));
+        Ok(recording)
+    }
+}
+
+/// A camera as a line has it.
+struct Line {
+    name: String,
+    focal_px: f64,
+    /// Of measured coordinates.
+    radial: f64,
+    world_from_camera: Isometry3<f64>,
+}
+
+struct Parsed {
+    cameras: Vec<Line>,
+    points: Vec<ModelPoint>,
+    /// Principal point and aspect that the head fixes: `fx cx fy cy`.
+    fixed: Option<[f64; 4]>,
+}
+
+fn parse(file: &TextFile, path: &Path) -> Result<Parsed, SequenceError> {
+    let content = |problem: &str| SequenceError::Content {
+        path: path.to_owned(),
+        problem: problem.to_owned(),
+    };
+    let mut rows = file.rows();
+    let head = rows
+        .next()
+        .ok_or_else(|| content("is empty: a first line NVM_V3 expected"))?;
+    if !head.text().starts_with("NVM_V3") {
+        return Err(head.error("the head NVM_V3 of the N-View Match format expected".to_owned()));
+    }
+    let fixed = match head.fields().nth(1) {
+        Some("FixedK") => Some(head.numbers_from::<4>(2)?),
+        _ => None,
+    };
+    let cut_off = || content("ends before its model does (cut off?)");
+    let count_row = rows.next().ok_or_else(cut_off)?;
+    let count = count_of(&count_row, "cameras")?;
+    let mut cameras = Vec::new();
+    for _ in 0..count {
+        let row = rows.next().ok_or_else(cut_off)?;
+        cameras.push(camera_line(&row)?);
+    }
+    let mut points = Vec::new();
+    if let Some(count_row) = rows.next() {
+        for _ in 0..count_of(&count_row, "points")? {
+            let row = rows.next().ok_or_else(cut_off)?;
+            points.push(point_line(&row, cameras.len())?);
+        }
+    }
+    Ok(Parsed {
+        cameras,
+        points,
+        fixed,
+    })
+}
+
+fn count_of(row: &Row, what: &str) -> Result<usize, SequenceError> {
+    let field = row.fields().next().unwrap_or_default();
+    field
+        .parse()
+        .map_err(|_| row.error(format!("'{}' is not a number of {what}", shorten(field))))
+}
+
+/// `name f qw qx qy qz Cx Cy Cz d 0`; the name may hold blanks.
+fn camera_line(row: &Row) -> Result<Line, SequenceError> {
+    let fields: Vec<&str> = row.text().split_whitespace().collect();
+    // Some writers leave out the closing 0.
+    let after_name = match row.text().split_once('\t') {
+        Some((name, _)) => name.split_whitespace().count(),
+        None if fields.len() >= 11 => fields.len() - 10,
+        None => 1,
+    };
+    let mut numbers = [0.0; 9];
+    for (slot, at) in numbers.iter_mut().zip(after_name..) {
+        let field = fields.get(at).ok_or_else(|| {
+            row.error(format!(
+                "'name f qw qx qy qz Cx Cy Cz d 0' expected, {} fields found",
+                fields.len()
+            ))
+        })?;
+        *slot = parse_number(field)
+            .ok_or_else(|| row.error(format!("'{}' is not a number", shorten(field))))?;
+    }
+    let [focal_px, qw, qx, qy, qz, x, y, z, radial] = numbers;
+    let name = fields[..after_name].join(" ").trim_matches('"').to_owned();
+    let camera_from_world = rigid::from_translation_quaternion([0.0; 3], [qx, qy, qz, qw])
+        .map_err(|problem| row.error(format!("the pose {problem}")))?;
+    if ![x, y, z, focal_px, radial]
+        .iter()
+        .all(|value| value.is_finite())
+    {
+        return Err(row.error("the camera holds numbers that are not finite".to_owned()));
+    }
+    Ok(Line {
+        name,
+        focal_px,
+        radial,
+        world_from_camera: Isometry3::from_parts(
+            Translation3::new(x, y, z),
+            camera_from_world.rotation.inverse(),
+        ),
+    })
+}
+
+/// `X Y Z R G B n (image feature x y)*`.
+fn point_line(row: &Row, cameras: usize) -> Result<ModelPoint, SequenceError> {
+    let [x, y, z, r, g, b, count] = row.numbers_from(0)?;
+    let fields = row.fields().count() - 7;
+    if !(count >= 0.0 && count.fract() == 0.0 && count * 4.0 == fields as f64) {
+        return Err(row.error(format!(
+            "{count} measurements of 4 numbers are announced, {fields} numbers found"
+        )));
+    }
+    let mut rest = row.fields().skip(7);
+    let mut sightings = Vec::new();
+    while let (Some(image), Some(_feature), Some(u), Some(v)) =
+        (rest.next(), rest.next(), rest.next(), rest.next())
+    {
+        let view = image
+            .parse::<u32>()
+            .ok()
+            .filter(|&view| (view as usize) < cameras)
+            .ok_or_else(|| {
+                row.error(format!(
+                    "'{}' is not an image below {cameras}",
+                    shorten(image)
+                ))
+            })?;
+        let number = |field: &str| {
+            parse_number(field)
+                .ok_or_else(|| row.error(format!("'{}' is not a number", shorten(field))))
+        };
+        sightings.push(Sighting {
+            view,
+            pixel: Some([number(u)?, number(v)?]),
+        });
+    }
+    let channel = |value: f64| value.clamp(0.0, 255.0) as u8;
+    Ok(ModelPoint {
+        point_in_world: Point3::new(x, y, z),
+        color: Some([channel(r), channel(g), channel(b)]),
+        sightings,
+    })
+}
+
+/// The middle of an image; the centre of its first pixel is (0, 0).
+fn middle(size: ImageSize) -> [f64; 2] {
+    [size.width, size.height].map(|length| (f64::from(length) - 1.0) / 2.0)
+}
+
+/// Turns measurements into pixels. The format has them relative to the middle of the image, COLMAP writes them relative
+/// to its corner: no negative number in a file of some points means the corner.
+fn place_measurements(
+    parsed: &mut Parsed,
+    sizes: &[Option<ImageSize>],
+    warnings: &mut Vec<Warning>,
+) -> bool {
+    let are_relative = parsed
+        .points
+        .iter()
+        .flat_map(|point| &point.sightings)
+        .filter_map(|sighting| sighting.pixel)
+        .flatten()
+        .any(|value| value < -1.0);
+    if !are_relative && !parsed.points.is_empty() {
+        warnings.push(Warning::statement(
+            "no measurement is negative: they are taken as relative to the corner of the images, as COLMAP writes them",
+        ));
+    }
+    for sighting in parsed
+        .points
+        .iter_mut()
+        .flat_map(|point| &mut point.sightings)
+    {
+        let middle = sizes[sighting.view as usize].map(middle);
+        sighting.pixel = match (sighting.pixel, middle) {
+            (Some([x, y]), Some([mx, my])) if are_relative => Some([x + mx, y + my]),
+            (Some([x, y]), _) if !are_relative => Some([x - 0.5, y - 0.5]),
+            _ => None,
+        };
+    }
+    are_relative
+}
+
+fn model_of(
+    parsed: Parsed,
+    sizes: &[Option<ImageSize>],
+    path: &Path,
+) -> Result<SparseModel, SequenceError> {
+    let mut model = SparseModel::default();
+    for (line, size) in parsed.cameras.into_iter().zip(sizes) {
+        let content = |problem: String| SequenceError::Content {
+            path: path.to_owned(),
+            problem: format!("the camera of {}: {problem}", line.name),
+        };
+        let [mx, my] = size.map_or([0.0, 0.0], middle);
+        let (fx, fy, cx, cy) = match parsed.fixed {
+            Some([fx, cx, fy, cy]) => (fx, fy, cx, cy),
+            None => (line.focal_px, line.focal_px, mx, my),
+        };
+        let camera = Camera::with_distortion(fx, fy, cx, cy, distortion(line.radial))
+            .map_err(|error| content(error.to_string()))?;
+        let known = CalibratedCamera::known(camera, *size, path.display().to_string());
+        // Most models come from one camera: equal ones are one.
+        let at = model.cameras.iter().position(|other| *other == known);
+        let camera = at.unwrap_or_else(|| {
+            model.cameras.push(known);
+            model.cameras.len() - 1
+        });
+        model.images.push(ModelImage {
+            name: line.name,
+            camera: camera as u32,
+            world_from_camera: line.world_from_camera,
+            timestamp_ns: None,
+        });
+    }
+    model.points = parsed.points;
+    Ok(model)
+}
+
+/// The lens the other way: of `u = m + d m^3` the first terms of the inverse series, `m = u - d u^3 + 3 d^2 u^5 - 12 d^3 u^7`.
+fn distortion(d: f64) -> Distortion {
+    if d == 0.0 {
+        return Distortion::None;
+    }
+    Distortion::RadialTangential {
+        k1: -d,
+        k2: 3.0 * d * d,
+        p1: 0.0,
+        p2: 0.0,
+        k3: -12.0 * d * d * d,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lens_is_inverted() {
+        let lens = distortion(0.08);
+        let camera = Camera::with_distortion(1000.0, 1000.0, 0.0, 0.0, lens).unwrap();
+        let measured = 0.3_f64;
+        let undistorted = measured * (1.0 + 0.08 * measured * measured);
+        let seen = camera.project(&Point3::new(undistorted, 0.0, 1.0)).unwrap();
+        assert!((seen.x - 1000.0 * measured).abs() < 1e-3, "{seen}");
+    }
+}

@@ -1,0 +1,371 @@
+//! What the readers of sparse models have in common: cameras, posed images, points with tracks, and how these become a
+//! sequence.
+
+use std::cmp::Ordering;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Isometry3, Point3};
+
+use super::calibration::{CalibratedCamera, Calibration};
+use super::layout::{RecordedFrame, Recording, image_stem};
+use super::text::parse_stamp;
+use super::warning::Tally;
+use super::{SequenceError, Warning};
+use crate::sparse_model::{ModelPoint, ModelView, PointModel, Sighting};
+
+/// A sparse model as a file has it. Points refer to images by their place in `images`.
+#[derive(Debug, Default)]
+pub(super) struct SparseModel {
+    pub(super) cameras: Vec<CalibratedCamera>,
+    pub(super) images: Vec<ModelImage>,
+    pub(super) points: Vec<ModelPoint>,
+}
+
+/// A posed image of a model.
+#[derive(Debug)]
+pub(super) struct ModelImage {
+    /// As the model has it, sub-folders included.
+    pub(super) name: String,
+    /// Index into [`SparseModel::cameras`].
+    pub(super) camera: u32,
+    pub(super) world_from_camera: Isometry3<f64>,
+    /// When the model knows it.
+    pub(super) timestamp_ns: Option<i64>,
+}
+
+/// Points under construction: sightings come image by image or point by point, in any order and repeatedly.
+#[derive(Debug, Default)]
+pub(super) struct PointBuilder {
+    points: Vec<ModelPoint>,
+    index_of: HashMap<u64, u32>,
+}
+
+impl PointBuilder {
+    /// Adds a point; of several with one id the first counts.
+    pub(super) fn add(&mut self, id: u64, point_in_world: Point3<f64>, color: Option<[u8; 3]>) {
+        let index = self.points.len() as u32;
+        self.index_of.entry(id).or_insert_with(|| {
+            self.points.push(ModelPoint {
+                point_in_world,
+                color,
+                sightings: Vec::new(),
+            });
+            index
+        });
+    }
+
+    /// Notes that a view sees a point; unknown points are passed over.
+    pub(super) fn see(&mut self, id: u64, view: u32, pixel: Option<[f64; 2]>) {
+        if let Some(&at) = self.index_of.get(&id) {
+            self.points[at as usize]
+                .sightings
+                .push(Sighting { view, pixel });
+        }
+    }
+
+    /// The points, in the order in which they came.
+    pub(super) fn finish(self) -> Vec<ModelPoint> {
+        self.points
+    }
+}
+
+impl SparseModel {
+    /// Sorts images by name (numbers in names by value) or by time where all have one, refers points to them anew, and
+    /// leaves each view once in the sightings of a point. Points that are not finite are left out.
+    fn normalise(&mut self, warnings: &mut Vec<Warning>) {
+        let mut order: Vec<u32> = (0..self.images.len() as u32).collect();
+        let images = &self.images;
+        order.sort_by(|&a, &b| {
+            let (a, b) = (&images[a as usize], &images[b as usize]);
+            match (a.timestamp_ns, b.timestamp_ns) {
+                (Some(x), Some(y)) if x != y => x.cmp(&y),
+                _ => compare_names(&a.name, &b.name),
+            }
+        });
+        let mut place = vec![0_u32; order.len()];
+        for (new, &old) in (0_u32..).zip(&order) {
+            place[old as usize] = new;
+        }
+        let mut images: Vec<Option<ModelImage>> = self.images.drain(..).map(Some).collect();
+        self.images = order
+            .iter()
+            .filter_map(|&old| images[old as usize].take())
+            .collect();
+        let total = self.points.len();
+        let mut not_finite = Tally::default();
+        let mut number = 0;
+        self.points.retain(|point| {
+            number += 1;
+            let is_finite = point.point_in_world.iter().all(|v| v.is_finite());
+            if !is_finite {
+                not_finite.add(format!("point {number}"));
+            }
+            is_finite
+        });
+        warnings.extend(not_finite.into_warning(total, "points are not finite and were left out"));
+        for point in &mut self.points {
+            point
+                .sightings
+                .retain(|sighting| (sighting.view as usize) < place.len());
+            for sighting in &mut point.sightings {
+                sighting.view = place[sighting.view as usize];
+                sighting.pixel = sighting
+                    .pixel
+                    .filter(|pixel| pixel.iter().all(|v| v.is_finite()));
+            }
+            // Of several sightings by one view the first with a pixel counts.
+            point
+                .sightings
+                .sort_by_key(|sighting| (sighting.view, sighting.pixel.is_none()));
+            point.sightings.dedup_by_key(|sighting| sighting.view);
+            point.sightings.shrink_to_fit();
+        }
+    }
+
+    /// The model as a sequence: images that exist under one of `roots` become frames, points become map points.
+    ///
+    /// # Errors
+    /// When the model has no image at all, or neither an image that exists nor a point.
+    pub(super) fn into_recording(
+        mut self,
+        model_path: &Path,
+        roots: &[PathBuf],
+    ) -> Result<Recording, SequenceError> {
+        let nothing = |problem: &str| SequenceError::Content {
+            path: model_path.to_owned(),
+            problem: problem.to_owned(),
+        };
+        if self.images.is_empty() {
+            return Err(nothing("holds no posed image"));
+        }
+        let mut warnings = Vec::new();
+        self.normalise(&mut warnings);
+        let root = best_root(&self.images, roots);
+        let names = frame_names(&self.images);
+        let has_stamps = self.images.iter().all(|image| {
+            image.timestamp_ns.is_some()
+                || parse_stamp(file_stem(&image.name)).is_some_and(|stamp| stamp.is_nanoseconds)
+        });
+        let main = most_used_camera(&self.images, self.cameras.len());
+        let mut missing = Tally::default();
+        let mut frames = Vec::new();
+        for ((number, image), name) in (0_i64..).zip(&self.images).zip(names) {
+            let Some(color) = root.and_then(|root| find_image(root, &image.name)) else {
+                missing.add(image.name.clone());
+                continue;
+            };
+            let timestamp_ns = if has_stamps {
+                image.timestamp_ns.or_else(|| {
+                    parse_stamp(file_stem(&image.name)).and_then(|stamp| stamp.as_written_ns())
+                })
+            } else {
+                None
+            };
+            frames.push(RecordedFrame {
+                name,
+                timestamp_ns: timestamp_ns.unwrap_or(number),
+                pose: Some(image.world_from_camera),
+                color,
+                depth: None,
+                camera: (image.camera != main).then_some(image.camera),
+            });
+        }
+        if frames.is_empty() && self.points.is_empty() {
+            return Err(nothing(&format!(
+                "none of its {} images exists (looked in {}; first: {}), and it holds no points that could be used without",
+                self.images.len(),
+                roots
+                    .iter()
+                    .map(|root| root.display().to_string())
+                    .collect::<Vec<_>>()
+                    .join(", "),
+                self.images[0].name
+            )));
+        }
+        let total = self.images.len();
+        let what = if frames.is_empty() {
+            "images of the model do not exist; only its points can be used"
+        } else {
+            "images of the model do not exist and were left out"
+        };
+        warnings.extend(missing.into_warning(total, what));
+        let color = self.cameras.get(main as usize).cloned();
+        let views = self
+            .images
+            .into_iter()
+            .map(|image| {
+                let camera = self.cameras.get(image.camera as usize);
+                ModelView {
+                    name: image.name,
+                    world_from_camera: image.world_from_camera,
+                    camera: camera.map(|camera| camera.camera.clone()),
+                    size_px: camera
+                        .and_then(|camera| camera.size)
+                        .map(|size| [size.width, size.height]),
+                }
+            })
+            .collect();
+        let mut recording = Recording::new(frames, Calibration::of_color(color));
+        recording.has_time = has_stamps;
+        recording.cameras = self.cameras;
+        recording.warnings = warnings;
+        if !self.points.is_empty() {
+            recording.map_points = Some(PointModel {
+                views,
+                points: self.points,
+            });
+        }
+        Ok(recording)
+    }
+}
+
+/// The camera of the most images, of equal ones the first.
+fn most_used_camera(images: &[ModelImage], cameras: usize) -> u32 {
+    let mut uses = vec![0_usize; cameras];
+    for image in images {
+        if let Some(count) = uses.get_mut(image.camera as usize) {
+            *count += 1;
+        }
+    }
+    let most = uses.iter().copied().max().unwrap_or(0);
+    uses.iter().position(|&count| count == most).unwrap_or(0) as u32
+}
+
+/// The folder under which the most of a few images exist.
+fn best_root<'a>(images: &[ModelImage], roots: &'a [PathBuf]) -> Option<&'a PathBuf> {
+    const LOOKED_AT: usize = 20;
+    let step = images.len().div_ceil(LOOKED_AT).max(1);
+    let hits = |root: &PathBuf| {
+        images
+            .iter()
+            .step_by(step)
+            .filter(|image| find_image(root, &image.name).is_some())
+            .count()
+    };
+    let mut best: Option<(&PathBuf, usize)> = None;
+    for root in roots {
+        let count = hits(root);
+        if best.is_none_or(|(_, most)| count > most) {
+            best = Some((root, count));
+        }
+    }
+    best.map(|(root, _)| root)
+}
+
+/// The file of an image, `None` when there is none. Names that lead out of the folder are not followed upwards, absolute
+/// ones not at all: a model of another machine is no licence to look around.
+fn find_image(root: &Path, name: &str) -> Option<PathBuf> {
+    let name = name.replace('\\', "/");
+    let relative = Path::new(&name);
+    let is_inside = relative.components().all(|part| {
+        matches!(
+            part,
+            std::path::Component::Normal(_) | std::path::Component::CurDir
+        )
+    });
+    let path = if is_inside {
+        root.join(relative)
+    } else {
+        root.join(relative.file_name()?)
+    };
+    path.is_file().then_some(path)
+}
+
+/// The last part of a name without its extension.
+fn file_stem(name: &str) -> &str {
+    let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
+    image_stem(last).unwrap_or(last)
+}
+
+/// Names without folder and extension, or with the folder where they would not be unique.
+fn frame_names(images: &[ModelImage]) -> Vec<String> {
+    let mut stems: Vec<&str> = images.iter().map(|image| file_stem(&image.name)).collect();
+    stems.sort_unstable();
+    let are_unique = stems.windows(2).all(|pair| pair[0] != pair[1]);
+    images
+        .iter()
+        .map(|image| {
+            if are_unique {
+                file_stem(&image.name).to_owned()
+            } else {
+                image_stem(&image.name).unwrap_or(&image.name).to_owned()
+            }
+        })
+        .collect()
+}
+
+/// Order of names in which runs of digits count by their value (`frame2` before `frame10`).
+pub(super) fn compare_names(a: &str, b: &str) -> Ordering {
+    let (mut a_rest, mut b_rest) = (a, b);
+    loop {
+        let (Some(x), Some(y)) = (a_rest.chars().next(), b_rest.chars().next()) else {
+            return a_rest.len().cmp(&b_rest.len()).then_with(|| a.cmp(b));
+        };
+        if x.is_ascii_digit() && y.is_ascii_digit() {
+            let (x_digits, x_after) = split_digits(a_rest);
+            let (y_digits, y_after) = split_digits(b_rest);
+            let (x_value, y_value) = (
+                x_digits.trim_start_matches('0'),
+                y_digits.trim_start_matches('0'),
+            );
+            let order = x_value
+                .len()
+                .cmp(&y_value.len())
+                .then_with(|| x_value.cmp(y_value));
+            if order != Ordering::Equal {
+                return order;
+            }
+            (a_rest, b_rest) = (x_after, y_after);
+        } else {
+            if x != y {
+                return x.cmp(&y);
+            }
+            (a_rest, b_rest) = (&a_rest[x.len_utf8()..], &b_rest[y.len_utf8()..]);
+        }
+    }
+}
+
+fn split_digits(text: &str) -> (&str, &str) {
+    let end = text
+        .find(|c: char| !c.is_ascii_digit())
+        .unwrap_or(text.len());
+    text.split_at(end)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn numbers_in_names_count_by_value() {
+        let mut names = ["b1", "a10.png", "a2.png", "a02.png", "a", "a2"];
+        names.sort_by(|a, b| compare_names(a, b));
+        assert_eq!(names, ["a", "a2", "a02.png", "a2.png", "a10.png", "b1"]);
+    }
+
+    #[test]
+    fn names_do_not_lead_out_of_the_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let inside = folder.path().join("images");
+        std::fs::create_dir(&inside).unwrap();
+        std::fs::write(folder.path().join("secret.png"), "x").unwrap();
+        std::fs::write(inside.join("a.png"), "x").unwrap();
+        assert!(find_image(&inside, "../secret.png").is_none());
+        assert!(find_image(&inside, "/elsewhere/a.png").is_some());
+        assert!(find_image(&inside, "a.png").is_some());
+    }
+
+    proptest! {
+        #[test]
+        fn the_order_of_names_is_total(names in prop::collection::vec("[a0-9.]{0,6}", 3)) {
+            let [a, b, c] = [&names[0], &names[1], &names[2]];
+            prop_assert_eq!(compare_names(a, b), compare_names(b, a).reverse());
+            if compare_names(a, b).is_le() && compare_names(b, c).is_le() {
+                prop_assert!(compare_names(a, c).is_le());
+            }
+            prop_assert_eq!(compare_names(a, b) == Ordering::Equal, a == b);
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Reading sequences: each layout, each kind of bad input, and whatever bytes a broken disk may bring.
+// Helpers of tests stand outside of test functions, where the lints would otherwise apply.
+#![allow(clippy::unwrap_used)]
+
+mod damage;
+mod exchange;
+mod faults;
+mod geometry_files;
+mod layouts;
+mod models;
+mod mutated;
+mod real;
+mod support;
+mod writers;
+
+use std::path::Path;
+
+use linecarve_sequence::{OpenOptions, Sequence};
+use support::{write_open3d, write_seven_scenes, write_tum};
+use writers::{
+    write_colmap_binary, write_colmap_text, write_euroc, write_mvs, write_nvm, write_orb_slam,
+    write_pose_list, write_stella, write_transforms,
+};
+
+pub(crate) fn open(folder: &Path) -> Result<Sequence, String> {
+    Sequence::open(folder, &OpenOptions::default()).map_err(|error| error.to_string())
+}
+
+pub(crate) fn folder_with(write: impl FnOnce(&Path)) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path());
+    folder
+}
+
+pub(crate) fn warnings(sequence: &Sequence) -> String {
+    sequence
+        .warnings()
+        .iter()
+        .map(|w| format!("{w}\n"))
+        .collect()
+}
+
+pub(crate) fn edit(path: &Path, change: impl FnOnce(String) -> String) {
+    let text = std::fs::read_to_string(path).unwrap();
+    std::fs::write(path, change(text)).unwrap();
+}
+
+pub(crate) fn replace(path: &Path, from: &str, to: &str) {
+    edit(path, |text| {
+        assert!(text.contains(from), "{text}");
+        text.replacen(from, to, 1)
+    });
+}
+
+/// Line `number`, from 1, becomes `to`.
+pub(crate) fn replace_line(path: &Path, number: usize, to: &str) {
+    edit(path, |text| {
+        let mut lines: Vec<&str> = text.lines().collect();
+        lines[number - 1] = to;
+        lines.join("\n")
+    });
+}
+
+pub(crate) type Writer = fn(&Path);
+pub(crate) const LAYOUTS: [(&str, Writer); 3] = [
+    ("7-scenes", |folder| write_seven_scenes(folder, 6)),
+    ("tum-rgbd", |folder| write_tum(folder, 6)),
+    ("open3d-log", |folder| write_open3d(folder, 11, 2)),
+];
+/// Layouts of other systems: name, writer, whether they hold points.
+pub(crate) const MODELS: [(&str, Writer, bool); 9] = [
+    ("colmap", write_colmap_text, true),
+    ("colmap", write_colmap_binary, true),
+    ("nvm", write_nvm, true),
+    ("openmvs", write_mvs, true),
+    ("transforms-json", write_transforms, false),
+    ("stella-vslam", write_stella, true),
+    ("orb-slam", write_orb_slam, true),
+    ("euroc", write_euroc, false),
+    ("images-and-poses", write_pose_list, false),
+];

@@ -1,0 +1,109 @@
+//! Words of the command line for choices of the libraries.
+
+use clap::ValueEnum;
+use linecarve_mesh::diff::Check;
+use linecarve_synth::{SceneKind, SequenceLayout};
+
+use crate::pipeline::LabelKind;
+
+/// Declares the command-line form of a library's enum: the same variants, with help texts and a conversion.
+macro_rules! choice {
+    ($(#[$about:meta])* $name:ident for $target:ty { $($(#[$help:meta])* $variant:ident,)+ }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+        pub enum $name { $($(#[$help])* $variant,)+ }
+
+        impl From<$name> for $target {
+            fn from(choice: $name) -> Self {
+                match choice { $($name::$variant => Self::$variant,)+ }
+            }
+        }
+    };
+}
+
+choice! {
+    /// How cells are labelled.
+    LabelChoice for LabelKind {
+        /// A cell is free when enough rays cross it, as in the literature on carving.
+        Votes,
+        /// Minimum cut with soft visibility, which weighs wrong points against right ones.
+        Cut,
+    }
+}
+
+choice! {
+    /// What `diff` compares.
+    CheckChoice for Check {
+        /// The largest distance between the surfaces, in both directions.
+        Distance,
+        /// The corners of the bounding boxes.
+        Bounds,
+        /// The largest distance from a vertex to the nearest vertex of the other mesh, when both have the same counts. It
+        /// finds vertices that slide within their surface.
+        Vertices,
+        /// Triangles face the same side.
+        Orientation,
+        /// Numbers of components, boundary edges and loops, handles, non-manifold edges and edges of opposed orientation.
+        Topology,
+        /// Numbers of vertices and triangles.
+        Counts,
+    }
+}
+
+choice! {
+    /// Scenes of `synth`.
+    SceneChoice for SceneKind {
+        /// A furnished room with a doorway to a corridor, seen all around.
+        Room,
+        /// The same room without its furniture.
+        BareRoom,
+        /// A table with a few boxes in empty space, seen from one side.
+        Boxes,
+        /// Three white walls that meet in a corner.
+        Corner,
+    }
+}
+
+choice! {
+    /// Folder layouts of `synth`.
+    LayoutChoice for SequenceLayout {
+        /// TUM RGB-D: rgb/, depth/ and lists with time stamps; 5000 depth units a metre.
+        Tum,
+        /// 7-Scenes: frame-NNNNNN.color, .depth, .pose; 1000 depth units a metre.
+        #[value(name = "7-scenes")]
+        SevenScenes,
+        /// Open3D: image/, depth/ and trajectory.log; 1000 depth units a metre.
+        #[value(name = "open3d")]
+        Open3d,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_the_names_that_the_libraries_print() {
+        let word = |value: Option<clap::builder::PossibleValue>| {
+            value.map(|value| value.get_name().to_owned())
+        };
+        for choice in CheckChoice::value_variants() {
+            assert_eq!(
+                word(choice.to_possible_value()).as_deref(),
+                Some(Check::from(*choice).name())
+            );
+        }
+        for choice in SceneChoice::value_variants() {
+            assert_eq!(
+                word(choice.to_possible_value()).as_deref(),
+                Some(SceneKind::from(*choice).name())
+            );
+        }
+        for choice in LayoutChoice::value_variants() {
+            assert_eq!(
+                word(choice.to_possible_value()).as_deref(),
+                Some(SequenceLayout::from(*choice).name())
+            );
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! What a camera in a scene sees.
+
+use image::{Rgb as Pixel, RgbImage};
+use linecarve_lines::camera::Camera;
+use nalgebra::{Isometry3, Point3, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+use super::lighting::Lighting;
+use super::scene::Scene;
+use super::texture::Rgb;
+use linecarve_mesh::raycast::RayScene;
+use linecarve_mesh::srgb::encoded;
+
+/// Samples of a pixel along each side.
+const SUPERSAMPLING: usize = 3;
+
+/// Takes pictures of a scene; the light is computed once.
+pub struct Photographer<'a> {
+    scene: &'a Scene,
+    rays: RayScene,
+    lighting: Lighting,
+    camera: Camera,
+    width: usize,
+    height: usize,
+}
+
+/// Colour and exact depth of one frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Photo {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Linear light of each pixel, row by row: the mean over the pixel's area.
+    pub light: Vec<[f32; 3]>,
+    /// Depth z in metres of what lies at the centre of each pixel, row by row; `None` where nothing does.
+    pub depth: Vec<Option<f64>>,
+}
+
+impl<'a> Photographer<'a> {
+    /// A photographer with a pinhole camera (lens distortion is left out) and images of `width` by `height` pixels.
+    pub fn new(scene: &'a Scene, camera: &Camera, width: u32, height: u32) -> Self {
+        let rays = RayScene::new(&scene.mesh());
+        let lighting = Lighting::compute(scene, &rays);
+        Self {
+            scene,
+            rays,
+            lighting,
+            camera: camera.without_distortion(),
+            width: width as usize,
+            height: height as usize,
+        }
+    }
+
+    /// The scene's triangles, ready for rays.
+    pub fn rays(&self) -> &RayScene {
+        &self.rays
+    }
+
+    /// Takes a picture with a camera at `world_from_camera`.
+    pub fn photograph(&self, world_from_camera: &Isometry3<f64>) -> Photo {
+        let eye = Point3::from(world_from_camera.translation.vector);
+        let direction = |x: f64, y: f64| {
+            world_from_camera.rotation
+                * Vector3::new(
+                    (x - self.camera.cx()) / self.camera.fx(),
+                    (y - self.camera.cy()) / self.camera.fy(),
+                    1.0,
+                )
+        };
+        let mut depth = Vec::with_capacity(self.width * self.height);
+        let mut seen = Vec::with_capacity(self.width * self.height);
+        for y in 0..self.height {
+            for x in 0..self.width {
+                let ray = direction(x as f64, y as f64);
+                let hit = self.surface_on(&eye, &ray);
+                depth.push(hit.map(|(_, distance)| distance));
+                seen.push(hit.map(|(surface, _)| surface));
+            }
+        }
+        let mut light = Vec::with_capacity(self.width * self.height);
+        for y in 0..self.height {
+            for x in 0..self.width {
+                // Where all neighbours see one surface the whole pixel does, and its samples need no search.
+                let surface = self.common_surface(&seen, x, y);
+                let mut sum = [0.0; 3];
+                for step in 0..SUPERSAMPLING * SUPERSAMPLING {
+                    let offset = |k: usize| (k as f64 + 0.5) / SUPERSAMPLING as f64 - 0.5;
+                    let ray = direction(
+                        x as f64 + offset(step % SUPERSAMPLING),
+                        y as f64 + offset(step / SUPERSAMPLING),
+                    );
+                    let color = match surface {
+                        Some(surface) => self.color_on_plane(surface, &eye, &ray),
+                        None => match self.surface_on(&eye, &ray) {
+                            Some((surface, distance)) => {
+                                self.color(surface, &(eye + ray * distance))
+                            }
+                            None => background(&ray),
+                        },
+                    };
+                    for (total, part) in sum.iter_mut().zip(color) {
+                        // A sensor is full at one: clipped before averaging, as in a real pixel's parts.
+                        *total += part.min(1.0);
+                    }
+                }
+                light.push(sum.map(|s| (s / (SUPERSAMPLING * SUPERSAMPLING) as f64) as f32));
+            }
+        }
+        Photo {
+            width: self.width as u32,
+            height: self.height as u32,
+            light,
+            depth,
+        }
+    }
+
+    /// The first surface whose free side a ray meets, and where.
+    fn surface_on(&self, eye: &Point3<f64>, ray: &Vector3<f64>) -> Option<(u32, f64)> {
+        let hit = self.rays.cast_where(eye, ray, f64::MAX, |_, front| front)?;
+        // Two triangles a rectangle.
+        Some((hit.triangle / 2, hit.distance))
+    }
+
+    fn common_surface(&self, seen: &[Option<u32>], x: usize, y: usize) -> Option<u32> {
+        let own = seen[y * self.width + x]?;
+        let columns = x.saturating_sub(1)..(x + 2).min(self.width);
+        for row in y.saturating_sub(1)..(y + 2).min(self.height) {
+            let line = &seen[row * self.width..(row + 1) * self.width];
+            if line[columns.clone()]
+                .iter()
+                .any(|other| *other != Some(own))
+            {
+                return None;
+            }
+        }
+        Some(own)
+    }
+
+    fn color_on_plane(&self, surface: u32, eye: &Point3<f64>, ray: &Vector3<f64>) -> Rgb {
+        let plane = &self.scene.surfaces[surface as usize];
+        let normal = plane.normal();
+        let distance = (plane.origin - eye).dot(&normal) / ray.dot(&normal);
+        self.color(surface, &(eye + ray * distance))
+    }
+
+    fn color(&self, surface: u32, point: &Point3<f64>) -> Rgb {
+        let rectangle = &self.scene.surfaces[surface as usize];
+        let (u, v) = rectangle.coordinates(point);
+        let (albedo, glow) = rectangle.color_at(u, v);
+        let light = self.lighting.at(surface as usize, (u, v), rectangle.size);
+        std::array::from_fn(|c| albedo[c] * (light[c] * (1.0 - glow) + glow))
+    }
+}
+
+/// A pale backdrop, lighter above.
+fn background(ray: &Vector3<f64>) -> Rgb {
+    let up = 0.5 + 0.5 * ray.z / ray.norm();
+    std::array::from_fn(|channel| 0.45 + 0.3 * up + 0.03 * channel as f64)
+}
+
+impl Photo {
+    /// The picture as 8-bit sRGB: light times `gain`, with normal noise of `noise` 8-bit steps from a stream of the seed
+    /// that `frame` numbers.
+    pub fn color_image(&self, gain: f64, noise: f64, seed: u64, frame: u64) -> RgbImage {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        // Streams with even numbers are those of colour, odd ones those of depth.
+        random.set_stream(2 * frame + 2);
+        let normal = Normal::new(0.0, noise).ok().filter(|_| noise > 0.0);
+        let mut picture = RgbImage::new(self.width, self.height);
+        for (pixel, light) in picture.pixels_mut().zip(&self.light) {
+            *pixel = Pixel(light.map(|channel| {
+                let grain = normal.map_or(0.0, |normal| normal.sample(&mut random));
+                (encoded(f64::from(channel) * gain) + grain)
+                    .round()
+                    .clamp(0.0, 255.0) as u8
+            }));
+        }
+        picture
+    }
+}

@@ -1,0 +1,64 @@
+//! The camera's way through a scene: a smooth curve, held by an unsteady hand.
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use linecarve_mesh::render::upright_rotation;
+
+/// Standard deviation of the hand's place.
+const UNSTEADY_M: f64 = 0.012;
+/// Standard deviation of the hand's direction.
+const UNSTEADY_RAD: f64 = 0.012;
+/// Swings of the hand along the whole path.
+const SWINGS: [f64; 4] = [3.0, 5.0, 8.0, 13.0];
+
+/// A curve with the parameter 0 to 1.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Path {
+    /// Where the camera is.
+    pub(super) eye: fn(f64) -> [f64; 3],
+    /// Where it looks.
+    pub(super) target: fn(f64) -> [f64; 3],
+    /// Whether the end is the beginning, so that it is not visited twice.
+    pub(super) closed: bool,
+}
+
+impl Path {
+    /// Poses (`world_from_camera`) at `frames` places, evenly spread over the parameter.
+    pub(super) fn poses(&self, frames: u32, seed: u64) -> Vec<Isometry3<f64>> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        // Six degrees of freedom swing at whole numbers of periods: a closed path stays closed.
+        let swings: Vec<[f64; 2]> = (0..6 * SWINGS.len())
+            .map(|_| [random.random::<f64>(), random.random::<f64>()])
+            .collect();
+        let sway = |freedom: usize, t: f64| -> f64 {
+            SWINGS
+                .iter()
+                .zip(&swings[freedom * SWINGS.len()..])
+                .map(|(swing, [amplitude, phase])| {
+                    amplitude * (std::f64::consts::TAU * (swing * t + phase)).sin() / swing.sqrt()
+                })
+                .sum()
+        };
+        let last = if self.closed {
+            frames
+        } else {
+            frames.saturating_sub(1)
+        };
+        (0..frames)
+            .map(|frame| {
+                let t = f64::from(frame) / f64::from(last.max(1));
+                let eye = Point3::from((self.eye)(t));
+                let target = Point3::from((self.target)(t));
+                let steady = upright_rotation(&(target - eye), &Vector3::z());
+                let shift = Vector3::from_fn(|axis, _| UNSTEADY_M * sway(axis, t));
+                let turn = Vector3::from_fn(|axis, _| UNSTEADY_RAD * sway(3 + axis, t));
+                Isometry3::from_parts(
+                    Translation3::from(eye.coords + shift),
+                    steady * UnitQuaternion::from_scaled_axis(turn),
+                )
+            })
+            .collect()
+    }
+}
