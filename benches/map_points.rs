@@ -16,7 +16,7 @@ use linecarve_points::{
     FeatureDetector, FeatureGrid, MapPointOptions, PairGeometry, PointMap,
     match_along_epipolar_lines,
 };
-use linecarve_sequence::{ModelPoint, ModelView, PointModel, Sighting};
+use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
@@ -96,7 +96,11 @@ fn map_points(criterion: &mut Criterion) {
     });
 
     let model = facade(8000);
-    let sightings: usize = model.points.iter().map(|point| point.sightings.len()).sum();
+    let sightings: usize = model
+        .points
+        .iter()
+        .map(|point| point.observations.len())
+        .sum();
     let all = Options::default();
     group.throughput(Throughput::Elements(sightings as u64));
     group.bench_function(format!("model, 11 views, {sightings} sightings"), |bench| {
@@ -112,7 +116,7 @@ fn map_points(criterion: &mut Criterion) {
 }
 
 /// A front of a building with depth, seen by 11 views from before it.
-fn facade(count: usize) -> PointModel {
+fn facade(count: usize) -> SparseModel {
     let mut random = ChaCha8Rng::seed_from_u64(8);
     let views = (0..11)
         .map(|index| ModelView {
@@ -134,14 +138,14 @@ fn facade(count: usize) -> PointModel {
             ModelPoint {
                 point_in_world: Point3::new(x, random.random_range(-4.0..2.0), z),
                 color: None,
-                sightings: views
+                observations: views
                     .filter(|view| *view < 11)
-                    .map(|view| Sighting { view, pixel: None })
+                    .map(|view| ModelObservation { view, pixel: None })
                     .collect(),
             }
         })
         .collect();
-    PointModel { views, points }
+    SparseModel { views, points }
 }
 
 criterion_group!(benches, map_points);

@@ -175,7 +175,7 @@ fn a_lens_that_the_calibration_leaves_out_is_found_and_taken_out() {
     for frame in sequence.frames() {
         bend(&frame.color, sequence.color_camera(), -0.09);
     }
-    assert!(!sequence.has_known_lens());
+    assert!(!sequence.has_known_distortion());
     let frames: Vec<usize> = (0..16).collect();
     let found = correct_poses(&sequence, &frames, &Options::default(), || {}).expect("images");
     let k1 = found.summary.lens_k1.expect("a lens");
@@ -184,7 +184,7 @@ fn a_lens_that_the_calibration_leaves_out_is_found_and_taken_out() {
 
     let pinhole = sequence.color_camera().clone();
     sequence.set_radial_distortion(k1).expect("a number");
-    assert!(sequence.has_known_lens() && sequence.color_camera().is_pinhole());
+    assert!(sequence.has_known_distortion() && sequence.color_camera().is_pinhole());
     assert_ne!(*sequence.color_camera(), pinhole);
     let again = correct_poses(&sequence, &frames, &Options::default(), || {}).expect("images");
     let rms = |found: &ImagePoses| found.summary.reprojection_rms_px;

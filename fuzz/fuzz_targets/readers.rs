@@ -27,7 +27,7 @@ use std::sync::OnceLock;
 use libfuzzer_sys::fuzz_target;
 use linecarve::checkpoint::{Checkpoint, FOLDER};
 use linecarve_sequence::export::{
-    TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
+    TrajectoryFormat, posed_images, write_colmap, write_trajectory, write_transforms,
 };
 use linecarve_mesh::read_geometry;
 use linecarve::pipeline::{Keyframe, ModelCarver, Options, PointKeyframe};
@@ -92,12 +92,12 @@ fn sequence(case: &Case, path: &Path, length: usize) {
         let pose = frame.world_from_camera.to_homogeneous();
         assert!(pose.iter().all(|value| value.is_finite()));
     }
-    if let Some(model) = sequence.map_points() {
+    if let Some(model) = sequence.sparse_model() {
         for point in &model.points {
             assert!(point.point_in_world.iter().all(|value| value.is_finite()));
             assert!(
                 point
-                    .sightings
+                    .observations
                     .iter()
                     .all(|s| (s.view as usize) < model.views.len())
             );
@@ -119,13 +119,13 @@ fn sequence(case: &Case, path: &Path, length: usize) {
             let images = posed_images(&sequence);
             write_trajectory(
                 &folder.path().join("poses.txt"),
-                TrajectoryFile::Tum,
+                TrajectoryFormat::Tum,
                 &images,
             )
             .expect("a file in a temporary folder");
         }
         2 => {
-            if let Some(model) = sequence.map_points()
+            if let Some(model) = sequence.sparse_model()
                 && let Ok(mut carver) = ModelCarver::new(model, &Options::default())
                 && carver.push_all().is_ok()
             {

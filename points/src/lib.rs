@@ -1,6 +1,6 @@
 //! Map points: sparse points, the views that see them, and where.
 //!
-//! A [`PointModel`] is what structure from motion and feature-based SLAM leave behind, whether it was read from their files or
+//! A [`SparseModel`] is what structure from motion and feature-based SLAM leave behind, whether it was read from their files or
 //! made here; it can be carved without a look at the images.
 //!
 //! A [`PointMap`] makes such points from images with known poses, one keyframe after another: ORB [`Features`], matched under

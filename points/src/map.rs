@@ -10,7 +10,7 @@ use super::lens::LOOK_AT;
 use super::options::{MapPointOptions, MapPointOptionsError};
 use super::point::{MapPoint, MapPointId, MapSighting};
 use crate::pose_correction::{CorrectedLens, PoseCorrectionOptions, PoseCorrectionOptionsError};
-use linecarve_sequence::{ModelPoint, ModelView, PointModel, Sighting};
+use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 
 /// Points that several keyframes see, found in their images under known poses.
 ///
@@ -264,7 +264,7 @@ impl PointMap {
 
     /// The points that are carved and who sees them, as a model; `name` names a keyframe by its number. Points are where
     /// the carver has them.
-    pub fn model(&self, name: impl Fn(usize) -> String) -> PointModel {
+    pub fn model(&self, name: impl Fn(usize) -> String) -> SparseModel {
         let views = self
             .keyframes
             .iter()
@@ -281,7 +281,7 @@ impl PointMap {
             .map(|(_, point)| {
                 let sightings = point.sightings.iter().map(|sighting| {
                     let keyframe = &self.keyframes[sighting.keyframe as usize];
-                    Sighting {
+                    ModelObservation {
                         view: sighting.keyframe,
                         pixel: Some(keyframe.pixel(sighting.feature).into()),
                     }
@@ -293,11 +293,11 @@ impl PointMap {
                 ModelPoint {
                     point_in_world: carved.map_or(point.point_in_world, |p| p.point_in_world),
                     color: Some([grey; 3]),
-                    sightings: sightings.collect(),
+                    observations: sightings.collect(),
                 }
             })
             .collect();
-        PointModel { views, points }
+        SparseModel { views, points }
     }
 
     /// Adds a point that no feature is yet.

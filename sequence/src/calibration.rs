@@ -10,7 +10,7 @@ use super::pose_reading::{CameraAxes, PoseDirection, PoseReading, QuaternionOrde
 use super::{SequenceError, Warning, rigid};
 
 /// Name of the sidecar file in the folder of a sequence.
-pub const SIDECAR: &str = "linecarve.toml";
+pub const SIDECAR_FILE: &str = "linecarve.toml";
 
 /// Width and height of an image in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]

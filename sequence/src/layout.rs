@@ -11,7 +11,7 @@ use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumR
 use super::layouts::{stella::Stella, transforms::Transforms};
 use super::pose_reading::QuaternionOrder;
 use super::{SequenceError, Warning};
-use crate::sparse_model::PointModel;
+use crate::sparse_model::SparseModel;
 
 /// The layouts in the order of preference. A new one is added here.
 pub(super) static LAYOUTS: [&dyn Layout; 11] = [
@@ -82,7 +82,7 @@ pub(super) struct Recording {
     /// programs have written them.
     pub(super) other_quaternion: Option<QuaternionOrder>,
     /// Points with the views that see them.
-    pub(super) map_points: Option<PointModel>,
+    pub(super) map_points: Option<SparseModel>,
     pub(super) warnings: Vec<Warning>,
     /// Conventions that the layout assumes, a sentence each.
     pub(super) conventions: Vec<String>,

@@ -14,7 +14,7 @@ mod calibration;
 mod error;
 pub mod export;
 mod inspect;
-pub mod keyframes;
+mod keyframes;
 mod layout;
 mod layouts;
 mod live;
@@ -38,12 +38,16 @@ use linecarve_lines::camera::{Camera, CameraError, Distortion};
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
-pub use calibration::{ImageSize, SIDECAR};
+pub use calibration::{ImageSize, SIDECAR_FILE};
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
-    CameraFacts, Consistency, DepthFacts, EpipolarFacts, EpipolarHypothesis, Hypothesis,
+    CameraFacts, DepthConsistency, DepthFacts, DepthHypothesis, EpipolarFacts, EpipolarHypothesis,
     ImageFacts, InspectOptions, MapPointFacts, MotionFacts, RegistrationFacts, SequenceFacts,
     inspect,
+};
+pub use keyframes::{
+    KeyframeListError, KeyframeOptions, KeyframeOptionsError, every_nth, read_keyframe_list,
+    select_keyframes,
 };
 pub use live::{LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
@@ -51,7 +55,7 @@ pub use open::OpenOptions;
 use open::pinhole_of;
 use pose_reading::{Mounting, PoseReading, QuaternionOrder};
 use reduction::Reduction;
-pub use sparse_model::{ModelPoint, ModelView, PointModel, Sighting};
+pub use sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 pub(crate) use text::parse_stamp_ns;
 pub use trajectory_error::{Trajectory, TrajectoryError};
 use undistortion::Undistortion;
@@ -146,10 +150,10 @@ pub struct Sequence {
     /// Whether time stamps are times; otherwise they are numbers of images.
     has_time: bool,
     pose_reading: PoseReading,
-    sidecar_poses: Option<String>,
+    sidecar_pose_convention: Option<String>,
     mounting: Mounting,
     other_quaternion: Option<QuaternionOrder>,
-    map_points: Option<PointModel>,
+    map_points: Option<SparseModel>,
     warnings: Vec<Warning>,
     conventions: Vec<String>,
 }
@@ -181,7 +185,7 @@ impl Sequence {
     }
 
     /// Whether the files say what the lens of the images is like, or several cameras took them.
-    pub fn has_known_lens(&self) -> bool {
+    pub fn has_known_distortion(&self) -> bool {
         let stored = &self.stored_color_camera;
         !stored.is_pinhole() || self.other_cameras.iter().any(|camera| camera != stored)
     }
@@ -233,8 +237,8 @@ impl Sequence {
 
     /// How a sidecar has the poses of the files understood, as keys of its `[poses]` table, where that is other than what the
     /// format says. Frames have poses of the colour camera whatever it says, so that it must not be applied to them once more.
-    pub fn sidecar_poses(&self) -> Option<&str> {
-        self.sidecar_poses.as_deref()
+    pub fn sidecar_pose_convention(&self) -> Option<&str> {
+        self.sidecar_pose_convention.as_deref()
     }
 
     /// How the colour camera is mounted on the body whose motion was recorded, when a file says:
@@ -248,14 +252,14 @@ impl Sequence {
     ///
     /// # Panics
     /// When there is no such frame.
-    pub fn stored_camera_of(&self, index: usize) -> &Camera {
+    pub fn stored_camera(&self, index: usize) -> &Camera {
         self.camera_of_frame[index]
             .and_then(|at| self.other_cameras.get(at as usize))
             .unwrap_or(&self.stored_color_camera)
     }
 
     /// Which file or default the colour camera comes from.
-    pub fn color_camera_origin(&self) -> &str {
+    pub fn color_camera_source(&self) -> &str {
         &self.color_origin
     }
 
@@ -285,7 +289,7 @@ impl Sequence {
     }
 
     /// Points and the views that see them, when the layout holds such; they carve without a look at the images.
-    pub fn map_points(&self) -> Option<&PointModel> {
+    pub fn sparse_model(&self) -> Option<&SparseModel> {
         self.map_points.as_ref()
     }
 

@@ -73,7 +73,7 @@ impl LiveSequence {
     }
 
     /// The pose of the colour camera where a recorder tells `world_from_camera`.
-    pub fn color_pose(&self, world_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
+    pub fn world_from_color(&self, world_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
         self.reading
             .world_from_color(world_from_camera, &self.mounting)
     }
@@ -106,7 +106,7 @@ impl LiveSequence {
 
     /// Adds a frame; returns its index. A depth image is passed over when the first frame had none.
     pub fn append(&mut self, frame: LiveFrame) -> usize {
-        let world_from_camera = self.color_pose(&frame.world_from_camera);
+        let world_from_camera = self.world_from_color(&frame.world_from_camera);
         self.sequence.recorded_poses.push(frame.world_from_camera);
         self.sequence.camera_of_frame.push(None);
         let frames = &mut self.sequence.frames;

@@ -12,11 +12,11 @@ use super::layout::{RecordedFrame, Recording, image_stem};
 use super::text::parse_stamp;
 use super::warning::Tally;
 use super::{SequenceError, Warning};
-use crate::sparse_model::{ModelPoint, ModelView, PointModel, Sighting};
+use crate::sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 
 /// A sparse model as a file has it. Points refer to images by their place in `images`.
 #[derive(Debug, Default)]
-pub(super) struct SparseModel {
+pub(super) struct StoredModel {
     pub(super) cameras: Vec<CalibratedCamera>,
     pub(super) images: Vec<ModelImage>,
     pub(super) points: Vec<ModelPoint>,
@@ -27,14 +27,14 @@ pub(super) struct SparseModel {
 pub(super) struct ModelImage {
     /// As the model has it, sub-folders included.
     pub(super) name: String,
-    /// Index into [`SparseModel::cameras`].
+    /// Index into [`StoredModel::cameras`].
     pub(super) camera: u32,
     pub(super) world_from_camera: Isometry3<f64>,
     /// When the model knows it.
     pub(super) timestamp_ns: Option<i64>,
 }
 
-/// Points under construction: sightings come image by image or point by point, in any order and repeatedly.
+/// Points under construction: observations come image by image or point by point, in any order and repeatedly.
 #[derive(Debug, Default)]
 pub(super) struct PointBuilder {
     points: Vec<ModelPoint>,
@@ -49,7 +49,7 @@ impl PointBuilder {
             self.points.push(ModelPoint {
                 point_in_world,
                 color,
-                sightings: Vec::new(),
+                observations: Vec::new(),
             });
             index
         });
@@ -59,8 +59,8 @@ impl PointBuilder {
     pub(super) fn see(&mut self, id: u64, view: u32, pixel: Option<[f64; 2]>) {
         if let Some(&at) = self.index_of.get(&id) {
             self.points[at as usize]
-                .sightings
-                .push(Sighting { view, pixel });
+                .observations
+                .push(ModelObservation { view, pixel });
         }
     }
 
@@ -70,9 +70,9 @@ impl PointBuilder {
     }
 }
 
-impl SparseModel {
+impl StoredModel {
     /// Sorts images by name (numbers in names by value) or by time where all have one, refers points to them anew, and
-    /// leaves each view once in the sightings of a point. Points that are not finite are left out.
+    /// leaves each view once in the observations of a point. Points that are not finite are left out.
     fn normalise(&mut self, warnings: &mut Vec<Warning>) {
         let mut order: Vec<u32> = (0..self.images.len() as u32).collect();
         let images = &self.images;
@@ -106,20 +106,20 @@ impl SparseModel {
         warnings.extend(not_finite.into_warning(total, "points are not finite and were left out"));
         for point in &mut self.points {
             point
-                .sightings
+                .observations
                 .retain(|sighting| (sighting.view as usize) < place.len());
-            for sighting in &mut point.sightings {
+            for sighting in &mut point.observations {
                 sighting.view = place[sighting.view as usize];
                 sighting.pixel = sighting
                     .pixel
                     .filter(|pixel| pixel.iter().all(|v| v.is_finite()));
             }
-            // Of several sightings by one view the first with a pixel counts.
+            // Of several observations by one view the first with a pixel counts.
             point
-                .sightings
+                .observations
                 .sort_by_key(|sighting| (sighting.view, sighting.pixel.is_none()));
-            point.sightings.dedup_by_key(|sighting| sighting.view);
-            point.sightings.shrink_to_fit();
+            point.observations.dedup_by_key(|sighting| sighting.view);
+            point.observations.shrink_to_fit();
         }
     }
 
@@ -211,7 +211,7 @@ impl SparseModel {
         recording.cameras = self.cameras;
         recording.warnings = warnings;
         if !self.points.is_empty() {
-            recording.map_points = Some(PointModel {
+            recording.map_points = Some(SparseModel {
                 views,
                 points: self.points,
             });

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
-use super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera, SIDECAR, Sidecar};
+use super::calibration::{
+    CalibratedCamera, Calibration, ImageSize, PoseCamera, SIDECAR_FILE, Sidecar,
+};
 use super::layout::{Folder, PoseOrigin, RecordedFrame, Recording, recognise};
 use super::load::{image_size, size_error};
 use super::pose_reading::{Mounting, PoseReading};
@@ -38,7 +40,7 @@ impl Sequence {
         let folder = Folder::of_input(input)?;
         let sidecar = match &options.calibration {
             Some(path) => Some((path.clone(), Sidecar::read(path)?)),
-            None => match folder.entry(SIDECAR) {
+            None => match folder.entry(SIDECAR_FILE) {
                 Some(path) => {
                     let sidecar = Sidecar::read(&path)?;
                     Some((path, sidecar))
@@ -65,7 +67,7 @@ impl Sequence {
         if let Some(path) = &options.poses {
             attach_poses(&mut recording, path)?;
         }
-        let mut sidecar_poses = None;
+        let mut sidecar_pose_convention = None;
         if let Some((path, sidecar)) = sidecar {
             let of_format = recording.calibration.poses;
             recording
@@ -80,10 +82,10 @@ impl Sequence {
                 .apply(&mut recording.calibration)
                 .map_err(|problem| SequenceError::Content { path, problem })?;
             let reading = recording.calibration.poses;
-            sidecar_poses = (reading != of_format).then(|| reading.to_string());
+            sidecar_pose_convention = (reading != of_format).then(|| reading.to_string());
         }
         Ok(Sequence {
-            sidecar_poses,
+            sidecar_pose_convention,
             ..assemble(folder.path(), layout.name(), recording)?
         })
     }
@@ -129,7 +131,7 @@ pub(super) fn assemble(
         return Err(SequenceError::Content {
             path: folder.to_owned(),
             problem: format!(
-                "no file tells the camera: write focal lengths and principal point to {SIDECAR} beside the images \
+                "no file tells the camera: write focal lengths and principal point to {SIDECAR_FILE} beside the images \
                  ([color] fx, fy, cx, cy), or give --calibration FILE"
             ),
         });
@@ -199,7 +201,7 @@ pub(super) fn assemble(
         recorded_poses,
         has_time,
         pose_reading: calibration.poses,
-        sidecar_poses: None,
+        sidecar_pose_convention: None,
         mounting,
         other_quaternion,
         map_points,

@@ -8,7 +8,7 @@ const ROTATION_TOLERANCE: f64 = 0.02;
 
 /// Why numbers are not a rigid motion.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum NotRigid {
+pub enum RigidTransformError {
     /// A number is NaN or infinite.
     #[error("holds numbers that are not finite")]
     NotFinite,
@@ -22,7 +22,7 @@ pub enum NotRigid {
     },
     /// The 3x3 block is a reflection.
     #[error("mirrors (its 3x3 block has a negative determinant)")]
-    Mirrors,
+    Reflection,
     /// The matrix is not affine, or transposed.
     #[error("has the last row [{0}, {1}, {2}, {3}] instead of [0, 0, 0, 1] (transposed?)", row[0], row[1], row[2], row[3])]
     LastRow {
@@ -41,9 +41,9 @@ pub enum NotRigid {
 ///
 /// # Errors
 /// When the matrix is far from a rigid motion.
-pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, NotRigid> {
+pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, RigidTransformError> {
     if rows.iter().flatten().any(|value| !value.is_finite()) {
-        return Err(NotRigid::NotFinite);
+        return Err(RigidTransformError::NotFinite);
     }
     let last_row_misses = |(value, expected): (&f64, f64)| (value - expected).abs() > 1e-6;
     if rows[3]
@@ -51,7 +51,7 @@ pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, NotRigid> {
         .zip([0.0, 0.0, 0.0, 1.0])
         .any(last_row_misses)
     {
-        return Err(NotRigid::LastRow { row: rows[3] });
+        return Err(RigidTransformError::LastRow { row: rows[3] });
     }
     let block = Matrix3::from_fn(|r, c| rows[r][c]);
     let translation = Translation3::new(rows[0][3], rows[1][3], rows[2][3]);
@@ -62,23 +62,23 @@ pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, NotRigid> {
 }
 
 /// The rotation nearest to a matrix in the Frobenius norm, by singular value decomposition.
-fn nearest_rotation(block: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, NotRigid> {
+fn nearest_rotation(block: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, RigidTransformError> {
     // A matrix far from a rotation is refused before the decomposition, which overflows on huge numbers.
     let deviation = (block * block.transpose() - Matrix3::identity()).amax() * 0.5;
     if deviation.is_nan() || deviation > 0.5 {
-        return Err(NotRigid::NotRotation { deviation });
+        return Err(RigidTransformError::NotRotation { deviation });
     }
     if block.determinant() < 0.0 {
-        return Err(NotRigid::Mirrors);
+        return Err(RigidTransformError::Reflection);
     }
     let svd = block.svd(true, true);
     let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return Err(NotRigid::NotRotation { deviation });
+        return Err(RigidTransformError::NotRotation { deviation });
     };
     let rotation = u * v_t;
     let deviation = (rotation - block).amax();
     if deviation.is_nan() || deviation > ROTATION_TOLERANCE {
-        return Err(NotRigid::NotRotation { deviation });
+        return Err(RigidTransformError::NotRotation { deviation });
     }
     Ok(UnitQuaternion::from_rotation_matrix(
         &Rotation3::from_matrix_unchecked(rotation),
@@ -89,18 +89,18 @@ fn nearest_rotation(block: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, NotRigi
 pub fn from_translation_quaternion(
     translation: [f64; 3],
     [x, y, z, w]: [f64; 4],
-) -> Result<Isometry3<f64>, NotRigid> {
+) -> Result<Isometry3<f64>, RigidTransformError> {
     if translation
         .iter()
         .chain(&[x, y, z, w])
         .any(|v| !v.is_finite())
     {
-        return Err(NotRigid::NotFinite);
+        return Err(RigidTransformError::NotFinite);
     }
     let quaternion = Quaternion::new(w, x, y, z);
     let length = quaternion.norm();
     if !(0.9..=1.1).contains(&length) {
-        return Err(NotRigid::Quaternion { length });
+        return Err(RigidTransformError::Quaternion { length });
     }
     Ok(Isometry3::from_parts(
         Translation3::from(Vector3::from(translation)),
@@ -127,15 +127,30 @@ mod tests {
             rows[r][c] = value;
             from_matrix(&rows)
         };
-        assert!(matches!(with(0, 3, f64::NAN), Err(NotRigid::NotFinite)));
-        assert!(matches!(with(3, 0, 0.5), Err(NotRigid::LastRow { .. })));
-        assert!(matches!(with(1, 1, -1.0), Err(NotRigid::Mirrors)));
-        assert!(matches!(with(1, 1, 1.2), Err(NotRigid::NotRotation { .. })));
+        assert!(matches!(
+            with(0, 3, f64::NAN),
+            Err(RigidTransformError::NotFinite)
+        ));
+        assert!(matches!(
+            with(3, 0, 0.5),
+            Err(RigidTransformError::LastRow { .. })
+        ));
+        assert!(matches!(
+            with(1, 1, -1.0),
+            Err(RigidTransformError::Reflection)
+        ));
+        assert!(matches!(
+            with(1, 1, 1.2),
+            Err(RigidTransformError::NotRotation { .. })
+        ));
         assert!(matches!(
             with(1, 1, 1e300),
-            Err(NotRigid::NotRotation { .. })
+            Err(RigidTransformError::NotRotation { .. })
         ));
-        assert!(matches!(with(1, 1, 0.0), Err(NotRigid::NotRotation { .. })));
+        assert!(matches!(
+            with(1, 1, 0.0),
+            Err(RigidTransformError::NotRotation { .. })
+        ));
         assert!(from_matrix(&IDENTITY).is_ok());
         assert!(from_translation_quaternion([0.0; 3], [0.0; 4]).is_err());
     }

@@ -5,14 +5,14 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Views and the points that they see. Views are in the order of recording where that is known.
 #[derive(Debug, Clone, Default)]
-pub struct PointModel {
+pub struct SparseModel {
     /// The posed views.
     pub views: Vec<ModelView>,
     /// The points.
     pub points: Vec<ModelPoint>,
 }
 
-impl PointModel {
+impl SparseModel {
     /// The same model, moved.
     pub fn translated(&self, by: &Vector3<f64>) -> Self {
         let mut moved = self.clone();
@@ -47,13 +47,13 @@ pub struct ModelPoint {
     /// sRGB colour, when the model has one.
     pub color: Option<[u8; 3]>,
     /// Who sees the point: ascending by view, each view once.
-    pub sightings: Vec<Sighting>,
+    pub observations: Vec<ModelObservation>,
 }
 
 /// A point seen by a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
-    /// Index into [`PointModel::views`].
+pub struct ModelObservation {
+    /// Index into [`SparseModel::views`].
     pub view: u32,
     /// Where in the stored image, in pixels with the centre of the top-left pixel at (0, 0); `None` when the model does
     /// not say.

@@ -4,8 +4,9 @@
 
 use std::path::PathBuf;
 
-use linecarve_sequence::keyframes::{KeyframeOptions, select, sharpness};
-use linecarve_sequence::{InspectOptions, OpenOptions, Sequence, inspect};
+use linecarve_sequence::{
+    InspectOptions, KeyframeOptions, OpenOptions, Sequence, inspect, select_keyframes,
+};
 
 fn data(name: &str) -> Option<PathBuf> {
     let Some(root) = std::env::var_os("LINECARVE_DATA") else {
@@ -33,7 +34,7 @@ fn chosen(sequence: &Sequence, options: &KeyframeOptions) -> Vec<usize> {
     let facts = inspect(sequence, &few).unwrap();
     let [_, median_depth, _] = facts.depth.unwrap().percentiles.unwrap();
     let mut last = 0;
-    let chosen = select(sequence, options, median_depth, |done| last = done).unwrap();
+    let chosen = select_keyframes(sequence, options, median_depth, |done| last = done).unwrap();
     assert_eq!(last, sequence.frames().len());
     chosen
 }
@@ -110,16 +111,6 @@ fn default_motion_knows_no_metre_and_lands_nearby() {
             let keyframes = chosen(&sequence, &options);
             let found = keyframes.len();
             assert!(found.abs_diff(expected) * 5 <= expected, "{name}: {found}");
-            let mut sharp: Vec<f64> = keyframes
-                .iter()
-                .map(|&index| sharpness(&sequence.load_gray(index).unwrap()))
-                .collect();
-            sharp.sort_by(f64::total_cmp);
-            println!(
-                "{name}, window {sharpness_window}: {found} keyframes, sharpness least {:.2}, median {:.2}",
-                sharp[0],
-                sharp[sharp.len() / 2]
-            );
         }
     }
 }

@@ -15,7 +15,7 @@ use linecarve_mesh::{
 };
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{
-    TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
+    TrajectoryFormat, posed_images, write_colmap, write_trajectory, write_transforms,
 };
 
 /// Colour of what has none of its own.
@@ -42,7 +42,7 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
             eprintln!("warning: {warning}");
         }
     }
-    if let Some(reading) = sequence.sidecar_poses()
+    if let Some(reading) = sequence.sidecar_pose_convention()
         && verbosity > Verbosity::Quiet
     {
         eprintln!(
@@ -80,10 +80,10 @@ fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::
         ));
     }
     let format = match target {
-        Target::Tum => TrajectoryFile::Tum,
-        Target::Euroc => TrajectoryFile::Euroc,
-        Target::Kitti => TrajectoryFile::Kitti,
-        Target::Open3dLog => TrajectoryFile::Open3dLog,
+        Target::Tum => TrajectoryFormat::Tum,
+        Target::Euroc => TrajectoryFormat::Euroc,
+        Target::Kitti => TrajectoryFormat::Kitti,
+        Target::Open3dLog => TrajectoryFormat::Open3dLog,
         Target::Transforms => {
             write_transforms(out, sequence)?;
             return Ok(Outcome::Done);
@@ -96,7 +96,7 @@ fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::
         }
     };
     let mut images = posed_images(sequence);
-    if let (TrajectoryFile::Euroc, Some(body_from_color)) = (format, sequence.body_from_color()) {
+    if let (TrajectoryFormat::Euroc, Some(body_from_color)) = (format, sequence.body_from_color()) {
         // The format is of the body, and is read so where the mounting is known.
         for image in &mut images {
             image.world_from_camera *= body_from_color.inverse();

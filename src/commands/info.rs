@@ -46,7 +46,7 @@ fn describe(facts: &SequenceFacts, out: &mut String) -> std::fmt::Result {
         "motion     path {:.3}, box {x:.3} x {y:.3} x {z:.3}, median step {:.4} and {:.2} degrees, largest step {:.4}{}",
         motion.path_length,
         motion.median_step,
-        motion.median_turn_deg,
+        motion.median_rotation_deg,
         motion.largest_step,
         motion
             .largest_step_to
@@ -118,7 +118,7 @@ fn describe(facts: &SequenceFacts, out: &mut String) -> std::fmt::Result {
             "points     {} of {} views, {:.1} views each, {:.1} % of the sightings before their camera",
             points.points,
             points.views,
-            points.mean_sightings,
+            points.mean_observations,
             100.0 * points.share_in_front
         )?;
         if let Some(median) = points.median_reprojection_px {

@@ -14,7 +14,7 @@ use linecarve_mesh::{
     write_lines_ply, write_mesh_obj, write_mesh_ply,
 };
 use linecarve_sequence::Sequence;
-use linecarve_sequence::export::{PosedImage, TrajectoryFile, posed_images, write_trajectory};
+use linecarve_sequence::export::{PosedImage, TrajectoryFormat, posed_images, write_trajectory};
 
 /// A folder that results go to, and the names of the files that went there.
 pub(super) struct OutputFolder {
@@ -193,7 +193,7 @@ pub(super) fn write_poses(
             ..given[frame].clone()
         })
         .collect();
-    write_trajectory(&output.file("poses.txt"), TrajectoryFile::Tum, &images)?;
+    write_trajectory(&output.file("poses.txt"), TrajectoryFormat::Tum, &images)?;
     Ok(())
 }
 

@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::commands::sequence::Prepared;
 use crate::report::page::PageCamera;
-use linecarve_sequence::PointModel;
 use linecarve_sequence::Sequence;
+use linecarve_sequence::SparseModel;
 
 /// What a page tells of the sequence and the keyframes of a run.
 pub(super) struct PageRun<'a> {
@@ -56,7 +56,7 @@ impl<'a> PageRun<'a> {
     /// its views.
     pub(super) fn of_views(
         sequence: &'a Sequence,
-        model: &'a PointModel,
+        model: &'a SparseModel,
         (camera, size): (&Camera, (u32, u32)),
         median_depth: f64,
         origin: Vector3<f64>,

@@ -28,7 +28,7 @@ use crate::report::{KeyframeReport, milliseconds};
 use linecarve_mesh::render::{View, up_direction};
 use linecarve_mesh::{LineSet, TriangleMesh, write_points_ply};
 use linecarve_sequence::Sequence;
-use linecarve_sequence::{ModelView, PointModel};
+use linecarve_sequence::{ModelView, SparseModel};
 
 /// The picture of a view is made this wide at most: structure from motion likes large images.
 const MAX_PICTURE_WIDTH: u32 = 960;
@@ -39,7 +39,7 @@ const CROSS_SHARE: f64 = 0.004;
 pub(super) fn run(
     args: &ReconstructArgs,
     sequence: &Sequence,
-    model: &PointModel,
+    model: &SparseModel,
     options: &Options,
     mut output: OutputFolder,
     started: Instant,
@@ -146,7 +146,7 @@ pub(super) fn run(
             &mut log,
         )?;
     }
-    let carved = PointModel {
+    let carved = SparseModel {
         views: Vec::new(),
         points: carver
             .carved_points()
@@ -213,7 +213,7 @@ fn demand_no_selection(selection: &KeyframeArgs) -> anyhow::Result<()> {
 }
 
 /// Largest extent of the finite points along an axis.
-fn extent_of(model: &PointModel) -> f64 {
+fn extent_of(model: &SparseModel) -> f64 {
     let finite = model.points.iter().map(|point| point.point_in_world);
     let finite = finite.filter(|point| point.iter().all(|x| x.is_finite()));
     let (mut low, mut high) = (
@@ -229,7 +229,7 @@ fn extent_of(model: &PointModel) -> f64 {
 
 /// One view after another, with the surface after each.
 fn view_by_view(
-    model: &PointModel,
+    model: &SparseModel,
     carver: &mut ModelCarver<'_>,
     log: &mut RunLog,
     mut page: Option<&mut PageRecorder>,
@@ -285,7 +285,7 @@ fn view_report(
 }
 
 /// Says what is not carved, `None` when everything is.
-fn left_out(model: &PointModel, counts: &ModelCounts) -> Option<String> {
+fn left_out(model: &SparseModel, counts: &ModelCounts) -> Option<String> {
     let reasons = [
         (counts.not_finite, "not finite"),
         (counts.too_few_views, "seen by too few views"),
@@ -314,12 +314,12 @@ fn left_out(model: &PointModel, counts: &ModelCounts) -> Option<String> {
 }
 
 /// Why there is no surface.
-fn reason_for_nothing(model: &PointModel, counts: &ModelCounts) -> String {
+fn reason_for_nothing(model: &SparseModel, counts: &ModelCounts) -> String {
     if model.points.is_empty() {
         return "the model has no points".to_owned();
     }
     if counts.carved == 0 {
-        let seen: usize = model.points.iter().map(|p| p.sightings.len()).sum();
+        let seen: usize = model.points.iter().map(|p| p.observations.len()).sum();
         if seen == 0 {
             return "the model does not say who sees its points".to_owned();
         }
@@ -334,7 +334,7 @@ fn reason_for_nothing(model: &PointModel, counts: &ModelCounts) -> String {
 /// Draws the view that sees most, with its photo when the sequence has it.
 fn draw(
     sequence: &Sequence,
-    model: &PointModel,
+    model: &SparseModel,
     mesh: &TriangleMesh,
     carver: &ModelCarver<'_>,
     points: &[Point3<f64>],

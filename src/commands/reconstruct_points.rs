@@ -25,8 +25,8 @@ use crate::commands::{feature_edges, kept_run, reconstruct_model, simplify};
 use crate::pipeline::{PointBackEnd, PointFrontEndError, PointKeyframe, run_map_points};
 use crate::progress::{Progress, Verbosity};
 use linecarve_mesh::{LineSet, TriangleMesh, write_points_ply};
-use linecarve_sequence::PointModel;
 use linecarve_sequence::Sequence;
+use linecarve_sequence::SparseModel;
 
 /// Length of the crosses that mark points in the picture, as a share of the median depth.
 const CROSS_SHARE: f64 = 0.006;
@@ -37,7 +37,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let mut options = read_options(&args.stages)?;
     options.carving.labels = args.labels.map_or(options.carving.labels, Into::into);
     let sequence = open(&args.input)?;
-    if let Some(model) = sequence.map_points() {
+    if let Some(model) = sequence.sparse_model() {
         return reconstruct_model::run(
             args, &sequence, model, &options, output, started, verbosity,
         );
@@ -270,7 +270,7 @@ fn reason_for_nothing(map: &PointBackEnd, walk: &Walk) -> String {
 }
 
 /// The points of a model with their colours.
-pub(super) fn cloud(model: &PointModel) -> LineSet {
+pub(super) fn cloud(model: &SparseModel) -> LineSet {
     let colors: Option<Vec<[u8; 3]>> = model.points.iter().map(|point| point.color).collect();
     LineSet {
         points: model

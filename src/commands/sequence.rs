@@ -11,8 +11,7 @@ use crate::pipeline::scale::far_origin;
 use crate::pipeline::{DepthSource, Options, correct_poses};
 use crate::progress::{Progress, Verbosity};
 use crate::report::PoseSummary;
-use linecarve_sequence::keyframes;
-use linecarve_sequence::{OpenOptions, Sequence};
+use linecarve_sequence::{OpenOptions, Sequence, every_nth, read_keyframe_list, select_keyframes};
 
 /// A sequence that is ready to be worked on.
 pub(super) struct Prepared {
@@ -222,12 +221,12 @@ pub(super) fn choose(
     let count = sequence.frames().len();
     let mut keyframes = if let Some(n) = selection.every {
         anyhow::ensure!(n > 0, "--every 0: give 1 for every frame");
-        keyframes::every(n, count)
+        every_nth(n, count)
     } else if let Some(path) = &selection.keyframes {
-        keyframes::named(path, sequence.frames())?
+        read_keyframe_list(path, sequence.frames())?
     } else {
         let mut progress = Progress::start("frames", count, verbosity);
-        let keyframes = keyframes::select(sequence, chosen, median_depth, |looked_at| {
+        let keyframes = select_keyframes(sequence, chosen, median_depth, |looked_at| {
             progress.set(looked_at, || "choosing keyframes".to_owned());
         })?;
         progress.finish();

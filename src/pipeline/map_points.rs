@@ -138,7 +138,7 @@ pub fn run_map_points<E: Send>(
 /// When an option is out of range.
 pub(super) fn empty_map(sequence: &Sequence, options: &Options) -> Result<PointMap, PointMapError> {
     let mut correction = options.pose_correction;
-    correction.lens &= !sequence.has_known_lens();
+    correction.lens &= !sequence.has_known_distortion();
     let size = sequence.color_size();
     PointMap::new(
         options.map_points,

@@ -22,7 +22,7 @@ use super::segment_points::SegmentPointOptions;
 use super::surface_points::SurfacePointOptions;
 use linecarve_points::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
 use linecarve_points::{MapPointOptions, MapPointOptionsError};
-use linecarve_sequence::keyframes::KeyframeOptions;
+use linecarve_sequence::KeyframeOptions;
 
 /// The parameters of every stage. A missing section or key has its default; an unknown one is refused.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -10,7 +10,7 @@ use super::map_points::{carver_options, surface_of};
 use super::options::Options;
 use linecarve_mesh::TriangleMesh;
 use linecarve_points::parallax_cosine;
-use linecarve_sequence::{ModelPoint, PointModel};
+use linecarve_sequence::{ModelPoint, SparseModel};
 
 /// Which points of a model are carved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -104,7 +104,7 @@ pub struct ModelUpdate {
 
 /// A model on its way to a surface, one view after another or all at once.
 pub struct ModelCarver<'a> {
-    model: &'a PointModel,
+    model: &'a SparseModel,
     options: Options,
     carver: Carver,
     counts: ModelCounts,
@@ -121,14 +121,14 @@ impl<'a> ModelCarver<'a> {
     ///
     /// # Errors
     /// When a sighting names a view that there is not.
-    pub fn new(model: &'a PointModel, options: &Options) -> Result<Self, PointModelError> {
+    pub fn new(model: &'a SparseModel, options: &Options) -> Result<Self, PointModelError> {
         let mut counts = ModelCounts::default();
         let mut seen = vec![Vec::new(); model.views.len()];
         let mut depths = Vec::new();
         let mut views = Vec::new();
         for (index, point) in model.points.iter().enumerate() {
             if let Some(sighting) = point
-                .sightings
+                .observations
                 .iter()
                 .find(|sighting| sighting.view as usize >= model.views.len())
             {
@@ -262,7 +262,7 @@ impl<'a> ModelCarver<'a> {
 
 /// Whether a point is to be carved; then `views` holds who counts as seeing it, and `depths` gains its depths.
 fn choose(
-    model: &PointModel,
+    model: &SparseModel,
     point: &ModelPoint,
     options: &PointModelOptions,
     views: &mut Vec<u32>,
@@ -276,7 +276,7 @@ fn choose(
         return false;
     }
     let depths_before = depths.len();
-    for sighting in &point.sightings {
+    for sighting in &point.observations {
         let view = &model.views[sighting.view as usize];
         let in_camera = view.world_from_camera.inverse_transform_point(&place);
         let is_right = in_camera.z > 0.0
@@ -320,7 +320,7 @@ fn choose(
 /// Adds a view, those of its points that are new, and its observations.
 fn add_view(
     transaction: &mut Transaction<'_>,
-    model: &PointModel,
+    model: &SparseModel,
     view: usize,
     seen: &[u32],
     points: &mut [Option<PointId>],

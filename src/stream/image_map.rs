@@ -48,7 +48,7 @@ impl LiveMap for ImageMap {
         let mut better = Vec::with_capacity(poses.len());
         for (id, pose) in poses {
             let frame = self.members[self.place(*id)?].frame;
-            let pose = self.live.color_pose(pose);
+            let pose = self.live.world_from_color(pose);
             check_position(*id, &pose)?;
             better.push((frame, pose));
         }

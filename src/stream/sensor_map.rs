@@ -39,7 +39,7 @@ impl LiveMap for SensorMap {
         let mut keyframes = self.keyframes.clone();
         for (id, pose) in poses {
             let keyframe = &mut keyframes[self.place(*id)?].1;
-            keyframe.world_from_camera = self.live.color_pose(pose);
+            keyframe.world_from_camera = self.live.world_from_color(pose);
             keyframe.world_from_camera.translation.vector -= self.origin;
         }
         self.rebuild(keyframes, options)

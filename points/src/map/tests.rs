@@ -361,7 +361,7 @@ fn the_model_has_what_the_carver_has() {
     assert_eq!(model.points.len(), follower.points.len());
     for (point, (place, views)) in model.points.iter().zip(follower.points.values()) {
         assert_eq!(
-            (point.point_in_world, point.sightings.len()),
+            (point.point_in_world, point.observations.len()),
             (*place, views.len())
         );
     }

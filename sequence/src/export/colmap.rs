@@ -29,7 +29,7 @@ struct Image {
     camera: usize,
     world_from_camera: Isometry3<f64>,
     /// Where it sees which point; pixels of this program.
-    sightings: Vec<([f64; 2], usize)>,
+    observations: Vec<([f64; 2], usize)>,
 }
 
 /// Writes `cameras.txt`, `images.txt` and `points3D.txt` into a folder that exists.
@@ -58,7 +58,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
             })
     };
     let mut images = Vec::new();
-    let points = match sequence.map_points() {
+    let points = match sequence.sparse_model() {
         Some(model) => {
             for view in &model.views {
                 let camera = view.camera.as_ref().ok_or_else(|| ColmapError::NoCamera {
@@ -68,7 +68,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
                     name: view.name.clone(),
                     camera: place(camera, view.size_px.unwrap_or_else(|| size_for(camera))),
                     world_from_camera: view.world_from_camera,
-                    sightings: Vec::new(),
+                    observations: Vec::new(),
                 });
             }
             model.points.as_slice()
@@ -79,7 +79,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
                     camera: place(&image.camera, common),
                     name: image.file,
                     world_from_camera: image.world_from_camera,
-                    sightings: Vec::new(),
+                    observations: Vec::new(),
                 });
             }
             &[]
@@ -89,7 +89,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
     let mut tracks: Vec<Vec<(usize, usize)>> = Vec::with_capacity(points.len());
     for (index, point) in points.iter().enumerate() {
         let mut track = Vec::new();
-        for sighting in &point.sightings {
+        for sighting in &point.observations {
             let Some(image) = images.get_mut(sighting.view as usize) else {
                 continue;
             };
@@ -101,8 +101,8 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
                     .map(|seen| [seen.x, seen.y])
             });
             if let Some(pixel) = pixel {
-                track.push((sighting.view as usize, image.sightings.len()));
-                image.sightings.push((pixel, index));
+                track.push((sighting.view as usize, image.observations.len()));
+                image.observations.push((pixel, index));
             }
         }
         tracks.push(track);
@@ -143,7 +143,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
                 image.name
             )?;
             let mut separator = "";
-            for ([x, y], point) in &image.sightings {
+            for ([x, y], point) in &image.observations {
                 write!(out, "{separator}{} {} {}", x + 0.5, y + 0.5, point + 1)?;
                 separator = " ";
             }

@@ -10,5 +10,5 @@ mod transforms;
 
 pub use colmap::{ColmapError, write_colmap};
 pub use posed::{PosedImage, posed_images};
-pub use trajectory::{TrajectoryFile, write_trajectory};
+pub use trajectory::{TrajectoryFormat, write_trajectory};
 pub use transforms::{TransformsError, write_transforms};

@@ -40,7 +40,7 @@ pub fn posed_images(sequence: &Sequence) -> Vec<PosedImage> {
                 _ => index as u64,
             },
             world_from_camera: frame.world_from_camera,
-            camera: sequence.stored_camera_of(index).clone(),
+            camera: sequence.stored_camera(index).clone(),
         })
         .collect()
 }

@@ -7,7 +7,7 @@ use linecarve_mesh::files::{WriteError, write_atomically};
 
 /// Formats of trajectories. All hold poses world from camera; what the camera is, the caller decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TrajectoryFile {
+pub enum TrajectoryFormat {
     /// `stamp tx ty tz qx qy qz qw`, seconds.
     Tum,
     /// `stamp,px,py,pz,qw,qx,qy,qz`, nanoseconds.
@@ -24,17 +24,17 @@ pub enum TrajectoryFile {
 /// When the file cannot be written.
 pub fn write_trajectory(
     path: &Path,
-    format: TrajectoryFile,
+    format: TrajectoryFormat,
     images: &[PosedImage],
 ) -> Result<(), WriteError> {
     write_atomically(path, |out| {
         match format {
-            TrajectoryFile::Tum => writeln!(out, "# timestamp tx ty tz qx qy qz qw")?,
-            TrajectoryFile::Euroc => writeln!(
+            TrajectoryFormat::Tum => writeln!(out, "# timestamp tx ty tz qx qy qz qw")?,
+            TrajectoryFormat::Euroc => writeln!(
                 out,
                 "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],q_z []"
             )?,
-            TrajectoryFile::Kitti | TrajectoryFile::Open3dLog => {}
+            TrajectoryFormat::Kitti | TrajectoryFormat::Open3dLog => {}
         }
         for image in images {
             let number = image.number;
@@ -42,7 +42,7 @@ pub fn write_trajectory(
             let q = image.world_from_camera.rotation;
             let matrix = image.world_from_camera.to_homogeneous();
             match format {
-                TrajectoryFile::Tum => writeln!(
+                TrajectoryFormat::Tum => writeln!(
                     out,
                     "{} {} {} {} {} {} {} {}",
                     seconds(image.timestamp_ns),
@@ -54,19 +54,19 @@ pub fn write_trajectory(
                     q.k,
                     q.w
                 )?,
-                TrajectoryFile::Euroc => writeln!(
+                TrajectoryFormat::Euroc => writeln!(
                     out,
                     "{},{},{},{},{},{},{},{}",
                     image.timestamp_ns, t.x, t.y, t.z, q.w, q.i, q.j, q.k
                 )?,
-                TrajectoryFile::Kitti => {
+                TrajectoryFormat::Kitti => {
                     let numbers: Vec<String> = (0..3)
                         .flat_map(|row| (0..4).map(move |column| (row, column)))
                         .map(|at| matrix[at].to_string())
                         .collect();
                     writeln!(out, "{}", numbers.join(" "))?;
                 }
-                TrajectoryFile::Open3dLog => {
+                TrajectoryFormat::Open3dLog => {
                     writeln!(out, "{number} {number} {}", number.saturating_add(1))?;
                     for row in matrix.row_iter() {
                         let numbers: Vec<String> = row.iter().map(ToString::to_string).collect();

@@ -28,20 +28,20 @@ const SCALES: [f64; 4] = [1000.0, 5000.0, 4000.0, 256.0];
 
 /// Agreement of depth between frames a fixed number of frames apart.
 #[derive(Debug, Clone, Serialize)]
-pub struct Consistency {
+pub struct DepthConsistency {
     /// Distance in frames.
     pub gap: usize,
     /// How many pairs of images were compared.
     pub pairs: usize,
     /// Under the poses as read.
-    pub as_read: Hypothesis,
+    pub as_read: DepthHypothesis,
     /// Under other readings, the best first.
-    pub others: Vec<Hypothesis>,
+    pub others: Vec<DepthHypothesis>,
 }
 
 /// Agreement of depth under one reading of the files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Hypothesis {
+pub struct DepthHypothesis {
     /// The reading, in words.
     pub reading: String,
     /// Number of pixels compared.
@@ -58,7 +58,7 @@ pub struct Hypothesis {
     pub differences: usize,
 }
 
-impl Consistency {
+impl DepthConsistency {
     /// A warning when another reading fits much better.
     pub(super) fn suspicion(&self) -> Option<String> {
         let best = simplest_of_best(&self.others, |other| {
@@ -129,7 +129,7 @@ pub(super) fn measure(
     sequence: &Sequence,
     gap: usize,
     pairs: usize,
-) -> Result<Option<Consistency>, FrameError> {
+) -> Result<Option<DepthConsistency>, FrameError> {
     let Some(calibration) = sequence.depth_calibration() else {
         return Ok(None);
     };
@@ -163,7 +163,7 @@ pub(super) fn measure(
         })
         .collect::<Result<Vec<_>, FrameError>>()?;
     let pairs = measured.iter().flatten().count();
-    let mut hypotheses: Vec<Hypothesis> = readings
+    let mut hypotheses: Vec<DepthHypothesis> = readings
         .into_iter()
         .enumerate()
         .filter_map(|(r, reading)| {
@@ -176,7 +176,7 @@ pub(super) fn measure(
             let mut absolute: Vec<f64> = all().map(|residual| residual.0).collect();
             let mut relative: Vec<f64> = all().map(|residual| residual.1).collect();
             let within = relative.iter().filter(|&&value| value < AGREEMENT).count();
-            Some(Hypothesis {
+            Some(DepthHypothesis {
                 reading: reading.words,
                 remedy: reading.remedy,
                 differences: reading.differences,
@@ -187,13 +187,13 @@ pub(super) fn measure(
             })
         })
         .collect();
-    let is_as_read = |hypothesis: &Hypothesis| hypothesis.reading == AS_READ;
+    let is_as_read = |hypothesis: &DepthHypothesis| hypothesis.reading == AS_READ;
     let Some(at) = hypotheses.iter().position(is_as_read) else {
         return Ok(None);
     };
     let as_read = hypotheses.remove(at);
     hypotheses.sort_by(|a, b| a.median_relative.total_cmp(&b.median_relative));
-    Ok(Some(Consistency {
+    Ok(Some(DepthConsistency {
         gap,
         pairs,
         as_read,

@@ -4,7 +4,7 @@ use linecarve_lines::camera::{Camera, Distortion};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::consistency::Consistency;
+use super::consistency::DepthConsistency;
 use super::epipolar::EpipolarFacts;
 use super::looks::Looks;
 use super::registration::RegistrationFacts;
@@ -29,7 +29,7 @@ pub struct SequenceFacts {
     /// Its points with the views that see them; `None` when it has none.
     pub map_points: Option<MapPointFacts>,
     /// How well depth images agree with each other under the poses, for each gap at which any could be compared.
-    pub consistency: Vec<Consistency>,
+    pub consistency: Vec<DepthConsistency>,
     /// How well corners that look alike lie on each other's epipolar lines; `None` when there are too few.
     pub epipolar: Option<EpipolarFacts>,
     /// How well outlines in depth lie on edges in colour; `None` when there are too few.
@@ -77,7 +77,8 @@ pub struct MotionFacts {
     /// The frame that the largest step leads to; `None` of a single frame.
     pub largest_step_to: Option<String>,
     /// Median angle between neighbouring frames in degrees.
-    pub median_turn_deg: f64,
+    #[serde(rename = "median_turn_deg")]
+    pub median_rotation_deg: f64,
 }
 
 /// Brightness and blur of a sample of the images.
@@ -128,12 +129,13 @@ pub struct MapPointFacts {
     /// How many views, with or without an image.
     pub views: usize,
     /// Mean number of views that see a point.
-    pub mean_sightings: f64,
-    /// How many sightings know their pixel and a camera to compare it with.
+    #[serde(rename = "mean_sightings")]
+    pub mean_observations: f64,
+    /// How many observations know their pixel and a camera to compare it with.
     pub compared: usize,
     /// Median distance in pixels between where a view saw a point and where its pose puts it.
     pub median_reprojection_px: Option<f64>,
-    /// Share of all sightings whose point lies before the view.
+    /// Share of all observations whose point lies before the view.
     pub share_in_front: f64,
 }
 
@@ -145,7 +147,7 @@ impl MapPointFacts {
         const LARGEST_PX: f64 = 4.0;
         if self.share_in_front < LEAST_IN_FRONT {
             return Some(Warning::statement(format!(
-                "only {:.0} % of the sightings of map points lie before their camera: poses and points do not belong \
+                "only {:.0} % of the observations of map points lie before their camera: poses and points do not belong \
                  together, or the poses have another convention",
                 100.0 * self.share_in_front
             )));
@@ -159,16 +161,16 @@ impl MapPointFacts {
 }
 
 fn map_points(sequence: &Sequence) -> Option<MapPointFacts> {
-    let model = sequence.map_points()?;
+    let model = sequence.sparse_model()?;
     let mut errors = Vec::new();
-    let (mut sightings, mut in_front) = (0_usize, 0_usize);
+    let (mut observations, mut in_front) = (0_usize, 0_usize);
     for point in &model.points {
-        for sighting in &point.sightings {
+        for sighting in &point.observations {
             let Some(view) = model.views.get(sighting.view as usize) else {
                 continue;
             };
             let point_in_camera = view.world_from_camera.inverse() * point.point_in_world;
-            sightings += 1;
+            observations += 1;
             in_front += usize::from(point_in_camera.z > 0.0);
             if let (Some([x, y]), Some(camera)) = (sighting.pixel, &view.camera)
                 && let Some(seen) = camera.project(&point_in_camera)
@@ -180,10 +182,10 @@ fn map_points(sequence: &Sequence) -> Option<MapPointFacts> {
     Some(MapPointFacts {
         points: model.points.len(),
         views: model.views.len(),
-        mean_sightings: sightings as f64 / model.points.len().max(1) as f64,
+        mean_observations: observations as f64 / model.points.len().max(1) as f64,
         compared: errors.len(),
         median_reprojection_px: quantile(&mut errors, 0.5),
-        share_in_front: in_front as f64 / sightings.max(1) as f64,
+        share_in_front: in_front as f64 / observations.max(1) as f64,
     })
 }
 
@@ -218,7 +220,7 @@ pub(super) fn measure(
         color: camera_facts(
             sequence.stored_color_camera(),
             Some((size.width, size.height)),
-            sequence.color_camera_origin().to_owned(),
+            sequence.color_camera_source().to_owned(),
         ),
         motion: motion(sequence),
         images: images(sequence, looks),
@@ -275,7 +277,7 @@ fn motion(sequence: &Sequence) -> MotionFacts {
         median_step: quantile(&mut steps, 0.5).unwrap_or(0.0),
         largest_step: largest.map_or(0.0, |(step, _)| step),
         largest_step_to: largest.map(|(_, index)| frames[index].name.clone()),
-        median_turn_deg: quantile(&mut turns, 0.5).unwrap_or(0.0),
+        median_rotation_deg: quantile(&mut turns, 0.5).unwrap_or(0.0),
     }
 }
 

@@ -8,7 +8,7 @@ mod looks;
 mod readings;
 mod registration;
 
-pub use consistency::{Consistency, Hypothesis};
+pub use consistency::{DepthConsistency, DepthHypothesis};
 pub use epipolar::{EpipolarFacts, EpipolarHypothesis};
 pub use facts::{CameraFacts, DepthFacts, ImageFacts, MapPointFacts, MotionFacts, SequenceFacts};
 pub use registration::RegistrationFacts;

@@ -10,7 +10,7 @@ const STAMP_TOLERANCE_NS: u64 = 1_000_000;
 
 /// Why a list of keyframes is refused.
 #[derive(Debug, thiserror::Error)]
-pub enum ListError {
+pub enum KeyframeListError {
     /// The file cannot be read.
     #[error("cannot read the list of keyframes {}: {source}", path.display())]
     Read {
@@ -42,7 +42,7 @@ pub enum ListError {
 }
 
 /// Every n-th frame, from the first. An `n` of 0 counts as 1.
-pub fn every(n: usize, count: usize) -> Vec<usize> {
+pub fn every_nth(n: usize, count: usize) -> Vec<usize> {
     (0..count).step_by(n.max(1)).collect()
 }
 
@@ -54,8 +54,8 @@ pub fn every(n: usize, count: usize) -> Vec<usize> {
 ///
 /// # Errors
 /// When the file cannot be read, names a frame that is not there, or names none.
-pub fn named(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, ListError> {
-    let bytes = std::fs::read(path).map_err(|source| ListError::Read {
+pub fn read_keyframe_list(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, KeyframeListError> {
+    let bytes = std::fs::read(path).map_err(|source| KeyframeListError::Read {
         path: path.to_owned(),
         source,
     })?;
@@ -71,7 +71,7 @@ pub fn named(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, ListError> {
         let is_separator = |c: char| c.is_whitespace() || c == ',';
         let word = entry.split(is_separator).next().unwrap_or_default();
         let Some(frame) = names.find(entry).or_else(|| names.find(word)) else {
-            return Err(ListError::Unknown {
+            return Err(KeyframeListError::Unknown {
                 path: path.to_owned(),
                 line: index + 1,
                 entry: entry.chars().take(80).collect(),
@@ -84,7 +84,7 @@ pub fn named(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, ListError> {
         chosen.push(frame);
     }
     if chosen.is_empty() {
-        return Err(ListError::Empty {
+        return Err(KeyframeListError::Empty {
             path: path.to_owned(),
         });
     }
@@ -169,11 +169,11 @@ mod tests {
             .collect()
     }
 
-    fn read(text: &[u8]) -> Result<Vec<usize>, ListError> {
+    fn read(text: &[u8]) -> Result<Vec<usize>, KeyframeListError> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("list.txt");
         std::fs::write(&path, text).unwrap();
-        named(&path, &frames())
+        read_keyframe_list(&path, &frames())
     }
 
     #[test]
@@ -189,9 +189,15 @@ mod tests {
             message.contains("list.txt, line 2") && message.contains("frame-000001"),
             "{message}"
         );
-        assert!(matches!(read(b"3"), Err(ListError::Unknown { .. })));
-        assert!(matches!(read(b"\xff\xfe0"), Err(ListError::Unknown { .. })));
-        assert!(matches!(read(b"# nothing\n"), Err(ListError::Empty { .. })));
+        assert!(matches!(read(b"3"), Err(KeyframeListError::Unknown { .. })));
+        assert!(matches!(
+            read(b"\xff\xfe0"),
+            Err(KeyframeListError::Unknown { .. })
+        ));
+        assert!(matches!(
+            read(b"# nothing\n"),
+            Err(KeyframeListError::Empty { .. })
+        ));
     }
 
     #[test]
@@ -204,7 +210,7 @@ mod tests {
 
     #[test]
     fn every_third() {
-        assert_eq!(every(3, 8), [0, 3, 6]);
-        assert_eq!(every(0, 2), [0, 1]);
+        assert_eq!(every_nth(3, 8), [0, 3, 6]);
+        assert_eq!(every_nth(0, 2), [0, 1]);
     }
 }

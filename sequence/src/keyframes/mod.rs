@@ -1,6 +1,6 @@
 //! Which frames become keyframes, and how sharp a frame is.
 //!
-//! Frames are looked at one by one, as they would come from a camera: [`Selector`] asks for each whether the camera has
+//! Frames are looked at one by one, as they would come from a camera: `Selector` asks for each whether the camera has
 //! moved or turned far enough since the last keyframe; the sharpest of the few frames from there on wins. A list given
 //! by the user or every n-th frame take the place of that.
 
@@ -11,9 +11,7 @@ mod select;
 mod selector;
 mod sharpness;
 
-pub use explicit::{ListError, every, named};
+pub use explicit::{KeyframeListError, every_nth, read_keyframe_list};
 pub use options::{KeyframeOptions, KeyframeOptionsError};
-pub use overlap::FlatScene;
-pub use select::select;
-pub use selector::Selector;
-pub use sharpness::sharpness;
+pub use select::select_keyframes;
+pub(crate) use sharpness::sharpness;

@@ -10,16 +10,16 @@ const GRID: (u32, u32) = (12, 9);
 
 /// The scene as keyframe selection knows it: everything at the median depth.
 #[derive(Debug, Clone)]
-pub struct FlatScene {
+pub(super) struct PlanarScene {
     camera: Camera,
     size: ImageSize,
     median_depth: f64,
     points_in_camera: Vec<Point3<f64>>,
 }
 
-impl FlatScene {
+impl PlanarScene {
     /// A scene at `median_depth` (units of the poses) before a camera.
-    pub fn new(camera: &Camera, size: ImageSize, median_depth: f64) -> Self {
+    pub(super) fn new(camera: &Camera, size: ImageSize, median_depth: f64) -> Self {
         let position = |i: u32, count: u32, size: u32| {
             (f64::from(i) + 0.5) / f64::from(count) * f64::from(size) - 0.5
         };
@@ -39,12 +39,12 @@ impl FlatScene {
     }
 
     /// The depth of the scene in units of the poses.
-    pub fn median_depth(&self) -> f64 {
+    pub(super) fn median_depth(&self) -> f64 {
         self.median_depth
     }
 
     /// The share of what one frame sees that another has in its image, from 0 to 1.
-    pub fn overlap(&self, other_from_this: &Isometry3<f64>) -> f64 {
+    pub(super) fn overlap(&self, other_from_this: &Isometry3<f64>) -> f64 {
         let (width, height) = (f64::from(self.size.width), f64::from(self.size.height));
         let is_seen = |point: &&Point3<f64>| {
             self.camera
@@ -71,7 +71,7 @@ mod tests {
             width: 200,
             height: 200,
         };
-        let scene = FlatScene::new(&camera, size, 3.0);
+        let scene = PlanarScene::new(&camera, size, 3.0);
         assert_eq!(scene.overlap(&Isometry3::identity()), 1.0);
         // Half the width of 6 at depth 3.
         assert_eq!(scene.overlap(&Isometry3::translation(3.0, 0.0, 0.0)), 0.5);

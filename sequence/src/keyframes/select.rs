@@ -1,7 +1,7 @@
 //! Keyframes of a whole sequence.
 
 use super::options::{KeyframeOptions, KeyframeOptionsError};
-use super::overlap::FlatScene;
+use super::overlap::PlanarScene;
 use super::selector::Selector;
 use super::sharpness::sharpness;
 use crate::Sequence;
@@ -12,13 +12,13 @@ use crate::Sequence;
 ///
 /// # Errors
 /// When an option is out of range.
-pub fn select(
+pub fn select_keyframes(
     sequence: &Sequence,
     options: &KeyframeOptions,
     median_depth: f64,
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<usize>, KeyframeOptionsError> {
-    let scene = FlatScene::new(sequence.color_camera(), sequence.color_size(), median_depth);
+    let scene = PlanarScene::new(sequence.color_camera(), sequence.color_size(), median_depth);
     let mut selector = Selector::new(options, scene)?;
     let mut measure = |index: usize| {
         sequence

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::Isometry3;
 
 use super::options::{KeyframeOptions, KeyframeOptionsError};
-use super::overlap::FlatScene;
+use super::overlap::PlanarScene;
 
 /// Candidates behind the first of a window are only those that have moved no further than this many times what makes a
 /// keyframe: a sharper image must not open a gap.
@@ -16,9 +16,9 @@ const FARTHEST: f64 = 1.5;
 ///
 /// Memory: one window of poses and sharpness values.
 #[derive(Debug, Clone)]
-pub struct Selector {
+pub(super) struct Selector {
     options: KeyframeOptions,
-    scene: FlatScene,
+    scene: PlanarScene,
     last_keyframe: Option<Isometry3<f64>>,
     /// Frames since the last keyframe about which nothing is decided, at most a window.
     pending: VecDeque<Candidate>,
@@ -37,7 +37,10 @@ impl Selector {
     ///
     /// # Errors
     /// When an option is out of range.
-    pub fn new(options: &KeyframeOptions, scene: FlatScene) -> Result<Self, KeyframeOptionsError> {
+    pub(super) fn new(
+        options: &KeyframeOptions,
+        scene: PlanarScene,
+    ) -> Result<Self, KeyframeOptionsError> {
         options.validate()?;
         Ok(Self {
             options: *options,
@@ -51,7 +54,7 @@ impl Selector {
     ///
     /// `measure` gives the sharpness of a frame, `None` when its image cannot be read. It is asked only when frames are
     /// to be compared. An unreadable frame is chosen only when its whole window is unreadable, so that the fault shows.
-    pub fn push(
+    pub(super) fn push(
         &mut self,
         frame: usize,
         world_from_camera: &Isometry3<f64>,
@@ -67,7 +70,7 @@ impl Selector {
     }
 
     /// The stream is over: appends the keyframes of windows that have begun.
-    pub fn finish(
+    pub(super) fn finish(
         mut self,
         measure: &mut dyn FnMut(usize) -> Option<f64>,
         keyframes: &mut Vec<usize>,
@@ -179,9 +182,9 @@ mod tests {
     use super::*;
     use crate::ImageSize;
 
-    fn scene(median_depth: f64) -> FlatScene {
+    fn scene(median_depth: f64) -> PlanarScene {
         let camera = Camera::pinhole(100.0, 100.0, 99.5, 99.5).unwrap();
-        FlatScene::new(
+        PlanarScene::new(
             &camera,
             ImageSize {
                 width: 200,

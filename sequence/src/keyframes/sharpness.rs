@@ -17,7 +17,7 @@ const STRONGEST: f64 = 0.01;
 ///
 /// # Complexity
 /// Linear in the number of pixels.
-pub fn sharpness(image: &GrayImage) -> f64 {
+pub(crate) fn sharpness(image: &GrayImage) -> f64 {
     let (width, height) = (image.width(), image.height());
     if width < 3 || height < 3 {
         return 0.0;

@@ -12,7 +12,7 @@ use super::super::layout::{Folder, Recording};
 use super::super::text::{TextFile, parse_number};
 use super::super::warning::Tally;
 use super::super::{SequenceError, Warning};
-use crate::sparse_model::{ModelPoint, ModelView, PointModel, Sighting};
+use crate::sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 use linecarve_mesh::read_geometry;
 
 /// Usual names of dumps.
@@ -65,18 +65,18 @@ pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<()
             size_px: None,
         })
         .collect();
-    let mut model = PointModel {
+    let mut model = SparseModel {
         views,
         points: points
             .into_iter()
             .map(|point_in_world| ModelPoint {
                 point_in_world,
                 color: None,
-                sightings: Vec::new(),
+                observations: Vec::new(),
             })
             .collect(),
     };
-    guess_sightings(&mut model, &camera, size);
+    guess_observations(&mut model, &camera, size);
     recording.warnings.push(Warning::statement(format!(
         "{}: {} points without the frames that see them; these are guessed by projection, which is weaker than a model's \
          own tracks",
@@ -116,7 +116,7 @@ fn read(path: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<Point3<f64>>, Se
 }
 
 /// For each view the points that fall into its image and are not clearly behind the nearest in their part of it.
-fn guess_sightings(model: &mut PointModel, camera: &Camera, [width, height]: [f64; 2]) {
+fn guess_observations(model: &mut SparseModel, camera: &Camera, [width, height]: [f64; 2]) {
     let part = (width.max(height) / f64::from(PARTS)).max(1.0);
     let columns = (width / part).ceil().max(1.0) as usize;
     let rows = (height / part).ceil().max(1.0) as usize;
@@ -145,7 +145,7 @@ fn guess_sightings(model: &mut PointModel, camera: &Camera, [width, height]: [f6
         }
         for &(index, cell, depth, pixel) in &seen {
             if depth <= HIDDEN_BEYOND * nearest[cell] {
-                model.points[index].sightings.push(Sighting {
+                model.points[index].observations.push(ModelObservation {
                     view,
                     pixel: Some(pixel),
                 });
@@ -164,9 +164,9 @@ mod tests {
         let point = |x: f64, y: f64, z: f64| ModelPoint {
             point_in_world: Point3::new(x, y, z),
             color: None,
-            sightings: Vec::new(),
+            observations: Vec::new(),
         };
-        let mut model = PointModel {
+        let mut model = SparseModel {
             views: vec![ModelView {
                 name: "0".to_owned(),
                 world_from_camera: Isometry3::identity(),
@@ -181,11 +181,11 @@ mod tests {
                 point(9.0, 0.0, 1.0),
             ],
         };
-        guess_sightings(&mut model, &camera, [100.0, 100.0]);
+        guess_observations(&mut model, &camera, [100.0, 100.0]);
         let seen: Vec<bool> = model
             .points
             .iter()
-            .map(|p| !p.sightings.is_empty())
+            .map(|p| !p.observations.is_empty())
             .collect();
         assert_eq!(seen, [true, false, true, false, false]);
     }

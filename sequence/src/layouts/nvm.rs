@@ -12,10 +12,10 @@ use nalgebra::{Isometry3, Point3, Translation3};
 use super::super::calibration::{CalibratedCamera, ImageSize};
 use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
 use super::super::load::image_size;
-use super::super::model::{ModelImage, SparseModel};
+use super::super::model::{ModelImage, StoredModel};
 use super::super::text::{Row, TextFile, parse_number, shorten};
 use super::super::{SequenceError, Warning, rigid};
-use crate::sparse_model::{ModelPoint, Sighting};
+use crate::sparse_model::{ModelObservation, ModelPoint};
 
 /// The reader.
 pub(in super::super) struct Nvm;
@@ -198,7 +198,7 @@ fn point_line(row: &Row, cameras: usize) -> Result<ModelPoint, SequenceError> {
         )));
     }
     let mut rest = row.fields().skip(7);
-    let mut sightings = Vec::new();
+    let mut observations = Vec::new();
     while let (Some(image), Some(_feature), Some(u), Some(v)) =
         (rest.next(), rest.next(), rest.next(), rest.next())
     {
@@ -216,7 +216,7 @@ fn point_line(row: &Row, cameras: usize) -> Result<ModelPoint, SequenceError> {
             parse_number(field)
                 .ok_or_else(|| row.error(format!("'{}' is not a number", shorten(field))))
         };
-        sightings.push(Sighting {
+        observations.push(ModelObservation {
             view,
             pixel: Some([number(u)?, number(v)?]),
         });
@@ -225,7 +225,7 @@ fn point_line(row: &Row, cameras: usize) -> Result<ModelPoint, SequenceError> {
     Ok(ModelPoint {
         point_in_world: Point3::new(x, y, z),
         color: Some([channel(r), channel(g), channel(b)]),
-        sightings,
+        observations,
     })
 }
 
@@ -244,7 +244,7 @@ fn place_measurements(
     let are_relative = parsed
         .points
         .iter()
-        .flat_map(|point| &point.sightings)
+        .flat_map(|point| &point.observations)
         .filter_map(|sighting| sighting.pixel)
         .flatten()
         .any(|value| value < -1.0);
@@ -256,7 +256,7 @@ fn place_measurements(
     for sighting in parsed
         .points
         .iter_mut()
-        .flat_map(|point| &mut point.sightings)
+        .flat_map(|point| &mut point.observations)
     {
         let middle = sizes[sighting.view as usize].map(middle);
         sighting.pixel = match (sighting.pixel, middle) {
@@ -272,8 +272,8 @@ fn model_of(
     parsed: Parsed,
     sizes: &[Option<ImageSize>],
     path: &Path,
-) -> Result<SparseModel, SequenceError> {
-    let mut model = SparseModel::default();
+) -> Result<StoredModel, SequenceError> {
+    let mut model = StoredModel::default();
     for (line, size) in parsed.cameras.into_iter().zip(sizes) {
         let content = |problem: String| SequenceError::Content {
             path: path.to_owned(),

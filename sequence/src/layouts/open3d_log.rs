@@ -155,7 +155,7 @@ fn join(
         }
         let pose = match entry.map(|entry| entry.pose).transpose() {
             Ok(pose) => pose,
-            Err(rigid::NotRigid::NotFinite) => {
+            Err(rigid::RigidTransformError::NotFinite) => {
                 not_finite.add(name);
                 continue;
             }

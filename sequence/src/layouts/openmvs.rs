@@ -11,9 +11,9 @@ use nalgebra::{Isometry3, Point3};
 use super::super::bytes::{ByteReader, read_file};
 use super::super::calibration::{CalibratedCamera, ImageSize};
 use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
-use super::super::model::{ModelImage, SparseModel};
+use super::super::model::{ModelImage, StoredModel};
 use super::super::{SequenceError, rigid};
-use crate::sparse_model::{ModelPoint, Sighting};
+use crate::sparse_model::{ModelObservation, ModelPoint};
 
 /// The reader.
 pub(in super::super) struct OpenMvs;
@@ -103,7 +103,7 @@ fn matrix(reader: &mut ByteReader) -> Result<[[f64; 3]; 3], SequenceError> {
     Ok([reader.f64s()?, reader.f64s()?, reader.f64s()?])
 }
 
-fn read_scene(path: &Path, bytes: &[u8]) -> Result<SparseModel, SequenceError> {
+fn read_scene(path: &Path, bytes: &[u8]) -> Result<StoredModel, SequenceError> {
     let mut reader = ByteReader::new(path, bytes);
     if bytes.get(..4) != Some(b"MVSI") {
         return Err(reader.error(
@@ -119,7 +119,7 @@ fn read_scene(path: &Path, bytes: &[u8]) -> Result<SparseModel, SequenceError> {
     }
     let _reserved = reader.u32()?;
     let platforms = read_platforms(&mut reader, version)?;
-    let mut model = SparseModel::default();
+    let mut model = StoredModel::default();
     let view_of = read_images(&mut reader, version, &platforms, &mut model)?;
     read_vertices(&mut reader, &view_of, &mut model)?;
     Ok(model)
@@ -187,7 +187,7 @@ fn read_images(
     reader: &mut ByteReader,
     version: u32,
     platforms: &[Platform],
-    model: &mut SparseModel,
+    model: &mut StoredModel,
 ) -> Result<Vec<Option<u32>>, SequenceError> {
     // Cameras by platform and place, as images name them.
     let mut camera_of = std::collections::BTreeMap::new();
@@ -260,7 +260,7 @@ fn read_images(
 fn pose_from_centre(
     rotation: &[[f64; 3]; 3],
     centre: &[f64; 3],
-) -> Result<Isometry3<f64>, rigid::NotRigid> {
+) -> Result<Isometry3<f64>, rigid::RigidTransformError> {
     let r = rotation;
     let c = centre;
     // The transposed rotation leads outwards.
@@ -275,16 +275,16 @@ fn pose_from_centre(
 fn read_vertices(
     reader: &mut ByteReader,
     view_of: &[Option<u32>],
-    model: &mut SparseModel,
+    model: &mut StoredModel,
 ) -> Result<(), SequenceError> {
     for _ in 0..reader.count("points", 20)? {
         let [x, y, z] = [reader.f32()?, reader.f32()?, reader.f32()?].map(f64::from);
-        let mut sightings = Vec::new();
+        let mut observations = Vec::new();
         for _ in 0..reader.count("views of a point", 8)? {
             let image = reader.u32()?;
             let _confidence = reader.f32()?;
             match view_of.get(image as usize) {
-                Some(Some(view)) => sightings.push(Sighting {
+                Some(Some(view)) => observations.push(ModelObservation {
                     view: *view,
                     pixel: None,
                 }),
@@ -300,7 +300,7 @@ fn read_vertices(
         model.points.push(ModelPoint {
             point_in_world: Point3::new(x, y, z),
             color: None,
-            sightings,
+            observations,
         });
     }
     // Normals, then colours, blue first; either list may be empty or the file may end.

@@ -129,7 +129,7 @@ impl Collected {
             (PoseOrigin::Layout, Some(path)) => match read_pose(&path)? {
                 Ok(pose) => Some(pose),
                 Err(problem) => {
-                    if problem == rigid::NotRigid::NotFinite {
+                    if problem == rigid::RigidTransformError::NotFinite {
                         self.not_finite.add(frame);
                     } else {
                         self.not_rigid.add(format!("{frame} {problem}"));
@@ -195,7 +195,9 @@ fn part_of(name: &str) -> Option<(&str, u64, Part)> {
 }
 
 /// Four rows of four numbers; the inner error is about a pose that can be left out.
-fn read_pose(path: &Path) -> Result<Result<Isometry3<f64>, rigid::NotRigid>, SequenceError> {
+fn read_pose(
+    path: &Path,
+) -> Result<Result<Isometry3<f64>, rigid::RigidTransformError>, SequenceError> {
     let matrix = read_matrix::<4>(path)?;
     Ok(rigid::from_matrix(&matrix))
 }

@@ -12,7 +12,7 @@ use rmpv::Value;
 use super::super::bytes::read_file;
 use super::super::calibration::{CalibratedCamera, ImageSize};
 use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording};
-use super::super::model::{ModelImage, PointBuilder, SparseModel};
+use super::super::model::{ModelImage, PointBuilder, StoredModel};
 use super::super::warning::Tally;
 use super::super::{SequenceError, Warning, associate, rigid};
 use super::{images, tum};
@@ -151,7 +151,7 @@ fn number(value: &Value) -> Option<f64> {
 }
 
 /// The model and the time of each keyframe in nanoseconds.
-fn model_of(path: &Path, map: &Value) -> Result<(SparseModel, Vec<i64>), SequenceError> {
+fn model_of(path: &Path, map: &Value) -> Result<(StoredModel, Vec<i64>), SequenceError> {
     let root = Node {
         value: map,
         name: "map".to_owned(),
@@ -162,8 +162,8 @@ fn model_of(path: &Path, map: &Value) -> Result<(SparseModel, Vec<i64>), Sequenc
     })
 }
 
-fn build(root: &Node, path: &Path) -> Result<(SparseModel, Vec<i64>), String> {
-    let mut model = SparseModel::default();
+fn build(root: &Node, path: &Path) -> Result<(StoredModel, Vec<i64>), String> {
+    let mut model = StoredModel::default();
     let mut camera_of = BTreeMap::new();
     for (name, node) in root.need("cameras")?.entries()? {
         camera_of.insert(name.to_owned(), model.cameras.len() as u32);
@@ -205,7 +205,7 @@ fn build(root: &Node, path: &Path) -> Result<(SparseModel, Vec<i64>), String> {
             world_from_camera: camera_from_world.inverse(),
             timestamp_ns: Some(timestamp_ns),
         });
-        sightings(
+        observations(
             &node,
             view,
             &model.cameras[camera as usize].camera,
@@ -217,7 +217,7 @@ fn build(root: &Node, path: &Path) -> Result<(SparseModel, Vec<i64>), String> {
 }
 
 /// Key points with a landmark; -1 is none.
-fn sightings(
+fn observations(
     keyframe: &Node,
     view: u32,
     camera: &Camera,

@@ -12,7 +12,7 @@ use super::{Poses, Trajectory, TrajectoryFormat};
 /// An entry of a trajectory: its own number and its pose.
 pub(in super::super) struct LogEntry {
     pub(in super::super) number: u64,
-    pub(in super::super) pose: Result<Isometry3<f64>, rigid::NotRigid>,
+    pub(in super::super) pose: Result<Isometry3<f64>, rigid::RigidTransformError>,
 }
 
 /// Reads the entries of a file.
@@ -70,7 +70,7 @@ pub(super) fn trajectory(entries: Vec<LogEntry>) -> Trajectory {
         .into_iter()
         .map(|entry| {
             let pose = entry.pose.map_err(|problem| match problem {
-                rigid::NotRigid::NotFinite => not_finite.add(entry.number.to_string()),
+                rigid::RigidTransformError::NotFinite => not_finite.add(entry.number.to_string()),
                 problem => not_rigid.add(format!("{} {problem}", entry.number)),
             });
             (entry.number, pose.ok())

@@ -174,8 +174,8 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<Trajector
             return Err(row.error(format!("{count} numbers expected, {found} found")));
         }
         let place = format!("line {}", row.number());
-        let mut note = |problem: rigid::NotRigid, place: String| match problem {
-            rigid::NotRigid::NotFinite => not_finite.add(place),
+        let mut note = |problem: rigid::RigidTransformError, place: String| match problem {
+            rigid::RigidTransformError::NotFinite => not_finite.add(place),
             problem => not_rigid.add(format!("{place} {problem}")),
         };
         let pose = pose_of(&row, columns)?;
@@ -191,7 +191,7 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<Trajector
             if parse_number(field).is_none_or(f64::is_finite) {
                 return Err(row.error(format!("'{}' is not a time stamp", shorten(field))));
             }
-            note(rigid::NotRigid::NotFinite, shorten(field));
+            note(rigid::RigidTransformError::NotFinite, shorten(field));
             continue;
         };
         match pose {
@@ -224,7 +224,7 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<Trajector
 fn pose_of(
     row: &Row,
     columns: Columns,
-) -> Result<Result<Isometry3<f64>, rigid::NotRigid>, SequenceError> {
+) -> Result<Result<Isometry3<f64>, rigid::RigidTransformError>, SequenceError> {
     let skipped = columns.skipped;
     let of_rows = |values: &[f64]| {
         let mut rows = [

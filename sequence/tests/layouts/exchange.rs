@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use linecarve_sequence::PointModel;
+use linecarve_sequence::SparseModel;
 use linecarve_sequence::export::{
-    TrajectoryFile, posed_images, write_colmap, write_trajectory, write_transforms,
+    TrajectoryFormat, posed_images, write_colmap, write_trajectory, write_transforms,
 };
 use linecarve_sequence::{OpenOptions, Sequence};
 
@@ -25,9 +25,9 @@ pub(crate) fn assert_same(a: &Sequence, b: &Sequence, what: &str) {
 }
 
 /// Writes the poses as the program does: EuRoC's are of the body where its mounting is known.
-pub(crate) fn write_as_read(sequence: &Sequence, format: TrajectoryFile, path: &Path) {
+pub(crate) fn write_as_read(sequence: &Sequence, format: TrajectoryFormat, path: &Path) {
     let mut images = posed_images(sequence);
-    if let (TrajectoryFile::Euroc, Some(mounting)) = (format, sequence.body_from_color()) {
+    if let (TrajectoryFormat::Euroc, Some(mounting)) = (format, sequence.body_from_color()) {
         for image in &mut images {
             image.world_from_camera *= mounting.inverse();
         }
@@ -36,7 +36,7 @@ pub(crate) fn write_as_read(sequence: &Sequence, format: TrajectoryFile, path: &
 }
 
 /// Demands that two maps, where there are any, have the same points and views, of which the poses and pixels agree.
-pub(crate) fn assert_same_map(a: Option<&PointModel>, b: Option<&PointModel>, what: &str) {
+pub(crate) fn assert_same_map(a: Option<&SparseModel>, b: Option<&SparseModel>, what: &str) {
     let (Some(a), Some(b)) = (a, b) else {
         assert!(a.is_none() && b.is_none(), "{what}: {a:?} {b:?}");
         return;
@@ -53,8 +53,8 @@ pub(crate) fn assert_same_map(a: Option<&PointModel>, b: Option<&PointModel>, wh
             (p.point_in_world - q.point_in_world).norm() < 1e-9,
             "{what}"
         );
-        assert_eq!(p.sightings.len(), q.sightings.len(), "{what}");
-        for (s, t) in p.sightings.iter().zip(&q.sightings) {
+        assert_eq!(p.observations.len(), q.observations.len(), "{what}");
+        for (s, t) in p.observations.iter().zip(&q.observations) {
             assert_eq!(s.view, t.view, "{what}");
             if let (Some(s), Some(t)) = (s.pixel, t.pixel) {
                 assert!((s[0] - t[0]).hypot(s[1] - t[1]) < 1e-9, "{what}");
@@ -67,7 +67,7 @@ pub(crate) fn assert_same_map(a: Option<&PointModel>, b: Option<&PointModel>, wh
 pub(crate) fn there_and_back(
     sequence: &Sequence,
     layout: &str,
-    format: TrajectoryFile,
+    format: TrajectoryFormat,
     path: &Path,
 ) -> Sequence {
     write_as_read(sequence, format, path);
@@ -94,10 +94,10 @@ fn trajectories_come_back_in_every_format() {
         let sequence = open(folder.path()).unwrap();
         let path = folder.path().join("written.txt");
         for format in [
-            TrajectoryFile::Tum,
-            TrajectoryFile::Euroc,
-            TrajectoryFile::Kitti,
-            TrajectoryFile::Open3dLog,
+            TrajectoryFormat::Tum,
+            TrajectoryFormat::Euroc,
+            TrajectoryFormat::Kitti,
+            TrajectoryFormat::Open3dLog,
         ] {
             let back = there_and_back(&sequence, name, format, &path);
             assert_same(&sequence, &back, &format!("{name}, {format:?}"));
@@ -124,7 +124,11 @@ fn maps_come_back_as_colmap_with_their_tracks() {
         let camera = (sequence.stored_color_camera(), back.stored_color_camera());
         assert!((camera.0.cx() - camera.1.cx()).abs() < 1e-9);
         assert_eq!(camera.0.distortion(), camera.1.distortion());
-        assert_same_map(sequence.map_points(), back.map_points(), sequence.layout());
+        assert_same_map(
+            sequence.sparse_model(),
+            back.sparse_model(),
+            sequence.layout(),
+        );
     }
 }
 

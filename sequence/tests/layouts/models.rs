@@ -30,23 +30,23 @@ fn every_layout_gives_the_same_poses_and_points() {
         assert_poses(&sequence, name);
         assert!((sequence.color_camera().cx() - 31.5).abs() < 1e-9, "{name}");
         assert_eq!(sequence.load_gray(1).unwrap().width(), 64);
-        let Some(model) = sequence.map_points() else {
+        let Some(model) = sequence.sparse_model() else {
             assert!(!has_points, "{name}");
             continue;
         };
         assert_eq!(model.points.len(), points().len(), "{name}");
         assert_eq!(model.views.len(), FRAMES, "{name}");
-        let mut sightings = 0;
+        let mut observations = 0;
         for (point, expected) in model.points.iter().zip(points()) {
             assert!((point.point_in_world - expected).norm() < 1e-6, "{name}");
             assert!(
                 point
-                    .sightings
+                    .observations
                     .windows(2)
                     .all(|pair| pair[0].view < pair[1].view),
                 "{name}"
             );
-            for sighting in &point.sightings {
+            for sighting in &point.observations {
                 let view = &model.views[sighting.view as usize];
                 let seen = view.world_from_camera.inverse() * point.point_in_world;
                 let seen = view.camera.as_ref().unwrap().project(&seen).unwrap();
@@ -54,10 +54,10 @@ fn every_layout_gives_the_same_poses_and_points() {
                     let error = (seen.x - x).hypot(seen.y - y);
                     assert!(error < 1e-4, "{name}: {error}");
                 }
-                sightings += 1;
+                observations += 1;
             }
         }
-        assert!(sightings > 3 * points().len(), "{name}: {sightings}");
+        assert!(observations > 3 * points().len(), "{name}: {observations}");
     }
 }
 
@@ -76,7 +76,10 @@ fn a_model_file_is_a_sequence_by_itself_and_images_may_be_missing() {
         std::fs::copy(&path, &copy).unwrap();
         let sequence = open(&copy).unwrap();
         assert!(sequence.frames().is_empty(), "{file}");
-        assert_eq!(sequence.map_points().unwrap().points.len(), points().len());
+        assert_eq!(
+            sequence.sparse_model().unwrap().points.len(),
+            points().len()
+        );
         assert!(
             warnings(&sequence).contains("only its points can be used"),
             "{}",
@@ -316,7 +319,7 @@ fn images_of_a_second_camera_are_resampled_to_the_first() {
         "{}",
         warnings(&sequence)
     );
-    assert_eq!(sequence.stored_camera_of(1).cx(), 36.5);
+    assert_eq!(sequence.stored_camera(1).cx(), 36.5);
     let stored = image::open(folder.path().join("images/view1.png"))
         .unwrap()
         .to_luma8();

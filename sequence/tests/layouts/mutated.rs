@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use linecarve_mesh::read_geometry;
-use linecarve_sequence::export::{TrajectoryFile, posed_images, write_trajectory};
+use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajectory};
 use linecarve_sequence::{OpenOptions, Sequence};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -146,7 +146,7 @@ fn check(name: &str, write: Writer, seed: u64) {
                     let pose = frame.world_from_camera.to_homogeneous();
                     assert!(pose.iter().all(|v| v.is_finite()), "{name} {copy}");
                 }
-                if let Some(model) = sequence.map_points() {
+                if let Some(model) = sequence.sparse_model() {
                     for point in &model.points {
                         assert!(
                             point.point_in_world.iter().all(|v| v.is_finite()),
@@ -154,7 +154,7 @@ fn check(name: &str, write: Writer, seed: u64) {
                         );
                         let views = model.views.len() as u32;
                         assert!(
-                            point.sightings.iter().all(|s| s.view < views),
+                            point.observations.iter().all(|s| s.view < views),
                             "{name} {copy}"
                         );
                     }
@@ -240,10 +240,10 @@ fn damaged_trajectories_are_read_or_refused() {
         }
     };
     for (seed, format) in (30..).zip([
-        TrajectoryFile::Tum,
-        TrajectoryFile::Euroc,
-        TrajectoryFile::Kitti,
-        TrajectoryFile::Open3dLog,
+        TrajectoryFormat::Tum,
+        TrajectoryFormat::Euroc,
+        TrajectoryFormat::Kitti,
+        TrajectoryFormat::Open3dLog,
     ]) {
         write_trajectory(&path, format, &images).unwrap();
         check_file(&path, &path, seed, read);

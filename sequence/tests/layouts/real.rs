@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use linecarve_sequence::export::{TrajectoryFile, write_colmap, write_transforms};
+use linecarve_sequence::export::{TrajectoryFormat, write_colmap, write_transforms};
 use linecarve_sequence::{InspectOptions, OpenOptions, Sequence, SequenceFacts, inspect};
 use nalgebra::Matrix4;
 
@@ -48,14 +48,14 @@ fn every_set_opens_by_its_own_layout() {
         let sequence = Sequence::open(&path, &OpenOptions::default()).unwrap();
         assert_eq!(sequence.layout(), layout, "{}", path.display());
         assert_eq!(sequence.frames().len(), frames, "{}", path.display());
-        let Some(model) = sequence.map_points() else {
+        let Some(model) = sequence.sparse_model() else {
             assert_eq!(points, 0);
             continue;
         };
         assert_eq!(model.points.len(), points);
         let mut errors: Vec<f64> = Vec::new();
         for point in &model.points {
-            for sighting in &point.sightings {
+            for sighting in &point.observations {
                 let view = &model.views[sighting.view as usize];
                 let seen = view.world_from_camera.inverse() * point.point_in_world;
                 assert!(layout == "openmvs" || seen.z > 0.0);
@@ -66,7 +66,7 @@ fn every_set_opens_by_its_own_layout() {
             }
         }
         if !errors.is_empty() {
-            // The error that COLMAP states, a mean over all sightings.
+            // The error that COLMAP states, a mean over all observations.
             let mean = errors.iter().sum::<f64>() / errors.len() as f64;
             assert!(
                 (mean - reprojection).abs() < 0.05,
@@ -277,22 +277,25 @@ fn recorded_trajectories_come_back_in_every_format() {
         let text = match name {
             // Its own, without the table that makes poses those of the depth camera.
             "seven-scenes" => {
-                assert_eq!(sequence.sidecar_poses(), Some("camera = \"depth\""));
+                assert_eq!(
+                    sequence.sidecar_pose_convention(),
+                    Some("camera = \"depth\"")
+                );
                 let text = std::fs::read_to_string(source.join("linecarve.toml")).unwrap();
                 text.replace("camera = \"depth\"", "")
             }
             _ => {
-                assert_eq!(sequence.sidecar_poses(), None);
+                assert_eq!(sequence.sidecar_pose_convention(), None);
                 calibration_for(&sequence)
             }
         };
         std::fs::write(&calibration, text).unwrap();
         let path = folder.path().join("trajectory.txt");
         for format in [
-            TrajectoryFile::Tum,
-            TrajectoryFile::Euroc,
-            TrajectoryFile::Kitti,
-            TrajectoryFile::Open3dLog,
+            TrajectoryFormat::Tum,
+            TrajectoryFormat::Euroc,
+            TrajectoryFormat::Kitti,
+            TrajectoryFormat::Open3dLog,
         ] {
             super::exchange::write_as_read(&sequence, format, &path);
             let options = OpenOptions {
@@ -331,7 +334,7 @@ fn recorded_maps_come_back_as_colmap_and_transforms() {
         let back = Sequence::open(folder.path(), &OpenOptions::default()).unwrap();
         assert_eq!(back.layout(), "colmap");
         super::exchange::assert_same(&sequence, &back, name);
-        super::exchange::assert_same_map(sequence.map_points(), back.map_points(), name);
+        super::exchange::assert_same_map(sequence.sparse_model(), back.sparse_model(), name);
         if sequence.frames().is_empty() {
             continue;
         }

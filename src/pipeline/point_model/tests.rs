@@ -1,10 +1,10 @@
 use nalgebra::{Isometry3, Translation3};
 
 use super::*;
-use linecarve_sequence::{ModelView, Sighting};
+use linecarve_sequence::{ModelObservation, ModelView};
 
 /// A wall of points at z = 4 and a box of points before it, seen by a row of cameras at z = 0.
-fn wall() -> PointModel {
+fn wall() -> SparseModel {
     let views: Vec<ModelView> = (0..5)
         .map(|i| ModelView {
             name: format!("{i}"),
@@ -19,8 +19,8 @@ fn wall() -> PointModel {
     let all = |x: f64, y: f64, z: f64| ModelPoint {
         point_in_world: Point3::new(x, y, z),
         color: None,
-        sightings: (0..views.len() as u32)
-            .map(|view| Sighting { view, pixel: None })
+        observations: (0..views.len() as u32)
+            .map(|view| ModelObservation { view, pixel: None })
             .collect(),
     };
     let mut points = Vec::new();
@@ -32,7 +32,7 @@ fn wall() -> PointModel {
     }
     // Something behind, so that the wall is not the hull.
     points.push(all(0.0, 0.0, 5.5));
-    PointModel { views, points }
+    SparseModel { views, points }
 }
 
 fn triangles(mesh: &TriangleMesh) -> Vec<[[u64; 3]; 3]> {
@@ -69,11 +69,11 @@ fn what_cannot_be_trusted_is_left_out_and_counted() {
     let mut model = wall();
     let camera = linecarve_lines::camera::Camera::pinhole(500.0, 500.0, 320.0, 240.0).unwrap();
     model.points[0].point_in_world.x = f64::NAN;
-    model.points[1].sightings.truncate(2);
+    model.points[1].observations.truncate(2);
     model.points[2].point_in_world = Point3::new(0.0, 0.1, 500.0);
     model.points[3].point_in_world.z = -4.0;
     model.views[1].camera = Some(camera);
-    model.points[4].sightings[1].pixel = Some([1e6, f64::NAN]);
+    model.points[4].observations[1].pixel = Some([1e6, f64::NAN]);
     let carver = ModelCarver::new(&model, &Options::default()).unwrap();
     let counts = carver.counts();
     assert_eq!(
@@ -91,7 +91,7 @@ fn what_cannot_be_trusted_is_left_out_and_counted() {
 #[test]
 fn a_view_that_there_is_not_is_named() {
     let mut model = wall();
-    model.points[7].sightings[0].view = 9;
+    model.points[7].observations[0].view = 9;
     let error = ModelCarver::new(&model, &Options::default()).err().unwrap();
     assert_eq!(
         error.to_string(),
@@ -107,7 +107,7 @@ fn a_view_that_there_is_not_is_named() {
 
 #[test]
 fn nothing_has_an_empty_surface() {
-    let model = PointModel::default();
+    let model = SparseModel::default();
     let options = Options::default();
     let mut carver = ModelCarver::new(&model, &options).unwrap();
     assert!(carver.push_view().unwrap().is_none());

@@ -63,7 +63,7 @@ pub(super) fn read_points(path: &Path, model: &mut ModelBuilder) -> Result<(), S
         let color = [reader.u8()?, reader.u8()?, reader.u8()?];
         let _error = reader.f64()?;
         track.clear();
-        for _ in 0..reader.count("sightings of a point", 8)? {
+        for _ in 0..reader.count("observations of a point", 8)? {
             track.push(reader.u32()?);
             let _place = reader.u32()?;
         }

@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 
 use super::super::super::calibration::CalibratedCamera;
-use super::super::super::model::{ModelImage, PointBuilder, SparseModel};
+use super::super::super::model::{ModelImage, PointBuilder, StoredModel};
 use super::super::super::rigid;
 
 /// What the files say, their ids resolved as far as they are known. Errors are the problem alone; the place is the reader's
 /// to name.
 #[derive(Debug, Default)]
 pub(super) struct ModelBuilder {
-    model: SparseModel,
+    model: StoredModel,
     points: PointBuilder,
     camera_of: BTreeMap<u32, u32>,
     view_of: BTreeMap<u32, u32>,
@@ -86,7 +86,7 @@ impl ModelBuilder {
     }
 
     /// The model. Tracks name views; where those list no pixels, the sighting still counts.
-    pub(super) fn finish(mut self) -> SparseModel {
+    pub(super) fn finish(mut self) -> StoredModel {
         for (point, image) in self.tracks {
             if let Some(&view) = self.view_of.get(&image) {
                 self.points.see(point, view, None);

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use super::super::SequenceError;
 use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
-use super::super::model::SparseModel;
+use super::super::model::StoredModel;
 use builder::ModelBuilder;
 
 /// The reader.
@@ -60,7 +60,7 @@ impl Kind {
 }
 
 /// Reads `cameras`, `images` and, when it is there, `points3D` of a folder.
-fn read_model(folder: &Path, kind: Kind) -> Result<SparseModel, SequenceError> {
+fn read_model(folder: &Path, kind: Kind) -> Result<StoredModel, SequenceError> {
     let file = |name: &str| folder.join(format!("{name}.{}", kind.extension()));
     let [read_cameras, read_points, read_images] = kind.readers();
     let mut model = ModelBuilder::default();
@@ -136,7 +136,7 @@ impl Layout for Colmap {
 
 /// Images lie in `images/` beside the model, in the folder itself, or where models are unpacked.
 fn into_recording(
-    model: SparseModel,
+    model: StoredModel,
     folder: &Folder,
     model_path: &Path,
 ) -> Result<Recording, SequenceError> {

@@ -89,14 +89,14 @@ pub(super) fn read_images(path: &Path, model: &mut ModelBuilder) -> Result<(), S
             .add_image(record)
             .map_err(|problem| row.error(problem))?;
         if let Some(row) = rows.next() {
-            read_sightings(&row, view, model)?;
+            read_observations(&row, view, model)?;
         }
     }
     Ok(())
 }
 
 /// Triples `X Y POINT3D_ID`, the id -1 where no point is seen.
-fn read_sightings(row: &Row, view: u32, model: &mut ModelBuilder) -> Result<(), SequenceError> {
+fn read_observations(row: &Row, view: u32, model: &mut ModelBuilder) -> Result<(), SequenceError> {
     let mut fields = row.text().split_ascii_whitespace();
     while let Some(x) = fields.next() {
         let (Some(y), Some(id)) = (fields.next(), fields.next()) else {
