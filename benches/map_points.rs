@@ -11,10 +11,9 @@ use std::path::Path;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use linecarve::pipeline::{ModelCarver, Options, PointKeyframe, find_features};
-use linecarve_points::pose_correction::PoseCorrectionOptions;
 use linecarve_points::{
-    FeatureDetector, FeatureGrid, MapPointOptions, PairGeometry, PointMap,
-    match_along_epipolar_lines,
+    FeatureDetector, FeatureGrid, MapPointOptions, PointMap, PoseCorrectionOptions,
+    TwoViewGeometry, match_along_epipolar_lines,
 };
 use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 use linecarve_sequence::{OpenOptions, Sequence};
@@ -45,7 +44,7 @@ fn map_points(criterion: &mut Criterion) {
     });
 
     let (first, second) = (&keyframes[4], &keyframes[5]);
-    let geometry = PairGeometry::new(
+    let geometry = TwoViewGeometry::new(
         sequence.color_camera(),
         &first.world_from_camera.inverse(),
         &second.world_from_camera.inverse(),

@@ -8,16 +8,16 @@ use super::point::{MapPoint, MapPointId, Published};
 
 /// A change of the points that are carved. Changes are to be applied in their order.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum PointChange {
+pub enum MapChange {
     /// A point is new.
-    Add {
+    AddPoint {
         /// Which.
         point: MapPointId,
         /// Where.
         point_in_world: Point3<f64>,
     },
     /// A point is elsewhere.
-    Move {
+    MovePoint {
         /// Which.
         point: MapPointId,
         /// Where now.
@@ -31,19 +31,19 @@ pub enum PointChange {
         center: Point3<f64>,
     },
     /// A point is gone, with all who saw it.
-    Remove {
+    RemovePoint {
         /// Which.
         point: MapPointId,
     },
     /// A keyframe sees a point.
-    See {
+    AddObservation {
         /// Number of the keyframe.
         keyframe: u32,
         /// Which point.
         point: MapPointId,
     },
     /// A keyframe does not see a point after all.
-    Unsee {
+    RemoveObservation {
         /// Number of the keyframe.
         keyframe: u32,
         /// Which point.
@@ -59,7 +59,7 @@ impl PointMap {
         self.withdrawn.sort_unstable();
         let gone = self.withdrawn.drain(..);
         self.changes
-            .extend(gone.map(|point| PointChange::Remove { point }));
+            .extend(gone.map(|point| MapChange::RemovePoint { point }));
         self.touched.sort_unstable();
         self.touched.dedup();
         for &id in &self.touched {
@@ -75,24 +75,24 @@ fn publish_point(
     options: &MapPointOptions,
     id: MapPointId,
     point: &mut MapPoint,
-    changes: &mut Vec<PointChange>,
+    changes: &mut Vec<MapChange>,
 ) {
-    let sees = |keyframe| PointChange::See {
+    let sees = |keyframe| MapChange::AddObservation {
         keyframe,
         point: id,
     };
     match (&mut point.published, point.is_established) {
         (None, false) => {}
         (Some(_), false) => {
-            changes.push(PointChange::Remove { point: id });
+            changes.push(MapChange::RemovePoint { point: id });
             point.published = None;
         }
         (None, true) => {
-            changes.push(PointChange::Add {
+            changes.push(MapChange::AddPoint {
                 point: id,
                 point_in_world: point.point_in_world,
             });
-            let keyframes: Vec<u32> = point.sightings.iter().map(|s| s.keyframe).collect();
+            let keyframes: Vec<u32> = point.observations.iter().map(|s| s.keyframe).collect();
             changes.extend(keyframes.iter().copied().map(sees));
             point.published = Some(Published {
                 point_in_world: point.point_in_world,
@@ -107,16 +107,16 @@ fn publish_point(
             });
             if is_off && step.norm_squared() > 0.0 {
                 published.point_in_world = point.point_in_world;
-                changes.push(PointChange::Move {
+                changes.push(MapChange::MovePoint {
                     point: id,
                     point_in_world: point.point_in_world,
                 });
             }
             // Two ascending lists side by side.
             let mut old = published.keyframes.iter().copied().peekable();
-            for now in point.sightings.iter().map(|s| s.keyframe) {
+            for now in point.observations.iter().map(|s| s.keyframe) {
                 while let Some(gone) = old.next_if(|&keyframe| keyframe < now) {
-                    changes.push(PointChange::Unsee {
+                    changes.push(MapChange::RemoveObservation {
                         keyframe: gone,
                         point: id,
                     });
@@ -126,7 +126,7 @@ fn publish_point(
                 }
             }
             for gone in old {
-                changes.push(PointChange::Unsee {
+                changes.push(MapChange::RemoveObservation {
                     keyframe: gone,
                     point: id,
                 });
@@ -134,7 +134,7 @@ fn publish_point(
             published.keyframes.clear();
             published
                 .keyframes
-                .extend(point.sightings.iter().map(|s| s.keyframe));
+                .extend(point.observations.iter().map(|s| s.keyframe));
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Poses of keyframes brought into agreement with the points that they see.
 
-use super::changes::PointChange;
+use super::changes::MapChange;
 use super::map::PointMap;
-use super::point::{MapPointId, MapSighting};
+use super::point::{MapObservation, MapPointId};
 use super::triangulate::CHI2_PIXEL;
 use crate::pose_correction::{
-    CorrectedPose, KnownPoint, PosePrior, Track, TrackSight, adjust, correct_pose,
+    CorrectedPose, KnownPoint, PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
 };
 
 /// Keyframes that are moved together after the last has come: equations of six unknowns each are solved as one dense system.
@@ -27,7 +27,7 @@ impl PointMap {
         let given = self.keyframes[keyframe as usize].pose;
         if let Some(latest) = latest {
             let mut start = given;
-            start.follow(&self.keyframes[latest as usize].pose);
+            start.transfer_correction(&self.keyframes[latest as usize].pose);
             if self.correct_from(keyframe, start) {
                 return;
             }
@@ -104,7 +104,7 @@ impl PointMap {
     /// [`changes`](Self::changes).
     ///
     /// # Complexity
-    /// As [`adjust`] on blocks of a hundred keyframes, each of which overlaps half of the one before it.
+    /// As [`adjust_bundle`] on blocks of a hundred keyframes, each of which overlaps half of the one before it.
     pub fn adjust_all(&mut self) {
         self.changes.clear();
         let Some(depth) = self.median_depth().filter(|_| self.correction.enabled) else {
@@ -138,7 +138,7 @@ impl PointMap {
         let mut poses = self.poses();
         let mut lens = self.lens.clone();
         let prior = self.prior(depth);
-        adjust(&mut lens, false, &mut poses, window, &prior, &mut tracks);
+        adjust_bundle(&mut lens, false, &mut poses, window, &prior, &mut tracks);
         self.take(window, &poses, &ids, &tracks);
     }
 
@@ -164,10 +164,10 @@ impl PointMap {
         }
         let points = ids.iter().filter_map(|&id| self.point(id));
         let tracks = points.map(|point| {
-            let sights = point.sightings.iter().map(|s| self.track_sight(s));
+            let sights = point.observations.iter().map(|s| self.track_sight(s));
             Track {
                 point_in_world: point.point_in_world,
-                sights: sights.collect(),
+                observations: sights.collect(),
             }
         });
         let tracks = tracks.collect();
@@ -202,10 +202,10 @@ impl PointMap {
         }
     }
 
-    fn track_sight(&self, sighting: &MapSighting) -> TrackSight {
+    fn track_sight(&self, sighting: &MapObservation) -> TrackObservation {
         let view = &self.keyframes[sighting.keyframe as usize];
         let octave = view.features.octaves[sighting.feature as usize];
-        TrackSight {
+        TrackObservation {
             camera: sighting.keyframe,
             pixel: view.raw_pixel(sighting.feature),
             sigma_px: self.options.sigma_px(octave, self.options.pose_sigma_px),
@@ -221,7 +221,7 @@ impl PointMap {
                 return false;
             };
             let feature = *feature as u32;
-            let sight = self.track_sight(&MapSighting { keyframe, feature });
+            let sight = self.track_sight(&MapObservation { keyframe, feature });
             let in_camera = view.camera_from_world() * point.point_in_world;
             self.lens.camera().project(&in_camera).is_some_and(|pixel| {
                 (pixel - sight.pixel).norm_squared() < CHI2_PIXEL * sight.sigma_px * sight.sigma_px
@@ -244,7 +244,7 @@ impl PointMap {
                     let depth = self.median_depth_in(number as u32).unwrap_or(0.0);
                     if (center - published).norm() * focal_px > tolerance_px * depth {
                         self.keyframes[number].published_center = Some(center);
-                        self.changes.push(PointChange::MoveKeyframe {
+                        self.changes.push(MapChange::MoveKeyframe {
                             keyframe: number as u32,
                             center,
                         });

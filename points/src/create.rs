@@ -3,11 +3,11 @@
 use linecarve_lines::camera::Camera;
 use nalgebra::{Matrix3, Point2, Point3, Unit, Vector3};
 
-use super::epipolar::{FeaturePair, PairGeometry, match_along_epipolar_lines};
+use super::epipolar::{FeatureMatch, TwoViewGeometry, match_along_epipolar_lines};
 use super::keyframe::MapKeyframe;
 use super::map::PointMap;
-use super::point::{MapPoint, MapPointId, MapSighting};
-use super::triangulate::{CHI2_PIXEL, closest_to_rays, parallax_cosine};
+use super::point::{MapObservation, MapPoint, MapPointId};
+use super::triangulate::{CHI2_PIXEL, parallax_cosine, triangulate_rays};
 
 /// Two keyframes nearer than this share of the depth of their points see no parallax worth a search, as in ORB-SLAM2.
 const MIN_BASELINE_SHARE: f64 = 0.01;
@@ -24,7 +24,7 @@ impl PointMap {
                 &self.keyframes[keyframe as usize],
                 &self.keyframes[neighbor as usize],
             );
-            let geometry = PairGeometry::new(
+            let geometry = TwoViewGeometry::new(
                 &self.camera,
                 this.camera_from_world(),
                 other.camera_from_world(),
@@ -62,7 +62,7 @@ impl PointMap {
     pub(super) fn shared_points(&self, keyframe: u32) -> Vec<u32> {
         let mut shared = vec![0_u32; keyframe as usize];
         for id in self.keyframes[keyframe as usize].points.iter().flatten() {
-            for sighting in self.point(*id).iter().flat_map(|point| &point.sightings) {
+            for sighting in self.point(*id).iter().flat_map(|point| &point.observations) {
                 if let Some(count) = shared.get_mut(sighting.keyframe as usize) {
                     *count += 1;
                 }
@@ -115,10 +115,10 @@ impl PointMap {
         &mut self,
         keyframe: u32,
         neighbor: u32,
-        pair: &FeaturePair,
+        pair: &FeatureMatch,
     ) -> Option<MapPointId> {
         let sightings = [(neighbor, pair.second), (keyframe, pair.first)]
-            .map(|(keyframe, feature)| MapSighting { keyframe, feature });
+            .map(|(keyframe, feature)| MapObservation { keyframe, feature });
         let views = sightings.map(|s| &self.keyframes[s.keyframe as usize]);
         for (view, sighting) in views.iter().zip(&sightings) {
             if view.points[sighting.feature as usize].is_some() {
@@ -129,7 +129,7 @@ impl PointMap {
             let pixel = views[i].pixel(sightings[i].feature);
             (views[i].center(), direction(&self.camera, views[i], &pixel))
         });
-        let start = closest_to_rays(&rays)?;
+        let start = triangulate_rays(&rays)?;
         let refined = self.fit(&sightings, start)?;
         let point_in_world = refined.point_in_world;
         let centers = views.map(MapKeyframe::center);
@@ -148,7 +148,7 @@ impl PointMap {
         Some(self.insert(MapPoint {
             point_in_world,
             covariance: refined.covariance,
-            sightings: sightings.to_vec(),
+            observations: sightings.to_vec(),
             descriptor,
             viewing: mean_direction(&centers, &point_in_world),
             born: keyframe,

@@ -24,7 +24,7 @@ const SAME_CORNER_PX: f32 = 3.0;
 
 /// Two features that may be one point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct FeaturePair {
+pub struct FeatureMatch {
     /// Feature of the first keyframe.
     pub first: u32,
     /// Feature of the second.
@@ -35,7 +35,7 @@ pub struct FeaturePair {
 
 /// Pixels of a second pinhole camera from those of a first.
 #[derive(Debug, Clone, Copy)]
-pub struct PairGeometry {
+pub struct TwoViewGeometry {
     /// Turns a homogeneous pixel into that of a point at infinity.
     turn: Matrix3<f64>,
     /// What unit inverse depth adds.
@@ -43,7 +43,7 @@ pub struct PairGeometry {
     baseline: f64,
 }
 
-impl PairGeometry {
+impl TwoViewGeometry {
     /// Geometry of two views of the same pinhole camera.
     pub fn new(
         camera: &Camera,
@@ -78,7 +78,7 @@ impl PairGeometry {
     }
 
     /// The direction in the second image of a direction at a pixel of the first, as if all were far away.
-    pub fn turned_angle(&self, pixel: [f32; 2], angle_rad: f32) -> f32 {
+    pub fn transfer_angle(&self, pixel: [f32; 2], angle_rad: f32) -> f32 {
         let pixel = Vector3::new(f64::from(pixel[0]), f64::from(pixel[1]), 1.0);
         let angle = f64::from(angle_rad);
         let at = self.turn * pixel;
@@ -153,14 +153,14 @@ impl EpipolarLine {
 /// Per feature: the features in the grid cells along its line.
 #[allow(clippy::too_many_arguments)] // two images of three parts each
 pub fn match_along_epipolar_lines(
-    geometry: &PairGeometry,
+    geometry: &TwoViewGeometry,
     options: &MapPointOptions,
     first: &Features,
     is_free_in_first: impl Fn(usize) -> bool,
     second: &Features,
     grid_of_second: &FeatureGrid,
     is_free_in_second: impl Fn(usize) -> bool,
-    pairs: &mut Vec<FeaturePair>,
+    pairs: &mut Vec<FeatureMatch>,
 ) {
     pairs.clear();
     let rotation = options.rotation_degrees.to_radians() as f32;
@@ -168,7 +168,7 @@ pub fn match_along_epipolar_lines(
     let bands = bands(options, first, second);
     let mut candidates: Vec<(u32, u32)> = Vec::new();
     // The best feature of the first keyframe for each of the second.
-    let mut best: Vec<Option<FeaturePair>> = vec![None; second.len()];
+    let mut best: Vec<Option<FeatureMatch>> = vec![None; second.len()];
     for index in (0..first.len()).filter(|&index| is_free_in_first(index)) {
         let pixel = first.pixels[index];
         let Some(line) = geometry.line(pixel) else {
@@ -179,7 +179,7 @@ pub fn match_along_epipolar_lines(
         // The coarsest level that the size of the patch allows bounds the band.
         let widest = bands_here[usize::from(octave) + COARSEST_LEVELS];
         let (low, high) = line.bounds(widest);
-        let expected_angle = geometry.turned_angle(pixel, first.angles_rad[index]);
+        let expected_angle = geometry.transfer_angle(pixel, first.angles_rad[index]);
         candidates.clear();
         let coefficients = line.line.map(|x| x as f32).into();
         grid_of_second.near_line(coefficients, widest as f32, low, high, |other| {
@@ -212,7 +212,7 @@ pub fn match_along_epipolar_lines(
         {
             let slot = &mut best[other as usize];
             if slot.is_none_or(|pair| distance < pair.distance) {
-                *slot = Some(FeaturePair {
+                *slot = Some(FeatureMatch {
                     first: index as u32,
                     second: other,
                     distance,
@@ -333,7 +333,7 @@ mod tests {
             (-0.2, 0.2, -0.3, -0.1, 1.5),
         ] {
             let (first, second) = (view(0.0, 0.0, 0.0, 0.0, 0.0), view(x, y, z, turn, roll));
-            let geometry = PairGeometry::new(&camera(), &first, &second);
+            let geometry = TwoViewGeometry::new(&camera(), &first, &second);
             let (a, b) = (
                 seen(&points, &first, 0.0),
                 seen(&points, &second, roll as f32),
@@ -363,7 +363,7 @@ mod tests {
     fn without_a_baseline_there_is_no_line() {
         let points = scene(50);
         let (first, second) = (view(0.0, 0.0, 0.0, 0.0, 0.0), view(0.0, 0.0, 0.0, 0.1, 0.0));
-        let geometry = PairGeometry::new(&camera(), &first, &second);
+        let geometry = TwoViewGeometry::new(&camera(), &first, &second);
         let (a, b) = (seen(&points, &first, 0.0), seen(&points, &second, 0.0));
         let mut pairs = vec![];
         let grid = FeatureGrid::new(&b.pixels);
@@ -387,7 +387,7 @@ mod tests {
         let twin = (points[0].0 + Vector3::new(0.2, 0.0, 0.0), points[0].1);
         points.push(twin);
         let (first, second) = (view(0.0, 0.0, 0.0, 0.0, 0.0), view(0.3, 0.0, 0.0, 0.0, 0.0));
-        let geometry = PairGeometry::new(&camera(), &first, &second);
+        let geometry = TwoViewGeometry::new(&camera(), &first, &second);
         let options = MapPointOptions::default();
         let mut pairs = Vec::new();
         let (a, mut b) = (seen(&points, &first, 0.0), seen(&points, &second, 0.0));

@@ -60,18 +60,6 @@ struct LevelFeatures {
     descriptors: Vec<Descriptor>,
 }
 
-/// Why an image has no features.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("features cannot be found in an image of {width}x{height} pixels: {reason}")]
-pub struct FeatureError {
-    /// Width of the image.
-    pub width: usize,
-    /// Height of the image.
-    pub height: usize,
-    /// What the detector says.
-    pub reason: String,
-}
-
 /// Finds ORB features.
 ///
 /// Levels, corners and their smoothing are the work of `kornia-imgproc`; they are spread and described here, with the result
@@ -95,30 +83,22 @@ impl FeatureDetector {
     }
 
     /// The features of an image.
-    ///
-    /// # Errors
-    /// When the detector refuses the image, which no size or content is known to bring about.
-    pub fn detect(&self, image: &GrayImage) -> Result<Features, FeatureError> {
+    pub fn detect(&self, image: &GrayImage) -> Features {
         let (width, height) = (image.width(), image.height());
-        let refused = |reason: String| FeatureError {
-            width,
-            height,
-            reason,
-        };
         let levels = self.levels(width, height);
         if levels == 0 {
-            return Ok(Features::default());
+            return Features::default();
         }
         let pyramid = self
             .pyramid(image, levels)
-            .map_err(|error| refused(error.to_string()))?;
+            .expect("levels have room for a corner");
         let wanted = self.features_per_level(levels);
         let described: Vec<LevelFeatures> = pyramid
             .par_iter()
             .zip(wanted)
             .map(|(level, wanted)| self.describe_level(level, wanted))
             .collect::<Result<_, _>>()
-            .map_err(|error| refused(error.to_string()))?;
+            .expect("levels have room for a corner");
 
         let mut features = Features::default();
         for (octave, found) in described.into_iter().enumerate() {
@@ -137,7 +117,7 @@ impl FeatureDetector {
             features.angles_rad.extend(found.angles_rad);
             features.descriptors.extend(found.descriptors);
         }
-        Ok(features)
+        features
     }
 
     /// The image and what is made of it by shrinking it, each level from the one before.
@@ -318,7 +298,7 @@ mod tests {
             let size = ImageSize { width, height };
             let input = Image::<u8, 1>::from_size_slice(size, image.samples()).unwrap();
             let expected = library.detect_and_extract_u8(&input).unwrap();
-            let found = detector.detect(&image).unwrap();
+            let found = detector.detect(&image);
             assert!(found.len() > 50, "{}", found.len());
             assert_eq!(found.octaves, expected.octaves);
             assert_eq!(found.angles_rad, expected.orientations);
@@ -344,7 +324,7 @@ mod tests {
                     .num_threads(threads)
                     .build()
                     .unwrap()
-                    .install(|| bits(&detector.detect(&image).unwrap()))
+                    .install(|| bits(&detector.detect(&image)))
             })
             .collect();
         assert!(found[0].len() > 1000, "{}", found[0].len());
@@ -356,11 +336,8 @@ mod tests {
         let detector = FeatureDetector::new(MapPointOptions::default());
         for (width, height) in [(1, 1), (40, 300), (47, 47), (48, 48), (49, 3), (64, 200)] {
             let image = Plane::new(width, height, vec![128; width * height]).unwrap();
-            assert!(
-                detector.detect(&image).unwrap().is_empty(),
-                "{width}x{height}"
-            );
-            detector.detect(&squares(width, height)).unwrap();
+            assert!(detector.detect(&image).is_empty(), "{width}x{height}");
+            detector.detect(&squares(width, height));
         }
     }
 
@@ -374,10 +351,7 @@ mod tests {
             .collect();
         let mirrored = Plane::new(640, 480, mirrored).unwrap();
         let detector = FeatureDetector::new(MapPointOptions::default());
-        let (one, other) = (
-            detector.detect(&image).unwrap(),
-            detector.detect(&mirrored).unwrap(),
-        );
+        let (one, other) = (detector.detect(&image), detector.detect(&mirrored));
         for octave in [0, 3, 7] {
             // Each feature of the image against the nearest of its mirror image, turned back.
             let places = |features: &Features| -> Vec<[f32; 2]> {

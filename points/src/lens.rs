@@ -2,7 +2,7 @@
 
 use super::correct::BLOCK;
 use super::map::PointMap;
-use crate::pose_correction::{CorrectedLens, adjust};
+use crate::pose_correction::{CorrectedLens, adjust_bundle};
 
 /// How many keyframes there are when their points are asked for the lens; after the last keyframe once more. As many as are moved
 /// together tell it, so that later ones need not be asked.
@@ -18,7 +18,7 @@ impl PointMap {
     /// by less than projections are taken to be wrong by anyway is no lens but what points err by: then nothing changes.
     ///
     /// # Complexity
-    /// As [`adjust`].
+    /// As [`adjust_bundle`].
     pub(super) fn find_lens(&mut self) {
         let Some(depth) = self.median_depth() else {
             return;
@@ -33,11 +33,11 @@ impl PointMap {
         let mut poses = self.poses();
         let mut lens = self.lens.clone();
         let prior = self.prior(depth);
-        adjust(&mut lens, true, &mut poses, &window, &prior, &mut tracks);
+        adjust_bundle(&mut lens, true, &mut poses, &window, &prior, &mut tracks);
 
         let seen = tracks.iter().flat_map(|track| {
             let at = track.point_in_world;
-            let sights = track.sights.iter();
+            let sights = track.observations.iter();
             sights.map(move |sight| (sight.camera as usize, at))
         });
         let mut squares = 0.0;

@@ -4,7 +4,7 @@
 //! made here; it can be carved without a look at the images.
 //!
 //! A [`PointMap`] makes such points from images with known poses, one keyframe after another: ORB [`Features`], matched under
-//! the poses, triangulated, seen again, refined and culled. What a keyframe changes comes out as [`PointChange`]s.
+//! the poses, triangulated, seen again, refined and culled. What a keyframe changes comes out as [`MapChange`]s.
 
 mod changes;
 mod correct;
@@ -17,23 +17,25 @@ mod grid;
 mod keyframe;
 mod lens;
 mod map;
-
 mod observe;
 mod options;
 mod point;
-pub mod pose_correction;
+mod pose_correction;
 mod refine;
 mod spread;
 mod triangulate;
 
-pub use changes::PointChange;
+pub use changes::MapChange;
 pub use descriptor::Descriptor;
-pub use epipolar::{FeaturePair, PairGeometry, match_along_epipolar_lines};
-pub use features::{FeatureDetector, FeatureError, Features};
+pub use epipolar::{FeatureMatch, TwoViewGeometry, match_along_epipolar_lines};
+pub use features::{FeatureDetector, Features};
 pub use grid::FeatureGrid;
 pub use keyframe::MapKeyframe;
-pub use map::{MapQuality, PointCounts, PointMap, PointMapError};
-
-pub use options::{MapPointOptions, MapPointOptionsError};
-pub use point::{MapPoint, MapPointId, MapSighting};
-pub use triangulate::{Refined, Sight, closest_to_rays, parallax_cosine, refine_point};
+pub use map::{MapQuality, PointCounts, PointMap};
+pub use options::{MapPointOptions, PointOptionsError};
+pub use point::{MapObservation, MapPoint, MapPointId};
+pub use pose_correction::{
+    AdjustmentSummary, CorrectedLens, CorrectedPose, KnownPoint, PoseChange, PoseCorrectionOptions,
+    PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
+};
+pub use triangulate::{Observation, RefinedPoint, parallax_cosine, refine_point, triangulate_rays};

@@ -3,13 +3,13 @@
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point3};
 
-use super::changes::PointChange;
+use super::changes::MapChange;
 use super::features::Features;
 use super::keyframe::MapKeyframe;
 use super::lens::LOOK_AT;
-use super::options::{MapPointOptions, MapPointOptionsError};
-use super::point::{MapPoint, MapPointId, MapSighting};
-use crate::pose_correction::{CorrectedLens, PoseCorrectionOptions, PoseCorrectionOptionsError};
+use super::options::{MapPointOptions, PointOptionsError};
+use super::point::{MapObservation, MapPoint, MapPointId};
+use crate::pose_correction::{CorrectedLens, PoseCorrectionOptions};
 use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 
 /// Points that several keyframes see, found in their images under known poses.
@@ -55,18 +55,7 @@ pub struct PointMap {
     pub(super) touched: Vec<MapPointId>,
     /// Points that were told of and are gone.
     pub(super) withdrawn: Vec<MapPointId>,
-    pub(super) changes: Vec<PointChange>,
-}
-
-/// Why there is no map.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum PointMapError {
-    /// An option of the points is out of range.
-    #[error(transparent)]
-    Points(#[from] MapPointOptionsError),
-    /// An option of the correction of poses is out of range.
-    #[error(transparent)]
-    Correction(#[from] PoseCorrectionOptionsError),
+    pub(super) changes: Vec<MapChange>,
 }
 
 /// What a keyframe did to the map.
@@ -90,7 +79,7 @@ pub struct MapQuality {
     /// Points that are carved.
     pub points: usize,
     /// Sightings of them.
-    pub sightings: usize,
+    pub observations: usize,
     /// Root of the mean squared distance of their projections from their features, in pixels of the image.
     pub reprojection_rms_px: f64,
     /// Median of those distances.
@@ -109,7 +98,7 @@ impl PointMap {
         camera: &Camera,
         width: usize,
         height: usize,
-    ) -> Result<Self, PointMapError> {
+    ) -> Result<Self, PointOptionsError> {
         options.validate()?;
         correction.validate()?;
         Ok(Self {
@@ -195,7 +184,7 @@ impl PointMap {
     }
 
     /// What the last keyframe changed in the points that are carved, in the order of application.
-    pub fn changes(&self) -> &[PointChange] {
+    pub fn changes(&self) -> &[MapChange] {
         &self.changes
     }
 
@@ -222,7 +211,7 @@ impl PointMap {
         let mut depths: Vec<f64> = self
             .established()
             .flat_map(|(_, point)| {
-                point.sightings.iter().map(|sighting| {
+                point.observations.iter().map(|sighting| {
                     let keyframe = &self.keyframes[sighting.keyframe as usize];
                     (keyframe.camera_from_world() * point.point_in_world).z
                 })
@@ -238,7 +227,7 @@ impl PointMap {
         let mut points = 0;
         for (_, point) in self.established() {
             points += 1;
-            distances.extend(point.sightings.iter().filter_map(|sighting| {
+            distances.extend(point.observations.iter().filter_map(|sighting| {
                 let keyframe = &self.keyframes[sighting.keyframe as usize];
                 let pixel = self
                     .camera
@@ -256,7 +245,7 @@ impl PointMap {
             .1;
         MapQuality {
             points,
-            sightings,
+            observations: sightings,
             reprojection_rms_px: (squares / sightings as f64).sqrt(),
             reprojection_median_px: median,
         }
@@ -279,14 +268,14 @@ impl PointMap {
         let points = self
             .established()
             .map(|(_, point)| {
-                let sightings = point.sightings.iter().map(|sighting| {
+                let sightings = point.observations.iter().map(|sighting| {
                     let keyframe = &self.keyframes[sighting.keyframe as usize];
                     ModelObservation {
                         view: sighting.keyframe,
                         pixel: Some(keyframe.pixel(sighting.feature).into()),
                     }
                 });
-                let first = point.sightings[0];
+                let first = point.observations[0];
                 let grey =
                     self.keyframes[first.keyframe as usize].features.grey[first.feature as usize];
                 let carved = point.published.as_ref();
@@ -303,7 +292,7 @@ impl PointMap {
     /// Adds a point that no feature is yet.
     pub(super) fn insert(&mut self, point: MapPoint) -> MapPointId {
         let id = MapPointId(self.points.len() as u32);
-        for sighting in &point.sightings {
+        for sighting in &point.observations {
             self.assign(*sighting, Some(id));
         }
         self.points.push(Some(Box::new(point)));
@@ -318,7 +307,7 @@ impl PointMap {
         let Some(point) = self.points[id.0 as usize].take() else {
             return;
         };
-        for sighting in &point.sightings {
+        for sighting in &point.observations {
             self.assign(*sighting, None);
         }
         if point.published.is_some() {
@@ -327,7 +316,7 @@ impl PointMap {
     }
 
     /// Lets a keyframe see a point that it does not see yet.
-    pub(super) fn add_sighting(&mut self, id: MapPointId, sighting: MapSighting) {
+    pub(super) fn add_sighting(&mut self, id: MapPointId, sighting: MapObservation) {
         if let Some(point) = self.points[id.0 as usize].as_deref_mut() {
             point.add_sighting(sighting);
             self.assign(sighting, Some(id));
@@ -335,7 +324,7 @@ impl PointMap {
         }
     }
 
-    pub(super) fn assign(&mut self, sighting: MapSighting, point: Option<MapPointId>) {
+    pub(super) fn assign(&mut self, sighting: MapObservation, point: Option<MapPointId>) {
         let keyframe = &mut self.keyframes[sighting.keyframe as usize];
         keyframe.points[sighting.feature as usize] = point;
     }

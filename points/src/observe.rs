@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix2, Point2};
 
-use super::epipolar::{LEVEL_TOLERANCE, PairGeometry, angle_between, clear_best};
+use super::epipolar::{LEVEL_TOLERANCE, TwoViewGeometry, angle_between, clear_best};
 use super::map::PointMap;
-use super::point::{MapPoint, MapPointId, MapSighting};
+use super::point::{MapObservation, MapPoint, MapPointId};
 use super::triangulate::CHI2_PIXEL;
 
 /// The best candidate for a known point must be below this share of the second best, as in ORB-SLAM2.
@@ -86,7 +86,7 @@ impl PointMap {
         for (feature, winner) in winners.iter().enumerate() {
             let Some((_, id)) = *winner else { continue };
             let feature = feature as u32;
-            self.add_sighting(id, MapSighting { keyframe, feature });
+            self.add_sighting(id, MapObservation { keyframe, feature });
             if let Some(point) = self.points[id.0 as usize].as_deref_mut() {
                 point.found += 1;
             }
@@ -118,7 +118,7 @@ impl PointMap {
         if ray.dot(&point.viewing) < VIEWING_COSINE * distance {
             return None;
         }
-        let reference = point.sightings.first()?;
+        let reference = point.observations.first()?;
         let first = &self.keyframes[reference.keyframe as usize];
         let feature = reference.feature as usize;
         let then = (point.point_in_world - first.center()).norm();
@@ -129,7 +129,7 @@ impl PointMap {
         {
             return None;
         }
-        let geometry = PairGeometry::new(
+        let geometry = TwoViewGeometry::new(
             &self.camera,
             first.camera_from_world(),
             view.camera_from_world(),
@@ -141,7 +141,7 @@ impl PointMap {
             pixel,
             spread: jacobian * point.covariance * jacobian.transpose(),
             octave,
-            angle_rad: geometry.turned_angle(
+            angle_rad: geometry.transfer_angle(
                 first.features.pixels[feature],
                 first.features.angles_rad[feature],
             ),
@@ -190,7 +190,7 @@ impl PointMap {
     /// when one position fits all their pixels. Returns the id of the point, which joining may change.
     pub(super) fn extend(&mut self, id: MapPointId, keyframe: u32) -> MapPointId {
         let found = self.point(id).and_then(|point| {
-            if point.sighting_in(keyframe).is_some() {
+            if point.observation_in(keyframe).is_some() {
                 return None;
             }
             let prediction = self.predict(point, keyframe)?;
@@ -201,7 +201,7 @@ impl PointMap {
         };
         match self.keyframes[keyframe as usize].points[feature as usize] {
             None => {
-                self.add_sighting(id, MapSighting { keyframe, feature });
+                self.add_sighting(id, MapObservation { keyframe, feature });
                 id
             }
             Some(other) => {
@@ -219,13 +219,14 @@ impl PointMap {
         let (Some(from), Some(into)) = (self.point(lost), self.point(kept)) else {
             return false;
         };
-        let added: Vec<MapSighting> = from
-            .sightings
+        let added: Vec<MapObservation> = from
+            .observations
             .iter()
             .copied()
-            .filter(|sighting| into.sighting_in(sighting.keyframe).is_none())
+            .filter(|sighting| into.observation_in(sighting.keyframe).is_none())
             .collect();
-        let together: Vec<MapSighting> = into.sightings.iter().chain(&added).copied().collect();
+        let together: Vec<MapObservation> =
+            into.observations.iter().chain(&added).copied().collect();
         let Some(refined) = self.fit(&together, into.point_in_world) else {
             return false;
         };

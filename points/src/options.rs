@@ -64,15 +64,17 @@ impl Default for MapPointOptions {
     }
 }
 
-/// Why these options are refused.
+/// An option is out of range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("map_points.{key} = {value}: {expected}")]
-pub struct MapPointOptionsError {
-    /// The option.
+#[error("{section}.{key} = {value}: {expected}")]
+pub struct PointOptionsError {
+    /// Section of the configuration: `map_points` or `pose_correction`.
+    pub section: &'static str,
+    /// Name of the field.
     pub key: &'static str,
-    /// What was given.
+    /// Given value.
     pub value: f64,
-    /// What would do.
+    /// Accepted range.
     pub expected: &'static str,
 }
 
@@ -81,12 +83,13 @@ impl MapPointOptions {
     ///
     /// # Errors
     /// The first value out of range.
-    pub fn validate(&self) -> Result<(), MapPointOptionsError> {
+    pub fn validate(&self) -> Result<(), PointOptionsError> {
         let within = |key, value: f64, low: f64, high: f64, expected| {
             if value >= low && value <= high {
                 return Ok(());
             }
-            Err(MapPointOptionsError {
+            Err(PointOptionsError {
+                section: "map_points",
                 key,
                 value,
                 expected,

@@ -10,7 +10,7 @@ pub struct MapPointId(pub u32);
 
 /// A feature that is a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct MapSighting {
+pub struct MapObservation {
     /// Number of the keyframe in the map.
     pub keyframe: u32,
     /// Which of its features.
@@ -25,7 +25,7 @@ pub struct MapPoint {
     /// How well that is known.
     pub covariance: Matrix3<f64>,
     /// Who sees it, by keyframe; each keyframe once.
-    pub sightings: Vec<MapSighting>,
+    pub observations: Vec<MapObservation>,
     /// What it looks like.
     pub descriptor: Descriptor,
     /// Mean direction from its keyframes to it.
@@ -56,18 +56,18 @@ impl MapPoint {
     }
 
     /// The feature of a keyframe that is this point.
-    pub fn sighting_in(&self, keyframe: u32) -> Option<MapSighting> {
+    pub fn observation_in(&self, keyframe: u32) -> Option<MapObservation> {
         let at = self
-            .sightings
+            .observations
             .binary_search_by_key(&keyframe, |sighting| sighting.keyframe);
-        at.ok().map(|index| self.sightings[index])
+        at.ok().map(|index| self.observations[index])
     }
 
     /// Adds a sighting in a keyframe that has none yet.
-    pub(super) fn add_sighting(&mut self, sighting: MapSighting) {
+    pub(super) fn add_sighting(&mut self, sighting: MapObservation) {
         let at = self
-            .sightings
+            .observations
             .partition_point(|other| other.keyframe < sighting.keyframe);
-        self.sightings.insert(at, sighting);
+        self.observations.insert(at, sighting);
     }
 }

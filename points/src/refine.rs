@@ -5,18 +5,18 @@ use nalgebra::Point3;
 use super::create::{largest_sigma, mean_direction};
 use super::descriptor::Descriptor;
 use super::map::PointMap;
-use super::point::{MapPointId, MapSighting};
-use super::triangulate::{CHI2_PIXEL, Refined, Sight, parallax_cosine, refine_point};
+use super::point::{MapObservation, MapPointId};
+use super::triangulate::{CHI2_PIXEL, Observation, RefinedPoint, parallax_cosine, refine_point};
 
 /// A young point must be found in this share of the keyframes that should see it, as in ORB-SLAM2.
 const MIN_FOUND_SHARE: f64 = 0.25;
 
 impl PointMap {
     /// A sighting as the refinement takes it.
-    fn sight(&self, sighting: &MapSighting) -> Sight {
+    fn sight(&self, sighting: &MapObservation) -> Observation {
         let keyframe = &self.keyframes[sighting.keyframe as usize];
         let octave = keyframe.features.octaves[sighting.feature as usize];
-        Sight {
+        Observation {
             camera_from_world: *keyframe.camera_from_world(),
             pixel: keyframe.pixel(sighting.feature),
             sigma_px: self.options.sigma_px(octave, keyframe.pose_sigma_px),
@@ -24,14 +24,18 @@ impl PointMap {
     }
 
     /// Squared error of a sighting in variances; infinite behind the camera.
-    pub(super) fn chi2(&self, sighting: &MapSighting, point: &Point3<f64>) -> f64 {
+    pub(super) fn chi2(&self, sighting: &MapObservation, point: &Point3<f64>) -> f64 {
         let chi2 = self.sight(sighting).chi2(&self.camera, point);
         chi2.unwrap_or(f64::INFINITY)
     }
 
     /// The point that fits some sightings best.
-    pub(super) fn fit(&self, sightings: &[MapSighting], start: Point3<f64>) -> Option<Refined> {
-        let sights: Vec<Sight> = sightings.iter().map(|s| self.sight(s)).collect();
+    pub(super) fn fit(
+        &self,
+        sightings: &[MapObservation],
+        start: Point3<f64>,
+    ) -> Option<RefinedPoint> {
+        let sights: Vec<Observation> = sightings.iter().map(|s| self.sight(s)).collect();
         refine_point(&self.camera, &sights, start)
     }
 
@@ -53,7 +57,7 @@ impl PointMap {
     /// `None` when nothing is left of the point.
     fn refine(&mut self, id: MapPointId) -> Option<()> {
         let point = self.point(id)?;
-        let mut sightings = point.sightings.clone();
+        let mut sightings = point.observations.clone();
         let mut refined = self.fit(&sightings, point.point_in_world)?;
         // The worst goes first: it may be what spoils the others.
         loop {
@@ -88,7 +92,7 @@ impl PointMap {
         let is_left = sightings.len() >= 2;
 
         let point = self.points[id.0 as usize].as_deref_mut()?;
-        point.sightings = sightings;
+        point.observations = sightings;
         point.point_in_world = at;
         point.covariance = refined.covariance;
         point.viewing = mean_direction(&centers, &at);
@@ -108,7 +112,7 @@ impl PointMap {
             let is_rarely_found =
                 f64::from(point.found) < MIN_FOUND_SHARE * f64::from(point.visible);
             let is_lonely =
-                age >= self.options.probation && point.sightings.len() < self.options.min_views;
+                age >= self.options.probation && point.observations.len() < self.options.min_views;
             if is_rarely_found || is_lonely {
                 self.remove(id);
                 return false;

@@ -14,7 +14,7 @@ const LAST_STEP_SIGMAS: f64 = 1e-3;
 
 /// A pixel at which a camera sees a point.
 #[derive(Debug, Clone, Copy)]
-pub struct Sight {
+pub struct Observation {
     /// `point_in_camera = camera_from_world * point_in_world`.
     pub camera_from_world: Isometry3<f64>,
     /// Where.
@@ -23,7 +23,7 @@ pub struct Sight {
     pub sigma_px: f64,
 }
 
-impl Sight {
+impl Observation {
     /// Squared distance of a point's projection from the pixel, in variances; `None` when the point is not in front.
     pub fn chi2(&self, camera: &Camera, point_in_world: &Point3<f64>) -> Option<f64> {
         let pixel = camera.project(&(self.camera_from_world * point_in_world))?;
@@ -33,7 +33,7 @@ impl Sight {
 
 /// A point that fits its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Refined {
+pub struct RefinedPoint {
     /// Where it is.
     pub point_in_world: Point3<f64>,
     /// How well that is known, from the pixels' deviations.
@@ -44,7 +44,7 @@ pub struct Refined {
 /// `None` when they are parallel or something is not finite.
 ///
 /// It may lie behind an origin.
-pub fn closest_to_rays(rays: &[(Point3<f64>, Unit<Vector3<f64>>)]) -> Option<Point3<f64>> {
+pub fn triangulate_rays(rays: &[(Point3<f64>, Unit<Vector3<f64>>)]) -> Option<Point3<f64>> {
     // Relative to the first origin, so that a scene far from zero loses nothing.
     let base = rays.first()?.0;
     let mut normal = Matrix3::zeros();
@@ -81,7 +81,11 @@ pub fn parallax_cosine(centers: &[Point3<f64>], point: &Point3<f64>) -> f64 {
 ///
 /// # Complexity
 /// Linear in the number of pixels.
-pub fn refine_point(camera: &Camera, sights: &[Sight], start: Point3<f64>) -> Option<Refined> {
+pub fn refine_point(
+    camera: &Camera,
+    sights: &[Observation],
+    start: Point3<f64>,
+) -> Option<RefinedPoint> {
     let mut point = start;
     let mut damping = 1e-4;
     let mut current = linearize(camera, sights, &point)?;
@@ -114,7 +118,7 @@ pub fn refine_point(camera: &Camera, sights: &[Sight], start: Point3<f64>) -> Op
     let covariance = current.normal.try_inverse()?;
     let is_known =
         (0..3).all(|axis| covariance[(axis, axis)].is_finite() && covariance[(axis, axis)] > 0.0);
-    is_known.then_some(Refined {
+    is_known.then_some(RefinedPoint {
         point_in_world: point,
         covariance,
     })
@@ -127,7 +131,7 @@ struct Linearized {
     normal: Matrix3<f64>,
 }
 
-fn linearize(camera: &Camera, sights: &[Sight], point: &Point3<f64>) -> Option<Linearized> {
+fn linearize(camera: &Camera, sights: &[Observation], point: &Point3<f64>) -> Option<Linearized> {
     let mut sum = Linearized {
         cost: 0.0,
         gradient: Vector3::zeros(),
@@ -166,14 +170,14 @@ mod tests {
     }
 
     /// A camera at `x` that looks along +z, turned a little.
-    fn sight(x: f64, turn: f64, point: &Point3<f64>, error: [f64; 2]) -> Sight {
+    fn sight(x: f64, turn: f64, point: &Point3<f64>, error: [f64; 2]) -> Observation {
         let world_from_camera = Isometry3::from_parts(
             nalgebra::Translation3::new(x, 0.1 * x, 0.0),
             UnitQuaternion::from_euler_angles(0.3 * turn, turn, -turn),
         );
         let camera_from_world = world_from_camera.inverse();
         let pixel = camera().project(&(camera_from_world * point)).unwrap();
-        Sight {
+        Observation {
             camera_from_world,
             pixel: pixel + nalgebra::Vector2::from(error),
             sigma_px: 1.0,
@@ -196,7 +200,7 @@ mod tests {
                 let direction = world_from_camera * camera().unproject(&sight.pixel).unwrap();
                 (Point3::from(world_from_camera.translation.vector), Unit::new_normalize(direction))
             }).collect();
-            prop_assert!((closest_to_rays(&rays).unwrap() - point).norm() < 1e-9);
+            prop_assert!((triangulate_rays(&rays).unwrap() - point).norm() < 1e-9);
         }
     }
 
@@ -250,8 +254,8 @@ mod tests {
         assert!(refine_point(&camera(), &[same], Point3::new(0.0, 0.0, -1.0)).is_none());
         assert!(refine_point(&camera(), &[same], Point3::new(f64::NAN, 0.0, 1.0)).is_none());
         let ray = (Point3::origin(), Vector3::z_axis());
-        assert_eq!(closest_to_rays(&[ray, ray]), None);
-        assert_eq!(closest_to_rays(&[]), None);
+        assert_eq!(triangulate_rays(&[ray, ray]), None);
+        assert_eq!(triangulate_rays(&[]), None);
     }
 
     #[test]

@@ -1,8 +1,7 @@
 //! How far away a scene is, when there is no depth image: from features of a few frames.
 
 use super::map_points::find_features;
-use linecarve_points::pose_correction::PoseCorrectionOptions;
-use linecarve_points::{MapPointOptions, PointMap, PointMapError};
+use linecarve_points::{MapPointOptions, PointMap, PointOptionsError, PoseCorrectionOptions};
 use linecarve_sequence::Sequence;
 
 /// Places in the sequence that are looked at.
@@ -24,7 +23,7 @@ const MIN_POINTS: usize = 40;
 pub fn median_feature_depth(
     sequence: &Sequence,
     options: &MapPointOptions,
-) -> Result<Option<f64>, PointMapError> {
+) -> Result<Option<f64>, PointOptionsError> {
     let count = sequence.frames().len();
     let size = sequence.color_size();
     let mut medians = Vec::new();

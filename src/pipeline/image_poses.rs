@@ -8,8 +8,7 @@ use nalgebra::Isometry3;
 use super::map_points::{PointFrontEndError, empty_map, run_map_points};
 use super::options::Options;
 use crate::report::PoseSummary;
-use linecarve_points::PointMapError;
-use linecarve_points::pose_correction::PoseChange;
+use linecarve_points::{PointOptionsError, PoseChange};
 use linecarve_sequence::Sequence;
 
 /// Poses that are moved by less than this share of what they may be wrong by stay as given. Points err as well: exact poses would
@@ -31,7 +30,7 @@ pub struct ImagePoses {
 pub enum ImagePosesError {
     /// An option is out of range.
     #[error(transparent)]
-    Options(#[from] PointMapError),
+    Options(#[from] PointOptionsError),
     /// What is at fault is not one image alone.
     #[error(transparent)]
     Image(#[from] PointFrontEndError),
@@ -121,8 +120,8 @@ fn summary_of(
     let (mut turns, mut shifts) = (0.0, 0.0);
     for change in changes {
         summary.keyframes += 1;
-        turns += change.turn_rad.powi(2);
-        shifts += change.shift.powi(2);
+        turns += change.rotation_rad.powi(2);
+        shifts += change.translation.powi(2);
     }
     if let Some(depth) = median_depth
         && summary.keyframes > 0

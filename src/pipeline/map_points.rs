@@ -15,8 +15,7 @@ use crate::report::{StageTimes, milliseconds};
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::files::WriteError;
 use linecarve_points::{
-    FeatureDetector, FeatureError, Features, MapPointOptions, PointChange, PointCounts, PointMap,
-    PointMapError,
+    FeatureDetector, Features, MapChange, MapPointOptions, PointCounts, PointMap, PointOptionsError,
 };
 use linecarve_sequence::{FrameError, Sequence};
 
@@ -39,14 +38,6 @@ pub enum PointFrontEndError {
     /// The image is missing, broken or of the wrong size.
     #[error(transparent)]
     Image(#[from] FrameError),
-    /// The detector refuses the image.
-    #[error("frame {frame}: {source}")]
-    Features {
-        /// Name of the frame.
-        frame: String,
-        /// Why.
-        source: FeatureError,
-    },
     /// What was found cannot be kept.
     #[error(transparent)]
     Keep(#[from] WriteError),
@@ -57,7 +48,6 @@ impl PointFrontEndError {
     pub fn is_limited_to_frame(&self) -> bool {
         match self {
             Self::Image(error) => error.is_limited_to_frame(),
-            Self::Features { .. } => true,
             Self::Keep(_) => false,
         }
     }
@@ -68,7 +58,7 @@ impl PointFrontEndError {
 pub enum PointBackEndError {
     /// An option is out of range.
     #[error(transparent)]
-    Options(#[from] PointMapError),
+    Options(#[from] PointOptionsError),
     /// The carver refuses a camera centre or a point.
     #[error("the map refuses keyframe {keyframe}: {source} (check its pose)")]
     Carve {
@@ -91,12 +81,7 @@ pub fn find_features(
     let start = Instant::now();
     let image = sequence.load_gray(frame)?;
     let loaded = start.elapsed();
-    let features = FeatureDetector::new(*options)
-        .detect(&image)
-        .map_err(|source| PointFrontEndError::Features {
-            frame: sequence.frames()[frame].name.clone(),
-            source,
-        })?;
+    let features = FeatureDetector::new(*options).detect(&image);
     Ok(PointKeyframe {
         frame,
         world_from_camera: sequence.frames()[frame].world_from_camera,
@@ -136,7 +121,10 @@ pub fn run_map_points<E: Send>(
 ///
 /// # Errors
 /// When an option is out of range.
-pub(super) fn empty_map(sequence: &Sequence, options: &Options) -> Result<PointMap, PointMapError> {
+pub(super) fn empty_map(
+    sequence: &Sequence,
+    options: &Options,
+) -> Result<PointMap, PointOptionsError> {
     let mut correction = options.pose_correction;
     correction.lens &= !sequence.has_known_distortion();
     let size = sequence.color_size();
@@ -253,7 +241,7 @@ impl PointBackEnd {
                     .expect("a point that changes is carved")
             };
             match *change {
-                PointChange::Add {
+                MapChange::AddPoint {
                     point,
                     point_in_world,
                 } => {
@@ -265,30 +253,31 @@ impl PointBackEnd {
                     self.points[index] = Some(id);
                     update.added += 1;
                 }
-                PointChange::Move {
+                MapChange::MovePoint {
                     point,
                     point_in_world,
                 } => {
                     transaction.move_point(carved(&self.points, point.0), point_in_world)?;
                     update.moved += 1;
                 }
-                PointChange::MoveKeyframe { keyframe, center } => {
+                MapChange::MoveKeyframe { keyframe, center } => {
                     transaction.move_view(self.views[keyframe as usize], center)?;
                 }
-                PointChange::Remove { point } => {
+                MapChange::RemovePoint { point } => {
                     transaction.remove_point(carved(&self.points, point.0))?;
                     self.points[point.0 as usize] = None;
                     update.removed += 1;
                 }
-                PointChange::See { keyframe, point } => transaction.add_observation(
+                MapChange::AddObservation { keyframe, point } => transaction.add_observation(
                     self.views[keyframe as usize],
                     carved(&self.points, point.0),
                     1,
                 )?,
-                PointChange::Unsee { keyframe, point } => transaction.remove_observation(
-                    self.views[keyframe as usize],
-                    carved(&self.points, point.0),
-                )?,
+                MapChange::RemoveObservation { keyframe, point } => transaction
+                    .remove_observation(
+                        self.views[keyframe as usize],
+                        carved(&self.points, point.0),
+                    )?,
             }
         }
         let report = transaction.commit()?;

@@ -20,8 +20,7 @@ use super::landmarks::LandmarkOptions;
 use super::point_model::PointModelOptions;
 use super::segment_points::SegmentPointOptions;
 use super::surface_points::SurfacePointOptions;
-use linecarve_points::pose_correction::{PoseCorrectionOptions, PoseCorrectionOptionsError};
-use linecarve_points::{MapPointOptions, MapPointOptionsError};
+use linecarve_points::{MapPointOptions, PointOptionsError, PoseCorrectionOptions};
 use linecarve_sequence::KeyframeOptions;
 
 /// The parameters of every stage. A missing section or key has its default; an unknown one is refused.
@@ -221,12 +220,9 @@ pub enum OptionsError {
         /// What would do.
         expected: &'static str,
     },
-    /// An option of the map points is out of range.
+    /// An option of the map points, or of the correction of poses, is out of range.
     #[error(transparent)]
-    MapPoints(#[from] MapPointOptionsError),
-    /// An option of the correction of poses is out of range.
-    #[error(transparent)]
-    PoseCorrection(#[from] PoseCorrectionOptionsError),
+    MapPoints(#[from] PointOptionsError),
 }
 
 impl Options {

@@ -109,35 +109,35 @@ struct Follower {
 }
 
 impl Follower {
-    fn apply(&mut self, changes: &[PointChange]) {
+    fn apply(&mut self, changes: &[MapChange]) {
         for change in changes {
             match *change {
-                PointChange::Add {
+                MapChange::AddPoint {
                     point,
                     point_in_world,
                 } => {
                     let before = self.points.insert(point.0, (point_in_world, Vec::new()));
                     assert!(before.is_none());
                 }
-                PointChange::Move {
+                MapChange::MovePoint {
                     point,
                     point_in_world,
                 } => {
                     self.points.get_mut(&point.0).unwrap().0 = point_in_world;
                     self.moves += 1;
                 }
-                PointChange::MoveKeyframe { keyframe, center } => {
+                MapChange::MoveKeyframe { keyframe, center } => {
                     self.centers.insert(keyframe, center);
                 }
-                PointChange::Remove { point } => {
+                MapChange::RemovePoint { point } => {
                     self.points.remove(&point.0).unwrap();
                 }
-                PointChange::See { keyframe, point } => {
+                MapChange::AddObservation { keyframe, point } => {
                     let views = &mut self.points.get_mut(&point.0).unwrap().1;
                     assert!(!views.contains(&keyframe));
                     views.push(keyframe);
                 }
-                PointChange::Unsee { keyframe, point } => {
+                MapChange::RemoveObservation { keyframe, point } => {
                     let views = &mut self.points.get_mut(&point.0).unwrap().1;
                     let at = views.iter().position(|view| *view == keyframe).unwrap();
                     views.swap_remove(at);
@@ -153,7 +153,11 @@ impl Follower {
             let (place, views) = &self.points[&id.0];
             let mut views = views.clone();
             views.sort_unstable();
-            assert!(views.iter().eq(point.sightings.iter().map(|s| &s.keyframe)));
+            assert!(
+                views
+                    .iter()
+                    .eq(point.observations.iter().map(|s| &s.keyframe))
+            );
             let step = point.point_in_world - place;
             let sigmas = step
                 .dot(&(point.covariance.try_inverse().unwrap() * step))
@@ -168,16 +172,24 @@ fn check_references(map: &PointMap) {
     for (number, keyframe) in map.keyframes.iter().enumerate() {
         for (feature, id) in keyframe.points.iter().enumerate() {
             if let Some(id) = id {
-                let sighting = map.point(*id).unwrap().sighting_in(number as u32).unwrap();
+                let sighting = map
+                    .point(*id)
+                    .unwrap()
+                    .observation_in(number as u32)
+                    .unwrap();
                 assert_eq!(sighting.feature as usize, feature);
             }
         }
     }
     for &id in &map.living {
         let point = map.point(id).unwrap();
-        assert!(point.sightings.len() >= 2);
-        assert!(point.sightings.is_sorted_by(|a, b| a.keyframe < b.keyframe));
-        for sighting in &point.sightings {
+        assert!(point.observations.len() >= 2);
+        assert!(
+            point
+                .observations
+                .is_sorted_by(|a, b| a.keyframe < b.keyframe)
+        );
+        for sighting in &point.observations {
             let keyframe = &map.keyframes[sighting.keyframe as usize];
             assert_eq!(keyframe.points[sighting.feature as usize], Some(id));
         }
@@ -205,7 +217,7 @@ fn points_of_a_room_are_found_and_their_tracks_grow() {
     let quality = map.quality();
     assert!(quality.points > 600 && quality.points <= 900, "{quality:?}");
     assert!(
-        quality.sightings > 6 * quality.points,
+        quality.observations > 6 * quality.points,
         "tracks are short: {quality:?}"
     );
     assert!(quality.reprojection_rms_px < 0.8, "{quality:?}");
@@ -319,7 +331,7 @@ fn a_pose_that_is_not_a_number_sees_nothing() {
     assert!(map.established().count() > 100);
     assert!(
         map.established()
-            .all(|(_, p)| p.sightings.iter().all(|s| s.keyframe % 2 == 0))
+            .all(|(_, p)| p.observations.iter().all(|s| s.keyframe % 2 == 0))
     );
 }
 
@@ -396,7 +408,7 @@ fn disturbed_poses_are_corrected() {
     let (corrected, follower) = disturbed(PoseCorrectionOptions::default());
     let (before, after) = (given.quality(), corrected.quality());
     // Without correction a place falls apart into several points with few sightings each.
-    let sightings_a_point = |of: MapQuality| of.sightings as f64 / of.points as f64;
+    let sightings_a_point = |of: MapQuality| of.observations as f64 / of.points as f64;
     assert!(
         sightings_a_point(after) > 2.0 * sightings_a_point(before),
         "{before:?} {after:?}"
@@ -408,11 +420,14 @@ fn disturbed_poses_are_corrected() {
     // What poses were given stays known, and the carver has the cameras to a pixel at the scene's depth.
     for keyframe in given.keyframes() {
         let change = keyframe.pose.change();
-        assert!(change.turn_rad < 1e-6 && change.shift < 1e-9, "{change:?}");
+        assert!(
+            change.rotation_rad < 1e-6 && change.translation < 1e-9,
+            "{change:?}"
+        );
     }
     let moved = corrected.keyframes().iter().enumerate();
     for (number, keyframe) in moved {
-        assert!(keyframe.pose.change().turn_rad < 0.03);
+        assert!(keyframe.pose.change().rotation_rad < 0.03);
         if let Some(center) = follower.centers.get(&(number as u32)) {
             assert!((center - keyframe.center()).norm() < 5.0 / 525.0);
         }
@@ -461,7 +476,7 @@ fn all_keyframes_together_agree_better_and_the_carver_is_told() {
         after.reprojection_rms_px < before.reprojection_rms_px,
         "{before:?} {after:?}"
     );
-    assert!(after.sightings >= before.sightings);
+    assert!(after.observations >= before.observations);
     assert!(error_after < 0.9 * error, "{error} {error_after}");
     assert!(follower.moves > moves);
 

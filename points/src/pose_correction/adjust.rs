@@ -18,12 +18,12 @@ pub struct Track {
     /// Where it is.
     pub point_in_world: Point3<f64>,
     /// Who sees it; each camera once.
-    pub sights: Vec<TrackSight>,
+    pub observations: Vec<TrackObservation>,
 }
 
 /// A pixel at which a camera sees a point.
 #[derive(Debug, Clone, Copy)]
-pub struct TrackSight {
+pub struct TrackObservation {
     /// Index of the camera.
     pub camera: u32,
     /// Where.
@@ -34,7 +34,7 @@ pub struct TrackSight {
 
 /// What an adjustment did.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Adjustment {
+pub struct AdjustmentSummary {
     /// Sum of robust squared errors before and after, in variances.
     pub cost_before: f64,
     /// The same after.
@@ -57,14 +57,14 @@ pub struct Adjustment {
 /// Local bundle adjustment of ORB-SLAM (Mur-Artal, Montiel, Tardos, IEEE Transactions on Robotics 31(5), 2015, section VI-D);
 /// Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment: a modern synthesis", 2000, section 6.1. *Differs:* given
 /// poses take part as measurements, so that no camera need be fixed.
-pub fn adjust(
+pub fn adjust_bundle(
     lens: &mut CorrectedLens,
     is_lens_free: bool,
     poses: &mut [CorrectedPose],
     free: &[u32],
     prior: &PosePrior,
     tracks: &mut [Track],
-) -> Adjustment {
+) -> AdjustmentSummary {
     let mut slots: Vec<Option<usize>> = vec![None; poses.len()];
     for (slot, &index) in free.iter().enumerate() {
         slots[index as usize] = Some(slot);
@@ -76,7 +76,7 @@ pub fn adjust(
         system: System::new(free.len(), is_lens_free),
     };
     let mut cost = problem.cost(lens, poses, tracks);
-    let mut adjustment = Adjustment {
+    let mut adjustment = AdjustmentSummary {
         cost_before: cost,
         cost_after: cost,
         steps: 0,
@@ -214,7 +214,7 @@ impl Problem<'_> {
             .sum();
         let seen: f64 = tracks
             .iter()
-            .flat_map(|track| track.sights.iter().map(move |sight| (track, sight)))
+            .flat_map(|track| track.observations.iter().map(move |sight| (track, sight)))
             .map(|(track, sight)| {
                 let pose = poses[sight.camera as usize].camera_from_world();
                 let error = chi2(
@@ -336,7 +336,7 @@ impl Problem<'_> {
         let mut normal = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
         let mut with_lens = Vector3::zeros();
-        for sight in &track.sights {
+        for sight in &track.observations {
             let pose = poses[sight.camera as usize].camera_from_world();
             let point = &track.point_in_world;
             let Some(at) = linearize(lens.camera(), pose, point, &sight.pixel, sight.sigma_px)

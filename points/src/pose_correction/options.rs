@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::options::PointOptionsError;
+
 /// Whether and how poses are corrected by what the images show. Lengths are in pixels: nothing is in units of the map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -33,18 +35,6 @@ impl Default for PoseCorrectionOptions {
     }
 }
 
-/// Why these options are refused.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("pose_correction.{key} = {value}: {expected}")]
-pub struct PoseCorrectionOptionsError {
-    /// The option.
-    pub key: &'static str,
-    /// What was given.
-    pub value: f64,
-    /// What would do.
-    pub expected: &'static str,
-}
-
 impl PoseCorrectionOptions {
     /// Poses as they are given.
     pub fn off() -> Self {
@@ -59,7 +49,7 @@ impl PoseCorrectionOptions {
     ///
     /// # Errors
     /// The first value out of range.
-    pub fn validate(&self) -> Result<(), PoseCorrectionOptionsError> {
+    pub fn validate(&self) -> Result<(), PointOptionsError> {
         for (key, value, low, high, expected) in [
             ("sigma_px", self.sigma_px, 1e-3, 1e3, "0.001 to 1000 pixels"),
             ("window", self.window as f64, 1.0, 100.0, "1 to 100"),
@@ -67,7 +57,8 @@ impl PoseCorrectionOptions {
             ("move_px", self.move_px, 0.0, 1e3, "0 to 1000 pixels"),
         ] {
             if !(value >= low && value <= high) {
-                return Err(PoseCorrectionOptionsError {
+                return Err(PointOptionsError {
+                    section: "pose_correction",
                     key,
                     value,
                     expected,

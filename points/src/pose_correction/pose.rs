@@ -14,33 +14,33 @@ pub struct CorrectedPose {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct PoseChange {
     /// Angle by which the camera was turned.
-    pub turn_rad: f64,
+    pub rotation_rad: f64,
     /// Distance of the camera centres, in units of the poses.
-    pub shift: f64,
+    pub translation: f64,
 }
 
 /// By how much a given pose may be wrong: standard deviations of each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosePrior {
     /// Of the direction.
-    pub turn_rad: f64,
+    pub rotation_rad: f64,
     /// Of the place, in units of the poses.
-    pub shift: f64,
+    pub translation: f64,
 }
 
 impl PosePrior {
     /// Errors by which each of turn and shift moves the projections of points at `depth` by `sigma_px`.
     pub fn in_pixels(sigma_px: f64, focal_px: f64, depth: f64) -> Self {
-        let turn_rad = sigma_px / focal_px;
+        let rotation_rad = sigma_px / focal_px;
         Self {
-            turn_rad,
-            shift: turn_rad * depth,
+            rotation_rad,
+            translation: rotation_rad * depth,
         }
     }
 
     /// Information of the six parameters: turn, then shift.
     fn information(&self) -> Vector6<f64> {
-        let (turn, shift) = (self.turn_rad, self.shift);
+        let (turn, shift) = (self.rotation_rad, self.translation);
         Vector6::new(turn, turn, turn, shift, shift, shift).map(|sigma| 1.0 / (sigma * sigma))
     }
 }
@@ -78,13 +78,13 @@ impl CorrectedPose {
             .given_camera_from_world
             .inverse_transform_point(&Point3::origin());
         PoseChange {
-            turn_rad: correction.rotation.angle(),
-            shift: (self.center() - given_center).norm(),
+            rotation_rad: correction.rotation.angle(),
+            translation: (self.center() - given_center).norm(),
         }
     }
 
     /// Starts from a correction like that of another keyframe: the motion between the two stays as given.
-    pub fn follow(&mut self, other: &Self) {
+    pub(crate) fn transfer_correction(&mut self, other: &Self) {
         let other_from_this =
             other.given_camera_from_world * self.given_camera_from_world.inverse();
         let camera_from_world = other_from_this.inverse() * other.camera_from_world;

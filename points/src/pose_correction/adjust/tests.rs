@@ -40,8 +40,8 @@ fn scene(cameras: u32, pose_px: f64, pixel: f64, wrong: Option<usize>) -> Scene 
             let mut shake =
                 |size: f64| Vector3::from([(); 3].map(|()| random.random_range(-size..=size)));
             let error = Isometry3::from_parts(
-                Translation3::from(shake(prior.shift)),
-                UnitQuaternion::from_scaled_axis(shake(prior.turn_rad)),
+                Translation3::from(shake(prior.translation)),
+                UnitQuaternion::from_scaled_axis(shake(prior.rotation_rad)),
             );
             CorrectedPose::new(truth * error)
         })
@@ -66,7 +66,7 @@ fn scene(cameras: u32, pose_px: f64, pixel: f64, wrong: Option<usize>) -> Scene 
             } else {
                 seen + nalgebra::Vector2::new(at(-1.0, 1.0), at(-1.0, 1.0)) * pixel
             };
-            sights.push(TrackSight {
+            sights.push(TrackObservation {
                 camera: index as u32,
                 pixel,
                 sigma_px: 1.0,
@@ -75,7 +75,7 @@ fn scene(cameras: u32, pose_px: f64, pixel: f64, wrong: Option<usize>) -> Scene 
         if sights.len() >= 2 {
             tracks.push(Track {
                 point_in_world: start,
-                sights,
+                observations: sights,
             });
             points.push(point);
         }
@@ -111,9 +111,9 @@ fn adjust_poses(
     free: &[u32],
     prior: &PosePrior,
     tracks: &mut [Track],
-) -> Adjustment {
+) -> AdjustmentSummary {
     let mut lens = CorrectedLens::new(camera());
-    let done = adjust(&mut lens, false, poses, free, prior, tracks);
+    let done = adjust_bundle(&mut lens, false, poses, free, prior, tracks);
     assert_eq!(lens, CorrectedLens::new(camera()));
     done
 }
@@ -195,7 +195,7 @@ fn the_lens_is_found_along_with_disturbed_poses() {
         let distorting = CorrectedLens::new(camera()).moved(k1).unwrap();
         let mut s = scene(10, 4.0, 0.0, None);
         for (track, point) in s.tracks.iter_mut().zip(&s.points) {
-            for sight in &mut track.sights {
+            for sight in &mut track.observations {
                 let in_camera = s.truths[sight.camera as usize].inverse() * point;
                 let straight = camera().project(&in_camera).unwrap();
                 let bent = distorting.camera().project(&in_camera).unwrap();
@@ -207,7 +207,7 @@ fn the_lens_is_found_along_with_disturbed_poses() {
         let without = adjust_poses(&mut fixed, &all(10), &prior, &mut s.tracks.clone());
         let mut lens = CorrectedLens::new(camera());
         let tracks = &mut s.tracks;
-        let with = adjust(&mut lens, true, &mut s.poses, &all(10), &prior, tracks);
+        let with = adjust_bundle(&mut lens, true, &mut s.poses, &all(10), &prior, tracks);
         let found = lens.k1().unwrap();
         assert!((found - k1).abs() < 0.005, "{k1}: {found}");
         assert!(
@@ -245,7 +245,7 @@ fn nothing_to_go_by_changes_nothing_and_is_no_fault() {
     .into_iter()
     .map(|point_in_world| Track {
         point_in_world,
-        sights: s.tracks[0].sights.clone(),
+        observations: s.tracks[0].observations.clone(),
     })
     .collect();
     for count in 1..=odd.len() {
@@ -271,7 +271,10 @@ fn one_camera_finds_its_place_among_known_points() {
             .iter()
             .zip(&s.points)
             .filter_map(|(track, point)| {
-                let sight = track.sights.iter().find(|sight| sight.camera == index)?;
+                let sight = track
+                    .observations
+                    .iter()
+                    .find(|sight| sight.camera == index)?;
                 Some(KnownPoint {
                     point_in_world: *point,
                     covariance: Matrix3::identity() * 1e-6,
@@ -289,7 +292,7 @@ fn one_camera_finds_its_place_among_known_points() {
         );
         let off = difference_px(pose.world_from_camera(), &s.truths[index as usize]);
         assert!(off < 0.5, "{off}");
-        assert!(pose.change().turn_rad < 0.03 && pose.change().shift < 0.06);
+        assert!(pose.change().rotation_rad < 0.03 && pose.change().translation < 0.06);
         let mut alone = s.poses[index as usize];
         assert_eq!(correct_pose(&camera(), &mut alone, &prior, &[]), 0);
     }
