@@ -19,7 +19,7 @@ const NEAR_M: f64 = 0.005;
 
 /// Distances of points to the surface of the room.
 fn distances<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> Vec<f64> {
-    let room = RayScene::new(&Scene::of(SceneKind::Room).mesh());
+    let room = RayScene::new(&Scene::new(SceneKind::Room).mesh());
     points
         .into_iter()
         .map(|point| {
@@ -222,7 +222,7 @@ fn demand_table(mesh: &TriangleMesh, edges: &[[Point3<f64>; 2]]) -> String {
 /// Creases lie where the truth has some, within the noise of the mesh: where the rectangles of the scene end.
 fn demand_creases(creases: &LineSet) -> String {
     const NOISE_M: f64 = 0.01;
-    let room = Scene::of(SceneKind::Room).mesh();
+    let room = Scene::new(SceneKind::Room).mesh();
     let mut uses = BTreeMap::new();
     for [a, b, c] in &room.triangles {
         for (p, q) in [(a, b), (b, c), (c, a)] {

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
 
-use linecarve_mesh::feature_edges::{CREASE_COLOR, RIM_COLOR};
+use linecarve_mesh::feature_edges::{BOUNDARY_COLOR, CREASE_COLOR};
 use linecarve_mesh::{LineSet, read_geometry};
 use program::{expect_status, stderr};
 
@@ -53,7 +53,7 @@ fn the_edges_that_remain_are_edges_of_the_simplified_mesh() {
             lines.lines.iter().filter(is_it).count()
         };
         // Six sides around, and the one where the walls meet.
-        assert_eq!((of(CREASE_COLOR), of(RIM_COLOR)), (1, 6), "{name}");
+        assert_eq!((of(CREASE_COLOR), of(BOUNDARY_COLOR)), (1, 6), "{name}");
         assert_eq!(lines.lines.len(), 7);
         let mesh = read("small.ply");
         let corners: BTreeSet<_> = (mesh.positions.iter())

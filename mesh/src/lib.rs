@@ -1,7 +1,7 @@
 //! Triangle meshes, line sets and point clouds: their files, and everything that is asked of them.
 
 pub mod diff;
-pub mod evaluation;
+pub mod evaluate;
 pub mod feature_edges;
 pub mod files;
 mod io;
@@ -19,4 +19,4 @@ pub use io::{
     write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
 };
 pub use shape::{Shape, ShapeKind};
-pub use types::{GeometryFault, LineSet, TriangleMesh};
+pub use types::{GeometryError, LineSet, TriangleMesh};

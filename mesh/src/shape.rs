@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, Point3};
 
 use super::types::{
-    GeometryFault, LineSet, TriangleMesh, bounds, diagonal, validate, validate_indices,
+    GeometryError, LineSet, TriangleMesh, bounds, diagonal, validate, validate_indices,
 };
 
 /// What the elements of a [`Shape`] make it.
@@ -88,7 +88,7 @@ impl Shape {
     /// # Errors
     /// The first point that is not finite, the first element that names a point which is not there, or a wrong number of
     /// colours.
-    pub fn validate(&self) -> Result<(), GeometryFault> {
+    pub fn validate(&self) -> Result<(), GeometryError> {
         validate(&self.positions, &self.triangles, self.colors.as_deref())?;
         validate_indices(self.positions.len(), &self.lines)
     }

@@ -27,7 +27,7 @@ pub struct LineSet {
 
 /// What makes a mesh or line set impossible to write.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum GeometryFault {
+pub enum GeometryError {
     /// A coordinate is infinite or not a number.
     #[error("vertex {index} is not finite: {position:?}")]
     NotFinite {
@@ -66,7 +66,7 @@ impl TriangleMesh {
     ///
     /// # Errors
     /// The first fault found.
-    pub fn validate(&self) -> Result<(), GeometryFault> {
+    pub fn validate(&self) -> Result<(), GeometryError> {
         validate(&self.positions, &self.triangles, self.colors.as_deref())
     }
 
@@ -106,7 +106,7 @@ impl LineSet {
     ///
     /// # Errors
     /// The first fault found.
-    pub fn validate(&self) -> Result<(), GeometryFault> {
+    pub fn validate(&self) -> Result<(), GeometryError> {
         validate(&self.points, &self.lines, self.colors.as_deref())
     }
 
@@ -122,19 +122,19 @@ pub(super) fn validate<const N: usize>(
     points: &[Point3<f64>],
     elements: &[[u32; N]],
     colors: Option<&[[u8; 3]]>,
-) -> Result<(), GeometryFault> {
+) -> Result<(), GeometryError> {
     let count = points.len();
     for (index, point) in points.iter().enumerate() {
         // The comparison is false for what is not a number; larger values would become infinite as f32.
         let storable = |coordinate: &f64| coordinate.abs() <= f64::from(f32::MAX);
         if !point.coords.iter().all(storable) {
             let position = point.coords.into();
-            return Err(GeometryFault::NotFinite { index, position });
+            return Err(GeometryError::NotFinite { index, position });
         }
     }
     validate_indices(count, elements)?;
     match colors {
-        Some(colors) if colors.len() != count => Err(GeometryFault::Colors {
+        Some(colors) if colors.len() != count => Err(GeometryError::Colors {
             colors: colors.len(),
             vertices: count,
         }),
@@ -146,10 +146,10 @@ pub(super) fn validate<const N: usize>(
 pub(super) fn validate_indices<const N: usize>(
     count: usize,
     elements: &[[u32; N]],
-) -> Result<(), GeometryFault> {
+) -> Result<(), GeometryError> {
     for (element, vertices) in elements.iter().enumerate() {
         if let Some(&vertex) = vertices.iter().find(|vertex| **vertex as usize >= count) {
-            return Err(GeometryFault::OutOfRange {
+            return Err(GeometryError::OutOfRange {
                 element,
                 vertex,
                 count,
@@ -187,7 +187,7 @@ mod tests {
         mesh.triangles.push([0, 1, 3]);
         assert_eq!(
             mesh.validate(),
-            Err(GeometryFault::OutOfRange {
+            Err(GeometryError::OutOfRange {
                 element: 1,
                 vertex: 3,
                 count: 3
@@ -197,7 +197,7 @@ mod tests {
         mesh.colors = Some(vec![[0; 3]; 2]);
         assert_eq!(
             mesh.validate(),
-            Err(GeometryFault::Colors {
+            Err(GeometryError::Colors {
                 colors: 2,
                 vertices: 3
             })
@@ -206,7 +206,7 @@ mod tests {
         mesh.positions[1].y = f64::NAN;
         assert!(matches!(
             mesh.validate(),
-            Err(GeometryFault::NotFinite { index: 1, .. })
+            Err(GeometryError::NotFinite { index: 1, .. })
         ));
         mesh.positions[1].y = 1e300;
         assert!(mesh.validate().is_err());

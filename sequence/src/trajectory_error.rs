@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Point3, Similarity3};
 
 use crate::parse_stamp_ns;
-use linecarve_mesh::evaluation::similarity_between;
+use linecarve_mesh::evaluate::fit_similarity;
 
 /// Poses of two trajectories belong together within this time.
 const SAME_TIME_NS: u64 = 20_000_000;
@@ -152,7 +152,7 @@ impl Trajectory {
                 counts: (self.len(), truth.len()),
             });
         }
-        let fitted = similarity_between(&from, &to, true).ok_or(TrajectoryError::Straight {
+        let fitted = fit_similarity(&from, &to, true).ok_or(TrajectoryError::Straight {
             first: self.path.clone(),
         })?;
         Ok((fitted, from.len()))

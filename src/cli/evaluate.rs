@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::Point3;
 
 use super::KeyframeArgs;
-use linecarve_mesh::evaluation::Region;
+use linecarve_mesh::evaluate::Region;
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]

@@ -20,7 +20,7 @@ use crate::compare::{
 };
 use crate::progress::{Progress, Verbosity};
 use crate::report::page::{ErrorScale, KeyframeImage, PageTable, triangle_errors, write_page};
-use linecarve_mesh::evaluation::{EvaluationOptions, Reference, ShapeFacts, evaluate};
+use linecarve_mesh::evaluate::{EvaluationOptions, NearestPointIndex, ShapeSummary, evaluate};
 use linecarve_mesh::files::write_atomically;
 use linecarve_mesh::render::{HeatScale, View, up_direction, write_png};
 use linecarve_mesh::{LineSet, Shape, TriangleMesh, read_geometry};
@@ -35,7 +35,7 @@ const PICTURES: &str = "pictures";
 /// What the surfaces are measured against.
 struct GroundTruth {
     shape: Shape,
-    reference: Reference,
+    reference: NearestPointIndex,
     summary: GroundTruthSummary,
     scale: HeatScale,
 }
@@ -204,10 +204,10 @@ fn read_ground_truth(
         .with_context(|| format!("--error-end {end}: give a positive length"))?;
     let file = path.file_name().unwrap_or(path.as_os_str());
     Ok(GroundTruth {
-        reference: Reference::new(&shape),
+        reference: NearestPointIndex::new(&shape),
         summary: GroundTruthSummary {
             file: file.to_string_lossy().into_owned(),
-            shape: ShapeFacts::of(&shape),
+            shape: ShapeSummary::new(&shape),
         },
         shape,
         scale,
@@ -221,7 +221,7 @@ fn measure(
     options: &EvaluationOptions,
     origin: &Vector3<f64>,
     warnings: &mut Warnings,
-) -> anyhow::Result<Option<linecarve_mesh::evaluation::Evaluation>> {
+) -> anyhow::Result<Option<linecarve_mesh::evaluate::Evaluation>> {
     if run.surface.mesh.is_empty() {
         return Ok(None);
     }
@@ -407,7 +407,7 @@ fn write_compare_page(
                 label: ERROR_LABEL,
             };
             let distance = |point: &nalgebra::Point3<f64>| paint.distance(point);
-            triangle_errors(&recorder.history, truth.scale.end(), &distance)
+            triangle_errors(&recorder.history, truth.scale.max(), &distance)
         });
         let mut on_page = page_surface(
             surface.name,

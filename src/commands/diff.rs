@@ -9,7 +9,7 @@ use crate::commands::Outcome;
 use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::run_report::{print_object, print_text};
 use linecarve_mesh::diff::{DiffOptions, Difference, compare, write_junit, write_junit_failure};
-use linecarve_mesh::evaluation::{Reference, ShapeFacts};
+use linecarve_mesh::evaluate::{NearestPointIndex, ShapeSummary};
 use linecarve_mesh::{Shape, read_geometry};
 
 pub(super) fn run(args: &DiffArgs) -> anyhow::Result<Outcome> {
@@ -24,7 +24,10 @@ pub(super) fn run(args: &DiffArgs) -> anyhow::Result<Outcome> {
     }
     if let Some(path) = &args.heat_map {
         let largest = difference.worst.map_or(0.0, |worst| worst.distance);
-        let (to_expected, to_actual) = (Reference::new(&expected), Reference::new(&actual));
+        let (to_expected, to_actual) = (
+            NearestPointIndex::new(&expected),
+            NearestPointIndex::new(&actual),
+        );
         let parts = [
             Colored {
                 name: "actual",
@@ -88,7 +91,7 @@ fn name(path: &Path) -> String {
 }
 
 fn in_words(difference: &Difference) -> String {
-    let size = |facts: &ShapeFacts| {
+    let size = |facts: &ShapeSummary| {
         format!(
             "{} vertices, {} triangles, {:.4} from corner to corner",
             facts.vertices, facts.triangles, facts.diagonal

@@ -14,9 +14,9 @@ use crate::commands::sequence::{choose, open};
 use crate::pipeline::Options;
 use crate::pipeline::scale::median_scene_depth;
 use crate::progress::{Progress, Verbosity};
-use linecarve_mesh::evaluation::{
-    Alignment, DistanceStatistics, Evaluation, EvaluationOptions, Observed, ObservedOptions,
-    Observer, Reference, ShapeFacts, evaluate_observed,
+use linecarve_mesh::evaluate::{
+    Alignment, DistanceStatistics, Evaluation, EvaluationOptions, NearestPointIndex, ObservedShape,
+    ObservedShapeBuilder, ObservedShapeOptions, ShapeSummary, evaluate_observed,
 };
 use linecarve_mesh::{Shape, ShapeKind, read_geometry};
 use linecarve_sequence::Trajectory;
@@ -113,7 +113,7 @@ fn observe(
     folder: &Path,
     args: &EvaluateArgs,
     verbosity: Verbosity,
-) -> anyhow::Result<Observed> {
+) -> anyhow::Result<ObservedShape> {
     let sequence = open(&SequenceArgs {
         sequence: folder.to_owned(),
         calibration: args.calibration.clone(),
@@ -142,11 +142,11 @@ fn observe(
         median_depth,
         verbosity,
     )?;
-    let mut options = ObservedOptions::at_depth(median_depth);
-    options.far = args.far.unwrap_or(options.far);
+    let mut options = ObservedShapeOptions::at_depth(median_depth);
+    options.max_depth = args.far.unwrap_or(options.max_depth);
     if let Some(behind) = args.behind {
-        options.behind = behind;
-        options.edge = behind / 5.0;
+        options.max_distance_behind = behind;
+        options.max_edge_length = behind / 5.0;
     }
     let world_from_depth =
         |frame: usize| frames[frame].world_from_camera * calibration.color_from_depth;
@@ -154,12 +154,12 @@ fn observe(
         .iter()
         .map(|frame| Point3::from(world_from_depth(*frame).translation.vector))
         .collect();
-    let mut observer = Observer::new(shape, &eyes, &options)?;
+    let mut observer = ObservedShapeBuilder::new(shape, &eyes, &options)?;
     let mut progress = Progress::start("keyframes", keyframes.len(), verbosity);
     for frame in keyframes {
         match sequence.load_depth(frame) {
             Ok(Some(depth)) => {
-                observer.look(&calibration.camera, &world_from_depth(frame), &depth);
+                observer.add_view(&calibration.camera, &world_from_depth(frame), &depth);
             }
             Ok(None) => {}
             Err(error) if error.is_limited_to_frame() => {
@@ -192,7 +192,7 @@ fn heat_map(
         .fold(0.0, f64::max);
     let part = Colored {
         name: "distance",
-        distances: Reference::new(truth).distances(&moved.positions),
+        distances: NearestPointIndex::new(truth).distances(&moved.positions),
         shape: moved,
     };
     write_heat_map(path, [part], largest)
@@ -297,7 +297,7 @@ fn write_statistics(
     }
 }
 
-fn shape_in_words(facts: &ShapeFacts) -> String {
+fn shape_in_words(facts: &ShapeSummary) -> String {
     let mut text = format!("{}, {} vertices", facts.kind, facts.vertices);
     if facts.triangles > 0 {
         let _ = write!(text, ", {} triangles", facts.triangles);

@@ -24,7 +24,7 @@ pub(super) fn of_final_mesh(
     let edges = found.edges().iter().copied();
     Ok(FeatureLines::new(
         mesh,
-        edges.filter(|edge| edge.kind != EdgeKind::Rim),
+        edges.filter(|edge| edge.kind != EdgeKind::Boundary),
     ))
 }
 

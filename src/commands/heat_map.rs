@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::bail;
 use nalgebra::{Point3, Vector3};
 
-use linecarve_mesh::evaluation::heat_colors;
+use linecarve_mesh::evaluate::heat_colors;
 use linecarve_mesh::{Geometry, GlbPart, LineSet, Shape, TriangleMesh, write_glb};
 
 /// A shape with a distance for each of its points.

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use crate::cli::RenderArgs;
 use crate::commands::Outcome;
 use crate::compare::distance_within;
-use linecarve_mesh::evaluation::Reference;
+use linecarve_mesh::evaluate::NearestPointIndex;
 use linecarve_mesh::render::{
     BackFaces, HeatScale, RenderOptions, Renderer, View, up_direction, with_color_bar, write_png,
 };
@@ -67,7 +67,7 @@ fn draw_errors(
     options: &RenderOptions,
 ) -> anyhow::Result<RgbImage> {
     let truth = read_geometry(path)?;
-    let reference = Reference::new(&truth);
+    let reference = NearestPointIndex::new(&truth);
     ensure!(
         !truth.positions.is_empty(),
         "{}: holds nothing to measure distances to",
@@ -77,7 +77,7 @@ fn draw_errors(
     let scale = HeatScale::new(end)
         .with_context(|| format!("--errors-end {end}: give a positive length"))?;
     let paint = |point: &Point3<f64>| scale.color(distance_within(&reference, point, end));
-    let picture = renderer.draw_painted(&paint, lines, view, options, &|_, _| {})?;
+    let picture = renderer.draw_colored(&paint, lines, view, options, &|_, _| {})?;
     Ok(with_color_bar(&picture, &scale, "distance to ground truth"))
 }
 

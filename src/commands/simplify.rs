@@ -13,7 +13,9 @@ use crate::commands::output::{feature_edges_part, surface_part, write_part};
 use crate::commands::run_report::{print_object, print_text};
 use linecarve_mesh::diff::Tolerance;
 use linecarve_mesh::feature_edges::FeatureLines;
-use linecarve_mesh::simplify::{SimplifyOptions, SimplifyOptionsError, rim_tolerance, simplify};
+use linecarve_mesh::simplify::{
+    SimplifyOptions, SimplifyOptionsError, default_boundary_tolerance, simplify,
+};
 use linecarve_mesh::{LineSet, TriangleMesh, read_geometry};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
@@ -34,7 +36,7 @@ pub(super) fn finished(
     };
     let tolerance = tolerance.length(mesh.diagonal());
     let options = SimplifyOptions {
-        rim_tolerance: rim_tolerance(&mesh, tolerance),
+        boundary_tolerance: default_boundary_tolerance(&mesh, tolerance),
         ..SimplifyOptions::with_tolerance(tolerance)
     };
     Ok(simplify(&mesh, &ends(&lines.points, &lines.lines), &options)?.mesh)
@@ -87,10 +89,10 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
     let mesh = shape.into_mesh();
     let tolerance = args.tolerance.length(diagonal);
     let options = SimplifyOptions {
-        crease_rad: args.crease.to_radians(),
-        rim_tolerance: match args.rim_tolerance {
+        crease_angle_rad: args.crease.to_radians(),
+        boundary_tolerance: match args.rim_tolerance {
             Some(given) => given.length(diagonal),
-            None => rim_tolerance(&mesh, tolerance),
+            None => default_boundary_tolerance(&mesh, tolerance),
         },
         ..SimplifyOptions::with_tolerance(tolerance)
     };
@@ -103,7 +105,7 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
     }
     let summary = Summary {
         tolerance: options.tolerance,
-        rim_tolerance: options.rim_tolerance,
+        rim_tolerance: options.boundary_tolerance,
         vertices: simplified.mesh.positions.len(),
         triangles: simplified.mesh.triangles.len(),
         vertices_before: mesh.positions.len(),
@@ -112,7 +114,7 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         checked_points: simplified.checked_points,
         largest_distance: simplified.largest_distance,
         mean_distance: simplified.mean_distance,
-        farthest_beyond: simplified.farthest_beyond,
+        farthest_beyond: simplified.largest_boundary_distance,
     };
     if args.json {
         print_object(&summary)?;

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use super::grid::panel_grid;
 use super::result::{ComparedSurface, distance_within};
 use linecarve_mesh::TriangleMesh;
-use linecarve_mesh::evaluation::Reference;
+use linecarve_mesh::evaluate::NearestPointIndex;
 use linecarve_mesh::render::{
     BackFaces, HeatScale, PictureError, RenderOptions, Renderer, View, with_caption, with_color_bar,
 };
@@ -14,7 +14,7 @@ use linecarve_mesh::render::{
 /// Paints surfaces by their distance to a ground truth.
 pub struct ErrorPaint<'a> {
     /// The ground truth, in the frame of the poses.
-    pub ground_truth: &'a Reference,
+    pub ground_truth: &'a NearestPointIndex,
     /// Added to points of the surfaces to bring them into that frame.
     pub origin: Vector3<f64>,
     /// The colours.
@@ -26,7 +26,7 @@ pub struct ErrorPaint<'a> {
 impl ErrorPaint<'_> {
     /// Distance of a point in the frame of the surfaces, infinite beyond the end of the scale.
     pub fn distance(&self, point: &Point3<f64>) -> f64 {
-        distance_within(self.ground_truth, &(point + self.origin), self.scale.end())
+        distance_within(self.ground_truth, &(point + self.origin), self.scale.max())
     }
 }
 
@@ -89,7 +89,7 @@ impl<'a> Gallery<'a> {
             shapes.push(Some(with_caption(&picture, surface.label)));
             if let Some(errors) = errors {
                 let paint = |point: &Point3<f64>| errors.scale.color(errors.distance(point));
-                let picture = renderer.draw_painted(&paint, None, camera, &options, &|_, _| {})?;
+                let picture = renderer.draw_colored(&paint, None, camera, &options, &|_, _| {})?;
                 painted.push(Some(with_caption(
                     &picture,
                     &format!("{}, error", surface.label),
@@ -158,7 +158,7 @@ mod tests {
             surface("near", wall(2.0)),
             surface("empty", TriangleMesh::default()),
         ];
-        let truth = Reference::new(&Shape::from(wall(12.05)));
+        let truth = NearestPointIndex::new(&Shape::from(wall(12.05)));
         let errors = ErrorPaint {
             ground_truth: &truth,
             origin: Vector3::new(0.0, 0.0, 10.0),

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use crate::report::{KeyframeReport, StageTimes};
-use linecarve_mesh::evaluation::{Evaluation, Reference, ShapeFacts};
+use linecarve_mesh::evaluate::{Evaluation, NearestPointIndex, ShapeSummary};
 use linecarve_mesh::{LineSet, TriangleMesh};
 
 /// A surface at the end of its run, in the frame of computation.
@@ -57,7 +57,7 @@ pub struct GroundTruthSummary {
     /// Name of its file.
     pub file: String,
     /// What it holds.
-    pub shape: ShapeFacts,
+    pub shape: ShapeSummary,
 }
 
 /// A surface in numbers.
@@ -112,7 +112,7 @@ impl SurfaceSummary {
 
 /// Distance of a point to a ground truth as long as it is at most `end`, infinite beyond: much faster than without a
 /// bound.
-pub fn distance_within(ground_truth: &Reference, point: &Point3<f64>, end: f64) -> f64 {
+pub fn distance_within(ground_truth: &NearestPointIndex, point: &Point3<f64>, end: f64) -> f64 {
     let distance = match ground_truth.scene() {
         Some(scene) => scene.closest(point, end).map(|closest| closest.distance),
         None => ground_truth.nearest(point).map(|nearest| nearest.distance),
@@ -143,7 +143,7 @@ mod tests {
             ..wall.clone()
         };
         for shape in [wall, cloud] {
-            let reference = Reference::new(&shape);
+            let reference = NearestPointIndex::new(&shape);
             let at = |z: f64| distance_within(&reference, &Point3::new(0.0, 0.0, z), 0.5);
             assert_eq!((at(0.25), at(0.5), at(0.75)), (0.25, 0.5, f64::INFINITY));
             assert_eq!(at(f64::NAN), f64::INFINITY);

@@ -40,7 +40,7 @@ pub fn score_table(surfaces: &[SurfaceSummary], labels: &[&str]) -> ScoreTable {
             surface.triangles.to_string(),
         ];
         if !thresholds.is_empty() {
-            let distances = |statistics: Option<linecarve_mesh::evaluation::DistanceStatistics>| {
+            let distances = |statistics: Option<linecarve_mesh::evaluate::DistanceStatistics>| {
                 statistics.map_or_else(dash, |s| format!("{:.4} ({:.4})", s.mean, s.median))
             };
             let evaluation = surface.evaluation.as_ref();
@@ -96,7 +96,7 @@ impl ScoreTable {
 mod tests {
     use super::*;
     use crate::compare::ComparedSurface;
-    use linecarve_mesh::evaluation::{EvaluationOptions, evaluate};
+    use linecarve_mesh::evaluate::{EvaluationOptions, evaluate};
     use linecarve_mesh::{LineSet, Shape, TriangleMesh};
     use nalgebra::Point3;
 

@@ -21,7 +21,7 @@ mod write;
 pub use options::{
     ColorFormat, DepthNoise, SceneKind, SequenceLayout, SynthOptions, SynthOptionsError,
 };
-pub use photo::{Photo, Photographer};
+pub use photo::{FrameRenderer, RenderedFrame};
 pub use scene::Scene;
 pub use write::{SynthError, SynthSummary, write_sequence};
 

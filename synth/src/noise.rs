@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-use super::photo::Photo;
+use super::photo::RenderedFrame;
 
 /// Focal length times baseline of the sensor, in metres times pixels of a 640 pixel wide image: 585 px and 7.5 cm, those
 /// of the first Kinect.
@@ -35,7 +35,7 @@ const RANGE_M: (f64, f64) = (0.4, 5.0);
 /// by A. Handa, T. Whelan, J. McDonald, A. J. Davison, *A Benchmark for RGB-D Visual Odometry, 3D Reconstruction and SLAM*,
 /// ICRA 2014. *Differs from the papers*: the losses, and a range.
 pub(super) fn sensor_depth(
-    photo: &Photo,
+    photo: &RenderedFrame,
     strength: f64,
     seed: u64,
     frame: u64,

@@ -17,7 +17,7 @@ use linecarve_mesh::srgb::encoded;
 const SUPERSAMPLING: usize = 3;
 
 /// Takes pictures of a scene; the light is computed once.
-pub struct Photographer<'a> {
+pub struct FrameRenderer<'a> {
     scene: &'a Scene,
     rays: RayScene,
     lighting: Lighting,
@@ -28,7 +28,7 @@ pub struct Photographer<'a> {
 
 /// Colour and exact depth of one frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Photo {
+pub struct RenderedFrame {
     /// Width in pixels.
     pub width: u32,
     /// Height in pixels.
@@ -39,7 +39,7 @@ pub struct Photo {
     pub depth: Vec<Option<f64>>,
 }
 
-impl<'a> Photographer<'a> {
+impl<'a> FrameRenderer<'a> {
     /// A photographer with a pinhole camera (lens distortion is left out) and images of `width` by `height` pixels.
     pub fn new(scene: &'a Scene, camera: &Camera, width: u32, height: u32) -> Self {
         let rays = RayScene::new(&scene.mesh());
@@ -55,12 +55,12 @@ impl<'a> Photographer<'a> {
     }
 
     /// The scene's triangles, ready for rays.
-    pub fn rays(&self) -> &RayScene {
+    pub fn ray_scene(&self) -> &RayScene {
         &self.rays
     }
 
     /// Takes a picture with a camera at `world_from_camera`.
-    pub fn photograph(&self, world_from_camera: &Isometry3<f64>) -> Photo {
+    pub fn render(&self, world_from_camera: &Isometry3<f64>) -> RenderedFrame {
         let eye = Point3::from(world_from_camera.translation.vector);
         let direction = |x: f64, y: f64| {
             world_from_camera.rotation
@@ -109,7 +109,7 @@ impl<'a> Photographer<'a> {
                 light.push(sum.map(|s| (s / (SUPERSAMPLING * SUPERSAMPLING) as f64) as f32));
             }
         }
-        Photo {
+        RenderedFrame {
             width: self.width as u32,
             height: self.height as u32,
             light,
@@ -161,7 +161,7 @@ fn background(ray: &Vector3<f64>) -> Rgb {
     std::array::from_fn(|channel| 0.45 + 0.3 * up + 0.03 * channel as f64)
 }
 
-impl Photo {
+impl RenderedFrame {
     /// The picture as 8-bit sRGB: light times `gain`, with normal noise of `noise` 8-bit steps from a stream of the seed
     /// that `frame` numbers.
     pub fn color_image(&self, gain: f64, noise: f64, seed: u64, frame: u64) -> RgbImage {

@@ -33,7 +33,7 @@ pub(super) struct Lamp {
 
 impl Scene {
     /// The scene of a kind.
-    pub fn of(kind: SceneKind) -> Self {
+    pub fn new(kind: SceneKind) -> Self {
         match kind {
             SceneKind::Room => Self::room(),
             SceneKind::BareRoom => Self::bare_room(),

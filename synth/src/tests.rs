@@ -48,9 +48,9 @@ fn depth_in_the_corner_is_that_of_the_three_planes() {
     let scene = Scene::corner();
     let options = small(SceneKind::Corner);
     let camera = options.camera().unwrap();
-    let photographer = Photographer::new(&scene, &camera, options.width, options.height);
+    let photographer = FrameRenderer::new(&scene, &camera, options.width, options.height);
     for pose in scene.poses(3, 5) {
-        let photo = photographer.photograph(&pose);
+        let photo = photographer.render(&pose);
         for (index, depth) in photo.depth.iter().enumerate() {
             let (x, y) = (index % 96, index / 96);
             let ray = Vector3::new(
@@ -79,10 +79,10 @@ fn a_known_point_is_seen_where_the_pose_says() {
     let scene = Scene::corner();
     let options = small(SceneKind::Corner);
     let camera = options.camera().unwrap();
-    let photographer = Photographer::new(&scene, &camera, options.width, options.height);
+    let photographer = FrameRenderer::new(&scene, &camera, options.width, options.height);
     let mut compared = 0;
     for pose in scene.poses(3, 5) {
-        let photo = photographer.photograph(&pose);
+        let photo = photographer.render(&pose);
         for floor_point in [Point3::new(0.5, 0.6, 0.0), Point3::new(0.0, 0.4, 0.7)] {
             let in_camera = pose.inverse() * floor_point;
             let pixel = camera.project(&in_camera).unwrap();
@@ -106,7 +106,7 @@ fn a_known_point_is_seen_where_the_pose_says() {
 #[test]
 fn from_the_path_no_surface_is_seen_from_behind_and_the_room_has_no_hole() {
     for kind in SceneKind::ALL {
-        let scene = Scene::of(kind);
+        let scene = Scene::new(kind);
         let mesh = scene.mesh();
         mesh.validate().unwrap();
         let rays = RayScene::new(&mesh);
@@ -119,7 +119,10 @@ fn from_the_path_no_surface_is_seen_from_behind_and_the_room_has_no_hole() {
                 let hit = rays.cast(&eye, &direction, f64::INFINITY);
                 if let Some(hit) = hit {
                     let point = eye + direction * hit.distance;
-                    assert!(hit.front, "{kind:?}: the surface at {point} is turned away");
+                    assert!(
+                        hit.is_front_face,
+                        "{kind:?}: the surface at {point} is turned away"
+                    );
                 } else {
                     let is_open = matches!(kind, SceneKind::Boxes | SceneKind::Corner);
                     assert!(is_open, "{kind:?}: a hole towards {direction}");
@@ -132,7 +135,7 @@ fn from_the_path_no_surface_is_seen_from_behind_and_the_room_has_no_hole() {
 #[test]
 fn the_path_keeps_away_from_everything() {
     for kind in SceneKind::ALL {
-        let scene = Scene::of(kind);
+        let scene = Scene::new(kind);
         let rays = RayScene::new(&scene.mesh());
         let poses = scene.poses(60, 3);
         for pair in poses.windows(2) {
@@ -149,12 +152,12 @@ fn the_path_keeps_away_from_everything() {
 }
 
 /// A wall across the view at a constant depth, with a step in the middle column.
-fn stepped_wall(near: f64, far: f64) -> Photo {
+fn stepped_wall(near: f64, far: f64) -> RenderedFrame {
     let (width, height) = (640_u32, 200_u32);
     let depth = (0..width * height)
         .map(|index| Some(if index % width < width / 2 { near } else { far }))
         .collect();
-    Photo {
+    RenderedFrame {
         width,
         height,
         light: vec![[0.5; 3]; (width * height) as usize],
@@ -253,12 +256,12 @@ fn every_layout_is_read_back_as_it_was_rendered() {
         assert_eq!(sequence.color_camera(), &camera);
         assert!(sequence.depth_calibration().unwrap().registered);
         assert!(sequence.warnings().is_empty(), "{:?}", sequence.warnings());
-        let photographer = Photographer::new(&scene, &camera, options.width, options.height);
+        let photographer = FrameRenderer::new(&scene, &camera, options.width, options.height);
         for (index, pose) in poses.iter().enumerate() {
             let read = sequence.frames()[index].world_from_camera;
             assert!((read.translation.vector - pose.translation.vector).norm() < 1e-8);
             assert!(read.rotation.angle_to(&pose.rotation) < 1e-8);
-            let photo = photographer.photograph(pose);
+            let photo = photographer.render(pose);
             let depth = sequence.load_depth(index).unwrap().unwrap();
             for (position, exact) in photo.depth.iter().enumerate() {
                 let found = f64::from(*depth.get(position % 96, position / 96).unwrap());
@@ -329,10 +332,10 @@ fn what_frames_observe_lies_on_the_surface_and_is_part_of_it() {
     }
     // Every exact depth lies near an observed piece: the two are decided apart from each other.
     let seen = RayScene::new(&observed.mesh);
-    let photographer = Photographer::new(&scene, &camera, 96, 72);
+    let photographer = FrameRenderer::new(&scene, &camera, 96, 72);
     let (mut near, mut all) = (0, 0);
     for pose in &poses {
-        for (index, depth) in photographer.photograph(pose).depth.iter().enumerate() {
+        for (index, depth) in photographer.render(pose).depth.iter().enumerate() {
             let Some(depth) = depth else { continue };
             let pixel = Point2::new((index % 96) as f64, (index / 96) as f64);
             let direction = camera.unproject(&pixel).unwrap();

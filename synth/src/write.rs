@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::ground_truth::observed;
 use super::noise::sensor_depth;
 use super::options::{ColorFormat, DepthNoise, SequenceLayout, SynthOptions, SynthOptionsError};
-use super::photo::Photographer;
+use super::photo::FrameRenderer;
 use super::scene::Scene;
 use linecarve_mesh::files::{WriteError, write_atomically};
 use linecarve_mesh::{MeshFileError, write_mesh_ply};
@@ -100,10 +100,10 @@ pub(super) fn write_selected(
     options.validate()?;
     let files = Files::new(options, out);
     files.make_folders()?;
-    let scene = Scene::of(options.scene);
+    let scene = Scene::new(options.scene);
     let camera = options.camera()?;
     let poses = scene.poses(options.frames, options.seed);
-    let photographer = Photographer::new(&scene, &camera, options.width, options.height);
+    let photographer = FrameRenderer::new(&scene, &camera, options.width, options.height);
 
     let done = AtomicUsize::new(0);
     let with_depth: Vec<u64> = poses
@@ -121,7 +121,7 @@ pub(super) fn write_selected(
     let mesh = scene.mesh();
     write_mesh_ply(&out.join("ground-truth.ply"), &mesh)?;
     let size = (options.width, options.height);
-    let observed = observed(&scene, photographer.rays(), &camera, size, &poses);
+    let observed = observed(&scene, photographer.ray_scene(), &camera, size, &poses);
     write_mesh_ply(&out.join("ground-truth-observed.ply"), &observed.mesh)?;
     let pixels = u64::from(options.width) * u64::from(options.height) * poses.len() as u64;
     let summary = SynthSummary {
@@ -139,13 +139,13 @@ pub(super) fn write_selected(
 
 /// Writes the images of one frame; returns how many pixels have depth.
 fn write_frame(
-    photographer: &Photographer<'_>,
+    photographer: &FrameRenderer<'_>,
     options: &SynthOptions,
     files: &Files<'_>,
     frame: usize,
     pose: &Isometry3<f64>,
 ) -> Result<u64, SynthError> {
-    let photo = photographer.photograph(pose);
+    let photo = photographer.render(pose);
     let number = frame as u64;
     let along = frame as f64 / f64::from(options.frames);
     let gain = 1.0 + options.exposure_change * (std::f64::consts::TAU * 2.0 * along).sin();

@@ -5,10 +5,10 @@ use nalgebra::{Point3, Vector3};
 use super::distances::{farthest_vertex, to_other, used_positions};
 use super::options::{Check, DiffOptions};
 use super::orientation::flipped;
-use super::result::{CheckOutcome, Difference, Place, Side, SideDistances};
+use super::result::{CheckOutcome, ComparedMesh, Difference, MeshLocation, OneSidedDistances};
 use super::topology::Topology;
-use crate::evaluation::{Reference, ShapeFacts};
-use crate::{GeometryFault, Shape, ShapeKind};
+use crate::evaluate::{NearestPointIndex, ShapeSummary};
+use crate::{GeometryError, Shape, ShapeKind};
 
 /// Why two shapes cannot be compared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -19,7 +19,7 @@ pub enum DiffError {
         /// `expected` or `actual`.
         which: &'static str,
         /// What is wrong.
-        fault: GeometryFault,
+        fault: GeometryError,
     },
     /// One of them is not a mesh.
     #[error("the {which} file holds {found} and no triangle: meshes are compared")]
@@ -91,12 +91,20 @@ pub fn compare(
     }
     let tolerance = tolerance.max(rounding(expected).max(rounding(actual)));
 
-    let (expected_surface, actual_surface) = (Reference::new(expected), Reference::new(actual));
+    let (expected_surface, actual_surface) = (
+        NearestPointIndex::new(expected),
+        NearestPointIndex::new(actual),
+    );
     let measure = |mesh, on, other, seed| to_other(mesh, on, other, options.samples, seed);
-    let from_expected = measure(expected, Side::Expected, &actual_surface, options.seed);
+    let from_expected = measure(
+        expected,
+        ComparedMesh::Expected,
+        &actual_surface,
+        options.seed,
+    );
     let from_actual = measure(
         actual,
-        Side::Actual,
+        ComparedMesh::Actual,
         &expected_surface,
         options.seed.wrapping_add(1),
     );
@@ -108,21 +116,23 @@ pub fn compare(
         && expected.triangles.len() == actual.triangles.len();
     let worst_vertex = if has_same_counts {
         farther(
-            farthest_vertex(expected, Side::Expected, actual),
-            farthest_vertex(actual, Side::Actual, expected),
+            farthest_vertex(expected, ComparedMesh::Expected, actual),
+            farthest_vertex(actual, ComparedMesh::Actual, expected),
         )
     } else {
         None
     };
-    let (flipped_here, worst_here) = flipped(expected, Side::Expected, &actual_surface, tolerance);
-    let (flipped_there, worst_there) = flipped(actual, Side::Actual, &expected_surface, tolerance);
+    let (flipped_here, worst_here) =
+        flipped(expected, ComparedMesh::Expected, &actual_surface, tolerance);
+    let (flipped_there, worst_there) =
+        flipped(actual, ComparedMesh::Actual, &expected_surface, tolerance);
 
     let mut difference = Difference {
         is_same: true,
         checks: Vec::new(),
         tolerance,
-        expected: ShapeFacts::of(expected),
-        actual: ShapeFacts::of(actual),
+        expected: ShapeSummary::new(expected),
+        actual: ShapeSummary::new(actual),
         from_expected: from_expected.map(|(summary, _)| summary),
         from_actual: from_actual.map(|(summary, _)| summary),
         worst,
@@ -130,7 +140,7 @@ pub fn compare(
         bounds: bounds.map(|corners| corners.map(|c| c.map(|corner| corner.coords.into()))),
         flipped_triangles: flipped_here + flipped_there,
         worst_flipped: worst_here.or(worst_there),
-        topology: [Topology::of(expected), Topology::of(actual)],
+        topology: [Topology::new(expected), Topology::new(actual)],
     };
     let mut checks = options.checks.clone();
     checks.sort_unstable();
@@ -155,7 +165,7 @@ fn rounding(shape: &Shape) -> f64 {
 }
 
 /// The farther of two places, the first when they are equally far.
-fn farther(a: Option<Place>, b: Option<Place>) -> Option<Place> {
+fn farther(a: Option<MeshLocation>, b: Option<MeshLocation>) -> Option<MeshLocation> {
     match (a, b) {
         (Some(a), Some(b)) if b.distance > a.distance => Some(b),
         (Some(a), _) => Some(a),
@@ -217,7 +227,7 @@ fn judge(
 fn judge_distance(found: &Difference) -> (bool, String) {
     let (Some(a), Some(b), Some(worst)) = (found.from_expected, found.from_actual, &found.worst)
     else {
-        let is_empty = |facts: &ShapeFacts| facts.triangles == 0;
+        let is_empty = |facts: &ShapeSummary| facts.triangles == 0;
         return match (is_empty(&found.expected), is_empty(&found.actual)) {
             (true, true) => (true, "both meshes are empty".to_owned()),
             (true, false) => (false, "an empty mesh was expected".to_owned()),
@@ -229,7 +239,7 @@ fn judge_distance(found: &Difference) -> (bool, String) {
         };
     };
     let summary =
-        |side: SideDistances| format!("mean {}, 95 % {}", length(side.mean), length(side.p95));
+        |side: OneSidedDistances| format!("mean {}, 95 % {}", length(side.mean), length(side.p95));
     (
         worst.distance <= found.tolerance,
         format!(

@@ -2,9 +2,9 @@
 
 use nalgebra::Point3;
 
-use super::result::{Place, Side, SideDistances};
+use super::result::{ComparedMesh, MeshLocation, OneSidedDistances};
 use crate::Shape;
-use crate::evaluation::{DistanceStatistics, Nearest, Reference, on_surface};
+use crate::evaluate::{DistanceStatistics, NearestPoint, NearestPointIndex, sample_surface};
 
 /// A point of a mesh whose distance is measured.
 struct Probe {
@@ -16,32 +16,32 @@ struct Probe {
 /// triangle with an area.
 pub(super) fn to_other(
     mesh: &Shape,
-    on: Side,
-    other: &Reference,
+    on: ComparedMesh,
+    other: &NearestPointIndex,
     samples: usize,
     seed: u64,
-) -> Option<(SideDistances, Place)> {
-    let drawn = on_surface(mesh, samples, seed);
+) -> Option<(OneSidedDistances, MeshLocation)> {
+    let drawn = sample_surface(mesh, samples, seed);
     if drawn.is_empty() || !other.is_mesh() {
         return None;
     }
     let points: Vec<Point3<f64>> = drawn.iter().map(|(point, _)| *point).collect();
-    let at_samples = other.nearest_of_all(&points);
+    let at_samples = other.nearest_points(&points);
     let distances: Vec<f64> = at_samples
         .iter()
         .map(|nearest| nearest.map_or(f64::INFINITY, |nearest| nearest.distance))
         .collect();
-    let over_surface = DistanceStatistics::of(&distances)?;
+    let over_surface = DistanceStatistics::from_distances(&distances)?;
 
     let fixed = fixed_probes(mesh);
     let points: Vec<Point3<f64>> = fixed.iter().map(|probe| probe.point).collect();
-    let at_fixed = other.nearest_of_all(&points);
+    let at_fixed = other.nearest_points(&points);
     let all = drawn
         .into_iter()
         .map(|(point, triangle)| Probe { point, triangle })
         .zip(at_samples)
         .chain(fixed.into_iter().zip(at_fixed));
-    let mut worst: Option<(Probe, Nearest)> = None;
+    let mut worst: Option<(Probe, NearestPoint)> = None;
     for (probe, nearest) in all {
         // Valid shapes have finite points, and the other one has a triangle.
         let Some(nearest) = nearest else { continue };
@@ -53,12 +53,12 @@ pub(super) fn to_other(
         }
     }
     let (probe, nearest) = worst?;
-    let summary = SideDistances {
+    let summary = OneSidedDistances {
         mean: over_surface.mean,
         p95: over_surface.p95,
         max: nearest.distance,
     };
-    let place = Place {
+    let place = MeshLocation {
         on,
         point: probe.point.coords.into(),
         distance: nearest.distance,
@@ -102,8 +102,12 @@ pub(super) fn nearest_corner(mesh: &Shape, triangle: u32, point: &Point3<f64>) -
 }
 
 /// The vertex in use that lies farthest from any vertex in use of the other mesh.
-pub(super) fn farthest_vertex(mesh: &Shape, on: Side, other: &Shape) -> Option<Place> {
-    let cloud = Reference::new(&Shape {
+pub(super) fn farthest_vertex(
+    mesh: &Shape,
+    on: ComparedMesh,
+    other: &Shape,
+) -> Option<MeshLocation> {
+    let cloud = NearestPointIndex::new(&Shape {
         positions: used_positions(other),
         ..Shape::default()
     });
@@ -122,11 +126,11 @@ pub(super) fn farthest_vertex(mesh: &Shape, on: Side, other: &Shape) -> Option<P
         .iter()
         .map(|(vertex, _)| mesh.positions[*vertex as usize])
         .collect();
-    let mut worst: Option<Place> = None;
-    for ((vertex, triangle), nearest) in used.into_iter().zip(cloud.nearest_of_all(&points)) {
+    let mut worst: Option<MeshLocation> = None;
+    for ((vertex, triangle), nearest) in used.into_iter().zip(cloud.nearest_points(&points)) {
         let nearest = nearest?;
         if worst.is_none_or(|worst| nearest.distance > worst.distance) {
-            worst = Some(Place {
+            worst = Some(MeshLocation {
                 on,
                 point: mesh.positions[vertex as usize].coords.into(),
                 distance: nearest.distance,

@@ -16,5 +16,5 @@ mod topology;
 pub use compare::{DiffError, compare};
 pub use junit::{JunitError, write_junit, write_junit_failure};
 pub use options::{Check, DiffOptions, Tolerance};
-pub use result::{CheckOutcome, Difference, Place, Side, SideDistances};
+pub use result::{CheckOutcome, ComparedMesh, Difference, MeshLocation, OneSidedDistances};
 pub use topology::Topology;

@@ -4,9 +4,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::distances::nearest_corner;
-use super::result::{Place, Side};
+use super::result::{ComparedMesh, MeshLocation};
 use crate::Shape;
-use crate::evaluation::Reference;
+use crate::evaluate::NearestPointIndex;
 
 /// The triangles of `mesh` at whose centre the other mesh has a surface within `tolerance` that faces the other side, and
 /// none that faces the same side: their number, and the one with the largest area.
@@ -14,16 +14,16 @@ use crate::evaluation::Reference;
 /// Triangles lower than twice the tolerance do not count: within it they may face anywhere.
 pub(super) fn flipped(
     mesh: &Shape,
-    on: Side,
-    other: &Reference,
+    on: ComparedMesh,
+    other: &NearestPointIndex,
     tolerance: f64,
-) -> (usize, Option<Place>) {
+) -> (usize, Option<MeshLocation>) {
     let Some(scene) = other.scene() else {
         return (0, None);
     };
     // With no tolerance at all rounding is still to be put up with.
     let slack = tolerance.max(1e-7 * mesh.diagonal());
-    let found: Vec<(u32, f64, Place)> = mesh
+    let found: Vec<(u32, f64, MeshLocation)> = mesh
         .triangles
         .par_iter()
         .enumerate()
@@ -53,7 +53,7 @@ pub(super) fn flipped(
                 return None;
             }
             let triangle = triangle as u32;
-            let place = Place {
+            let place = MeshLocation {
                 on,
                 point: center.coords.into(),
                 distance: nearest.distance,

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::options::Check;
 use super::topology::Topology;
-use crate::evaluation::ShapeFacts;
+use crate::evaluate::ShapeSummary;
 
 /// What a comparison finds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -16,30 +16,30 @@ pub struct Difference {
     /// The tolerance in units of the meshes.
     pub tolerance: f64,
     /// Size of what was expected.
-    pub expected: ShapeFacts,
+    pub expected: ShapeSummary,
     /// Size of what is there.
-    pub actual: ShapeFacts,
+    pub actual: ShapeSummary,
     /// From the expected surface to the actual one; `None` when one of them is empty.
-    pub from_expected: Option<SideDistances>,
+    pub from_expected: Option<OneSidedDistances>,
     /// From the actual surface to the expected one.
-    pub from_actual: Option<SideDistances>,
+    pub from_actual: Option<OneSidedDistances>,
     /// Where the surfaces lie farthest apart.
-    pub worst: Option<Place>,
+    pub worst: Option<MeshLocation>,
     /// Where a vertex lies farthest from any vertex of the other mesh; `None` when their counts differ.
-    pub worst_vertex: Option<Place>,
+    pub worst_vertex: Option<MeshLocation>,
     /// Corners of the expected bounding box, then of the actual one.
     pub bounds: [Option<[[f64; 3]; 2]>; 2],
     /// Triangles of either mesh that face the other side where the other mesh has a surface.
     pub flipped_triangles: usize,
     /// The largest of them.
-    pub worst_flipped: Option<Place>,
+    pub worst_flipped: Option<MeshLocation>,
     /// How the expected mesh hangs together, then the actual one.
     pub topology: [Topology; 2],
 }
 
 /// Distances from one surface to the other.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct SideDistances {
+pub struct OneSidedDistances {
     /// Mean over the surface.
     pub mean: f64,
     /// What 95 % of the surface does not exceed.
@@ -50,9 +50,9 @@ pub struct SideDistances {
 
 /// A place of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Place {
+pub struct MeshLocation {
     /// Whether it lies on the expected mesh or on the actual one.
-    pub on: Side,
+    pub on: ComparedMesh,
     /// Where it is.
     pub point: [f64; 3],
     /// Its distance from the other mesh.
@@ -68,7 +68,7 @@ pub struct Place {
 /// One of the two meshes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Side {
+pub enum ComparedMesh {
     /// What was expected.
     Expected,
     /// What is there.
@@ -86,12 +86,12 @@ pub struct CheckOutcome {
     pub message: String,
 }
 
-impl std::fmt::Display for Place {
+impl std::fmt::Display for MeshLocation {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [x, y, z] = self.point;
         let side = match self.on {
-            Side::Expected => "expected",
-            Side::Actual => "actual",
+            ComparedMesh::Expected => "expected",
+            ComparedMesh::Actual => "actual",
         };
         write!(
             formatter,

@@ -59,7 +59,7 @@ impl Topology {
     ///
     /// # Complexity
     /// O(n log n) for n triangles.
-    pub fn of(shape: &Shape) -> Self {
+    pub fn new(shape: &Shape) -> Self {
         let welded = welded(shape);
         let triangles: Vec<[u32; 3]> = welded
             .iter()
@@ -229,21 +229,21 @@ mod tests {
 
     #[test]
     fn spheres_tori_and_their_holes_are_counted() {
-        let sphere = Topology::of(&tetrahedron());
+        let sphere = Topology::new(&tetrahedron());
         assert_eq!((sphere.components, sphere.genus), (1, Some(0)));
         assert_eq!(sphere.boundary_edges + sphere.inconsistent_edges, 0);
 
         let mut shape = torus(7, 9);
-        assert_eq!(Topology::of(&shape).genus, Some(1));
+        assert_eq!(Topology::new(&shape).genus, Some(1));
         shape.triangles.remove(5);
-        let open = Topology::of(&shape);
+        let open = Topology::new(&shape);
         assert_eq!(
             (open.genus, open.boundary_edges, open.boundary_loops),
             (Some(1), 3, 1)
         );
 
         shape.triangles[20].swap(0, 1);
-        assert_eq!(Topology::of(&shape).inconsistent_edges, 3);
+        assert_eq!(Topology::new(&shape).inconsistent_edges, 3);
     }
 
     #[test]
@@ -257,7 +257,7 @@ mod tests {
             triangle.swap(0, 1);
         }
         shape.append(mirrored);
-        let touching = Topology::of(&shape);
+        let touching = Topology::new(&shape);
         assert_eq!((touching.components, touching.genus), (2, Some(0)));
 
         // Three triangles along one edge.
@@ -274,7 +274,7 @@ mod tests {
             triangles: vec![[0, 1, 2], [1, 0, 3], [0, 1, 4], [2, 2, 3]],
             ..Shape::default()
         };
-        let found = Topology::of(&book);
+        let found = Topology::new(&book);
         assert_eq!((found.components, found.non_manifold_edges), (3, 1));
         assert_eq!((found.degenerate_triangles, found.genus), (1, Some(0)));
     }
@@ -292,9 +292,9 @@ mod tests {
             triangles: (0..4).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
             ..Shape::default()
         };
-        assert_eq!(Topology::of(&soup), Topology::of(&closed));
+        assert_eq!(Topology::new(&soup), Topology::new(&closed));
         assert_eq!(
-            Topology::of(&Shape::default()),
+            Topology::new(&Shape::default()),
             Topology {
                 genus: Some(0),
                 ..Topology::default()
@@ -311,7 +311,7 @@ mod tests {
             *position = Point3::new(position.x, -position.y, -position.z);
         }
         shape.append(turned);
-        let found = Topology::of(&shape);
+        let found = Topology::new(&shape);
         assert_eq!((found.components, found.non_manifold_edges), (2, 0));
         assert_eq!((found.boundary_loops, found.genus), (0, Some(0)));
     }
@@ -326,6 +326,6 @@ mod tests {
             triangles: (0..5).map(|i| [i, (i + 1) % 5, (i + 2) % 5]).collect(),
             ..Shape::default()
         };
-        assert_eq!(Topology::of(&strip).genus, None);
+        assert_eq!(Topology::new(&strip).genus, None);
     }
 }

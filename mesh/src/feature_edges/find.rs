@@ -16,7 +16,7 @@ pub enum EdgeKind {
     /// It runs along a known line, with a turn that is no crease, or as a rim.
     AlongLine,
     /// The surface ends there, along no known line.
-    Rim,
+    Boundary,
 }
 
 /// An edge of a mesh that is an edge of the scene.
@@ -64,7 +64,7 @@ impl FeatureEdges {
     ) -> Result<Self, FeatureOptionsError> {
         options.validate()?;
         let places = Places::new(&mesh.positions);
-        let known = KnownLines::new(lines, options.line_reach);
+        let known = KnownLines::new(lines, options.line_distance);
         let mut uses = uses(mesh, &places);
         uses.sort_unstable_by_key(|at| (at.ends, at.triangle));
         let mut found = Self {
@@ -145,13 +145,13 @@ fn kind(
         return Some(if is_along {
             EdgeKind::AlongLine
         } else {
-            EdgeKind::Rim
+            EdgeKind::Boundary
         });
     }
-    let turn = turn(sides, (q - p).norm(), options.least_height);
-    if turn >= options.crease_rad {
+    let turn = turn(sides, (q - p).norm(), options.min_height);
+    if turn >= options.crease_angle_rad {
         Some(EdgeKind::Crease)
-    } else if turn >= options.line_turn_rad && known.run_along(p, q) {
+    } else if turn >= options.line_crease_angle_rad && known.run_along(p, q) {
         Some(EdgeKind::AlongLine)
     } else {
         None

@@ -11,7 +11,7 @@ pub const CREASE_COLOR: [u8; 3] = [220, 20, 60];
 /// sRGB colour of edges along known lines in files.
 pub const LINE_COLOR: [u8; 3] = [0, 200, 100];
 /// sRGB colour of rims in files.
-pub const RIM_COLOR: [u8; 3] = [120, 120, 130];
+pub const BOUNDARY_COLOR: [u8; 3] = [120, 120, 130];
 
 /// Edges as lines, and how much there is of each kind.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -47,7 +47,7 @@ impl FeatureLines {
         let kinds = [
             (EdgeKind::Crease, CREASE_COLOR),
             (EdgeKind::AlongLine, LINE_COLOR),
-            (EdgeKind::Rim, RIM_COLOR),
+            (EdgeKind::Boundary, BOUNDARY_COLOR),
         ];
         let mut colors = Vec::new();
         for (index, (kind, color)) in kinds.into_iter().enumerate() {
@@ -98,7 +98,7 @@ mod tests {
         let found = FeatureLines::new(
             &mesh,
             [
-                edge([2, 3], EdgeKind::Rim),
+                edge([2, 3], EdgeKind::Boundary),
                 edge([0, 1], EdgeKind::AlongLine),
                 edge([0, 2], EdgeKind::Crease),
                 edge([1, 3], EdgeKind::AlongLine),

@@ -16,6 +16,6 @@ mod turn;
 
 pub use find::{EdgeKind, FeatureEdge, FeatureEdges};
 pub(crate) use known_lines::squared_to_segment;
-pub use line_set::{CREASE_COLOR, FeatureLines, LINE_COLOR, RIM_COLOR};
+pub use line_set::{BOUNDARY_COLOR, CREASE_COLOR, FeatureLines, LINE_COLOR};
 pub use options::{FeatureOptions, FeatureOptionsError};
 pub(crate) use places::Places;

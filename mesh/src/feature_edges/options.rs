@@ -10,14 +10,14 @@ const REACH: f64 = 3.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FeatureOptions {
     /// Where the surface turns by this much and more, an edge is a crease: above 0, at most a straight angle.
-    pub crease_rad: f64,
+    pub crease_angle_rad: f64,
     /// Edges along known lines count from this turn on; with 0 those count as well at which the surface is flat.
-    pub line_turn_rad: f64,
+    pub line_crease_angle_rad: f64,
     /// So far from a known line an edge runs along it.
-    pub line_reach: f64,
+    pub line_distance: f64,
     /// Triangles of less height above an edge say nothing of its turn, and where neither side stands out of the plane of the other
     /// by as much the surface does not turn.
-    pub least_height: f64,
+    pub min_height: f64,
 }
 
 /// An option that is out of range.
@@ -33,7 +33,7 @@ pub enum FeatureOptionsError {
     },
     /// An angle is out of range.
     #[error("{name} = {value} is not an angle up to a straight one")]
-    Turn {
+    Angle {
         /// The option.
         name: &'static str,
         /// Its value, in radians.
@@ -46,10 +46,10 @@ impl FeatureOptions {
     /// from a known line whatever the turn.
     pub fn with_tolerance(tolerance: f64) -> Self {
         Self {
-            crease_rad: 50.0_f64.to_radians(),
-            line_turn_rad: 0.0,
-            line_reach: REACH * tolerance,
-            least_height: tolerance,
+            crease_angle_rad: 50.0_f64.to_radians(),
+            line_crease_angle_rad: 0.0,
+            line_distance: REACH * tolerance,
+            min_height: tolerance,
         }
     }
 
@@ -59,8 +59,8 @@ impl FeatureOptions {
     /// The first option that is out of range.
     pub fn validate(&self) -> Result<(), FeatureOptionsError> {
         let lengths = [
-            ("line_reach", self.line_reach),
-            ("least_height", self.least_height),
+            ("line_distance", self.line_distance),
+            ("min_height", self.min_height),
         ];
         for (name, value) in lengths {
             if !(value >= 0.0 && value.is_finite()) {
@@ -68,16 +68,20 @@ impl FeatureOptions {
             }
         }
         let turns = [
-            ("crease_rad", self.crease_rad, self.crease_rad > 0.0),
             (
-                "line_turn_rad",
-                self.line_turn_rad,
-                self.line_turn_rad >= 0.0,
+                "crease_angle_rad",
+                self.crease_angle_rad,
+                self.crease_angle_rad > 0.0,
+            ),
+            (
+                "line_crease_angle_rad",
+                self.line_crease_angle_rad,
+                self.line_crease_angle_rad >= 0.0,
             ),
         ];
         for (name, value, is_enough) in turns {
             if !(is_enough && value <= PI) {
-                return Err(FeatureOptionsError::Turn { name, value });
+                return Err(FeatureOptionsError::Angle { name, value });
             }
         }
         Ok(())
@@ -95,23 +99,23 @@ mod tests {
         assert_eq!(FeatureOptions::with_tolerance(0.0).validate(), Ok(()));
         let bad = [
             FeatureOptions {
-                crease_rad: 0.0,
+                crease_angle_rad: 0.0,
                 ..good
             },
             FeatureOptions {
-                crease_rad: f64::NAN,
+                crease_angle_rad: f64::NAN,
                 ..good
             },
             FeatureOptions {
-                line_turn_rad: 3.2,
+                line_crease_angle_rad: 3.2,
                 ..good
             },
             FeatureOptions {
-                line_reach: -1.0,
+                line_distance: -1.0,
                 ..good
             },
             FeatureOptions {
-                least_height: f64::INFINITY,
+                min_height: f64::INFINITY,
                 ..good
             },
         ];

@@ -34,9 +34,9 @@ impl Side {
 /// and the largest turn counts.
 ///
 /// The sides that say nothing are taken out of the list.
-pub(super) fn turn(sides: &mut Vec<Side>, length: f64, least_height: f64) -> f64 {
+pub(super) fn turn(sides: &mut Vec<Side>, length: f64, min_height: f64) -> f64 {
     // Thinner triangles turn for no reason. Also false for what is not a number.
-    sides.retain(|side| side.doubled_area.norm() > least_height * length);
+    sides.retain(|side| side.doubled_area.norm() > min_height * length);
     if sides.len() > MOST_SIDES {
         return std::f64::consts::PI;
     }
@@ -47,19 +47,19 @@ pub(super) fn turn(sides: &mut Vec<Side>, length: f64, least_height: f64) -> f64
             *other != index && (is_pair || goes_on.is_forward != side.is_forward)
         });
         let least = others
-            .map(|(_, other)| between(side, other, length, least_height))
+            .map(|(_, other)| between(side, other, length, min_height))
             .min_by(f64::total_cmp);
         largest = largest.max(least.unwrap_or(0.0));
     }
     largest
 }
 
-fn between(side: &Side, other: &Side, length: f64, least_height: f64) -> f64 {
+fn between(side: &Side, other: &Side, length: f64, min_height: f64) -> f64 {
     let (a, b) = (side.across(), -other.across());
     let turn = a.cross(&b).norm().atan2(a.dot(&b));
     // How far either side stands out of the plane of the other.
     let height = a.norm().min(b.norm()) / length;
-    if height * turn.min(FRAC_PI_2).sin() < least_height {
+    if height * turn.min(FRAC_PI_2).sin() < min_height {
         0.0
     } else {
         turn

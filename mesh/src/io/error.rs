@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::files::WriteError;
-use crate::types::GeometryFault;
+use crate::types::GeometryError;
 
 /// Why a mesh file could not be written. The file is then as it was before.
 #[derive(Debug, thiserror::Error)]
@@ -14,7 +14,7 @@ pub enum MeshFileError {
         /// The file.
         path: PathBuf,
         /// What is wrong with the geometry.
-        fault: GeometryFault,
+        fault: GeometryError,
     },
     /// The geometry does not fit the format.
     #[error("{}: {bytes} bytes of geometry are more than a GLB file of 4 GiB can hold; write PLY", path.display())]
@@ -31,7 +31,7 @@ pub enum MeshFileError {
 
 impl MeshFileError {
     /// For `Result::map_err` on a validation of what goes to `path`.
-    pub(super) fn geometry(path: &Path) -> impl FnOnce(GeometryFault) -> Self + '_ {
+    pub(super) fn geometry(path: &Path) -> impl FnOnce(GeometryError) -> Self + '_ {
         move |fault| Self::Geometry {
             path: path.to_owned(),
             fault,

@@ -21,7 +21,7 @@ pub(super) struct TriangleHit {
     pub(super) distance: f64,
     pub(super) barycentric: [f64; 3],
     /// Whether the ray comes from the side on which the corners run counter-clockwise.
-    pub(super) front: bool,
+    pub(super) is_front_face: bool,
 }
 
 impl PreparedRay {
@@ -100,7 +100,7 @@ impl PreparedRay {
         (distance >= 0.0 && distance <= max).then_some(TriangleHit {
             distance,
             barycentric,
-            front: area > 0.0,
+            is_front_face: area > 0.0,
         })
     }
 }

@@ -9,7 +9,7 @@ mod intersect;
 mod scene;
 
 pub(crate) use closest::closest_in_triangle;
-pub use scene::{ClosestPoint, Hit, RayScene};
+pub use scene::{ClosestPoint, RayHit, RayScene};
 
 #[cfg(test)]
 mod tests;

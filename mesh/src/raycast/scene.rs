@@ -10,7 +10,7 @@ use crate::TriangleMesh;
 
 /// Where a ray meets a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hit {
+pub struct RayHit {
     /// Distance from the origin in lengths of the direction: with a direction whose z is 1 in a camera it is the depth.
     pub distance: f64,
     /// Position of the triangle in the mesh that the scene was made from.
@@ -18,7 +18,7 @@ pub struct Hit {
     /// Weights of the three corners at the hit; they sum to one.
     pub barycentric: [f64; 3],
     /// Whether the ray came from the side that sees the corners run counter-clockwise.
-    pub front: bool,
+    pub is_front_face: bool,
 }
 
 /// The point of a mesh nearest to a given one.
@@ -52,7 +52,7 @@ pub struct ClosestPoint {
 /// };
 /// let scene = RayScene::new(&mesh);
 /// let hit = scene.cast(&Point3::origin(), &Vector3::z(), f64::INFINITY).unwrap();
-/// assert_eq!((hit.distance, hit.triangle, hit.front), (2.0, 0, true));
+/// assert_eq!((hit.distance, hit.triangle, hit.is_front_face), (2.0, 0, true));
 /// assert_eq!(scene.closest(&Point3::origin(), f64::INFINITY).unwrap().distance, 2.0);
 /// ```
 #[derive(Clone)]
@@ -123,7 +123,7 @@ impl RayScene {
     /// The first triangle on a ray, from either side, no farther than `max` lengths of the direction.
     ///
     /// Two triangles that share an edge leave no gap. `None` also when the direction is zero or not finite.
-    pub fn cast(&self, origin: &Point3<f64>, direction: &Vector3<f64>, max: f64) -> Option<Hit> {
+    pub fn cast(&self, origin: &Point3<f64>, direction: &Vector3<f64>, max: f64) -> Option<RayHit> {
         self.cast_where(origin, direction, max, |_, _| true)
     }
 
@@ -135,7 +135,7 @@ impl RayScene {
         direction: &Vector3<f64>,
         max: f64,
         visible: impl Fn(u32, bool) -> bool,
-    ) -> Option<Hit> {
+    ) -> Option<RayHit> {
         let ray = PreparedRay::new(origin, direction)?;
         let (leaf, found) = self.tree.find_best(
             // The tree looks for costs below the bound; hits at the bound count, too.
@@ -144,15 +144,15 @@ impl RayScene {
             |leaf, best| {
                 let triangle = self.names[leaf as usize];
                 let hit = ray.hits_triangle(self.corners(triangle), best)?;
-                visible(triangle, hit.front).then_some(Cost(hit.distance, hit))
+                visible(triangle, hit.is_front_face).then_some(Cost(hit.distance, hit))
             },
         )?;
         let Cost(_, hit): Cost<TriangleHit> = found;
-        Some(Hit {
+        Some(RayHit {
             distance: hit.distance,
             triangle: self.names[leaf as usize],
             barycentric: hit.barycentric,
-            front: hit.front,
+            is_front_face: hit.is_front_face,
         })
     }
 

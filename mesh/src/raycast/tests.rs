@@ -102,7 +102,7 @@ fn a_hidden_side_lets_the_ray_go_on() {
     let behind = scene
         .cast_where(&origin, &direction, f64::INFINITY, |_, front| !front)
         .unwrap();
-    assert!(first.front && !behind.front);
+    assert!(first.is_front_face && !behind.is_front_face);
     assert!(behind.distance > first.distance);
     assert!(scene.normal(first.triangle).z > 0.0);
 }

@@ -26,7 +26,7 @@ pub(super) struct Sample {
     pub(super) barycentric: [f32; 2],
     /// Normal of the triangle towards the viewer, in the world.
     pub(super) normal: [f32; 3],
-    pub(super) front: bool,
+    pub(super) is_front_face: bool,
 }
 
 impl Sample {
@@ -100,13 +100,13 @@ impl SampleBuffer {
                     };
                     *sample = hit.map(|hit| {
                         let normal = scene.normal(hit.triangle);
-                        let facing = if hit.front { normal } else { -normal };
+                        let facing = if hit.is_front_face { normal } else { -normal };
                         Sample {
                             depth: hit.distance as f32,
                             triangle: hit.triangle,
                             barycentric: [hit.barycentric[1] as f32, hit.barycentric[2] as f32],
                             normal: facing.map(|v| v as f32).into(),
-                            front: hit.front,
+                            is_front_face: hit.is_front_face,
                         }
                     });
                 }

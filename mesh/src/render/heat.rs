@@ -3,28 +3,28 @@
 use image::{Rgb, RgbImage};
 
 use super::lettering::{draw_text, text_width};
-use crate::evaluation::heat_color;
+use crate::evaluate::heat_color;
 
 /// What colours distances have: dark at 0, bright at the end of the scale and beyond.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeatScale {
-    end: f64,
+    max: f64,
 }
 
 impl HeatScale {
-    /// A scale from 0 to `end`; `None` when that is not a positive length.
-    pub fn new(end: f64) -> Option<Self> {
-        (end > 0.0 && end.is_finite()).then_some(Self { end })
+    /// A scale from 0 to `max`; `None` when that is not a positive length.
+    pub fn new(max: f64) -> Option<Self> {
+        (max > 0.0 && max.is_finite()).then_some(Self { max })
     }
 
     /// The end of the scale.
-    pub fn end(&self) -> f64 {
-        self.end
+    pub fn max(&self) -> f64 {
+        self.max
     }
 
     /// The sRGB colour of a distance; that of what is not a number is grey.
     pub fn color(&self, distance: f64) -> [u8; 3] {
-        heat_color(distance / self.end)
+        heat_color(distance / self.max)
     }
 
     /// The colours that it passes through, evenly spaced.
@@ -39,11 +39,11 @@ impl HeatScale {
     pub fn ticks(&self) -> Vec<(f64, String)> {
         const PARTS: u32 = 4;
         // Two digits of the end, none of them a zero of rounding.
-        let decimals = (2.0 - self.end.log10().floor()).clamp(0.0, 9.0) as usize;
+        let decimals = (2.0 - self.max.log10().floor()).clamp(0.0, 9.0) as usize;
         (0..=PARTS)
             .map(|part| {
                 let share = f64::from(part) / f64::from(PARTS);
-                let text = format!("{:.decimals$}", share * self.end);
+                let text = format!("{:.decimals$}", share * self.max);
                 let text = match text.contains('.') {
                     true => text.trim_end_matches('0').trim_end_matches('.'),
                     false => &text,
@@ -81,7 +81,7 @@ pub fn with_color_bar(picture: &RgbImage, scale: &HeatScale, label: &str) -> Rgb
     }
     for column in left as u32..right as u32 {
         let share = (f64::from(column) + 0.5 - left) / (right - left);
-        let color = scale.color(share * scale.end);
+        let color = scale.color(share * scale.max);
         for row in 10..28 {
             result.put_pixel(column, height + row, Rgb(color));
         }

@@ -41,9 +41,9 @@ pub struct RenderOptions {
     /// Rays a pixel sends to find out how open the sky is above it; 0 draws without this shade.
     pub occlusion_rays: u32,
     /// Darkness of the outlines at jumps of depth, 0 (none) to 1 (black).
-    pub outline: f64,
+    pub outline_darkness: f64,
     /// Darkness of the outlines at creases, 0 to 1.
-    pub crease: f64,
+    pub crease_darkness: f64,
 }
 
 impl Default for RenderOptions {
@@ -57,8 +57,8 @@ impl Default for RenderOptions {
             background: Background::Gradient([255, 255, 255], [226, 231, 238]),
             back_faces: BackFaces::Tinted,
             occlusion_rays: 8,
-            outline: 0.75,
-            crease: 0.25,
+            outline_darkness: 0.75,
+            crease_darkness: 0.25,
         }
     }
 }
@@ -108,12 +108,17 @@ impl RenderOptions {
                 "at most 4096",
             ),
             (
-                "outline",
-                self.outline,
-                unit.contains(&self.outline),
+                "outline_darkness",
+                self.outline_darkness,
+                unit.contains(&self.outline_darkness),
                 "0 to 1",
             ),
-            ("crease", self.crease, unit.contains(&self.crease), "0 to 1"),
+            (
+                "crease_darkness",
+                self.crease_darkness,
+                unit.contains(&self.crease_darkness),
+                "0 to 1",
+            ),
         ];
         match checks.into_iter().find(|(_, _, valid, _)| !valid) {
             Some((name, value, _, range)) => Err(RenderOptionsError { name, value, range }),

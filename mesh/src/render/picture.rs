@@ -43,7 +43,7 @@ pub struct Renderer<'a> {
 }
 
 /// The sRGB colour of a place on the surface.
-pub type Paint<'a> = dyn Fn(&Point3<f64>) -> [u8; 3] + Sync + 'a;
+pub type PointColor<'a> = dyn Fn(&Point3<f64>) -> [u8; 3] + Sync + 'a;
 
 /// Why there is no picture, or no file of it.
 #[derive(Debug, thiserror::Error)]
@@ -116,9 +116,9 @@ impl<'a> Renderer<'a> {
     ///
     /// # Errors
     /// As [`Renderer::draw`].
-    pub fn draw_painted(
+    pub fn draw_colored(
         &self,
-        paint: &Paint<'_>,
+        paint: &PointColor<'_>,
         lines: Option<&LineSet>,
         view: &View,
         options: &RenderOptions,
@@ -129,7 +129,7 @@ impl<'a> Renderer<'a> {
 
     fn draw_with(
         &self,
-        paint: Option<&Paint<'_>>,
+        paint: Option<&PointColor<'_>>,
         lines: Option<&LineSet>,
         view: &View,
         options: &RenderOptions,
@@ -180,7 +180,7 @@ impl<'a> Renderer<'a> {
         view: &View,
         buffer: &SampleBuffer,
         openness: Option<&Openness>,
-        paint: Option<&Paint<'_>>,
+        paint: Option<&PointColor<'_>>,
         options: &RenderOptions,
         row_done: &(dyn Fn() + Sync),
     ) -> Vec<[f64; 3]> {
@@ -211,7 +211,8 @@ impl<'a> Renderer<'a> {
             };
             let color = lamps.shade(surface, sample, &toward_viewer, open, options);
             let (jump, fold) = outline_at(buffer, sample, (column, row));
-            let kept = (1.0 - options.outline * jump) * (1.0 - options.crease * fold);
+            let kept =
+                (1.0 - options.outline_darkness * jump) * (1.0 - options.crease_darkness * fold);
             Some(color.map(|v| v * kept))
         };
         let mut light = vec![[0.0; 3]; width * view.height as usize];

@@ -84,7 +84,7 @@ impl Light {
         let head = normal.dot(toward_viewer).max(0.0);
         let ambient = openness * (0.34 + 0.16 * sky);
         let direct = (0.4 + 0.6 * openness) * (0.42 * key + 0.16 * head);
-        let tinted = !sample.front && options.back_faces == BackFaces::Tinted;
+        let tinted = !sample.is_front_face && options.back_faces == BackFaces::Tinted;
         std::array::from_fn(|channel| {
             let surface = if tinted {
                 0.3 * color[channel] + 0.7 * BACK_TINT[channel]

@@ -12,8 +12,8 @@ fn plain() -> RenderOptions {
         supersampling: 1,
         background: Background::Plain(WHITE),
         occlusion_rays: 0,
-        outline: 0.0,
-        crease: 0.0,
+        outline_darkness: 0.0,
+        crease_darkness: 0.0,
         ..RenderOptions::default()
     }
 }

@@ -10,7 +10,7 @@ use crate::raycast::{RayScene, closest_in_triangle};
 
 /// The tolerance of rims that suits a mesh: half the median length of their edges, by which they are jagged, and at most twenty times
 /// the tolerance of the surface, for rims of few long edges, which are meant.
-pub fn rim_tolerance(mesh: &TriangleMesh, tolerance: f64) -> f64 {
+pub fn default_boundary_tolerance(mesh: &TriangleMesh, tolerance: f64) -> f64 {
     let live = LiveMesh::new(&mesh.positions, &mesh.triangles);
     let mut lengths: Vec<f64> = (mesh.triangles.iter())
         .flat_map(|[a, b, c]| [(*a, *b), (*b, *c), (*c, *a)])

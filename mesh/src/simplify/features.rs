@@ -40,7 +40,7 @@ impl Features {
             for &other in others.iter().filter(|other| **other > vertex) {
                 let kind = match mesh.with_edge(vertex, other).count() {
                     // Copies of an edge that repair has split are rims by their vertices, whatever they are by place.
-                    1 => found.kind(vertex, other).or(Some(EdgeKind::Rim)),
+                    1 => found.kind(vertex, other).or(Some(EdgeKind::Boundary)),
                     2 => found.kind(vertex, other),
                     // Where more triangles meet nothing may change.
                     _ => Some(EdgeKind::Crease),
@@ -105,7 +105,7 @@ impl Features {
         limits: Limits,
     ) -> bool {
         let squared = |edge: &Edge| {
-            let limit = if edge.kind == EdgeKind::Rim {
+            let limit = if edge.kind == EdgeKind::Boundary {
                 limits.beyond
             } else {
                 limits.off

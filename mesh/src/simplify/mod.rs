@@ -20,6 +20,6 @@ mod reduce;
 mod rims;
 mod samples;
 
-pub use extent::rim_tolerance;
+pub use extent::default_boundary_tolerance;
 pub use options::{SimplifyOptions, SimplifyOptionsError};
-pub use reduce::{Simplified, simplify};
+pub use reduce::{SimplifiedMesh, simplify};

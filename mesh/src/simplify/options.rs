@@ -10,13 +10,13 @@ pub struct SimplifyOptions {
     pub tolerance: f64,
     /// How far rims may move within the plane of their patch, in units of the mesh; they keep the tolerance when it is larger. Rims
     /// along known lines keep it always.
-    pub rim_tolerance: f64,
+    pub boundary_tolerance: f64,
     /// Edges at which the surface turns by more than this, and stands out by more than the tolerance, remain edges.
-    pub crease_rad: f64,
+    pub crease_angle_rad: f64,
     /// Edges along known lines remain edges from this turn on.
-    pub line_crease_rad: f64,
+    pub line_crease_angle_rad: f64,
     /// So far from a known line an edge runs along it. In units of the mesh.
-    pub line_reach: f64,
+    pub line_distance: f64,
 }
 
 /// An option that is out of range.
@@ -27,7 +27,7 @@ pub enum SimplifyOptionsError {
     Tolerance(f64),
     /// The tolerance of rims is not a length.
     #[error("the tolerance of rims {0} is not a length")]
-    RimTolerance(f64),
+    BoundaryTolerance(f64),
     /// What counts as an edge.
     #[error(transparent)]
     Features(#[from] FeatureOptionsError),
@@ -40,20 +40,20 @@ impl SimplifyOptions {
         let features = FeatureOptions::with_tolerance(tolerance);
         Self {
             tolerance,
-            rim_tolerance: tolerance,
-            crease_rad: features.crease_rad,
-            line_crease_rad: 15.0_f64.to_radians(),
-            line_reach: 2.0 * tolerance,
+            boundary_tolerance: tolerance,
+            crease_angle_rad: features.crease_angle_rad,
+            line_crease_angle_rad: 15.0_f64.to_radians(),
+            line_distance: 2.0 * tolerance,
         }
     }
 
     /// Which edges remain edges.
     pub(super) fn features(&self) -> FeatureOptions {
         FeatureOptions {
-            crease_rad: self.crease_rad,
-            line_turn_rad: self.line_crease_rad,
-            line_reach: self.line_reach,
-            least_height: self.tolerance,
+            crease_angle_rad: self.crease_angle_rad,
+            line_crease_angle_rad: self.line_crease_angle_rad,
+            line_distance: self.line_distance,
+            min_height: self.tolerance,
         }
     }
 
@@ -65,8 +65,10 @@ impl SimplifyOptions {
         if !(self.tolerance > 0.0 && self.tolerance.is_finite()) {
             return Err(SimplifyOptionsError::Tolerance(self.tolerance));
         }
-        if !(self.rim_tolerance >= 0.0 && self.rim_tolerance.is_finite()) {
-            return Err(SimplifyOptionsError::RimTolerance(self.rim_tolerance));
+        if !(self.boundary_tolerance >= 0.0 && self.boundary_tolerance.is_finite()) {
+            return Err(SimplifyOptionsError::BoundaryTolerance(
+                self.boundary_tolerance,
+            ));
         }
         Ok(self.features().validate()?)
     }

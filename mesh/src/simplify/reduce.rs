@@ -20,7 +20,7 @@ use crate::raycast::RayScene;
 
 /// A mesh of fewer triangles, and how it came about.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Simplified {
+pub struct SimplifiedMesh {
     /// The mesh. Vertices and triangles are in the order of those that they come from.
     pub mesh: TriangleMesh,
     /// Edges that remain edges: rims, creases, edges along known lines. Copies of an edge between vertices at the same places are
@@ -33,7 +33,7 @@ pub struct Simplified {
     /// The mean distance there, by area.
     pub mean_distance: f64,
     /// How far a point there lies beyond a rim at most, along the surface.
-    pub farthest_beyond: f64,
+    pub largest_boundary_distance: f64,
 }
 
 /// All edges are tried again so many times at most, as long as one in a hundred goes.
@@ -70,7 +70,7 @@ pub fn simplify(
     mesh: &TriangleMesh,
     lines: &[[Point3<f64>; 2]],
     options: &SimplifyOptions,
-) -> Result<Simplified, SimplifyOptionsError> {
+) -> Result<SimplifiedMesh, SimplifyOptionsError> {
     options.validate()?;
     // Near zero, for the sums of squares.
     let shift = middle(&mesh.positions);
@@ -83,7 +83,7 @@ pub fn simplify(
     };
     let mut limits = Limits {
         off: options.tolerance,
-        beyond: options.rim_tolerance.max(options.tolerance),
+        beyond: options.boundary_tolerance.max(options.tolerance),
     };
     let is_loose = limits.beyond > limits.off;
     let patches = |radius| {
@@ -131,13 +131,13 @@ pub fn simplify(
         (local, Vec::new(), Check::default())
     });
     compact.translate(&shift);
-    Ok(Simplified {
+    Ok(SimplifiedMesh {
         mesh: compact,
         features,
         checked_points: check.points,
         largest_distance: check.largest,
         mean_distance: check.mean(),
-        farthest_beyond: check.beyond,
+        largest_boundary_distance: check.beyond,
     })
 }
 
@@ -220,7 +220,7 @@ fn quadrics(mesh: &LiveMesh, features: &Features, loose: f64) -> Vec<Quadric> {
     for (a, b, kind) in features.edges() {
         let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
         let along = q - p;
-        let is_loose = kind == EdgeKind::Rim;
+        let is_loose = kind == EdgeKind::Boundary;
         let weight = along.norm_squared() * if is_loose { loose } else { 1.0 };
         for triangle in mesh.with_edge(a, b) {
             let upright = doubled_area(&mesh.points(triangle)).cross(&along);

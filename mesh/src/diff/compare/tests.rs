@@ -83,14 +83,14 @@ fn a_missing_face_is_found_and_named() {
     let found = compare(&room(), &open, &within(0.01)).unwrap();
     assert_eq!(failed(&found), [Check::Distance, Check::Topology]);
     let worst = found.worst.unwrap();
-    assert_eq!((worst.on, worst.triangle), (Side::Expected, 3));
+    assert_eq!((worst.on, worst.triangle), (ComparedMesh::Expected, 3));
     assert!(gone.contains(&worst.vertex));
     // The largest circle in half of a wall of 4 by 3 has a radius of 1.
     assert!((0.9..=1.0).contains(&worst.distance), "{worst:?}");
     assert!(found.from_actual.unwrap().max < 1e-12);
     assert_eq!(found.topology[1].boundary_edges, 3);
     let extra = compare(&open, &room(), &within(0.01)).unwrap();
-    assert_eq!(extra.worst.unwrap().on, Side::Actual);
+    assert_eq!(extra.worst.unwrap().on, ComparedMesh::Actual);
 }
 
 #[test]

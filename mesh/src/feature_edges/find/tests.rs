@@ -196,11 +196,11 @@ fn a_line_drawn_on_a_flat_sheet_is_found_along_its_row() {
     // All around the sheet ends; along the line that is no rim and nothing else.
     let rim = [at(0.0, 0.0, 2.0), at(6.0, 0.0, 2.0)];
     assert_eq!(along(rim).len(), 6);
-    assert_eq!(of(rim, EdgeKind::Rim, &options).len(), 18);
+    assert_eq!(of(rim, EdgeKind::Boundary, &options).len(), 18);
     assert!(of(rim, EdgeKind::Crease, &options).is_empty());
     // Where lines make edges from a turn on, a flat one makes none.
     let turned = FeatureOptions {
-        line_turn_rad: 0.1,
+        line_crease_angle_rad: 0.1,
         ..options
     };
     assert!(of(drawn, EdgeKind::AlongLine, &turned).is_empty());
@@ -236,7 +236,7 @@ fn broken_meshes_and_lines_count_as_if_they_were_not_there() {
     let _ = found(&mesh, &[]);
     assert!(found(&Mesh::default(), &[]).edges().is_empty());
     let bad = FeatureOptions {
-        crease_rad: f64::NAN,
+        crease_angle_rad: f64::NAN,
         ..FeatureOptions::with_tolerance(1e-3)
     };
     assert!(FeatureEdges::find(&mesh, &[], &bad).is_err());

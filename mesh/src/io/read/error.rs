@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::types::GeometryFault;
+use crate::types::GeometryError;
 
 /// Why a geometry file is refused.
 #[derive(Debug, thiserror::Error)]
@@ -40,7 +40,7 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        fault: GeometryFault,
+        fault: GeometryError,
     },
 }
 

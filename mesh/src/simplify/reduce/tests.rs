@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::Shape;
 use crate::diff::{Check, DiffOptions, Tolerance, Topology, compare};
-use crate::simplify::rim_tolerance;
+use crate::simplify::default_boundary_tolerance;
 
 /// A box whose walls are grids of n by n squares, closed, facing outwards; vertices shared.
 fn gridded_box(n: u32) -> TriangleMesh {
@@ -151,7 +151,7 @@ fn holes_rims_and_islands_stay() {
     // Twelve corners; a polygon with v corners and h holes has v + 2 h - 2 triangles.
     assert_eq!((reduced.positions.len(), reduced.triangles.len()), (12, 14));
     demand_same(&mesh, &reduced, 1e-9);
-    let loops = Topology::of(&Shape::from(reduced)).boundary_loops;
+    let loops = Topology::new(&Shape::from(reduced)).boundary_loops;
     assert_eq!(loops, 3);
 }
 
@@ -197,7 +197,7 @@ fn curved_surfaces_stay_closed_and_near() {
         let kept = reduced.triangles.len() as f64 / mesh.triangles.len() as f64;
         assert!(kept <= share + 1e-3, "{tolerance}: {kept}");
         demand_same(&mesh, &reduced, 1.5 * tolerance);
-        assert_eq!(Topology::of(&Shape::from(reduced)).boundary_edges, 0);
+        assert_eq!(Topology::new(&Shape::from(reduced)).boundary_edges, 0);
     }
 }
 
@@ -253,7 +253,7 @@ fn threads_make_no_difference() {
 
 /// Length of the edges among `edges` that run along a line, within a distance.
 fn length_along(
-    result: &Simplified,
+    result: &SimplifiedMesh,
     edges: &[FeatureEdge],
     line: [Point3<f64>; 2],
     within: f64,
@@ -347,16 +347,20 @@ fn squares(n: u32, size: f64, is_wanted: impl Fn(u32, u32) -> bool) -> TriangleM
     mesh
 }
 
-fn with_rim_tolerance(mesh: &TriangleMesh, tolerance: f64, rim_tolerance: f64) -> Simplified {
+fn with_rim_tolerance(
+    mesh: &TriangleMesh,
+    tolerance: f64,
+    boundary_tolerance: f64,
+) -> SimplifiedMesh {
     let options = SimplifyOptions {
-        rim_tolerance,
+        boundary_tolerance,
         ..SimplifyOptions::with_tolerance(tolerance)
     };
     let result = simplify(mesh, &[], &options).unwrap();
     result.mesh.validate().unwrap();
     assert!(result.largest_distance <= tolerance && result.mean_distance < tolerance);
-    assert!(result.farthest_beyond <= rim_tolerance);
-    let [before, after] = [mesh, &result.mesh].map(|m| Topology::of(&Shape::from(m.clone())));
+    assert!(result.largest_boundary_distance <= boundary_tolerance);
+    let [before, after] = [mesh, &result.mesh].map(|m| Topology::new(&Shape::from(m.clone())));
     assert_eq!(
         (after.components, after.boundary_loops, after.genus),
         (before.components, before.boundary_loops, before.genus)
@@ -395,7 +399,7 @@ fn jagged_rims_straighten_and_the_surface_keeps_its_plane() {
     let loose = with_rim_tolerance(&mesh, 0.002, 0.07);
     let counts = [&tight, &loose].map(|result| result.mesh.triangles.len());
     assert!(counts[1] * 4 < counts[0], "{counts:?}");
-    assert!(tight.farthest_beyond == 0.0 && loose.farthest_beyond > 0.01);
+    assert!(tight.largest_boundary_distance == 0.0 && loose.largest_boundary_distance > 0.01);
     assert!(loose.mesh.positions.iter().all(|p| p.z.abs() <= 0.0024));
     let share = area(&loose.mesh) / area(&mesh);
     assert!((share - 1.0).abs() < 0.07, "{share}");
@@ -452,26 +456,26 @@ fn rims_along_known_lines_keep_the_tolerance() {
     ]
     .concat();
     let options = SimplifyOptions {
-        rim_tolerance: 1.5,
+        boundary_tolerance: 1.5,
         ..SimplifyOptions::with_tolerance(1e-6)
     };
     let known = simplify(&mesh, &lines, &options).unwrap().mesh;
     assert_eq!((known.positions.len(), known.triangles.len()), (8, 8));
     demand_same(&mesh, &known, 1e-9);
     let negative = SimplifyOptions {
-        rim_tolerance: -1.0,
+        boundary_tolerance: -1.0,
         ..options
     };
     assert_eq!(
         simplify(&mesh, &[], &negative),
-        Err(SimplifyOptionsError::RimTolerance(-1.0))
+        Err(SimplifyOptionsError::BoundaryTolerance(-1.0))
     );
 }
 
 #[test]
 fn rims_are_jagged_by_their_edges() {
     let mesh = squares(6, 0.05, |i, j| i + j > 0);
-    assert!((rim_tolerance(&mesh, 0.002) - 0.025).abs() < 1e-12);
-    assert!((rim_tolerance(&mesh, 0.0001) - 0.002).abs() < 1e-12);
-    assert!((rim_tolerance(&gridded_box(2), 0.002) - 0.002).abs() < 1e-12);
+    assert!((default_boundary_tolerance(&mesh, 0.002) - 0.025).abs() < 1e-12);
+    assert!((default_boundary_tolerance(&mesh, 0.0001) - 0.002).abs() < 1e-12);
+    assert!((default_boundary_tolerance(&gridded_box(2), 0.002) - 0.002).abs() < 1e-12);
 }

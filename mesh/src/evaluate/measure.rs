@@ -3,13 +3,13 @@
 use nalgebra::{Point3, Similarity3};
 
 use super::align::align;
-use super::observed::Observed;
+use super::nearest_point::NearestPointIndex;
+use super::observed_shape::ObservedShape;
 use super::options::{EvaluationOptions, EvaluationOptionsError, Region};
-use super::reference::Reference;
-use super::result::{Evaluation, ObservedFacts, ShapeFacts, ThresholdScore};
-use super::samples::{along_lines, of_cloud, on_surface};
+use super::result::{Evaluation, ObservedSummary, ShapeSummary, ThresholdScore};
+use super::samples::{sample_cloud, sample_lines, sample_surface};
 use super::statistics::{DistanceStatistics, share_below};
-use crate::{GeometryFault, Shape, ShapeKind};
+use crate::{GeometryError, Shape, ShapeKind};
 
 /// Sizes that differ by this factor are taken for different units.
 const OTHER_UNITS: f64 = 10.0;
@@ -26,7 +26,7 @@ pub enum EvaluationError {
         /// `the shape` or `the ground truth`.
         which: &'static str,
         /// What is wrong.
-        fault: GeometryFault,
+        fault: GeometryError,
     },
     /// The shape has no point.
     #[error("there is nothing to evaluate: the shape has no point")]
@@ -50,7 +50,7 @@ pub enum EvaluationError {
 /// O((n + s) log n) for n elements and s samples; memory for both shapes, once more when they are aligned.
 ///
 /// ```
-/// use linecarve_mesh::evaluation::{EvaluationOptions, evaluate};
+/// use linecarve_mesh::evaluate::{EvaluationOptions, evaluate};
 /// use linecarve_mesh::Shape;
 /// use nalgebra::Point3;
 ///
@@ -63,7 +63,7 @@ pub enum EvaluationError {
 /// let evaluation = evaluate(&wall(0.03), &wall(0.0), &options)?;
 /// assert!((evaluation.accuracy.unwrap().mean - 0.03).abs() < 1e-12);
 /// assert_eq!((evaluation.at[0].f, evaluation.at[1].f), (Some(0.0), Some(1.0)));
-/// # Ok::<(), linecarve_mesh::evaluation::EvaluationError>(())
+/// # Ok::<(), linecarve_mesh::evaluate::EvaluationError>(())
 /// ```
 pub fn evaluate(
     shape: &Shape,
@@ -80,7 +80,7 @@ pub fn evaluate(
 /// As [`evaluate`].
 pub fn evaluate_observed(
     shape: &Shape,
-    observed: Option<&Observed>,
+    observed: Option<&ObservedShape>,
     ground_truth: &Shape,
     options: &EvaluationOptions,
 ) -> Result<Evaluation, EvaluationError> {
@@ -120,8 +120,8 @@ pub fn evaluate_observed(
 
     let covers = kind != ShapeKind::Lines;
     let (truth, surface) = rayon::join(
-        || Reference::new(ground_truth),
-        || covers.then(|| Reference::new(counted)),
+        || NearestPointIndex::new(ground_truth),
+        || covers.then(|| NearestPointIndex::new(counted)),
     );
     let drawn = drawn_points(counted, kind, options);
     let drawn_count = drawn.len();
@@ -137,7 +137,7 @@ pub fn evaluate_observed(
         surface.distances(&points)
     });
 
-    let vertices: Vec<_> = of_cloud(
+    let vertices: Vec<_> = sample_cloud(
         &observed_vertices(shape, observed),
         most_vertices(kind, options.samples),
         options.seed.wrapping_add(2),
@@ -169,21 +169,21 @@ pub fn evaluate_observed(
         .map(|&threshold| score(threshold, &accuracy, completeness.as_deref(), &at_vertices))
         .collect();
     Ok(Evaluation {
-        shape: ShapeFacts::of(shape),
-        ground_truth: ShapeFacts::of(ground_truth),
+        shape: ShapeSummary::new(shape),
+        ground_truth: ShapeSummary::new(ground_truth),
         alignment,
         region: region.map(|(low, high)| [low.coords.into(), high.coords.into()]),
-        observed: observed.map(|observed| ObservedFacts {
+        observed: observed.map(|observed| ObservedSummary {
             keyframes: observed.keyframes,
             share: observed.share,
         }),
         seed: options.seed,
         drawn: drawn_count,
         outside_region: drawn_count - scored.len(),
-        accuracy: DistanceStatistics::of(&accuracy),
+        accuracy: DistanceStatistics::from_distances(&accuracy),
         completeness: completeness.as_deref().and_then(finite_statistics),
         at,
-        vertices: DistanceStatistics::of(&at_vertices),
+        vertices: DistanceStatistics::from_distances(&at_vertices),
         warnings,
     })
 }
@@ -198,7 +198,7 @@ fn most_vertices(kind: ShapeKind, samples: usize) -> usize {
 
 /// Statistics, or nothing when there is nothing to be near to: JSON knows no infinity.
 fn finite_statistics(distances: &[f64]) -> Option<DistanceStatistics> {
-    DistanceStatistics::of(distances).filter(|statistics| statistics.max.is_finite())
+    DistanceStatistics::from_distances(distances).filter(|statistics| statistics.max.is_finite())
 }
 
 fn with_other_seed(options: &EvaluationOptions) -> EvaluationOptions {
@@ -266,19 +266,19 @@ fn region_box(truth: &Shape, options: &EvaluationOptions) -> Option<(Point3<f64>
 /// The points that stand for a shape of a kind.
 fn drawn_points(shape: &Shape, kind: ShapeKind, options: &EvaluationOptions) -> Vec<Point3<f64>> {
     match kind {
-        ShapeKind::Mesh => on_surface(shape, options.samples, options.seed)
+        ShapeKind::Mesh => sample_surface(shape, options.samples, options.seed)
             .into_iter()
             .map(|(point, _)| point)
             .collect(),
-        ShapeKind::Lines => along_lines(shape, options.step()),
+        ShapeKind::Lines => sample_lines(shape, options.step()),
         ShapeKind::Cloud | ShapeKind::Empty => {
-            of_cloud(&shape.positions, options.samples, options.seed)
+            sample_cloud(&shape.positions, options.samples, options.seed)
         }
     }
 }
 
 /// The vertices that elements use (of a cloud all), without those that no keyframe looked at.
-fn observed_vertices(shape: &Shape, observed: Option<&Observed>) -> Vec<Point3<f64>> {
+fn observed_vertices(shape: &Shape, observed: Option<&ObservedShape>) -> Vec<Point3<f64>> {
     let mut counts = match shape.kind() {
         ShapeKind::Cloud | ShapeKind::Empty => vec![true; shape.positions.len()],
         ShapeKind::Mesh | ShapeKind::Lines => {

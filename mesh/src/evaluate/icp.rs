@@ -4,8 +4,8 @@ use nalgebra::{
     Isometry3, Point3, SMatrix, SVector, Similarity3, SymmetricEigen, UnitQuaternion, Vector3,
 };
 
-use super::reference::Reference;
-use super::samples::{along_lines, of_cloud, on_surface};
+use super::nearest_point::NearestPointIndex;
+use super::samples::{sample_cloud, sample_lines, sample_surface};
 use super::statistics::quantile;
 use crate::{Shape, ShapeKind};
 
@@ -25,7 +25,7 @@ pub struct IcpOptions {
     /// Samples drawn on each of the two.
     pub samples: usize,
     /// Give up after this many steps in a stage.
-    pub most_steps: usize,
+    pub max_iterations: usize,
     /// Seed of the samples.
     pub seed: u64,
 }
@@ -35,7 +35,7 @@ impl Default for IcpOptions {
         Self {
             with_scale: false,
             samples: 5000,
-            most_steps: 60,
+            max_iterations: 60,
             seed: 0,
         }
     }
@@ -51,7 +51,7 @@ pub struct IcpResult {
     /// Root mean square of their distances, in units of the ground truth.
     pub rms: f64,
     /// Steps taken.
-    pub steps: usize,
+    pub iterations: usize,
     /// Whether the steps had become negligible.
     pub has_converged: bool,
 }
@@ -82,7 +82,7 @@ pub fn register(
 /// Points that stand for whatever a shape is.
 fn representatives(shape: &Shape, count: usize, seed: u64) -> Vec<Point3<f64>> {
     let drawn: Vec<Point3<f64>> = match shape.kind() {
-        ShapeKind::Mesh => on_surface(shape, count, seed)
+        ShapeKind::Mesh => sample_surface(shape, count, seed)
             .into_iter()
             .map(|(point, _)| point)
             .collect(),
@@ -93,13 +93,13 @@ fn representatives(shape: &Shape, count: usize, seed: u64) -> Vec<Point3<f64>> {
                 .map(|[a, b]| (shape.positions[*b as usize] - shape.positions[*a as usize]).norm())
                 .sum();
             let step = length / count as f64;
-            let along = along_lines(shape, if step > 0.0 { step } else { 1.0 });
-            of_cloud(&along, count, seed)
+            let along = sample_lines(shape, if step > 0.0 { step } else { 1.0 });
+            sample_cloud(&along, count, seed)
         }
         ShapeKind::Cloud | ShapeKind::Empty => Vec::new(),
     };
     if drawn.is_empty() {
-        of_cloud(&shape.positions, count, seed)
+        sample_cloud(&shape.positions, count, seed)
     } else {
         drawn
     }
@@ -111,8 +111,8 @@ struct Problem {
     /// Normals at `truth_samples` when the truth is a mesh.
     truth_normals: Vec<Option<Vector3<f64>>>,
     /// Nothing to pair the truth's samples with when the shape is a set of lines.
-    shape: Option<Reference>,
-    truth: Reference,
+    shape: Option<NearestPointIndex>,
+    truth: NearestPointIndex,
     /// Unit of length of the unknowns.
     size: f64,
 }
@@ -133,9 +133,9 @@ impl Problem {
         if shape_samples.is_empty() || truth_samples.is_empty() || size <= 0.0 {
             return None;
         }
-        let reference = Reference::new(truth);
+        let reference = NearestPointIndex::new(truth);
         let truth_normals = reference
-            .nearest_of_all(&truth_samples)
+            .nearest_points(&truth_samples)
             .into_iter()
             .map(|nearest| nearest.and_then(|nearest| nearest.normal))
             .collect();
@@ -145,7 +145,7 @@ impl Problem {
             shape_samples,
             truth_samples,
             truth_normals,
-            shape: is_surface.then(|| Reference::new(shape)),
+            shape: is_surface.then(|| NearestPointIndex::new(shape)),
             truth: reference,
             size,
         })
@@ -156,7 +156,7 @@ impl Problem {
             truth_from_shape: start,
             pairs: 0,
             rms: f64::INFINITY,
-            steps: 0,
+            iterations: 0,
             has_converged: false,
         };
         // Lines alone would shrink: their scale stays.
@@ -170,7 +170,7 @@ impl Problem {
                 let squares: f64 = pairs.iter().map(|p| p.distance * p.distance).sum();
                 result.pairs = pairs.len();
                 result.rms = (squares / pairs.len().max(1) as f64).sqrt();
-                if result.has_converged || steps == options.most_steps {
+                if result.has_converged || steps == options.max_iterations {
                     break;
                 }
                 let Some((step, motion)) = self.step(&pairs, with_scale, is_last) else {
@@ -178,7 +178,7 @@ impl Problem {
                 };
                 result.truth_from_shape = step * result.truth_from_shape;
                 steps += 1;
-                result.steps += 1;
+                result.iterations += 1;
                 // The stages before the last one only have to come near.
                 result.has_converged = motion < if is_last { 1e-7 } else { 1e-5 };
             }
@@ -194,7 +194,7 @@ impl Problem {
             .collect();
         let forward = moved
             .iter()
-            .zip(self.truth.nearest_of_all(&moved))
+            .zip(self.truth.nearest_points(&moved))
             .filter_map(|(moved, nearest)| {
                 let nearest = nearest?;
                 Some(Pair {
@@ -214,7 +214,7 @@ impl Problem {
                 .map(|sample| shape_from_truth * sample)
                 .collect();
             let backward = shape
-                .nearest_of_all(&carried)
+                .nearest_points(&carried)
                 .into_iter()
                 .zip(self.truth_samples.iter().zip(&self.truth_normals))
                 .filter_map(|(nearest, (target, normal))| {
@@ -382,7 +382,7 @@ mod tests {
         assert!(off < 0.002, "{off} m: {result:?}");
 
         let cloud = Shape {
-            positions: on_surface(&room, 60_000, 5)
+            positions: sample_surface(&room, 60_000, 5)
                 .into_iter()
                 .map(|s| s.0)
                 .collect(),

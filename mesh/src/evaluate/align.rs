@@ -4,7 +4,7 @@ use nalgebra::{Matrix4, Point3, Similarity3, UnitQuaternion, Vector3};
 
 use super::icp::{IcpOptions, IcpResult, register};
 use super::options::Alignment;
-use super::result::AlignmentFacts;
+use super::result::AlignmentSummary;
 use crate::Shape;
 
 /// Samples of an alignment have seeds this far from those of the scores.
@@ -16,7 +16,7 @@ pub(super) fn align(
     truth: &Shape,
     alignment: &Alignment,
     seed: u64,
-) -> (Similarity3<f64>, AlignmentFacts, Option<String>) {
+) -> (Similarity3<f64>, AlignmentSummary, Option<String>) {
     let options = |with_scale| IcpOptions {
         with_scale,
         seed: seed ^ OTHER_SEED,
@@ -64,7 +64,7 @@ pub(super) fn align(
     } else {
         None
     };
-    let facts = AlignmentFacts {
+    let facts = AlignmentSummary {
         method,
         truth_from_shape: rows(&truth_from_shape.to_homogeneous()),
         scale: truth_from_shape.scaling(),
@@ -78,8 +78,8 @@ pub(super) fn align(
 fn without_search(
     method: &'static str,
     known: Similarity3<f64>,
-) -> (Similarity3<f64>, AlignmentFacts, Option<String>) {
-    let facts = AlignmentFacts {
+) -> (Similarity3<f64>, AlignmentSummary, Option<String>) {
+    let facts = AlignmentSummary {
         method,
         truth_from_shape: rows(&known.to_homogeneous()),
         scale: known.scaling(),

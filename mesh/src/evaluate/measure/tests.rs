@@ -162,7 +162,7 @@ fn what_no_keyframe_looked_at_does_not_count() {
         triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]],
         ..Shape::default()
     };
-    let observed = Observed {
+    let observed = ObservedShape {
         shape: square(2.0, 0.0),
         vertices: [[true; 4], [false; 4]].concat(),
         share: 0.5,
@@ -173,7 +173,7 @@ fn what_no_keyframe_looked_at_does_not_count() {
     assert_eq!(found.vertices.unwrap().count, 4);
     assert_eq!(found.shape.triangles, 4);
     assert_eq!(found.observed.unwrap().share, 0.5);
-    let nothing = Observed {
+    let nothing = ObservedShape {
         shape: Shape::default(),
         vertices: vec![false; 8],
         share: 0.0,

@@ -20,7 +20,7 @@ fn area(shape: &Shape, triangle: &[u32; 3]) -> f64 {
 ///
 /// The area is cut into `count` equal parts and a point is drawn in each, which spreads them more evenly than independent
 /// draws: sums over them have less variance and the same expectation. Points come in the order of the triangles.
-pub fn on_surface(shape: &Shape, count: usize, seed: u64) -> Vec<(Point3<f64>, u32)> {
+pub fn sample_surface(shape: &Shape, count: usize, seed: u64) -> Vec<(Point3<f64>, u32)> {
     let total = surface_area(shape);
     if !(total > 0.0 && total.is_finite()) || count == 0 {
         return Vec::new();
@@ -61,7 +61,7 @@ fn in_triangle(shape: &Shape, triangle: &[u32; 3], random: &mut ChaCha8Rng) -> P
 }
 
 /// Points along the lines of a shape, both ends included, at most `step` apart.
-pub fn along_lines(shape: &Shape, step: f64) -> Vec<Point3<f64>> {
+pub fn sample_lines(shape: &Shape, step: f64) -> Vec<Point3<f64>> {
     /// A line is not cut into more parts than this, whatever the step.
     const MOST_PARTS: f64 = 1e6;
     let mut samples = Vec::new();
@@ -74,7 +74,7 @@ pub fn along_lines(shape: &Shape, step: f64) -> Vec<Point3<f64>> {
 }
 
 /// All points of a cloud, or `count` of them, each equally likely, in their order.
-pub fn of_cloud(points: &[Point3<f64>], count: usize, seed: u64) -> Vec<Point3<f64>> {
+pub fn sample_cloud(points: &[Point3<f64>], count: usize, seed: u64) -> Vec<Point3<f64>> {
     if points.len() <= count {
         return points.to_vec();
     }
@@ -115,7 +115,7 @@ mod tests {
     fn samples_are_uniform_by_area() {
         let shape = shape();
         assert_eq!(surface_area(&shape), 4.0);
-        let samples = on_surface(&shape, 10_000, 1);
+        let samples = sample_surface(&shape, 10_000, 1);
         assert_eq!(samples.len(), 10_000);
         let on_first = samples.iter().filter(|(_, t)| *t == 0).count();
         assert!((7499..=7501).contains(&on_first), "{on_first}");
@@ -135,23 +135,23 @@ mod tests {
                 .iter()
                 .all(|(p, _)| p.x / 3.0 + p.y / 2.0 + p.z <= 1.0 + 1e-12)
         );
-        assert_eq!(samples, on_surface(&shape, 10_000, 1));
-        assert_ne!(samples, on_surface(&shape, 10_000, 2));
+        assert_eq!(samples, sample_surface(&shape, 10_000, 1));
+        assert_ne!(samples, sample_surface(&shape, 10_000, 2));
     }
 
     #[test]
     fn nothing_has_no_samples() {
-        assert!(on_surface(&Shape::default(), 10, 1).is_empty());
+        assert!(sample_surface(&Shape::default(), 10, 1).is_empty());
         let flat = Shape {
             triangles: vec![[0, 0, 1]],
             ..shape()
         };
-        assert!(on_surface(&flat, 10, 1).is_empty());
+        assert!(sample_surface(&flat, 10, 1).is_empty());
     }
 
     #[test]
     fn lines_are_sampled_with_their_ends() {
-        let samples = along_lines(&shape(), 0.8);
+        let samples = sample_lines(&shape(), 0.8);
         // Four parts of 0.75, and a line without length, which gives its point twice.
         assert_eq!(samples.len(), 5 + 2);
         assert_eq!(samples[1].x, 0.75);
@@ -162,8 +162,8 @@ mod tests {
         let points: Vec<_> = (0..1000)
             .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
             .collect();
-        assert_eq!(of_cloud(&points, 5000, 1), points);
-        let some = of_cloud(&points, 100, 1);
+        assert_eq!(sample_cloud(&points, 5000, 1), points);
+        let some = sample_cloud(&points, 100, 1);
         assert_eq!(some.len(), 100);
         assert!(some.is_sorted_by(|a, b| a.x < b.x));
         let mean = some.iter().map(|p| p.x).sum::<f64>() / 100.0;

@@ -9,15 +9,15 @@ use crate::{Shape, ShapeKind};
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Evaluation {
     /// What was measured.
-    pub shape: ShapeFacts,
+    pub shape: ShapeSummary,
     /// What it was measured against.
-    pub ground_truth: ShapeFacts,
+    pub ground_truth: ShapeSummary,
     /// How the two were brought into one frame.
-    pub alignment: AlignmentFacts,
+    pub alignment: AlignmentSummary,
     /// Low and high corner of the region where points counted; `None` when it was everywhere.
     pub region: Option<[[f64; 3]; 2]>,
     /// What was left out because no keyframe looked at it; `None` when nothing was.
-    pub observed: Option<ObservedFacts>,
+    pub observed: Option<ObservedSummary>,
     /// Seed of everything random.
     pub seed: u64,
     /// Points drawn on the shape: on its triangles, along its lines, or its points.
@@ -55,7 +55,7 @@ pub struct ThresholdScore {
 
 /// A shape in a few numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ShapeFacts {
+pub struct ShapeSummary {
     /// `mesh`, `lines`, `cloud` or `empty`.
     pub kind: &'static str,
     /// Number of its points.
@@ -68,9 +68,9 @@ pub struct ShapeFacts {
     pub diagonal: f64,
 }
 
-impl ShapeFacts {
+impl ShapeSummary {
     /// Of any shape.
-    pub fn of(shape: &Shape) -> Self {
+    pub fn new(shape: &Shape) -> Self {
         Self {
             kind: match shape.kind() {
                 ShapeKind::Mesh => "mesh",
@@ -88,7 +88,7 @@ impl ShapeFacts {
 
 /// How two shapes were brought into one frame.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct AlignmentFacts {
+pub struct AlignmentSummary {
     /// `none`, `given`, `icp` or `similarity`.
     pub method: &'static str,
     /// Rows of the matrix that takes points of the shape into the frame of the ground truth.
@@ -105,7 +105,7 @@ pub struct AlignmentFacts {
 
 /// How much of a shape keyframes looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct ObservedFacts {
+pub struct ObservedSummary {
     /// Number of the keyframes.
     pub keyframes: usize,
     /// Share of the area (of lines the length, of clouds the points) that they looked at.

@@ -16,29 +16,29 @@ const MOST_PIECES: usize = 100_000_000;
 
 /// When a piece counts as looked at, in units of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ObservedOptions {
+pub struct ObservedShapeOptions {
     /// Depth up to which images are believed.
-    pub far: f64,
+    pub max_depth: f64,
     /// How far behind the measured surface a piece may lie.
-    pub behind: f64,
+    pub max_distance_behind: f64,
     /// Triangles and lines are cut until no edge is longer than this.
-    pub edge: f64,
+    pub max_edge_length: f64,
 }
 
-impl ObservedOptions {
+impl ObservedShapeOptions {
     /// For a scene with the given median depth: believed to 2.5 times of it, a tenth of it behind, cut to a fifth of that.
     pub fn at_depth(median_depth: f64) -> Self {
         Self {
-            far: 2.5 * median_depth,
-            behind: 0.1 * median_depth,
-            edge: 0.02 * median_depth,
+            max_depth: 2.5 * median_depth,
+            max_distance_behind: 0.1 * median_depth,
+            max_edge_length: 0.02 * median_depth,
         }
     }
 }
 
 /// Why a shape cannot be cut into pieces.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ObserverError {
+pub enum ObservedShapeError {
     /// An option is not a positive length.
     #[error("the limits of what counts as observed must be positive lengths, not {0}")]
     Options(f64),
@@ -53,8 +53,8 @@ pub enum ObserverError {
 }
 
 /// Collects, view by view, what was looked at.
-pub struct Observer {
-    options: ObservedOptions,
+pub struct ObservedShapeBuilder {
+    options: ObservedShapeOptions,
     /// Corners of the pieces: three of a triangle, two of a line (the last repeated), one of a point (repeated).
     pieces: Vec<[Point3<f64>; 3]>,
     is_seen: Vec<bool>,
@@ -68,7 +68,7 @@ pub struct Observer {
 
 /// What was looked at.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Observed {
+pub struct ObservedShape {
     /// The pieces that were looked at: the shape without the others.
     pub shape: Shape,
     /// Whether each vertex of the original was looked at.
@@ -79,7 +79,7 @@ pub struct Observed {
     pub keyframes: usize,
 }
 
-impl Observer {
+impl ObservedShapeBuilder {
     /// Cuts a shape into pieces. What lies out of reach of cameras at `eyes` is not cut, it counts as not looked at.
     ///
     /// # Errors
@@ -87,14 +87,18 @@ impl Observer {
     pub fn new(
         shape: &Shape,
         eyes: &[Point3<f64>],
-        options: &ObservedOptions,
-    ) -> Result<Self, ObserverError> {
-        for length in [options.far, options.behind, options.edge] {
+        options: &ObservedShapeOptions,
+    ) -> Result<Self, ObservedShapeError> {
+        for length in [
+            options.max_depth,
+            options.max_distance_behind,
+            options.max_edge_length,
+        ] {
             if !(length > 0.0 && length.is_finite()) {
-                return Err(ObserverError::Options(length));
+                return Err(ObservedShapeError::Options(length));
             }
         }
-        let reach = options.far + options.behind;
+        let reach = options.max_depth + options.max_distance_behind;
         let mut cutter = Cutter {
             low: Point3::from(
                 eyes.iter()
@@ -108,7 +112,7 @@ impl Observer {
                     .coords
                     .add_scalar(reach),
             ),
-            edge: options.edge,
+            edge: options.max_edge_length,
             pieces: Vec::new(),
         };
         let at = |index: u32| shape.positions[index as usize];
@@ -149,7 +153,7 @@ impl Observer {
     }
 
     /// Adds a view: `depth` is z in units of the poses, not positive where it is unknown.
-    pub fn look(
+    pub fn add_view(
         &mut self,
         camera: &Camera,
         world_from_camera: &Isometry3<f64>,
@@ -181,7 +185,7 @@ impl Observer {
     }
 
     /// What all views together looked at.
-    pub fn finish(self) -> Observed {
+    pub fn finish(self) -> ObservedShape {
         let mut shape = Shape::default();
         let mut seen = 0.0;
         for (corners, _) in self.pieces.iter().zip(&self.is_seen).filter(|(_, s)| **s) {
@@ -199,7 +203,7 @@ impl Observer {
                 ShapeKind::Cloud | ShapeKind::Empty => shape.positions.push(corners[0]),
             }
         }
-        Observed {
+        ObservedShape {
             shape,
             vertices: self.is_vertex_seen,
             share: if self.total > 0.0 {
@@ -233,13 +237,15 @@ struct DepthView<'a> {
     camera: &'a Camera,
     camera_from_world: Isometry3<f64>,
     depth: &'a Plane<f32>,
-    options: &'a ObservedOptions,
+    options: &'a ObservedShapeOptions,
 }
 
 impl DepthView<'_> {
     fn sees(&self, point: &Point3<f64>) -> bool {
         let in_camera = self.camera_from_world * point;
-        if in_camera.z <= 0.0 || in_camera.z >= self.options.far + self.options.behind {
+        if in_camera.z <= 0.0
+            || in_camera.z >= self.options.max_depth + self.options.max_distance_behind
+        {
             return false;
         }
         let Some(pixel) = self.camera.project(&in_camera) else {
@@ -251,7 +257,9 @@ impl DepthView<'_> {
             return false;
         }
         let depth = f64::from(self.depth.samples()[y as usize * width + x as usize]);
-        depth > 0.0 && depth <= self.options.far && in_camera.z < depth + self.options.behind
+        depth > 0.0
+            && depth <= self.options.max_depth
+            && in_camera.z < depth + self.options.max_distance_behind
     }
 }
 
@@ -264,7 +272,7 @@ struct Cutter {
 }
 
 impl Cutter {
-    fn cut(&mut self, whole: [Point3<f64>; 3]) -> Result<(), ObserverError> {
+    fn cut(&mut self, whole: [Point3<f64>; 3]) -> Result<(), ObservedShapeError> {
         let mut open = vec![whole];
         while let Some([a, b, c]) = open.pop() {
             let (low, high) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
@@ -281,7 +289,7 @@ impl Cutter {
             });
             if lengths[longest] <= self.edge {
                 if self.pieces.len() == MOST_PIECES {
-                    return Err(ObserverError::Pieces { edge: self.edge });
+                    return Err(ObservedShapeError::Pieces { edge: self.edge });
                 }
                 self.pieces.push([a, b, c]);
                 continue;
@@ -315,20 +323,20 @@ mod tests {
     use super::*;
 
     /// A camera at the origin that looks at a wall at z = 2, its right half unknown.
-    fn look_at_wall(shape: &Shape) -> Observed {
+    fn look_at_wall(shape: &Shape) -> ObservedShape {
         let camera = Camera::pinhole(50.0, 50.0, 49.5, 49.5).unwrap();
         let samples = (0..100 * 100)
             .map(|i| if i % 100 < 50 { 2.0 } else { 0.0 })
             .collect();
         let depth = Plane::new(100, 100, samples).unwrap();
-        let options = ObservedOptions {
-            far: 4.0,
-            behind: 0.2,
-            edge: 0.02,
+        let options = ObservedShapeOptions {
+            max_depth: 4.0,
+            max_distance_behind: 0.2,
+            max_edge_length: 0.02,
         };
         let eyes = [Point3::origin()];
-        let mut observer = Observer::new(shape, &eyes, &options).unwrap();
-        observer.look(&camera, &Isometry3::identity(), &depth);
+        let mut observer = ObservedShapeBuilder::new(shape, &eyes, &options).unwrap();
+        observer.add_view(&camera, &Isometry3::identity(), &depth);
         observer.finish()
     }
 
@@ -391,10 +399,10 @@ mod tests {
 
     #[test]
     fn limits_must_be_lengths() {
-        let options = ObservedOptions {
-            edge: 0.0,
-            ..ObservedOptions::at_depth(2.0)
+        let options = ObservedShapeOptions {
+            max_edge_length: 0.0,
+            ..ObservedShapeOptions::at_depth(2.0)
         };
-        assert!(Observer::new(&square(2.0), &[Point3::origin()], &options).is_err());
+        assert!(ObservedShapeBuilder::new(&square(2.0), &[Point3::origin()], &options).is_err());
     }
 }

@@ -12,9 +12,9 @@ use crate::{Shape, TriangleMesh};
 /// results do not depend on threads.
 const RUN: usize = 512;
 
-/// The nearest point of a [`Reference`].
+/// The nearest point of a [`NearestPointIndex`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Nearest {
+pub struct NearestPoint {
     /// Where it is.
     pub point: Point3<f64>,
     /// How far.
@@ -36,7 +36,7 @@ struct Found {
 ///
 /// Distances to a mesh go to its triangles (those without area are left out; a mesh of nothing else stands for its
 /// vertices), to a cloud to its points. Lines do not count.
-pub struct Reference {
+pub struct NearestPointIndex {
     kind: Kind,
 }
 
@@ -45,7 +45,7 @@ enum Kind {
     Cloud(RTree<GeomWithData<[f64; 3], u32>>),
 }
 
-impl Reference {
+impl NearestPointIndex {
     /// Prepares a valid shape.
     ///
     /// # Complexity
@@ -88,7 +88,7 @@ impl Reference {
     }
 
     /// The nearest point; `None` when there is none or `point` is not finite.
-    pub fn nearest(&self, point: &Point3<f64>) -> Option<Nearest> {
+    pub fn nearest(&self, point: &Point3<f64>) -> Option<NearestPoint> {
         self.within(point, f64::INFINITY)
             .map(|found| self.with_normal(found))
     }
@@ -116,8 +116,8 @@ impl Reference {
         }
     }
 
-    fn with_normal(&self, found: Found) -> Nearest {
-        Nearest {
+    fn with_normal(&self, found: Found) -> NearestPoint {
+        NearestPoint {
             point: found.point,
             distance: found.distance,
             element: found.element,
@@ -126,7 +126,7 @@ impl Reference {
     }
 
     /// The nearest points of many, in their order, in parallel.
-    pub fn nearest_of_all(&self, points: &[Point3<f64>]) -> Vec<Option<Nearest>> {
+    pub fn nearest_points(&self, points: &[Point3<f64>]) -> Vec<Option<NearestPoint>> {
         self.of_all(points, None, |found| Some(self.with_normal(found)))
     }
 
@@ -201,9 +201,9 @@ fn along_curve(points: &[Point3<f64>]) -> Vec<u32> {
 
 /// Distance of each point of a shape to a ground truth, as both stand; infinite when that is empty.
 ///
-/// For error pictures of many shapes against one ground truth make the [`Reference`] once and ask it.
+/// For error pictures of many shapes against one ground truth make the [`NearestPointIndex`] once and ask it.
 pub fn vertex_distances(shape: &Shape, ground_truth: &Shape) -> Vec<f64> {
-    Reference::new(ground_truth).distances(&shape.positions)
+    NearestPointIndex::new(ground_truth).distances(&shape.positions)
 }
 
 #[cfg(test)]
@@ -234,7 +234,7 @@ mod tests {
             ..mesh.clone()
         };
         for shape in [mesh, cloud] {
-            let reference = Reference::new(&shape);
+            let reference = NearestPointIndex::new(&shape);
             let together = reference.distances(&queries);
             for (query, distance) in queries.iter().zip(together) {
                 let alone = reference.nearest(query).unwrap();
@@ -251,7 +251,7 @@ mod tests {
             triangles: vec![[0, 1, 0]],
             ..Shape::default()
         };
-        let reference = Reference::new(&shape);
+        let reference = NearestPointIndex::new(&shape);
         assert!(!reference.is_mesh());
         assert_eq!(reference.distances(&[Point3::new(0.5, 0.0, 0.0)]), [0.5]);
         assert_eq!(

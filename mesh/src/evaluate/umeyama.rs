@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Point3, Rotation3, Similarity3, UnitQuaternion, Vector3}
 /// # Reference
 /// S. Umeyama, *Least-squares estimation of transformation parameters between two point patterns*, PAMI 13(4), 1991,
 /// equations 40 to 42.
-pub fn similarity_between(
+pub fn fit_similarity(
     from: &[Point3<f64>],
     to: &[Point3<f64>],
     with_scale: bool,
@@ -79,7 +79,7 @@ mod tests {
             let from: Vec<_> = points.into_iter().map(Point3::from).collect();
             let given = Similarity3::new(Vector3::from(shift), Vector3::from(axis), scale);
             let to: Vec<_> = from.iter().map(|p| given * p).collect();
-            if let Some(found) = similarity_between(&from, &to, true) {
+            if let Some(found) = fit_similarity(&from, &to, true) {
                 for (a, b) in from.iter().zip(&to) {
                     prop_assert!((found * a - b).norm() < 1e-6 * scale);
                 }
@@ -100,19 +100,19 @@ mod tests {
             .iter()
             .map(|p| Point3::new(5.0, 2.0 * p.x, 2.0 * p.y))
             .collect();
-        let found = similarity_between(&square, &turned, true).unwrap();
+        let found = fit_similarity(&square, &turned, true).unwrap();
         assert!((found.scaling() - 2.0).abs() < 1e-12);
         for (a, b) in square.iter().zip(&turned) {
             assert!((found * a - b).norm() < 1e-12);
         }
-        let rigid = similarity_between(&square, &turned, false).unwrap();
+        let rigid = fit_similarity(&square, &turned, false).unwrap();
         assert_eq!(rigid.scaling(), 1.0);
         let line: Vec<_> = (0..5)
             .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
             .collect();
-        assert!(similarity_between(&line, &line, true).is_none());
-        assert!(similarity_between(&square[..2], &turned[..2], true).is_none());
+        assert!(fit_similarity(&line, &line, true).is_none());
+        assert!(fit_similarity(&square[..2], &turned[..2], true).is_none());
         let same = [Point3::origin(); 4];
-        assert!(similarity_between(&same, &same, true).is_none());
+        assert!(fit_similarity(&same, &same, true).is_none());
     }
 }

@@ -23,7 +23,7 @@ pub struct DistanceStatistics {
 
 impl DistanceStatistics {
     /// Of any number of distances; `None` of none. Quantiles between two distances are interpolated.
-    pub fn of(distances: &[f64]) -> Option<Self> {
+    pub fn from_distances(distances: &[f64]) -> Option<Self> {
         if distances.is_empty() {
             return None;
         }
@@ -71,21 +71,21 @@ mod tests {
 
     #[test]
     fn the_numbers_are_those_of_the_definition() {
-        let s = DistanceStatistics::of(&[3.0, 1.0, 2.0, 10.0]).unwrap();
+        let s = DistanceStatistics::from_distances(&[3.0, 1.0, 2.0, 10.0]).unwrap();
         assert_eq!((s.count, s.mean, s.median, s.max), (4, 4.0, 2.5, 10.0));
         assert!((s.rms - (114.0_f64 / 4.0).sqrt()).abs() < 1e-15);
         assert!((s.p90 - 7.9).abs() < 1e-12);
-        assert_eq!(DistanceStatistics::of(&[]), None);
-        assert_eq!(DistanceStatistics::of(&[7.0]).unwrap().p95, 7.0);
+        assert_eq!(DistanceStatistics::from_distances(&[]), None);
+        assert_eq!(DistanceStatistics::from_distances(&[7.0]).unwrap().p95, 7.0);
         assert_eq!(share_below(&[0.1, 0.2, 0.3], 0.2), 1.0 / 3.0);
         assert_eq!(share_below(&[], 0.2), 0.0);
     }
 
     #[test]
     fn infinite_distances_stay_infinite_and_make_no_other_value_invalid() {
-        let s = DistanceStatistics::of(&[f64::INFINITY, f64::INFINITY]).unwrap();
+        let s = DistanceStatistics::from_distances(&[f64::INFINITY, f64::INFINITY]).unwrap();
         assert!(s.median.is_infinite() && s.p90.is_infinite());
-        let s = DistanceStatistics::of(&[1.0, 1.0, f64::INFINITY]).unwrap();
+        let s = DistanceStatistics::from_distances(&[1.0, 1.0, f64::INFINITY]).unwrap();
         assert_eq!(s.median, 1.0);
     }
 }
