@@ -10,7 +10,9 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve::pipeline::{ModelCarver, Options, PointKeyframe, find_features};
+use linecarve::Options;
+use linecarve::front_end::{FeatureFrontEnd, FeatureKeyframe, Keyframe};
+use linecarve::map::Map;
 use linecarve_points::{
     FeatureDetector, FeatureGrid, MapPointOptions, PointMap, PoseCorrectionOptions,
     TwoViewGeometry, match_along_epipolar_lines,
@@ -29,8 +31,13 @@ fn map_points(criterion: &mut Criterion) {
         .num_threads(1)
         .build()
         .expect("one thread can be had");
-    let keyframes: Vec<PointKeyframe> = (0..10)
-        .map(|frame| find_features(&sequence, frame, &options).expect("the sample is whole"))
+    let front_end = FeatureFrontEnd::new(options);
+    let keyframes: Vec<FeatureKeyframe> = (0..10)
+        .map(|frame| {
+            front_end
+                .process(&sequence, frame)
+                .expect("the sample is whole")
+        })
         .collect();
     let image = sequence.load_gray(4).expect("the sample is whole");
 
@@ -105,9 +112,10 @@ fn map_points(criterion: &mut Criterion) {
     group.bench_function(format!("model, 11 views, {sightings} sightings"), |bench| {
         one_thread.install(|| {
             bench.iter(|| {
-                let mut carver = ModelCarver::new(&model, &all).expect("the model is whole");
-                carver.push_all().expect("the model is in range");
-                carver.surface().triangles.len()
+                let mut map = Map::of_model(&all, model.clone()).expect("the model is whole");
+                let views = Keyframe::Views(0..model.views.len());
+                map.push(&views).expect("the model is in range");
+                map.surface().triangles.len()
             });
         });
     });

@@ -8,8 +8,9 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve::pipeline::scale::median_scene_depth;
-use linecarve::pipeline::{BackEnd, FrontEnd, Keyframe, Options};
+use linecarve::Options;
+use linecarve::front_end::{Keyframe, SensorFrontEnd, median_scene_depth};
+use linecarve::map::Map;
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use linecarve_sequence::{OpenOptions, Sequence};
 
@@ -28,13 +29,14 @@ fn pipeline(criterion: &mut Criterion) {
     let noise = SensorNoise::relative_at(options.sensor.relative_noise, median_depth, 1.0 / scale);
     let sensor = DepthSensor::registered(sequence.color_camera(), noise);
     let mut front_end =
-        FrontEnd::new(&sequence, &sensor, options.extract()).expect("default options hold");
+        SensorFrontEnd::new(sensor, options.extract()).expect("default options hold");
     let keyframes: Vec<Keyframe> = frames
         .iter()
         .map(|frame| {
-            front_end
-                .process(*frame, *frame as u32)
-                .expect("the sample is whole")
+            let keyframe = front_end
+                .process(&sequence, *frame, *frame as u32)
+                .expect("the sample is whole");
+            Keyframe::Lines(Box::new(keyframe))
         })
         .collect();
 
@@ -42,13 +44,13 @@ fn pipeline(criterion: &mut Criterion) {
     group.sample_size(10);
     group.throughput(Throughput::Elements(1));
     group.bench_function("front end, one keyframe", |bench| {
-        bench.iter(|| black_box(front_end.process(black_box(12), 0)));
+        bench.iter(|| black_box(front_end.process(&sequence, black_box(12), 0)));
     });
     group.throughput(Throughput::Elements(keyframes.len() as u64));
     group.bench_function("back end, all keyframes", |bench| {
         bench.iter_batched(
             || {
-                BackEnd::new(&options, sequence.color_camera(), noise, median_depth)
+                Map::of_lines(&options, sequence.color_camera(), noise, median_depth)
                     .expect("default options hold")
             },
             |mut map| {

@@ -6,7 +6,6 @@ mod diff;
 mod evaluate;
 mod simplify;
 mod stream;
-mod tables;
 mod values;
 mod view;
 
@@ -18,13 +17,12 @@ pub use compare::CompareArgs;
 pub use convert::{ConvertArgs, Target};
 pub use diff::DiffArgs;
 pub use evaluate::{AlignBy, EvaluateArgs};
-pub use simplify::{DEFAULT_TOLERANCE, SimplifyArgs};
+pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
-pub use tables::TablesArgs;
-pub use values::{CheckChoice, LabelChoice, LayoutChoice, SceneChoice};
+pub use values::{CheckChoice, FormatChoice, LabelChoice, LayoutChoice, SceneChoice};
 pub use view::ViewArgs;
 
-use crate::memory::MemoryLimit;
+use crate::run::MemoryLimit;
 use linecarve_mesh::diff::Tolerance;
 
 /// Turns posed keyframes into a surface by carving free space with 3D line segments.
@@ -59,8 +57,6 @@ pub enum Command {
     Lines(LinesArgs),
     /// Keyframes of a running SLAM as JSON lines on standard input, changes of the surface on standard output.
     Stream(StreamArgs),
-    /// The paper's tables: every line method on a sequence, against a ground-truth surface and against the images.
-    Tables(TablesArgs),
     /// What a sequence holds, which conventions are assumed for it, and whether its own images agree with them.
     Info(InfoArgs),
     /// Render a procedural scene to a posed RGB-D sequence with its ground-truth mesh.
@@ -130,12 +126,35 @@ pub struct KeyframeArgs {
     pub max_keyframes: Option<usize>,
 }
 
+impl KeyframeArgs {
+    /// Names of the options that were given.
+    pub fn given(&self) -> Vec<&'static str> {
+        let given = [
+            ("--every", self.every.is_some()),
+            ("--keyframes", self.keyframes.is_some()),
+            ("--min-translation", self.min_translation.is_some()),
+            ("--min-rotation", self.min_rotation.is_some()),
+            ("--sharpness-window", self.sharpness_window.is_some()),
+            ("--max-keyframes", self.max_keyframes.is_some()),
+        ];
+        let given = given.iter().filter(|(_, is_given)| *is_given);
+        given.map(|(name, _)| *name).collect()
+    }
+}
+
+impl StageArgs {
+    /// The formats asked for.
+    pub fn formats(&self) -> Vec<crate::sinks::Format> {
+        self.format.iter().map(|&format| format.into()).collect()
+    }
+}
+
 /// Options that both `reconstruct` and `lines` have.
 #[derive(Debug, Args)]
 pub struct StageArgs {
     /// Where depth comes from.
-    #[arg(long, value_enum, default_value_t = DepthSource::Auto)]
-    pub depth: DepthSource,
+    #[arg(long, value_enum, default_value_t = DepthArg::Auto)]
+    pub depth: DepthArg,
 
     /// TOML file with the parameters of the stages; flags win over it. `report.json` of a run holds them all.
     #[arg(long, value_name = "FILE")]
@@ -147,8 +166,8 @@ pub struct StageArgs {
     pub max_image_size: Option<u32>,
 
     /// Formats of meshes and lines.
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Format::Glb, Format::Obj, Format::Ply])]
-    pub format: Vec<Format>,
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [FormatChoice::Glb, FormatChoice::Obj, FormatChoice::Ply])]
+    pub format: Vec<FormatChoice>,
 
     /// One JSON object about the run on standard output.
     #[arg(long)]
@@ -184,7 +203,7 @@ pub struct ReconstructArgs {
 
     /// Thin out the final mesh as far as an error of this much allows, measured both ways: a length in units
     /// of the poses (0.002), or a share of the mesh's diagonal (0.02%, also when no value is given).
-    #[arg(long, value_name = "LENGTH|N%", num_args = 0..=1, default_missing_value = simplify::DEFAULT_TOLERANCE_TEXT)]
+    #[arg(long, value_name = "LENGTH|N%", num_args = 0..=1, default_missing_value = crate::sinks::DEFAULT_TOLERANCE_TEXT)]
     pub simplify: Option<Tolerance>,
 
     /// Leave out the surface of every single keyframe (`keyframes/NNNNNN.glb`).
@@ -226,23 +245,6 @@ pub struct LinesArgs {
     /// Stages and formats.
     #[command(flatten)]
     pub stages: StageArgs,
-
-    /// How lines are found.
-    #[arg(long, value_enum, default_value_t = LineMethodArg::EdgeAided)]
-    pub method: LineMethodArg,
-}
-
-/// How lines are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum LineMethodArg {
-    /// Segments grown along edge chains in image and depth together.
-    EdgeAided,
-    /// Segments detected in the image (EDLines), then a line through the depths along each by RANSAC.
-    Decoupled,
-    /// Segments detected in the images and matched between keyframes (Line3D++); uses no depth.
-    Matched,
-    /// No lines: every pixel with a strong gradient and a depth, as `points.ply`.
-    Points,
 }
 
 /// Arguments of `info`.
@@ -269,24 +271,13 @@ pub enum SurfaceSource {
 
 /// Where depth comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DepthSource {
+pub enum DepthArg {
     /// The sensor's when the sequence has depth images, else semi-dense.
     Auto,
     /// The sensor's.
     Sensor,
     /// Estimated at image edges from neighbouring keyframes.
     SemiDense,
-}
-
-/// File formats of meshes and lines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
-pub enum Format {
-    /// glTF 2.0, binary, +Y up.
-    Glb,
-    /// Wavefront OBJ in the frame of the poses.
-    Obj,
-    /// Binary PLY in the frame of the poses.
-    Ply,
 }
 
 /// Arguments of `synth`.

@@ -1,16 +1,37 @@
 //! Linecarve: from posed keyframes to a surface, while the camera is still moving.
 //!
-//! The library behind the `linecarve` program. Folders follow the pipeline: [`sequence`] reads posed images,
-//! [`keyframes`] chooses among them, the crates `linecarve-lines` and `linecarve-carving` find segments and carve,
-//! [`mesh`] writes what comes out, [`render`] draws it, [`synth`] makes sequences with exact ground truth.
+//! ```no_run
+//! use linecarve::{Options, Reconstruction};
+//!
+//! let mut reconstruction = Reconstruction::open("kitchen", Options::default())?;
+//! while let Some(update) = reconstruction.advance()? {
+//!     println!("keyframe {}: {} new points", update.number, update.map.new_points);
+//! }
+//! let mesh = reconstruction.surface();
+//! println!("{} vertices, {} triangles", mesh.positions.len(), mesh.triangles.len());
+//! # Ok::<(), linecarve::Error>(())
+//! ```
+//!
+//! A [`Recording`] is a sequence with its keyframes chosen, a [`FrontEnd`](front_end::FrontEnd) finds segments or features in
+//! them, a [`Map`](map::Map) carves, and a [`Sink`] receives what each keyframe changed. The crates below are libraries of
+//! their own: `linecarve-lines`, `linecarve-carving`, `linecarve-sequence`, `linecarve-points`, `linecarve-mesh`,
+//! `linecarve-synth`.
 
-pub mod checkpoint;
 pub mod cli;
 pub mod commands;
 pub mod compare;
-pub mod memory;
-pub mod pipeline;
-pub mod progress;
+pub mod front_end;
+pub mod map;
+mod mapper;
+pub mod options;
+mod reconstruction;
+mod recording;
 pub mod report;
+pub mod run;
+pub mod sinks;
 pub mod stream;
-pub mod tables;
+
+pub use mapper::KeyframeUpdate;
+pub use options::Options;
+pub use reconstruction::{Error, Reconstruction, RunOptions, Sink, SinkError};
+pub use recording::{DepthChoice, Input, Recording, RecordingError, Selection, Source};

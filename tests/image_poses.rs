@@ -4,7 +4,8 @@ mod program;
 
 use std::path::Path;
 
-use linecarve::pipeline::{ImagePoses, Options, correct_poses};
+use linecarve::Options;
+use linecarve::front_end::{ImagePoses, correct_poses};
 use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use program::{bend, expect_status, stderr};

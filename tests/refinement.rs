@@ -6,10 +6,13 @@ mod program;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use linecarve::pipeline::{
-    Arrival, BackEnd, DepthSource, Keyframe, Options, SemiDenseSource, SemiDenseStage, run,
+use linecarve::Options;
+use linecarve::front_end::{
+    Arrival, DepthSource, FrontEnd, Keyframe, SemiDenseSource, SemiDenseStage, group_size,
+    run_in_groups,
 };
-use linecarve_mesh::TriangleMesh;
+use linecarve::map::Map;
+use linecarve_mesh::{LineSet, TriangleMesh};
 use linecarve_sequence::{OpenOptions, Sequence};
 use program::{contents, expect_status, small_sequence};
 
@@ -24,29 +27,32 @@ fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
     });
     let frames: Vec<usize> = (0..FRAMES).collect();
     let mut arrivals = Vec::new();
-    run(
+    let extract = Options::default().extract();
+    let mut front_end = FrontEnd::lines(&source, frames.len(), extract, None, is_with_first)
+        .expect("default options are in range");
+    let collect = |number, arrival| {
+        arrivals.push((number, arrival));
+        Ok::<(), ()>(())
+    };
+    run_in_groups(
+        &mut front_end,
         sequence,
-        &source,
         &frames,
-        Options::default().extract(),
+        group_size(),
         None,
-        is_with_first,
-        |number, arrival| -> anyhow::Result<()> {
-            arrivals.push((number, arrival));
-            Ok(())
-        },
+        collect,
     )
-    .expect("the sequence is whole");
+    .expect("nothing fails");
     arrivals
 }
 
-fn map(sequence: &Sequence) -> BackEnd {
+fn map(sequence: &Sequence) -> Map {
     let options = Options::default();
     let source = DepthSource::SemiDense(SemiDenseSource {
         options: options.semi_dense,
         median_depth: MEDIAN_DEPTH,
     });
-    BackEnd::new(
+    Map::of_lines(
         &options,
         sequence.color_camera(),
         source.noise(),
@@ -55,10 +61,21 @@ fn map(sequence: &Sequence) -> BackEnd {
     .expect("default options are in range")
 }
 
+fn segments_of(keyframe: &Keyframe) -> usize {
+    match keyframe {
+        Keyframe::Lines(keyframe) => keyframe.segments.len(),
+        _ => 0,
+    }
+}
+
+fn segments(map: &Map) -> LineSet {
+    map.segments().expect("a map of lines").segments()
+}
+
 fn last(arrival: Arrival) -> Option<Keyframe> {
     match arrival {
-        Arrival::First { .. } => None,
-        Arrival::Last(keyframe) => Some(keyframe.expect("rendered images are whole")),
+        Arrival::Provisional { .. } => None,
+        Arrival::Final(keyframe) => Some(keyframe.expect("rendered images are whole")),
     }
 }
 
@@ -84,7 +101,7 @@ fn first_depths_are_in_the_map_at_once_and_leave_nothing_behind() {
     let mut finished = 0;
     for (number, arrival) in arrivals(&sequence, true) {
         match arrival {
-            Arrival::First { keyframe, awaited } => {
+            Arrival::Provisional { keyframe, awaited } => {
                 assert!(
                     awaited < stage.future,
                     "keyframe {number} came after {awaited} others"
@@ -95,11 +112,11 @@ fn first_depths_are_in_the_map_at_once_and_leave_nothing_behind() {
                     .push_provisional(&keyframe)
                     .expect("poses are in range");
                 assert!(refined.carver().ray_count() > rays);
-                assert!(waiting.insert(number, keyframe.segments.len()).is_none());
+                assert!(waiting.insert(number, segments_of(&keyframe)).is_none());
                 let listed = refined.provisional_segment_count();
                 assert_eq!(listed, waiting.values().sum::<usize>());
             }
-            Arrival::Last(keyframe) => {
+            Arrival::Final(keyframe) => {
                 assert_eq!(number, finished);
                 let keyframe = keyframe.expect("rendered images are whole");
                 assert!(waiting.remove(&number).is_some(), "{number} came too late");
@@ -115,7 +132,7 @@ fn first_depths_are_in_the_map_at_once_and_leave_nothing_behind() {
     }
     assert_eq!(finished, FRAMES);
     assert!(refined.surface() == surfaces[FRAMES - 1]);
-    assert!(refined.segments().segments() == plain.segments().segments());
+    assert!(segments(&refined) == segments(&plain));
 }
 
 #[test]
@@ -126,12 +143,12 @@ fn a_run_that_ends_early_keeps_last_depths_alone() {
     let (mut plain, mut refined) = (map(&sequence), map(&sequence));
     for (number, arrival) in arrivals(&sequence, true) {
         match arrival {
-            Arrival::First { keyframe, .. } => {
+            Arrival::Provisional { keyframe, .. } => {
                 refined
                     .push_provisional(&keyframe)
                     .expect("poses are in range");
             }
-            Arrival::Last(keyframe) => {
+            Arrival::Final(keyframe) => {
                 let keyframe = keyframe.expect("rendered images are whole");
                 plain.push(&keyframe).expect("poses are in range");
                 refined.push(&keyframe).expect("poses are in range");
@@ -142,7 +159,7 @@ fn a_run_that_ends_early_keeps_last_depths_alone() {
         }
     }
     assert!(refined.surface() != plain.surface());
-    refined.withdraw_provisional().expect("they are there");
+    refined.finish().expect("they are there");
     assert!(refined.surface() == plain.surface());
     assert_eq!(refined.carver().point_count(), plain.carver().point_count());
     assert_eq!(refined.provisional_segment_count(), 0);

@@ -7,7 +7,7 @@ mod program;
 use std::path::{Path, PathBuf};
 
 use base64::Engine;
-use linecarve::pipeline::Options;
+use linecarve::Options;
 use linecarve::stream::{Message, Reply, Session};
 use linecarve_lines::camera::Camera;
 use program::{bend, expect_status, stream, triangles_after};

@@ -4,12 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::sinks::DEFAULT_TOLERANCE_TEXT;
 use linecarve_mesh::diff::Tolerance;
-
-/// The tolerance when none is given, as it is written.
-pub(super) const DEFAULT_TOLERANCE_TEXT: &str = "0.02%";
-/// The tolerance when none is given.
-pub const DEFAULT_TOLERANCE: Tolerance = Tolerance::ShareOfDiagonal(0.02 / 100.0);
 
 /// Arguments of `simplify`.
 #[derive(Debug, Args)]
@@ -46,14 +42,4 @@ pub struct SimplifyArgs {
     /// One JSON object on standard output in place of text.
     #[arg(long)]
     pub json: bool,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_default_is_what_it_says() {
-        assert_eq!(DEFAULT_TOLERANCE_TEXT.parse(), Ok(DEFAULT_TOLERANCE));
-    }
 }

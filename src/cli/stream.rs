@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::Format;
+use super::FormatChoice;
 
 /// Arguments of `stream`.
 #[derive(Debug, Args)]
@@ -18,6 +18,6 @@ pub struct StreamArgs {
     pub config: Option<PathBuf>,
 
     /// Formats of meshes and lines in the output folder.
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Format::Glb, Format::Obj, Format::Ply])]
-    pub format: Vec<Format>,
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [FormatChoice::Glb, FormatChoice::Obj, FormatChoice::Ply])]
+    pub format: Vec<FormatChoice>,
 }

@@ -4,7 +4,8 @@ use clap::ValueEnum;
 use linecarve_mesh::diff::Check;
 use linecarve_synth::{SceneKind, SequenceLayout};
 
-use crate::pipeline::LabelKind;
+use crate::map::LabelKind;
+use crate::sinks::Format;
 
 /// Declares the command-line form of a library's enum: the same variants, with help texts and a conversion.
 macro_rules! choice {
@@ -28,6 +29,18 @@ choice! {
         Votes,
         /// Minimum cut with soft visibility, which weighs wrong points against right ones.
         Cut,
+    }
+}
+
+choice! {
+    /// File formats of meshes and lines.
+    FormatChoice for Format {
+        /// glTF 2.0, binary, +Y up.
+        Glb,
+        /// Wavefront OBJ in the frame of the poses.
+        Obj,
+        /// Binary PLY in the frame of the poses.
+        Ply,
     }
 }
 

@@ -7,8 +7,8 @@ use nalgebra::Vector3;
 
 use crate::cli::{ConvertArgs, SequenceArgs, Target};
 use crate::commands::Outcome;
-use crate::commands::sequence::open;
-use crate::progress::Verbosity;
+use crate::commands::input::open;
+use crate::run::Verbosity;
 use linecarve_mesh::{
     Geometry, GlbPart, LineSet, TriangleMesh, read_geometry, write_glb, write_lines_obj,
     write_lines_ply, write_mesh_obj, write_mesh_ply,

@@ -7,7 +7,7 @@ use anyhow::Context;
 use crate::cli::DiffArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::{Colored, write_heat_map};
-use crate::commands::run_report::{print_object, print_text};
+use crate::sinks::{print_object, print_text};
 use linecarve_mesh::diff::{DiffOptions, Difference, compare, write_junit, write_junit_failure};
 use linecarve_mesh::evaluate::{NearestPointIndex, ShapeSummary};
 use linecarve_mesh::{Shape, read_geometry};

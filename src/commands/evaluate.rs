@@ -6,14 +6,14 @@ use std::path::Path;
 use anyhow::{Context, bail, ensure};
 use nalgebra::{Point3, Similarity3};
 
-use crate::cli::{AlignBy, EvaluateArgs, SequenceArgs};
+use crate::cli::{AlignBy, DepthArg, EvaluateArgs, SequenceArgs};
 use crate::commands::Outcome;
 use crate::commands::heat_map::{Colored, write_heat_map};
-use crate::commands::run_report::{print_object, print_text};
-use crate::commands::sequence::{choose, open};
-use crate::pipeline::Options;
-use crate::pipeline::scale::median_scene_depth;
-use crate::progress::{Progress, Verbosity};
+use crate::commands::input::{input, keyframe_options};
+use crate::options::Options;
+use crate::recording::{Recording, Source};
+use crate::run::{Progress, Verbosity};
+use crate::sinks::{print_object, print_text};
 use linecarve_mesh::evaluate::{
     Alignment, DistanceStatistics, Evaluation, EvaluationOptions, NearestPointIndex, ObservedShape,
     ObservedShapeBuilder, ObservedShapeOptions, ShapeSummary, evaluate_observed,
@@ -114,34 +114,35 @@ fn observe(
     args: &EvaluateArgs,
     verbosity: Verbosity,
 ) -> anyhow::Result<ObservedShape> {
-    let sequence = open(&SequenceArgs {
+    let sequence = SequenceArgs {
         sequence: folder.to_owned(),
         calibration: args.calibration.clone(),
         layout: None,
         poses: None,
-    })?;
-    let calibration = sequence.depth_calibration().with_context(|| {
-        format!(
-            "--observed {}: the sequence has no depth images, which say what was looked at",
-            folder.display()
-        )
-    })?;
-    let frames = sequence.frames();
-    let all: Vec<usize> = (0..frames.len()).collect();
-    let median_depth = median_scene_depth(&sequence, &all)?.with_context(|| {
-        format!(
-            "--observed {}: none of the depth images holds a depth",
-            folder.display()
-        )
-    })?;
-    let mut stages = Options::default();
-    let keyframes = choose(
+    };
+    let selection = &args.selection;
+    let input = input(
         &sequence,
-        &args.selection,
-        &mut stages,
-        median_depth,
+        selection,
+        DepthArg::Sensor,
+        Source::Lines,
         verbosity,
-    )?;
+    );
+    let mut options = Options::default();
+    keyframe_options(selection, &mut options);
+    let recording = Recording::open(&input, options).with_context(|| {
+        format!(
+            "--observed {}: depth images say what was looked at",
+            folder.display()
+        )
+    })?;
+    let (sequence, keyframes) = (&recording.sequence, recording.keyframes.clone());
+    let (Some(calibration), Some(median_depth)) =
+        (sequence.depth_calibration(), recording.median_depth)
+    else {
+        bail!("--observed {}: there are no depth images", folder.display());
+    };
+    let frames = sequence.frames();
     let mut options = ObservedShapeOptions::at_depth(median_depth);
     options.max_depth = args.far.unwrap_or(options.max_depth);
     if let Some(behind) = args.behind {

@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use crate::cli::InfoArgs;
 use crate::commands::Outcome;
-use crate::commands::run_report::{print_object, print_text};
-use crate::commands::sequence::open;
-use crate::progress::Verbosity;
+use crate::commands::input::open;
+use crate::run::Verbosity;
+use crate::sinks::{print_object, print_text};
 use linecarve_sequence::{CameraFacts, InspectOptions, SequenceFacts, inspect};
 
 /// So many other readings are printed; the JSON object has them all.

@@ -1,42 +1,25 @@
 //! The commands, one file each: they read options, run the library and print; the work itself is elsewhere.
 
 mod compare;
-mod compare_runs;
 mod convert;
-mod depth;
 mod diff;
 mod evaluate;
-mod feature_edges;
+
 mod heat_map;
 mod info;
-mod interrupt;
-mod kept_run;
+mod input;
 mod lines;
-mod lines_baseline;
-mod map_steps;
-mod output;
-mod page;
-mod page_run;
-mod picture;
-mod prepare_points;
 mod reconstruct;
-mod reconstruct_model;
-mod reconstruct_points;
 mod render;
-mod run_report;
-mod sequence;
 mod simplify;
 mod stream;
-mod surface_files;
-mod surface_page;
 mod synth;
-mod tables;
 mod view;
 
 use anyhow::Context;
 
 use crate::cli::{Cli, Command};
-use crate::progress::Verbosity;
+use crate::run::Verbosity;
 
 /// How a command that ran to its end came out.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -71,7 +54,6 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Reconstruct(args) => reconstruct::run(args, verbosity),
         Command::Lines(args) => lines::run(args, verbosity),
         Command::Stream(args) => stream::run(args, verbosity),
-        Command::Tables(args) => tables::run(args, verbosity),
         Command::Info(args) => info::run(args, verbosity),
         Command::Synth(args) => synth::run(args, verbosity),
         Command::Render(args) => render::run(args),

@@ -3,50 +3,26 @@
 use std::path::Path;
 
 use anyhow::Context;
-use nalgebra::Point3;
 use serde::Serialize;
 
-use crate::cli::{Format, SimplifyArgs};
+use crate::cli::SimplifyArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
-use crate::commands::output::{feature_edges_part, surface_part, write_part};
-use crate::commands::run_report::{print_object, print_text};
+use crate::sinks::{
+    Format, feature_edges_part, line_ends, print_object, print_text, surface_part, write_part,
+};
 use linecarve_mesh::diff::Tolerance;
 use linecarve_mesh::feature_edges::FeatureLines;
+use linecarve_mesh::read_geometry;
 use linecarve_mesh::simplify::{
     SimplifyOptions, SimplifyOptionsError, default_boundary_tolerance, simplify,
 };
-use linecarve_mesh::{LineSet, TriangleMesh, read_geometry};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
-pub(super) fn check(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsError> {
+pub(super) fn check_tolerance(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsError> {
     tolerance.map_or(Ok(()), |tolerance| {
         SimplifyOptions::with_tolerance(tolerance.length(1.0)).validate()
     })
-}
-
-/// The final mesh of a run, simplified where that is asked for; edges along the lines that it knows remain edges.
-pub(super) fn finished(
-    mesh: TriangleMesh,
-    lines: &LineSet,
-    tolerance: Option<Tolerance>,
-) -> Result<TriangleMesh, SimplifyOptionsError> {
-    let Some(tolerance) = tolerance.filter(|_| !mesh.is_empty()) else {
-        return Ok(mesh);
-    };
-    let tolerance = tolerance.length(mesh.diagonal());
-    let options = SimplifyOptions {
-        boundary_tolerance: default_boundary_tolerance(&mesh, tolerance),
-        ..SimplifyOptions::with_tolerance(tolerance)
-    };
-    Ok(simplify(&mesh, &ends(&lines.points, &lines.lines), &options)?.mesh)
-}
-
-/// Lines by the places of their ends.
-pub(super) fn ends(points: &[Point3<f64>], lines: &[[u32; 2]]) -> Vec<[Point3<f64>; 2]> {
-    let ends = lines.iter();
-    ends.map(|line| line.map(|end| points[end as usize]))
-        .collect()
 }
 
 /// What came out, as it stands in JSON.
@@ -81,7 +57,7 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
     let lines = match &args.lines {
         Some(path) => {
             let known = read_geometry(path)?;
-            ends(&known.positions, &known.lines)
+            line_ends(&known.positions, &known.lines)
         }
         None => Vec::new(),
     };

@@ -6,11 +6,11 @@ use anyhow::Context;
 
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
-use crate::commands::feature_edges;
-use crate::commands::output::OutputFolder;
-use crate::commands::surface_files::SurfaceFiles;
-use crate::pipeline::Options;
-use crate::progress::Verbosity;
+use crate::options::Options;
+use crate::run::Verbosity;
+use crate::sinks::OutputFolder;
+use crate::sinks::SurfaceFiles;
+use crate::sinks::final_mesh_edges;
 use crate::stream::{Ending, Message, Reply, Session, Summary};
 
 /// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.
@@ -138,12 +138,13 @@ fn write_results(
     summary: Summary,
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
-    let edges = feature_edges::of_final_mesh(&summary.mesh, &summary.clusters, None)?;
+    let edges = final_mesh_edges(&summary.mesh, &summary.clusters, None)?;
     let mut surface = SurfaceFiles {
         mesh: summary.mesh,
         lines: Some((summary.segments, summary.clusters)),
         edges: edges.lines,
     };
     surface.translate(&summary.origin);
-    surface.write(output, "", &args.format, &summary.origin)
+    let formats: Vec<_> = args.format.iter().map(|&format| format.into()).collect();
+    surface.write(output, "", &formats, &summary.origin)
 }

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use crate::cli::{NoiseModel, SynthArgs};
 use crate::commands::Outcome;
-use crate::progress::{Progress, Verbosity};
+use crate::run::{Progress, Verbosity};
 use linecarve_synth::{ColorFormat, DepthNoise, SynthOptions, write_sequence};
 
 pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {

@@ -11,8 +11,8 @@ use tiny_http::{Header, Method, Request, Response, Server, StatusCode};
 
 use crate::cli::ViewArgs;
 use crate::commands::Outcome;
-use crate::commands::run_report::print_text;
-use crate::progress::Verbosity;
+use crate::run::Verbosity;
+use crate::sinks::print_text;
 
 /// The file that `/` stands for.
 const PAGE: &str = "report.html";

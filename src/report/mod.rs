@@ -3,11 +3,13 @@
 pub mod page;
 
 use std::path::Path;
-use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use linecarve_mesh::files::{WriteError, write_atomically};
+
+use crate::front_end::PoseSummary;
+pub use crate::run::StageTimes;
 
 /// Everything that a run says about itself. Counts and parameters repeat from run to run; durations and memory do not.
 #[derive(Debug, Clone, Serialize)]
@@ -54,33 +56,6 @@ pub struct SequenceSummary {
     /// How far poses and images are apart, when that was asked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub poses: Option<PoseSummary>,
-}
-
-/// How far the given poses are from what the images show.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct PoseSummary {
-    /// Keyframes that see enough points to be moved.
-    pub keyframes: usize,
-    /// The points.
-    pub points: usize,
-    /// Root of the mean squared distance of their projections from their features, with the poses moved.
-    pub reprojection_rms_px: f64,
-    /// By how much directions were moved: root mean square of an axis, in pixels of the image.
-    pub turn_px: f64,
-    /// By how much places were, as seen at the median depth.
-    pub shift_px: f64,
-    /// Radial distortion, `k1` of Brown's model, of images that came as those of a pinhole; it is taken out.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub lens_k1: Option<f64>,
-    /// Whether the moved poses are used in place of those given.
-    pub is_corrected: bool,
-}
-
-impl PoseSummary {
-    /// Root mean square of turn and shift, in pixels.
-    pub fn moved_px(&self) -> f64 {
-        (0.5 * (self.turn_px.powi(2) + self.shift_px.powi(2))).sqrt()
-    }
 }
 
 /// Counts and durations of one keyframe.
@@ -151,83 +126,6 @@ pub struct MapPointReport {
     pub established: usize,
 }
 
-/// Milliseconds of the stages of one keyframe.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct StageTimes {
-    /// Reading and decoding images.
-    pub load: f64,
-    /// Depth of the keyframe in the colour camera.
-    pub depth: f64,
-    /// Edge chains.
-    pub edges: f64,
-    /// Features.
-    pub features: f64,
-    /// Segments fitted along the chains.
-    pub fit: f64,
-    /// Segments joined to clusters.
-    pub cluster: f64,
-    /// Points chosen along the segments and matched with older ones.
-    pub points: f64,
-    /// Points inserted, rays walked, cells labelled.
-    pub carve: f64,
-    /// The surface compared with the depth of keyframes, and corrected.
-    pub support: f64,
-    /// Surface extracted.
-    pub surface: f64,
-    /// Files written.
-    pub write: f64,
-}
-
-impl StageTimes {
-    /// All stages together.
-    pub fn total(&self) -> f64 {
-        self.load
-            + self.depth
-            + self.edges
-            + self.features
-            + self.fit
-            + self.cluster
-            + self.points
-            + self.carve
-            + self.support
-            + self.surface
-            + self.write
-    }
-
-    /// Stage by stage mean over `count`; zero of nothing.
-    pub fn divided_by(&self, count: usize) -> Self {
-        let mean = |sum: f64| (sum / count.max(1) as f64 * 1e3).round() / 1e3;
-        Self {
-            load: mean(self.load),
-            depth: mean(self.depth),
-            edges: mean(self.edges),
-            features: mean(self.features),
-            fit: mean(self.fit),
-            cluster: mean(self.cluster),
-            points: mean(self.points),
-            carve: mean(self.carve),
-            support: mean(self.support),
-            surface: mean(self.surface),
-            write: mean(self.write),
-        }
-    }
-
-    /// Stage by stage sum.
-    pub fn add(&mut self, other: &Self) {
-        self.load += other.load;
-        self.depth += other.depth;
-        self.edges += other.edges;
-        self.features += other.features;
-        self.fit += other.fit;
-        self.cluster += other.cluster;
-        self.points += other.points;
-        self.carve += other.carve;
-        self.support += other.support;
-        self.surface += other.surface;
-        self.write += other.write;
-    }
-}
-
 /// What came out at the end.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct ResultSummary {
@@ -294,9 +192,4 @@ pub fn write_report<P: Serialize>(path: &Path, report: &Report<P>) -> Result<(),
         serde_json::to_writer_pretty(&mut *out, report).map_err(std::io::Error::other)?;
         out.write_all(b"\n")
     })
-}
-
-/// A duration in milliseconds, rounded to microseconds.
-pub fn milliseconds(duration: Duration) -> f64 {
-    (duration.as_secs_f64() * 1e6).round() / 1e3
 }

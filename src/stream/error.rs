@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use linecarve_carving::tetrahedralization::PointError;
 use linecarve_lines::ExtractError;
 
-use crate::pipeline::depth_source::scale::ScaleError;
-use crate::pipeline::{BackEndError, FrontEndError, ImagePosesError};
+use crate::Error;
+use crate::front_end::{FrontEndError, ImagePosesError, ScaleError};
+use crate::map::MapError;
 use linecarve_sequence::SequenceError;
 
 /// Why a message has no effect. The session goes on as if it had not come.
@@ -114,5 +115,8 @@ pub enum SessionError {
     Extract(#[from] ExtractError),
     /// The map refuses the keyframe.
     #[error(transparent)]
-    BackEnd(#[from] BackEndError),
+    Map(#[from] MapError),
+    /// The engine refuses the keyframe.
+    #[error(transparent)]
+    Engine(#[from] Error),
 }

@@ -3,9 +3,10 @@
 use nalgebra::Vector3;
 
 use super::SessionError;
-use crate::pipeline::{
-    Arrival, BackEnd, DepthSource, Keyframe, Options, SemiDenseFrontEnd, SemiDenseSource,
-};
+use crate::front_end::{Arrival, DepthSource, Keyframe, SemiDenseFrontEnd, SemiDenseSource};
+use crate::map::Map;
+use crate::mapper::Mapper;
+use crate::options::Options;
 use linecarve_sequence::LiveSequence;
 
 /// A keyframe of the session.
@@ -34,10 +35,8 @@ impl Estimate {
 pub(super) struct Estimating {
     /// `None` when the session is over.
     pub(super) front_end: Option<SemiDenseFrontEnd>,
-    pub(super) map: BackEnd,
+    pub(super) mapper: Mapper,
     pub(super) source: SemiDenseSource,
-    /// Taken off all coordinates.
-    pub(super) origin: Vector3<f64>,
 }
 
 impl Estimating {
@@ -54,9 +53,8 @@ impl Estimating {
         };
         Ok(Self {
             front_end: Some(SemiDenseFrontEnd::live(&source, options.extract())?),
-            map: empty_map(options, live, source)?,
+            mapper: Mapper::new(empty_map(options, live, source)?, origin),
             source,
-            origin,
         })
     }
 
@@ -65,25 +63,31 @@ impl Estimating {
     pub(super) fn take(
         &mut self,
         id: u64,
-        arrival: Arrival,
+        (number, arrival): (usize, Arrival),
         members: &mut [Member],
     ) -> Result<(), SessionError> {
-        let (mut keyframe, is_last) = match arrival {
-            Arrival::First { keyframe, .. } => (keyframe, false),
-            Arrival::Last(Ok(keyframe)) => (keyframe, true),
-            Arrival::Last(Err(source)) => return Err(SessionError::FrontEnd { id, source }),
+        let (keyframe, is_final) = match &arrival {
+            Arrival::Provisional { keyframe, .. } => (keyframe, false),
+            Arrival::Final(Ok(keyframe)) => (keyframe, true),
+            Arrival::Final(Err(_)) => {
+                let Arrival::Final(Err(source)) = arrival else {
+                    return Ok(());
+                };
+                return Err(SessionError::FrontEnd { id, source });
+            }
         };
         // Those that wait are among the newest.
+        let frame = frame_of(keyframe);
         let mut newest_first = members.iter_mut().rev();
-        let Some(member) = newest_first.find(|member| member.frame == keyframe.frame) else {
+        let Some(member) = newest_first.find(|member| Some(member.frame) == frame) else {
             return Ok(());
         };
-        keyframe.world_from_camera.translation.vector -= self.origin;
-        member.estimate = Some(if is_last {
-            self.map.push(&keyframe)?;
+        let mut keyframe = keyframe.clone();
+        keyframe.translate(&-self.mapper.origin());
+        self.mapper.take(number, arrival, false)?;
+        member.estimate = Some(if is_final {
             Estimate::Last(keyframe)
         } else {
-            self.map.push_provisional(&keyframe)?;
             Estimate::First(keyframe)
         });
         Ok(())
@@ -96,19 +100,23 @@ impl Estimating {
         options: &Options,
         live: &LiveSequence,
     ) -> Result<(), SessionError> {
-        let mut map = empty_map(options, live, self.source)?;
-        for member in members {
-            if let Some(Estimate::Last(keyframe)) = &member.estimate {
-                map.push(keyframe)?;
-            }
-        }
-        for member in members {
-            if let Some(Estimate::First(keyframe)) = &member.estimate {
-                map.push_provisional(keyframe)?;
-            }
-        }
-        self.map = map;
-        Ok(())
+        let map = empty_map(options, live, self.source)?;
+        let final_ones = members.iter().filter_map(|member| match &member.estimate {
+            Some(Estimate::Last(keyframe)) => Some(keyframe),
+            _ => None,
+        });
+        let provisional = members.iter().filter_map(|member| match &member.estimate {
+            Some(Estimate::First(keyframe)) => Some(keyframe),
+            _ => None,
+        });
+        Ok(self.mapper.rebuild(map, final_ones, provisional)?)
+    }
+}
+
+fn frame_of(keyframe: &Keyframe) -> Option<usize> {
+    match keyframe {
+        Keyframe::Lines(keyframe) => Some(keyframe.frame),
+        Keyframe::Features(_) | Keyframe::Views(_) => None,
     }
 }
 
@@ -116,8 +124,8 @@ pub(super) fn empty_map(
     options: &Options,
     live: &LiveSequence,
     source: SemiDenseSource,
-) -> Result<BackEnd, SessionError> {
+) -> Result<Map, SessionError> {
     let noise = DepthSource::SemiDense(source).noise();
     let camera = live.sequence().color_camera();
-    Ok(BackEnd::new(options, camera, noise, source.median_depth)?)
+    Ok(Map::of_lines(options, camera, noise, source.median_depth)?)
 }

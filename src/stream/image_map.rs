@@ -7,11 +7,13 @@ use super::SessionError;
 use super::estimating::{Estimating, Member, empty_map};
 use super::live_map::LiveMap;
 use super::message::StartMessage;
-use crate::pipeline::depth_source::scale::median_depth_from_images;
-use crate::pipeline::scale::far_origin;
-use crate::pipeline::{
-    self, Arrival, BackEnd, DepthSource, Options, SemiDenseSource, correct_poses,
+use crate::front_end::{
+    Arrival, DepthSource, FrontEnd, SemiDenseSource, correct_poses, far_origin, group_size,
+    median_depth_from_images, run_in_groups,
 };
+use crate::map::Map;
+use crate::mapper::Mapper;
+use crate::options::Options;
 use linecarve_sequence::{LiveFrame, LiveSequence};
 
 /// Keyframes with depth from each other. While they come, the front end does what it does in a run over a recording; a correction
@@ -137,13 +139,13 @@ impl LiveMap for ImageMap {
         self.members.len()
     }
 
-    fn map(&self) -> Option<&BackEnd> {
-        Some(&self.estimating.as_ref()?.map)
+    fn map(&self) -> Option<&Map> {
+        Some(self.estimating.as_ref()?.mapper.map())
     }
 
     fn origin(&self) -> Vector3<f64> {
         let estimating = self.estimating.as_ref();
-        estimating.map_or_else(Vector3::zeros, |estimating| estimating.origin)
+        estimating.map_or_else(Vector3::zeros, |estimating| estimating.mapper.origin())
     }
 
     fn median_depth(&self) -> Option<f64> {
@@ -261,7 +263,7 @@ impl ImageMap {
         let arrivals = front_end
             .push(self.live.sequence(), frame)
             .map_err(|source| SessionError::FrontEnd { id, source })?;
-        for (_, arrival) in arrivals {
+        for arrival in arrivals {
             if let Err(error) = estimating.take(id, arrival, &mut self.members) {
                 self.members.retain(|member| member.frame != frame);
                 self.is_as_recorded = false;
@@ -323,8 +325,8 @@ impl ImageMap {
         for member in &mut self.members {
             if let Some(estimate) = &mut member.estimate {
                 let mut pose = frames[member.frame].world_from_camera;
-                pose.translation.vector -= estimating.origin;
-                estimate.keyframe_mut().world_from_camera = pose;
+                pose.translation.vector -= estimating.mapper.origin();
+                estimate.keyframe_mut().set_world_from_camera(pose);
             }
         }
     }
@@ -371,10 +373,10 @@ impl ImageMap {
             let is_as_recorded = self.is_as_recorded
                 && !is_corrected
                 && estimating.source.median_depth.to_bits() == median_depth.to_bits()
-                && estimating.origin == origin;
+                && estimating.mapper.origin() == origin;
             if is_as_recorded && let Some(mut front_end) = front_end {
                 let id = self.members.last().map_or(0, |newest| newest.id);
-                for (_, arrival) in front_end.finish() {
+                for arrival in front_end.finish() {
                     if let Err(error) = estimating.take(id, arrival, &mut self.members) {
                         estimating.remake_map(&self.members, options, &self.live)?;
                         return Err(error);
@@ -387,32 +389,30 @@ impl ImageMap {
             options: options.semi_dense,
             median_depth,
         };
-        let mut map = empty_map(options, &self.live, source)?;
+        let map = empty_map(options, &self.live, source)?;
+        let mut mapper = Mapper::new(map, origin);
         let members = &self.members;
-        pipeline::run(
-            self.live.sequence(),
-            &DepthSource::SemiDense(source),
-            &frames,
-            options.extract(),
-            None,
-            false,
-            |number, arrival| -> Result<(), SessionError> {
-                let Arrival::Last(keyframe) = arrival else {
-                    return Ok(());
-                };
-                let id = members[number].id;
-                let mut keyframe =
-                    keyframe.map_err(|source| SessionError::FrontEnd { id, source })?;
-                keyframe.world_from_camera.translation.vector -= origin;
-                map.push(&keyframe)?;
-                Ok(())
-            },
-        )?;
+        let depth = DepthSource::SemiDense(source);
+        let extract = options.extract();
+        let mut front_end = FrontEnd::lines(&depth, frames.len(), extract, None, false)?;
+        let take = |number: usize, arrival: Arrival| -> Result<(), SessionError> {
+            match arrival {
+                Arrival::Final(Err(source)) => {
+                    let id = members[number].id;
+                    Err(SessionError::FrontEnd { id, source })
+                }
+                arrival => {
+                    mapper.take(number, arrival, false)?;
+                    Ok(())
+                }
+            }
+        };
+        let sequence = self.live.sequence();
+        run_in_groups(&mut front_end, sequence, &frames, group_size(), None, take)?;
         self.estimating = Some(Estimating {
             front_end: None,
-            map,
+            mapper,
             source,
-            origin,
         });
         Ok(())
     }

@@ -3,7 +3,8 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::SessionError;
-use crate::pipeline::{BackEnd, Options};
+use crate::map::Map;
+use crate::options::Options;
 use linecarve_sequence::LiveFrame;
 
 /// What the first keyframe brings into being: keyframes, and the map that is made of them. After an error everything is as it
@@ -34,7 +35,7 @@ pub(super) trait LiveMap {
     fn keyframe_count(&self) -> usize;
 
     /// The map; `None` as long as its unit of length is not known.
-    fn map(&self) -> Option<&BackEnd>;
+    fn map(&self) -> Option<&Map>;
 
     /// What is taken off all coordinates while computing.
     fn origin(&self) -> Vector3<f64>;

@@ -6,8 +6,12 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::SessionError;
 use super::live_map::LiveMap;
 use super::message::StartMessage;
-use crate::pipeline::scale::{far_origin, median_scene_depth};
-use crate::pipeline::{BackEnd, FrontEnd, FrontEndError, Keyframe, Options};
+use crate::front_end::{
+    Arrival, Keyframe, LineKeyframe, SensorFrontEnd, far_origin, median_scene_depth,
+};
+use crate::map::Map;
+use crate::mapper::{Mapper, Taken};
+use crate::options::Options;
 use linecarve_sequence::{FrameError, LiveFrame, LiveSequence};
 
 /// Each keyframe by itself: what its images yield stays, and moves with its pose.
@@ -15,15 +19,15 @@ pub(super) struct SensorMap {
     live: LiveSequence,
     sensor: DepthSensor,
     median_depth: f64,
-    origin: Vector3<f64>,
-    /// Ids and what the front end made of each; the pose is that of the map, shifted.
+    front_end: SensorFrontEnd,
+    /// Ids, and what the front end made of each, in the frame of computation.
     keyframes: Vec<(u64, Keyframe)>,
-    map: BackEnd,
+    mapper: Mapper,
 }
 
 impl LiveMap for SensorMap {
     fn contains(&self, id: u64) -> bool {
-        self.place(id).is_ok()
+        self.position(id).is_ok()
     }
 
     fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError> {
@@ -38,16 +42,16 @@ impl LiveMap for SensorMap {
     ) -> Result<(), SessionError> {
         let mut keyframes = self.keyframes.clone();
         for (id, pose) in poses {
-            let keyframe = &mut keyframes[self.place(*id)?].1;
-            keyframe.world_from_camera = self.live.world_from_color(pose);
-            keyframe.world_from_camera.translation.vector -= self.origin;
+            let mut pose = self.live.world_from_color(pose);
+            pose.translation.vector -= self.mapper.origin();
+            keyframes[self.position(*id)?].1.set_world_from_camera(pose);
         }
         self.rebuild(keyframes, options)
     }
 
     fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
         for &id in ids {
-            self.place(id)?;
+            self.position(id)?;
         }
         let mut keyframes = self.keyframes.clone();
         keyframes.retain(|(id, _)| !ids.contains(id));
@@ -58,12 +62,12 @@ impl LiveMap for SensorMap {
         self.keyframes.len()
     }
 
-    fn map(&self) -> Option<&BackEnd> {
-        Some(&self.map)
+    fn map(&self) -> Option<&Map> {
+        Some(self.mapper.map())
     }
 
     fn origin(&self) -> Vector3<f64> {
-        self.origin
+        self.mapper.origin()
     }
 
     fn median_depth(&self) -> Option<f64> {
@@ -73,7 +77,7 @@ impl LiveMap for SensorMap {
 
 impl SensorMap {
     /// Where a keyframe is in the list.
-    fn place(&self, id: u64) -> Result<usize, SessionError> {
+    fn position(&self, id: u64) -> Result<usize, SessionError> {
         let mut ids = self.keyframes.iter().map(|(id, _)| *id);
         ids.position(|other| other == id)
             .ok_or(SessionError::UnknownKeyframe { id })
@@ -109,14 +113,15 @@ impl SensorMap {
             Some(origin) => origin.into(),
             None => far_origin([Point3::from(first)], median_depth),
         };
-        let map = BackEnd::new(options, sequence.color_camera(), sensor.noise, median_depth)?;
+        let camera = sequence.color_camera();
+        let map = Map::of_lines(options, camera, sensor.noise, median_depth)?;
         let mut running = Self {
+            front_end: SensorFrontEnd::new(sensor.clone(), options.extract())?,
             live,
             sensor,
             median_depth,
-            origin,
             keyframes: Vec::new(),
-            map,
+            mapper: Mapper::new(map, origin),
         };
         running.push(id, 0, options)?;
         Ok(running)
@@ -125,24 +130,26 @@ impl SensorMap {
     /// Runs the front end on a frame of the sequence and joins the keyframe to the map.
     fn push(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
         let failed = |source| SessionError::FrontEnd { id, source };
-        let mut front_end = FrontEnd::new(self.live.sequence(), &self.sensor, options.extract())
-            .map_err(|source| {
-                failed(FrontEndError::Extract {
-                    frame: id.to_string(),
-                    source,
-                })
-            })?;
-        let number = self.keyframes.len() as u32;
-        let mut keyframe = front_end.process(frame, number).map_err(failed)?;
-        keyframe.world_from_camera.translation.vector -= self.origin;
-        if let Err(error) = self.map.push(&keyframe) {
-            // The map is not to be used after it has refused a keyframe half-way.
-            let keyframes = std::mem::take(&mut self.keyframes);
-            self.rebuild(keyframes, options)?;
-            return Err(error.into());
+        let number = self.keyframes.len();
+        let keyframe = self
+            .front_end
+            .process(self.live.sequence(), frame, number as u32)
+            .map_err(failed)?;
+        let arrival = Arrival::Final(Ok(Keyframe::Lines(Box::new(keyframe))));
+        match self.mapper.take(number, arrival, false) {
+            Ok(Taken::Keyframe(update)) => {
+                self.keyframes.push((id, update.keyframe));
+                Ok(())
+            }
+            Ok(Taken::Skipped(source)) => Err(failed(source)),
+            Ok(Taken::Provisional) => Ok(()),
+            Err(error) => {
+                // The map is not to be used after it has refused a keyframe half-way.
+                let keyframes = std::mem::take(&mut self.keyframes);
+                self.rebuild(keyframes, options)?;
+                Err(error.into())
+            }
         }
-        self.keyframes.push((id, keyframe));
-        Ok(())
     }
 
     /// Replaces the keyframes, and the map by one made of them; when that fails, all stays as it is.
@@ -151,15 +158,23 @@ impl SensorMap {
         mut keyframes: Vec<(u64, Keyframe)>,
         options: &Options,
     ) -> Result<(), SessionError> {
-        let camera = self.live.sequence().color_camera();
-        let mut map = BackEnd::new(options, camera, self.sensor.noise, self.median_depth)?;
         for (number, (_, keyframe)) in keyframes.iter_mut().enumerate() {
-            for segment in &mut keyframe.segments {
-                segment.keyframe = number as u32;
+            if let Keyframe::Lines(keyframe) = keyframe {
+                renumber(keyframe, number as u32);
             }
-            map.push(keyframe)?;
         }
-        (self.keyframes, self.map) = (keyframes, map);
+        let camera = self.live.sequence().color_camera();
+        let map = Map::of_lines(options, camera, self.sensor.noise, self.median_depth)?;
+        let of_map = keyframes.iter().map(|(_, keyframe)| keyframe);
+        self.mapper.rebuild(map, of_map, [])?;
+        self.keyframes = keyframes;
         Ok(())
+    }
+}
+
+/// Gives the segments of a keyframe its number.
+fn renumber(keyframe: &mut LineKeyframe, number: u32) {
+    for segment in &mut keyframe.segments {
+        segment.keyframe = number;
     }
 }

@@ -18,8 +18,8 @@ use super::message::{
     StartMessage,
 };
 use super::sensor_map::SensorMap;
-use crate::pipeline::Options;
-use crate::report::milliseconds;
+use crate::options::Options;
+use crate::run::milliseconds;
 use linecarve_mesh::{LineSet, TriangleMesh};
 use linecarve_sequence::{LiveFrame, LiveSequence};
 
@@ -118,7 +118,10 @@ impl Session {
         if let Some(map) = running.map() {
             surface = map.surface();
             surface.translate(&running.origin());
-            segments = map.segments().segment_count() + map.provisional_segment_count();
+            let known = map
+                .segments()
+                .map_or(0, |segments| segments.segment_count());
+            segments = known + map.provisional_segment_count();
         }
         let change = self.follower.step(&surface);
         Some(Reply::Surface {
@@ -265,8 +268,10 @@ impl Session {
         };
         if let Some(map) = running.map() {
             summary.mesh = map.surface();
-            summary.segments = map.segments().segments();
-            summary.clusters = map.segments().clusters();
+            if let Some(segments) = map.segments() {
+                summary.segments = segments.segments();
+                summary.clusters = segments.clusters();
+            }
         }
         summary
     }

@@ -1,0 +1,69 @@
+//! What the options of the command line ask for.
+
+use crate::cli::{DepthArg, KeyframeArgs, SequenceArgs, StageArgs};
+use crate::options::Options;
+use crate::recording::{DepthChoice, Input, Selection, Source};
+use crate::run::Verbosity;
+use linecarve_sequence::{OpenOptions, Sequence};
+
+/// What is to be reconstructed from which source.
+pub(super) fn input(
+    args: &SequenceArgs,
+    selection: &KeyframeArgs,
+    depth: DepthArg,
+    source: Source,
+    verbosity: Verbosity,
+) -> Input {
+    Input {
+        path: args.sequence.clone(),
+        open: open_options(args),
+        selection: Selection {
+            every: selection.every,
+            list: selection.keyframes.clone(),
+            max_keyframes: selection.max_keyframes,
+            given: selection.given(),
+        },
+        source,
+        depth: match depth {
+            DepthArg::Auto => DepthChoice::Auto,
+            DepthArg::Sensor => DepthChoice::Sensor,
+            DepthArg::SemiDense => DepthChoice::SemiDense,
+        },
+        verbosity,
+    }
+}
+
+/// Opens a sequence alone.
+pub(super) fn open(args: &SequenceArgs) -> anyhow::Result<Sequence> {
+    Ok(Sequence::open(&args.sequence, &open_options(args))?)
+}
+
+fn open_options(args: &SequenceArgs) -> OpenOptions {
+    OpenOptions {
+        calibration: args.calibration.clone(),
+        poses: args.poses.clone(),
+        layout: args.layout.clone(),
+    }
+}
+
+/// The parameters of all stages: those of the configuration, with the flags on top.
+pub(super) fn parameters(stages: &StageArgs, selection: &KeyframeArgs) -> anyhow::Result<Options> {
+    let mut options = match &stages.config {
+        Some(path) => Options::read(path)?,
+        None => Options::default(),
+    };
+    let size = &mut options.images.longest_side_px;
+    *size = stages.max_image_size.unwrap_or(*size);
+    keyframe_options(selection, &mut options);
+    Ok(options)
+}
+
+/// Applies the flags that choose keyframes by motion.
+pub(super) fn keyframe_options(selection: &KeyframeArgs, options: &mut Options) {
+    let chosen = &mut options.keyframes;
+    chosen.translation = selection.min_translation.or(chosen.translation);
+    chosen.rotation_degrees = selection.min_rotation.unwrap_or(chosen.rotation_degrees);
+    chosen.sharpness_window = selection
+        .sharpness_window
+        .unwrap_or(chosen.sharpness_window);
+}

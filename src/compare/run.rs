@@ -1,0 +1,99 @@
+//! One of the runs of a comparison.
+
+use anyhow::ensure;
+use linecarve_mesh::LineSet;
+use nalgebra::Point3;
+
+use super::result::ComparedSurface;
+use crate::reconstruction::{Reconstruction, RunOptions};
+use crate::recording::{Recording, Source, lens_warning};
+use crate::run::{CancelToken, Verbosity};
+use crate::sinks::{KeyframeReports, PageRecorder, crosses};
+
+/// Length of the crosses that mark points in pictures, as a share of the median depth.
+const CROSS_SHARE: f64 = 0.006;
+
+/// What a run leaves, in the frame of computation.
+pub(crate) struct ComparedRun {
+    pub(crate) surface: ComparedSurface,
+    pub(crate) recorder: PageRecorder,
+    /// Segments and clusters, when the map is made of lines.
+    pub(crate) lines: Option<(LineSet, LineSet)>,
+    /// Points, when the map is made of points.
+    pub(crate) points: Option<Vec<Point3<f64>>>,
+    pub(crate) warnings: Vec<String>,
+    /// Why the surface is empty, when it is.
+    pub(crate) reason_for_nothing: Option<String>,
+}
+
+/// Reconstructs a recording from a source, and gives the recording back.
+///
+/// # Errors
+/// As [`Reconstruction::run`].
+pub(crate) fn compared_run(
+    mut recording: Recording,
+    source: Source,
+    verbosity: Verbosity,
+) -> anyhow::Result<(ComparedRun, Recording)> {
+    recording.source = source;
+    let count = recording.keyframes.len();
+    let (name, label, elements_name) = match source {
+        Source::Lines | Source::Segments => ("lines", "3D lines", "segments"),
+        Source::MapPoints | Source::Model => ("map-points", "map points", "points"),
+    };
+    let mut run = Reconstruction::new(recording, RunOptions::default())?;
+    let mut recorder = PageRecorder::new();
+    let mut keyframes = KeyframeReports::new(label, count, verbosity);
+    let sinks: &mut [&mut dyn crate::Sink] = &mut [&mut recorder, &mut keyframes];
+    run.run(CancelToken::default(), sinks)?;
+    keyframes.finish_progress();
+    let mut warnings = Vec::new();
+    if let Some(first) = keyframes.skipped.first() {
+        let skipped = keyframes.skipped.len();
+        ensure!(
+            skipped < count,
+            "{label}: {count} of {count} keyframes cannot be used; first: {first}"
+        );
+        warnings.push(format!(
+            "{label}: {skipped} of {count} keyframes were left out; first: {first}"
+        ));
+    }
+    let map = run.map();
+    let lens = map.feature_points().and_then(|points| points.lens().k1());
+    warnings.extend(lens.map(lens_warning));
+    let mesh = map.surface();
+    recorder.finish(&run, &mesh);
+    let lines = map
+        .segments()
+        .map(|segments| (segments.segments(), segments.clusters()));
+    let points = lines.is_none().then(|| map.points());
+    let (elements, marks) = match (&lines, &points) {
+        (Some((segments, clusters)), _) => (segments.lines.len(), clusters.clone()),
+        (None, Some(points)) => {
+            let length = CROSS_SHARE * map.median_depth().unwrap_or(0.0);
+            (points.len(), crosses(points, length))
+        }
+        (None, None) => (0, LineSet::default()),
+    };
+    let reason = format!(
+        "{elements} {elements_name} of {} keyframes enclose no occupied space that a ray has left",
+        keyframes.reports.len()
+    );
+    let compared = ComparedRun {
+        reason_for_nothing: mesh.is_empty().then_some(reason),
+        surface: ComparedSurface {
+            name,
+            label,
+            elements_name,
+            elements,
+            mesh,
+            marks,
+            keyframes: keyframes.reports,
+        },
+        recorder,
+        lines,
+        points,
+        warnings,
+    };
+    Ok((compared, run.into_recording()))
+}

@@ -1,0 +1,65 @@
+//! ORB features of a keyframe.
+
+use std::time::Instant;
+
+use linecarve_points::{FeatureDetector, MapPointOptions};
+use linecarve_sequence::Sequence;
+use rayon::prelude::*;
+
+use super::error::FrontEndError;
+use super::keyframe::{FeatureKeyframe, Keyframe};
+use super::{Arrival, Arrivals, Group};
+use crate::run::{Checkpoint, StageTimes, milliseconds};
+
+/// Turns frames of a sequence into keyframes with features. No depth is needed.
+#[derive(Debug, Clone, Copy)]
+pub struct FeatureFrontEnd {
+    options: MapPointOptions,
+}
+
+impl FeatureFrontEnd {
+    /// A front end with these options.
+    pub fn new(options: MapPointOptions) -> Self {
+        Self { options }
+    }
+
+    /// Reads one frame and finds its features.
+    ///
+    /// # Errors
+    /// When the image cannot be read.
+    pub fn process(
+        &self,
+        sequence: &Sequence,
+        frame: usize,
+    ) -> Result<FeatureKeyframe, FrontEndError> {
+        let start = Instant::now();
+        let image = sequence.load_gray(frame)?;
+        let loaded = start.elapsed();
+        let features = FeatureDetector::new(self.options).detect(&image);
+        Ok(FeatureKeyframe {
+            frame,
+            world_from_camera: sequence.frames()[frame].world_from_camera,
+            features,
+            times: StageTimes {
+                load: milliseconds(loaded),
+                features: milliseconds(start.elapsed() - loaded),
+                ..StageTimes::default()
+            },
+        })
+    }
+
+    pub(super) fn prepare(
+        &self,
+        sequence: &Sequence,
+        group: Group<'_>,
+        checkpoint: Option<&Checkpoint>,
+    ) -> Arrivals {
+        let prepare = |(number, frame): (usize, &usize)| {
+            let number = group.first + number;
+            let keyframe =
+                Checkpoint::load_or(checkpoint, number, || self.process(sequence, *frame));
+            (number, Arrival::Final(keyframe.map(Keyframe::Features)))
+        };
+        group.frames.par_iter().enumerate().map(prepare).collect()
+    }
+}

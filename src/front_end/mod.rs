@@ -1,0 +1,174 @@
+//! Images in, keyframes out: what each keyframe yields, before anything is joined to the map.
+//!
+//! A [`FrontEnd`] takes frames of a recording in order and hands on [`Arrival`]s. It knows no map, so that it can work on the
+//! next keyframes while the map takes in the ones before. What it hands on does not depend on the number of threads.
+
+mod colors;
+mod depth_source;
+mod edge_points;
+mod error;
+mod feature_scale;
+mod features;
+mod image_poses;
+mod image_scale;
+mod keyframe;
+mod scale;
+mod semi_dense;
+mod sensor;
+
+use linecarve_lines::ExtractError;
+use linecarve_lines::ExtractOptions;
+use linecarve_sequence::Sequence;
+
+use crate::run::Checkpoint;
+
+pub use colors::KeyframeColors;
+pub use depth_source::{DepthSource, SemiDenseSource, SemiDenseStage};
+pub use edge_points::EdgePoint;
+pub use error::FrontEndError;
+pub use feature_scale::median_feature_depth;
+pub use features::FeatureFrontEnd;
+pub(crate) use image_poses::empty_point_map;
+pub use image_poses::{ImagePoses, ImagePosesError, PoseSummary, correct_poses};
+pub use image_scale::{ScaleError, median_depth_from_images};
+pub use keyframe::{FeatureKeyframe, Keyframe, LineKeyframe};
+pub use scale::{far_origin, median_scene_depth};
+pub use semi_dense::SemiDenseFrontEnd;
+pub use sensor::SensorFrontEnd;
+
+/// What a front end hands on.
+#[derive(Debug)]
+pub enum Arrival {
+    /// A keyframe whose depth was estimated from its first neighbours. A final one of the same number replaces it.
+    Provisional {
+        /// The keyframe.
+        keyframe: Keyframe,
+        /// Number of keyframes that were read between it and this estimate.
+        awaited: usize,
+    },
+    /// The final result of a keyframe.
+    Final(Result<Keyframe, FrontEndError>),
+}
+
+/// Arrivals with the numbers of their keyframes, in the order in which the map takes them.
+pub type Arrivals = Vec<(usize, Arrival)>;
+
+/// One of the ways from images to keyframes.
+pub enum FrontEnd {
+    /// 3D segments, with depth from depth images.
+    Sensor(SensorFrontEnd),
+    /// 3D segments, with depth from neighbouring keyframes.
+    SemiDense(Box<SemiDenseFrontEnd>),
+    /// ORB features.
+    Features(FeatureFrontEnd),
+    /// Views of a model that brings its points along; no image is read. Each group is one keyframe.
+    Views,
+}
+
+/// Which frames become the next keyframes.
+#[derive(Debug, Clone, Copy)]
+pub struct Group<'a> {
+    /// Number of the first keyframe.
+    pub first: usize,
+    /// Positions of the frames in the sequence.
+    pub frames: &'a [usize],
+    /// No keyframe will follow.
+    pub is_last: bool,
+}
+
+impl FrontEnd {
+    /// A front end for segments with depth from `source`. `count` keyframes may be in `checkpoint`; with `is_provisional`
+    /// keyframes whose depth will be refined are handed on as well.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub fn lines(
+        source: &DepthSource,
+        count: usize,
+        options: ExtractOptions,
+        checkpoint: Option<&Checkpoint>,
+        is_provisional: bool,
+    ) -> Result<Self, ExtractError> {
+        Ok(match source {
+            DepthSource::Sensor(sensor) => {
+                Self::Sensor(SensorFrontEnd::new(sensor.clone(), options)?)
+            }
+            DepthSource::SemiDense(source) => {
+                let front_end =
+                    SemiDenseFrontEnd::new(source, count, options, checkpoint, is_provisional)?;
+                Self::SemiDense(Box::new(front_end))
+            }
+        })
+    }
+
+    /// Reads a group of keyframes in parallel and returns what is due. Keyframes are taken from `checkpoint` where it has
+    /// them, and stored there.
+    pub fn prepare(
+        &mut self,
+        sequence: &Sequence,
+        group: Group<'_>,
+        checkpoint: Option<&Checkpoint>,
+    ) -> Arrivals {
+        match self {
+            Self::Sensor(front_end) => front_end.prepare(sequence, group, checkpoint),
+            Self::SemiDense(front_end) => front_end.prepare(sequence, group),
+            Self::Features(front_end) => front_end.prepare(sequence, group, checkpoint),
+            Self::Views => {
+                let views = group.first..group.first + group.frames.len();
+                let last = views.end.saturating_sub(1);
+                let keyframe = (!views.is_empty()).then_some(Keyframe::Views(views));
+                keyframe
+                    .into_iter()
+                    .map(|keyframe| (last, Arrival::Final(Ok(keyframe))))
+                    .collect()
+            }
+        }
+    }
+}
+
+/// Sends all `frames` through a front end, in groups of `group` keyframes, and each arrival to `consume`, in order: while one
+/// group is consumed the next one is prepared. Memory holds two groups.
+///
+/// # Errors
+/// When `consume` fails.
+pub fn run_in_groups<E: Send>(
+    front_end: &mut FrontEnd,
+    sequence: &Sequence,
+    frames: &[usize],
+    group: usize,
+    checkpoint: Option<&Checkpoint>,
+    mut consume: impl FnMut(usize, Arrival) -> Result<(), E> + Send,
+) -> Result<(), E> {
+    let mut groups = frames.chunks(group.max(1));
+    let mut first = 0;
+    let mut prepare = || {
+        let frames = groups.next()?;
+        let group = Group {
+            first,
+            frames,
+            is_last: groups.len() == 0,
+        };
+        first += frames.len();
+        Some(front_end.prepare(sequence, group, checkpoint))
+    };
+    let mut ready = prepare();
+    while let Some(arrivals) = ready {
+        let (consumed, prepared) = rayon::join(
+            || {
+                for (number, arrival) in arrivals {
+                    consume(number, arrival)?;
+                }
+                Ok::<(), E>(())
+            },
+            &mut prepare,
+        );
+        consumed?;
+        ready = prepared;
+    }
+    Ok(())
+}
+
+/// As many keyframes as are prepared at once: one a thread.
+pub fn group_size() -> usize {
+    rayon::current_num_threads().max(1)
+}

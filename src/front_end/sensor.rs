@@ -1,0 +1,109 @@
+//! Segments of a keyframe with depth from its depth image. Independent of every other keyframe.
+
+use std::time::Instant;
+
+use linecarve_lines::depth::DepthSensor;
+use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
+use linecarve_sequence::Sequence;
+use rayon::prelude::*;
+
+use super::colors::KeyframeColors;
+use super::error::FrontEndError;
+use super::keyframe::{Keyframe, LineKeyframe};
+use super::{Arrival, Arrivals, Group};
+use crate::run::{Checkpoint, StageTimes, milliseconds};
+
+/// Turns frames of a sequence into keyframes with segments. Owns memory that is reused from one to the next: one front
+/// end a thread.
+#[derive(Clone)]
+pub struct SensorFrontEnd {
+    sensor: DepthSensor,
+    extractor: SegmentExtractor,
+}
+
+impl SensorFrontEnd {
+    /// A front end for frames with depth images of the camera `sensor`.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub fn new(sensor: DepthSensor, options: ExtractOptions) -> Result<Self, ExtractError> {
+        Ok(Self {
+            sensor,
+            extractor: SegmentExtractor::new(options)?,
+        })
+    }
+
+    pub(super) fn prepare(
+        &self,
+        sequence: &Sequence,
+        group: Group<'_>,
+        checkpoint: Option<&Checkpoint>,
+    ) -> Arrivals {
+        let prepare = |front_end: &mut Self, (number, frame): (usize, &usize)| {
+            let number = group.first + number;
+            let keyframe = Checkpoint::load_or(checkpoint, number, || {
+                front_end.process(sequence, *frame, number as u32)
+            });
+            let keyframe = keyframe.map(|keyframe| Keyframe::Lines(Box::new(keyframe)));
+            (number, Arrival::Final(keyframe))
+        };
+        let frames = group.frames.par_iter().enumerate();
+        frames.map_init(|| self.clone(), prepare).collect()
+    }
+
+    /// Reads one frame and finds its segments; `keyframe` is the number that they carry.
+    ///
+    /// # Errors
+    /// When an image cannot be read, or depth and colour do not fit together.
+    pub fn process(
+        &mut self,
+        sequence: &Sequence,
+        frame: usize,
+        keyframe: u32,
+    ) -> Result<LineKeyframe, FrontEndError> {
+        let name = || sequence.frames()[frame].name.clone();
+        let start = Instant::now();
+        let (image, color) = sequence.load_gray_and_color(frame)?;
+        let colors = KeyframeColors::of(&color);
+        let depth = sequence
+            .load_depth(frame)?
+            .ok_or_else(|| FrontEndError::WithoutDepth { frame: name() })?;
+        let loaded = start.elapsed();
+        let camera = sequence.color_camera();
+        let map = self
+            .sensor
+            .inverse_depth(&depth, camera, image.width(), image.height())
+            .map_err(|source| FrontEndError::Depth {
+                frame: name(),
+                source,
+            })?;
+        let registered = start.elapsed() - loaded;
+        let extraction = self
+            .extractor
+            .extract(&image, &map, camera, keyframe)
+            .map_err(|source| FrontEndError::Extract {
+                frame: name(),
+                source,
+            })?;
+        Ok(LineKeyframe {
+            frame,
+            world_from_camera: sequence.frames()[frame].world_from_camera,
+            segments: extraction.segments,
+            edge_points: Vec::new(),
+            surface: extraction.surface,
+            colors,
+            edge_chains: extraction.chains,
+            edge_pixels: extraction.edge_pixels,
+            edge_pixels_with_depth: extraction.edge_pixels_with_depth,
+            times: StageTimes {
+                load: milliseconds(loaded),
+                depth: milliseconds(
+                    registered + extraction.durations.edge_depth + extraction.durations.samples,
+                ),
+                edges: milliseconds(extraction.durations.edges),
+                fit: milliseconds(extraction.durations.fit),
+                ..StageTimes::default()
+            },
+        })
+    }
+}

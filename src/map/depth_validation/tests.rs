@@ -1,0 +1,196 @@
+//! A wall two units before the camera, and one point half way that no depth image knows of.
+
+use std::ops::Range;
+
+use linecarve_carving::carver::{Carver, PointId};
+use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
+use linecarve_lines::triangulation::SampleOptions;
+use nalgebra::Vector3;
+
+use super::super::vertex_points::VertexPoints;
+use super::*;
+
+struct Room {
+    carver: Carver,
+    points: Vec<PointId>,
+    vertices: VertexPoints,
+    validation: DepthValidation,
+    stray: PointId,
+}
+
+/// The wall as the camera measures it; with a step of more than one, along some columns only.
+fn depth(step: usize) -> SurfaceSamples {
+    let mut map = InverseDepthMap::unknown(160, 120).unwrap();
+    for (x, y) in (0..160)
+        .step_by(step)
+        .flat_map(|x| (0..120).map(move |y| (x, y)))
+    {
+        map.set(x, y, InverseDepth::new(0.5, 0.002));
+    }
+    SurfaceSamples::measure(&map, &SampleOptions::default())
+}
+
+impl Room {
+    fn new() -> Self {
+        let camera = Camera::pinhole(100.0, 100.0, 79.5, 59.5).unwrap();
+        let mut carver = Carver::default();
+        let mut transaction = carver.transaction();
+        let mut positions = Vec::new();
+        for (i, j) in (-4..=4).flat_map(|i| (-3..=3).map(move |j| (i, j))) {
+            // A little relief, so that a tetrahedron has a volume.
+            let relief = 0.002 * f64::from((i * i + 3 * j) % 5);
+            positions.push([0.3 * f64::from(i), 0.3 * f64::from(j), 2.0 + relief]);
+        }
+        positions.push([0.05, 0.03, 1.0]);
+        // Behind the wall, so that there is matter.
+        positions.push([0.0, 0.0, 3.0]);
+        let points: Vec<PointId> = positions
+            .iter()
+            .map(|p| transaction.add_point(Point3::from(*p)).unwrap())
+            .collect();
+        transaction.commit().unwrap();
+        let stray = points[points.len() - 2];
+        Self {
+            carver,
+            points,
+            vertices: VertexPoints::default(),
+            validation: DepthValidation::new(0.3, &camera, &SurfacePointOptions::default()),
+            stray,
+        }
+    }
+
+    /// A view at `x` that sees everything but what is behind the wall.
+    fn look(&mut self, x: f64, surface: &SurfaceSamples) -> Vec<Point2<f64>> {
+        let pose = Isometry3::translation(x, 0.0, 0.0);
+        let mut transaction = self.carver.transaction();
+        let view = transaction.add_view(Point3::new(x, 0.0, 0.0)).unwrap();
+        let seen: Vec<u32> = (0..self.points.len() as u32 - 1).collect();
+        for point in &self.points[..seen.len()] {
+            transaction.add_observation(view, *point, 1).unwrap();
+        }
+        let report = transaction.commit().unwrap();
+        let landmarks = 0..self.points.len() as u32;
+        self.vertices.note(&self.carver, &self.points, landmarks);
+        let map = Observers::new(&self.carver, &self.points, &self.vertices);
+        self.validation
+            .push(map, &report.surface, &seen, &pose, surface)
+    }
+
+    /// Moves a landmark, which the last view goes on seeing.
+    fn shift(&mut self, landmark: u32, by: [f64; 3]) {
+        let point = self.points[landmark as usize];
+        let position = self.carver.point(point).unwrap() + Vector3::from(by);
+        let mut transaction = self.carver.transaction();
+        transaction.move_point(point, position).unwrap();
+        let report = transaction.commit().unwrap();
+        self.vertices
+            .note(&self.carver, &self.points, std::iter::once(landmark));
+        let map = Observers::new(&self.carver, &self.points, &self.vertices);
+        self.validation.follow(map, &report.surface, &[]);
+    }
+
+    /// What is known about each triangle, by the positions of its corners. What is said of places where another view agrees
+    /// depends on who is asked first, and does not count.
+    fn evidence(&self) -> BTreeMap<Vec<[u64; 3]>, Evidence> {
+        let counted = |evidence: &Evidence| Evidence {
+            contradicted: evidence.contradicted & !evidence.agreed,
+            ..*evidence
+        };
+        let tetrahedra = self.carver.tetrahedra();
+        let corners = |triangle: &Triangle| {
+            let mut corners: Vec<[u64; 3]> = triangle
+                .iter()
+                .map(|v| tetrahedra.coordinates(*v).map(f64::to_bits))
+                .collect();
+            corners.sort_unstable();
+            corners
+        };
+        let known = &self.validation.triangles;
+        assert_eq!(known.len(), self.carver.triangle_count());
+        known
+            .iter()
+            .map(|(triangle, evidence)| (corners(triangle), counted(evidence)))
+            .collect()
+    }
+
+    /// What is found about triangles on the wall, and about those of the stray point.
+    fn findings(&self) -> [Vec<FacetStatus>; 2] {
+        let stray = self.carver.vertex_of(self.stray).unwrap();
+        let (mut wall, mut spike) = (Vec::new(), Vec::new());
+        for triangle in self.carver.triangles() {
+            let z = triangle.map(|vertex| self.carver.tetrahedra().position(vertex).z);
+            if triangle.contains(&stray) {
+                spike.push(self.validation.status(&triangle));
+            } else if z.iter().all(|z| *z < 2.5) {
+                wall.push(self.validation.status(&triangle));
+            }
+        }
+        assert!(!wall.is_empty());
+        [wall, spike]
+    }
+}
+
+fn are_all(findings: &[FacetStatus], expected: FacetStatus) -> bool {
+    findings.iter().all(|finding| *finding == expected)
+}
+
+#[test]
+fn the_wall_is_measured_and_a_spike_before_it_is_not() {
+    let mut room = Room::new();
+    let contradictions = room.look(0.02, &depth(1));
+    let [wall, spike] = room.findings();
+    assert!(!spike.is_empty());
+    assert!(are_all(&wall, FacetStatus::Measured), "{wall:?}");
+    assert!(are_all(&spike, FacetStatus::NotMeasured), "{spike:?}");
+    // The spike covers the wall around its tip at (0.05, 0.03, 1).
+    assert!(!contradictions.is_empty());
+    for pixel in contradictions {
+        assert!((pixel - Point2::new(84.5, 62.5)).norm() < 40.0, "{pixel}");
+    }
+}
+
+#[test]
+fn depth_along_edges_alone_is_no_witness() {
+    let mut room = Room::new();
+    let contradictions = room.look(0.02, &depth(8));
+    let [wall, spike] = room.findings();
+    assert!(are_all(&wall, FacetStatus::Unobserved) && are_all(&spike, FacetStatus::Unobserved));
+    assert!(contradictions.is_empty());
+}
+
+/// The wall as a camera measures it that knows it in some columns of its image only.
+fn part_of_a_wall(columns: Range<usize>) -> SurfaceSamples {
+    let mut map = InverseDepthMap::unknown(160, 120).unwrap();
+    for (x, y) in columns.flat_map(|x| (0..120).map(move |y| (x, y))) {
+        map.set(x, y, InverseDepth::new(0.5, 0.002));
+    }
+    SurfaceSamples::measure(&map, &SampleOptions::default())
+}
+
+#[test]
+fn what_is_known_does_not_depend_on_the_way_there() {
+    let looks = [
+        (-0.1, part_of_a_wall(0..40)),
+        (0.02, part_of_a_wall(70..160)),
+        (0.2, depth(8)),
+        (0.25, part_of_a_wall(0..40)),
+    ];
+    // Before the look of this number the stray point, and one of the wall, move.
+    let way = |order: [usize; 4], shifts: usize| {
+        let mut room = Room::new();
+        for (place, look) in order.into_iter().enumerate() {
+            if place == shifts {
+                room.shift(room.points.len() as u32 - 2, [0.03, -0.02, 0.1]);
+                room.shift(31, [0.01, 0.02, 0.0]);
+            }
+            room.look(looks[look].0, &looks[look].1);
+        }
+        room.evidence()
+    };
+    let expected = way([0, 1, 2, 3], 0);
+    let partly = |evidence: &Evidence| evidence.agreed != 0 && !evidence.is_complete();
+    assert!(expected.values().any(partly));
+    for (order, shifts) in [([3, 2, 1, 0], 0), ([1, 3, 0, 2], 2), ([2, 0, 3, 1], 3)] {
+        assert!(way(order, shifts) == expected, "{order:?}, {shifts}");
+    }
+}

@@ -1,0 +1,397 @@
+//! Where the measurements of keyframes go: to landmarks, and to the points of the carver.
+
+use linecarve_carving::carver::{EventError, PointId, Transaction, ViewId};
+use linecarve_lines::triangulation::ImageVertex;
+use nalgebra::Point3;
+
+use super::landmarks::{Landmarks, Measurement, Observed, Settled};
+use super::nearly_parallel::{SegmentViews, is_near_segment};
+use super::surface_points::{KeyframeSurface, SurfacePointOptions, Verdict};
+use crate::front_end::LineKeyframe;
+use crate::options::Options;
+
+/// No vertex, or no landmark.
+const NONE: u32 = u32::MAX;
+
+/// The landmarks of a map with their points, and what the keyframe in hand says about them.
+pub(super) struct LandmarkFusion {
+    landmarks: Landmarks,
+    /// The carver's id of each landmark.
+    points: Vec<PointId>,
+    /// What a standard deviation is multiplied by for the carver.
+    sigma_factor: f64,
+    /// Tangent of the angle that a ray keeps from those that its point has.
+    least_tangent: f64,
+    /// Views that see sub-segments between landmarks.
+    segment_views: SegmentViews,
+    /// Landmarks that the keyframe sees; with repetitions until they are painted.
+    seen: Vec<u32>,
+    /// Those of them that it was given a ray to.
+    observed: Vec<u32>,
+    /// Views whose rays do not count, as they will be taken away.
+    provisional: Vec<ViewId>,
+    /// Landmarks that it looked through.
+    contradicted: Vec<u32>,
+    /// Pairs of landmarks that end a sub-segment which it sees.
+    sub_segments: Vec<[u32; 2]>,
+    verdicts: Vec<(u32, Verdict)>,
+    /// Vertex of each landmark in the triangulation, [`NONE`] without one.
+    vertex_of: Vec<u32>,
+    vertices: Vec<ImageVertex>,
+    /// Landmark of each vertex.
+    landmark_of: Vec<u32>,
+}
+
+impl LandmarkFusion {
+    /// No landmark yet.
+    pub(super) fn new(options: &Options) -> Self {
+        Self {
+            landmarks: Landmarks::new(options.landmarks),
+            points: Vec::new(),
+            sigma_factor: options.carving.cut.sigma_factor,
+            least_tangent: options.carving.least_ray_angle_deg.to_radians().tan(),
+            segment_views: SegmentViews::new(options.carving.least_segment_angle_deg),
+            seen: Vec::new(),
+            observed: Vec::new(),
+            provisional: Vec::new(),
+            contradicted: Vec::new(),
+            sub_segments: Vec::new(),
+            verdicts: Vec::new(),
+            vertex_of: Vec::new(),
+            vertices: Vec::new(),
+            landmark_of: Vec::new(),
+        }
+    }
+
+    /// The landmarks of the map.
+    pub(super) fn landmarks(&self) -> &Landmarks {
+        &self.landmarks
+    }
+
+    /// The carver's id of each landmark; those given up keep theirs, which is no longer in use there.
+    pub(super) fn points(&self) -> &[PointId] {
+        &self.points
+    }
+
+    /// Landmarks that the keyframe sees, increasing once they are painted.
+    pub(super) fn seen(&self) -> &[u32] {
+        &self.seen
+    }
+
+    /// Names views that will be removed: their rays do not count when a point may need one more.
+    pub(super) fn ignore_views(&mut self, views: impl Iterator<Item = ViewId>) {
+        self.provisional.clear();
+        self.provisional.extend(views);
+    }
+
+    /// Landmarks that the last call of [`LandmarkFusion::observe`] gave a ray to, increasing.
+    pub(super) fn observed(&self) -> &[u32] {
+        &self.observed
+    }
+
+    /// Landmarks that the keyframe looked through.
+    pub(super) fn contradicted(&self) -> &[u32] {
+        &self.contradicted
+    }
+
+    /// Begins a keyframe.
+    pub(super) fn begin(&mut self) {
+        self.seen.clear();
+        self.contradicted.clear();
+        self.sub_segments.clear();
+        self.verdicts.clear();
+        self.vertices.clear();
+        for landmark in self.landmark_of.drain(..).filter(|it| *it != NONE) {
+            self.vertex_of[landmark as usize] = NONE;
+        }
+    }
+
+    /// Joins a measurement to its landmark, which is returned.
+    fn take(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        measurement: &Measurement,
+    ) -> Result<u32, EventError> {
+        let landmark = match self.landmarks.observe(measurement) {
+            Observed::New(landmark) => {
+                let point = transaction.add_point(measurement.point_in_world)?;
+                let sigma = self.sigma_factor * measurement.sigma;
+                transaction.set_sigma(point, Some(sigma))?;
+                self.points.push(point);
+                landmark
+            }
+            Observed::Again(landmark) => landmark,
+        };
+        self.seen.push(landmark);
+        Ok(landmark)
+    }
+
+    /// Takes the points along a segment, in their order.
+    pub(super) fn take_segment(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        measurements: impl Iterator<Item = Measurement>,
+    ) -> Result<(), EventError> {
+        let mut last: Option<u32> = None;
+        for measurement in measurements {
+            let landmark = self.take(transaction, &measurement)?;
+            if let Some(last) = last.filter(|last| *last != landmark) {
+                self.sub_segments
+                    .push([last.min(landmark), last.max(landmark)]);
+            }
+            last = Some(landmark);
+        }
+        Ok(())
+    }
+
+    /// Takes points that are on no segment.
+    pub(super) fn take_singly(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        measurements: impl Iterator<Item = Measurement>,
+    ) -> Result<(), EventError> {
+        for measurement in measurements {
+            self.take(transaction, &measurement)?;
+        }
+        Ok(())
+    }
+
+    /// Takes single points, after those of segments and surface are settled. As seen only those remain listed that were not
+    /// before.
+    pub(super) fn take_points(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        measurements: impl Iterator<Item = Measurement>,
+    ) -> Result<(), EventError> {
+        let before = std::mem::take(&mut self.seen);
+        self.take_singly(transaction, measurements)?;
+        let landmarks = &self.landmarks;
+        self.seen.retain(|landmark| {
+            before.binary_search(landmark).is_err() && landmarks.is_in_use(*landmark)
+        });
+        Ok(())
+    }
+
+    /// Asks the keyframe's surface about all landmarks in its reach and takes the points that they lack.
+    pub(super) fn take_surface(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        surface: &KeyframeSurface<'_>,
+        options: &SurfacePointOptions,
+    ) -> Result<(), EventError> {
+        self.vertex_of.resize(self.points.len(), NONE);
+        for place in 0..self.seen.len() {
+            let landmark = self.seen[place];
+            if self.vertex_of[landmark as usize] == NONE
+                && let Some(vertex) = surface.vertex(&self.landmarks.position(landmark))
+            {
+                self.add_vertex(landmark, vertex);
+            }
+        }
+        let everything = [f64::NEG_INFINITY, f64::INFINITY].map(|all| Point3::new(all, all, all));
+        let reach = surface.reach().unwrap_or(everything);
+        for (landmark, position) in self.landmarks.within(reach) {
+            if self.vertex_of[landmark as usize] == NONE {
+                match surface.judge(&position) {
+                    Verdict::Silent => {}
+                    verdict => self.verdicts.push((landmark, verdict)),
+                }
+            }
+        }
+        // Oldest first, whatever the shape of the index.
+        self.verdicts
+            .sort_unstable_by_key(|(landmark, _)| *landmark);
+        for place in 0..self.verdicts.len() {
+            let (landmark, verdict) = self.verdicts[place];
+            if let Verdict::Confirmed {
+                vertex,
+                measurement,
+            } = verdict
+            {
+                self.landmarks.confirm(landmark, &measurement);
+                self.seen.push(landmark);
+                self.add_vertex(landmark, vertex);
+            } else {
+                self.landmarks.contradict(landmark);
+                self.contradicted.push(landmark);
+            }
+        }
+        let vertex_of = |landmark: u32| self.vertex_of[landmark as usize];
+        let lines: Vec<[u32; 2]> = self
+            .sub_segments
+            .iter()
+            .map(|ends| ends.map(vertex_of))
+            .collect();
+        let missing = surface.refine(&self.vertices, &lines, &options.refine);
+        for missing in &missing {
+            let landmark = match missing {
+                Some(measurement) => self.take(transaction, measurement)?,
+                None => NONE,
+            };
+            self.landmark_of.push(landmark);
+        }
+        // New landmarks are entered as well, so that the next keyframe finds all of these to forget.
+        self.vertex_of.resize(self.points.len(), NONE);
+        Ok(())
+    }
+
+    fn add_vertex(&mut self, landmark: u32, vertex: ImageVertex) {
+        self.vertex_of[landmark as usize] = self.vertices.len() as u32;
+        self.vertices.push(vertex);
+        self.landmark_of.push(landmark);
+    }
+
+    /// Notes the colours of all landmarks that the keyframe sees, once each.
+    pub(super) fn paint(&mut self, keyframe: &LineKeyframe, surface: &KeyframeSurface<'_>) {
+        self.seen.sort_unstable();
+        self.seen.dedup();
+        for &landmark in &self.seen {
+            let vertex = surface.vertex(&self.landmarks.position(landmark));
+            if let Some(color) = vertex.and_then(|vertex| keyframe.colors.at(&vertex.pixel)) {
+                self.landmarks.paint(landmark, color);
+            }
+        }
+    }
+
+    /// Settles the landmarks that the keyframe concerns; returns how many points moved and how many were removed. Those are
+    /// no longer listed as seen.
+    pub(super) fn settle(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+    ) -> Result<(usize, usize), EventError> {
+        let (mut moved, mut removed) = (0, 0);
+        for &landmark in self.contradicted.iter().chain(&self.seen) {
+            let point = self.points[landmark as usize];
+            match self.landmarks.settle(landmark) {
+                Settled::Stays => {}
+                Settled::Moved(position) => {
+                    transaction.move_point(point, position)?;
+                    moved += 1;
+                }
+                Settled::GivenUp => {
+                    transaction.remove_point(point)?;
+                    removed += 1;
+                }
+            }
+        }
+        let landmarks = &self.landmarks;
+        self.seen.retain(|landmark| landmarks.is_in_use(*landmark));
+        Ok((moved, removed))
+    }
+
+    /// Adds the observations of the landmarks seen by a view with this centre: one ray from a camera to a point, however many
+    /// segments of the keyframe meet in it, and none where the point has one that runs beside it.
+    ///
+    /// # Complexity
+    /// The landmarks seen, times the views that see them.
+    pub(super) fn observe(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        view: ViewId,
+        center: &Point3<f64>,
+    ) -> Result<(), EventError> {
+        self.observed.clear();
+        for &landmark in &self.seen {
+            let point = self.points[landmark as usize];
+            let position = self.landmarks.position(landmark);
+            let reach = self.least_tangent * (position - center).norm();
+            let carver = transaction.before();
+            let mut centers = carver
+                .views_of(point)
+                .filter(|view| !self.provisional.contains(view))
+                .filter_map(|view| carver.view(view));
+            if !centers.any(|other| is_near_segment(center, [&position, &other], reach)) {
+                self.observed.push(landmark);
+            }
+        }
+        for landmark in &self.observed {
+            transaction.add_observation(view, self.points[*landmark as usize], 1)?;
+        }
+        Ok(())
+    }
+
+    /// Adds the sub-segments that a view with this centre sees as segment observations of this weight; with 0 none. Those that
+    /// a nearly parallel view sees already are left out.
+    pub(super) fn observe_segments(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        view: ViewId,
+        center: &Point3<f64>,
+        weight: u32,
+    ) -> Result<(), EventError> {
+        if weight == 0 {
+            return Ok(());
+        }
+        self.sub_segments.sort_unstable();
+        self.sub_segments.dedup();
+        let is_in_use = |landmark: &u32| self.landmarks.is_in_use(*landmark);
+        let has_ray = |landmark: &u32| self.observed.binary_search(landmark).is_ok();
+        let is_new = |ends: &&[u32; 2]| ends.iter().all(is_in_use) && ends.iter().any(has_ray);
+        for pair in self.sub_segments.iter().filter(is_new) {
+            let ends = pair.map(|landmark| (landmark, self.landmarks.position(landmark)));
+            if self
+                .segment_views
+                .note(transaction.before(), view, center, ends)
+            {
+                let ends = pair.map(|landmark| self.points[landmark as usize]);
+                transaction.add_segment(view, ends, weight)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use linecarve_carving::carver::Carver;
+    use nalgebra::Unit;
+
+    use super::*;
+
+    /// Landmarks that views at these places are given a ray to, each view seeing the same two.
+    fn rays_from(options: &Options, centers: &[[f64; 3]]) -> Vec<Vec<u32>> {
+        let mut carver = Carver::default();
+        let mut fusion = LandmarkFusion::new(options);
+        let look = |center: &[f64; 3]| {
+            let center = Point3::from(*center);
+            let points = [[0.0, 0.0, 2.0], [1.0, 0.0, 2.0]].map(Point3::from);
+            let measured = points.map(|point| Measurement {
+                point_in_world: point,
+                direction: Unit::new_normalize(point - center),
+                pixel: 0.01,
+                sigma: 0.01,
+            });
+            let mut transaction = carver.transaction();
+            let view = transaction.add_view(center).unwrap();
+            fusion.begin();
+            fusion
+                .take_segment(&mut transaction, measured.into_iter())
+                .unwrap();
+            fusion.observe(&mut transaction, view, &center).unwrap();
+            transaction.commit().unwrap();
+            fusion.observed().to_vec()
+        };
+        centers.iter().map(look).collect()
+    }
+
+    #[test]
+    fn a_ray_beside_one_that_the_point_has_is_not_added() {
+        let options = Options::default();
+        // 2 degrees of 2 units are 0.07: at the start, hardly beside it, and again there; then far enough beside.
+        let beside = rays_from(
+            &options,
+            &[[0.0; 3], [0.06, 0.0, 0.0], [0.0; 3], [0.1, 0.0, 0.0]],
+        );
+        let both = vec![0, 1];
+        assert_eq!(beside, [both.clone(), Vec::new(), Vec::new(), both.clone()]);
+        // Half way to the first point along its ray; from further behind the ray is longer and tells more.
+        let along = rays_from(&options, &[[0.0; 3], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
+        assert_eq!(along, [both.clone(), vec![1], both.clone()]);
+        let mut all = Options::default();
+        all.carving.least_ray_angle_deg = 0.0;
+        assert_eq!(
+            rays_from(&all, &[[0.0; 3], [1e-9, 0.0, 0.0]]),
+            [both.clone(), both]
+        );
+    }
+}

@@ -1,0 +1,273 @@
+//! A map of the points of a model, which come with the views that see them. No image is read.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use linecarve_carving::carver::{Carver, PointId, Transaction};
+use linecarve_points::parallax_cosine;
+use linecarve_sequence::{ModelPoint, SparseModel};
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+use super::error::MapError;
+use super::update::MapUpdate;
+
+/// Which points of a model are carved.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PointModelOptions {
+    /// A point is carved when this many views see it ...
+    pub min_views: usize,
+    /// ... and rays of some two of them differ by this angle. Below, its depth is hardly known.
+    pub parallax_degrees: f64,
+    /// A observation counts when the model's own point is within this distance of it in the image, where the model gives
+    /// both a pixel and a camera.
+    pub max_reprojection_px: f64,
+}
+
+impl Default for PointModelOptions {
+    fn default() -> Self {
+        Self {
+            min_views: 3,
+            parallax_degrees: 1.0,
+            max_reprojection_px: 4.0,
+        }
+    }
+}
+
+/// What became of the points of a model.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ModelCounts {
+    /// Points that are carved.
+    pub carved: usize,
+    /// Points left out because a coordinate is not a number or out of range.
+    pub not_finite: usize,
+    /// Points left out because too few views see them.
+    pub too_few_views: usize,
+    /// Points left out because their rays hardly differ.
+    pub too_little_parallax: usize,
+    /// Observations left out because the point projects elsewhere, or behind the camera.
+    pub wrong_observations: usize,
+}
+
+/// A model, and which of its points are carved.
+pub(super) struct ModelMap {
+    model: SparseModel,
+    counts: ModelCounts,
+    /// Points that each view sees, ascending; view by view.
+    seen: Vec<Vec<u32>>,
+    points: Vec<Option<PointId>>,
+    median_depth: Option<f64>,
+}
+
+impl ModelMap {
+    /// Chooses the points to carve. Linear in the number of observations, quadratic in the length of a track whose parallax
+    /// is small.
+    ///
+    /// # Errors
+    /// When an observation names a view that does not exist.
+    pub(super) fn new(model: SparseModel, options: &PointModelOptions) -> Result<Self, MapError> {
+        let mut counts = ModelCounts::default();
+        let mut seen = vec![Vec::new(); model.views.len()];
+        let mut depths = Vec::new();
+        let mut views = Vec::new();
+        for (index, point) in model.points.iter().enumerate() {
+            if let Some(observation) = point
+                .observations
+                .iter()
+                .find(|observation| observation.view as usize >= model.views.len())
+            {
+                return Err(MapError::UnknownView {
+                    point: index,
+                    view: observation.view,
+                    views: model.views.len(),
+                });
+            }
+            if choose(&model, point, options, &mut views, &mut depths, &mut counts) {
+                for view in &views {
+                    seen[*view as usize].push(index as u32);
+                }
+            }
+        }
+        let middle = depths.len() / 2;
+        let median_depth =
+            (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1);
+        Ok(Self {
+            counts,
+            seen,
+            points: vec![None; model.points.len()],
+            median_depth,
+            model,
+        })
+    }
+
+    /// Adds views with their points, in one transaction.
+    ///
+    /// # Errors
+    /// When the carver refuses a view or one of its points.
+    pub(super) fn push(
+        &mut self,
+        carver: &mut Carver,
+        views: Range<usize>,
+    ) -> Result<MapUpdate, MapError> {
+        let start = Instant::now();
+        let mut update = MapUpdate::default();
+        let last = views.end.saturating_sub(1);
+        let mut transaction = carver.transaction();
+        for view in views {
+            let seen = &self.seen[view];
+            let points = &mut self.points;
+            add_view(
+                &mut transaction,
+                &self.model,
+                view,
+                seen,
+                points,
+                &mut update,
+            )?;
+        }
+        let report = transaction.commit().map_err(|source| MapError::View {
+            name: self
+                .model
+                .views
+                .get(last)
+                .map_or_else(String::new, |view| view.name.clone()),
+            source,
+        })?;
+        update.deltas.push(report.surface);
+        update.times.carving = start.elapsed();
+        Ok(update)
+    }
+
+    /// The view that sees most of the points that are carved, of equals the first; `None` without views.
+    pub(super) fn richest_view(&self) -> Option<usize> {
+        (0..self.seen.len()).max_by_key(|&view| (self.seen[view].len(), std::cmp::Reverse(view)))
+    }
+
+    /// The model.
+    pub(super) fn model(&self) -> &SparseModel {
+        &self.model
+    }
+
+    /// What became of the points.
+    pub(super) fn counts(&self) -> ModelCounts {
+        self.counts
+    }
+
+    /// Median depth of the points in the views that see them; `None` without one.
+    pub(super) fn median_depth(&self) -> Option<f64> {
+        self.median_depth
+    }
+
+    /// The points that have been carved so far, without views.
+    pub(super) fn carved(&self) -> SparseModel {
+        let points = self.points.iter().zip(&self.model.points);
+        SparseModel {
+            views: Vec::new(),
+            points: points
+                .filter(|(id, _)| id.is_some())
+                .map(|(_, point)| point.clone())
+                .collect(),
+        }
+    }
+}
+
+/// Whether a point is to be carved; then `views` holds who counts as seeing it, and `depths` gains its depths.
+fn choose(
+    model: &SparseModel,
+    point: &ModelPoint,
+    options: &PointModelOptions,
+    views: &mut Vec<u32>,
+    depths: &mut Vec<f64>,
+    counts: &mut ModelCounts,
+) -> bool {
+    views.clear();
+    let place = point.point_in_world;
+    if !place.iter().all(|x| x.is_finite()) {
+        counts.not_finite += 1;
+        return false;
+    }
+    let depths_before = depths.len();
+    for observation in &point.observations {
+        let view = &model.views[observation.view as usize];
+        let in_camera = view.world_from_camera.inverse_transform_point(&place);
+        let is_right = in_camera.z > 0.0
+            && match (&view.camera, observation.pixel) {
+                (Some(camera), Some([x, y])) => camera.project(&in_camera).is_some_and(|pixel| {
+                    (pixel.x - x).hypot(pixel.y - y) <= options.max_reprojection_px
+                }),
+                _ => true,
+            };
+        if is_right {
+            views.push(observation.view);
+            depths.push(in_camera.z);
+        } else {
+            counts.wrong_observations += 1;
+        }
+    }
+    views.dedup();
+    let centers: Vec<Point3<f64>> = views
+        .iter()
+        .map(|view| {
+            let pose = &model.views[*view as usize].world_from_camera;
+            Point3::from(pose.translation.vector)
+        })
+        .collect();
+    let is_chosen = if views.len() < options.min_views {
+        counts.too_few_views += 1;
+        false
+    } else if parallax_cosine(&centers, &place) > options.parallax_degrees.to_radians().cos() {
+        counts.too_little_parallax += 1;
+        false
+    } else {
+        counts.carved += 1;
+        true
+    };
+    if !is_chosen {
+        depths.truncate(depths_before);
+    }
+    is_chosen
+}
+
+/// Adds a view, those of its points that are new, and its observations.
+fn add_view(
+    transaction: &mut Transaction<'_>,
+    model: &SparseModel,
+    view: usize,
+    seen: &[u32],
+    points: &mut [Option<PointId>],
+    update: &mut MapUpdate,
+) -> Result<(), MapError> {
+    let record = &model.views[view];
+    let refused = |source| MapError::View {
+        name: record.name.clone(),
+        source,
+    };
+    let center = Point3::from(record.world_from_camera.translation.vector);
+    let id = transaction.add_view(center).map_err(refused)?;
+    for &index in seen {
+        let slot = &mut points[index as usize];
+        let point = match *slot {
+            Some(point) => {
+                update.observed_again += 1;
+                point
+            }
+            None => {
+                update.new_points += 1;
+                let place = model.points[index as usize].point_in_world;
+                let point = transaction
+                    .add_point(place)
+                    .map_err(|source| MapError::Point {
+                        point: index as usize,
+                        source,
+                    })?;
+                *slot.insert(point)
+            }
+        };
+        transaction.add_observation(id, point, 1).map_err(refused)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,146 @@
+//! A map of points triangulated from features; the carver follows them.
+
+use std::time::Instant;
+
+use linecarve_carving::carver::{Carver, EventError, PointId, ViewId};
+use linecarve_points::{MapChange, PointMap};
+use linecarve_sequence::Sequence;
+
+use super::error::MapError;
+use super::update::{FeatureCounts, MapUpdate};
+use crate::front_end::{FeatureKeyframe, empty_point_map};
+use crate::options::Options;
+
+/// Points, and the carver's ids of what it carves of them.
+pub(super) struct FeatureMap {
+    map: PointMap,
+    views: Vec<ViewId>,
+    /// The carver's id of each point, by the map's.
+    points: Vec<Option<PointId>>,
+}
+
+impl FeatureMap {
+    /// An empty map for keyframes of `sequence`.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub(super) fn new(options: &Options, sequence: &Sequence) -> Result<Self, MapError> {
+        Ok(Self {
+            map: empty_point_map(sequence, options)?,
+            views: Vec::new(),
+            points: Vec::new(),
+        })
+    }
+
+    /// Adds keyframe `number`.
+    ///
+    /// # Errors
+    /// When the carver refuses its position or one of its points.
+    pub(super) fn push(
+        &mut self,
+        carver: &mut Carver,
+        keyframe: &FeatureKeyframe,
+        number: usize,
+    ) -> Result<MapUpdate, MapError> {
+        let start = Instant::now();
+        let counts = self
+            .map
+            .push(&keyframe.world_from_camera, keyframe.features.clone());
+        let mut update = MapUpdate {
+            observed_again: counts.observed_again,
+            features: Some(FeatureCounts {
+                features: counts.features,
+                observed_again: counts.observed_again,
+                created: counts.created,
+                removed: counts.removed,
+                established: counts.established,
+            }),
+            ..MapUpdate::default()
+        };
+        update.times.matching = start.elapsed();
+        self.follow(carver, &mut update)
+            .map_err(|source| MapError::Keyframe {
+                keyframe: number,
+                source,
+            })?;
+        update.times.carving = start.elapsed() - update.times.matching;
+        Ok(update)
+    }
+
+    /// Adjusts all keyframes and points together, after the last of `count` keyframes. With poses taken as they are nothing
+    /// changes.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub(super) fn finish(&mut self, carver: &mut Carver, count: usize) -> Result<(), MapError> {
+        let keyframe = count.saturating_sub(1);
+        self.map.adjust_all();
+        self.follow(carver, &mut MapUpdate::default())
+            .map_err(|source| MapError::Keyframe { keyframe, source })
+    }
+
+    /// Applies what has changed in the points to the carver.
+    fn follow(&mut self, carver: &mut Carver, update: &mut MapUpdate) -> Result<(), EventError> {
+        let mut transaction = carver.transaction();
+        for new in &self.map.keyframes()[self.views.len()..] {
+            self.views.push(transaction.add_view(new.center())?);
+        }
+        for change in self.map.changes() {
+            // Changes name points that were added before, and keyframes that were pushed.
+            let carved = |points: &[Option<PointId>], point: u32| {
+                points
+                    .get(point as usize)
+                    .copied()
+                    .flatten()
+                    .expect("a point that changes is carved")
+            };
+            match *change {
+                MapChange::AddPoint {
+                    point,
+                    point_in_world,
+                } => {
+                    let index = point.0 as usize;
+                    if self.points.len() <= index {
+                        self.points.resize(index + 1, None);
+                    }
+                    let id = transaction.add_point(point_in_world)?;
+                    self.points[index] = Some(id);
+                    update.new_points += 1;
+                }
+                MapChange::MovePoint {
+                    point,
+                    point_in_world,
+                } => {
+                    transaction.move_point(carved(&self.points, point.0), point_in_world)?;
+                    update.moved_points += 1;
+                }
+                MapChange::MoveKeyframe { keyframe, center } => {
+                    transaction.move_view(self.views[keyframe as usize], center)?;
+                }
+                MapChange::RemovePoint { point } => {
+                    transaction.remove_point(carved(&self.points, point.0))?;
+                    self.points[point.0 as usize] = None;
+                    update.removed_points += 1;
+                }
+                MapChange::AddObservation { keyframe, point } => transaction.add_observation(
+                    self.views[keyframe as usize],
+                    carved(&self.points, point.0),
+                    1,
+                )?,
+                MapChange::RemoveObservation { keyframe, point } => transaction
+                    .remove_observation(
+                        self.views[keyframe as usize],
+                        carved(&self.points, point.0),
+                    )?,
+            }
+        }
+        let report = transaction.commit()?;
+        update.deltas.push(report.surface);
+        Ok(())
+    }
+
+    /// The points.
+    pub(super) fn points(&self) -> &PointMap {
+        &self.map
+    }
+}

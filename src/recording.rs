@@ -1,0 +1,471 @@
+//! A recording that is ready to be reconstructed: keyframes are chosen, depth and length scale are known.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
+use linecarve_points::PointOptionsError;
+use linecarve_sequence::{
+    FrameError, KeyframeListError, KeyframeOptionsError, OpenOptions, Sequence, SequenceError,
+    SparseModel, every_nth, read_keyframe_list, select_keyframes,
+};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use crate::front_end::{
+    DepthSource, ImagePosesError, PoseSummary, ScaleError, SemiDenseSource, correct_poses,
+    far_origin, median_depth_from_images, median_feature_depth, median_scene_depth,
+};
+use crate::options::Options;
+use crate::run::{Progress, Verbosity};
+
+/// What a map is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// 3D line segments, and points between them where depth is dense.
+    Lines,
+    /// 3D line segments alone; nothing is carved.
+    Segments,
+    /// Map points triangulated from ORB features.
+    MapPoints,
+    /// The points of a model, with the views that see them.
+    Model,
+}
+
+/// Where the depth of segments comes from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum DepthChoice {
+    /// The depth images when the sequence has some, else neighbouring keyframes.
+    #[default]
+    Auto,
+    /// Depth images.
+    Sensor,
+    /// Neighbouring keyframes.
+    SemiDense,
+}
+
+/// Which frames become keyframes, beside [`Options::keyframes`].
+#[derive(Debug, Clone, Default)]
+pub struct Selection {
+    /// Every N-th frame in place of a choice by motion.
+    pub every: Option<usize>,
+    /// The frames that this file names, one a line.
+    pub list: Option<PathBuf>,
+    /// At most this many.
+    pub max_keyframes: Option<usize>,
+    /// Options of the command line that were given and choose keyframes; a model has none to choose.
+    pub given: Vec<&'static str>,
+}
+
+/// What to reconstruct.
+#[derive(Debug, Clone)]
+pub struct Input {
+    /// Folder of a sequence, or a model file.
+    pub path: PathBuf,
+    /// Layout, poses and calibration where they are not those of the folder.
+    pub open: OpenOptions,
+    /// Which frames become keyframes.
+    pub selection: Selection,
+    /// What the map is made of. [`Source::MapPoints`] becomes [`Source::Model`] when the sequence brings points along.
+    pub source: Source,
+    /// Where the depth of segments comes from.
+    pub depth: DepthChoice,
+    /// What is shown on standard error while the recording is prepared.
+    pub verbosity: Verbosity,
+}
+
+impl<P: AsRef<Path>> From<P> for Input {
+    /// A sequence as it lies in its folder, reconstructed from lines; nothing is printed.
+    fn from(path: P) -> Self {
+        Self {
+            path: path.as_ref().to_owned(),
+            open: OpenOptions::default(),
+            selection: Selection::default(),
+            source: Source::Lines,
+            depth: DepthChoice::Auto,
+            verbosity: Verbosity::Quiet,
+        }
+    }
+}
+
+/// Why a recording cannot be reconstructed.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The sequence cannot be read.
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
+    /// An image cannot be read.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// The list of keyframes cannot be used.
+    #[error(transparent)]
+    List(#[from] KeyframeListError),
+    /// An option of the choice of keyframes is out of range.
+    #[error(transparent)]
+    Keyframes(#[from] KeyframeOptionsError),
+    /// The median scene depth cannot be estimated.
+    #[error(transparent)]
+    Scale(#[from] ScaleError),
+    /// An option of the map points is out of range.
+    #[error(transparent)]
+    Points(#[from] PointOptionsError),
+    /// An option of the semi-dense depth is out of range.
+    #[error(transparent)]
+    SemiDense(#[from] SemiDenseOptionsError),
+    /// Poses cannot be compared with the images.
+    #[error(transparent)]
+    Poses(#[from] ImagePosesError),
+    /// The estimated lens is no camera.
+    #[error(transparent)]
+    Lens(#[from] linecarve_lines::camera::CameraError),
+    /// The recording lacks what was asked for; the text says what, and the remedy.
+    #[error("{0}")]
+    Missing(String),
+}
+
+/// A sequence whose keyframes are chosen, with everything that must be known before the first of them.
+#[derive(Debug)]
+pub struct Recording {
+    /// The images, their poses and cameras.
+    pub sequence: Sequence,
+    /// The parameters of all stages.
+    pub options: Options,
+    /// What the map is to be made of.
+    pub source: Source,
+    /// Positions of the keyframes in the sequence; for a model the numbers of its views.
+    pub keyframes: Vec<usize>,
+    /// Where the depth of segments comes from; `None` for points.
+    pub depth: Option<DepthSource>,
+    /// Median scene depth in units of the poses, the length scale of all thresholds; `None` when only the points will tell.
+    pub median_depth: Option<f64>,
+    /// Subtracted from all coordinates during computation; zero unless coordinates are far from zero.
+    pub origin: Vector3<f64>,
+    /// How far poses and images disagree, when depth comes from the images.
+    pub poses: Option<PoseSummary>,
+    /// The model that is carved, in the frame of computation.
+    pub model: Option<SparseModel>,
+    /// What was left out or assumed.
+    pub warnings: Vec<String>,
+}
+
+impl Recording {
+    /// Opens a sequence, chooses keyframes, estimates the length scale and, where depth comes from the images, corrects poses.
+    ///
+    /// # Errors
+    /// When the sequence cannot be read or lacks what was asked for; the text names file and remedy.
+    pub fn open(input: &Input, options: Options) -> Result<Self, RecordingError> {
+        let sequence = Sequence::open(&input.path, &input.open)?;
+        let mut recording = Self {
+            warnings: sequence
+                .warnings()
+                .iter()
+                .map(ToString::to_string)
+                .collect(),
+            sequence,
+            options,
+            source: input.source,
+            keyframes: Vec::new(),
+            depth: None,
+            median_depth: None,
+            origin: Vector3::zeros(),
+            poses: None,
+            model: None,
+        };
+        match input.source {
+            Source::Lines | Source::Segments => recording.prepare_lines(input)?,
+            Source::MapPoints | Source::Model => match recording.sequence.sparse_model() {
+                Some(model) => {
+                    let model = model.clone();
+                    recording.prepare_model(input, model)?;
+                }
+                None => recording.prepare_features(input)?,
+            },
+        }
+        Ok(recording)
+    }
+
+    fn prepare_lines(&mut self, input: &Input) -> Result<(), RecordingError> {
+        if self.sequence.frames().is_empty() {
+            return Err(RecordingError::Missing(format!(
+                "{}: none of the images of the model exists; without images only its points can be used (--from map-points)",
+                input.path.display()
+            )));
+        }
+        self.limit_image_size();
+        let median_depth = self.choose_depth(input.depth)?;
+        self.median_depth = Some(median_depth);
+        self.choose_keyframes(input, median_depth)?;
+        let is_semi_dense = matches!(self.depth, Some(DepthSource::SemiDense(_)));
+        if is_semi_dense && self.options.pose_correction.enabled {
+            self.correct_poses(input.verbosity)?;
+        }
+        self.choose_origin(median_depth);
+        Ok(())
+    }
+
+    /// The depth source that was asked for, with the median scene depth.
+    fn choose_depth(&mut self, choice: DepthChoice) -> Result<f64, RecordingError> {
+        let folder = self.sequence.folder().display();
+        let missing = |text: String| Err(RecordingError::Missing(text));
+        let all: Vec<usize> = (0..self.sequence.frames().len()).collect();
+        let calibration = self.sequence.depth_calibration();
+        let (DepthChoice::Auto | DepthChoice::Sensor, Some(calibration)) = (choice, calibration)
+        else {
+            if choice == DepthChoice::Sensor {
+                return missing(format!(
+                    "{folder} has no depth images (layout {}): --depth semi-dense estimates depth from the images",
+                    self.sequence.layout()
+                ));
+            }
+            let stage = self.options.semi_dense;
+            let depth = median_depth_from_images(&self.sequence, &all, &stage.matching)?;
+            let Some(median_depth) = depth else {
+                return missing(format!(
+                    "{folder}: no depth can be estimated from the images looked at: their edges do not match along the \
+                     epipolar lines that the poses give. Are the poses and the calibration right (linecarve info), and does the \
+                     camera move sideways?"
+                ));
+            };
+            self.depth = Some(DepthSource::SemiDense(SemiDenseSource {
+                options: stage,
+                median_depth,
+            }));
+            return Ok(median_depth);
+        };
+        let Some(median_depth) = median_scene_depth(&self.sequence, &all)? else {
+            return missing(format!(
+                "{folder}: none of the depth images looked at holds a depth: are they the right files? (--depth semi-dense does \
+                 without them)"
+            ));
+        };
+        let noise = self.options.sensor.relative_noise;
+        self.depth = Some(DepthSource::Sensor(calibration.sensor(noise, median_depth)));
+        Ok(median_depth)
+    }
+
+    fn prepare_features(&mut self, input: &Input) -> Result<(), RecordingError> {
+        self.source = Source::MapPoints;
+        self.limit_image_size();
+        let all: Vec<usize> = (0..self.sequence.frames().len()).collect();
+        if self.sequence.depth_calibration().is_some() {
+            self.median_depth = median_scene_depth(&self.sequence, &all)?;
+        }
+        let selection = &input.selection;
+        let chosen = &self.options.keyframes;
+        let is_depth_needed = selection.every.is_none()
+            && selection.list.is_none()
+            && (chosen.translation.is_none() || chosen.min_overlap.is_some());
+        let median_depth = match self.median_depth {
+            Some(depth) => depth,
+            None if is_depth_needed => {
+                let depth = median_feature_depth(&self.sequence, &self.options.map_points)?;
+                depth.ok_or_else(|| {
+                    RecordingError::Missing(format!(
+                        "{}: how far away the scene is cannot be told from its features (no texture, no motion, or wrong \
+                         poses), so keyframes cannot be chosen by motion: give --every N or --min-translation LENGTH",
+                        input.path.display()
+                    ))
+                })?
+            }
+            // Only the choice by motion needs it.
+            None => 1.0,
+        };
+        self.choose_keyframes(input, median_depth)?;
+        self.choose_origin(median_depth);
+        Ok(())
+    }
+
+    fn prepare_model(&mut self, input: &Input, model: SparseModel) -> Result<(), RecordingError> {
+        self.source = Source::Model;
+        if let Some(option) = input.selection.given.first() {
+            return Err(RecordingError::Missing(format!(
+                "{option} has no meaning here: the sequence brings points with the views that see them, and all of them are \
+                 carved; leave it out"
+            )));
+        }
+        // The shift must not depend on the depth, which is only known once the points are chosen.
+        let centers = model
+            .views
+            .iter()
+            .map(|view| Point3::from(view.world_from_camera.translation.vector));
+        self.shift_to(far_origin(centers, extent(&model)));
+        self.keyframes = (0..model.views.len()).collect();
+        self.model = Some(model.translated(&-self.origin));
+        Ok(())
+    }
+
+    /// Has large images loaded smaller.
+    fn limit_image_size(&mut self) {
+        let longest = self.options.images.longest_side();
+        if let Some([stored, loaded]) = self.sequence.limit_image_size(longest) {
+            self.warnings.push(format!(
+                "images of {} x {} are computed on at {} x {} (--max-image-size 0, or [images] longest_side_px = 0: as they \
+                 are, which takes longer)",
+                stored.width, stored.height, loaded.width, loaded.height
+            ));
+        }
+    }
+
+    /// The keyframes that the options ask for.
+    fn choose_keyframes(&mut self, input: &Input, median_depth: f64) -> Result<(), RecordingError> {
+        let selection = &input.selection;
+        let count = self.sequence.frames().len();
+        let refused = |text: &str| Err(RecordingError::Missing(text.to_owned()));
+        self.keyframes = if let Some(n) = selection.every {
+            if n == 0 {
+                return refused("--every 0: give 1 for every frame");
+            }
+            every_nth(n, count)
+        } else if let Some(path) = &selection.list {
+            read_keyframe_list(path, self.sequence.frames())?
+        } else {
+            let mut progress = Progress::start("frames", count, input.verbosity);
+            let report = |frames| progress.set(frames, || "choosing keyframes".to_owned());
+            let options = &self.options.keyframes;
+            let keyframes = select_keyframes(&self.sequence, options, median_depth, report)?;
+            progress.finish();
+            keyframes
+        };
+        if let Some(limit) = selection.max_keyframes {
+            if limit == 0 {
+                return refused("--max-keyframes 0: at least one keyframe is needed");
+            }
+            self.keyframes.truncate(limit);
+        }
+        Ok(())
+    }
+
+    /// Corrects poses, and the lens, where the images contradict them.
+    fn correct_poses(&mut self, verbosity: Verbosity) -> Result<(), RecordingError> {
+        let mut progress = Progress::start("poses", self.keyframes.len(), verbosity);
+        let corrected = correct_poses(&self.sequence, &self.keyframes, &self.options, || {
+            progress.step(|| "comparing poses with images".to_owned());
+        })?;
+        progress.finish();
+        let summary = corrected.summary;
+        if summary.is_corrected {
+            let keyframes = self.keyframes.iter().copied();
+            self.sequence
+                .set_poses(keyframes.zip(corrected.world_from_camera));
+            self.warnings.push(format!(
+                "the images disagree with the poses of {} keyframes, by {:.1} pixels in direction and {:.1} in place (RMS): \
+                 corrected ([pose_correction] enabled = false takes poses as they are)",
+                summary.keyframes, summary.turn_px, summary.shift_px
+            ));
+        }
+        if let Some(k1) = summary.lens_k1 {
+            self.sequence.set_radial_distortion(k1)?;
+            self.warnings.push(lens_warning(k1));
+        }
+        self.poses = Some(summary);
+        Ok(())
+    }
+
+    /// Subtracts an origin from all coordinates where they are far from zero.
+    fn choose_origin(&mut self, median_depth: f64) {
+        let frames = self.sequence.frames();
+        let positions = self.keyframes.iter().map(|frame| {
+            let pose = &frames[*frame].world_from_camera;
+            Point3::from(pose.translation.vector)
+        });
+        self.shift_to(far_origin(positions, median_depth));
+    }
+
+    fn shift_to(&mut self, origin: Vector3<f64>) {
+        self.origin = origin;
+        if origin != Vector3::zeros() {
+            self.warnings.push(format!(
+                "coordinates lie far from zero: computed relative to ({}, {}, {})",
+                origin.x, origin.y, origin.z
+            ));
+        }
+    }
+
+    /// What a run over this recording with these parameters is, line by line. A run of another description cannot go on with
+    /// its checkpoint.
+    pub fn description(&self, parameters: &str) -> String {
+        let folder = self.sequence.folder();
+        let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+        let source = match self.source {
+            Source::Lines => "lines",
+            Source::Segments => "segments",
+            Source::MapPoints => "map points",
+            Source::Model => "model",
+        };
+        let mut text = format!(
+            "linecarve {}\nfrom {source} with depth {}\nsequence {}\nlayout {}\n{parameters}",
+            env!("CARGO_PKG_VERSION"),
+            self.depth_name(),
+            folder.display(),
+            self.sequence.layout()
+        );
+        for (number, frame) in self.keyframes.iter().enumerate() {
+            let Some(frame) = self.sequence.frames().get(*frame) else {
+                continue;
+            };
+            let pose = frame.world_from_camera;
+            let numbers: Vec<String> = pose
+                .rotation
+                .coords
+                .iter()
+                .chain(pose.translation.vector.iter())
+                .map(ToString::to_string)
+                .collect();
+            let name = self.keyframe_name(number);
+            text += &format!("keyframe {name} at {}\n", numbers.join(" "));
+        }
+        text
+    }
+
+    /// Name of a keyframe: of its frame, or of its view in a model.
+    ///
+    /// # Panics
+    /// When there is no such keyframe.
+    pub fn keyframe_name(&self, number: usize) -> &str {
+        let index = self.keyframes[number];
+        match &self.model {
+            Some(model) => &model.views[index].name,
+            None => &self.sequence.frames()[index].name,
+        }
+    }
+
+    /// Pose of each keyframe in the frame of computation: `point_in_map = pose * point_in_camera`.
+    pub fn keyframe_poses(&self) -> Vec<Isometry3<f64>> {
+        let pose = |&index: &usize| match &self.model {
+            Some(model) => model.views[index].world_from_camera,
+            None => {
+                let mut pose = self.sequence.frames()[index].world_from_camera;
+                pose.translation.vector -= self.origin;
+                pose
+            }
+        };
+        self.keyframes.iter().map(pose).collect()
+    }
+
+    /// Name of the depth source in reports.
+    pub fn depth_name(&self) -> &'static str {
+        self.depth.as_ref().map_or("none", DepthSource::name)
+    }
+}
+
+/// Says that images were distorted although their camera is given as a pinhole.
+pub(crate) fn lens_warning(k1: f64) -> String {
+    format!(
+        "the images are not those of a pinhole: radial distortion k1 = {k1:.4} is taken out ([pose_correction] lens = false takes them \
+         as they are; to say it, or what a calibration found, in linecarve.toml: [color] model = \"radial-tangential\", distortion = \
+         [{k1:.4}, 0.0, 0.0, 0.0])"
+    )
+}
+
+/// Largest extent of the finite points of a model along an axis.
+fn extent(model: &SparseModel) -> f64 {
+    let finite = model.points.iter().map(|point| point.point_in_world);
+    let finite = finite.filter(|point| point.iter().all(|x| x.is_finite()));
+    let (mut low, mut high) = (
+        Point3::from([f64::INFINITY; 3]),
+        Point3::from([f64::NEG_INFINITY; 3]),
+    );
+    for point in finite {
+        low = low.inf(&point);
+        high = high.sup(&point);
+    }
+    (high - low).max().max(0.0)
+}

@@ -1,0 +1,136 @@
+//! Why a run ends without a surface.
+
+use linecarve_sequence::SparseModel;
+
+use crate::map::ModelCounts;
+use crate::reconstruction::Reconstruction;
+use crate::recording::Source;
+use crate::report::KeyframeReport;
+
+/// The step at which everything was lost, for a run that ends with nothing. `keyframes` is what the report says of each.
+pub(crate) fn reason_for_nothing(run: &Reconstruction, keyframes: &[KeyframeReport]) -> String {
+    match run.recording().source {
+        Source::Lines | Source::Segments => without_lines(run, keyframes),
+        Source::MapPoints => without_points(run),
+        Source::Model => without_model(run),
+    }
+}
+
+fn without_lines(run: &Reconstruction, reports: &[KeyframeReport]) -> String {
+    let sum = |count: fn(&KeyframeReport) -> usize| -> usize { reports.iter().map(count).sum() };
+    let keyframes = reports.len();
+    if keyframes == 0 {
+        let chosen = run.recording().keyframes.len();
+        return format!("none of the {chosen} keyframes could be read");
+    }
+    let pixels = sum(|keyframe| keyframe.edge_pixels);
+    if pixels == 0 {
+        return format!(
+            "the images of {keyframes} keyframe(s) have no edges: black, blurred or overexposed?"
+        );
+    }
+    let with_depth: f64 = reports
+        .iter()
+        .map(|keyframe| keyframe.edge_depth_share * keyframe.edge_pixels as f64)
+        .sum();
+    if with_depth < 1.0 {
+        let remedy = if run.recording().depth_name() == "sensor" {
+            "do depth and colour belong together?"
+        } else {
+            "too few keyframes, no parallax between them, or wrong poses?"
+        };
+        return format!(
+            "none of {pixels} edge pixels in {keyframes} keyframe(s) has a depth: {remedy}"
+        );
+    }
+    let segments = sum(|keyframe| keyframe.segments);
+    if segments == 0 {
+        return format!(
+            "no straight segment on {pixels} edge pixels in {keyframes} keyframe(s): is the depth scale right?"
+        );
+    }
+    format!(
+        "{segments} segments of {keyframes} keyframe(s) enclose no occupied space that another ray has left; more \
+         keyframes from other places would help"
+    )
+}
+
+fn without_points(run: &Reconstruction) -> String {
+    let keyframes = run.numbers().len();
+    let Some(map) = run.map().feature_points() else {
+        return String::new();
+    };
+    let features: usize = map
+        .keyframes()
+        .iter()
+        .map(|keyframe| keyframe.features.len())
+        .sum();
+    let points = run.map().carver().point_count();
+    let needed = map.options().min_views;
+    if features == 0 {
+        format!(
+            "the images of {keyframes} keyframe(s) have no corners: black, blurred or overexposed?"
+        )
+    } else if keyframes < needed {
+        format!("{keyframes} keyframe(s) are too few: a point must be seen by {needed}")
+    } else if points == 0 {
+        format!(
+            "no point could be triangulated from {features} features of {keyframes} keyframe(s): the camera only turns, the \
+             poses are wrong (linecarve info tests them), or nothing is seen by {needed} keyframes"
+        )
+    } else {
+        format!(
+            "{points} points of {keyframes} keyframe(s) enclose no occupied space that a ray has left; more keyframes from \
+             other places would help"
+        )
+    }
+}
+
+fn without_model(run: &Reconstruction) -> String {
+    let Some((model, counts)) = run.map().model() else {
+        return String::new();
+    };
+    if model.points.is_empty() {
+        return "the model has no points".to_owned();
+    }
+    if counts.carved == 0 {
+        let seen: usize = model.points.iter().map(|p| p.observations.len()).sum();
+        if seen == 0 {
+            return "the model does not say who sees its points".to_owned();
+        }
+        return model_left_out(model, &counts).unwrap_or_default();
+    }
+    format!(
+        "{} points enclose no occupied space that a ray has left; more views from other places would help",
+        counts.carved
+    )
+}
+
+/// Says which points of a model are not carved, `None` when all are.
+pub(crate) fn model_left_out(model: &SparseModel, counts: &ModelCounts) -> Option<String> {
+    let reasons = [
+        (counts.not_finite, "not finite"),
+        (counts.too_few_views, "seen by too few views"),
+        (
+            counts.too_little_parallax,
+            "seen from nearly the same direction only",
+        ),
+    ];
+    let parts: Vec<String> = reasons
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, reason)| format!("{count} {reason}"))
+        .collect();
+    let observations = match counts.wrong_observations {
+        0 => String::new(),
+        count => format!("; {count} observations project elsewhere"),
+    };
+    (!parts.is_empty() || !observations.is_empty()).then(|| {
+        let total = model.points.len();
+        let out = total - counts.carved;
+        format!(
+            "{out} of {total} points are left out: {}{observations}",
+            parts.join(", ")
+        )
+    })
+}

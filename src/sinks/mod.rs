@@ -1,0 +1,32 @@
+//! Where the results of a reconstruction go: files, report, page, picture.
+
+mod empty;
+mod feature_edges;
+mod growth;
+mod keyframe_reports;
+mod output;
+mod page;
+mod page_run;
+mod picture;
+mod report;
+mod results;
+mod simplified;
+mod surface_files;
+mod surface_page;
+
+pub(crate) use empty::{model_left_out, reason_for_nothing};
+pub(crate) use feature_edges::final_mesh_edges;
+pub(crate) use growth::GrowthFiles;
+pub(crate) use keyframe_reports::KeyframeReports;
+pub use output::Format;
+pub(crate) use output::{
+    OutputFolder, clusters_part, feature_edges_part, segments_part, surface_part, write_geometry,
+    write_part, write_poses,
+};
+pub(crate) use page::{PageRecorder, growth_plots, page_of, page_surface};
+pub(crate) use page_run::PageRun;
+pub(crate) use picture::{RichestKeyframe, crosses};
+pub(crate) use report::{RunLog, print_object, print_text};
+pub(crate) use results::{ResultSettings, write_results};
+pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends};
+pub(crate) use surface_files::SurfaceFiles;

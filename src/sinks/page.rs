@@ -1,0 +1,317 @@
+//! The page of a run: what is recorded on the way, and what is put together at the end.
+
+use std::collections::BTreeMap;
+
+use anyhow::Context;
+use nalgebra::{Isometry3, Point3, Vector3};
+use rayon::prelude::*;
+
+use super::page_run::PageRun;
+use crate::front_end::Keyframe;
+use crate::map::Map;
+use crate::mapper::KeyframeUpdate;
+use crate::reconstruction::{Reconstruction, Sink, SinkError};
+use crate::recording::Recording;
+use crate::report::page::{
+    CountPlot, Elements, HistoryLimits, KeyframeImage, OutsideView, Page, PageKeyframe,
+    PageSurface, Series, StageTiming, SurfaceHistory, keyframe_image,
+};
+use crate::report::{KeyframeReport, StageTimes};
+use linecarve_mesh::TriangleMesh;
+use linecarve_mesh::render::{View, up_direction};
+
+/// Size for which the view from outside is laid out.
+const OUTSIDE_SIZE: (u32, u32) = (640, 480);
+
+/// Follows a run for its page.
+pub(crate) struct PageRecorder {
+    /// The surface over keyframes.
+    pub(crate) history: SurfaceHistory,
+    /// Ends of the segments in the images of keyframes that have a state.
+    segments_px: BTreeMap<u32, Vec<[[f64; 2]; 2]>>,
+}
+
+impl Sink for PageRecorder {
+    fn wants_surface(&self) -> bool {
+        true
+    }
+
+    fn update(
+        &mut self,
+        _recording: &Recording,
+        map: &Map,
+        update: &mut KeyframeUpdate,
+    ) -> Result<(), SinkError> {
+        let Some(surface) = &update.surface else {
+            return Ok(());
+        };
+        if !self.history.advance() {
+            return Ok(());
+        }
+        let number = update.number;
+        with_elements(map, |elements| {
+            self.history.record(number, surface, elements);
+        });
+        if let Keyframe::Lines(keyframe) = &update.keyframe {
+            let segments = keyframe.segments.iter();
+            let ends = segments.map(|segment| segment.ends_px.map(|end| [end.x, end.y]));
+            self.segments_px.insert(number as u32, ends.collect());
+            let states = self.history.keyframes();
+            if self.segments_px.len() > states.len() + 1 {
+                self.segments_px
+                    .retain(|keyframe, _| states.binary_search(keyframe).is_ok());
+            }
+        }
+        Ok(())
+    }
+}
+
+impl PageRecorder {
+    pub(crate) fn new() -> Self {
+        Self {
+            history: SurfaceHistory::new(HistoryLimits::default()),
+            segments_px: BTreeMap::new(),
+        }
+    }
+
+    /// Records the end of the run, with the final mesh.
+    pub(crate) fn finish(&mut self, run: &Reconstruction, mesh: &TriangleMesh) {
+        let last = run.numbers().last().copied().unwrap_or(0);
+        with_elements(run.map(), |elements| {
+            self.history.finish(last, mesh, elements)
+        });
+    }
+
+    /// Small images of the recorded keyframes, made in parallel; those that cannot be read any more are left out.
+    pub(crate) fn images(&self, run: &PageRun<'_>) -> anyhow::Result<Vec<KeyframeImage>> {
+        let wanted: Vec<(usize, &Vec<[[f64; 2]; 2]>)> = self
+            .segments_px
+            .iter()
+            .map(|(keyframe, segments)| (*keyframe as usize, segments))
+            .collect();
+        let images: Result<Vec<Option<KeyframeImage>>, image::ImageError> = wanted
+            .into_par_iter()
+            .map(|(keyframe, segments)| {
+                let Ok(image) = run.sequence.load_color(run.numbers[keyframe]) else {
+                    return Ok(None);
+                };
+                keyframe_image(keyframe, &image, segments).map(Some)
+            })
+            .collect();
+        let images = images.context("the images of the page cannot be encoded")?;
+        Ok(images.into_iter().flatten().collect())
+    }
+}
+
+/// Hands over what the map is made of.
+fn with_elements(map: &Map, take: impl FnOnce(Elements<'_>)) {
+    match map.segments() {
+        Some(segments) => take(Elements::Lines {
+            segments: segments.ends(),
+            clusters: &segments.clusters(),
+        }),
+        None => take(Elements::Points(&map.points())),
+    }
+}
+
+/// A page about a sequence, without surfaces yet; `mesh` is what the view from outside is to hold.
+pub(crate) fn page_of(run: &PageRun<'_>, command: &str, mesh: &TriangleMesh) -> Page {
+    let sequence = run.sequence;
+    let folder = sequence.folder();
+    let name = folder.file_name().unwrap_or(folder.as_os_str());
+    let poses = &run.poses;
+    let mut facts = vec![
+        ("command".to_owned(), format!("linecarve {command}")),
+        ("layout".to_owned(), sequence.layout().to_owned()),
+        (
+            "frames, keyframes".to_owned(),
+            format!("{}, {}", sequence.frames().len(), poses.len()),
+        ),
+        (
+            "median depth".to_owned(),
+            format!("{:.3} units of the poses", run.median_depth),
+        ),
+    ];
+    if run.origin.norm() > 0.0 {
+        let [x, y, z]: [f64; 3] = run.origin.into();
+        facts.push((
+            "shown relative to".to_owned(),
+            format!("({x}, {y}, {z}) of the poses"),
+        ));
+    }
+    Page {
+        title: name.to_string_lossy().into_owned(),
+        subtitle: String::new(),
+        generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")).to_owned(),
+        up: up_direction(poses),
+        median_depth: run.median_depth,
+        camera: run.camera,
+        outside: outside_view(mesh, poses, run.median_depth),
+        keyframes: run
+            .names
+            .iter()
+            .zip(poses)
+            .map(|(name, pose)| PageKeyframe::new(name, pose))
+            .collect(),
+        surfaces: Vec::new(),
+        error_scale: None,
+        tables: Vec::new(),
+        count_plots: Vec::new(),
+        facts,
+        warnings: Vec::new(),
+        images: Vec::new(),
+    }
+}
+
+/// From outside and above; around the path of the camera when there is no surface.
+fn outside_view(mesh: &TriangleMesh, poses: &[Isometry3<f64>], median_depth: f64) -> OutsideView {
+    let view = View::dollhouse(mesh, poses, OUTSIDE_SIZE)
+        .or_else(|| View::dollhouse(&around_path(poses, median_depth), poses, OUTSIDE_SIZE));
+    let view = view.unwrap_or_else(|| View {
+        camera: linecarve_lines::camera::Camera::pinhole(500.0, 500.0, 319.5, 239.5)
+            .expect("a pinhole camera with positive focal lengths"),
+        width: OUTSIDE_SIZE.0,
+        height: OUTSIDE_SIZE.1,
+        world_from_camera: poses.first().copied().unwrap_or_else(Isometry3::identity),
+        up: up_direction(poses),
+    });
+    let eye = view.world_from_camera.translation.vector;
+    let forward = view.world_from_camera.rotation * Vector3::z();
+    // The middle of what is looked at: where the mean of the vertices lies along the view.
+    let places: Vec<Point3<f64>> = if mesh.positions.is_empty() {
+        poses
+            .iter()
+            .map(|pose| Point3::from(pose.translation.vector))
+            .collect()
+    } else {
+        mesh.positions.clone()
+    };
+    let along: f64 = places
+        .iter()
+        .map(|place| (place.coords - eye).dot(&forward))
+        .sum();
+    let distance = along / places.len().max(1) as f64;
+    OutsideView::new(
+        &view,
+        if distance > 0.0 {
+            distance
+        } else {
+            median_depth
+        },
+    )
+}
+
+/// Triangles that reach a median depth beyond the path of the camera.
+fn around_path(poses: &[Isometry3<f64>], median_depth: f64) -> TriangleMesh {
+    let mut mesh = TriangleMesh::default();
+    for pose in poses {
+        for side in [-1.0, 1.0] {
+            let first = mesh.positions.len() as u32;
+            for axis in 0..3 {
+                let mut place = Point3::from(pose.translation.vector);
+                place[axis] += side * median_depth;
+                mesh.positions.push(place);
+            }
+            mesh.triangles.push([first, first + 1, first + 2]);
+        }
+    }
+    mesh
+}
+
+/// The milliseconds of each stage over the keyframes of the page; stages that took no time anywhere are left out.
+fn stage_timing(chosen: &[usize], reports: &[KeyframeReport]) -> Vec<StageTiming> {
+    type Stage = (&'static str, fn(&StageTimes) -> f64);
+    let stages: [Stage; 11] = [
+        ("load", |times| times.load),
+        ("depth", |times| times.depth),
+        ("edges", |times| times.edges),
+        ("features", |times| times.features),
+        ("fit", |times| times.fit),
+        ("cluster", |times| times.cluster),
+        ("points", |times| times.points),
+        ("carve", |times| times.carve),
+        ("support", |times| times.support),
+        ("surface", |times| times.surface),
+        ("write", |times| times.write),
+    ];
+    stages
+        .into_iter()
+        .map(|(name, time)| StageTiming {
+            name,
+            milliseconds: over_keyframes(chosen, reports, |report| time(&report.milliseconds)),
+        })
+        .filter(|stage| stage.milliseconds.iter().flatten().any(|time| *time > 0.0))
+        .collect()
+}
+
+/// A value for each keyframe of the page, `None` for those without a report.
+fn over_keyframes(
+    chosen: &[usize],
+    reports: &[KeyframeReport],
+    value: impl Fn(&KeyframeReport) -> f64,
+) -> Vec<Option<f64>> {
+    let by_frame: BTreeMap<usize, &KeyframeReport> = reports
+        .iter()
+        .map(|report| (report.index, report))
+        .collect();
+    chosen
+        .iter()
+        .map(|frame| by_frame.get(frame).map(|report| value(report)))
+        .collect()
+}
+
+/// The surface of a run on its page.
+pub(crate) fn page_surface(
+    name: &'static str,
+    label: &str,
+    recorder: PageRecorder,
+    chosen: &[usize],
+    reports: &[KeyframeReport],
+) -> PageSurface {
+    PageSurface {
+        name,
+        label: label.to_owned(),
+        history: recorder.history,
+        errors: None,
+        timing: stage_timing(chosen, reports),
+    }
+}
+
+/// Curves of what the map holds after each keyframe.
+pub(crate) fn growth_plots(chosen: &[usize], runs: &[(&str, &[KeyframeReport])]) -> Vec<CountPlot> {
+    type Count = (&'static str, fn(&KeyframeReport) -> f64);
+    let counts: [Count; 2] = [
+        ("triangles between free and occupied space", |report| {
+            report.triangles as f64
+        }),
+        ("triangles that came and went with the keyframe", |report| {
+            report.changed_triangles as f64
+        }),
+    ];
+    counts
+        .into_iter()
+        .map(|(title, count)| CountPlot {
+            title: title.to_owned(),
+            series: runs
+                .iter()
+                .map(|(name, reports)| Series {
+                    name: (*name).to_owned(),
+                    values: over_keyframes(chosen, reports, count),
+                })
+                .collect(),
+        })
+        .collect()
+}
+
+/// `12 345` as people read it: groups of three digits, a thin space between.
+pub(crate) fn grouped(number: usize) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            text.push('\u{2009}');
+        }
+        text.push(digit);
+    }
+    text
+}

@@ -1,0 +1,88 @@
+//! What a page tells of the recording.
+
+use linecarve_lines::camera::Camera;
+use linecarve_sequence::{ModelView, Sequence};
+use nalgebra::{Isometry3, Vector3};
+
+use crate::map::Map;
+use crate::recording::Recording;
+use crate::report::page::PageCamera;
+
+/// What a page tells of the sequence and the keyframes of a run.
+pub(crate) struct PageRun<'a> {
+    pub(crate) sequence: &'a Sequence,
+    /// The number by which reports know each keyframe: that of its frame, or of its view in a model.
+    pub(crate) numbers: &'a [usize],
+    /// Name of each keyframe.
+    pub(crate) names: Vec<&'a str>,
+    /// `point_in_map = pose * point_in_camera` of each keyframe, in the frame of computation.
+    pub(crate) poses: Vec<Isometry3<f64>>,
+    /// The camera that is drawn for all of them.
+    pub(crate) camera: PageCamera,
+    /// Median scene depth in units of the poses.
+    pub(crate) median_depth: f64,
+    /// Subtracted from all coordinates during computation.
+    pub(crate) origin: Vector3<f64>,
+}
+
+impl<'a> PageRun<'a> {
+    /// A run over a recording that ended with `map`.
+    pub(crate) fn new(recording: &'a Recording, map: &Map) -> Self {
+        let richest = map.model().zip(map.richest_view());
+        let of_model = richest.and_then(|((model, _), view)| view_camera(&model.views[view]));
+        let (camera, (width, height)) = of_model.unwrap_or_else(|| {
+            let size = recording.sequence.color_size();
+            let camera = recording.sequence.color_camera().clone();
+            (camera, (size.width, size.height))
+        });
+        Self::with_camera(recording, &camera, (width, height), map.median_depth())
+    }
+
+    /// A run over the keyframes of a sequence.
+    pub(crate) fn of_keyframes(recording: &'a Recording) -> Self {
+        let size = recording.sequence.color_size();
+        let camera = recording.sequence.color_camera();
+        let size = (size.width, size.height);
+        Self::with_camera(recording, camera, size, recording.median_depth)
+    }
+
+    fn with_camera(
+        recording: &'a Recording,
+        camera: &Camera,
+        (width, height): (u32, u32),
+        median_depth: Option<f64>,
+    ) -> Self {
+        let count = recording.keyframes.len();
+        Self {
+            sequence: &recording.sequence,
+            numbers: &recording.keyframes,
+            names: (0..count)
+                .map(|number| recording.keyframe_name(number))
+                .collect(),
+            poses: recording.keyframe_poses(),
+            camera: PageCamera {
+                fx: camera.fx(),
+                fy: camera.fy(),
+                cx: camera.cx(),
+                cy: camera.cy(),
+                width,
+                height,
+            },
+            median_depth: median_depth.unwrap_or(1.0),
+            origin: recording.origin,
+        }
+    }
+}
+
+/// The camera of a view with width and height of its images, `None` when the model does not say.
+pub(crate) fn view_camera(view: &ModelView) -> Option<(Camera, (u32, u32))> {
+    let camera = view.camera.as_ref()?;
+    // The principal point is near the middle of an image of unknown size.
+    let side = |c: f64| 2.0 * c + 1.0;
+    let [width, height] = view.size_px.map_or_else(
+        || [side(camera.cx()), side(camera.cy())],
+        |size| size.map(f64::from),
+    );
+    let clamped = |side: f64| side.clamp(16.0, 8192.0) as u32;
+    Some((camera.clone(), (clamped(width), clamped(height))))
+}

@@ -1,0 +1,161 @@
+//! Everything that a reconstruction writes at its end.
+
+use std::time::Instant;
+
+use anyhow::Context;
+use linecarve_mesh::diff::Tolerance;
+use linecarve_mesh::render::write_png;
+use linecarve_mesh::{LineSet, write_glb, write_points_ply};
+use linecarve_sequence::SparseModel;
+use serde::Serialize;
+
+use super::feature_edges;
+use super::output::{Format, OutputFolder, write_poses};
+use super::page::PageRecorder;
+use super::picture::{crosses, draw_picture};
+use super::report::RunLog;
+use super::simplified::simplified;
+use super::surface_files::SurfaceFiles;
+use super::surface_page::write_surface_page;
+use crate::reconstruction::Reconstruction;
+use crate::recording::{Source, lens_warning};
+use crate::run::{Verbosity, milliseconds};
+
+/// What is written.
+pub(crate) struct ResultSettings<'a> {
+    /// Formats of meshes and lines.
+    pub(crate) formats: &'a [Format],
+    /// Tolerance of a simplification of the final mesh.
+    pub(crate) simplify: Option<Tolerance>,
+    /// Whether `picture.png` is drawn.
+    pub(crate) picture: bool,
+    /// Number of the keyframe that the picture shows.
+    pub(crate) richest: Option<usize>,
+    pub(crate) verbosity: Verbosity,
+}
+
+/// What a run ended with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Finished {
+    /// Whether the mesh has no triangle.
+    pub(crate) is_empty: bool,
+}
+
+/// Writes the results of a finished reconstruction and notes them in the report, which itself is not written yet.
+///
+/// # Errors
+/// When a file cannot be written.
+pub(crate) fn write_results<P: Serialize>(
+    run: &Reconstruction,
+    settings: &ResultSettings<'_>,
+    page: Option<PageRecorder>,
+    output: &mut OutputFolder,
+    log: &mut RunLog<P>,
+) -> anyhow::Result<Finished> {
+    let (recording, map) = (run.recording(), run.map());
+    let lines = map
+        .segments()
+        .map(|segments| (segments.segments(), segments.clusters()));
+    let no_lines = LineSet::default();
+    let clusters = lines.as_ref().map_or(&no_lines, |(_, clusters)| clusters);
+    let start = Instant::now();
+    let mesh = simplified(map.surface(), clusters, settings.simplify)?;
+    let extracted = milliseconds(start.elapsed());
+    let edges = feature_edges::final_mesh_edges(&mesh, clusters, settings.simplify)?;
+    let is_empty = mesh.is_empty();
+
+    log.set_median_depth(map.median_depth());
+    let points = map.feature_points();
+    let lens_k1 = points.and_then(|points| points.lens().k1());
+    if let Some(k1) = lens_k1 {
+        log.warn(lens_warning(k1));
+    }
+    let result = log.result();
+    result.feature_edges = Some(feature_edges::summary(&edges));
+    if let Some(segments) = map.segments() {
+        result.segments = segments.segment_count();
+        result.clusters = segments.cluster_count();
+    }
+    let carver = map.carver();
+    result.points = carver.point_count();
+    result.rays = carver.ray_count();
+    result.cells = carver.tetrahedra().finite_cell_count();
+    result.vertices = mesh.positions.len();
+    result.triangles = mesh.triangles.len();
+    result.surface_milliseconds = (recording.source == Source::Model).then_some(extracted);
+    result.lens_k1 = lens_k1;
+    result.reprojection_rms_px = points
+        .map(|points| points.quality())
+        .and_then(|quality| (quality.points > 0).then_some(quality.reprojection_rms_px));
+
+    if let Some(page) = page {
+        write_surface_page(&output.file("report.html"), run, page, &mesh, log)?;
+    }
+    let cloud = cloud(run);
+    if settings.picture {
+        // Drawn before the origin is added again: ray casts want coordinates near zero.
+        let marks = match &cloud {
+            Some(cloud) => {
+                let share = if recording.source == Source::Model {
+                    0.004
+                } else {
+                    0.006
+                };
+                crosses(&cloud.points, share * map.median_depth().unwrap_or(0.0))
+            }
+            None => clusters.clone(),
+        };
+        let picture = draw_picture(run, &mesh, &marks, settings.richest, settings.verbosity)
+            .context("the picture could not be made (--no-picture leaves it out)")?;
+        if let Some(picture) = picture {
+            write_png(&output.file("picture.png"), &picture)?;
+        }
+    }
+    let origin = &recording.origin;
+    if let Some(mut cloud) = cloud {
+        cloud.translate(origin);
+        let path = output.file("points.ply");
+        write_points_ply(&path, &cloud.points, cloud.colors.as_deref())?;
+    }
+    if let Some(poses) = run.corrected_poses() {
+        write_poses(output, &recording.sequence, poses.into_iter())?;
+    }
+    let mut surface = SurfaceFiles {
+        mesh,
+        lines,
+        edges: edges.lines,
+    };
+    surface.translate(origin);
+    surface.write(output, "", settings.formats, origin)?;
+    if surface.lines.is_some() && settings.formats.contains(&Format::Glb) {
+        let parts = surface.parts();
+        write_glb(&output.file("scene.glb"), &parts, origin)?;
+    }
+    Ok(Finished { is_empty })
+}
+
+/// The carved points with their colours, in the frame of computation; `None` when the map is made of lines.
+fn cloud(run: &Reconstruction) -> Option<LineSet> {
+    let map = run.map();
+    let model = match map.feature_points() {
+        Some(points) => {
+            let recording = run.recording();
+            points.model(|number| recording.keyframe_name(run.numbers()[number]).to_owned())
+        }
+        None => map.carved_model()?,
+    };
+    Some(cloud_of(&model))
+}
+
+/// The points of a model with their colours, which are left out unless all have one.
+fn cloud_of(model: &SparseModel) -> LineSet {
+    LineSet {
+        points: model
+            .points
+            .iter()
+            .map(|point| point.point_in_world)
+            .collect(),
+        lines: Vec::new(),
+        colors: model.points.iter().map(|point| point.color).collect(),
+    }
+}
