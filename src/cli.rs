@@ -156,7 +156,7 @@ pub struct StageArgs {
     #[arg(long, value_enum, default_value_t = DepthArg::Auto)]
     pub depth: DepthArg,
 
-    /// TOML file with the parameters of the stages; flags win over it. `report.json` of a run holds them all.
+    /// TOML file with parameters (docs/configuration.md); flags override it. `report.json` of a run has them as `parameters`.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 

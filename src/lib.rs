@@ -20,6 +20,7 @@
 pub mod cli;
 pub mod commands;
 pub mod compare;
+pub mod configuration;
 pub mod front_end;
 pub mod map;
 mod mapper;

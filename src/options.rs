@@ -1,6 +1,4 @@
-//! The parameters of every stage, as `--config` reads and `report.json` repeats them.
-
-use std::path::{Path, PathBuf};
+//! The parameters of every stage. Users set the few of [`crate::configuration::Configuration`].
 
 use linecarve_carving::labels::CutOptionsError;
 use linecarve_lines::ExtractOptions;
@@ -9,19 +7,18 @@ use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
 use linecarve_lines::depth::{EdgeDepthOptions, SensorNoise};
 use linecarve_lines::edges::EdgeOptions;
 use linecarve_lines::fit::FitOptions;
-use serde::{Deserialize, Serialize};
 
 use crate::front_end::SemiDenseStage;
 use crate::map::{
     CutSettings, LabelKind, LandmarkOptions, PointModelOptions, SegmentPointOptions,
     SurfacePointOptions,
 };
+use linecarve_mesh::diff::Tolerance;
 use linecarve_points::{MapPointOptions, PointOptionsError, PoseCorrectionOptions};
 use linecarve_sequence::KeyframeOptions;
 
-/// The parameters of every stage. A missing section or key has its default; an unknown one is refused.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+/// The parameters of every stage.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
     /// Which frames become keyframes.
     pub keyframes: KeyframeOptions,
@@ -55,11 +52,12 @@ pub struct Options {
     pub carving: CarvingOptions,
     /// The surface that is written.
     pub surface: SurfaceOptions,
+    /// Simplification of the final mesh.
+    pub simplify: SimplifySettings,
 }
 
 /// The images.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ImageOptions {
     /// Larger images are computed on at a whole fraction of their size, where no side is longer than this; 0: as they are.
     /// Sequences with depth images are left alone.
@@ -85,8 +83,7 @@ impl Default for ImageOptions {
 }
 
 /// The depth camera.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorOptions {
     /// Standard deviation of a depth at the scene's median depth, as a share of it. Inverse depth has the same deviation
     /// everywhere.
@@ -102,8 +99,7 @@ impl Default for SensorOptions {
 }
 
 /// Free space.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CarvingOptions {
     /// How tetrahedra are labelled.
     pub labels: LabelKind,
@@ -139,8 +135,7 @@ impl Default for CarvingOptions {
 }
 
 /// The surface that is written.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceOptions {
     /// Where depth is not dense, triangles with an edge longer than this share of the scene's median depth are left out:
     /// they span what no keyframe measured. Points of edges and corners lie far apart, so that shorter bounds cost more of the
@@ -169,25 +164,19 @@ impl Default for SurfaceOptions {
     }
 }
 
+/// Simplification of the final mesh.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SimplifySettings {
+    /// Largest distance between the mesh and the simplified mesh. `None`: the mesh is not simplified.
+    pub tolerance: Option<Tolerance>,
+    /// Largest distance by which boundary edges move within the surface. `None`: half the median length of the boundary
+    /// edges, at most 20 tolerances.
+    pub boundary_tolerance: Option<Tolerance>,
+}
+
 /// Why parameters are refused.
 #[derive(Debug, thiserror::Error)]
 pub enum OptionsError {
-    /// The file cannot be read.
-    #[error("cannot read the configuration {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
-    /// The file is not what it should be; the message tells line and key.
-    #[error("the configuration {} is refused: {source}", path.display())]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Where and why.
-        source: Box<toml::de::Error>,
-    },
     /// A setting of the labels by minimum cut is out of range.
     #[error("carving.cut: {0}")]
     Cut(#[from] CutOptionsError),
@@ -210,23 +199,6 @@ pub enum OptionsError {
 }
 
 impl Options {
-    /// Reads a TOML file.
-    ///
-    /// # Errors
-    /// When the file cannot be read, has an unknown key, or a value out of range.
-    pub fn read(path: &Path) -> Result<Self, OptionsError> {
-        let text = std::fs::read_to_string(path).map_err(|source| OptionsError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        let options: Self = toml::from_str(&text).map_err(|source| OptionsError::Parse {
-            path: path.to_owned(),
-            source: Box::new(source),
-        })?;
-        options.validate()?;
-        Ok(options)
-    }
-
     /// What the front end takes.
     pub fn extract(&self) -> ExtractOptions {
         ExtractOptions {
@@ -333,36 +305,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_defaults_are_within_range_and_survive_the_file() {
-        let options = Options::default();
-        options.validate().unwrap();
-        let text = toml::to_string(&options).unwrap();
-        assert_eq!(toml::from_str::<Options>(&text).unwrap(), options);
+    fn the_defaults_are_within_range() {
+        Options::default().validate().unwrap();
     }
 
     #[test]
-    fn faults_name_file_and_key() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("options.toml");
-        for (text, expected) in [
-            ("[carving]\nfree_treshold = 2\n", "free_treshold"),
-            ("[landmarks]\nlateral_px = -1.0\n", "landmarks.lateral_px"),
-            ("[carving]\nfree_threshold = 0\n", "carving.free_threshold"),
-            ("[carving]\nlabels = \"cuts\"\n", "cuts"),
+    fn faults_name_the_key() {
+        let faults: [(fn(&mut Options), &str); 5] = [
+            (|o| o.landmarks.lateral_px = -1.0, "landmarks.lateral_px"),
+            (|o| o.carving.free_threshold = 0, "carving.free_threshold"),
             (
-                "[carving]\nleast_ray_angle_deg = nan\n",
+                |o| o.carving.least_ray_angle_deg = f64::NAN,
                 "carving.least_ray_angle_deg",
             ),
             (
-                "[carving]\nleast_segment_angle_deg = 46.0\n",
+                |o| o.carving.least_segment_angle_deg = 46.0,
                 "carving.least_segment_angle_deg",
             ),
-            ("[carving.cut]\nbehind_sigmas = -1.0\n", "behind_sigmas"),
-            ("[carving\n", "options.toml"),
-        ] {
-            std::fs::write(&path, text).unwrap();
-            let message = Options::read(&path).unwrap_err().to_string();
-            assert!(message.contains(expected), "{message}");
+            (|o| o.carving.cut.behind_sigmas = -1.0, "behind_sigmas"),
+        ];
+        for (fault, key) in faults {
+            let mut options = Options::default();
+            fault(&mut options);
+            let message = options.validate().unwrap_err().to_string();
+            assert!(message.contains(key), "{message}");
         }
     }
 }

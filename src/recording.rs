@@ -379,9 +379,9 @@ impl Recording {
         }
     }
 
-    /// What a run over this recording with these parameters is, line by line. A run of another description cannot go on with
+    /// What a run over this recording is, line by line. A run of another description cannot go on with
     /// its checkpoint.
-    pub fn description(&self, parameters: &str) -> String {
+    pub fn description(&self) -> String {
         let folder = self.sequence.folder();
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         let source = match self.source {
@@ -391,11 +391,12 @@ impl Recording {
             Source::Model => "model",
         };
         let mut text = format!(
-            "linecarve {}\nfrom {source} with depth {}\nsequence {}\nlayout {}\n{parameters}",
+            "linecarve {}\nfrom {source} with depth {}\nsequence {}\nlayout {}\noptions {:?}\n",
             env!("CARGO_PKG_VERSION"),
             self.depth_name(),
             folder.display(),
-            self.sequence.layout()
+            self.sequence.layout(),
+            self.options
         );
         for (number, frame) in self.keyframes.iter().enumerate() {
             let Some(frame) = self.sequence.frames().get(*frame) else {

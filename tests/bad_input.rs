@@ -4,6 +4,7 @@ mod program;
 
 use std::path::{Path, PathBuf};
 
+use linecarve::{Options, Reconstruction};
 use program::{expect_status, small_sequence, stderr};
 
 fn text(path: &Path) -> &str {
@@ -190,26 +191,22 @@ fn images_without_edges_give_the_planes_that_depth_shows_or_status_one_and_a_rea
     }
     let said = reconstruct(0, &sequence, &folder.path().join("planes"));
     assert!(said.contains(" 0 segments"), "{said}");
-    let config = folder.path().join("lines-alone.toml");
-    std::fs::write(&config, "[surface_points]\nenabled = false\n").unwrap();
+    // Without points from planes nothing is left.
+    let mut options = Options::default();
+    options.surface_points.enabled = false;
+    let mut run = Reconstruction::open(&sequence, options).expect("images can be read");
+    while run.advance().expect("images can be read").is_some() {}
+    assert!(run.surface().is_empty());
     let out = folder.path().join("out");
-    let arguments = [
-        "reconstruct",
-        text(&sequence),
-        "--config",
-        text(&config),
-        "--out",
-        text(&out),
-    ];
-    let said = stderr(&expect_status(1, arguments));
-    assert!(said.contains("empty"), "{said}");
+    let output = expect_status(1, ["lines", text(&sequence), "--out", text(&out)]);
+    assert!(stderr(&output).contains("have no edges"), "{output:?}");
 }
 
 #[test]
 fn an_unknown_key_in_the_configuration_is_named() {
     let folder = small_sequence(1, "tum");
     let config = folder.path().join("linecarve-config.toml");
-    std::fs::write(&config, "[landmarks]\nlateral_pixels = 3.0\n").unwrap();
+    std::fs::write(&config, "[carving]\nfree_treshold = 3\n").unwrap();
     let output = expect_status(
         2,
         [
@@ -223,7 +220,8 @@ fn an_unknown_key_in_the_configuration_is_named() {
     );
     let said = stderr(&output);
     assert!(
-        said.contains("linecarve-config.toml") && said.contains("lateral_pixels"),
+        said.contains("linecarve-config.toml, line 2: unknown key `carving.free_treshold`")
+            && said.contains("did you mean `carving.free_threshold`?"),
         "{said}"
     );
 }

@@ -13,7 +13,7 @@ pub struct StreamArgs {
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 
-    /// TOML file with the parameters of the stages.
+    /// TOML file with parameters (docs/configuration.md).
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 

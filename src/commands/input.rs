@@ -1,6 +1,7 @@
 //! What the options of the command line ask for.
 
 use crate::cli::{DepthArg, KeyframeArgs, SequenceArgs, StageArgs};
+use crate::configuration::Configuration;
 use crate::options::Options;
 use crate::recording::{DepthChoice, Input, Selection, Source};
 use crate::run::Verbosity;
@@ -49,7 +50,7 @@ fn open_options(args: &SequenceArgs) -> OpenOptions {
 /// The parameters of all stages: those of the configuration, with the flags on top.
 pub(super) fn parameters(stages: &StageArgs, selection: &KeyframeArgs) -> anyhow::Result<Options> {
     let mut options = match &stages.config {
-        Some(path) => Options::read(path)?,
+        Some(path) => Configuration::read(path)?.options(),
         None => Options::default(),
     };
     let size = &mut options.images.longest_side_px;

@@ -25,8 +25,7 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         verbosity,
     );
     let recording = Recording::open(&input, options)?;
-    let parameters = recording.options.clone();
-    let mut log = RunLog::begin("lines", &recording, parameters, verbosity);
+    let mut log = RunLog::begin("lines", &recording, verbosity);
     let mut run = Reconstruction::new(recording, RunOptions::default())?;
     run.run(CancelToken::default(), &mut [&mut log])?;
     log.finish_progress();

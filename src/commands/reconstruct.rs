@@ -23,6 +23,8 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let mut options = parameters(&args.stages, &args.selection)?;
     let labels = &mut options.carving.labels;
     *labels = args.labels.map_or(*labels, Into::into);
+    let simplification = &mut options.simplify;
+    simplification.tolerance = args.simplify.or(simplification.tolerance);
     let source = match args.from {
         SurfaceSource::Lines => Source::Lines,
         SurfaceSource::MapPoints => Source::MapPoints,
@@ -40,13 +42,11 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         !(is_model && args.final_only && args.memory_limit.is_some()),
         "--memory-limit is checked between views, and --final-only carves all at once: leave one of them out"
     );
-    let parameters = recording.options.clone();
-    let mut log = RunLog::begin("reconstruct", &recording, parameters, verbosity);
+    let mut log = RunLog::begin("reconstruct", &recording, verbosity);
     let checkpoint = if is_model {
         None
     } else {
-        let parameters = toml::to_string(&recording.options)?;
-        let description = recording.description(&parameters);
+        let description = recording.description();
         Some(Checkpoint::open(output.root(), &description, args.resume)?)
     };
     let settings = RunOptions {
@@ -82,7 +82,6 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let formats = args.stages.formats();
     let settings = ResultSettings {
         formats: &formats,
-        simplify: args.simplify,
         picture: !args.no_picture,
         richest: richest.order(),
         verbosity,

@@ -6,6 +6,7 @@ use anyhow::Context;
 
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
+use crate::configuration::Configuration;
 use crate::options::Options;
 use crate::run::Verbosity;
 use crate::sinks::OutputFolder;
@@ -18,7 +19,7 @@ const LONGEST_MESSAGE: u64 = 1 << 28;
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let options = match &args.config {
-        Some(path) => Options::read(path)?,
+        Some(path) => Configuration::read(path)?.options(),
         None => Options::default(),
     };
     let mut output = args.out.as_deref().map(OutputFolder::create).transpose()?;

@@ -4,7 +4,6 @@ use linecarve_lines::depth::semi_dense::{
     NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions, WitnessOptions,
 };
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
-use serde::{Deserialize, Serialize};
 
 /// Where the depth of keyframes comes from.
 #[derive(Debug, Clone)]
@@ -45,8 +44,7 @@ impl DepthSource {
 }
 
 /// Depth from neighbouring keyframes.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SemiDenseStage {
     /// Keyframes before one that may be its neighbours.
     pub past: usize,
@@ -62,7 +60,6 @@ pub struct SemiDenseStage {
     /// Which keyframes are neighbours.
     pub neighbours: NeighbourOptions,
     /// How edge pixels are matched.
-    #[serde(rename = "match")]
     pub matching: SemiDenseOptions,
     /// Which depths the maps of other keyframes confirm.
     pub confirm: WitnessOptions,

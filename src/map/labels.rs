@@ -19,8 +19,7 @@ pub enum LabelKind {
 }
 
 /// Settings of the labels by minimum cut; see `CutOptions` of the carving library.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutSettings {
     /// The standard deviation of a point is taken as this many times the one measured.
     pub sigma_factor: f64,

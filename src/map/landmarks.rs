@@ -8,11 +8,9 @@
 use nalgebra::{Point3, Unit, Vector3};
 use rstar::primitives::GeomWithData;
 use rstar::{AABB, RTree};
-use serde::{Deserialize, Serialize};
 
 /// When two measurements are of one point.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LandmarkOptions {
     /// Whether measurements are joined at all; otherwise each is a point of its own, as in the paper.
     pub join: bool,

@@ -7,14 +7,12 @@ use linecarve_carving::carver::{Carver, PointId, Transaction};
 use linecarve_points::parallax_cosine;
 use linecarve_sequence::{ModelPoint, SparseModel};
 use nalgebra::Point3;
-use serde::{Deserialize, Serialize};
 
 use super::error::MapError;
 use super::update::MapUpdate;
 
 /// Which points of a model are carved.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointModelOptions {
     /// A point is carved when this many views see it ...
     pub min_views: usize,

@@ -4,14 +4,12 @@ use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
 use linecarve_lines::fit::Segment;
 use nalgebra::{Isometry3, Point2, Point3, Unit};
-use serde::{Deserialize, Serialize};
 
 use super::landmarks::Measurement;
 use crate::front_end::EdgePoint;
 
 /// Which points of a segment are carved.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SegmentPointOptions {
     /// Besides its end points a segment gets points in between, so that neighbours are at most this far apart in the
     /// image. `None`: end points alone, as in the paper.

@@ -7,13 +7,11 @@ use linecarve_lines::triangulation::{
     ImageTriangulation, ImageVertex, RefineOptions, SampleOptions, SurfaceSamples,
 };
 use nalgebra::{Isometry3, Point2, Point3, Unit};
-use serde::{Deserialize, Serialize};
 
 use super::landmarks::Measurement;
 
 /// Points between the segments, where depth is dense.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePointOptions {
     /// Whether there are any; otherwise segments alone make the map.
     pub enabled: bool,

@@ -22,7 +22,7 @@ pub struct Report<P: Serialize> {
     pub from: &'static str,
     /// What was read.
     pub sequence: SequenceSummary,
-    /// Every parameter of every stage; as TOML it is a `--config` that repeats the run.
+    /// The user configuration of the run; as TOML it is a `--config` that repeats the run.
     pub parameters: P,
     /// One entry a keyframe, in the order of processing.
     pub keyframes: Vec<KeyframeReport>,

@@ -6,6 +6,7 @@ use anyhow::Context;
 use serde::Serialize;
 
 use super::keyframe_reports::KeyframeReports;
+use crate::configuration::Configuration;
 use crate::front_end::FrontEndError;
 use crate::map::Map;
 use crate::mapper::KeyframeUpdate;
@@ -18,13 +19,13 @@ use crate::run::{Cancelled, Verbosity, peak_mb};
 use crate::sinks::output::OutputFolder;
 
 /// Collects the report of a run and shows its progress.
-pub(crate) struct RunLog<P: Serialize> {
-    report: Report<P>,
+pub(crate) struct RunLog {
+    report: Report<Configuration>,
     verbosity: Verbosity,
     keyframes: KeyframeReports,
 }
 
-impl<P: Serialize + Send> Sink for RunLog<P> {
+impl Sink for RunLog {
     fn update(
         &mut self,
         recording: &Recording,
@@ -39,12 +40,11 @@ impl<P: Serialize + Send> Sink for RunLog<P> {
     }
 }
 
-impl<P: Serialize> RunLog<P> {
-    /// Begins a run of a command over a recording with these parameters. Warnings of its preparation are printed.
+impl RunLog {
+    /// Begins a run of a command over a recording. Warnings of its preparation are printed.
     pub(crate) fn begin(
         command: &'static str,
         recording: &Recording,
-        parameters: P,
         verbosity: Verbosity,
     ) -> Self {
         if verbosity > Verbosity::Quiet {
@@ -84,7 +84,7 @@ impl<P: Serialize> RunLog<P> {
                     origin: recording.origin.into(),
                     poses: recording.poses,
                 },
-                parameters,
+                parameters: Configuration::of(&recording.options),
                 keyframes: Vec::new(),
                 result: ResultSummary::default(),
                 warnings: recording.warnings.clone(),

@@ -3,11 +3,9 @@
 use std::time::Instant;
 
 use anyhow::Context;
-use linecarve_mesh::diff::Tolerance;
 use linecarve_mesh::render::write_png;
 use linecarve_mesh::{LineSet, write_glb, write_points_ply};
 use linecarve_sequence::SparseModel;
-use serde::Serialize;
 
 use super::feature_edges;
 use super::output::{Format, OutputFolder, write_poses};
@@ -25,8 +23,6 @@ use crate::run::{Verbosity, milliseconds};
 pub(crate) struct ResultSettings<'a> {
     /// Formats of meshes and lines.
     pub(crate) formats: &'a [Format],
-    /// Tolerance of a simplification of the final mesh.
-    pub(crate) simplify: Option<Tolerance>,
     /// Whether `picture.png` is drawn.
     pub(crate) picture: bool,
     /// Number of the keyframe that the picture shows.
@@ -45,12 +41,12 @@ pub(crate) struct Finished {
 ///
 /// # Errors
 /// When a file cannot be written.
-pub(crate) fn write_results<P: Serialize>(
+pub(crate) fn write_results(
     run: &Reconstruction,
     settings: &ResultSettings<'_>,
     page: Option<PageRecorder>,
     output: &mut OutputFolder,
-    log: &mut RunLog<P>,
+    log: &mut RunLog,
 ) -> anyhow::Result<Finished> {
     let (recording, map) = (run.recording(), run.map());
     let lines = map
@@ -58,10 +54,11 @@ pub(crate) fn write_results<P: Serialize>(
         .map(|segments| (segments.segments(), segments.clusters()));
     let no_lines = LineSet::default();
     let clusters = lines.as_ref().map_or(&no_lines, |(_, clusters)| clusters);
+    let simplification = recording.options.simplify;
     let start = Instant::now();
-    let mesh = simplified(map.surface(), clusters, settings.simplify)?;
+    let mesh = simplified(map.surface(), clusters, simplification)?;
     let extracted = milliseconds(start.elapsed());
-    let edges = feature_edges::final_mesh_edges(&mesh, clusters, settings.simplify)?;
+    let edges = feature_edges::final_mesh_edges(&mesh, clusters, simplification.tolerance)?;
     let is_empty = mesh.is_empty();
 
     log.set_median_depth(map.median_depth());

@@ -7,26 +7,32 @@ use linecarve_mesh::simplify::{
 use linecarve_mesh::{LineSet, TriangleMesh};
 use nalgebra::Point3;
 
+use crate::options::SimplifySettings;
+
 /// The tolerance when none is given.
 pub(crate) const DEFAULT_TOLERANCE: Tolerance = Tolerance::ShareOfDiagonal(0.02 / 100.0);
 /// The same as written on the command line.
 pub(crate) const DEFAULT_TOLERANCE_TEXT: &str = "0.02%";
 
-/// The mesh, simplified when there is a tolerance; mesh edges along `lines` are kept.
+/// The mesh, simplified when the settings have a tolerance; mesh edges along `lines` are kept.
 ///
 /// # Errors
 /// When the tolerance is out of range.
 pub(crate) fn simplified(
     mesh: TriangleMesh,
     lines: &LineSet,
-    tolerance: Option<Tolerance>,
+    settings: SimplifySettings,
 ) -> Result<TriangleMesh, SimplifyOptionsError> {
-    let Some(tolerance) = tolerance.filter(|_| !mesh.is_empty()) else {
+    let Some(tolerance) = settings.tolerance.filter(|_| !mesh.is_empty()) else {
         return Ok(mesh);
     };
-    let tolerance = tolerance.length(mesh.diagonal());
+    let diagonal = mesh.diagonal();
+    let tolerance = tolerance.length(diagonal);
     let options = SimplifyOptions {
-        boundary_tolerance: default_boundary_tolerance(&mesh, tolerance),
+        boundary_tolerance: match settings.boundary_tolerance {
+            Some(given) => given.length(diagonal),
+            None => default_boundary_tolerance(&mesh, tolerance),
+        },
         ..SimplifyOptions::with_tolerance(tolerance)
     };
     let ends = line_ends(&lines.points, &lines.lines);

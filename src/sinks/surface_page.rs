@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use linecarve_mesh::TriangleMesh;
-use serde::Serialize;
 
 use super::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
 use super::page_run::PageRun;
@@ -12,12 +11,12 @@ use crate::reconstruction::Reconstruction;
 use crate::report::page::{PageTable, write_page};
 
 /// Writes the page with the surface over keyframes; `mesh` is the final one.
-pub(crate) fn write_surface_page<P: Serialize>(
+pub(crate) fn write_surface_page(
     path: &Path,
     run: &Reconstruction,
     mut recorder: PageRecorder,
     mesh: &TriangleMesh,
-    log: &mut RunLog<P>,
+    log: &mut RunLog,
 ) -> anyhow::Result<()> {
     let map = run.map();
     recorder.finish(run, mesh);
