@@ -18,7 +18,6 @@
 //! # Reference
 //! S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018.
 
-pub mod baselines;
 pub mod camera;
 pub mod cluster;
 pub mod depth;

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use linecarve_lines::baselines::Method;
+use linecarve_lab::baselines::Method;
 
 use crate::cli::{LineMethodArg, LinesArgs};
 use crate::commands::Outcome;

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use linecarve_lines::baselines::{Findings, LineMethod, Method, MethodError, PosedKeyframe};
+use linecarve_lab::baselines::{Findings, LineMethod, Method, MethodError, PosedKeyframe};
 use linecarve_lines::cluster::SegmentClusterer;
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, ensure};
-use linecarve_lines::baselines::{FoundSegment, LineDetector, LineDetectorOptions, Method};
+use linecarve_lab::baselines::{FoundSegment, LineDetector, LineDetectorOptions, Method};
 use linecarve_lines::depth::EdgeDepthOptions;
 use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
 use rayon::prelude::*;

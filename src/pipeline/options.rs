@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use linecarve_carving::labels::CutOptionsError;
-use linecarve_lines::ExtractOptions;
-use linecarve_lines::baselines::{
+use linecarve_lab::baselines::{
     DecoupledOptions, LineDetectorOptions, MatchedOptions, MethodOptions, PointCloudOptions,
 };
+use linecarve_lines::ExtractOptions;
 use linecarve_lines::cluster::ClusterOptions;
 use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
 use linecarve_lines::depth::{EdgeDepthOptions, SensorNoise};

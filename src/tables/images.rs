@@ -2,7 +2,7 @@
 //!
 //! Distance to a surface is blind to a line that slides along it. An image is not.
 
-use linecarve_lines::baselines::{FoundSegment, LineSegment2d};
+use linecarve_lab::baselines::{FoundSegment, LineSegment2d};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::edges::EdgeChains;
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
@@ -253,7 +253,7 @@ impl Marks {
 
 #[cfg(test)]
 mod tests {
-    use linecarve_lines::baselines::{LineDetector, LineDetectorOptions};
+    use linecarve_lab::baselines::{LineDetector, LineDetectorOptions};
     use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
     use linecarve_lines::image::GrayImage;
 

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use linecarve_lines::baselines::{
+use linecarve_lab::baselines::{
     Findings, FoundSegment, LineMethod, Method, MethodError, MethodOptions, PosedKeyframe,
 };
 use linecarve_lines::cluster::{ClusterOptions, ClusterOptionsError, SegmentClusterer};

@@ -1,6 +1,6 @@
 //! Distances of lines to the ground-truth surface.
 
-use linecarve_lines::baselines::FoundSegment;
+use linecarve_lab::baselines::FoundSegment;
 use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::Serialize;

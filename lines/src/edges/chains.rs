@@ -148,7 +148,7 @@ impl EdgeChains {
     }
 
     /// Appends a chain given by sample indices; positions are those of the pixels until [`EdgeChains::refine`].
-    pub(crate) fn push(&mut self, indices: &[u32]) {
+    pub fn push(&mut self, indices: &[u32]) {
         let width = self.width as u32;
         self.pixels.extend(
             indices

@@ -6,8 +6,7 @@ mod moments;
 mod options;
 mod segment;
 
-pub(crate) use moments::ImageMoments;
-
 pub use fitter::{FitInput, SegmentFitter};
+pub use moments::{ImageLine, ImageMoments};
 pub use options::{DepthModel, FitOptions, FitOptionsError};
 pub use segment::Segment;

@@ -6,8 +6,9 @@ use nalgebra::Vector2;
 
 /// Sums over inlier pixels for the image line.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct ImageMoments {
-    pub(crate) n: f64,
+pub struct ImageMoments {
+    /// Number of pixels.
+    pub n: f64,
     x: f64,
     y: f64,
     xx: f64,
@@ -17,17 +18,20 @@ pub(crate) struct ImageMoments {
 
 /// A line in the image: the centroid of its pixels and a unit direction.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct ImageLine {
-    pub(crate) center: Vector2<f64>,
-    pub(crate) direction: Vector2<f64>,
-    /// Root mean square distance of the pixels.
-    pub(crate) rms_px: f64,
+pub struct ImageLine {
+    /// Centroid of the pixels.
+    pub center: Vector2<f64>,
+    /// Unit direction.
+    pub direction: Vector2<f64>,
+    /// Root mean square distance of the pixels from the line.
+    pub rms_px: f64,
     /// Sum of squared positions along the line about the centroid.
-    pub(crate) spread: f64,
+    pub spread: f64,
 }
 
 impl ImageMoments {
-    pub(crate) fn add(&mut self, p: Vector2<f64>) {
+    /// Adds a pixel.
+    pub fn add(&mut self, p: Vector2<f64>) {
         self.n += 1.0;
         self.x += p.x;
         self.y += p.y;
@@ -36,7 +40,8 @@ impl ImageMoments {
         self.yy += p.y * p.y;
     }
 
-    pub(crate) fn remove(&mut self, p: Vector2<f64>) {
+    /// Removes a pixel that was added.
+    pub fn remove(&mut self, p: Vector2<f64>) {
         self.n -= 1.0;
         self.x -= p.x;
         self.y -= p.y;
@@ -46,7 +51,7 @@ impl ImageMoments {
     }
 
     /// The total least squares line, directed like `towards`; `None` when the pixels have no direction.
-    pub(crate) fn line(&self, towards: Vector2<f64>) -> Option<ImageLine> {
+    pub fn line(&self, towards: Vector2<f64>) -> Option<ImageLine> {
         if self.n < 2.0 {
             return None;
         }
@@ -80,13 +85,13 @@ impl ImageMoments {
 
 impl ImageLine {
     /// Distance of a pixel from the line.
-    pub(crate) fn distance(&self, p: Vector2<f64>) -> f64 {
+    pub fn distance(&self, p: Vector2<f64>) -> f64 {
         let d = p - self.center;
         (d.x * self.direction.y - d.y * self.direction.x).abs()
     }
 
     /// Position of a pixel along the line, 0 at the centroid.
-    pub(crate) fn position(&self, p: Vector2<f64>) -> f64 {
+    pub fn position(&self, p: Vector2<f64>) -> f64 {
         (p - self.center).dot(&self.direction)
     }
 }

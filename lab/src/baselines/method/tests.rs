@@ -1,7 +1,7 @@
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::depth::{InverseDepth, InverseDepthMap};
+use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 
 const METHODS: [Method; 4] = [
     Method::EdgeAided,
@@ -191,7 +191,7 @@ fn what_is_lacking_is_named() {
 }
 
 fn camera_with_distortion() -> Camera {
-    use crate::camera::Distortion;
+    use linecarve_lines::camera::Distortion;
     let distortion = Distortion::RadialTangential {
         k1: -0.2,
         k2: 0.05,

@@ -3,9 +3,8 @@
 use crate::baselines::method::{Method, MethodError};
 
 /// Settings of [`Matched`](super::Matched).
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct MatchedOptions {
     /// Shortest segment of an image, as a share of the image's diagonal.
     pub minimum_length_share: f64,

@@ -3,7 +3,7 @@
 use super::method::{
     Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
 };
-use crate::{ExtractOptions, SegmentExtractor};
+use linecarve_lines::{ExtractOptions, SegmentExtractor};
 
 /// [`SegmentExtractor`] as a [`LineMethod`]: the segments of each keyframe, not clustered.
 #[derive(Debug, Clone)]

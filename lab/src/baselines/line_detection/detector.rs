@@ -6,9 +6,9 @@ use nalgebra::{Point2, Vector2};
 
 use super::options::{LineDetectorOptions, LineDetectorOptionsError};
 use super::significance::Significance;
-use crate::edges::EdgeChains;
-use crate::fit::ImageMoments;
-use crate::image::{GrayImage, sobel};
+use linecarve_lines::edges::EdgeChains;
+use linecarve_lines::fit::ImageMoments;
+use linecarve_lines::image::{GrayImage, sobel};
 
 /// A straight segment in an image.
 #[derive(Debug, Clone, PartialEq)]

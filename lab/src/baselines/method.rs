@@ -10,10 +10,10 @@ use super::edge_aided::EdgeAided;
 use super::line_detection::{LineDetectorOptions, LineDetectorOptionsError};
 use super::matched::{Matched, MatchedOptions};
 use super::points::{PointCloud, PointCloudOptions};
-use crate::camera::Camera;
-use crate::depth::InverseDepthMap;
-use crate::image::GrayImage;
-use crate::{ExtractError, ExtractOptions};
+use linecarve_lines::camera::Camera;
+use linecarve_lines::depth::InverseDepthMap;
+use linecarve_lines::image::GrayImage;
+use linecarve_lines::{ExtractError, ExtractOptions};
 
 /// A keyframe as every method sees it.
 #[derive(Debug, Clone, Copy)]

@@ -5,12 +5,11 @@ use std::time::Instant;
 use nalgebra::Point2;
 
 use super::method::{Findings, FoundPoint, LineMethod, Method, MethodError, PosedKeyframe, Taken};
-use crate::image::sobel;
+use linecarve_lines::image::sobel;
 
 /// Settings of [`PointCloud`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct PointCloudOptions {
     /// Least gradient of a pixel in grey levels per pixel; 0 takes every pixel with a depth.
     pub minimum_gradient: f64,

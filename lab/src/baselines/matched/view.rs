@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 use super::options::MatchedOptions;
 use crate::baselines::line_detection::LineSegment2d;
 use crate::baselines::method::PosedKeyframe;
-use crate::camera::Camera;
+use linecarve_lines::camera::Camera;
 
 /// A segment of an image with the rays through its ends.
 #[derive(Debug, Clone, Copy)]

@@ -21,7 +21,7 @@ use super::line_detection::LineDetectorOptions;
 use super::method::{
     Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
 };
-use crate::edges::EdgeOptions;
+use linecarve_lines::edges::EdgeOptions;
 
 pub use options::MatchedOptions;
 

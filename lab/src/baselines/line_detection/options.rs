@@ -3,9 +3,8 @@
 use thiserror::Error;
 
 /// Settings of [`LineDetector`](super::LineDetector).
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct LineDetectorOptions {
     /// Largest distance of a pixel from its line, and largest root mean square distance of the first pixels of a segment.
     pub line_error_px: f64,

@@ -4,8 +4,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::baselines::line_detection::LineSegment2d;
-use crate::camera::Camera;
-use crate::image::GrayImage;
+use linecarve_lines::camera::Camera;
+use linecarve_lines::image::GrayImage;
 
 fn poses(count: usize) -> Vec<Isometry3<f64>> {
     (0..count)

@@ -4,9 +4,9 @@ use std::time::Instant;
 
 use super::line_detection::{LineDetector, LineDetectorOptions, LineSegment2d};
 use super::method::{Findings, MethodError};
-use crate::ExtractError;
-use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions};
-use crate::image::GrayImage;
+use linecarve_lines::ExtractError;
+use linecarve_lines::edges::{EdgeChains, EdgeDetector, EdgeOptions};
+use linecarve_lines::image::GrayImage;
 
 /// Edges and the segments on them, with memory that is kept from one image to the next.
 #[derive(Debug, Clone)]

@@ -11,14 +11,13 @@ use super::line_detection::{LineDetectorOptions, LineSegment2d};
 use super::method::{
     Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
 };
-use crate::depth::{InverseDepth, InverseDepthMap};
-use crate::edges::EdgeOptions;
-use crate::fit::DepthModel;
+use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
+use linecarve_lines::edges::EdgeOptions;
+use linecarve_lines::fit::DepthModel;
 
 /// Settings of [`Decoupled`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct DecoupledOptions {
     /// Segments of the image that are shorter are left out.
     pub minimum_length_px: f64,

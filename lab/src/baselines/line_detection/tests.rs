@@ -3,8 +3,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions};
-use crate::image::GrayImage;
+use linecarve_lines::edges::{EdgeChains, EdgeDetector, EdgeOptions};
+use linecarve_lines::image::GrayImage;
 
 fn detect(image: &GrayImage, options: LineDetectorOptions) -> Vec<LineSegment2d> {
     let chains = EdgeDetector::new(EdgeOptions::default())
