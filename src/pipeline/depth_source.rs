@@ -8,7 +8,7 @@ mod schedule;
 mod semi_dense;
 
 use linecarve_lines::depth::semi_dense::{
-    NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions, WitnessOptions,
+    ConsistencyOptions, NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions,
 };
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use serde::{Deserialize, Serialize};
@@ -75,7 +75,7 @@ pub struct SemiDenseStage {
     #[serde(rename = "match")]
     pub matching: SemiDenseOptions,
     /// Which depths the maps of other keyframes confirm.
-    pub confirm: WitnessOptions,
+    pub confirm: ConsistencyOptions,
     /// Points between edges.
     pub sweep: SweepOptions,
 }
@@ -90,7 +90,7 @@ impl Default for SemiDenseStage {
             edge_point_spacing_px: 10,
             neighbours: NeighbourOptions::default(),
             matching: SemiDenseOptions::default(),
-            confirm: WitnessOptions::default(),
+            confirm: ConsistencyOptions::default(),
             sweep: SweepOptions::default(),
         }
     }

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::depth::semi_dense::{
-    MatchView, SemiDense, SemiDenseDepth, ViewGeometry, Witness, choose_neighbours, confirm,
+    DepthView, MatchView, SemiDense, SemiDenseDepth, ViewGeometry, choose_neighbours,
+    enforce_consistency,
 };
 use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
 use rayon::ThreadPoolBuilder;
@@ -77,13 +78,13 @@ pub fn maps(
     let confirm_one = |own: usize| -> (InverseDepthMap, Duration) {
         let (neighbours, depth, time) = &first[own];
         let start = Instant::now();
-        let witnesses: Vec<Witness<'_>> = depth
+        let witnesses: Vec<DepthView<'_>> = depth
             .pairs
             .iter()
             .zip(&depth.corrections)
             .map(|(pair, correction)| {
                 let other = neighbours[pair.neighbour];
-                Witness {
+                DepthView {
                     view: &views[other],
                     map: &first[other].1.map,
                     correction: *correction,
@@ -91,7 +92,7 @@ pub fn maps(
             })
             .collect();
         let mut map = depth.map.clone();
-        confirm(&views[own], &mut map, &witnesses, &stage.confirm);
+        enforce_consistency(&views[own], &mut map, &witnesses, &stage.confirm);
         (map, *time + start.elapsed())
     };
     let (maps, times): (Vec<_>, Vec<_>) =

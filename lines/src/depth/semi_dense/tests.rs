@@ -307,7 +307,7 @@ fn threads_change_nothing() {
 }
 
 #[test]
-fn witnesses_confirm_what_is_right() {
+fn consistent_depths_are_kept_and_wrong_ones_removed() {
     let wall = Wall { scale: 1.0 };
     let views: Vec<MatchView> = std::iter::once(wall.view(0.0, 0.0, 0.0))
         .chain(around(&wall))
@@ -324,8 +324,8 @@ fn witnesses_confirm_what_is_right() {
                 .unwrap()
         })
         .collect();
-    let witnesses: Vec<Witness> = (1..views.len())
-        .map(|other| Witness {
+    let others: Vec<DepthView> = (1..views.len())
+        .map(|other| DepthView {
             view: &views[other],
             map: &depths[other].map,
             correction: depths[0].corrections[other - 1],
@@ -333,18 +333,18 @@ fn witnesses_confirm_what_is_right() {
         .collect();
     let mut right = depths[0].map.clone();
     let known = right.known_count();
-    let dropped = confirm(
+    let removed = enforce_consistency(
         &views[0],
         &mut right,
-        &witnesses,
-        &WitnessOptions::default(),
+        &others,
+        &ConsistencyOptions::default(),
     );
-    assert!(dropped * 10 < known, "{dropped} of {known}");
-    let strict = WitnessOptions {
+    assert!(removed * 10 < known, "{removed} of {known}");
+    let strict = ConsistencyOptions {
         least_agreeing: 2,
-        ..WitnessOptions::default()
+        ..ConsistencyOptions::default()
     };
-    // A map that says everything is twice as far has no witness.
+    // Doubled depths agree with no other keyframe.
     let mut wrong = depths[0].map.clone();
     for (x, y, found) in depths[0].map.known() {
         wrong.set(
@@ -353,6 +353,6 @@ fn witnesses_confirm_what_is_right() {
             crate::depth::InverseDepth::new(0.5 * found.rho, found.sigma),
         );
     }
-    let dropped = confirm(&views[0], &mut wrong, &witnesses, &strict);
-    assert!(dropped * 10 > 9 * known, "{dropped} of {known}");
+    let removed = enforce_consistency(&views[0], &mut wrong, &others, &strict);
+    assert!(removed * 10 > 9 * known, "{removed} of {known}");
 }

@@ -1,13 +1,14 @@
 //! Segments of a posed sequence with sensor depth, as an OBJ in world coordinates, with pictures of some keyframes.
 //!
 //! ```text
-//! cargo run --release -p linecarve-lines --example posed_lines -- SEQUENCE OUT_FOLDER [--paper] [--raw] [key=value ...]
+//! cargo run --release -p linecarve-lab --example posed_lines -- SEQUENCE OUT_FOLDER [--paper] [--raw] [key=value ...]
 //! ```
 //!
 //! SEQUENCE is a folder in the 7-Scenes layout with its depth camera's poses, or one with an Open3D `trajectory.log`.
 //! Keyframes are taken every 0.15 units or 10 degrees. It is a measuring harness; the program itself reads sequences
 //! with all their traps.
 
+#[path = "../../../lines/tests/support/sequence.rs"]
 mod sequence;
 
 use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! Where the neighbour sees a pixel, as a function of its inverse depth.
+//! Two-view geometry: the position of a reference pixel in the neighbour as a function of its inverse depth.
 
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 
@@ -6,50 +6,51 @@ use super::options::InverseDepthRange;
 use super::view::MatchView;
 use crate::camera::Camera;
 
-/// Of the neighbour's image this many pixels along the border are left out, for patches and their derivative.
+/// Width of the unused border of the neighbour's image, in pixels; patches and their derivatives need it.
 pub(super) const MARGIN_PX: f32 = 6.0;
-/// The depths of a place in the two cameras differ at most by this factor; so does the size of what they see.
-const LARGEST_SCALE: f32 = 2.5;
+/// Largest ratio of the depths of a point in the two cameras, and so of its scale in the images.
+const MAX_SCALE: f32 = 2.5;
 
-/// Two keyframes: homogeneous pixel in the neighbour = `rotation (x, y, 1) + rho translation`.
+/// Relative geometry of two keyframes: homogeneous pixel in the neighbour = `rotation (x, y, 1) + rho translation`.
 #[derive(Debug, Clone)]
-pub(super) struct Pair {
+pub(super) struct PairGeometry {
     rotation: [[f32; 3]; 3],
     translation: [f32; 3],
-    /// Homogeneous pixel of the neighbour's centre in the reference image, of norm about 1.
+    /// The neighbour's camera centre in the reference image, as a homogeneous pixel of norm about 1.
     epipole: [f32; 3],
-    /// The neighbour's image.
+    /// Width of the neighbour's image in pixels.
     pub(super) width: usize,
+    /// Height of the neighbour's image in pixels.
     pub(super) height: usize,
-    /// Largest inverse depth that the two views may be compared at.
+    /// Largest inverse depth at which the parallax is still acceptable.
     largest_rho: f32,
+    /// Distance of the camera centres in units of the poses.
     pub(super) baseline: f64,
 }
 
-/// The part of an epipolar line that is searched, pixel by pixel along the axis of the image that it follows most: place k lies at
-/// `start + k step`.
+/// The searched section of an epipolar line, sampled once per pixel along its major image axis: sample k lies at `start + k step`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EpipolarLine {
-    /// Where the pixel lies at infinity, homogeneous, before the translation is added.
+    /// Homogeneous pixel at infinite depth.
     at_infinity: [f32; 3],
-    /// That axis: 0 across, 1 down.
+    /// Major axis: 0 for x, 1 for y.
     pub(super) axis: usize,
-    /// Place 0, at a whole number along the axis.
+    /// Sample 0, at a whole number along the major axis.
     pub(super) start: [f32; 2],
-    /// 1 or -1 along the axis, at most that across it; towards growing inverse depth.
+    /// Step between samples, towards larger inverse depth: 1 or -1 along the major axis, at most that along the other.
     pub(super) step: [f32; 2],
-    /// Unit vector along the step.
+    /// Unit direction of the step.
     pub(super) direction: [f32; 2],
-    /// Length of a step in pixels, from 1 to the root of 2.
+    /// Length of a step in pixels, from 1 to sqrt(2).
     pub(super) step_px: f32,
-    /// Number of places.
-    pub(super) places: usize,
-    /// Inverse depth in the middle of the searched range.
+    /// Number of samples.
+    pub(super) sample_count: usize,
+    /// Inverse depth in the middle of the section.
     middle_rho: f32,
 }
 
-/// Intrinsics as a matrix.
-pub(super) fn matrix(camera: &Camera) -> Matrix3<f64> {
+/// The intrinsic matrix.
+pub(super) fn intrinsic_matrix(camera: &Camera) -> Matrix3<f64> {
     Matrix3::new(
         camera.fx(),
         0.0,
@@ -67,9 +68,9 @@ fn rows(m: &Matrix3<f64>) -> [[f32; 3]; 3] {
     std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)] as f32))
 }
 
-impl Pair {
-    /// The pair of two keyframes with a baseline, the neighbour turned by `correction` (a rotation in its camera frame);
-    /// `None` when the centres coincide or are infinitely far apart.
+impl PairGeometry {
+    /// The geometry of two keyframes with the neighbour rotated by `correction` in its camera frame; `None` unless the baseline is
+    /// positive and finite.
     pub(super) fn new(
         reference: &MatchView,
         neighbour: &MatchView,
@@ -87,8 +88,8 @@ impl Pair {
             correction * relative.rotation,
         );
         let rotation = relative.rotation.to_rotation_matrix();
-        let own = matrix(reference.camera());
-        let other = matrix(neighbour.camera());
+        let own = intrinsic_matrix(reference.camera());
+        let other = intrinsic_matrix(neighbour.camera());
         let inverse = own.try_inverse()?;
         let pixels = other * rotation.matrix() * inverse;
         let shift = other * relative.translation.vector;
@@ -105,7 +106,7 @@ impl Pair {
         })
     }
 
-    /// Unit direction of the epipolar line through a reference pixel, either way; `None` at the epipole.
+    /// Unit direction (up to sign) of the epipolar line through a reference pixel; `None` at the epipole.
     #[inline]
     pub(super) fn reference_direction(&self, p: [f32; 2]) -> Option<[f32; 2]> {
         let [ex, ey, ez] = self.epipole;
@@ -123,7 +124,7 @@ impl Pair {
     }
 
     #[inline]
-    fn place(&self, at_infinity: &[f32; 3], rho: f32) -> [f32; 2] {
+    fn position(&self, at_infinity: &[f32; 3], rho: f32) -> [f32; 2] {
         let z = at_infinity[2] + rho * self.translation[2];
         [
             (at_infinity[0] + rho * self.translation[0]) / z,
@@ -131,27 +132,27 @@ impl Pair {
         ]
     }
 
-    /// Where the neighbour sees a reference pixel of a known inverse depth, and that depth's inverse there; `None` outside
-    /// its image or behind it.
+    /// Position and inverse depth of a reference pixel in the neighbour; `None` outside its image, behind it or where the change
+    /// of scale is too large.
     #[inline]
     pub(super) fn project(&self, p: [f32; 2], rho: f32) -> Option<([f32; 2], f32)> {
         let q = self.at_infinity(p);
         let z = q[2] + rho * self.translation[2];
-        if !(z > 1.0 / LARGEST_SCALE && z < LARGEST_SCALE) {
+        if !(z > 1.0 / MAX_SCALE && z < MAX_SCALE) {
             return None;
         }
-        let place = self.place(&q, rho);
-        self.is_inside(place).then_some((place, rho / z))
+        let position = self.position(&q, rho);
+        self.is_inside(position).then_some((position, rho / z))
     }
 
-    /// Where the neighbour sees a reference pixel of a known inverse depth, homogeneous; linear in pixel and inverse depth.
+    /// Homogeneous position of a reference pixel in the neighbour; linear in pixel and inverse depth.
     #[inline]
     pub(super) fn homogeneous(&self, p: [f32; 2], rho: f32) -> [f32; 3] {
         let q = self.at_infinity(p);
         std::array::from_fn(|i| q[i] + rho * self.translation[i])
     }
 
-    /// By how much that changes from one pixel to the next along an axis (0 across, 1 down) on a plane with this slope.
+    /// Change of [`PairGeometry::homogeneous`] per pixel along an axis (0 for x, 1 for y) on a plane with this slope.
     #[inline]
     pub(super) fn homogeneous_slope(&self, axis: usize, slope: f32) -> [f32; 3] {
         std::array::from_fn(|i| self.rotation[i][axis] + slope * self.translation[i])
@@ -163,8 +164,8 @@ impl Pair {
         p[0] >= MARGIN_PX && p[0] <= right && p[1] >= MARGIN_PX && p[1] <= bottom
     }
 
-    /// The part of the epipolar line of a reference pixel that lies in the range and `slack_px` beyond it, in front of the neighbour
-    /// and in its image.
+    /// The section of the epipolar line of a reference pixel that covers `range`, extended by `slack_px` at both ends and clipped to the
+    /// visible part of the neighbour's image.
     #[inline]
     pub(super) fn line(
         &self,
@@ -175,23 +176,20 @@ impl Pair {
         let q = self.at_infinity(p);
         let mut lower = range.lower() as f32;
         let mut upper = (range.upper() as f32).min(self.largest_rho);
-        // Ratio of the two depths within bounds: 1/S <= q_z + rho t_z <= S.
+        // Bounds on the ratio of the two depths: 1/S <= q_z + rho t_z <= S.
         let tz = self.translation[2];
         if tz.abs() * upper > 1e-6 {
-            let (a, b) = (
-                (1.0 / LARGEST_SCALE - q[2]) / tz,
-                (LARGEST_SCALE - q[2]) / tz,
-            );
+            let (a, b) = ((1.0 / MAX_SCALE - q[2]) / tz, (MAX_SCALE - q[2]) / tz);
             lower = lower.max(a.min(b));
             upper = upper.min(a.max(b));
-        } else if !(q[2] > 1.0 / LARGEST_SCALE && q[2] < LARGEST_SCALE) {
+        } else if !(q[2] > 1.0 / MAX_SCALE && q[2] < MAX_SCALE) {
             return None;
         }
         if !(lower < upper) {
             return None;
         }
-        let (first, last) = (self.place(&q, lower), self.place(&q, upper));
-        // The way a place moves with its inverse depth has one direction along the whole line.
+        let (first, last) = (self.position(&q, lower), self.position(&q, upper));
+        // The derivative by inverse depth has the same direction along the whole line.
         let (dx, dy) = (
             self.translation[0] - first[0] * tz,
             self.translation[1] - first[1] * tz,
@@ -244,7 +242,7 @@ impl Pair {
             step,
             direction,
             step_px,
-            places: (end - begin) as usize + 1,
+            sample_count: (end - begin) as usize + 1,
             middle_rho: 0.0,
         };
         line.middle_rho = self
@@ -253,30 +251,30 @@ impl Pair {
         Some(line)
     }
 
-    /// Translation along the neighbour's view.
+    /// Translation along the optical axis of the neighbour.
     pub(super) fn forward(&self) -> f32 {
         self.translation[2]
     }
 
-    /// How far the match of a pixel moves along the line when the pixel moves by one along `way` and keeps its inverse depth.
+    /// Shift of a match along the line when the reference pixel moves by the vector `shift` at constant inverse depth.
     #[inline]
-    pub(super) fn shift_along(&self, line: &EpipolarLine, way: [f32; 2]) -> f32 {
+    pub(super) fn shift_along(&self, line: &EpipolarLine, shift: [f32; 2]) -> f32 {
         let z = line.at_infinity[2] + line.middle_rho * self.translation[2];
-        let place = self.place(&line.at_infinity, line.middle_rho);
-        let moved = |r: usize| self.rotation[r][0] * way[0] + self.rotation[r][1] * way[1];
+        let position = self.position(&line.at_infinity, line.middle_rho);
+        let moved = |r: usize| self.rotation[r][0] * shift[0] + self.rotation[r][1] * shift[1];
         let away = moved(2);
-        ((moved(0) - place[0] * away) * line.direction[0]
-            + (moved(1) - place[1] * away) * line.direction[1])
+        ((moved(0) - position[0] * away) * line.direction[0]
+            + (moved(1) - position[1] * away) * line.direction[1])
             / z
     }
 
-    /// Inverse depth at a place of the line, whole or between two; `None` when it is not a number there.
+    /// Inverse depth at sample `k` of the line, which may be fractional; `None` when it is not finite.
     #[inline]
     pub(super) fn inverse_depth(&self, line: &EpipolarLine, k: f32) -> Option<f32> {
         let axis = line.axis;
-        let place = line.start[axis] + k * line.step[axis];
-        let denominator = self.translation[axis] - place * self.translation[2];
-        let rho = (place * line.at_infinity[2] - line.at_infinity[axis]) / denominator;
+        let position = line.start[axis] + k * line.step[axis];
+        let denominator = self.translation[axis] - position * self.translation[2];
+        let rho = (position * line.at_infinity[2] - line.at_infinity[axis]) / denominator;
         rho.is_finite().then_some(rho)
     }
 }

@@ -1,6 +1,6 @@
 //! Semi-dense depth against the depth camera of a sequence: coverage, error, calibration of sigma, time; and pictures.
 //!
-//! `cargo run --release --example semi_dense -- SEQUENCE [--out DIR] [--step N] [--translation LENGTH] [--no-confirm] [--k1 K1]`
+//! `cargo run --release -p linecarve-lab --example semi_dense -- SEQUENCE [--out DIR] [--step N] [--translation LENGTH] [--no-confirm] [--k1 K1]`
 //!
 //! The depth images serve as the reference alone. Each keyframe is estimated from the best of those around it, then
 //! confirmed by theirs. The reference at an edge is the near side of a jump, as everywhere in the library; a second set of
@@ -10,7 +10,7 @@
 #![allow(clippy::print_stdout, reason = "the figures are the output")]
 
 #[allow(dead_code)]
-#[path = "../posed_lines/sequence.rs"]
+#[path = "../../../lines/tests/support/sequence.rs"]
 mod sequence;
 
 use std::error::Error;
@@ -21,8 +21,8 @@ use sequence::Sequence;
 
 use linecarve_lines::camera::{Camera, Distortion, UndistortionMap};
 use linecarve_lines::depth::semi_dense::{
-    MatchView, NeighbourOptions, SemiDense, SemiDenseDepth, SemiDenseOptions, ViewGeometry,
-    Witness, WitnessOptions, choose_neighbours, confirm,
+    ConsistencyOptions, DepthView, MatchView, NeighbourOptions, SemiDense, SemiDenseDepth,
+    SemiDenseOptions, ViewGeometry, choose_neighbours, enforce_consistency,
 };
 use linecarve_lines::depth::{
     DepthSensor, EdgeDepthOptions, EdgeDepths, InverseDepthMap, SensorNoise,
@@ -199,24 +199,24 @@ fn main() -> Result<(), AnyError> {
         let mut map = depths[own].map.clone();
         let mut dropped = 0;
         if arguments.is_confirmed {
-            let witnesses: Vec<Witness> = depths[own]
+            let witnesses: Vec<DepthView> = depths[own]
                 .pairs
                 .iter()
                 .zip(&depths[own].corrections)
                 .map(|(pair, correction)| {
                     let other = neighbours[own][pair.neighbour];
-                    Witness {
+                    DepthView {
                         view: &views[other],
                         map: &depths[other].map,
                         correction: *correction,
                     }
                 })
                 .collect();
-            dropped = confirm(
+            dropped = enforce_consistency(
                 &views[own],
                 &mut map,
                 &witnesses,
-                &WitnessOptions::default(),
+                &ConsistencyOptions::default(),
             );
         }
         let reference = &references[own];

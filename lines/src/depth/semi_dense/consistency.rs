@@ -1,39 +1,39 @@
-//! What the depth maps of other keyframes say about a depth.
+//! Consistency of a depth map with the depth maps of other keyframes.
 
 use nalgebra::UnitQuaternion;
 
-use super::pair::Pair;
+use super::pair_geometry::PairGeometry;
 use super::view::MatchView;
 use crate::depth::map::{InverseDepth, InverseDepthMap};
 
-/// Another keyframe with its depth.
+/// Another keyframe with its depth map.
 #[derive(Debug, Clone, Copy)]
-pub struct Witness<'a> {
+pub struct DepthView<'a> {
     /// The keyframe.
     pub view: &'a MatchView,
-    /// Its depth.
+    /// Its depth map.
     pub map: &'a InverseDepthMap,
-    /// The rotation about its centre that its matches ask for.
+    /// Rotation correction of the keyframe about its centre.
     pub correction: UnitQuaternion<f64>,
 }
 
-/// Settings of [`confirm`].
+/// Settings of [`enforce_consistency`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
-pub struct WitnessOptions {
-    /// A witness agrees when `d^2 / (sigma_a^2 + sigma_b^2)` is below this.
+pub struct ConsistencyOptions {
+    /// Largest chi-squared `d^2 / (sigma_a^2 + sigma_b^2)` of two agreeing inverse depths.
     pub chi2: f64,
-    /// How far from where a depth puts a pixel a witness may have its own, in pixels.
+    /// Search radius around the projected pixel in the other depth map, in pixels.
     pub radius_px: usize,
-    /// Least number of witnesses that agree. Edge pixels of one keyframe need not have a depth in another: with 2, F at 5 cm of
-    /// the surface of a living room (no depth images, 18 keyframes) is 0.52, with 0 and contradictions ignored it is 0.61.
+    /// Least number of agreeing keyframes. An edge pixel of one keyframe need not have a depth in another, so that 0 works best. Tuned on
+    /// a synthetic living room.
     pub least_agreeing: usize,
-    /// Whether depths are moved to the weighted mean with those that agree.
+    /// Replace each depth by the weighted mean with the agreeing ones.
     pub refine: bool,
 }
 
-impl Default for WitnessOptions {
+impl Default for ConsistencyOptions {
     fn default() -> Self {
         Self {
             chi2: 3.84,
@@ -44,31 +44,32 @@ impl Default for WitnessOptions {
     }
 }
 
-/// Drops the depths that too few witnesses confirm, or that more of them contradict than confirm, and moves the others to the
-/// weighted mean with theirs. Returns the number dropped.
+/// Removes the depths that too few keyframes in `others` confirm or that more contradict than confirm, and refines the rest by the
+/// weighted mean. Returns the number of removed depths.
 ///
 /// # Complexity
-/// Known pixels x witnesses.
+/// O(known pixels x keyframes in `others`).
 ///
 /// # Reference
-/// R. Mur-Artal, J. D. Tardos, RSS 2015, section III-E. *Differs from the paper*: three witnesses need
-/// not agree, as long as no more contradict; both standard deviations count; the nearest of the pixels around is taken, within a
-/// radius; the step is taken on inverse depth and weighs the pixel's own measurement too.
-pub fn confirm(
+/// R. Mur-Artal, J. D. Tardos, RSS 2015, section III-E.
+///
+/// *Differs from the paper*: a majority of confirmations suffices instead of three; the test uses both standard deviations; the closest
+/// depth within a radius is compared; the refinement works on inverse depth and includes the own measurement.
+pub fn enforce_consistency(
     reference: &MatchView,
     map: &mut InverseDepthMap,
-    witnesses: &[Witness<'_>],
-    options: &WitnessOptions,
+    others: &[DepthView<'_>],
+    options: &ConsistencyOptions,
 ) -> usize {
-    let pairs: Vec<(Pair, &InverseDepthMap)> = witnesses
+    let pairs: Vec<(PairGeometry, &InverseDepthMap)> = others
         .iter()
-        .filter_map(|witness| {
-            let pair = Pair::new(reference, witness.view, &witness.correction, f64::MAX)?;
-            Some((pair, witness.map))
+        .filter_map(|other| {
+            let pair = PairGeometry::new(reference, other.view, &other.correction, f64::MAX)?;
+            Some((pair, other.map))
         })
         .collect();
     let chi2 = options.chi2 as f32;
-    let mut dropped = 0;
+    let mut removed = 0;
     let chains = reference.chains();
     for (&[x, y], &position) in chains.pixels().iter().zip(chains.positions()) {
         let (x, y) = (usize::from(x), usize::from(y));
@@ -77,14 +78,15 @@ pub fn confirm(
         let (mut weights, mut sum, mut agreeing) = (own_weight, 0.0_f32, 0);
         let mut contradicting = 0;
         for (pair, other) in &pairs {
-            let Some((place, rho)) = pair.project(position, own.rho) else {
+            let Some((projected, rho)) = pair.project(position, own.rho) else {
                 continue;
             };
-            // d rho there / d rho here, by the ratio of the depths and the translation along the view.
+            // Derivative of the projected inverse depth with respect to the own one.
             let ratio = rho / own.rho;
             let slope = ratio * (1.0 - pair.forward() * rho);
             let sigma = own.sigma * slope;
-            let Some((difference, theirs)) = nearest(other, place, rho, options.radius_px) else {
+            let Some((difference, theirs)) = nearest(other, projected, rho, options.radius_px)
+            else {
                 continue;
             };
             let variance = theirs.sigma * theirs.sigma;
@@ -103,20 +105,20 @@ pub fn confirm(
         } else {
             Some(own)
         };
-        dropped += usize::from(measured.is_none());
+        removed += usize::from(measured.is_none());
         map.set(x, y, measured);
     }
-    dropped
+    removed
 }
 
-/// Of the known pixels around a place the one whose inverse depth is nearest to the expected one, and by how much it exceeds it.
+/// The known depth within `radius` whose inverse depth is closest to the expected one, with their difference.
 fn nearest(
     map: &InverseDepthMap,
-    place: [f32; 2],
+    position: [f32; 2],
     expected: f32,
     radius: usize,
 ) -> Option<(f32, InverseDepth)> {
-    let (x, y) = ((place[0] + 0.5) as usize, (place[1] + 0.5) as usize);
+    let (x, y) = ((position[0] + 0.5) as usize, (position[1] + 0.5) as usize);
     let mut best: Option<(f32, InverseDepth)> = None;
     for row in y.saturating_sub(radius)..=y + radius {
         for column in x.saturating_sub(radius)..=x + radius {

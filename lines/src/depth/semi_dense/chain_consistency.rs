@@ -1,25 +1,25 @@
-//! The check of a depth against its neighbours on the edge, and the filling of short gaps between depths that agree.
+//! Checks, smooths and fills depths along edge chains.
 //!
-//! *Differs from Mur-Artal & Tardos*, who look at the 8 neighbours of a pixel: along an edge depth varies slowly, across it the
-//! surface often ends, and on a chain one pixel wide the 8 neighbours are the two on the chain.
+//! *Differs from Mur-Artal & Tardos*, who use the 8 neighbours of a pixel: depth varies slowly along an edge, but the surface often ends
+//! across it.
 
 use super::options::SemiDenseOptions;
 use crate::depth::map::{InverseDepth, UNKNOWN};
 use crate::edges::EdgeChains;
 
-/// Checks, smooths and fills the depths of all chain pixels; `samples` is parallel to [`EdgeChains::pixels`]. `shared` is the
-/// standard deviation that pixels next to each other have in common; filled pixels are given that of the pixel before the gap.
+/// Checks, smooths and fills the depths of all chain pixels; `samples` and `pose_sigmas` are parallel to [`EdgeChains::pixels`].
 ///
-/// A depth stands when at least `least_confirming` others within reach on the chain agree with it. Smoothing fits a line to it
-/// and those that confirm it, weighted by inverse variance, and keeps the smallest of their standard deviations: errors of
-/// neighbouring pixels are alike. A gap is filled linearly when the depths on its two sides agree.
+/// A depth is kept when at least `least_confirming` depths within reach on the chain agree with it. Smoothing fits a line to the
+/// agreeing depths, weighted by inverse variance, and keeps the smallest of their standard deviations because the errors of adjacent
+/// pixels are correlated. A gap is interpolated linearly when the depths at its two ends agree; its pixels take the pose sigma of the
+/// pixel before the gap.
 ///
 /// # Complexity
 /// Linear in the number of chain pixels times the reach.
-pub(super) fn check_along_chains(
+pub(super) fn check_chains(
     chains: &EdgeChains,
     samples: &mut [InverseDepth],
-    shared: &mut [f32],
+    pose_sigmas: &mut [f32],
     options: &SemiDenseOptions,
 ) {
     let mut before = Vec::new();
@@ -33,7 +33,7 @@ pub(super) fn check_along_chains(
             check(&before, own, options);
         }
         if options.longest_gap_px > 0 {
-            fill(own, &mut shared[range], options);
+            fill(own, &mut pose_sigmas[range], options);
         }
     }
 }
@@ -77,7 +77,7 @@ fn check(before: &[InverseDepth], after: &mut [InverseDepth], options: &SemiDens
     }
 }
 
-/// Running sums of a weighted straight line.
+/// Running sums of a weighted line fit.
 #[derive(Debug, Clone, Copy, Default)]
 struct WeightedLine {
     w: f32,
@@ -96,7 +96,7 @@ impl WeightedLine {
         self.xy += w * x * y;
     }
 
-    /// Value at x = 0; the mean when all x are equal.
+    /// Value at x = 0; the mean when the x values have no spread.
     fn at_zero(&self) -> f32 {
         let (x, y) = (self.x / self.w, self.y / self.w);
         let spread = self.xx / self.w - x * x;
@@ -108,7 +108,7 @@ impl WeightedLine {
     }
 }
 
-fn fill(samples: &mut [InverseDepth], shared: &mut [f32], options: &SemiDenseOptions) {
+fn fill(samples: &mut [InverseDepth], pose_sigmas: &mut [f32], options: &SemiDenseOptions) {
     let limit = options.fusion_chi2 as f32;
     let mut last_known: Option<usize> = None;
     for index in 0..samples.len() {
@@ -124,7 +124,7 @@ fn fill(samples: &mut [InverseDepth], shared: &mut [f32], options: &SemiDenseOpt
             for between in last + 1..index {
                 let share = (between - last) as f32 / (index - last) as f32;
                 let rho = a.rho + share * (b.rho - a.rho);
-                shared[between] = shared[last];
+                pose_sigmas[between] = pose_sigmas[last];
                 samples[between] = InverseDepth::new(rho, a.sigma.max(b.sigma)).unwrap_or(UNKNOWN);
             }
         }

@@ -1,4 +1,4 @@
-//! Just enough reading for the measuring harness.
+//! A minimal reader of posed sequences for tests, benches and harnesses.
 
 use std::path::{Path, PathBuf};
 
