@@ -243,11 +243,6 @@ impl SegmentExtractor {
     pub fn chains(&self) -> &EdgeChains {
         &self.chains
     }
-
-    /// The depths of the last keyframe's edge pixels.
-    pub fn edge_depths(&self) -> &EdgeDepths {
-        &self.depths
-    }
 }
 
 /// Checks that the camera is a pinhole and that image and depth map have the same size.

@@ -103,7 +103,8 @@ impl EdgeDetector {
     }
 
     /// The gradient of the last detection.
-    pub fn gradient(&self) -> &GradientField {
+    #[cfg(test)]
+    pub(super) fn gradient(&self) -> &GradientField {
         &self.field
     }
 

@@ -1,4 +1,4 @@
-//! Edge-aided fitting: straight 3D segments along the edge chains of a keyframe.
+//! Edge-aided fitting of straight 3D segments along the edge chains of a keyframe.
 
 mod build;
 mod fitter;

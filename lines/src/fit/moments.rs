@@ -1,10 +1,10 @@
-//! Running sums from which both lines of a segment follow in constant time.
+//! Running sums for line fits in constant time.
 //!
-//! Coordinates are pixels relative to the first pixel of the segment, so the sums stay small and exact.
+//! Coordinates are in pixels relative to the first pixel of the segment, so that the sums stay small and accurate.
 
 use nalgebra::Vector2;
 
-/// Sums over inlier pixels for the image line.
+/// Running sums of pixels for a total least squares line.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ImageMoments {
     /// Number of pixels.
@@ -25,7 +25,7 @@ pub struct ImageLine {
     pub direction: Vector2<f64>,
     /// Root mean square distance of the pixels from the line.
     pub rms_px: f64,
-    /// Sum of squared positions along the line about the centroid.
+    /// Sum of squared positions along the line, about the centroid.
     pub spread: f64,
 }
 
@@ -50,7 +50,7 @@ impl ImageMoments {
         self.yy -= p.y * p.y;
     }
 
-    /// The total least squares line, directed like `towards`; `None` when the pixels have no direction.
+    /// The total least squares line, oriented like `towards`; `None` when the pixels have no dominant direction.
     pub fn line(&self, towards: Vector2<f64>) -> Option<ImageLine> {
         if self.n < 2.0 {
             return None;
@@ -63,7 +63,7 @@ impl ImageMoments {
         let half = 0.5 * (xx - yy);
         let root = (half * half + xy * xy).sqrt();
         let (spread, rest) = (mean + root, (mean - root).max(0.0));
-        // The better conditioned of the two rows of (S - spread I) v = 0.
+        // The better conditioned row of (S - spread I) v = 0.
         let v = if half >= 0.0 {
             Vector2::new(root + half, xy)
         } else {
@@ -96,7 +96,7 @@ impl ImageLine {
     }
 }
 
-/// Sums over inlier pixels for the depth line. The value is inverse depth or depth; weights are 1 / variance or 1.
+/// Running sums of inliers for the depth line. Values are inverse depths (weight 1 / variance) or depths (weight 1).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct DepthMoments {
     pub(super) n: f64,
@@ -155,8 +155,8 @@ impl DepthMoments {
         self.v / self.w
     }
 
-    /// The line along an image line: least squares in the value, or total least squares in (position, `scale` x value)
-    /// when a scale is given. `None` when the pixels have no extent along the line.
+    /// The depth line over an image line: least squares in the value, or total least squares in (position, `scale` x value) with a scale;
+    /// `None` when the pixels have no extent along the image line.
     pub(super) fn line(&self, image: &ImageLine, scale: Option<f64>) -> Option<DepthLine> {
         if self.n < 2.0 || self.w <= 0.0 {
             return None;
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn one_place_has_no_direction() {
+    fn coincident_pixels_have_no_direction() {
         let mut image = ImageMoments::default();
         for _ in 0..5 {
             image.add(Vector2::new(1.0, 1.0));

@@ -36,7 +36,6 @@ mod view;
 pub use consistency::{ConsistencyOptions, DepthView, enforce_consistency};
 pub use estimate::{PairReport, SemiDense, SemiDenseDepth};
 pub use neighbours::{NeighbourOptions, ViewGeometry, choose_neighbours};
-pub use noise::image_noise;
 pub use options::{InverseDepthRange, SemiDenseOptions, SemiDenseOptionsError};
 pub use surface::{SurfacePoint, SweepOptions};
 pub use view::{MatchView, MatchViewError};

@@ -16,7 +16,7 @@ const ROUNDING: f64 = 0.288_675;
 /// # Reference
 /// J. Immerkaer, Fast Noise Variance Estimation, Computer Vision and Image Understanding, 1996.
 /// *Differs from the paper*: the median instead of the mean, which texture would raise.
-pub fn image_noise(image: &GrayImage) -> f64 {
+pub(super) fn image_noise(image: &GrayImage) -> f64 {
     let (width, height) = (image.width(), image.height());
     if width < 3 || height < 3 {
         return ROUNDING;
