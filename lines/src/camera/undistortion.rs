@@ -39,15 +39,6 @@ impl UndistortionMap {
         })
     }
 
-    /// A map to [`UndistortionMap::inscribed_camera`], for an image of the same size.
-    ///
-    /// # Errors
-    /// When a side exceeds 65535 pixels.
-    pub fn inscribed(source: &Camera, width: usize, height: usize) -> Result<Self, ImageError> {
-        let target = Self::inscribed_camera(source, width, height);
-        Self::new(source, &target, width, height)
-    }
-
     /// The pinhole camera with the smallest focal lengths (at the same principal point and aspect ratio) whose pixels are all visible in the
     /// distorted image of the same size, so that no artificial border becomes an edge.
     pub fn inscribed_camera(source: &Camera, width: usize, height: usize) -> Camera {
@@ -152,6 +143,11 @@ mod tests {
         Camera::with_distortion(91.7, 91.5, 73.4, 49.7, distortion).unwrap()
     }
 
+    fn inscribed(source: &Camera, width: usize, height: usize) -> UndistortionMap {
+        let target = UndistortionMap::inscribed_camera(source, width, height);
+        UndistortionMap::new(source, &target, width, height).unwrap()
+    }
+
     #[test]
     fn straight_lines_become_straight() {
         // The image of the plane y = 0.3 z: a curve in the distorted image, a row in the resampled one.
@@ -168,7 +164,7 @@ mod tests {
             }
         }
         let image = GrayImage::new(width, height, samples).unwrap();
-        let map = UndistortionMap::inscribed(&source, width, height).unwrap();
+        let map = inscribed(&source, width, height);
         let resampled = map.resample(&image);
         let row = 0.3 * map.camera().fy() + map.camera().cy();
         for x in 0..width {
@@ -187,7 +183,7 @@ mod tests {
 
     #[test]
     fn inscribed_image_has_no_blind_pixel() {
-        let map = UndistortionMap::inscribed(&distorting(), 150, 96).unwrap();
+        let map = inscribed(&distorting(), 150, 96);
         for &[x, y] in map.positions.samples() {
             assert!(is_inside(&Point2::new(f64::from(x), f64::from(y)), 150, 96));
         }

@@ -35,11 +35,6 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// Share of inliers among the pixels from the first to the last inlier.
-    pub fn inlier_share(&self) -> f64 {
-        f64::from(self.inliers) / f64::from((self.pixels.end - self.pixels.start).max(1))
-    }
-
     /// Length in units of the poses.
     pub fn length(&self) -> f64 {
         (self.ends_in_camera[1] - self.ends_in_camera[0]).norm()

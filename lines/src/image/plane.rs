@@ -173,7 +173,7 @@ mod tests {
     fn sample_count_is_checked() {
         assert!(GrayImage::new(3, 2, vec![0; 6]).is_ok());
         let error = GrayImage::new(3, 2, vec![0; 5]).unwrap_err();
-        assert!(error.to_string().contains("needs 6 samples, 5 were given"));
+        assert!(error.to_string().contains("needs 6 samples, got 5"));
         assert!(GrayImage::new(70_000, 0, Vec::new()).is_err());
         assert!(GrayImage::from_rgb8(2, 1, &[0; 5]).is_err());
     }

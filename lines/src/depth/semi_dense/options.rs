@@ -166,23 +166,6 @@ impl InverseDepthRange {
         (lower >= 0.0 && lower < upper && upper.is_finite()).then_some(Self { lower, upper })
     }
 
-    /// Mean plus and minus two standard deviations of known inverse depths, such as those of map points, clamped to non-negative values;
-    /// `None` for fewer than two distinct values.
-    pub fn of_known(inverse_depths: impl Iterator<Item = f64>) -> Option<Self> {
-        let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
-        for rho in inverse_depths.filter(|rho| rho.is_finite() && *rho > 0.0) {
-            n += 1.0;
-            let before = rho - mean;
-            mean += before / n;
-            squares += before * (rho - mean);
-        }
-        if n < 2.0 {
-            return None;
-        }
-        let reach = 2.0 * (squares / (n - 1.0)).sqrt();
-        Self::new((mean - reach).max(0.0), mean + reach)
-    }
-
     /// The lower bound.
     pub fn lower(&self) -> f64 {
         self.lower

@@ -66,7 +66,7 @@ impl MatchView {
     }
 
     /// Standard deviation of the noise of the image before smoothing, in grey levels.
-    pub fn noise_sigma(&self) -> f64 {
+    pub(super) fn noise_sigma(&self) -> f64 {
         self.noise_sigma
     }
 
