@@ -132,10 +132,6 @@ fn a_wall_is_measured_within_its_deviations() {
     let reference = wall.view(0.0, 0.0, 0.0);
     let depth = estimate(&reference, &around(&wall));
     let (coverage, error, within) = figures(&wall, &reference, &depth);
-    println!(
-        "coverage {coverage:.3}, error {error:.5}, within {within:.3}, {:#?}",
-        depth.pairs
-    );
     assert!(coverage > 0.8, "{coverage}");
     assert!(error < 0.004, "{error}");
     assert!(within >= 0.8, "{within}");
@@ -193,10 +189,6 @@ fn errors_of_poses_enter_the_deviation() {
         .collect();
     let depth = estimate(&reference, &neighbours);
     let (coverage, error, within) = figures(&wall, &reference, &depth);
-    println!(
-        "coverage {coverage:.3}, error {error:.5}, within {within:.3}, {:#?}",
-        depth.pairs
-    );
     assert!(coverage > 0.4 && error < 0.05, "{coverage} {error}");
     assert!(within >= 0.8, "{within}");
 }
