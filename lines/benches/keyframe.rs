@@ -9,7 +9,7 @@
 //! times vary.
 
 #[allow(dead_code)]
-#[path = "../examples/posed_lines/sequence.rs"]
+#[path = "../tests/support/sequence.rs"]
 mod sequence;
 
 use std::hint::black_box;

@@ -4,7 +4,7 @@
 //! random tiles. Bar: 60 ms on two threads. For comparison, preparing one view (smoothing, edges, noise) is timed too.
 
 #[allow(dead_code)]
-#[path = "../examples/posed_lines/sequence.rs"]
+#[path = "../tests/support/sequence.rs"]
 mod sequence;
 
 use std::hint::black_box;

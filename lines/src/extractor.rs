@@ -1,4 +1,4 @@
-//! From an image with depth to segments, stage by stage.
+//! Extraction of 3D segments from one keyframe, stage by stage.
 
 use std::time::{Duration, Instant};
 
@@ -12,20 +12,20 @@ use crate::fit::{FitInput, FitOptions, FitOptionsError, Segment, SegmentFitter};
 use crate::image::{GrayImage, ImageError};
 use crate::triangulation::{SampleOptions, SurfaceSamples, TriangulationOptionsError};
 
-/// Settings of all stages.
+/// Options of all stages.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ExtractOptions {
     /// Edge detection.
     pub edges: EdgeOptions,
-    /// The depth of edge pixels.
+    /// Depth of edge pixels.
     pub edge_depth: EdgeDepthOptions,
-    /// Fitting.
+    /// Segment fitting.
     pub fit: FitOptions,
-    /// Planes around the pixels of a grid; `None` leaves them out.
+    /// Surface samples on a pixel grid; `None` disables them.
     pub samples: Option<SampleOptions>,
 }
 
-/// Why an extractor cannot be built or a keyframe not be processed.
+/// Error of building an extractor or processing a keyframe.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ExtractError {
     /// An edge option is out of range.
@@ -40,10 +40,10 @@ pub enum ExtractError {
     /// A semi-dense option is out of range.
     #[error(transparent)]
     SemiDense(#[from] SemiDenseOptionsError),
-    /// The image cannot be addressed.
+    /// The image size is invalid.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// Segments are straight only in pinhole images.
+    /// The camera has lens distortion.
     #[error("the camera has lens distortion; undistort the image and its depth first")]
     Distorted,
     /// Image and depth map differ in size.
@@ -62,29 +62,29 @@ pub enum ExtractError {
     },
 }
 
-/// How long each stage took.
+/// Wall time of each stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StageDurations {
     /// Smoothing, gradient and edge chains.
     pub edges: Duration,
-    /// The depth of each edge pixel.
+    /// Depth of edge pixels.
     pub edge_depth: Duration,
-    /// Fitting.
+    /// Segment fitting.
     pub fit: Duration,
-    /// Planes around the pixels of a grid.
+    /// Surface samples.
     pub samples: Duration,
 }
 
-/// Segments of one keyframe, and what it took to find them.
+/// Segments of one keyframe with statistics.
 #[derive(Debug, Clone, Default)]
 pub struct Extraction {
     /// The segments in the order of the edge chains.
     pub segments: Vec<Segment>,
-    /// The surface between them, where depth is dense; empty when it was not asked for.
+    /// Surface samples between the segments; empty when disabled.
     pub surface: SurfaceSamples,
     /// Number of pixels on edge chains.
     pub edge_pixels: usize,
-    /// Number of those with a depth.
+    /// Number of edge pixels with a depth.
     pub edge_pixels_with_depth: usize,
     /// Number of edge chains.
     pub chains: usize,
@@ -93,14 +93,14 @@ pub struct Extraction {
 }
 
 impl Extraction {
-    /// Share of the edge pixels that lie between the ends of segments as inliers.
+    /// Share of the edge pixels that are inliers of a segment.
     pub fn explained_share(&self) -> f64 {
         let inliers: u32 = self.segments.iter().map(|segment| segment.inliers).sum();
         f64::from(inliers) / self.edge_pixels.max(1) as f64
     }
 }
 
-/// Extracts 3D segments from keyframes and owns the memory that is reused from one to the next.
+/// Extracts 3D segments from keyframes; reuses its buffers between keyframes.
 ///
 /// ```
 /// use linecarve_lines::camera::Camera;
@@ -152,10 +152,10 @@ impl SegmentExtractor {
         })
     }
 
-    /// The segments of one keyframe, in its camera frame; `keyframe` is stored with each of them.
+    /// Extracts the segments of one keyframe in its camera frame; `keyframe` is stored in each of them.
     ///
     /// # Errors
-    /// When the camera distorts, or image and depth map differ in size.
+    /// When the camera has distortion, or image and depth map differ in size.
     pub fn extract(
         &mut self,
         image: &GrayImage,
@@ -200,11 +200,11 @@ impl SegmentExtractor {
         })
     }
 
-    /// As [`SegmentExtractor::extract`], along edges that are known already and with depth at edges alone, so that there are no
-    /// surface samples; `smoothed` is the image in which the edges were found.
+    /// [`SegmentExtractor::extract`] with given edge chains, for maps with depth at edges only; computes no surface samples. `smoothed` is
+    /// the image in which the edges were detected.
     ///
     /// # Errors
-    /// When the camera distorts, or image and depth map differ in size.
+    /// When the camera has distortion, or image and depth map differ in size.
     pub fn extract_along(
         &mut self,
         chains: &EdgeChains,
@@ -239,18 +239,13 @@ impl SegmentExtractor {
         })
     }
 
-    /// The edge chains that the last [`SegmentExtractor::extract`] drew.
+    /// The edge chains of the last [`SegmentExtractor::extract`].
     pub fn chains(&self) -> &EdgeChains {
         &self.chains
     }
-
-    /// The depths of the last keyframe's edge pixels.
-    pub fn edge_depths(&self) -> &EdgeDepths {
-        &self.depths
-    }
 }
 
-/// Segments are straight only in pinhole images, and depths belong to pixels.
+/// Checks that the camera is a pinhole and that image and depth map have the same size.
 fn check(image: &GrayImage, depth: &InverseDepthMap, camera: &Camera) -> Result<(), ExtractError> {
     if !camera.is_pinhole() {
         return Err(ExtractError::Distorted);

@@ -1,7 +1,7 @@
 //! Where the depth of keyframes comes from.
 
 use linecarve_lines::depth::semi_dense::{
-    NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions, WitnessOptions,
+    ConsistencyOptions, NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions,
 };
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 
@@ -62,7 +62,7 @@ pub struct SemiDenseStage {
     /// How edge pixels are matched.
     pub matching: SemiDenseOptions,
     /// Which depths the maps of other keyframes confirm.
-    pub confirm: WitnessOptions,
+    pub confirm: ConsistencyOptions,
     /// Points between edges.
     pub sweep: SweepOptions,
 }
@@ -77,7 +77,7 @@ impl Default for SemiDenseStage {
             edge_point_spacing_px: 10,
             neighbours: NeighbourOptions::default(),
             matching: SemiDenseOptions::default(),
-            confirm: WitnessOptions::default(),
+            confirm: ConsistencyOptions::default(),
             sweep: SweepOptions::default(),
         }
     }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::polynomial::{evaluate, first_positive_root};
 
-/// How a lens bends the ideal pinhole image. Coefficients as OpenCV orders them.
+/// Lens distortion model, with the coefficient order of OpenCV.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Distortion {
     /// No distortion: the ideal pinhole.
@@ -25,7 +25,7 @@ pub enum Distortion {
         /// Sixth-order radial coefficient, often 0.
         k3: f64,
     },
-    /// The equidistant fisheye model: an angle `theta` off the axis is seen at the radius
+    /// The equidistant fisheye model: a ray at an angle `theta` to the axis has the image radius
     /// `theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)`.
     ///
     /// # Reference
@@ -64,8 +64,8 @@ impl Distortion {
         }
     }
 
-    /// Where the radial function stops being increasing: the largest usable undistorted radius on the plane z = 1 for
-    /// [`Distortion::RadialTangential`], the largest usable angle (at most pi) for [`Distortion::KannalaBrandt`].
+    /// Upper end of the range in which the radial function is increasing: an undistorted radius on the plane z = 1 for
+    /// [`Distortion::RadialTangential`], an angle of at most pi for [`Distortion::KannalaBrandt`].
     pub(super) fn limit(&self) -> f64 {
         match *self {
             Self::None => f64::INFINITY,
@@ -105,7 +105,7 @@ pub(super) fn distort_radial_tangential(
     (distorted, jacobian)
 }
 
-/// The radius at which an angle off the axis is seen, and its derivative.
+/// Image radius of a ray at an angle to the axis, and its derivative.
 pub(super) fn fisheye_radius(angle: f64, [k1, k2, k3, k4]: [f64; 4]) -> (f64, f64) {
     let squared = angle * angle;
     (
@@ -114,8 +114,8 @@ pub(super) fn fisheye_radius(angle: f64, [k1, k2, k3, k4]: [f64; 4]) -> (f64, f6
     )
 }
 
-/// Solves `function(x) = target` for an increasing function on `[0, limit]` by Newton's method kept inside a
-/// shrinking bracket; `function` returns value and derivative. `None` when the target lies beyond the limit.
+/// Solves `function(x) = target` for an increasing function on `[0, limit]` by bracketed Newton iteration; `function` returns value and
+/// derivative. `None` when the target lies beyond the limit.
 pub(super) fn invert_increasing(
     target: f64,
     limit: f64,
@@ -135,7 +135,7 @@ pub(super) fn invert_increasing(
         high
     };
     let at_limit = function(high).0;
-    // The comparison is written so that NaN fails it.
+    // The negation also rejects NaN.
     if !(target >= 0.0 && target <= at_limit) {
         return None;
     }

@@ -1,8 +1,7 @@
-//! Camera models: pinhole, radial-tangential and Kannala-Brandt, and the map that removes distortion once.
+//! Camera models (pinhole, radial-tangential, Kannala-Brandt) and undistortion.
 //!
 //! Conventions: camera frame x right, y down, z forward; the centre of the top-left pixel is (0, 0); depth is z.
-//! Segments are fitted in pinhole images: an image of a distorting camera is resampled once through an
-//! [`UndistortionMap`] and everything after it sees a pinhole [`Camera`].
+//! Segments are fitted in pinhole images: an [`UndistortionMap`] resamples the image of a distorting camera once.
 
 mod distortion;
 mod model;

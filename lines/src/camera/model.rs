@@ -1,4 +1,4 @@
-//! The camera: intrinsics and distortion, projection and its inverse.
+//! Camera intrinsics with distortion; projection and unprojection.
 
 use nalgebra::{Matrix2x3, Point2, Point3, Vector2, Vector3};
 use thiserror::Error;
@@ -7,8 +7,8 @@ use super::distortion::{Distortion, distort_radial_tangential, fisheye_radius, i
 
 /// A calibrated camera, valid by construction.
 ///
-/// Frames: a point in the camera frame (x right, y down, z forward) projects to a pixel whose centre is a whole number;
-/// the centre of the top-left pixel is (0, 0).
+/// Frames: a point in the camera frame (x right, y down, z forward) projects to pixel coordinates; the centre of the
+/// top-left pixel is (0, 0).
 ///
 /// ```
 /// use linecarve_lines::camera::{Camera, Distortion};
@@ -31,11 +31,11 @@ pub struct Camera {
     cx: f64,
     cy: f64,
     distortion: Distortion,
-    /// Largest usable radius or angle of the distortion; follows from it.
+    /// Largest usable radius or angle of the distortion, derived from its coefficients.
     limit: f64,
 }
 
-/// Why a camera cannot be built.
+/// A camera parameter is invalid.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum CameraError {
     /// A focal length is zero, negative or not finite.
@@ -64,7 +64,7 @@ pub enum CameraError {
     },
 }
 
-/// Why a pixel has no viewing direction.
+/// Error of unprojecting a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum UnprojectError {
     /// The pixel lies beyond the range in which the lens model is invertible, or is not finite.
@@ -164,7 +164,7 @@ impl Camera {
         self.cy
     }
 
-    /// The mean of the two focal lengths in pixels.
+    /// Mean of the two focal lengths in pixels.
     pub fn mean_focal_px(&self) -> f64 {
         0.5 * (self.fx + self.fy)
     }
@@ -174,12 +174,12 @@ impl Camera {
         &self.distortion
     }
 
-    /// Whether the image is that of an ideal pinhole.
+    /// Whether the camera has no lens distortion.
     pub fn is_pinhole(&self) -> bool {
         self.distortion == Distortion::None
     }
 
-    /// The camera with the same focal lengths and principal point and no distortion.
+    /// The pinhole camera with the same focal lengths and principal point.
     pub fn without_distortion(&self) -> Self {
         Self {
             distortion: Distortion::None,
@@ -188,12 +188,12 @@ impl Camera {
         }
     }
 
-    /// The camera of an image shrunk or enlarged by `factor` in both directions.
+    /// The camera of an image scaled by `factor` in both directions.
     ///
     /// # Errors
     /// When the factor is not positive and finite.
     pub fn scaled(&self, factor: f64) -> Result<Self, CameraError> {
-        // Pixel centres are whole numbers: the image's corner lies at (-0.5, -0.5) and stays there.
+        // The image corner at (-0.5, -0.5) is fixed.
         let centre = |c: f64| (c + 0.5) * factor - 0.5;
         Self::with_distortion(
             self.fx * factor,
@@ -204,8 +204,8 @@ impl Camera {
         )
     }
 
-    /// The pixel at which a point in the camera frame is seen; `None` when it is not in front of the lens, lies beyond
-    /// the range in which the lens model is invertible, or is not finite. The pixel may lie outside any image.
+    /// Projects a point in the camera frame to a pixel; `None` when the point is not in front of the lens, outside the invertible range of
+    /// the lens model, or not finite. The pixel may lie outside the image.
     pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<Point2<f64>> {
         if self.is_pinhole() {
             let inverse = 1.0 / point_in_camera.z;
@@ -220,7 +220,7 @@ impl Camera {
             .map(|(pixel, _)| pixel)
     }
 
-    /// [`Camera::project`] and the derivative of the pixel by the point (rows: pixel x, y; columns: point x, y, z).
+    /// [`Camera::project`] with the Jacobian of the pixel (rows x, y) with respect to the point (columns x, y, z).
     pub fn project_with_jacobian(
         &self,
         point_in_camera: &Point3<f64>,
@@ -263,7 +263,7 @@ impl Camera {
         }
         let (radius, radius_by_angle) = fisheye_radius(angle, coefficients);
         if across <= 1e-12 * p.z.abs() {
-            // On the axis radius / across tends to 1 / z.
+            // Limit of radius / across on the axis: 1 / z.
             return (p.z > 0.0).then(|| normalise(p)).flatten();
         }
         let (cos, sin) = (p.x / across, p.y / across);
@@ -364,7 +364,7 @@ impl Camera {
         let mut undistorted = match invert_increasing(radius, self.limit, radial) {
             Some(r) if radius > 0.0 => distorted * (r / radius),
             Some(_) => distorted,
-            // The tangential terms may still bring the pixel inside: start from the rim.
+            // The tangential terms may still bring the pixel inside: start from the limit.
             None if self.limit.is_finite() => distorted * (0.99 * self.limit / radius),
             None => return Err(outside),
         };
@@ -388,7 +388,7 @@ impl Camera {
                 undistorted *= self.limit / norm;
             }
         }
-        // A thousandth of a pixel is far below what any image measures; what misses it did not converge.
+        // 0.001 px is far below image accuracy; a larger residual means no convergence.
         if residual_px < 1e-3 {
             Ok(undistorted)
         } else if undistorted.norm() >= 0.999 * self.limit {
@@ -403,7 +403,7 @@ impl Camera {
     }
 }
 
-/// Position on the plane z = 1 and its derivative by the point.
+/// Position on the plane z = 1 and its Jacobian with respect to the point.
 fn normalise(p: &Point3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
     if p.z.is_nan() || p.z <= 0.0 {
         return None;

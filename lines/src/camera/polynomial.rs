@@ -1,4 +1,4 @@
-//! The one question that lens polynomials raise: up to where are they increasing?
+//! Finds the range in which a lens polynomial is increasing.
 
 /// The smallest root in (0, infinity) at which the polynomial `c[0] + c[1] x + c[2] x^2 + ...` becomes negative or zero,
 /// given `c[0] > 0`; `None` when it stays positive.

@@ -1,23 +1,23 @@
-//! Removing lens distortion: a table from pixels of an ideal pinhole image to positions in the distorted one.
+//! Undistortion by a lookup table from pinhole pixels to positions in the distorted image.
 
 use nalgebra::{Point2, Point3};
 
 use super::Camera;
 use crate::image::{GrayImage, ImageError, Plane};
 
-/// For every pixel of an ideal pinhole image, where the distorted image shows it. Built once, applied to each image.
+/// Lookup table from the pixels of a pinhole image to positions in the distorted image; built once per camera.
 #[derive(Debug, Clone)]
 pub struct UndistortionMap {
     camera: Camera,
-    /// Position in the distorted image; NaN where it shows nothing.
+    /// Position in the distorted image; NaN when not visible.
     positions: Plane<[f32; 2]>,
 }
 
 impl UndistortionMap {
-    /// A map onto the pinhole `target` camera with an image of `width` x `height`; `source` is the camera as it is.
+    /// A map from the distorting `source` camera to the pinhole `target` camera with an image of `width` x `height`.
     ///
     /// # Errors
-    /// When the size cannot be addressed.
+    /// When a side exceeds 65535 pixels.
     pub fn new(
         source: &Camera,
         target: &Camera,
@@ -39,17 +39,8 @@ impl UndistortionMap {
         })
     }
 
-    /// A map onto the image of [`UndistortionMap::inscribed_camera`], of the same size.
-    ///
-    /// # Errors
-    /// When the size cannot be addressed.
-    pub fn inscribed(source: &Camera, width: usize, height: usize) -> Result<Self, ImageError> {
-        let target = Self::inscribed_camera(source, width, height);
-        Self::new(source, &target, width, height)
-    }
-
-    /// A pinhole camera every pixel of whose image is seen by the distorted image of the same size, so that no artificial
-    /// border becomes an edge. The principal point stays; the focal lengths grow by as little as is needed.
+    /// The pinhole camera with the smallest focal lengths (at the same principal point and aspect ratio) whose pixels are all visible in the
+    /// distorted image of the same size, so that no artificial border becomes an edge.
     pub fn inscribed_camera(source: &Camera, width: usize, height: usize) -> Camera {
         let sees_all = |factor: f64| {
             let border = (0..width)
@@ -68,7 +59,7 @@ impl UndistortionMap {
             low = high;
             high *= 1.5;
         }
-        // A thousandth is a fraction of a pixel over half an image.
+        // Relative tolerance: a fraction of a pixel at the image border.
         while high - low > 1e-3 * high {
             let middle = 0.5 * (low + high);
             if sees_all(middle) {
@@ -91,7 +82,7 @@ impl UndistortionMap {
         &self.camera
     }
 
-    /// Resamples a grey image bilinearly. Pixels that the image does not show take the nearest pixel it has, or 0.
+    /// Resamples a grey image bilinearly. Positions outside the image are clamped to its border; invalid ones give 0.
     pub fn resample(&self, image: &GrayImage) -> GrayImage {
         let (width, height) = (image.width(), image.height());
         let mut out = Plane::default();
@@ -115,7 +106,7 @@ impl UndistortionMap {
         out
     }
 
-    /// Resamples a depth image (0 = unknown) by the nearest pixel: depths of two surfaces must not be mixed.
+    /// Resamples a depth image (0 = unknown) with nearest-neighbour lookup, which does not mix the depths of two surfaces.
     pub fn resample_depth(&self, depth: &Plane<f32>) -> Plane<f32> {
         let mut out = Plane::default();
         out.reset(self.positions.width(), self.positions.height(), 0.0_f32);
@@ -152,6 +143,11 @@ mod tests {
         Camera::with_distortion(91.7, 91.5, 73.4, 49.7, distortion).unwrap()
     }
 
+    fn inscribed(source: &Camera, width: usize, height: usize) -> UndistortionMap {
+        let target = UndistortionMap::inscribed_camera(source, width, height);
+        UndistortionMap::new(source, &target, width, height).unwrap()
+    }
+
     #[test]
     fn straight_lines_become_straight() {
         // The image of the plane y = 0.3 z: a curve in the distorted image, a row in the resampled one.
@@ -168,7 +164,7 @@ mod tests {
             }
         }
         let image = GrayImage::new(width, height, samples).unwrap();
-        let map = UndistortionMap::inscribed(&source, width, height).unwrap();
+        let map = inscribed(&source, width, height);
         let resampled = map.resample(&image);
         let row = 0.3 * map.camera().fy() + map.camera().cy();
         for x in 0..width {
@@ -187,7 +183,7 @@ mod tests {
 
     #[test]
     fn inscribed_image_has_no_blind_pixel() {
-        let map = UndistortionMap::inscribed(&distorting(), 150, 96).unwrap();
+        let map = inscribed(&distorting(), 150, 96);
         for &[x, y] in map.positions.samples() {
             assert!(is_inside(&Point2::new(f64::from(x), f64::from(y)), 150, 96));
         }

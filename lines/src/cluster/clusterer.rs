@@ -1,4 +1,4 @@
-//! Incremental clustering: each segment joins the cluster that fits it best, or founds one.
+//! Incremental clustering: each segment joins the best fitting cluster or starts a new one.
 
 use nalgebra::Point3;
 use rstar::primitives::{GeomWithData, Rectangle};
@@ -7,36 +7,36 @@ use rstar::{AABB, RTree};
 use super::options::{ClusterOptions, ClusterOptionsError};
 use super::representative::{EndMoments, WorldSegment};
 
-/// A segment that was inserted; numbered from 0 in the order of insertion. Never reused.
+/// Id of an inserted segment, numbered from 0 in the order of insertion; never reused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SegmentId(pub u32);
 
-/// A cluster; numbered from 0 in the order of foundation. Never reused; invalid once merged into another.
+/// Id of a cluster, numbered from 0 in the order of creation; never reused, invalid after a merge into another cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ClusterId(pub u32);
 
-/// What an insertion did to a cluster.
+/// A change of a cluster by an insertion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClusterEvent {
-    /// A cluster was founded by a segment that fitted no other.
+    /// A segment that fits no cluster started a new one.
     Created(ClusterId),
     /// A cluster gained a segment.
     Extended(ClusterId),
-    /// The members of `from`, which no longer exists, went over to `into`.
+    /// Cluster `from` was merged into cluster `into`.
     Merged {
-        /// The cluster that lives on.
+        /// The remaining cluster.
         into: ClusterId,
-        /// The cluster that is gone.
+        /// The removed cluster.
         from: ClusterId,
     },
     /// The representative of a cluster has changed.
     Moved(ClusterId),
 }
 
-/// A set of segments that lie on one line.
+/// A set of nearly collinear segments.
 #[derive(Debug, Clone)]
 pub struct Cluster {
-    /// The segment that stands for all members.
+    /// The representative segment.
     pub representative: WorldSegment,
     /// Number of members.
     pub size: u32,
@@ -47,26 +47,25 @@ pub struct Cluster {
 
 type Entry = GeomWithData<Rectangle<[f64; 3]>, u32>;
 
-/// Groups segments into clusters as they come, and says what changed.
+/// Groups segments into clusters incrementally and reports the changes.
 ///
 /// A segment fits a cluster when the angle between them is at most 10 degrees, the distance measure d at most lambda_d, and
-/// its ends lie near the cluster's infinite line. Of all clusters that it fits it joins the one whose line its ends are
-/// nearest to; equal ones by the lower number. The representative is the line of largest variance of all member ends, cut
-/// at the farthest projections.
+/// its ends lie near the infinite line of the cluster. It joins the fitting cluster whose line is closest to its ends; ties go to the
+/// lower id. The representative is the principal axis of all member ends, cut at the extreme projections.
 ///
 /// Deterministic: the same segments in the same order give the same clusters. Scaling or moving everything, the median
 /// depth included, scales or moves the clusters.
 ///
 /// # Complexity
-/// Near O(log n) a segment for n clusters of bounded density: candidates come from an R-tree over the clusters' boxes,
-/// and sums are kept running, so that members are never read again.
+/// About O(log n) per segment for n clusters of bounded density: an R-tree over bounding boxes yields the candidates, and running sums
+/// avoid a second pass over the members.
 ///
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
 /// section III-C.
 ///
-/// *Differs from the paper*: the best cluster instead of the first; d is also taken with the roles exchanged, so that a
-/// long segment finds a short cluster in its middle; the limit on the offset; clusters that grow together are merged.
+/// *Differs from the paper*: the best cluster instead of the first; d is symmetric, so that a long segment finds a short cluster in its
+/// middle; a limit on the offset; similar clusters are merged.
 #[derive(Debug, Clone)]
 pub struct SegmentClusterer {
     options: ClusterOptions,
@@ -84,8 +83,7 @@ pub struct SegmentClusterer {
 }
 
 impl SegmentClusterer {
-    /// No clusters yet. `median_depth` is the scene's median depth in units of the poses, which gives the scale of the
-    /// distance limits.
+    /// An empty clusterer. `median_depth` is the median scene depth in units of the poses; it scales the distance limits.
     ///
     /// # Errors
     /// When an option or the median depth is not positive and finite.
@@ -180,7 +178,7 @@ impl SegmentClusterer {
         };
         self.extend(cluster, &segment, id, events);
         if self.options.merge {
-            // A merger moves the representative, which may bring it to a further cluster.
+            // The representative of a merged cluster may fit a further cluster.
             while let Some(other) = self.merge_partner(cluster) {
                 cluster = self.merge(cluster, other, events);
             }
@@ -223,8 +221,8 @@ impl SegmentClusterer {
         }
     }
 
-    /// Another cluster that the representative of this one fits, twice as closely as a segment must: two clusters that
-    /// have stayed apart may be two edges, and a merger is not undone.
+    /// Another cluster that the representative fits within half the offset limit. The stricter limit protects separate edges, because a
+    /// merge is not undone.
     fn merge_partner(&mut self, cluster: u32) -> Option<u32> {
         let representative = self.clusters[cluster as usize].as_ref()?.representative;
         self.best_cluster(&representative, Some(cluster), 0.5 * self.offset)
@@ -255,14 +253,14 @@ impl SegmentClusterer {
         into
     }
 
-    /// Keeps the number of large clusters up to date when one goes from a size to another, 0 being none.
+    /// Updates the number of large clusters when the size of one changes; 0 stands for no cluster.
     fn count_change(&mut self, before: u32, after: u32) {
         let is_large = |size: u32| size >= self.options.minimum_size.max(1);
         self.large += usize::from(is_large(after));
         self.large -= usize::from(is_large(before));
     }
 
-    /// The cluster that a segment fits best with its offset within a limit, `except` left out.
+    /// The best fitting cluster within an offset limit, other than `except`.
     fn best_cluster(
         &mut self,
         segment: &WorldSegment,
@@ -293,8 +291,7 @@ impl SegmentClusterer {
         best
     }
 
-    /// How far the ends of the shorter of two segments lie from the line of the longer one; `None` when they do not belong
-    /// together.
+    /// Largest distance of the ends of the shorter segment from the line of the longer one; `None` when angle or distance exceed the limits.
     fn misfit(&self, a: &WorldSegment, b: &WorldSegment) -> Option<f64> {
         let cosine = a.direction().dot(&b.direction()).abs();
         if cosine < self.minimum_cosine {

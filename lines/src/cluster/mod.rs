@@ -1,4 +1,4 @@
-//! Clusters of segments from many keyframes, grown one segment at a time.
+//! Incremental clustering of segments from many keyframes.
 
 mod clusterer;
 mod options;

@@ -1,8 +1,8 @@
-//! Settings of clustering.
+//! Options of clustering.
 
 use thiserror::Error;
 
-/// Settings of [`SegmentClusterer`](super::SegmentClusterer). Lengths marked "share" are multiplied by the scene's median
+/// Options of [`SegmentClusterer`](super::SegmentClusterer). Lengths marked "share" are multiplied by the scene's median
 /// depth.
 ///
 /// # Reference
@@ -16,22 +16,18 @@ pub struct ClusterOptions {
     pub maximum_angle_rad: f64,
     /// Largest distance measure d between a segment and its cluster, as a share.
     pub distance_share: f64,
-    /// Largest distance of a segment's ends from the infinite line of its cluster, as a share. The paper has no such
-    /// limit, and its d alone lets an end 10 cm beside the middle of a line of 2 m pass 0.02. Tuned on a rendered room,
-    /// where 0.01 joins the edges of neighbouring books, and on a hand-held Kinect sequence, where below 0.004 most
-    /// clusters stay too small to be kept.
+    /// Largest distance of the ends of a segment from the infinite line of its cluster, as a share; not in the paper. Tuned on a rendered
+    /// room, where 0.01 joins the edges of adjacent books, and on the kitchen of 7-Scenes, where less than 0.004 leaves most clusters too
+    /// small.
     pub offset_share: f64,
-    /// Clusters with fewer segments are left out of [`SegmentClusterer::clusters`](super::SegmentClusterer::clusters).
+    /// Least number of segments of a cluster in [`SegmentClusterer::clusters`](super::SegmentClusterer::clusters).
     pub minimum_size: u32,
-    /// Clusters that grow together become one.
+    /// Merge clusters whose lines have become similar.
     pub merge: bool,
 }
 
 impl Default for ClusterOptions {
-    /// The paper's values; the offset was tuned on a noise-free rendered room, the kitchen of 7-Scenes and a synthetic
-    /// living room. From 0.01 to 0.006 to 0.005 the share of points along clusters within 5 mm of the room's surface goes from
-    /// 93.8 to 95.8 to 96.0 % (segments: 96.1 %), the mean distance in the kitchen from 8.8 to 7.4 to 6.6 mm, and the number of
-    /// its 19 504 segments that are in clusters of three from 11 433 to 7453 to 5876.
+    /// The values of the paper; `offset_share` was tuned on a noise-free rendered room, the kitchen of 7-Scenes and a synthetic living room.
     fn default() -> Self {
         Self {
             maximum_angle_rad: 10.0_f64.to_radians(),
@@ -43,7 +39,7 @@ impl Default for ClusterOptions {
     }
 }
 
-/// Why clustering is refused.
+/// A cluster option or the median depth is out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum ClusterOptionsError {
     /// A length or angle is not positive and finite.

@@ -1,4 +1,4 @@
-//! The segment that stands for a cluster.
+//! The representative segment of a cluster.
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
@@ -32,20 +32,20 @@ impl WorldSegment {
         (point - self.ends[0]).cross(&self.direction()).norm()
     }
 
-    /// The paper's measure for one point: how much longer the way over the point is than the segment. Zero on the segment.
+    /// The distance measure of the paper for one point: path length from end to end via the point, minus the length of the segment.
     pub(super) fn detour(&self, point: &Point3<f64>) -> f64 {
         (point - self.ends[0]).norm() + (point - self.ends[1]).norm() - self.length()
     }
 }
 
-/// Sums over the ends of a cluster's members, relative to a fixed point near them.
+/// Running sums over the ends of all members, relative to a nearby origin.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EndMoments {
     origin: Point3<f64>,
     count: f64,
     sum: Vector3<f64>,
     outer: Matrix3<f64>,
-    /// The ends that reach farthest along the representative, backwards and forwards.
+    /// The ends with the smallest and largest projection onto the representative.
     extremes: [Point3<f64>; 2],
 }
 
@@ -83,7 +83,7 @@ impl EndMoments {
         self.represent(current, &segment.ends)
     }
 
-    /// Takes over the members of another cluster and returns the new representative.
+    /// Adds the members of another cluster and returns the new representative.
     pub(super) fn merge(&mut self, other: &Self, current: &WorldSegment) -> WorldSegment {
         // Sum of (d + s)(d + s)' with s the shift between the origins.
         let shift = other.origin - self.origin;
@@ -98,8 +98,8 @@ impl EndMoments {
 
     /// The line of largest variance through the centroid, cut at the farthest projections.
     ///
-    /// Only the farthest ends so far and the new ones are projected, not all members: when the direction turns, an end that
-    /// was second by less than its distance from the line times the turn may be missed.
+    /// An approximation: only the previous extremes and the new ends are projected, not all members. After a change of direction another
+    /// end may reach slightly farther.
     fn represent(&mut self, current: &WorldSegment, new_ends: &[Point3<f64>; 2]) -> WorldSegment {
         let mean = self.sum / self.count;
         let scatter = self.outer - self.sum * mean.transpose();
@@ -110,7 +110,7 @@ impl EndMoments {
         if direction.dot(&before) < 0.0 {
             direction = -direction;
         }
-        // Crossing segments of equal spread have no line in common: the line stays as it was.
+        // Crossing segments of equal spread have no common direction: keep the old one.
         if direction.iter().any(|c| !c.is_finite()) || direction.dot(&before) < 0.5 {
             direction = before;
         }

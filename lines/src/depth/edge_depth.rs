@@ -1,38 +1,34 @@
-//! Which depth belongs to an edge pixel.
+//! Assigns depths to edge pixels.
 //!
-//! An image edge at a depth discontinuity is the outline of the *near* surface. Edge localisation, registration and the
-//! depth sensor's own outline each err by a pixel or more, so the depth image shows the far surface, or nothing, under
-//! many pixels of such an edge. Taking the depth that happens to lie there pulls segments off their object or tears
-//! them. Here every edge pixel looks at the depths around it: where they show a jump, the near side is taken and
-//! extrapolated as a plane to the pixel; elsewhere the depth at the pixel stands, smoothed a little if wished.
+//! An image edge at a depth discontinuity is the occluding contour of the *near* surface. Edge localisation, registration and the contour
+//! in the depth image each err by a pixel or more, so that many pixels of such an edge have the depth of the far surface or none. Raw
+//! depths would move or split segments. At a depth jump near an edge pixel, the near side is therefore extrapolated as a plane to the pixel.
+//! Elsewhere the pixel keeps its depth, optionally smoothed.
 //!
-//! *Differs from He et al., ICPR 2018*, who take the raw depth of the pixel; [`EdgeDepthOptions::raw`] does that.
+//! *Differs from He et al., ICPR 2018*: the paper takes the raw depth of the pixel, as [`EdgeDepthOptions::raw`] does.
 
 use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
 use crate::edges::EdgeChains;
 
-/// Settings of [`EdgeDepths::compute`].
+/// Options of [`EdgeDepths::compute`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct EdgeDepthOptions {
-    /// How far an edge pixel looks for the near side of a jump, in pixels; 0 takes the raw depth of the pixel.
+    /// Radius of the window in which a depth jump is detected, in pixels; 0 takes the raw depth of the pixel.
     pub radius_px: usize,
-    /// Depths in this radius are smoothed by a plane where there is no jump; 0 takes the depth of the pixel itself.
+    /// Radius of the plane fit that smooths depths without a jump, in pixels; 0 disables smoothing.
     pub smoothing_radius_px: usize,
-    /// A jump is a gap in the inverse depths around a pixel of more than this many standard deviations of a difference ...
+    /// Least gap of inverse depths at a jump, in standard deviations of a difference; `jump_relative` must hold too.
     pub jump_sigmas: f64,
-    /// ... and of more than this share of the inverse depth.
+    /// Least gap of inverse depths at a jump, as a share of the inverse depth.
     pub jump_relative: f64,
-    /// A near side of fewer pixels is taken for noise.
+    /// Least number of pixels of the near side; fewer are treated as noise.
     pub least_support: usize,
 }
 
 impl Default for EdgeDepthOptions {
-    /// Tuned on the kitchen of 7-Scenes (registration good to about 2 pixels) and a synthetic living room. Against raw
-    /// depths a radius of 2 explains 52.2 instead of 49.3 % and 72.8 instead of 64.2 % of the edge pixels, and segments fall
-    /// as closely on the edges of neighbouring keyframes. A radius of 3 gains 0.5 % in one and loses 0.6 % in the other, and
-    /// is 0.2 mm and 0.05 mm less accurate.
+    /// Tuned on the kitchen of 7-Scenes (registration error about 2 pixels) and a synthetic living room.
     fn default() -> Self {
         Self {
             radius_px: 2,
@@ -45,7 +41,7 @@ impl Default for EdgeDepthOptions {
 }
 
 impl EdgeDepthOptions {
-    /// The depth as it lies under the pixel, as the paper takes it.
+    /// The raw depth of each pixel, as in the paper.
     pub fn raw() -> Self {
         Self {
             radius_px: 0,
@@ -59,20 +55,20 @@ impl EdgeDepthOptions {
 #[derive(Debug, Clone, Default)]
 pub struct EdgeDepths {
     samples: Vec<InverseDepth>,
-    pixels: Vec<Neighbour>,
+    pixels: Vec<WindowPixel>,
     extremes: Extremes,
 }
 
-/// A known pixel of a window, relative to its centre.
+/// A known pixel of a window, relative to the window centre.
 #[derive(Debug, Clone, Copy)]
-struct Neighbour {
+struct WindowPixel {
     dx: f32,
     dy: f32,
     rho: f32,
 }
 
 impl EdgeDepths {
-    /// The measurement of a chain pixel, by its position among all chain pixels.
+    /// The measurement of a chain pixel, by its index among all chain pixels.
     pub fn get(&self, position: usize) -> Option<InverseDepth> {
         self.samples
             .get(position)
@@ -98,10 +94,10 @@ impl EdgeDepths {
             .count()
     }
 
-    /// Gives each pixel of the chains its depth, reusing the memory. Pixels outside the map have none.
+    /// Computes the depth of each chain pixel, reusing the memory. Pixels outside the map have none.
     ///
     /// # Complexity
-    /// Linear in the number of chain pixels; a window of the radius is read for each.
+    /// O(chain pixels x pixels of a window).
     pub fn compute(
         &mut self,
         map: &InverseDepthMap,
@@ -135,12 +131,12 @@ impl EdgeDepths {
     }
 }
 
-/// Nearest and farthest inverse depth around a pixel: most windows show no jump and are done with it.
+/// Nearest and farthest inverse depth around a pixel, a fast test for windows without a jump.
 #[derive(Debug, Clone, Default)]
 struct Extremes {
-    /// The map with a border, so that no window leaves it; unknown pixels are 0 here ...
+    /// The padded map; unknown pixels are 0.
     nearest: Vec<f32>,
-    /// ... and infinite here.
+    /// The padded map; unknown pixels are infinite.
     farthest: Vec<f32>,
     stride: usize,
     side: usize,
@@ -170,7 +166,7 @@ impl Extremes {
         }
     }
 
-    /// The extremes of the window around a pixel; 0 and infinity when nothing is known there.
+    /// The extremes of the window around a pixel; 0 and infinity when all its pixels are unknown.
     fn around(&self, x: usize, y: usize) -> (f32, f32) {
         let (mut nearest, mut farthest) = (0.0_f32, f32::INFINITY);
         for row in y..y + self.side {
@@ -186,7 +182,7 @@ impl Extremes {
     }
 }
 
-/// Pixels of a window around a centre, in order of rows.
+/// A window around a pixel.
 struct Window<'a> {
     map: &'a InverseDepthMap,
     center: (usize, usize),
@@ -194,7 +190,7 @@ struct Window<'a> {
 
 impl Window<'_> {
     /// Calls `visit` with the offset and the inverse depth of each known pixel within a radius.
-    fn for_each(&self, radius: usize, mut visit: impl FnMut(Neighbour)) {
+    fn for_each(&self, radius: usize, mut visit: impl FnMut(WindowPixel)) {
         let (x, y) = self.center;
         let (width, height) = (self.map.width(), self.map.height());
         let (left, right) = (x.saturating_sub(radius), (x + radius).min(width - 1));
@@ -205,7 +201,7 @@ impl Window<'_> {
             let first = left as f32 - x as f32;
             for (column, sample) in samples.iter().enumerate() {
                 if sample.rho > 0.0 {
-                    visit(Neighbour {
+                    visit(WindowPixel {
                         dx: first + column as f32,
                         dy,
                         rho: sample.rho,
@@ -216,18 +212,18 @@ impl Window<'_> {
     }
 
     /// Standard deviation at a pixel of the window.
-    fn sigma(&self, pixel: &Neighbour) -> f32 {
+    fn sigma(&self, pixel: &WindowPixel) -> f32 {
         let x = (self.center.0 as f32 + pixel.dx) as usize;
         let y = (self.center.1 as f32 + pixel.dy) as usize;
         self.map.raw()[y * self.map.width() + x].sigma
     }
 }
 
-/// Without a jump: the plane through the close neighbours, or the pixel's own depth.
+/// The depth without a jump: a plane fit to close pixels, or the own depth of the pixel.
 fn smoothed(
     window: &Window<'_>,
     options: &EdgeDepthOptions,
-    pixels: &mut Vec<Neighbour>,
+    pixels: &mut Vec<WindowPixel>,
 ) -> InverseDepth {
     let (x, y) = window.center;
     let own = window.map.raw()[y * window.map.width() + x];
@@ -242,16 +238,16 @@ fn smoothed(
     InverseDepth::new(plane_at_centre(pixels), own.sigma).unwrap_or(own)
 }
 
-/// Where the window shows a jump: the plane of its near side at the centre.
+/// The depth at a jump: the plane of the near side at the window centre; `None` without a jump.
 ///
-/// The near side is found by counting inverse depths in bins of half a jump, from near to far: it ends at the first empty
-/// bin that has enough pixels before it. Fewer pixels before an empty bin fly in front of the surface and are left out.
+/// The near side comes from a histogram of inverse depths with bins of half a jump, from near to far: it ends at the first empty bin after
+/// enough pixels. Smaller groups in front of it are flying pixels and are ignored.
 fn near_side(
     window: &Window<'_>,
     nearest: f32,
     farthest: f32,
     options: &EdgeDepthOptions,
-    pixels: &mut Vec<Neighbour>,
+    pixels: &mut Vec<WindowPixel>,
 ) -> Option<InverseDepth> {
     const BINS: usize = 64;
     let relative = options.jump_relative as f32 * nearest;
@@ -270,7 +266,7 @@ fn near_side(
         return None;
     }
     let per_bin = 2.0 / jump;
-    // The last bin takes all that is farther.
+    // The last bin takes all farther pixels.
     let bin = |rho: f32| (((nearest - rho) * per_bin) as usize).min(BINS - 1);
     let mut counts = [0_usize; BINS];
     window.for_each(options.radius_px, |pixel| counts[bin(pixel.rho)] += 1);
@@ -298,9 +294,9 @@ fn near_side(
     None
 }
 
-/// The least-squares plane `rho = a + b dx + c dy` at the centre of the window; the mean where the pixels are so placed
-/// that the plane there would be much less certain than a single pixel (variance above twice its own).
-fn plane_at_centre(pixels: &[Neighbour]) -> f32 {
+/// The value of the least-squares plane `rho = a + b dx + c dy` at the window centre; the mean when the variance of the plane there exceeds
+/// twice that of a single pixel.
+fn plane_at_centre(pixels: &[WindowPixel]) -> f32 {
     let n = pixels.len() as f32;
     let (mut x, mut y, mut rho) = (0.0_f32, 0.0_f32, 0.0_f32);
     for p in pixels {

@@ -2,7 +2,7 @@
 
 use crate::image::{ImageError, Plane};
 
-/// The inverse of the depth z of a surface at a pixel, and its standard deviation; both in 1 / unit of the poses.
+/// The inverse depth 1/z of a surface at a pixel and its standard deviation, in 1 / unit of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InverseDepth {
     /// Inverse depth, positive and finite.
@@ -12,7 +12,7 @@ pub struct InverseDepth {
 }
 
 impl InverseDepth {
-    /// A measurement, `None` unless both numbers are positive and finite.
+    /// A measurement; `None` unless both values are positive and finite.
     pub fn new(rho: f32, sigma: f32) -> Option<Self> {
         let is_valid = rho > 0.0 && rho.is_finite() && sigma > 0.0 && sigma.is_finite();
         is_valid.then_some(Self { rho, sigma })
@@ -24,14 +24,14 @@ impl InverseDepth {
     }
 }
 
-/// Inverse depth of every pixel of a pinhole image, where it is known.
+/// Inverse depth per pixel of a pinhole image; pixels may be unknown.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct InverseDepthMap {
     /// Unknown pixels hold [`UNKNOWN`].
     samples: Plane<InverseDepth>,
 }
 
-/// Stands for an unknown pixel inside the map; no measurement has a zero.
+/// Marks an unknown pixel inside the map.
 pub(super) const UNKNOWN: InverseDepth = InverseDepth {
     rho: 0.0,
     sigma: 0.0,
@@ -44,7 +44,7 @@ impl Default for InverseDepth {
 }
 
 impl InverseDepthMap {
-    /// A map in which every pixel is unknown.
+    /// A map of unknown pixels.
     ///
     /// # Errors
     /// When a side exceeds 65535 pixels.
@@ -82,7 +82,7 @@ impl InverseDepthMap {
         self.samples.samples_mut()[index] = measurement.unwrap_or(UNKNOWN);
     }
 
-    /// The known pixels in order of rows as (x, y, measurement).
+    /// The known pixels, row by row, as (x, y, measurement).
     pub fn known(&self) -> impl Iterator<Item = (usize, usize, InverseDepth)> {
         let width = self.width().max(1);
         self.samples
@@ -98,7 +98,7 @@ impl InverseDepthMap {
         self.known().count()
     }
 
-    /// The median depth z of the known pixels (the lower one of an even number), `None` when none is known.
+    /// The median depth z of the known pixels (the smaller one of an even number); `None` when no pixel is known.
     pub fn median_depth(&self) -> Option<f64> {
         let mut all: Vec<f32> = self.known().map(|(_, _, sample)| sample.rho).collect();
         if all.is_empty() {
@@ -109,12 +109,12 @@ impl InverseDepthMap {
         Some(1.0 / f64::from(rho))
     }
 
-    /// The samples by rows, [`UNKNOWN`] where there is none.
+    /// The samples, row by row, [`UNKNOWN`] for unknown pixels.
     pub(super) fn raw(&self) -> &[InverseDepth] {
         self.samples.samples()
     }
 
-    /// The samples by rows, to be filled with measurements or [`UNKNOWN`].
+    /// The mutable samples, row by row: measurements or [`UNKNOWN`].
     pub(super) fn raw_mut(&mut self) -> &mut [InverseDepth] {
         self.samples.samples_mut()
     }

@@ -1,9 +1,7 @@
-//! Inverse depth of a keyframe with its standard deviation, and the depth that an edge pixel is given.
+//! Inverse depth of a keyframe with standard deviations, and the depth of its edge pixels.
 //!
-//! One type, [`InverseDepthMap`], whatever the source: a depth sensor ([`DepthSensor`]), neighbouring keyframes ([`semi_dense`]) or any other that fills it
-//! in.
-//! Inverse depth because the image of a plane has an inverse depth that is exactly linear in the pixel, and because the
-//! noise of stereo and structured light is uniform in it.
+//! [`InverseDepthMap`] is independent of the source: a depth sensor ([`DepthSensor`]), neighbouring keyframes ([`semi_dense`]) or another
+//! that fills it. Inverse depth is exactly linear over the image of a plane, and the noise of stereo and structured light is uniform in it.
 
 mod edge_depth;
 mod map;

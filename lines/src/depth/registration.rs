@@ -1,4 +1,4 @@
-//! Carrying a depth image into another camera.
+//! Registration of a depth image to another camera.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -7,13 +7,12 @@ use super::sensor::SensorNoise;
 use crate::camera::Camera;
 use crate::image::Plane;
 
-/// Neighbouring depth pixels whose connection is steeper than this, measured from the image plane, belong to two
-/// surfaces unless noise explains the difference: tan 80 degrees.
-const STEEPEST: f64 = 5.671;
-/// Differences of neighbours within this many standard deviations of their difference are noise.
+/// Largest slope between adjacent depth pixels of one surface, relative to the image plane: tan 80 degrees.
+const MAX_SLOPE: f64 = 5.671;
+/// Differences of adjacent depths within this many standard deviations are noise.
 const NOISE_GATE: f64 = 4.0;
 
-/// What [`register`] needs to know.
+/// Input of [`register`].
 pub(super) struct Registration<'a> {
     pub(super) depth_camera: &'a Camera,
     pub(super) color_camera: &'a Camera,
@@ -21,17 +20,17 @@ pub(super) struct Registration<'a> {
     pub(super) noise: &'a SensorNoise,
 }
 
-/// A row of depth pixels seen by the colour camera; one array per quantity, so that the loop over them is vectorised.
+/// A row of depth pixels projected into the colour camera, as one array per quantity for vectorisation.
 #[derive(Debug, Clone, Default)]
 struct ProjectedRow {
     x: Vec<f32>,
     y: Vec<f32>,
     /// Inverse depth in the colour camera; 0 when unknown or behind it.
     rho: Vec<f32>,
-    /// Inverse depth in the depth camera, where continuity is judged.
+    /// Inverse depth in the depth camera, for the continuity test.
     rho_in_depth: Vec<f32>,
-    /// By how much the inverse depth of a neighbour of the same surface may differ.
-    reach: Vec<f32>,
+    /// Largest difference of inverse depth to an adjacent pixel of the same surface.
+    tolerance: Vec<f32>,
 }
 
 /// A corner of a cell.
@@ -41,14 +40,13 @@ struct Corner {
     y: f32,
     rho: f32,
     rho_in_depth: f32,
-    reach: f32,
+    tolerance: f32,
 }
 
 /// Fills `map` (all unknown, of the size of the colour image) with the nearest surface along each pixel's ray.
 ///
-/// Inverse depth is linear across the image of a plane, so the two triangles of a cell are filled exactly for planar
-/// surfaces. Cells with a jump are left open; their pixels are put at the nearest colour pixel, so that a thin object of
-/// one depth pixel survives.
+/// Inverse depth is linear over the image of a plane, so that the two triangles of a cell are exact for planar surfaces. Cells with a jump
+/// are not filled; each of their pixels is copied to the nearest colour pixel, which preserves objects one depth pixel thin.
 pub(super) fn register(
     depth: &Plane<f32>,
     registration: &Registration<'_>,
@@ -88,11 +86,11 @@ impl ProjectedRow {
             y: zeros.clone(),
             rho: zeros.clone(),
             rho_in_depth: zeros.clone(),
-            reach: zeros,
+            tolerance: zeros,
         }
     }
 
-    /// Single precision is ample: a ten-thousandth of a pixel, a ten-millionth of the depth.
+    /// Single precision suffices: errors are about 1e-4 pixels and a relative 1e-7 of the depth.
     fn project(&mut self, row: &[f32], y: usize, registration: &Registration<'_>) {
         let (depth_camera, color) = (registration.depth_camera, registration.color_camera);
         let rotation = registration.color_from_depth.rotation.to_rotation_matrix();
@@ -108,11 +106,11 @@ impl ProjectedRow {
         let along = to_pixels(rotation * Vector3::new(1.0 / depth_camera.fx(), 0.0, 0.0));
         let shift = to_pixels(registration.color_from_depth.translation.vector);
         let sigma = registration.noise.in_single_precision();
-        let slope = (STEEPEST / depth_camera.mean_focal_px()) as f32;
+        let slope = (MAX_SLOPE / depth_camera.mean_focal_px()) as f32;
         let noise_gate = (NOISE_GATE * std::f64::consts::SQRT_2) as f32;
         let n = row.len();
         let (xs, ys, rhos) = (&mut self.x[..n], &mut self.y[..n], &mut self.rho[..n]);
-        let (in_depth, reaches) = (&mut self.rho_in_depth[..n], &mut self.reach[..n]);
+        let (in_depth, tolerances) = (&mut self.rho_in_depth[..n], &mut self.tolerance[..n]);
         for x in 0..n {
             let z = row[x];
             let column = x as f32;
@@ -122,17 +120,16 @@ impl ProjectedRow {
             // Infinite and NaN depths have an inverse that is not positive.
             let is_known = (rho_in_depth > 0.0) & (rho > 0.0) & (rho < f32::INFINITY);
             rhos[x] = if is_known { rho } else { 0.0 };
-            // Unknown corners are NaN, which the minimum and maximum of a cell pass over.
+            // Unknown corners are NaN, which the minimum and maximum of a cell ignore.
             let shown = if is_known { rho } else { f32::NAN };
             xs[x] = ((start.x + along.x * column) * z + shift.x) * shown;
             ys[x] = ((start.y + along.y * column) * z + shift.y) * shown;
             in_depth[x] = rho_in_depth;
-            reaches[x] = (noise_gate * sigma(rho_in_depth)).max(slope * rho_in_depth);
+            tolerances[x] = (noise_gate * sigma(rho_in_depth)).max(slope * rho_in_depth);
         }
     }
 
-    /// Puts depth pixels at the nearest colour pixels unless a cell of the same surface, which interpolates and is better,
-    /// or a nearer one is there.
+    /// Copies depth pixels to the nearest colour pixels unless those show a nearer surface or an interpolated value of the same one.
     fn splat(&self, map: &mut InverseDepthMap) {
         let (width, height) = (map.width(), map.height());
         let samples = map.raw_mut();
@@ -140,7 +137,7 @@ impl ProjectedRow {
             let (x, y, rho) = (self.x[i] + 0.5, self.y[i] + 0.5, self.rho[i]);
             if rho > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32 {
                 let slot = &mut samples[y as usize * width + x as usize];
-                if rho > slot.rho + self.reach[i] {
+                if rho > slot.rho + self.tolerance[i] {
                     slot.rho = rho;
                 }
             }
@@ -153,7 +150,7 @@ impl ProjectedRow {
             y: self.y[x],
             rho: self.rho[x],
             rho_in_depth: self.rho_in_depth[x],
-            reach: self.reach[x],
+            tolerance: self.tolerance[x],
         }
     }
 }
@@ -168,7 +165,7 @@ impl ProjectedRow {
 fn fill_cell(above: &ProjectedRow, below: &ProjectedRow, x: usize, map: &mut InverseDepthMap) {
     let (a, b) = (above.corner(x - 1), above.corner(x));
     let (c, d) = (below.corner(x - 1), below.corner(x));
-    // Most cells hold no pixel centre, or only one: look for it first.
+    // Most cells contain at most one pixel centre: test for it first.
     let columns = whole_numbers([a.x, b.x, c.x, d.x], map.width());
     if columns.is_empty() {
         return;
@@ -193,11 +190,10 @@ fn is_surface(a: &Corner, b: &Corner, c: &Corner) -> bool {
     }
     let nearest = a.rho_in_depth.max(b.rho_in_depth).max(c.rho_in_depth);
     let farthest = a.rho_in_depth.min(b.rho_in_depth).min(c.rho_in_depth);
-    nearest - farthest <= a.reach.max(b.reach).max(c.reach)
+    nearest - farthest <= a.tolerance.max(b.tolerance).max(c.tolerance)
 }
 
-/// The whole numbers between the smallest and the largest of four, limited to `0..count`. Unknown corners are NaN and
-/// count for nothing.
+/// The whole numbers between the minimum and the maximum of four values, limited to `0..count`; NaN values are ignored.
 fn whole_numbers([a, b, c, d]: [f32; 4], count: usize) -> std::ops::Range<usize> {
     // Comparisons with NaN are false, so that each of these keeps the other number, or its start.
     let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
@@ -240,7 +236,7 @@ fn fill_triangle(
             let (px, py) = (x as f32 - a.x, y as f32 - a.y);
             let weight_b = (px * (c.y - a.y) - (c.x - a.x) * py) * inverse;
             let weight_c = ((b.x - a.x) * py - px * (b.y - a.y)) * inverse;
-            // Closed triangles: a pixel on a shared side is filled by both, which is harmless.
+            // Closed triangles: a pixel on a shared side is filled by both.
             if weight_b < 0.0 || weight_c < 0.0 || weight_b + weight_c > 1.0 {
                 continue;
             }

@@ -1,4 +1,4 @@
-//! A depth camera: its geometry, its noise, and the map it gives of a keyframe.
+//! Depth sensor: geometry, noise model and conversion of depth images to inverse depth maps.
 
 use nalgebra::Isometry3;
 use thiserror::Error;
@@ -8,26 +8,26 @@ use super::registration::{Registration, register};
 use crate::camera::Camera;
 use crate::image::{ImageError, Plane};
 
-/// Noise of a depth sensor that measures disparity (stereo, structured light), where inverse depth has a constant
-/// standard deviation and depth one that grows with its square; plus the rounding of stored depths.
+/// Noise of a disparity sensor (stereo, structured light): constant standard deviation of inverse depth, plus the rounding of stored
+/// depths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {
     /// Standard deviation of the inverse depth, in 1 / unit of the poses.
     pub inverse_depth_sigma: f64,
-    /// Step between two stored depths in units of the poses, 0 when they are continuous. Adds `step / sqrt(12)`.
+    /// Quantisation step of stored depths in units of the poses; 0 for continuous depths. Adds a standard deviation of `step / sqrt(12)`.
     pub depth_step: f64,
 }
 
 impl SensorNoise {
-    /// Relative standard deviation of a structured-light sensor at the median depth of the rooms that it is used in:
-    /// the 1.4 mm at 1 m of a first-generation Kinect are 5.7 mm, or 0.29 %, at 2 m.
+    /// Relative standard deviation of a structured-light sensor at a median indoor depth of 2 m: 5.7 mm, or 0.29 %, for a first-generation
+    /// Kinect.
     ///
     /// # Reference
     /// K. Khoshelham, S. O. Elberink, Accuracy and Resolution of Kinect Depth Data for Indoor Mapping Applications,
     /// Sensors, 2012: sigma_z = 1.425e-3 z^2 (metres).
     pub const STRUCTURED_LIGHT_RELATIVE: f64 = 0.003;
 
-    /// From disparity noise in pixels, focal length in pixels and baseline in units of the poses.
+    /// From disparity noise (pixels), focal length (pixels) and baseline (units of the poses).
     pub fn from_disparity(noise_px: f64, focal_px: f64, baseline: f64, depth_step: f64) -> Self {
         Self {
             inverse_depth_sigma: noise_px / (focal_px * baseline),
@@ -35,7 +35,7 @@ impl SensorNoise {
         }
     }
 
-    /// From the relative standard deviation of depth at the scene's median depth. Needs no metric scale.
+    /// From the relative standard deviation of depth at the median scene depth; independent of scale.
     pub fn relative_at(relative: f64, median_depth: f64, depth_step: f64) -> Self {
         Self {
             inverse_depth_sigma: relative / median_depth,
@@ -43,7 +43,7 @@ impl SensorNoise {
         }
     }
 
-    /// [`SensorNoise::sigma`] for loops over pixels.
+    /// [`SensorNoise::sigma`] in single precision, for loops over pixels.
     pub(super) fn in_single_precision(&self) -> impl Fn(f32) -> f32 + Copy + use<> {
         let base = (self.inverse_depth_sigma * self.inverse_depth_sigma) as f32;
         let rounding = (self.depth_step * UNIFORM_SIGMA) as f32;
@@ -61,26 +61,26 @@ impl SensorNoise {
     }
 }
 
-/// Standard deviation of a uniform deviate of width 1, 1 / sqrt(12).
+/// Standard deviation of a uniform distribution of width 1: 1 / sqrt(12).
 const UNIFORM_SIGMA: f64 = 0.288_675_134_594_812_9;
 
-/// A depth camera beside a colour camera.
+/// A depth camera with its pose relative to the colour camera.
 #[derive(Debug, Clone)]
 pub struct DepthSensor {
     /// The depth camera, a pinhole.
     pub camera: Camera,
     /// `point_in_color = color_from_depth * point_in_depth`.
     pub color_from_depth: Isometry3<f64>,
-    /// Whether depth pixels already belong to the colour pixels of the same place; then geometry plays no part.
+    /// Depth pixels coincide with colour pixels; camera and pose are then unused.
     pub is_registered: bool,
     /// Measurement noise.
     pub noise: SensorNoise,
 }
 
-/// Why a depth image gives no map.
+/// Error of converting a depth image.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SensorError {
-    /// A registered depth image must have the size of the colour image.
+    /// Registered depth and colour images differ in size.
     #[error(
         "the depth image is {depth_width} x {depth_height}, the colour image {color_width} x {color_height}; \
          a registered depth image must have the same size (or give the depth camera's calibration)"
@@ -95,7 +95,7 @@ pub enum SensorError {
         /// Height of the colour image.
         color_height: usize,
     },
-    /// Registration needs ideal pinhole images.
+    /// A camera has lens distortion.
     #[error("the {which} camera has lens distortion; undistort its images first")]
     Distorted {
         /// `depth` or `color`.
@@ -111,7 +111,7 @@ pub enum SensorError {
         /// The depth step.
         depth_step: f64,
     },
-    /// The size cannot be addressed.
+    /// The image size is invalid.
     #[error(transparent)]
     Image(#[from] ImageError),
 }
@@ -127,15 +127,14 @@ impl DepthSensor {
         }
     }
 
-    /// The inverse depth of each pixel of the colour image, from a depth image (z in units of the poses; 0, negative
-    /// and non-finite values are unknown).
+    /// Inverse depth of each pixel of the colour image, from a depth image in units of the poses; 0, negative and non-finite depths are
+    /// unknown.
     ///
-    /// A depth camera of its own is carried over by projecting its surface forward: cells of 2 x 2 depth pixels that
-    /// belong to one surface are filled with linear inverse depth, the nearest surface wins, so that neither a finer
-    /// colour image nor a closer view opens holes through which the background shows.
+    /// An unregistered depth image is projected forward as a surface: cells of 2 x 2 depth pixels on one surface are filled with linear
+    /// inverse depth, and the nearest surface wins. A finer colour image therefore shows no holes.
     ///
     /// # Errors
-    /// When sizes do not match, a camera distorts, or the noise is not positive.
+    /// When sizes do not match, a camera has distortion, or the noise is not positive.
     ///
     /// # Complexity
     /// Linear in the number of depth and colour pixels.

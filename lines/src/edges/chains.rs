@@ -1,14 +1,13 @@
-//! Pixel chains in flat arrays, and the check of what they promise.
+//! Edge chains in flat arrays, with a check of their invariants.
 
 use thiserror::Error;
 
 use crate::image::GradientField;
 
-/// The edges of one image as chains of pixels.
+/// The edges of one image as pixel chains.
 ///
-/// Guarantees, verified by [`EdgeChains::check`]: consecutive pixels of a chain are 8-neighbours; no pixel lies on two
-/// chains or twice on one; chains are one pixel wide, that is, no pixel could be left out with its neighbours still
-/// touching, and no block of 2 x 2 pixels lies on edges entirely.
+/// Guarantees, verified by [`EdgeChains::check`]: consecutive pixels of a chain are 8-neighbours; each pixel belongs to at most one chain,
+/// once; chains are one pixel wide (no pixel is redundant, and no 2 x 2 block consists of edge pixels only).
 #[derive(Debug, Clone, PartialEq)]
 pub struct EdgeChains {
     width: usize,
@@ -16,11 +15,11 @@ pub struct EdgeChains {
     /// Chain `i` has the pixels `offsets[i]..offsets[i + 1]`; one more entry than chains.
     offsets: Vec<u32>,
     pixels: Vec<[u16; 2]>,
-    /// Where the crest of the gradient crosses each pixel.
+    /// Sub-pixel position of the gradient maximum in each pixel.
     positions: Vec<[f32; 2]>,
 }
 
-/// What is wrong with a set of chains, and where.
+/// A violated invariant of [`EdgeChains`] with its witness.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum ChainViolation {
     /// A pixel lies outside the image.
@@ -49,15 +48,15 @@ pub enum ChainViolation {
         /// The chain that has it again.
         second: usize,
     },
-    /// The neighbours of a pixel on its chain touch each other, so the pixel makes the chain thicker than needed.
-    #[error("chain {chain} is thick at position {position}")]
+    /// The two chain neighbours of a pixel touch each other, so that the pixel is redundant.
+    #[error("chain {chain} has a redundant pixel at position {position}")]
     Corner {
         /// Chain index.
         chain: usize,
-        /// Position of the superfluous pixel.
+        /// Position of the redundant pixel.
         position: usize,
     },
-    /// Four pixels of a block are on edges.
+    /// All pixels of a 2 x 2 block are edge pixels.
     #[error("the 2 x 2 block at {pixel:?} is filled with edge pixels")]
     Block {
         /// Top-left pixel of the block.
@@ -72,7 +71,7 @@ impl Default for EdgeChains {
 }
 
 impl EdgeChains {
-    /// No chains, in an image of the given size.
+    /// Empty chains for an image of the given size.
     pub fn new(width: usize, height: usize) -> Self {
         Self {
             width,
@@ -111,7 +110,7 @@ impl EdgeChains {
         &self.pixels[self.offsets[index] as usize..self.offsets[index + 1] as usize]
     }
 
-    /// Where a chain begins in [`EdgeChains::pixels`].
+    /// Index of the first pixel of a chain in [`EdgeChains::pixels`].
     ///
     /// # Panics
     /// When the chain does not exist.
@@ -131,13 +130,13 @@ impl EdgeChains {
         &self.pixels
     }
 
-    /// Sub-pixel positions (x, y) of the pixels of all chains: the crest of the gradient across the edge, at most half a
-    /// pixel from the centre of the pixel.
+    /// Sub-pixel positions (x, y) of the pixels of all chains: the gradient maximum across the edge, at most half a pixel from the pixel
+    /// centre.
     pub fn positions(&self) -> &[[f32; 2]] {
         &self.positions
     }
 
-    /// Forgets all chains and takes the size of the next image, keeping the memory.
+    /// Removes all chains and sets the image size, keeping the memory.
     pub(super) fn clear(&mut self, width: usize, height: usize) {
         self.width = width;
         self.height = height;
@@ -147,8 +146,10 @@ impl EdgeChains {
         self.positions.clear();
     }
 
-    /// Appends a chain given by sample indices; positions are those of the pixels until [`EdgeChains::refine`].
-    pub(crate) fn push(&mut self, indices: &[u32]) {
+    /// Appends a chain of pixels given by row-major indices, with the pixel centres as positions.
+    ///
+    /// The caller keeps the guarantees; [`EdgeChains::check`] verifies them.
+    pub fn push(&mut self, indices: &[u32]) {
         let width = self.width as u32;
         self.pixels.extend(
             indices
@@ -169,11 +170,11 @@ impl EdgeChains {
         self.positions[start..].copy_from_slice(positions);
     }
 
-    /// Moves each position to the crest of the gradient: the vertex of the parabola through the strengths of the pixel and
-    /// its two neighbours across the edge.
+    /// Moves each position to the gradient maximum: the vertex of the parabola through the strengths of the pixel and its two neighbours
+    /// across the edge.
     ///
-    /// The row or column of a pixel alone is too coarse for fitting: along an edge that is nearly level with the pixel
-    /// grid, a whole window of pixels lies in one row and has the direction of the row, not of the edge.
+    /// Pixel centres are too coarse for line fitting: on an edge nearly parallel to the pixel rows, a whole window of pixels lies in one
+    /// row and has the direction of the row, not of the edge.
     pub(super) fn refine(&mut self, field: &GradientField) {
         let packed = field.packed();
         let width = self.width;

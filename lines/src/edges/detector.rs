@@ -1,4 +1,4 @@
-//! From an image to its edge chains.
+//! Detection of edge chains in an image.
 
 use thiserror::Error;
 
@@ -6,16 +6,16 @@ use super::chains::EdgeChains;
 use super::route::Router;
 use crate::image::{GradientField, GrayImage, SmoothScratch, smooth_gaussian};
 
-/// Settings of [`EdgeDetector`].
+/// Options of [`EdgeDetector`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct EdgeOptions {
-    /// Least gradient strength |gx| + |gy| (Sobel, 0 to 2040) of an edge pixel. At least 1.
+    /// Least gradient strength |gx| + |gy| of an edge pixel (Sobel response, 0 to 2040). At least 1.
     pub gradient_threshold: u16,
-    /// By how much an anchor's strength exceeds that of both neighbours across the edge.
+    /// Least margin of the strength of an anchor over both neighbours across the edge (Sobel response).
     pub anchor_threshold: u16,
-    /// Chains with fewer pixels are dropped.
+    /// Least number of pixels of a chain; shorter chains are removed.
     pub minimum_length_px: usize,
 }
 
@@ -30,11 +30,11 @@ impl Default for EdgeOptions {
     }
 }
 
-/// Why edge options are refused.
+/// An edge option is out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum EdgeOptionsError {
-    /// Every pixel would be an edge pixel, the image border included.
-    #[error("the gradient threshold of edges must be at least 1")]
+    /// The gradient threshold is 0.
+    #[error("edge option gradient_threshold must be at least 1")]
     GradientThreshold,
 }
 
@@ -51,7 +51,7 @@ impl EdgeOptions {
     }
 }
 
-/// Detects edges by Edge Drawing and owns the memory that is reused from image to image.
+/// Detects edges by Edge Drawing; reuses its buffers between images.
 ///
 /// # Reference
 /// C. Topal, C. Akinlar, Edge Drawing: A combined real-time edge and segment detector, Journal of Visual Communication
@@ -103,34 +103,33 @@ impl EdgeDetector {
     }
 
     /// The gradient of the last detection.
-    pub fn gradient(&self) -> &GradientField {
+    #[cfg(test)]
+    pub(super) fn gradient(&self) -> &GradientField {
         &self.field
     }
 
-    /// The edges of an image.
+    /// Detects the edges of an image.
     ///
-    /// Anchors are taken by falling strength. From each a walk follows the ridge of the gradient in both directions;
-    /// at each pixel it takes the strongest of the three neighbours ahead, where the edge orientation of the pixel and
-    /// the last step say what is ahead. It ends below the gradient threshold, at a pixel that is on a chain already, and
-    /// where a pixel would fill a 2 x 2 block of edge pixels.
+    /// Anchors are processed by decreasing strength. From each anchor a walk follows the gradient ridge in both directions: at each pixel
+    /// it takes the strongest of the three neighbours ahead; edge orientation and the last step define the direction. The walk ends
+    /// below the gradient threshold, at a pixel of an existing chain, and where a pixel would complete a 2 x 2 block of edge pixels.
     ///
-    /// Deterministic: equal strengths are taken in the order of rows, then columns.
+    /// Deterministic: anchors of equal strength are processed by row, then column.
     ///
-    /// *Differs from the paper*: a crest half-way between two pixels of nearly equal strength has an anchor too (a perfect
-    /// step between two columns has two equal columns and would have none); where the orientation changes, the walk turns to the stronger side and leaves the other
-    /// to an anchor of its own, instead of following both and sorting out a tree of paths afterwards; pixels that only
-    /// thicken a chain are taken out while walking, and the 2 x 2 rule keeps different chains apart. This is what
-    /// makes the guarantees of [`EdgeChains`] hold without a second pass.
+    /// *Differs from the paper*: a ridge between two pixels of nearly equal strength also has an anchor (otherwise a perfect step edge has
+    /// none). Where the orientation changes, the walk takes the stronger side only, instead of building a tree of paths. Redundant
+    /// pixels of a chain are removed during the walk, and the 2 x 2 rule separates chains. The guarantees of [`EdgeChains`] therefore
+    /// hold without a second pass.
     ///
     /// # Complexity
-    /// Linear in the number of pixels; no allocation beyond the result once the detector has seen an image of the size.
+    /// Linear in the number of pixels; allocates only the result after the first image of a size.
     pub fn detect(&mut self, image: &GrayImage) -> EdgeChains {
         let mut chains = EdgeChains::default();
         self.detect_into(image, &mut chains);
         chains
     }
 
-    /// As [`EdgeDetector::detect`], into chains whose memory is reused.
+    /// [`EdgeDetector::detect`] into existing chains, reusing their memory.
     pub fn detect_into(&mut self, image: &GrayImage, chains: &mut EdgeChains) {
         smooth_gaussian(image, &mut self.smooth_scratch, &mut self.smoothed);
         self.field.compute(&self.smoothed);

@@ -4,20 +4,20 @@ use super::chains::EdgeChains;
 use super::detector::EdgeOptions;
 use crate::image::GradientField;
 
-/// What a pixel is to the chains drawn so far.
+/// State of a pixel during the routing.
 const FREE: u8 = 0;
 /// On a chain.
 const EDGE: u8 = 1;
-/// Was on a chain and only thickened it; not to be used again.
+/// Removed from a chain as redundant; not used again.
 const THINNED: u8 = 2;
 
-/// Memory of the routing.
+/// Buffers of the routing.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Router {
     state: Vec<u8>,
     anchors: Vec<u32>,
     sorted: Vec<u32>,
-    /// Number of anchors by falling strength, then where each strength begins.
+    /// Number of anchors per strength in decreasing order, then the first index of each strength.
     starts: Vec<u32>,
     chain: Vec<u32>,
     thinned: Vec<u32>,
@@ -85,8 +85,8 @@ impl Router {
                 let is_anchor = match (exceeds_one, exceeds_other) {
                     (true, true) => true,
                     (false, false) => false,
-                    // The crest may lie half-way between two pixels that hardly differ: the stronger of them, or the
-                    // first, is the anchor when the pair exceeds what lies on its other side.
+                    // The ridge may lie between two pixels of similar strength: the stronger one (the first of equal ones) is the
+                    // anchor when the pair exceeds its other neighbour.
                     (true, false) => {
                         strength >= other
                             && pair_exceeds(packed, index, width, true, strength, margin)
@@ -103,7 +103,7 @@ impl Router {
         }
     }
 
-    /// Counting sort by falling strength; anchors of one strength keep their order.
+    /// Stable counting sort by decreasing strength.
     fn sort_anchors(&mut self, field: &GradientField) {
         const STRONGEST: usize = 2040;
         let key =
@@ -119,13 +119,13 @@ impl Router {
         self.sorted.clear();
         self.sorted.resize(self.anchors.len(), 0);
         for &anchor in &self.anchors {
-            let place = &mut self.starts[key(anchor)];
-            self.sorted[*place as usize] = anchor;
-            *place += 1;
+            let slot = &mut self.starts[key(anchor)];
+            self.sorted[*slot as usize] = anchor;
+            *slot += 1;
         }
     }
 
-    /// Draws the chain through an anchor into `self.chain`.
+    /// Traces the chain through an anchor into `self.chain`.
     fn draw(&mut self, field: &GradientField, options: &EdgeOptions, anchor: u32) {
         self.chain.clear();
         self.thinned.clear();
@@ -135,7 +135,7 @@ impl Router {
         let ahead = if is_vertical { (0, -1) } else { (-1, 0) };
         self.walk(field, options, ahead);
         self.chain.reverse();
-        // The second walk starts where the first did; thinning may have replaced the anchor as the chain's end.
+        // Thinning may have replaced the anchor as the end of the chain.
         self.walk(field, options, (-ahead.0, -ahead.1));
     }
 
@@ -156,7 +156,7 @@ impl Router {
             {
                 return;
             }
-            // A pixel whose two neighbours on the chain touch is superfluous:   a b      a
+            // A pixel whose two chain neighbours touch is redundant:      a b      a
             //                                                                     c  ->    c
             let mut taken = next_step;
             let mut superfluous = None;

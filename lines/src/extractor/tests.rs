@@ -69,7 +69,7 @@ const WIDTH: usize = 320;
 const HEIGHT: usize = 240;
 
 impl Room {
-    /// Depth and grey level seen at a place in the image.
+    /// Depth and grey level at a position in the image.
     fn see(&self, x: f64, y: f64) -> (f64, f64) {
         let ray = self.camera.point_at_depth(&Point2::new(x, y), 1.0).unwrap();
         // Panel: z = 1.2 + 0.3 x; wall: z = 2.4 - 0.2 y.

@@ -1,4 +1,4 @@
-//! From two fitted lines to a 3D segment with its covariance, or to nothing when it is not to be trusted.
+//! Conversion of two fitted lines to a 3D segment with covariance, with rejection of unreliable segments.
 
 use std::ops::Range;
 
@@ -19,7 +19,7 @@ struct End {
     covariance: Matrix3<f64>,
 }
 
-/// The 3D segment of a fit; `None` when a depth is not positive, inliers are too sparse or it runs along the view ray.
+/// The 3D segment of a fit; `None` when a depth is not positive, inliers are too sparse or the segment is nearly parallel to a view ray.
 pub(super) fn build(
     fitted: &Fitted,
     pixels: Range<u32>,
@@ -68,7 +68,7 @@ pub(super) fn build(
     })
 }
 
-/// Reduced residual of the depth line; for unit weights in pixels of scaled depth.
+/// Root mean square residual of the depth line, in standard deviations ([`DepthModel::InverseDepth`]) or pixels ([`DepthModel::Depth`]).
 fn depth_rms(fitted: &Fitted, options: &FitOptions) -> f64 {
     let rms = (fitted.lines.depth.chi2 / fitted.sums.depth.n).sqrt();
     match options.depth_model {
@@ -82,7 +82,7 @@ fn end(fitted: &Fitted, pixel: Vector2<f64>, camera: &Camera, options: &FitOptio
     let position = lines.image.position(pixel);
     let on_line = fitted.sums.origin + lines.image.center + lines.image.direction * position;
     let value = lines.depth.at(position);
-    // Where residuals are larger than the stated noise, they are the noise.
+    // Residuals larger than the assumed noise replace it.
     let degrees = (fitted.sums.depth.n - 2.0).max(1.0);
     let reduced = fitted.lines.depth.chi2 / degrees;
     let (rho, variance) = match options.depth_model {
@@ -104,12 +104,12 @@ fn end(fitted: &Fitted, pixel: Vector2<f64>, camera: &Camera, options: &FitOptio
         1.0,
     );
     let point = Point3::from(ray / rho);
-    // The image line is known across itself from all pixels, along itself from where the edge happened to end.
+    // All pixels determine the position across the line; the end of the edge determines the position along it.
     let across_variance = options.pixel_sigma_px.powi(2)
         * (1.0 / fitted.sums.image.n + position * position / lines.image.spread);
     let along = lines.image.direction;
     let across = Vector2::new(-along.y, along.x);
-    // Moving along the line also moves the depth along its line.
+    // A shift along the image line also changes the depth.
     let rho_slope = match options.depth_model {
         DepthModel::InverseDepth => lines.depth.slope,
         DepthModel::Depth => -lines.depth.slope * rho * rho,

@@ -1,4 +1,4 @@
-//! Algorithm 1: growing segments along edge chains.
+//! Growing of segments along edge chains (Algorithm 1 of the paper).
 
 use nalgebra::Vector2;
 
@@ -11,14 +11,14 @@ use crate::depth::{EdgeDepths, InverseDepth};
 use crate::edges::EdgeChains;
 use crate::image::GrayImage;
 
-/// What a fit reads: the edges of one keyframe, their depths and the pinhole camera.
+/// Input of a fit: edges, depths and pinhole camera of one keyframe.
 #[derive(Debug, Clone, Copy)]
 pub struct FitInput<'a> {
     /// Edge chains of the keyframe.
     pub chains: &'a EdgeChains,
     /// The depth of each chain pixel.
     pub depths: &'a EdgeDepths,
-    /// The (smoothed) image, for the gradient along segments.
+    /// The smoothed image, for the gradient along segments.
     pub image: &'a GrayImage,
     /// The pinhole camera of the image.
     pub camera: &'a Camera,
@@ -28,38 +28,36 @@ pub struct FitInput<'a> {
 
 /// Fits 3D segments along edge chains.
 ///
-/// A segment is grown pixel by pixel along its chain as two 2D lines: one in the image, one of depth over the distance
-/// along it. The first fit takes a window of L pixels; a pixel is an inlier when it is within e1 of the image line and its
-/// depth within e2 of the depth line; pixels without depth are outliers; L outliers in a row end the segment. Both lines
-/// are refitted to the inliers at the end, and the ends are the first and the last inlier, put on the lines.
+/// A segment grows pixel by pixel along its chain as two 2D lines: one in the image, one of depth over the position along the first. The
+/// initial fit uses a window of L pixels. A pixel is an inlier when it lies within e1 of the image line and its depth within e2 of the
+/// depth line; a pixel without depth is an outlier. L consecutive outliers end the segment. Both lines are then refitted to the
+/// inliers, and the first and last inlier, projected onto the lines, are the ends.
 ///
 /// # Complexity
-/// Linear in the number of chain pixels: sums are kept running, so a fit costs the same for any length.
+/// Linear in the number of chain pixels: running sums make the cost of a fit independent of its length.
 ///
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
 /// section III-B, Algorithm 1.
 ///
 /// *Differs from the paper*; all but the first and the last can be switched off in [`FitOptions`]:
-/// - The first window is tested, and slid by one pixel when its pixels are on no line, instead of being taken as it is.
-/// - Inverse depth, weighted, is fitted instead of depth: it is what is linear along the image of a line.
-/// - A depth within a few of its own standard deviations is an inlier even beyond e2, which far away is below any
-///   sensor's noise.
-/// - Both lines follow their inliers while the segment grows; the direction of L pixels is too rough to be extrapolated.
-/// - Pixels count where the crest of the gradient crosses them: of an edge nearly level with the pixel grid, ten pixels
-///   in a row show nothing but the row, and e1 is less than the step to the next.
-/// - After a segment the search goes on behind its last inlier, not behind the outliers that ended it: they are the
-///   beginning of the next one.
+/// - The initial window is validated, and shifted by one pixel when its pixels do not lie on a line.
+/// - Weighted inverse depth is fitted instead of depth, because it is linear along the image of a line.
+/// - A depth within a few of its standard deviations is an inlier even beyond e2; at large depths e2 is below the sensor noise.
+/// - Both lines are refitted while the segment grows, because the direction of L pixels is too inaccurate to extrapolate.
+/// - Pixels are taken at the sub-pixel gradient maximum. On an edge nearly parallel to the pixel rows, whole pixels have the direction of
+///   the row, and e1 is smaller than the step to the next row.
+/// - The search continues after the last inlier of a segment, not after its trailing outliers, which may start the next segment.
 #[derive(Debug, Clone)]
 pub struct SegmentFitter {
     options: FitOptions,
 }
 
-/// One chain under way.
+/// The chain being processed.
 struct Chain<'a> {
     pixels: &'a [[u16; 2]],
     positions: &'a [[f32; 2]],
-    /// Position of the chain's first pixel among all chain pixels.
+    /// Index of the first pixel among all chain pixels.
     start: usize,
     index: u32,
     depths: &'a EdgeDepths,
@@ -85,14 +83,14 @@ pub(super) struct Sums {
     pub(super) scale: Option<f64>,
 }
 
-/// A finished segment before it becomes 3D.
+/// A fitted segment before its conversion to 3D.
 pub(super) struct Fitted {
     pub(super) sums: Sums,
     pub(super) lines: Lines,
-    /// First and last inlier, as positions in the chain.
+    /// Indices of the first and last inlier in the chain.
     pub(super) first: usize,
     pub(super) last: usize,
-    /// Their places in the image, relative to the origin of the sums.
+    /// Positions of the first and last inlier, relative to the origin of the sums.
     pub(super) ends: [Vector2<f64>; 2],
 }
 
@@ -175,7 +173,7 @@ impl Chain<'_> {
         self.depths.get(self.start + position)
     }
 
-    /// The fitted value of a measurement and its weight.
+    /// Value and weight of a measurement in the depth fit.
     fn value(&self, depth: InverseDepth) -> (f64, f64) {
         match self.options.depth_model {
             DepthModel::InverseDepth => {
@@ -186,7 +184,7 @@ impl Chain<'_> {
         }
     }
 
-    /// The first window from `start` on whose pixels lie on two lines.
+    /// The first window at or after `start` that fits both lines.
     fn find_window(&self, start: usize) -> Option<(usize, Sums, Lines)> {
         let window = self.limits.window;
         if start + window > self.pixels.len() {
@@ -215,7 +213,7 @@ impl Chain<'_> {
         }
     }
 
-    /// Adds a pixel of the first window: every pixel counts for the image line.
+    /// Adds a pixel of the initial window; pixels without depth count for the image line only.
     fn include(&self, position: usize, sums: &mut Sums) {
         let p = self.pixel(position) - sums.origin;
         sums.image.add(p);
@@ -234,10 +232,10 @@ impl Chain<'_> {
         }
     }
 
-    /// The lines of a window when its pixels agree with them.
+    /// The lines of a window, if its pixels fit them.
     fn window_lines(&self, begin: usize, sums: &mut Sums) -> Option<Lines> {
         let window = self.limits.window;
-        // Half the window must have a depth, and at least the three pixels that can contradict a line.
+        // Half of the window, and at least three pixels, must have a depth.
         if sums.depth.n < (0.5 * window as f64).max(3.0) {
             return None;
         }
@@ -261,11 +259,11 @@ impl Chain<'_> {
         let agreeing = range
             .filter(|&i| self.inlier(i, sums, &lines).is_some())
             .count();
-        // Nearly all depths of the window fit, or the line is made of two surfaces.
+        // A window with many depth outliers lies on two surfaces.
         (agreeing as f64 >= 0.8 * sums.depth.n).then_some(lines)
     }
 
-    /// The position along the image line and the measurement of a pixel that is an inlier of both lines.
+    /// The measurement of a pixel, if it is an inlier of both lines.
     fn inlier(&self, position: usize, sums: &Sums, lines: &Lines) -> Option<InverseDepth> {
         let p = self.pixel(position) - sums.origin;
         if lines.image.distance(p) > self.limits.image_px {
@@ -307,7 +305,7 @@ impl Chain<'_> {
         Some(Lines { image, depth })
     }
 
-    /// Extends a window to a segment; `None` when too few pixels agree in the end.
+    /// Extends a window to a segment; `None` when the result has too few inliers.
     fn grow(&self, begin: usize, window_sums: Sums, mut lines: Lines) -> Option<Fitted> {
         let window = self.limits.window;
         let empty = Sums {
@@ -337,11 +335,11 @@ impl Chain<'_> {
                 if let Some(refitted) = self.lines(&sums, lines.image.direction) {
                     lines = refitted;
                 }
-                // Refitting after every eighth more inliers keeps the cost per pixel constant and lags by little.
+                // Refitting whenever the number of inliers has grown by an eighth keeps the cost per pixel constant.
                 refit_at = sums.image.n * 1.125;
             }
         }
-        // Membership is decided once more by the lines of all inliers, which the first pixels never saw.
+        // Classify all pixels again with the lines of all inliers.
         let lines = self.lines(&sums, lines.image.direction)?;
         let mut refined = empty;
         let mut ends = None;

@@ -1,4 +1,4 @@
-//! Edge-aided fitting: straight 3D segments along the edge chains of a keyframe.
+//! Edge-aided fitting of straight 3D segments along the edge chains of a keyframe.
 
 mod build;
 mod fitter;
@@ -6,8 +6,7 @@ mod moments;
 mod options;
 mod segment;
 
-pub(crate) use moments::ImageMoments;
-
 pub use fitter::{FitInput, SegmentFitter};
+pub use moments::{ImageLine, ImageMoments};
 pub use options::{DepthModel, FitOptions, FitOptionsError};
 pub use segment::Segment;

@@ -1,13 +1,14 @@
-//! Running sums from which both lines of a segment follow in constant time.
+//! Running sums for line fits in constant time.
 //!
-//! Coordinates are pixels relative to the first pixel of the segment, so the sums stay small and exact.
+//! Coordinates are in pixels relative to the first pixel of the segment, so that the sums stay small and accurate.
 
 use nalgebra::Vector2;
 
-/// Sums over inlier pixels for the image line.
+/// Running sums of pixels for a total least squares line.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct ImageMoments {
-    pub(crate) n: f64,
+pub struct ImageMoments {
+    /// Number of pixels.
+    pub n: f64,
     x: f64,
     y: f64,
     xx: f64,
@@ -17,17 +18,20 @@ pub(crate) struct ImageMoments {
 
 /// A line in the image: the centroid of its pixels and a unit direction.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct ImageLine {
-    pub(crate) center: Vector2<f64>,
-    pub(crate) direction: Vector2<f64>,
-    /// Root mean square distance of the pixels.
-    pub(crate) rms_px: f64,
-    /// Sum of squared positions along the line about the centroid.
-    pub(crate) spread: f64,
+pub struct ImageLine {
+    /// Centroid of the pixels.
+    pub center: Vector2<f64>,
+    /// Unit direction.
+    pub direction: Vector2<f64>,
+    /// Root mean square distance of the pixels from the line.
+    pub rms_px: f64,
+    /// Sum of squared positions along the line, about the centroid.
+    pub spread: f64,
 }
 
 impl ImageMoments {
-    pub(crate) fn add(&mut self, p: Vector2<f64>) {
+    /// Adds a pixel.
+    pub fn add(&mut self, p: Vector2<f64>) {
         self.n += 1.0;
         self.x += p.x;
         self.y += p.y;
@@ -36,7 +40,8 @@ impl ImageMoments {
         self.yy += p.y * p.y;
     }
 
-    pub(crate) fn remove(&mut self, p: Vector2<f64>) {
+    /// Removes a pixel that was added.
+    pub fn remove(&mut self, p: Vector2<f64>) {
         self.n -= 1.0;
         self.x -= p.x;
         self.y -= p.y;
@@ -45,8 +50,8 @@ impl ImageMoments {
         self.yy -= p.y * p.y;
     }
 
-    /// The total least squares line, directed like `towards`; `None` when the pixels have no direction.
-    pub(crate) fn line(&self, towards: Vector2<f64>) -> Option<ImageLine> {
+    /// The total least squares line, oriented like `towards`; `None` when the pixels have no dominant direction.
+    pub fn line(&self, towards: Vector2<f64>) -> Option<ImageLine> {
         if self.n < 2.0 {
             return None;
         }
@@ -58,7 +63,7 @@ impl ImageMoments {
         let half = 0.5 * (xx - yy);
         let root = (half * half + xy * xy).sqrt();
         let (spread, rest) = (mean + root, (mean - root).max(0.0));
-        // The better conditioned of the two rows of (S - spread I) v = 0.
+        // The better conditioned row of (S - spread I) v = 0.
         let v = if half >= 0.0 {
             Vector2::new(root + half, xy)
         } else {
@@ -80,18 +85,18 @@ impl ImageMoments {
 
 impl ImageLine {
     /// Distance of a pixel from the line.
-    pub(crate) fn distance(&self, p: Vector2<f64>) -> f64 {
+    pub fn distance(&self, p: Vector2<f64>) -> f64 {
         let d = p - self.center;
         (d.x * self.direction.y - d.y * self.direction.x).abs()
     }
 
     /// Position of a pixel along the line, 0 at the centroid.
-    pub(crate) fn position(&self, p: Vector2<f64>) -> f64 {
+    pub fn position(&self, p: Vector2<f64>) -> f64 {
         (p - self.center).dot(&self.direction)
     }
 }
 
-/// Sums over inlier pixels for the depth line. The value is inverse depth or depth; weights are 1 / variance or 1.
+/// Running sums of inliers for the depth line. Values are inverse depths (weight 1 / variance) or depths (weight 1).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct DepthMoments {
     pub(super) n: f64,
@@ -150,8 +155,8 @@ impl DepthMoments {
         self.v / self.w
     }
 
-    /// The line along an image line: least squares in the value, or total least squares in (position, `scale` x value)
-    /// when a scale is given. `None` when the pixels have no extent along the line.
+    /// The depth line over an image line: least squares in the value, or total least squares in (position, `scale` x value) with a scale;
+    /// `None` when the pixels have no extent along the image line.
     pub(super) fn line(&self, image: &ImageLine, scale: Option<f64>) -> Option<DepthLine> {
         if self.n < 2.0 || self.w <= 0.0 {
             return None;
@@ -257,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn one_place_has_no_direction() {
+    fn coincident_pixels_have_no_direction() {
         let mut image = ImageMoments::default();
         for _ in 0..5 {
             image.add(Vector2::new(1.0, 1.0));

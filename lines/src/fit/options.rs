@@ -16,7 +16,7 @@ pub enum DepthModel {
     Depth,
 }
 
-/// Settings of [`SegmentFitter`](super::SegmentFitter). Lengths marked "share" are multiplied by min(width, height).
+/// Options of [`SegmentFitter`](super::SegmentFitter). Lengths marked "share" are multiplied by min(width, height).
 ///
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
@@ -25,38 +25,36 @@ pub enum DepthModel {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct FitOptions {
-    /// L, as a share: pixels of the first fit, consecutive outliers that end a segment, least number of inliers.
+    /// L, as a share: length of the initial window, number of consecutive outliers that end a segment, least number of inliers.
     pub window_share: f64,
     /// e1, as a share: largest distance of an inlier from the image line.
     pub image_tolerance_share: f64,
-    /// e2, as a share: largest residual of an inlier's depth. A depth difference counts as many pixels as the same length
-    /// seen across the view at that depth: `f |rho - line| / line`.
+    /// e2, as a share: largest depth residual of an inlier, as the equivalent lateral length in pixels: `f |rho - line| / line`.
     pub depth_tolerance_share: f64,
-    /// A depth within this many of its own standard deviations is an inlier as well; 0 leaves e2 alone to decide.
+    /// A depth within this many of its standard deviations is also an inlier; 0 applies e2 alone. Tuned on the kitchen of 7-Scenes and a
+    /// synthetic living room.
     pub depth_gate_sigmas: f64,
-    /// The quantity that is fitted.
+    /// The fitted depth quantity.
     pub depth_model: DepthModel,
-    /// Edge pixels count at the crest of the gradient instead of at their centre.
+    /// Use the sub-pixel gradient maximum instead of the pixel centre.
     pub subpixel: bool,
-    /// Both lines are refitted while the segment grows; `false` keeps the first fit, as the paper does.
+    /// Refit both lines while the segment grows; `false` keeps the initial fit, as in the paper.
     pub refit_while_growing: bool,
-    /// Least share of inliers among the pixels from the first to the last inlier.
+    /// Least share of inliers between the first and the last inlier, 0 to 1.
     pub minimum_inlier_share: f64,
-    /// Segments nearer than this to the view ray of one of their ends are not trusted.
+    /// Least angle between a segment and the view rays of its ends.
     pub minimum_view_angle_rad: f64,
     /// Standard deviation of an edge pixel across the edge, in pixels.
     pub pixel_sigma_px: f64,
     /// Standard deviation of a segment's end along the edge, in pixels.
     pub end_sigma_px: f64,
-    /// Over how many pixels depth noise is the same: the variance of fitted depth grows by it. Depth images are
-    /// matched or smoothed over windows of several pixels.
+    /// Correlation length of depth noise in pixels, a factor on the variance of the fitted depth. Depth images are matched or smoothed over
+    /// windows of several pixels.
     pub depth_correlation_px: f64,
 }
 
 impl Default for FitOptions {
-    /// The paper's shares; the rest was tuned on the kitchen of 7-Scenes and a synthetic living room (48 and 18
-    /// keyframes). The gate: 0 explains 44.5 and 68.0 % of the edge pixels, 3 explains 54.4 and 73.0 %, at mean distances from
-    /// the surface of 10.5 and 3.95 mm against 11.0 and 3.94 mm (that of all depths at edge pixels is 10.6 and 3.5 mm).
+    /// The shares of the paper; the other values were tuned on the kitchen of 7-Scenes and a synthetic living room.
     fn default() -> Self {
         Self {
             window_share: 0.02,
@@ -76,8 +74,7 @@ impl Default for FitOptions {
 }
 
 impl FitOptions {
-    /// The paper's algorithm as printed: whole pixels, depth by total least squares, no refit while growing, no gate by
-    /// sigma.
+    /// The published algorithm: whole pixels, depth by total least squares, no refit while growing, no sigma gate.
     pub fn paper() -> Self {
         Self {
             depth_gate_sigmas: 0.0,
@@ -143,9 +140,9 @@ impl Limits {
     pub(super) fn new(options: &FitOptions, width: usize, height: usize) -> Self {
         let side = width.min(height) as f64;
         Self {
-            // Fewer than 5 pixels say nothing about a direction, whatever the image size.
+            // Fewer than 5 pixels do not determine a direction.
             window: (options.window_share * side).round().max(5.0) as usize,
-            // A pixel chain on a line is up to half a pixel off: below that nothing would be an inlier.
+            // A rasterised line deviates by up to half a pixel.
             image_px: (options.image_tolerance_share * side).max(0.6),
             depth_px: options.depth_tolerance_share * side,
         }

@@ -4,26 +4,26 @@ use super::plane::{GrayImage, Plane};
 
 /// Gradient strength and edge orientation per pixel, 16 bits: `2 * (|gx| + |gy|) + vertical`.
 ///
-/// The strength is the sum of the absolute Sobel responses (0 to 2040). A pixel is *vertical* when |gx| >= |gy|: an edge
-/// through it runs up and down. The outermost pixels have strength 0, so that a walk along an edge never leaves the image.
+/// The strength is the sum of the absolute Sobel responses (0 to 2040). A pixel is *vertical* when |gx| >= |gy|: its edge
+/// runs up and down. Border pixels have strength 0, so that edge tracing never leaves the image.
 #[derive(Debug, Clone, Default)]
-pub struct GradientField {
+pub(crate) struct GradientField {
     packed: Plane<u16>,
 }
 
 impl GradientField {
     /// Width in pixels.
-    pub fn width(&self) -> usize {
+    pub(crate) fn width(&self) -> usize {
         self.packed.width()
     }
 
     /// Height in pixels.
-    pub fn height(&self) -> usize {
+    pub(crate) fn height(&self) -> usize {
         self.packed.height()
     }
 
     /// The packed samples, row by row.
-    pub fn packed(&self) -> &[u16] {
+    pub(crate) fn packed(&self) -> &[u16] {
         self.packed.samples()
     }
 
@@ -31,15 +31,15 @@ impl GradientField {
     ///
     /// # Panics
     /// When the index lies outside the image.
-    pub fn strength(&self, index: usize) -> u16 {
+    pub(crate) fn strength(&self, index: usize) -> u16 {
         self.packed.samples()[index] >> 1
     }
 
-    /// Recomputes the field for an image, reusing the memory.
+    /// Computes the field of an image, reusing the memory.
     ///
     /// # Complexity
     /// Linear in the number of pixels.
-    pub fn compute(&mut self, image: &GrayImage) {
+    pub(crate) fn compute(&mut self, image: &GrayImage) {
         let (width, height) = (image.width(), image.height());
         self.packed.resize_stale(width, height);
         let out = self.packed.samples_mut();

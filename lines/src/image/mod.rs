@@ -1,9 +1,10 @@
-//! Images as flat planes, smoothing and gradient.
+//! Images as flat planes, with smoothing and gradient.
 
 mod gradient;
 mod plane;
 mod smooth;
 
-pub use gradient::{GradientField, sobel};
+pub(crate) use gradient::GradientField;
+pub use gradient::sobel;
 pub use plane::{GrayImage, ImageError, Plane};
-pub use smooth::{SmoothScratch, smooth_gaussian};
+pub(crate) use smooth::{SmoothScratch, smooth_gaussian};

@@ -14,12 +14,12 @@ pub struct Plane<T> {
 /// An 8-bit grey image.
 pub type GrayImage = Plane<u8>;
 
-/// Why an image cannot be built.
+/// An image or plane has an invalid size.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum ImageError {
     /// The number of samples does not match the size.
     #[error(
-        "an image of {width} x {height} with {channels} channel(s) needs {expected} samples, {actual} were given"
+        "an image of {width} x {height} with {channels} channel(s) needs {expected} samples, got {actual}"
     )]
     SampleCount {
         /// Width in pixels.
@@ -28,12 +28,12 @@ pub enum ImageError {
         height: usize,
         /// Samples per pixel.
         channels: usize,
-        /// Number of samples that the size asks for.
+        /// Expected number of samples.
         expected: usize,
-        /// Number of samples given.
+        /// Actual number of samples.
         actual: usize,
     },
-    /// The image is larger than pixel coordinates of 16 bits can address.
+    /// A side exceeds the range of 16-bit pixel coordinates.
     #[error("an image of {width} x {height} is larger than {limit} pixels a side")]
     TooLarge {
         /// Width in pixels.
@@ -116,7 +116,7 @@ impl<T> Plane<T> {
 }
 
 impl<T: Clone> Plane<T> {
-    /// Takes a new size, reusing the memory; all samples become `value`.
+    /// Resizes the plane and sets all samples to `value`, reusing the memory.
     pub(crate) fn reset(&mut self, width: usize, height: usize, value: T) {
         self.width = width;
         self.height = height;
@@ -126,7 +126,7 @@ impl<T: Clone> Plane<T> {
 }
 
 impl<T: Clone + Default> Plane<T> {
-    /// Takes a new size, reusing the memory; samples that were there keep stale values.
+    /// Resizes the plane, reusing the memory; old samples keep stale values.
     pub(crate) fn resize_stale(&mut self, width: usize, height: usize) {
         self.width = width;
         self.height = height;
@@ -173,7 +173,7 @@ mod tests {
     fn sample_count_is_checked() {
         assert!(GrayImage::new(3, 2, vec![0; 6]).is_ok());
         let error = GrayImage::new(3, 2, vec![0; 5]).unwrap_err();
-        assert!(error.to_string().contains("needs 6 samples, 5 were given"));
+        assert!(error.to_string().contains("needs 6 samples, got 5"));
         assert!(GrayImage::new(70_000, 0, Vec::new()).is_err());
         assert!(GrayImage::from_rgb8(2, 1, &[0; 5]).is_err());
     }

@@ -5,21 +5,21 @@ use super::plane::GrayImage;
 /// exp(-x^2 / 2) at 0, 1, 2, normalised to a sum of 256 over the five taps.
 const TAPS: [u16; 3] = [104, 62, 14];
 
-/// Memory that [`smooth_gaussian`] reuses from image to image.
+/// Reused buffer of [`smooth_gaussian`].
 #[derive(Debug, Clone, Default)]
-pub struct SmoothScratch {
-    /// One row, smoothed vertically, with two repeated samples on either side.
+pub(crate) struct SmoothScratch {
+    /// One vertically smoothed row, padded by two repeated samples on either side.
     row: Vec<u16>,
 }
 
-/// Smooths an image with a Gaussian of standard deviation 1 pixel on 5 x 5 pixels; the border is repeated outwards.
+/// Smooths an image with a Gaussian of standard deviation 1 pixel on 5 x 5 pixels; the border is replicated.
 ///
 /// Separable fixed-point arithmetic with 8 fractional bits and rounding after each direction, so the result is at most
 /// one grey level from the exact one, and the same on every machine.
 ///
 /// # Complexity
 /// Linear in the number of pixels; no allocation once `scratch` and `out` have the size.
-pub fn smooth_gaussian(image: &GrayImage, scratch: &mut SmoothScratch, out: &mut GrayImage) {
+pub(crate) fn smooth_gaussian(image: &GrayImage, scratch: &mut SmoothScratch, out: &mut GrayImage) {
     let (width, height) = (image.width(), image.height());
     out.resize_stale(width, height);
     if width == 0 || height == 0 {

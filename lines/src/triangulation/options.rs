@@ -1,19 +1,19 @@
-//! Settings of samples and refinement.
+//! Options of sampling and refinement.
 
 use thiserror::Error;
 
-/// How the surface is sampled.
+/// Options of [`SurfaceSamples::measure`](super::SurfaceSamples::measure).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct SampleOptions {
-    /// Distance of samples from each other, in pixels.
+    /// Spacing of the samples in pixels, 1 to 64.
     pub step_px: u32,
-    /// The window of a sample reaches this many pixels to each side.
+    /// Radius of the square window of a sample in pixels, 1 to 64.
     pub window_radius_px: u32,
-    /// A depth within this many standard deviations of the window's plane belongs to it.
+    /// Largest residual of an inlier of the plane, in standard deviations.
     pub gate_sigmas: f64,
-    /// Least share of the window's pixels that have to belong to its plane. A window across a discontinuity falls below.
+    /// Least share of inliers in the window, above 0 to 1. Windows across a discontinuity fall below it.
     pub minimum_share: f64,
 }
 
@@ -58,18 +58,17 @@ impl SampleOptions {
     }
 }
 
-/// How far a triangulation is refined.
+/// Options of [`ImageTriangulation::refine`](super::ImageTriangulation::refine).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct RefineOptions {
-    /// No sample deviates from the triangle over it by more than this many of its standard deviations, unless vertices
-    /// would come too near to each other.
+    /// Largest deviation of a sample from its triangle, in standard deviations; `minimum_distance_px` has priority.
     pub bound_sigmas: f64,
-    /// No vertex is inserted nearer than this to a corner of the triangle that it falls in.
+    /// Least distance of an inserted vertex from the corners of its triangle, in pixels.
     pub minimum_distance_px: f64,
-    /// Wherever there are samples, there is a vertex in each square of this side: a triangle far larger would
-    /// connect what lies far apart in space.
+    /// Side of the squares that receive at least one vertex where they have samples, in pixels; prevents triangles between distant
+    /// surfaces.
     pub largest_gap_px: f64,
 }
 
@@ -95,15 +94,15 @@ impl RefineOptions {
     }
 }
 
-/// A setting out of range.
+/// An option is out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[error("{key} = {value}: {expected}")]
 pub struct TriangulationOptionsError {
-    /// Which.
+    /// The field.
     pub key: &'static str,
-    /// What was given.
+    /// The refused value.
     pub value: f64,
-    /// What would do.
+    /// The valid range.
     pub expected: &'static str,
 }
 

@@ -1,4 +1,4 @@
-//! The triangulation of an image, and its greedy refinement.
+//! Constrained Delaunay triangulation of a keyframe and its greedy refinement.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -10,10 +10,10 @@ use spade::{ConstrainedDelaunayTriangulation, HasPosition, Triangulation};
 use super::options::RefineOptions;
 use super::samples::SurfaceSamples;
 
-/// A point of the surface, seen in the image.
+/// A surface point in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImageVertex {
-    /// Where it is seen.
+    /// Its pixel.
     pub pixel: Point2<f64>,
     /// Its inverse depth.
     pub rho: f64,
@@ -22,15 +22,15 @@ pub struct ImageVertex {
 /// A triangle of an [`ImageTriangulation`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImageTriangle {
-    /// Its corners, numbers of vertices, counter-clockwise where y points up.
+    /// Vertex indices, counter-clockwise with y up.
     pub corners: [u32; 3],
-    /// Number of samples in it.
+    /// Number of samples inside.
     pub samples: u32,
-    /// The largest deviation of one of them from the triangle, in its standard deviations; 0 without any.
+    /// Largest deviation of a sample from the triangle, in its standard deviations; 0 without samples.
     pub deviation_sigmas: f64,
 }
 
-/// A vertex as the triangulation holds it.
+/// A vertex as stored in the triangulation.
 #[derive(Debug, Clone, Copy)]
 struct Node {
     x: f64,
@@ -47,28 +47,27 @@ impl HasPosition for Node {
     }
 }
 
-/// Beyond this many pixels from the image's corner nothing is triangulated.
-const FARTHEST_PX: f64 = 1e6;
-/// Nearer to zero a coordinate counts as zero: the triangulation refuses the smallest numbers.
-const NEAREST_PX: f64 = 1e-12;
+/// Largest absolute coordinate of a vertex.
+const MAX_COORDINATE_PX: f64 = 1e6;
+/// Smaller absolute coordinates become 0: `spade` refuses very small values.
+const MIN_COORDINATE_PX: f64 = 1e-12;
 
-/// A constrained Delaunay triangulation of points of the surface in the image.
+/// A constrained Delaunay triangulation of surface points in the image.
 ///
-/// Deterministic: vertices are inserted in the order given, and of equal deviations that of the earlier row and column
-/// is refined first.
+/// Deterministic: vertices are inserted in the given order, and ties of deviation go to the lower row, then column.
 #[derive(Debug)]
 pub struct ImageTriangulation {
     triangulation: ConstrainedDelaunayTriangulation<Node>,
     vertices: Vec<ImageVertex>,
-    /// Node of each vertex; `None` for those that could not be used.
+    /// Node of each vertex; `None` for rejected vertices.
     nodes: Vec<Option<FixedVertexHandle>>,
 }
 
 impl ImageTriangulation {
-    /// Triangulates vertices, with the lines between pairs of them as edges.
+    /// Triangulates vertices with `lines` between them as constraint edges.
     ///
-    /// A vertex that is not finite, lies far outside any image or has no positive inverse depth is left out; of several at
-    /// one pixel the last counts. A line that would cross an earlier one is left out.
+    /// Vertices that are not finite, beyond 1e6 pixels or without positive inverse depth are ignored. Of several vertices at one pixel the last
+    /// one counts. A line that crosses an earlier one is ignored.
     ///
     /// # Complexity
     /// Expected about `n sqrt(n)`, `n log n` for neighbouring vertices in sequence.
@@ -93,7 +92,7 @@ impl ImageTriangulation {
         triangulation
     }
 
-    /// All vertices: those given, then those inserted.
+    /// The given vertices, then the inserted ones.
     pub fn vertices(&self) -> &[ImageVertex] {
         &self.vertices
     }
@@ -101,11 +100,15 @@ impl ImageTriangulation {
     fn insert(&mut self, vertex: ImageVertex) -> Option<FixedVertexHandle> {
         let index = self.vertices.len() as u32;
         let coordinate = |value: f64| {
-            if value.abs() < NEAREST_PX { 0.0 } else { value }
+            if value.abs() < MIN_COORDINATE_PX {
+                0.0
+            } else {
+                value
+            }
         };
         let (x, y) = (coordinate(vertex.pixel.x), coordinate(vertex.pixel.y));
-        let is_usable = x.abs() <= FARTHEST_PX
-            && y.abs() <= FARTHEST_PX
+        let is_usable = x.abs() <= MAX_COORDINATE_PX
+            && y.abs() <= MAX_COORDINATE_PX
             && vertex.rho > 0.0
             && vertex.rho.is_finite();
         let node = is_usable
@@ -125,14 +128,14 @@ impl ImageTriangulation {
         node
     }
 
-    /// Inserts samples until none deviates from the triangle over it by more than the bound, as far as distances between
-    /// vertices allow; returns how many. They follow the vertices given.
+    /// Inserts samples until all deviations are within the bound, subject to the minimum distance; returns the number of inserted vertices,
+    /// which follow the given ones.
     ///
-    /// First each square without a vertex gets the sample nearest to its middle. The options are to be
+    /// First, each grid square without a vertex gets the sample nearest to its centre. The options must be
     /// [valid](RefineOptions::validate).
     ///
     /// # Complexity
-    /// Each insertion looks at the samples in the triangles around it: `n log n` expected for `n` samples.
+    /// Expected O(n log n) for n samples.
     pub fn refine(&mut self, samples: &SurfaceSamples, options: &RefineOptions) -> usize {
         let before = self.vertices.len();
         self.fill_gaps(samples, options);
@@ -141,7 +144,7 @@ impl ImageTriangulation {
             queue.extend(worst(&face, samples, options));
         }
         while let Some(candidate) = queue.pop() {
-            // Triangles are replaced, never restored: the same corners are the same triangle.
+            // Triangles are replaced, never restored: equal corners identify the same triangle.
             if corners(&self.triangulation.face(candidate.face)) != candidate.corners {
                 continue;
             }
@@ -171,7 +174,7 @@ impl ImageTriangulation {
         })
     }
 
-    /// Puts a vertex into every square that has samples and no vertex.
+    /// Inserts a vertex into each grid square that has samples but no vertex.
     fn fill_gaps(&mut self, samples: &SurfaceSamples, options: &RefineOptions) {
         let step = samples.step_px().max(1);
         let side = (options.largest_gap_px / f64::from(step)).round().max(1.0) as usize;
@@ -208,7 +211,7 @@ impl ImageTriangulation {
         }
     }
 
-    /// The triangles, with how well the samples in each agree with it.
+    /// The triangles with the deviations of their samples.
     pub fn triangles(&self, samples: &SurfaceSamples) -> impl Iterator<Item = ImageTriangle> {
         self.triangulation.inner_faces().map(move |face| {
             let mut triangle = ImageTriangle {
@@ -227,9 +230,9 @@ impl ImageTriangulation {
 
 type Face<'a> = FaceHandle<'a, InnerTag, Node, (), spade::CdtEdge<()>, ()>;
 
-/// The sample that deviates most from a triangle.
+/// The sample with the largest deviation from a triangle.
 #[derive(Debug, Clone, Copy)]
-struct Candidate {
+struct WorstSample {
     deviation: f64,
     row: u32,
     column: u32,
@@ -237,7 +240,7 @@ struct Candidate {
     corners: [usize; 3],
 }
 
-impl Ord for Candidate {
+impl Ord for WorstSample {
     fn cmp(&self, other: &Self) -> Ordering {
         self.deviation
             .total_cmp(&other.deviation)
@@ -246,19 +249,19 @@ impl Ord for Candidate {
     }
 }
 
-impl PartialOrd for Candidate {
+impl PartialOrd for WorstSample {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl PartialEq for Candidate {
+impl PartialEq for WorstSample {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl Eq for Candidate {}
+impl Eq for WorstSample {}
 
 fn corners(face: &Face<'_>) -> [usize; 3] {
     let mut corners = face.vertices().map(|vertex| vertex.index());
@@ -266,8 +269,12 @@ fn corners(face: &Face<'_>) -> [usize; 3] {
     corners
 }
 
-/// The sample that deviates most from a triangle, if it exceeds the bound and is far enough from the corners.
-fn worst(face: &Face<'_>, samples: &SurfaceSamples, options: &RefineOptions) -> Option<Candidate> {
+/// The sample with the largest deviation that exceeds the bound and keeps the minimum distance from the corners.
+fn worst(
+    face: &Face<'_>,
+    samples: &SurfaceSamples,
+    options: &RefineOptions,
+) -> Option<WorstSample> {
     let nodes = face.vertices().map(|vertex| *vertex.data());
     let nearest = options.minimum_distance_px * options.minimum_distance_px;
     let mut worst: Option<(f64, usize, usize)> = None;
@@ -283,7 +290,7 @@ fn worst(face: &Face<'_>, samples: &SurfaceSamples, options: &RefineOptions) -> 
             worst = Some((deviation, column, row));
         }
     });
-    worst.map(|(deviation, column, row)| Candidate {
+    worst.map(|(deviation, column, row)| WorstSample {
         deviation,
         row: row as u32,
         column: column as u32,

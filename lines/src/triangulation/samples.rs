@@ -1,31 +1,31 @@
-//! Planes fitted to the depths around the pixels of a grid.
+//! Planes fitted to depth windows on a pixel grid.
 
 use nalgebra::{Matrix3, Point2, Vector3};
 
 use super::options::SampleOptions;
 use crate::depth::InverseDepthMap;
 
-/// The plane that the surface follows around a pixel.
+/// The local surface plane at a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SurfaceSample {
     /// Inverse depth at the pixel, positive.
     pub rho: f32,
-    /// Change of the inverse depth from one pixel to the next, along x and y.
+    /// Gradient of the inverse depth per pixel along x and y.
     pub slope: [f32; 2],
-    /// Standard deviation of the inverse depth of one pixel of the window, positive. That of the plane is smaller, but
-    /// the errors of neighbouring pixels are not independent.
+    /// Standard deviation of the inverse depth of one pixel, positive; used for the plane because the errors of adjacent pixels are
+    /// correlated.
     pub sigma: f32,
 }
 
-/// Planes around the pixels of a grid, where the depths of a window agree on one.
+/// Local surface planes on a pixel grid; windows without a dominant plane have none.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SurfaceSamples {
     step_px: u32,
     columns: usize,
     rows: usize,
-    /// Row by row; an inverse depth of 0 where there is no sample.
+    /// Row by row; an inverse depth of 0 marks a missing sample.
     samples: Vec<SurfaceSample>,
 }
 
@@ -57,7 +57,7 @@ impl PlaneSums {
         self.yr += y * r;
     }
 
-    /// (value at the origin, slopes); `None` when the pixels lie on a line.
+    /// (value at the origin, slopes); `None` for collinear pixels.
     fn plane(&self) -> Option<Vector3<f64>> {
         let normal = Matrix3::new(
             self.count, self.x, self.y, self.x, self.xx, self.xy, self.y, self.xy, self.yy,
@@ -69,12 +69,12 @@ impl PlaneSums {
 }
 
 impl SurfaceSamples {
-    /// Samples a depth map. Semi-dense maps, known along edges only, give few samples or none.
+    /// Samples a dense depth map; semi-dense maps give few samples or none.
     ///
     /// The options are to be [valid](SampleOptions::validate); a step of 0 counts as 1.
     ///
     /// # Complexity
-    /// Samples times pixels of a window.
+    /// O(samples x pixels of a window).
     pub fn measure(map: &InverseDepthMap, options: &SampleOptions) -> Self {
         let step = options.step_px.max(1) as usize;
         let (columns, rows) = (map.width() / step, map.height() / step);
@@ -93,10 +93,10 @@ impl SurfaceSamples {
         }
     }
 
-    /// Every second sample of every second row: a quarter of the memory. Each answers for pixels up to twice as far away.
+    /// Every second sample of every second row, with a quarter of the memory and twice the spacing.
     pub fn thinned(&self) -> Self {
         let (columns, rows) = (self.columns / 2, self.rows / 2);
-        // From the pixel of a sample to the centre of the square that it now stands for.
+        // From the pixel of a sample to the centre of its new grid square.
         let shift = (self.step_px - self.step_px / 2) as f32;
         let samples = (0..rows)
             .flat_map(|row| (0..columns).map(move |column| (2 * column, 2 * row)))
@@ -104,7 +104,7 @@ impl SurfaceSamples {
                 let sample = self.samples[row * self.columns + column];
                 let rho = sample.rho + shift * (sample.slope[0] + sample.slope[1]);
                 SurfaceSample {
-                    // A plane that reaches infinity on the way is unknown.
+                    // A plane that reaches infinite depth on the way is unknown.
                     rho: if sample.rho > 0.0 { rho.max(0.0) } else { 0.0 },
                     ..sample
                 }
@@ -118,22 +118,22 @@ impl SurfaceSamples {
         }
     }
 
-    /// Number of samples in a row, those without a plane counted.
+    /// Number of grid columns.
     pub fn columns(&self) -> usize {
         self.columns
     }
 
-    /// Number of rows.
+    /// Number of grid rows.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Distance between samples in pixels; 0 when nothing was sampled.
+    /// Grid spacing in pixels; 0 for an empty grid.
     pub fn step_px(&self) -> u32 {
         self.step_px
     }
 
-    /// Number of pixels with a plane.
+    /// Number of samples with a plane.
     pub fn known_count(&self) -> usize {
         self.samples
             .iter()
@@ -141,7 +141,7 @@ impl SurfaceSamples {
             .count()
     }
 
-    /// The sample of a column and a row, `None` where there is none.
+    /// The sample at a column and row; `None` when missing.
     #[inline]
     pub fn get(&self, column: usize, row: usize) -> Option<&SurfaceSample> {
         self.samples
@@ -157,14 +157,14 @@ impl SurfaceSamples {
         Point2::new(at(column), at(row))
     }
 
-    /// The surface at a pixel, from the plane of the nearest sample; `None` where that has none, outside the image, and
-    /// where the plane reaches infinity before the pixel.
+    /// The surface at a pixel, extrapolated from the nearest sample; `None` without a sample, outside the image and where the plane reaches
+    /// infinite depth.
     pub fn near(&self, pixel: &Point2<f64>) -> Option<SurfaceSample> {
         let step = f64::from(self.step_px);
         let index = |along: f64| (along / step).round();
         let offset = f64::from(self.step_px / 2);
         let (column, row) = (index(pixel.x - offset), index(pixel.y - offset));
-        // A pixel that is not a number fails here as well.
+        // The negation also rejects NaN.
         if !(column >= 0.0 && row >= 0.0 && column < 65536.0 && row < 65536.0) {
             return None;
         }
@@ -181,10 +181,9 @@ impl SurfaceSamples {
     }
 }
 
-/// The plane of the window around a pixel, if enough of its depths agree on one.
+/// The dominant plane of the window around a pixel; `None` with too few inliers.
 ///
-/// The first fit takes what is near the depth of the pixel itself, allowing for a slope; the second what is near the
-/// first plane.
+/// The first fit gates on the depth of the centre pixel with twice the tolerance; the second on the first plane.
 fn fit(
     map: &InverseDepthMap,
     x: usize,
@@ -195,7 +194,7 @@ fn fit(
     let (rho, sigma) = (f64::from(center.rho), f64::from(center.sigma));
     let radius = options.window_radius_px as usize;
     let gate = options.gate_sigmas * sigma;
-    // Over the window the plane of the pixel may rise by as much again.
+    // The wider first gate allows for the slope of the plane.
     let mut plane = Vector3::new(rho, 0.0, 0.0);
     for gate in [2.0 * gate, gate] {
         let mut sums = PlaneSums::default();

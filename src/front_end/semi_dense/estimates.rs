@@ -3,7 +3,9 @@
 use std::time::{Duration, Instant};
 
 use linecarve_lines::SegmentExtractor;
-use linecarve_lines::depth::semi_dense::{MatchView, SemiDenseDepth, Witness, confirm};
+use linecarve_lines::depth::semi_dense::{
+    DepthView, MatchView, SemiDenseDepth, enforce_consistency,
+};
 
 use super::kept::Finished;
 use super::schedule::Task;
@@ -96,14 +98,14 @@ impl SemiDenseFrontEnd {
             if let Some(first) = &self.entry(other).first
                 && first.step <= due.step
             {
-                witnesses.push(Witness {
+                witnesses.push(DepthView {
                     view: self.view(other)?,
                     map: &first.depth.map,
                     correction: *correction,
                 });
             }
         }
-        confirm(
+        enforce_consistency(
             self.view(task.keyframe)?,
             &mut depth.map,
             &witnesses,

@@ -77,7 +77,7 @@ fn slanted_plane_is_exact() {
         for (x, y, sample) in map.known() {
             let expected = truth.get(x, y).unwrap().rho;
             let error = (sample.rho / expected - 1.0).abs();
-            // The rim of the depth image has no cell: its pixels are put at the nearest place, half a pixel off.
+            // Border pixels of the depth image have no cell; they go to the nearest pixel, half a pixel off.
             assert!(error < 0.02, "focal {color_focal} at {x}, {y}: {error}");
             rounded += usize::from(error > 1e-4);
             compared += 1;

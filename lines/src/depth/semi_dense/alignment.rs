@@ -1,47 +1,48 @@
-//! The error of a neighbour's pose, seen as displacements of matches: a small rotation that explains most of it, and what
-//! remains.
+//! Estimates the pose error of a neighbour from the displacements of its matches: a small rotation and the remaining error.
 //!
-//! Poses err by several pixels in the image (rolling shutter, time stamps, drift), and most of it is a rotation. Matches tell the
-//! component along their gradient only; relative to the depth on which several neighbours agree that is enough.
+//! Pose errors reach several pixels (rolling shutter, time stamps, drift) and are mostly rotations. A match measures only the component
+//! along its gradient; relative to the depth fused from several neighbours this suffices.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
 
 use super::photometric::median;
 
-/// How far a match lies from where the agreed depth puts it.
+/// Displacement of a match from the position that the fused depth predicts.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Displacement {
     /// Normalised image coordinates in the neighbour.
-    pub(super) at: Vector2<f64>,
-    /// Unit gradient there.
+    pub(super) position: Vector2<f64>,
+    /// Unit gradient at the match.
     pub(super) normal: Vector2<f64>,
-    /// Pixels along the gradient.
-    pub(super) along: f64,
-    /// Variance of it that the grey levels' noise explains, in square pixels.
+    /// Displacement along the gradient in pixels.
+    pub(super) offset_px: f64,
+    /// Variance of the displacement due to image noise, in square pixels.
     pub(super) variance: f64,
-    /// By how much the agreed depth, of which this match is a part, has followed it: `n / (n - 1)` of n members.
-    pub(super) sharing: f64,
+    /// Corrects the variance because the match itself contributes to the fused depth: `n / (n - 1)` for n matches.
+    pub(super) dof_factor: f64,
 }
 
-/// Fewer displacements than this give no rotation.
-const LEAST: usize = 40;
-/// Pixels that a pose is expected to err by at most; keeps directions in check about which the displacements say nothing.
-const EXPECTED_PX: f64 = 4.0;
+/// Minimum number of displacements.
+const MIN_DISPLACEMENTS: usize = 40;
+/// Prior standard deviation of the pose error in pixels; constrains rotations that the displacements do not observe.
+const PRIOR_SIGMA_PX: f64 = 4.0;
+/// Threshold of the Huber weight, in standard deviations.
 const HUBER: f64 = 1.5;
 
-/// The rotation of the neighbour's camera frame that takes predicted to found places best; `None` of too few displacements.
+/// Rotation of the neighbour's camera frame that best maps predicted to matched positions (iteratively reweighted least squares);
+/// `None` for too few displacements.
 pub(super) fn fit_rotation(
     displacements: &[Displacement],
     focal_px: f64,
 ) -> Option<UnitQuaternion<f64>> {
-    if displacements.len() < LEAST {
+    if displacements.len() < MIN_DISPLACEMENTS {
         return None;
     }
     let rows: Vec<(Vector3<f64>, f64)> = displacements
         .iter()
-        .map(|d| (row(d, focal_px), d.along))
+        .map(|d| (jacobian(d, focal_px), d.offset_px))
         .collect();
-    let prior = (focal_px / EXPECTED_PX).powi(2);
+    let prior = (focal_px / PRIOR_SIGMA_PX).powi(2);
     let mut rotation = Vector3::zeros();
     for _ in 0..6 {
         let mut sizes: Vec<f32> = rows
@@ -66,27 +67,27 @@ pub(super) fn fit_rotation(
     Some(UnitQuaternion::from_scaled_axis(rotation))
 }
 
-/// Derivative of the displacement along the gradient by a rotation of the camera frame.
-fn row(d: &Displacement, focal_px: f64) -> Vector3<f64> {
-    let (x, y) = (d.at.x, d.at.y);
+/// Derivative of the displacement along the gradient with respect to a rotation of the camera frame.
+fn jacobian(d: &Displacement, focal_px: f64) -> Vector3<f64> {
+    let (x, y) = (d.position.x, d.position.y);
     let across = Vector3::new(-x * y, 1.0 + x * x, -y);
     let down = Vector3::new(-1.0 - y * y, x * y, x);
     focal_px * (d.normal.x * across + d.normal.y * down)
 }
 
-/// Standard deviation of the displacements beyond what grey levels explain, in pixels; `None` of too few.
+/// Standard deviation of the displacements that image noise does not explain, in pixels; `None` for too few displacements.
 ///
-/// Taken from the 75 % of the smallest squares instead of their median: poses err more in some parts of an image than in others,
-/// which makes the tails of displacements heavier than those of a normal deviate.
+/// Uses the upper quartile of the squares instead of the median: pose errors vary over the image, so that displacements have
+/// heavier tails than a normal distribution.
 pub(super) fn remaining_sigma(displacements: &[Displacement]) -> Option<f64> {
-    /// Of a squared normal deviate.
+    /// Upper quartile of a squared standard normal variable.
     const UPPER_QUARTILE: f64 = 1.323;
-    if displacements.len() < LEAST {
+    if displacements.len() < MIN_DISPLACEMENTS {
         return None;
     }
     let mut squares: Vec<f32> = displacements
         .iter()
-        .map(|d| (d.along * d.along * d.sharing) as f32)
+        .map(|d| (d.offset_px * d.offset_px * d.dof_factor) as f32)
         .collect();
     let mut explained: Vec<f32> = displacements.iter().map(|d| d.variance as f32).collect();
     let position = 3 * (squares.len() - 1) / 4;
@@ -108,11 +109,11 @@ mod tests {
         let angle = i as f64 * 0.7;
         let normal = Vector2::new(angle.cos(), angle.sin());
         Displacement {
-            at: Vector2::new(x, y),
+            position: Vector2::new(x, y),
             normal,
-            along: normal.dot(&shift),
+            offset_px: normal.dot(&shift),
             variance: 0.0,
-            sharing: 1.0,
+            dof_factor: 1.0,
         }
     }
 
@@ -122,7 +123,7 @@ mod tests {
         let truth = UnitQuaternion::from_scaled_axis(Vector3::new(0.003, -0.002, 0.004));
         let mut all: Vec<Displacement> = (0..300).map(|i| displacement(i, &truth, focal)).collect();
         for d in all.iter_mut().step_by(5) {
-            d.along += 6.0;
+            d.offset_px += 6.0;
         }
         let found = fit_rotation(&all, focal).unwrap();
         assert!(found.angle_to(&truth) * focal < 0.05, "{found} {truth}");
@@ -130,11 +131,11 @@ mod tests {
     }
 
     #[test]
-    fn what_noise_explains_is_taken_off() {
+    fn variance_of_noise_is_subtracted() {
         let focal = 500.0;
         let all: Vec<Displacement> = (0..100)
             .map(|i| Displacement {
-                along: if i % 2 == 0 { 1.15 } else { -1.15 },
+                offset_px: if i % 2 == 0 { 1.15 } else { -1.15 },
                 variance: 0.36,
                 ..displacement(i, &UnitQuaternion::identity(), focal)
             })

@@ -1,67 +1,65 @@
-//! The depth of a keyframe from its neighbours.
+//! Semi-dense depth of a keyframe from its neighbours.
 
 use nalgebra::UnitQuaternion;
 
-use super::along_chain::check_along_chains;
-use super::bootstrap::bootstrap;
-use super::candidate::Candidate;
-use super::matching::{Matched, match_all};
+use super::chain_consistency::check_chains;
+use super::chain_matching::{ChainDepths, match_chains};
+use super::epipolar_search::EdgePixel;
+use super::neighbour_pair::NeighbourPair;
 use super::options::{InverseDepthRange, SemiDenseOptions, SemiDenseOptionsError};
-use super::search::Pixel;
+use super::pair_calibration::calibrate_pairs;
 use super::view::{MatchView, gradient};
 use crate::depth::map::{InverseDepth, InverseDepthMap};
 use crate::image::ImageError;
 
 /// Estimates the inverse depth of the edge pixels of a keyframe from posed neighbours.
 ///
-/// Every edge pixel is searched along its epipolar line in each neighbour: a patch of five samples along the line is
-/// compared with the neighbour's, up to three best places whose gradient fits are refined to a fraction of a pixel, each
-/// with a standard deviation from the slope of the grey levels, the residual measured for the pair, and the error of the epipolar line.
-/// The depth on which most neighbours agree is the pixel's, unless another has nearly as much support; it must be confirmed along the
-/// edge.
+/// 1. Calibration: depth range, photometric model, rotation correction and epipolar error of each pair, from a few hundred edge pixels.
+/// 2. Search: each edge pixel is searched along its epipolar line in each neighbour with a patch of five samples. Up to three minima
+///    with a fitting gradient are refined to sub-pixel positions. The standard deviation of a match combines the intensity slope, the
+///    residual sigma of the pair and the epipolar error.
+/// 3. Fusion: the best supported depth is taken; ambiguous pixels are rejected.
+/// 4. Consistency: depths must agree with their neighbours along the edge chain; short gaps are filled.
 ///
-/// The range of depths, the exposure of each neighbour and the error of its pose are measured on a few hundred pixels first.
-///
-/// *Differs from Mur-Artal & Tardos*: a patch along the line in place of one grey level and gradient magnitude; several matches a
-/// neighbour, so that repeated edges are told apart by agreement instead of by luck; any direction of epipolar lines; matches
-/// support a depth by their residual; ambiguity is rejected; residual and epipolar error are measured for each pair, not assumed;
-/// each neighbour is turned by the small rotation that its matches ask for.
+/// *Differs from Mur-Artal & Tardos*: a patch along the line instead of one grey level and gradient magnitude; several matches per
+/// neighbour, so that agreement resolves repeated edges; epipolar lines of any direction; support weighted by residual; rejection of
+/// ambiguous depths; residual and epipolar error measured per pair; a small rotation correction per neighbour.
 #[derive(Debug, Clone)]
 pub struct SemiDense {
     options: SemiDenseOptions,
 }
 
-/// What was found about one neighbour.
+/// Calibration of the pair of the reference and one neighbour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PairReport {
-    /// Its position among the neighbours that were given.
+    /// Index of the neighbour in the given slice.
     pub neighbour: usize,
-    /// Distance of the two camera centres.
+    /// Distance of the two camera centres, in units of the poses.
     pub baseline: f64,
-    /// Grey levels of the reference times this ...
+    /// Photometric gain: neighbour level = `gain` * reference level + `offset`.
     pub gain: f64,
-    /// ... plus this are those of the neighbour; `None` when too few patches matched to tell.
+    /// Photometric offset in grey levels; `None` when too few patches matched for a calibration.
     pub offset: Option<f64>,
-    /// Standard deviation of the difference of matching samples, in grey levels.
+    /// Standard deviation of the residual of a sample, in grey levels.
     pub residual_sigma: f64,
-    /// Angle by which the neighbour was turned, in radians.
+    /// Angle of the rotation correction in radians.
     pub correction_rad: f64,
-    /// Standard deviation of where its epipolar lines run, in pixels.
+    /// Standard deviation of the position of an epipolar line, in pixels.
     pub epipolar_sigma_px: f64,
 }
 
-/// The depth of a keyframe and what it rests on.
+/// The semi-dense depth of a keyframe with the calibration of its pairs.
 #[derive(Debug, Clone)]
 pub struct SemiDenseDepth {
-    /// Inverse depth at edge pixels: that of the crest of the edge inside the pixel.
+    /// Inverse depth at edge pixels, valid at the sub-pixel position of the edge.
     pub map: InverseDepthMap,
-    /// The inverse depths that were searched; `None` without any usable neighbour.
+    /// The searched range of inverse depths; `None` without a usable neighbour.
     pub range: Option<InverseDepthRange>,
-    /// The neighbours that were used.
+    /// Calibration of each usable neighbour.
     pub pairs: Vec<PairReport>,
-    /// Rotation of each of those neighbours, about its centre, that its matches ask for.
+    /// Rotation correction of each usable neighbour about its centre, parallel to `pairs`.
     pub corrections: Vec<UnitQuaternion<f64>>,
-    /// Edge pixels on which enough neighbours agreed, before the check along the edges.
+    /// Number of edge pixels with a fused depth, before the check along the chains.
     pub fused: usize,
 }
 
@@ -80,18 +78,18 @@ impl SemiDense {
         &self.options
     }
 
-    /// The inverse depth of the edge pixels of `reference`, as far as the neighbours tell.
+    /// Estimates the inverse depth of the edge pixels of `reference`.
     ///
-    /// `prior` bounds the inverse depths searched; without it they are bounded by what the baselines can measure. Neighbours
-    /// without baseline, or that see nothing in common, contribute nothing; without three useful ones no pixel is known.
+    /// `prior` bounds the searched inverse depths; without it the largest parallax bounds them. Neighbours without a baseline or overlap
+    /// contribute nothing. Without [`least_agreeing`](SemiDenseOptions::least_agreeing) useful neighbours no pixel gets a depth.
     ///
     /// The result does not depend on the number of threads.
     ///
     /// # Errors
-    /// When the image is too large for a map.
+    /// [`ImageError`] when the image is too large for a depth map.
     ///
     /// # Complexity
-    /// Edge pixels x neighbours x length of the searched epipolar lines in pixels.
+    /// O(edge pixels x neighbours x length of the searched epipolar lines in pixels).
     pub fn estimate(
         &self,
         reference: &MatchView,
@@ -102,8 +100,8 @@ impl SemiDense {
         let image = reference.smoothed();
         let (width, height) = (image.width(), image.height());
         let mut map = InverseDepthMap::unknown(width, height)?;
-        let (used, mut candidates) = self.candidates(reference, neighbours);
-        let widest = self.widest_range(&candidates);
+        let (used, mut pairs) = self.neighbour_pairs(reference, neighbours);
+        let widest = self.widest_range(&pairs);
         let Some(range) = prior.or(widest) else {
             return Ok(SemiDenseDepth {
                 map,
@@ -114,94 +112,94 @@ impl SemiDense {
             });
         };
         let pixels = edge_pixels(reference, options.least_gradient as f32);
-        let matchable: Vec<Pixel> = pixels.iter().flatten().copied().collect();
-        let range = bootstrap(reference, &matchable, &mut candidates, range, options).range;
-        let Matched {
+        let matchable: Vec<EdgePixel> = pixels.iter().flatten().copied().collect();
+        let range = calibrate_pairs(reference, &matchable, &mut pairs, range, options).range;
+        let ChainDepths {
             mut samples,
-            mut shared,
-        } = match_all(reference, &pixels, &candidates, &range, options);
+            mut pose_sigmas,
+        } = match_chains(reference, &pixels, &pairs, &range, options);
         let fused = samples.iter().filter(|sample| sample.rho > 0.0).count();
-        check_along_chains(reference.chains(), &mut samples, &mut shared, options);
+        check_chains(reference.chains(), &mut samples, &mut pose_sigmas, options);
         let largest = options.largest_relative_sigma as f32;
         let hidden = options.hidden_pose_error as f32;
-        for ((&[x, y], sample), shared) in reference
+        for ((&[x, y], sample), pose_sigma) in reference
             .chains()
             .pixels()
             .iter()
             .zip(&samples)
-            .zip(&shared)
+            .zip(&pose_sigmas)
         {
-            // Pixels next to each other share the error of the poses: it was left out of the check between them.
-            if sample.sigma.hypot(*shared) <= largest * sample.rho {
-                let sigma = sample.sigma.hypot(hidden * shared);
+            // Adjacent pixels share the pose error, so that the check along the chains excludes it.
+            if sample.sigma.hypot(*pose_sigma) <= largest * sample.rho {
+                let sigma = sample.sigma.hypot(hidden * pose_sigma);
                 let measured = InverseDepth::new(sample.rho, sigma);
                 map.set(usize::from(x), usize::from(y), measured);
             }
         }
-        let pairs = used
+        let reports = used
             .iter()
-            .zip(&candidates)
-            .map(|(&neighbour, candidate)| {
-                let matched = &candidate.matched;
+            .zip(&pairs)
+            .map(|(&neighbour, pair)| {
+                let target = &pair.target;
                 PairReport {
                     neighbour,
-                    baseline: matched.pair.baseline,
-                    gain: f64::from(matched.photometry.gain),
-                    offset: matched.photometry.offset.map(f64::from),
-                    residual_sigma: f64::from(matched.photometry.sigma),
-                    correction_rad: candidate.correction.angle(),
-                    epipolar_sigma_px: f64::from(matched.epipolar_sigma),
+                    baseline: target.geometry.baseline,
+                    gain: f64::from(target.photometry.gain),
+                    offset: target.photometry.offset.map(f64::from),
+                    residual_sigma: f64::from(target.photometry.sigma),
+                    correction_rad: pair.correction.angle(),
+                    epipolar_sigma_px: f64::from(target.epipolar_sigma),
                 }
             })
             .collect();
         Ok(SemiDenseDepth {
             map,
             range: Some(range),
-            pairs,
-            corrections: candidates.iter().map(|c| c.correction).collect(),
+            pairs: reports,
+            corrections: pairs.iter().map(|c| c.correction).collect(),
             fused,
         })
     }
 
-    /// The median depth of a few hundred edge pixels of `reference` in units of the poses, from neighbours of whatever baselines;
-    /// `None` when too few of them can be measured.
+    /// Median depth of a few hundred edge pixels of `reference`, in units of the poses; `None` when too few can be measured. The baselines
+    /// need no particular length.
     pub fn median_depth(&self, reference: &MatchView, neighbours: &[&MatchView]) -> Option<f64> {
-        let (_, mut candidates) = self.candidates(reference, neighbours);
-        let range = self.widest_range(&candidates)?;
-        let pixels: Vec<Pixel> = edge_pixels(reference, self.options.least_gradient as f32)
+        let (_, mut pairs) = self.neighbour_pairs(reference, neighbours);
+        let range = self.widest_range(&pairs)?;
+        let pixels: Vec<EdgePixel> = edge_pixels(reference, self.options.least_gradient as f32)
             .into_iter()
             .flatten()
             .collect();
-        let survey = bootstrap(reference, &pixels, &mut candidates, range, &self.options);
-        survey.median_rho.map(f64::recip)
+        let calibration = calibrate_pairs(reference, &pixels, &mut pairs, range, &self.options);
+        calibration.median_rho.map(f64::recip)
     }
 
-    /// The neighbours with a baseline, after their positions.
-    fn candidates<'a>(
+    /// Indices and uncalibrated pairs of the neighbours with a baseline.
+    fn neighbour_pairs<'a>(
         &self,
         reference: &MatchView,
         neighbours: &[&'a MatchView],
-    ) -> (Vec<usize>, Vec<Candidate<'a>>) {
+    ) -> (Vec<usize>, Vec<NeighbourPair<'a>>) {
         neighbours
             .iter()
             .enumerate()
             .filter_map(|(index, view)| {
-                Some((index, Candidate::new(reference, view, &self.options)?))
+                Some((index, NeighbourPair::new(reference, view, &self.options)?))
             })
             .unzip()
     }
 
-    /// From infinity to the nearest place that as many neighbours as must agree can compare.
-    fn widest_range(&self, candidates: &[Candidate<'_>]) -> Option<InverseDepthRange> {
-        let mut baselines: Vec<f64> = candidates.iter().map(|c| c.matched.pair.baseline).collect();
+    /// Range from infinity to the nearest depth at which `least_agreeing` neighbours keep within the largest parallax.
+    fn widest_range(&self, pairs: &[NeighbourPair<'_>]) -> Option<InverseDepthRange> {
+        let mut baselines: Vec<f64> = pairs.iter().map(|c| c.target.geometry.baseline).collect();
         baselines.sort_by(f64::total_cmp);
         let baseline = baselines.get(self.options.least_agreeing.max(1) - 1)?;
         InverseDepthRange::new(0.0, self.options.largest_parallax / baseline)
     }
 }
 
-/// The chain pixels with their gradients, `None` where it is too weak or touches the border.
-fn edge_pixels(view: &MatchView, least_gradient: f32) -> Vec<Option<Pixel>> {
+/// The chain pixels with their gradients; `None` where the gradient is too weak or the pixel lies on the image border.
+fn edge_pixels(view: &MatchView, least_gradient: f32) -> Vec<Option<EdgePixel>> {
     let image = view.smoothed();
     let (width, height) = (image.width(), image.height());
     let chains = view.chains();
@@ -216,7 +214,7 @@ fn edge_pixels(view: &MatchView, least_gradient: f32) -> Vec<Option<Pixel>> {
             }
             let gradient = gradient(image.samples(), width, x, y);
             (gradient[0].hypot(gradient[1]) >= least_gradient)
-                .then_some(Pixel { position, gradient })
+                .then_some(EdgePixel { position, gradient })
         })
         .collect()
 }

@@ -1,73 +1,74 @@
-//! The matches of many pixels in all neighbours, and what they agree on.
+//! Matches many edge pixels in all neighbours and fuses their depths, in parallel.
 
 use rayon::prelude::*;
 
-use super::candidate::Candidate;
-use super::fusion::{Fused, fuse};
+use super::epipolar_search::{
+    EdgePixel, EpipolarMatch, EpipolarSearch, SearchRange, SearchScratch,
+};
+use super::fusion::{FusedDepth, fuse};
+use super::neighbour_pair::NeighbourPair;
 use super::options::SemiDenseOptions;
-use super::search::{Hypothesis, Pixel, Reach, Scratch, Search};
 use super::view::MatchView;
 
-/// Pixels that one task works on.
+/// Number of pixels per task.
 const CHUNK: usize = 64;
 
-/// A pixel that is to be searched.
+/// A pixel to search.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Wanted {
-    /// Its position among the chain pixels.
+pub(super) struct SearchRequest {
+    /// Its index among the chain pixels.
     pub(super) index: usize,
-    pub(super) pixel: Pixel,
-    pub(super) reach: Reach,
+    pub(super) pixel: EdgePixel,
+    pub(super) range: SearchRange,
 }
 
-/// Searches pixels of the reference in all neighbours.
+/// Searches edge pixels of the reference in all neighbours.
 pub(super) struct Matcher<'a> {
-    search: Search<'a>,
-    candidates: &'a [Candidate<'a>],
+    search: EpipolarSearch<'a>,
+    pairs: &'a [NeighbourPair<'a>],
     options: &'a SemiDenseOptions,
 }
 
-/// The memory of one thread.
+/// Reused buffers of one thread.
 #[derive(Default)]
-struct Memory {
-    scratch: Scratch,
-    hypotheses: Vec<Hypothesis>,
+struct ThreadScratch {
+    search: SearchScratch,
+    matches: Vec<EpipolarMatch>,
     members: Vec<usize>,
 }
 
 impl<'a> Matcher<'a> {
     pub(super) fn new(
         reference: &'a MatchView,
-        candidates: &'a [Candidate<'a>],
+        pairs: &'a [NeighbourPair<'a>],
         options: &'a SemiDenseOptions,
     ) -> Self {
         Self {
-            search: Search::new(reference, options),
-            candidates,
+            search: EpipolarSearch::new(reference, options),
+            pairs,
             options,
         }
     }
 
-    /// What `keep` makes of each pixel on whose depth neighbours agree: of the depth and of the matches that do. In the order of
-    /// `wanted`, in parallel.
+    /// Applies `keep` to the fused depth and supporting matches of each pixel that has one, in the order of `requests`.
     pub(super) fn run<T: Send>(
         &self,
-        wanted: &[Wanted],
-        keep: impl Fn(&Wanted, Fused, &mut dyn Iterator<Item = Hypothesis>) -> T + Sync,
+        requests: &[SearchRequest],
+        keep: impl Fn(&SearchRequest, FusedDepth, &mut dyn Iterator<Item = EpipolarMatch>) -> T + Sync,
     ) -> Vec<T> {
-        wanted
+        requests
             .par_chunks(CHUNK)
-            .map_init(Memory::default, |memory, wanted| {
-                wanted
+            .map_init(ThreadScratch::default, |scratch, requests| {
+                requests
                     .iter()
-                    .filter_map(|wanted| {
-                        self.search_all(wanted, memory);
-                        let fused = fuse(&memory.hypotheses, self.options, &mut memory.members)?;
-                        let mut members = memory
+                    .filter_map(|request| {
+                        self.search_all(request, scratch);
+                        let fused = fuse(&scratch.matches, self.options, &mut scratch.members)?;
+                        let mut members = scratch
                             .members
                             .iter()
-                            .map(|&member| memory.hypotheses[member]);
-                        Some(keep(wanted, fused, &mut members))
+                            .map(|&member| scratch.matches[member]);
+                        Some(keep(request, fused, &mut members))
                     })
                     .collect::<Vec<T>>()
             })
@@ -75,16 +76,16 @@ impl<'a> Matcher<'a> {
             .collect()
     }
 
-    fn search_all(&self, wanted: &Wanted, memory: &mut Memory) {
-        memory.hypotheses.clear();
-        for (neighbour, candidate) in self.candidates.iter().enumerate() {
+    fn search_all(&self, request: &SearchRequest, scratch: &mut ThreadScratch) {
+        scratch.matches.clear();
+        for (neighbour, pair) in self.pairs.iter().enumerate() {
             self.search.search(
-                &wanted.pixel,
-                &wanted.reach,
-                &candidate.matched,
+                &request.pixel,
+                &request.range,
+                &pair.target,
                 neighbour as u32,
-                &mut memory.scratch,
-                &mut memory.hypotheses,
+                &mut scratch.search,
+                &mut scratch.matches,
             );
         }
     }

@@ -1,9 +1,9 @@
-//! Inverse depth of edge pixels from images and poses alone.
+//! Inverse depth of edge pixels from posed images.
 //!
-//! A [`MatchView`] is a keyframe prepared for matching. [`choose_neighbours`] picks the keyframes whose parallax measures its
-//! depth best, [`SemiDense::estimate`] searches each edge pixel along its epipolar line in each of them, fuses what agrees and
-//! checks it along the edge; [`confirm`] drops what too few other keyframes' own depths confirm; [`SemiDense::surface_points`] adds
-//! points of the surface between the edges.
+//! [`MatchView`] is a keyframe prepared for matching. [`choose_neighbours`] selects the keyframes that constrain its depth best.
+//! [`SemiDense::estimate`] searches each edge pixel along its epipolar lines, fuses the matches and checks depths along edge chains.
+//! [`enforce_consistency`] removes depths that contradict the depth maps of other keyframes. [`SemiDense::surface_points`] adds points on
+//! textured surface between the edges.
 //!
 //! # Reference
 //! R. Mur-Artal, J. D. Tardos, Probabilistic Semi-Dense Mapping from Highly Accurate Feature-Based Monocular SLAM, RSS 2015.
@@ -12,31 +12,30 @@
 
 #![allow(
     clippy::neg_cmp_op_on_partial_ord,
-    reason = "a negated comparison refuses what is not a number as well"
+    reason = "a negated comparison also rejects NaN"
 )]
 
 mod alignment;
-mod along_chain;
-mod between;
-mod bootstrap;
-mod candidate;
+mod chain_consistency;
+mod chain_matching;
+mod consistency;
+mod epipolar_search;
 mod estimate;
 mod fusion;
 mod matcher;
-mod matching;
+mod neighbour_pair;
 mod neighbours;
 mod noise;
 mod options;
-mod pair;
+mod pair_calibration;
+mod pair_geometry;
 mod photometric;
-mod search;
 mod surface;
 mod view;
 
-pub use between::{Witness, WitnessOptions, confirm};
+pub use consistency::{ConsistencyOptions, DepthView, enforce_consistency};
 pub use estimate::{PairReport, SemiDense, SemiDenseDepth};
 pub use neighbours::{NeighbourOptions, ViewGeometry, choose_neighbours};
-pub use noise::image_noise;
 pub use options::{InverseDepthRange, SemiDenseOptions, SemiDenseOptionsError};
 pub use surface::{SurfacePoint, SweepOptions};
 pub use view::{MatchView, MatchViewError};

@@ -1,4 +1,4 @@
-//! Which keyframes measure the depth of another one best.
+//! Choice of the neighbours that constrain the depth of a keyframe best.
 
 use nalgebra::{Isometry3, Matrix2, Point2, Point3, Vector2};
 
@@ -22,17 +22,17 @@ pub struct ViewGeometry {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct NeighbourOptions {
-    /// N: neighbours that are used at most.
+    /// Largest number of neighbours.
     pub count: usize,
-    /// Least share of the reference image that a neighbour sees.
+    /// Least visible share of the sampled points of the reference.
     pub least_overlap: f64,
-    /// Least angle between the views of a place at the median depth.
+    /// Least mean parallax angle of the points that the neighbour sees.
     pub least_parallax_rad: f64,
-    /// Largest such angle: beyond it the same place looks too different.
+    /// Largest parallax angle of a point; beyond it the appearance changes too much.
     pub largest_parallax_rad: f64,
-    /// Relative precision of depth that is sought: neighbours are added where it is not reached.
+    /// Target relative precision of depth; sets the weight of a motion in the image.
     pub precision: f64,
-    /// Standard deviation of a match in pixels that the choice reckons with.
+    /// Assumed standard deviation of a match in pixels.
     pub match_sigma_px: f64,
 }
 
@@ -49,19 +49,19 @@ impl Default for NeighbourOptions {
     }
 }
 
-/// Places of the reference image that are looked at, across and down.
+/// Grid of sampled pixels of the reference, columns and rows.
 const GRID: [usize; 2] = [8, 6];
-/// Depths there, in median depths.
+/// Sampled depths, in median depths.
 const DEPTHS: [f64; 3] = [0.6, 1.0, 1.8];
-const PLACES: usize = GRID[0] * GRID[1] * DEPTHS.len();
+const POINTS: usize = GRID[0] * GRID[1] * DEPTHS.len();
 
-/// Positions among `candidates` of the neighbours to measure the depth of `reference` with, best first.
+/// Indices in `candidates` of the neighbours for estimating the depth of `reference`, best first.
 ///
-/// A neighbour tells about the depth of a place as far as its image moves with it, along the epipolar line, and thereby only about
-/// edges across that line. The neighbours are chosen one by one so that the information on all directions and places together grows most, as
-/// in a D-optimal design: with logarithms, a second baseline in a new direction counts more than one more in the same.
+/// A neighbour constrains the depth of a point by the motion of its image along the epipolar line, and so only on edges across that line.
+/// The choice is greedy and D-optimal: each step adds the neighbour with the largest gain of log-determinant of the information, summed
+/// over points. A baseline in a new direction therefore counts more than another one in the same direction.
 ///
-/// `median_depth` is that of the scene, or of what is known of the reference.
+/// `median_depth` is the median depth of the scene or of the reference.
 ///
 /// # Complexity
 /// O(candidates x count).
@@ -79,7 +79,7 @@ pub fn choose_neighbours(
         .enumerate()
         .filter_map(|(index, view)| Some((index, motions(reference, view, median_depth, options)?)))
         .collect();
-    let mut information: Vec<Matrix2<f64>> = vec![Matrix2::identity(); PLACES];
+    let mut information: Vec<Matrix2<f64>> = vec![Matrix2::identity(); POINTS];
     let mut chosen = Vec::with_capacity(options.count);
     while chosen.len() < options.count && !usable.is_empty() {
         let gain = |motions: &[Vector2<f64>]| -> f64 {
@@ -111,8 +111,8 @@ pub fn choose_neighbours(
     chosen
 }
 
-/// How a neighbour's image of each place moves when its depth changes by the sought precision, in standard deviations of a match,
-/// along the epipolar line in the reference; zero where it does not see the place. `None` of a neighbour that is of no use.
+/// Motion of each point in the neighbour when its depth changes by the target precision, in standard deviations of a match and directed
+/// along the epipolar line in the reference; zero where the point is not visible. `None` for an unsuitable neighbour.
 fn motions(
     reference: &ViewGeometry,
     view: &ViewGeometry,
@@ -121,8 +121,8 @@ fn motions(
 ) -> Option<Vec<Vector2<f64>>> {
     let view_from_reference = view.world_from_camera.inverse() * reference.world_from_camera;
     let center = Point3::from(view_from_reference.inverse().translation.vector);
-    let mut result = Vec::with_capacity(PLACES);
-    let (mut seen, mut looked_at, mut parallax) = (0.0, 0.0, 0.0);
+    let mut result = Vec::with_capacity(POINTS);
+    let (mut seen, mut total, mut parallax) = (0.0, 0.0, 0.0);
     for row in 0..GRID[1] {
         for column in 0..GRID[0] {
             let pixel = Point2::new(
@@ -130,7 +130,7 @@ fn motions(
                 (row as f64 + 0.5) / GRID[1] as f64 * reference.height as f64 - 0.5,
             );
             for share in DEPTHS {
-                looked_at += 1.0;
+                total += 1.0;
                 let motion = motion(
                     reference,
                     view,
@@ -151,11 +151,11 @@ fn motions(
         }
     }
     let is_useful =
-        seen >= options.least_overlap * looked_at && parallax >= options.least_parallax_rad * seen;
+        seen >= options.least_overlap * total && parallax >= options.least_parallax_rad * seen;
     (is_useful && seen > 0.0).then_some(result)
 }
 
-/// The motion at one place and the angle between the two views of it; `None` when the neighbour does not see it or too differently.
+/// Motion and parallax angle of one point; `None` when it is not visible or the parallax is too large.
 fn motion(
     reference: &ViewGeometry,
     view: &ViewGeometry,
@@ -166,11 +166,11 @@ fn motion(
     options: &NeighbourOptions,
 ) -> Option<(Vector2<f64>, f64)> {
     let point = reference.camera.point_at_depth(pixel, depth).ok()?;
-    let place = |depth_factor: f64| -> Option<Point2<f64>> {
+    let project_at = |depth_factor: f64| -> Option<Point2<f64>> {
         view.camera
             .project(&(view_from_reference * Point3::from(point.coords * depth_factor)))
     };
-    let at = place(1.0)?;
+    let at = project_at(1.0)?;
     let (right, bottom) = (view.width as f64 - 1.0, view.height as f64 - 1.0);
     if !(at.x >= 0.0 && at.y >= 0.0 && at.x <= right && at.y <= bottom) {
         return None;
@@ -179,14 +179,14 @@ fn motion(
     if !(angle <= options.largest_parallax_rad) {
         return None;
     }
-    let moved = (place(1.0 + options.precision)? - at).norm() / options.match_sigma_px;
-    // Towards the epipole: where the neighbour's centre appears.
+    let moved = (project_at(1.0 + options.precision)? - at).norm() / options.match_sigma_px;
+    // Towards the epipole, the image of the neighbour's centre.
     let homogeneous = Vector2::new(
         reference.camera.fx() * center.x + reference.camera.cx() * center.z,
         reference.camera.fy() * center.y + reference.camera.cy() * center.z,
     ) - pixel.coords * center.z;
     let direction = homogeneous.try_normalize(0.0)?;
-    // The closer to the limit, the less alike the views.
+    // Similarity of appearance falls with the parallax.
     let fading = 1.0 - (angle / options.largest_parallax_rad).powi(2);
     Some((direction * moved * fading, angle))
 }
@@ -196,12 +196,12 @@ mod tests {
     use super::*;
     use nalgebra::{UnitQuaternion, Vector3};
 
-    fn at(x: f64, y: f64, z: f64, turn: f64) -> ViewGeometry {
+    fn at(x: f64, y: f64, z: f64, yaw: f64) -> ViewGeometry {
         ViewGeometry {
             camera: Camera::pinhole(500.0, 500.0, 319.5, 239.5).unwrap(),
             world_from_camera: Isometry3::from_parts(
                 Vector3::new(x, y, z).into(),
-                UnitQuaternion::from_scaled_axis(Vector3::new(0.0, turn, 0.0)),
+                UnitQuaternion::from_scaled_axis(Vector3::new(0.0, yaw, 0.0)),
             ),
             width: 640,
             height: 480,

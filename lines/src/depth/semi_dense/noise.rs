@@ -1,23 +1,22 @@
-//! How noisy an image is.
+//! Noise of an image.
 
 use crate::image::GrayImage;
 
-/// Of rounding to whole numbers, 1 / sqrt(12).
+/// Standard deviation of rounding to whole numbers, 1 / sqrt(12).
 const ROUNDING: f64 = 0.288_675;
 
-/// Standard deviation of the noise of an image in grey levels, measured on the image itself.
+/// Estimates the standard deviation of the noise of an image, in grey levels.
 ///
-/// The second difference in both directions cancels whatever is locally a plane or a straight ramp; the median of its absolute
-/// values is not moved by edges and texture as long as they fill less than half of the image. At least that of rounding to
-/// whole levels, 0.29; images too small to be measured are given that.
+/// The second difference in both directions cancels constant and linear intensity; the median of its absolute values is robust to edges
+/// and texture in less than half of the image. The result is at least 0.29, the noise of rounding; images smaller than 3 x 3 return that.
 ///
 /// # Complexity
 /// Linear in the number of pixels.
 ///
 /// # Reference
 /// J. Immerkaer, Fast Noise Variance Estimation, Computer Vision and Image Understanding, 1996.
-/// *Differs from the paper*: the median instead of the mean, which texture raises.
-pub fn image_noise(image: &GrayImage) -> f64 {
+/// *Differs from the paper*: the median instead of the mean, which texture would raise.
+pub(super) fn image_noise(image: &GrayImage) -> f64 {
     let (width, height) = (image.width(), image.height());
     if width < 3 || height < 3 {
         return ROUNDING;
@@ -29,7 +28,7 @@ pub fn image_noise(image: &GrayImage) -> f64 {
         for x in 1..width - 1 {
             let across =
                 |row: &[u8]| i32::from(row[x - 1]) - 2 * i32::from(row[x]) + i32::from(row[x + 1]);
-            // Saturated pixels have lost their noise.
+            // Saturated pixels show no noise.
             if middle[x] == 0 || middle[x] == 255 {
                 continue;
             }
@@ -53,10 +52,9 @@ pub fn image_noise(image: &GrayImage) -> f64 {
     ROUNDING
 }
 
-/// Standard deviation of the noise of an image smoothed for matching, from that of the image itself: smoothing reduces it, rounding
-/// to whole levels comes back.
+/// Standard deviation of the noise of the smoothed image, from that of the original: reduced by smoothing, plus rounding.
 pub(super) fn smoothed_noise(noise_sigma: f64) -> f64 {
-    /// Norm of the smoothing kernel: the factor by which it reduces independent noise.
+    /// Norm of the smoothing kernel, the factor by which it reduces independent noise.
     const SMOOTHING: f64 = 0.29;
     (SMOOTHING * noise_sigma).hypot(ROUNDING)
 }

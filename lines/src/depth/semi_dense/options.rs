@@ -1,8 +1,9 @@
-//! Settings of the estimate.
+//! Options of the semi-dense estimate.
 
 use thiserror::Error;
 
-/// Settings of [`SemiDense`](super::SemiDense).
+/// Options of [`SemiDense`](super::SemiDense). The defaults without a source were tuned on the kitchen of 7-Scenes and a synthetic living
+/// room.
 ///
 /// # Reference
 /// R. Mur-Artal, J. D. Tardos, RSS 2015: 7 neighbours, 80 and 45 degrees, chi-squared 5.99 and 3.84.
@@ -12,47 +13,46 @@ use thiserror::Error;
 pub struct SemiDenseOptions {
     /// Least gradient of a pixel and of its match, in grey levels per pixel of the smoothed image.
     pub least_gradient: f64,
-    /// Largest angle between the gradient and the epipolar line: beyond it the edge runs along the line and sliding along it
-    /// changes nothing.
+    /// Largest angle between the gradient and the epipolar line. An edge parallel to the line does not constrain depth.
     pub largest_epipolar_angle_rad: f64,
-    /// Largest difference of the gradient's angle to the epipolar line between a pixel and its match.
+    /// Largest rotation of the gradient, relative to the epipolar line, between a pixel and its match.
     pub largest_gradient_turn_rad: f64,
-    /// Largest length of the baseline in depths, which bounds how much a neighbour's view of a place may differ.
+    /// Largest ratio of baseline to depth; bounds the change of appearance.
     pub largest_parallax: f64,
-    /// A sample of a patch counts at most as a difference of this many standard deviations: behind the outline of a near
-    /// surface the background changes.
+    /// Truncation of the residual of a patch sample, in standard deviations. The background behind an occluding edge changes between
+    /// views.
     pub truncation_sigmas: f64,
     /// Largest mean squared residual of a patch, in variances of a residual.
     pub largest_residual: f64,
-    /// Two measurements agree when `d^2 / sigma_a^2 + d^2 / sigma_b^2` is below this.
+    /// Largest chi-squared `d^2 / sigma_a^2 + d^2 / sigma_b^2` of two agreeing inverse depths.
     pub fusion_chi2: f64,
-    /// Least number of neighbours that agree on a depth.
+    /// Least number of neighbours that agree on a depth. At least 1.
     pub least_agreeing: usize,
-    /// Least share of the neighbours which have some match for the pixel that agree.
+    /// Least share of agreeing neighbours among those with a match, 0 to 1.
     pub least_agreeing_share: f64,
-    /// A depth is ambiguous when another one has more than this share of its support.
+    /// A pixel is ambiguous when a second depth has more than this share of the support of the best one.
     pub largest_rival_share: f64,
-    /// Largest standard deviation of an inverse depth as a share of it.
+    /// Largest relative standard deviation of an inverse depth.
     pub largest_relative_sigma: f64,
-    /// Standard deviation of where a neighbour's epipolar line runs, in pixels, before it has been measured.
+    /// Standard deviation of the position of an epipolar line before calibration, in pixels.
     pub epipolar_sigma_px: f64,
-    /// Least standard deviation of an epipolar line that a measurement may give, in pixels: sampling and interpolation.
+    /// Least calibrated standard deviation of an epipolar line, in pixels; accounts for sampling and interpolation.
     pub least_epipolar_sigma_px: f64,
-    /// How far along the chain a pixel looks for others that confirm it, in pixels; 0 leaves the check out.
+    /// Distance along the chain within which other pixels may confirm a depth, in pixels; 0 disables the check.
     pub chain_reach_px: usize,
-    /// Least number of chain pixels within reach that confirm a pixel.
+    /// Least number of confirming pixels within that distance.
     pub least_confirming: usize,
-    /// Whether depths are averaged with those that confirm them.
+    /// Smooth each depth with the pixels that confirm it.
     pub smooth_along_chain: bool,
-    /// Longest gap along a chain that is filled between depths that agree, in pixels; 0 fills none.
+    /// Longest gap along a chain that is filled between agreeing depths, in pixels; 0 disables filling.
     pub longest_gap_px: usize,
-    /// Every how many pixels along a chain one is searched in the whole range of depths; those between only around what these
-    /// found. 1 searches all of them in the whole range.
+    /// Distance of seed pixels along a chain, in pixels. Seeds are searched over the full depth range, other pixels near the depths of the
+    /// seeds. 1 searches every pixel over the full range.
     pub seed_spacing_px: usize,
-    /// How far the errors of poses displace matches along the epipolar lines, where depth follows them, in units of the turns that
-    /// matches ask for. They are common to a whole keyframe, enter its standard deviations, and drop no pixel.
+    /// Pose error along the epipolar lines, in units of the estimated rotation corrections. Residuals do not reveal this error; it enters
+    /// the standard deviations but rejects no pixel.
     pub hidden_pose_error: f64,
-    /// Whether a small rotation of each neighbour is estimated along with its photometric model.
+    /// Estimate a small rotation correction for each neighbour.
     pub align_neighbours: bool,
 }
 
@@ -153,7 +153,7 @@ impl SemiDenseOptions {
     }
 }
 
-/// Bounds of the inverse depths that are searched, in 1 / unit of the poses.
+/// Bounds of the searched inverse depths, in 1 / unit of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InverseDepthRange {
     lower: f64,
@@ -161,26 +161,9 @@ pub struct InverseDepthRange {
 }
 
 impl InverseDepthRange {
-    /// A range from `lower` (0: infinitely far) to `upper`; `None` unless `0 <= lower < upper` and both are finite.
+    /// A range from `lower` (0 for infinite depth) to `upper`; `None` unless `0 <= lower < upper` and both are finite.
     pub fn new(lower: f64, upper: f64) -> Option<Self> {
         (lower >= 0.0 && lower < upper && upper.is_finite()).then_some(Self { lower, upper })
-    }
-
-    /// The range of known inverse depths, such as those of map points: mean plus and minus two standard deviations, kept
-    /// positive. `None` of fewer than two different ones.
-    pub fn of_known(inverse_depths: impl Iterator<Item = f64>) -> Option<Self> {
-        let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
-        for rho in inverse_depths.filter(|rho| rho.is_finite() && *rho > 0.0) {
-            n += 1.0;
-            let before = rho - mean;
-            mean += before / n;
-            squares += before * (rho - mean);
-        }
-        if n < 2.0 {
-            return None;
-        }
-        let reach = 2.0 * (squares / (n - 1.0)).sqrt();
-        Self::new((mean - reach).max(0.0), mean + reach)
     }
 
     /// The lower bound.

@@ -1,40 +1,40 @@
-//! How grey levels of one keyframe appear in another.
+//! Fits the photometric model between two keyframes.
 
-use super::search::Photometry;
+use super::epipolar_search::Photometry;
 
-/// One matched patch.
+/// Mean grey levels of a matched patch.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct LevelPair {
+pub(super) struct IntensityPair {
     /// Mean grey level in the reference.
-    pub(super) own: f32,
+    pub(super) reference: f32,
     /// Mean grey level in the neighbour.
-    pub(super) other: f32,
+    pub(super) neighbour: f32,
     /// Variance of the residuals of its samples.
     pub(super) variance: f32,
 }
 
-/// Fewer patches than this say nothing about exposure.
-const LEAST_PATCHES: usize = 24;
-/// A camera that adjusts by more than this between two keyframes sees something else.
-const LARGEST_GAIN: f32 = 2.5;
-/// Deviations beyond which a patch counts less (Huber).
+/// Minimum number of patches for a fit.
+const MIN_PATCHES: usize = 24;
+/// Largest plausible change of exposure between two keyframes.
+const MAX_GAIN: f32 = 2.5;
+/// Threshold of the Huber weight, in standard deviations.
 const HUBER: f32 = 1.5;
 
-/// Gain and offset that carry the reference's grey levels over to the neighbour's, by robust regression over matched patches,
-/// and the standard deviation of what remains. `None` of too few patches.
+/// Gain, offset and residual sigma from reference to neighbour grey levels, by robust regression over matched patches; `None` for
+/// too few patches.
 ///
-/// The residual is at least `noise_sigma`, that of a difference of two samples as far as the images' own noise makes it.
-pub(super) fn fit_photometry(patches: &[LevelPair], noise_sigma: f32) -> Option<Photometry> {
-    if patches.len() < LEAST_PATCHES {
+/// The residual sigma is at least `noise_sigma`.
+pub(super) fn fit_photometry(patches: &[IntensityPair], noise_sigma: f32) -> Option<Photometry> {
+    if patches.len() < MIN_PATCHES {
         return None;
     }
     let mut variances: Vec<f32> = patches.iter().map(|patch| patch.variance).collect();
     let within = median(&mut variances)?;
-    let mut differences: Vec<f32> = patches.iter().map(|p| p.other - p.own).collect();
+    let mut differences: Vec<f32> = patches.iter().map(|p| p.neighbour - p.reference).collect();
     let mut gain = 1.0_f32;
     let mut offset = median(&mut differences)?;
     for _ in 0..8 {
-        let residual = |p: &LevelPair| p.other - gain * p.own - offset;
+        let residual = |p: &IntensityPair| p.neighbour - gain * p.reference - offset;
         let mut sizes: Vec<f32> = patches.iter().map(|p| residual(p).abs()).collect();
         let scale = (1.4826 * median(&mut sizes)?).max(0.25);
         let (mut w, mut x, mut y, mut xx, mut yy) = (0.0_f64, 0.0, 0.0, 0.0, 0.0);
@@ -45,7 +45,7 @@ pub(super) fn fit_photometry(patches: &[LevelPair], noise_sigma: f32) -> Option<
             } else {
                 HUBER * scale / size
             });
-            let (own, other) = (f64::from(p.own), f64::from(p.other));
+            let (own, other) = (f64::from(p.reference), f64::from(p.neighbour));
             w += weight;
             x += weight * own;
             y += weight * other;
@@ -54,21 +54,21 @@ pub(super) fn fit_photometry(patches: &[LevelPair], noise_sigma: f32) -> Option<
         }
         let spread = xx / w - (x / w) * (x / w);
         let other_spread = yy / w - (y / w) * (y / w);
-        // Both sides err, so that the slope of either on the other would be too small: the ratio of their spreads is not.
-        // Patches of one grey level tell the offset only.
+        // Both sides are noisy, so that an ordinary regression slope would be biased towards zero; the ratio of the spreads is not.
+        // Patches of similar grey level determine the offset only.
         let slope = if spread > 16.0 {
             (other_spread / spread).max(0.0).sqrt()
         } else {
             1.0
         };
-        gain = (slope as f32).clamp(LARGEST_GAIN.recip(), LARGEST_GAIN);
+        gain = (slope as f32).clamp(MAX_GAIN.recip(), MAX_GAIN);
         offset = (y / w) as f32 - gain * (x / w) as f32;
     }
     let mut squares: Vec<f32> = patches
         .iter()
-        .map(|p| (p.other - gain * p.own - offset).powi(2))
+        .map(|p| (p.neighbour - gain * p.reference - offset).powi(2))
         .collect();
-    // Of a squared normal deviate the median is 0.455.
+    // 0.455 is the median of a squared standard normal variable.
     let between = median(&mut squares)? / 0.455;
     let sigma = (within + between).sqrt().max(noise_sigma);
     sigma.is_finite().then_some(Photometry {
@@ -78,7 +78,7 @@ pub(super) fn fit_photometry(patches: &[LevelPair], noise_sigma: f32) -> Option<
     })
 }
 
-/// The lower median; `None` of nothing.
+/// The lower median; `None` when empty.
 pub(super) fn median(values: &mut [f32]) -> Option<f32> {
     if values.is_empty() {
         return None;
@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn gain_and_offset_are_found_among_wrong_matches() {
-        let patches: Vec<LevelPair> = (0..200)
+        let patches: Vec<IntensityPair> = (0..200)
             .map(|i| {
                 let own = 20.0 + (i * 37 % 180) as f32;
                 let noise = (i * 7 % 11) as f32 / 5.0 - 1.0;
@@ -102,9 +102,9 @@ mod tests {
                 } else {
                     0.8 * own + 25.0 + noise
                 };
-                LevelPair {
-                    own,
-                    other,
+                IntensityPair {
+                    reference: own,
+                    neighbour: other,
                     variance: 1.0,
                 }
             })
@@ -118,9 +118,9 @@ mod tests {
 
     #[test]
     fn few_or_equal_patches_give_no_slope() {
-        let patch = LevelPair {
-            own: 100.0,
-            other: 110.0,
+        let patch = IntensityPair {
+            reference: 100.0,
+            neighbour: 110.0,
             variance: 0.0,
         };
         assert_eq!(fit_photometry(&[patch; 5], 1.0), None);

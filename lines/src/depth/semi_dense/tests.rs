@@ -132,10 +132,6 @@ fn a_wall_is_measured_within_its_deviations() {
     let reference = wall.view(0.0, 0.0, 0.0);
     let depth = estimate(&reference, &around(&wall));
     let (coverage, error, within) = figures(&wall, &reference, &depth);
-    println!(
-        "coverage {coverage:.3}, error {error:.5}, within {within:.3}, {:#?}",
-        depth.pairs
-    );
     assert!(coverage > 0.8, "{coverage}");
     assert!(error < 0.004, "{error}");
     assert!(within >= 0.8, "{within}");
@@ -193,10 +189,6 @@ fn errors_of_poses_enter_the_deviation() {
         .collect();
     let depth = estimate(&reference, &neighbours);
     let (coverage, error, within) = figures(&wall, &reference, &depth);
-    println!(
-        "coverage {coverage:.3}, error {error:.5}, within {within:.3}, {:#?}",
-        depth.pairs
-    );
     assert!(coverage > 0.4 && error < 0.05, "{coverage} {error}");
     assert!(within >= 0.8, "{within}");
 }
@@ -307,7 +299,7 @@ fn threads_change_nothing() {
 }
 
 #[test]
-fn witnesses_confirm_what_is_right() {
+fn consistent_depths_are_kept_and_wrong_ones_removed() {
     let wall = Wall { scale: 1.0 };
     let views: Vec<MatchView> = std::iter::once(wall.view(0.0, 0.0, 0.0))
         .chain(around(&wall))
@@ -324,8 +316,8 @@ fn witnesses_confirm_what_is_right() {
                 .unwrap()
         })
         .collect();
-    let witnesses: Vec<Witness> = (1..views.len())
-        .map(|other| Witness {
+    let others: Vec<DepthView> = (1..views.len())
+        .map(|other| DepthView {
             view: &views[other],
             map: &depths[other].map,
             correction: depths[0].corrections[other - 1],
@@ -333,18 +325,18 @@ fn witnesses_confirm_what_is_right() {
         .collect();
     let mut right = depths[0].map.clone();
     let known = right.known_count();
-    let dropped = confirm(
+    let removed = enforce_consistency(
         &views[0],
         &mut right,
-        &witnesses,
-        &WitnessOptions::default(),
+        &others,
+        &ConsistencyOptions::default(),
     );
-    assert!(dropped * 10 < known, "{dropped} of {known}");
-    let strict = WitnessOptions {
+    assert!(removed * 10 < known, "{removed} of {known}");
+    let strict = ConsistencyOptions {
         least_agreeing: 2,
-        ..WitnessOptions::default()
+        ..ConsistencyOptions::default()
     };
-    // A map that says everything is twice as far has no witness.
+    // Doubled depths agree with no other keyframe.
     let mut wrong = depths[0].map.clone();
     for (x, y, found) in depths[0].map.known() {
         wrong.set(
@@ -353,6 +345,6 @@ fn witnesses_confirm_what_is_right() {
             crate::depth::InverseDepth::new(0.5 * found.rho, found.sigma),
         );
     }
-    let dropped = confirm(&views[0], &mut wrong, &witnesses, &strict);
-    assert!(dropped * 10 > 9 * known, "{dropped} of {known}");
+    let removed = enforce_consistency(&views[0], &mut wrong, &others, &strict);
+    assert!(removed * 10 > 9 * known, "{removed} of {known}");
 }

@@ -9,7 +9,7 @@ use crate::camera::Camera;
 use crate::edges::{EdgeChains, EdgeDetector};
 use crate::image::GrayImage;
 
-/// A keyframe prepared for matching: smoothed image, edge chains, noise, camera and pose. About one byte a pixel.
+/// A keyframe prepared for matching: smoothed image, edge chains, noise, camera and pose. Memory: about one byte per pixel.
 #[derive(Debug, Clone)]
 pub struct MatchView {
     smoothed: GrayImage,
@@ -25,16 +25,16 @@ pub enum MatchViewError {
     /// Epipolar lines are straight only in pinhole images.
     #[error("the camera has lens distortion; undistort the image first")]
     Distorted,
-    /// The pose is not a number.
+    /// The pose is not finite.
     #[error("the pose is not finite: {0}")]
     Pose(Isometry3<f64>),
 }
 
 impl MatchView {
-    /// Smooths the image, draws its edges with `detector` and measures its noise.
+    /// Smooths the image, detects its edges with `detector` and estimates its noise.
     ///
     /// # Errors
-    /// When the camera distorts or the pose is not finite.
+    /// When the camera has distortion or the pose is not finite.
     pub fn new(
         image: &GrayImage,
         camera: &Camera,
@@ -66,7 +66,7 @@ impl MatchView {
     }
 
     /// Standard deviation of the noise of the image before smoothing, in grey levels.
-    pub fn noise_sigma(&self) -> f64 {
+    pub(super) fn noise_sigma(&self) -> f64 {
         self.noise_sigma
     }
 
@@ -80,10 +80,10 @@ impl MatchView {
         &self.world_from_camera
     }
 
-    /// Gives the view another pose; its edges stay as they are.
+    /// Replaces the pose.
     ///
     /// # Errors
-    /// When the pose is not finite; the view keeps the one that it has.
+    /// When the pose is not finite; the old pose is kept.
     pub fn set_world_from_camera(
         &mut self,
         world_from_camera: &Isometry3<f64>,
@@ -93,7 +93,7 @@ impl MatchView {
         Ok(())
     }
 
-    /// Camera, pose and size, for the choice of neighbours.
+    /// Camera, pose and image size, for [`choose_neighbours`](super::choose_neighbours).
     pub fn geometry(&self) -> ViewGeometry {
         ViewGeometry {
             camera: self.camera.clone(),
@@ -113,7 +113,7 @@ fn check_pose(world_from_camera: &Isometry3<f64>) -> Result<(), MatchViewError> 
     }
 }
 
-/// Bilinear value of an image; the caller keeps `0 <= x < width - 1` and likewise y.
+/// Bilinear interpolation; requires `0 <= x < width - 1`, and likewise for y.
 #[inline]
 pub(super) fn sample(samples: &[u8], width: usize, x: f32, y: f32) -> f32 {
     let (column, row) = (x as usize, y as usize);
@@ -125,7 +125,7 @@ pub(super) fn sample(samples: &[u8], width: usize, x: f32, y: f32) -> f32 {
     upper + fy * (lower - upper)
 }
 
-/// Gradient (Scharr) in grey levels per pixel at a pixel that does not touch the border of the image.
+/// Scharr gradient in grey levels per pixel; the pixel must not lie on the image border.
 #[inline]
 pub(super) fn gradient(samples: &[u8], width: usize, x: usize, y: usize) -> [f32; 2] {
     let index = y * width + x;

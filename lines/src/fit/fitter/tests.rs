@@ -94,7 +94,7 @@ fn exact_line_is_found_whole() {
             let tolerance = if index == 0 { 0.004 } else { 0.012 };
             assert!((segment.ends_in_camera[0] - a).norm() < tolerance);
             assert!((segment.ends_in_camera[1] - b).norm() < tolerance);
-            assert!(segment.inlier_share() > 0.9);
+            assert!(f64::from(segment.inliers) > 0.9 * segment.pixels.len() as f64);
         }
         for segment in &segments {
             for end in &segment.ends_in_camera {

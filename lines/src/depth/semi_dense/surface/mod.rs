@@ -1,53 +1,53 @@
 //! Points of the surface between the edges of a keyframe.
 //!
-//! Known depths on edges, triangulated in the image, say where the surface between them may lie: inverse depth of a plane is linear
-//! in the pixel. At the places of a grid that lie on no edge, a patch of the image is carried through that plane into the
-//! neighbours, and the plane is moved along the view ray to where the patches are most alike. A place gets a point when enough
-//! neighbours see the same there, and nowhere else along the stretch of the ray that was searched: the triangle alone is a guess,
-//! the point is measured. Where the image has no texture there is none.
+//! A Delaunay triangulation of the known edge depths in the image predicts planes between the edges. At grid pixels away from edges, a
+//! patch is warped through the predicted plane into the neighbours, and a plane sweep along the view ray maximises the correlation. A pixel
+//! gets a point when enough neighbours agree and the maximum is unique within the swept range. Pixels without texture get none.
 //!
 //! # Reference
 //! R. T. Collins, A Space-Sweep Approach to True Multi-Image Matching, CVPR 1996.
-//! Guesses from a triangulation of what is known follow A. Geiger, M. Roser, R. Urtasun, Efficient Large-Scale Stereo Matching,
-//! ACCV 2010. *Differs from both*: planes are slanted as the triangle is, and only a short stretch around it is swept.
+//!
+//! Plane predictions from a triangulation of known depths follow A. Geiger, M. Roser, R. Urtasun, Efficient Large-Scale Stereo Matching,
+//! ACCV 2010. *Differs from both*: the swept planes have the slope of the triangle,
+//! and only a short range around it is swept.
 
-mod guesses;
 mod options;
+mod plane_hypotheses;
 mod sweep;
 
 pub use options::SweepOptions;
 
 use rayon::prelude::*;
 
-use self::guesses::guesses;
-use self::sweep::{Eye, Sweep};
+use self::plane_hypotheses::plane_hypotheses;
+use self::sweep::{PlaneSweep, SourceView};
 use super::estimate::{SemiDense, SemiDenseDepth};
 use super::view::MatchView;
 use crate::depth::map::InverseDepth;
 
-/// A point of the surface that lies on no edge.
+/// A surface point away from edges.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
-    /// The pixel at which the reference sees it.
+    /// Its pixel in the reference image.
     pub pixel: [u16; 2],
-    /// Its inverse depth there.
+    /// Its inverse depth in the reference camera.
     pub depth: InverseDepth,
 }
 
-/// Places that one task works on.
+/// Number of pixels per task.
 const CHUNK: usize = 32;
 
 impl SemiDense {
-    /// The points between the edges of `reference` that its neighbours confirm, row by row, at most one for each place of a grid.
+    /// Measures surface points between the edges of `reference`, row by row, at most one per grid pixel.
     ///
-    /// `depth` is what [`estimate`](Self::estimate) found with the same `neighbours`, whether its map was confirmed or not.
-    /// The standard deviations are those of the matches and, as there, of the errors of poses. None with a spacing of 0, or when
-    /// fewer than two neighbours matched.
+    /// `depth` is the result of [`estimate`](Self::estimate) with the same `neighbours`, before or after
+    /// [`enforce_consistency`](super::enforce_consistency). The standard deviations include matching and pose errors. Empty with a spacing of 0
+    /// or fewer than two calibrated neighbours.
     ///
     /// The result does not depend on the number of threads.
     ///
     /// # Complexity
-    /// Places of the grid x neighbours x pixels that the swept stretch of the ray is long x samples of a patch.
+    /// O(grid pixels x neighbours x sweep steps x samples of a patch).
     pub fn surface_points(
         &self,
         reference: &MatchView,
@@ -55,37 +55,40 @@ impl SemiDense {
         neighbours: &[&MatchView],
         options: &SweepOptions,
     ) -> Vec<SurfacePoint> {
-        let eyes: Vec<Eye<'_>> = depth
+        let sources: Vec<SourceView<'_>> = depth
             .pairs
             .iter()
             .zip(&depth.corrections)
             .filter(|(pair, _)| pair.offset.is_some())
             .filter_map(|(pair, correction)| {
                 let view = neighbours.get(pair.neighbour)?;
-                Eye::new(reference, view, correction)
+                SourceView::new(reference, view, correction)
             })
-            .take(options.neighbours.min(MOST_EYES))
+            .take(options.neighbours.min(MAX_SOURCES))
             .collect();
-        if options.spacing_px == 0 || eyes.len() < LEAST_EYES {
+        if options.spacing_px == 0 || sources.len() < MIN_SOURCES {
             return Vec::new();
         }
-        let guesses = guesses(reference, &depth.map, options.spacing_px);
+        let hypotheses = plane_hypotheses(reference, &depth.map, options.spacing_px);
         let hidden = self.options().hidden_pose_error as f32;
-        let sweep = Sweep::new(reference, eyes, hidden, options);
-        guesses
+        let sweep = PlaneSweep::new(reference, sources, hidden, options);
+        hypotheses
             .par_chunks(CHUNK)
             .map(|chunk| -> Vec<SurfacePoint> {
-                chunk.iter().filter_map(|g| sweep.measure(g)).collect()
+                chunk
+                    .iter()
+                    .filter_map(|hypothesis| sweep.measure(hypothesis))
+                    .collect()
             })
             .flatten_iter()
             .collect()
     }
 }
 
-/// Fewer neighbours than this confirm nothing.
-const LEAST_EYES: usize = 2;
-/// More are not asked.
-const MOST_EYES: usize = 16;
+/// Minimum number of neighbours for a measurement.
+const MIN_SOURCES: usize = 2;
+/// Maximum number of neighbours.
+const MAX_SOURCES: usize = 16;
 
 #[cfg(test)]
 mod tests;

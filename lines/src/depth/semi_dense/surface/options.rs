@@ -1,27 +1,27 @@
-//! Settings of the sweep between edges.
+//! Options of the plane sweep between edges.
 
 use crate::depth::semi_dense::SemiDenseOptionsError;
 
-/// Settings of [`SemiDense::surface_points`](crate::depth::semi_dense::SemiDense::surface_points).
+/// Options of [`SemiDense::surface_points`](crate::depth::semi_dense::SemiDense::surface_points).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct SweepOptions {
-    /// Distance of the places where a point is sought, across and down, in pixels; 0: there are none.
+    /// Spacing of the sampled pixel grid, in pixels; 0 disables the sweep.
     pub spacing_px: usize,
-    /// Neighbours that are asked at most, best first.
+    /// Largest number of neighbours, best first; at most 16 are used.
     pub neighbours: usize,
-    /// How far to either side of the guess depths are tried, as a share of the inverse depth. Further away other places look alike.
+    /// Half width of the swept range, as a share of the predicted inverse depth. A wider range admits more false matches.
     pub reach: f64,
-    /// Least mean normalised correlation of patches.
+    /// Least mean normalised cross-correlation of patches.
     pub least_correlation: f64,
-    /// Share of the neighbours that see the place whose correlations count, those most alike: to the others it may be hidden.
+    /// Share of the neighbours that see the patch whose correlations are averaged, best first; the others may be occluded.
     pub agreeing_share: f64,
-    /// By how much another depth, away from the best one, must correlate less.
+    /// Least margin of the correlation over any other peak.
     pub least_margin: f64,
-    /// A patch has texture when its grey levels scatter by more than this many standard deviations of the image's noise.
+    /// Least standard deviation of the grey levels of a patch, in standard deviations of the image noise.
     pub least_texture: f64,
-    /// Largest standard deviation of an inverse depth as a share of it, before errors of poses.
+    /// Largest relative standard deviation of an inverse depth, pose errors excluded.
     pub largest_relative_sigma: f64,
 }
 
@@ -60,7 +60,7 @@ impl SweepOptions {
                 largest,
             ),
         ] {
-            // What is not a number is in no range.
+            // The negation also rejects NaN.
             if !(value >= lower && value <= upper) {
                 return Err(SemiDenseOptionsError { name, value });
             }

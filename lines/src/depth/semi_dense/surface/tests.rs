@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 
-use super::guesses::Guess;
+use super::plane_hypotheses::PlaneHypothesis;
 use super::*;
 use crate::camera::Camera;
 use crate::depth::map::InverseDepthMap;
@@ -13,7 +13,7 @@ use crate::image::GrayImage;
 const WIDTH: usize = 320;
 const HEIGHT: usize = 240;
 /// Centres of the reference and of its neighbours.
-const PLACES: [[f64; 2]; 6] = [
+const CENTRES: [[f64; 2]; 6] = [
     [0.0, 0.0],
     [0.2, 0.02],
     [-0.22, 0.0],
@@ -60,7 +60,7 @@ fn barred(point: &Point3<f64>) -> f64 {
 }
 
 fn views(level: impl Fn(&Point3<f64>) -> f64) -> Vec<MatchView> {
-    PLACES
+    CENTRES
         .iter()
         .map(|[x, y]| {
             let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.1 * y, -0.1 * x, 0.05 * x));
@@ -77,20 +77,20 @@ fn views(level: impl Fn(&Point3<f64>) -> f64) -> Vec<MatchView> {
         .collect()
 }
 
-/// What the sweep makes of guesses at the true plane times `factor`, at places all over the image.
+/// Sweeps hypotheses at the true plane times `factor` all over the image.
 fn swept(views: &[MatchView], factor: f32) -> Vec<Option<SurfacePoint>> {
     let options = SweepOptions::default();
-    let eyes = views[1..]
+    let sources = views[1..]
         .iter()
-        .filter_map(|view| Eye::new(&views[0], view, &UnitQuaternion::identity()))
+        .filter_map(|view| SourceView::new(&views[0], view, &UnitQuaternion::identity()))
         .collect();
-    let sweep = Sweep::new(&views[0], eyes, 1.5, &options);
+    let sweep = PlaneSweep::new(&views[0], sources, 1.5, &options);
     (0..48)
         .map(|i| [40 + 30 * (i % 8), 40 + 30 * (i / 8)])
         .map(|pixel: [u16; 2]| {
             let rho = true_rho(pixel);
             let slope = true_rho([pixel[0] + 1, pixel[1]]) - rho;
-            sweep.measure(&Guess {
+            sweep.measure(&PlaneHypothesis {
                 pixel,
                 rho: factor * rho,
                 slope: [factor * slope, 0.0],
@@ -104,7 +104,7 @@ fn error(point: &SurfacePoint) -> f32 {
 }
 
 #[test]
-fn a_guess_beside_the_surface_is_moved_onto_it() {
+fn a_hypothesis_near_the_surface_converges_to_it() {
     let views = views(waves);
     for factor in [0.97, 1.0, 1.025] {
         let found: Vec<SurfacePoint> = swept(&views, factor).into_iter().flatten().collect();
@@ -118,7 +118,7 @@ fn a_guess_beside_the_surface_is_moved_onto_it() {
 }
 
 #[test]
-fn a_guess_on_no_surface_and_one_without_texture_are_refused() {
+fn a_hypothesis_off_the_surface_or_without_texture_is_rejected() {
     let textured = views(waves);
     for factor in [0.7, 1.4] {
         let found = swept(&textured, factor).into_iter().flatten().count();
@@ -165,31 +165,33 @@ fn points_between_bars_lie_on_the_wall() {
     assert_eq!(points(&alone), []);
 }
 
-/// Guesses from the edges of bars whose pixels have depths by their place.
-fn guesses_of(rho: impl Fn([u16; 2]) -> f32) -> Vec<Guess> {
+/// Hypotheses from the edges of the bars with depths given per pixel.
+fn hypotheses_of(rho: impl Fn([u16; 2]) -> f32) -> Vec<PlaneHypothesis> {
     let view = &views(barred)[0];
     let mut map = InverseDepthMap::unknown(WIDTH, HEIGHT).unwrap();
     for &[x, y] in view.chains().pixels() {
         let known = InverseDepth::new(rho([x, y]), 0.001);
         map.set(usize::from(x), usize::from(y), known);
     }
-    guesses(view, &map, 12)
+    plane_hypotheses(view, &map, 12)
 }
 
 #[test]
-fn guesses_follow_the_plane_of_the_edges_and_cross_no_jump() {
-    let plane = guesses_of(true_rho);
+fn hypotheses_follow_the_plane_of_the_edges_and_cross_no_jump() {
+    let plane = hypotheses_of(true_rho);
     assert!(plane.len() > 100, "{}", plane.len());
-    for guess in &plane {
-        let error = guess.rho / true_rho(guess.pixel) - 1.0;
-        assert!(error.abs() < 2e-3, "{guess:?}");
+    for hypothesis in &plane {
+        let error = hypothesis.rho / true_rho(hypothesis.pixel) - 1.0;
+        assert!(error.abs() < 2e-3, "{hypothesis:?}");
     }
     // The right half is twice as far away.
-    let jump = guesses_of(|[x, _]| if x < 160 { 0.5 } else { 0.25 });
+    let jump = hypotheses_of(|[x, _]| if x < 160 { 0.5 } else { 0.25 });
     assert!(jump.len() > 80, "{}", jump.len());
-    for guess in &jump {
-        let is_on_either = [0.5, 0.25].iter().any(|rho| (guess.rho - rho).abs() < 1e-5);
-        assert!(is_on_either, "{guess:?}");
+    for hypothesis in &jump {
+        let is_on_either = [0.5, 0.25]
+            .iter()
+            .any(|rho| (hypothesis.rho - rho).abs() < 1e-5);
+        assert!(is_on_either, "{hypothesis:?}");
     }
 }
 

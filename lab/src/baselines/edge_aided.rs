@@ -1,0 +1,47 @@
+//! Edge-aided fitting behind the trait of the baselines.
+
+use super::method::{
+    Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
+};
+use linecarve_lines::{ExtractOptions, SegmentExtractor};
+
+/// [`SegmentExtractor`] as a [`LineMethod`]: the segments of each keyframe, not clustered.
+#[derive(Debug, Clone)]
+pub struct EdgeAided {
+    extractor: SegmentExtractor,
+}
+
+impl EdgeAided {
+    /// The method with the given settings.
+    ///
+    /// # Errors
+    /// When a setting is out of range.
+    pub fn new(options: ExtractOptions) -> Result<Self, MethodError> {
+        Ok(Self {
+            extractor: SegmentExtractor::new(options)?,
+        })
+    }
+}
+
+impl LineMethod for EdgeAided {
+    fn method(&self) -> Method {
+        Method::EdgeAided
+    }
+
+    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
+        let depth = keyframe.demand_depth(self.method())?;
+        let extraction =
+            self.extractor
+                .extract(keyframe.image, depth, keyframe.camera, keyframe.number)?;
+        findings.spend("edges", extraction.durations.edges);
+        findings.spend("edge depth", extraction.durations.edge_depth);
+        findings.spend("fit", extraction.durations.fit);
+        findings
+            .segments
+            .extend(extraction.segments.iter().map(|segment| FoundSegment {
+                ends_in_world: segment.ends_in_world(&keyframe.world_from_camera),
+                keyframe: Some(keyframe.number),
+            }));
+        Ok(())
+    }
+}

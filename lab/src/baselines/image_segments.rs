@@ -1,0 +1,45 @@
+//! The straight segments of an image, on which the decoupled and the matched baseline build.
+
+use std::time::Instant;
+
+use super::line_detection::{LineDetector, LineDetectorOptions, LineSegment2d};
+use super::method::{Findings, MethodError};
+use linecarve_lines::ExtractError;
+use linecarve_lines::edges::{EdgeChains, EdgeDetector, EdgeOptions};
+use linecarve_lines::image::GrayImage;
+
+/// Edges and the segments on them, with memory that is kept from one image to the next.
+#[derive(Debug, Clone)]
+pub(super) struct ImageSegments {
+    edges: EdgeDetector,
+    detector: LineDetector,
+    chains: EdgeChains,
+}
+
+impl ImageSegments {
+    pub(super) fn new(
+        edges: EdgeOptions,
+        detector: LineDetectorOptions,
+    ) -> Result<Self, MethodError> {
+        Ok(Self {
+            edges: EdgeDetector::new(edges).map_err(ExtractError::from)?,
+            detector: LineDetector::new(detector)?,
+            chains: EdgeChains::default(),
+        })
+    }
+
+    /// The segments of an image; the time goes to the stages `edges` and `segments`.
+    pub(super) fn find(
+        &mut self,
+        image: &GrayImage,
+        findings: &mut Findings,
+    ) -> Vec<LineSegment2d> {
+        let start = Instant::now();
+        self.edges.detect_into(image, &mut self.chains);
+        let edges = start.elapsed();
+        let segments = self.detector.detect(image, &self.chains);
+        findings.spend("edges", edges);
+        findings.spend("segments", start.elapsed() - edges);
+        segments
+    }
+}
