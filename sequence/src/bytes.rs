@@ -80,13 +80,13 @@ impl<'a> ByteReader<'a> {
     /// A count of things that take at least `bytes_each`: one that the rest of the file cannot hold is refused, so that
     /// nothing is ever reserved for it.
     pub(super) fn count(&mut self, of: &str, bytes_each: usize) -> Result<usize, SequenceError> {
-        let place = self.at;
+        let offset = self.at;
         let count = self.u64()?;
         let most = ((self.bytes.len() - self.at) / bytes_each.max(1)) as u64;
         if count > most {
             return Err(SequenceError::Byte {
                 path: self.path.to_owned(),
-                offset: place as u64,
+                offset: offset as u64,
                 problem: format!(
                     "{count} {of} are announced, the rest of the file holds {most} at most (cut off, or not this format?)"
                 ),
@@ -110,13 +110,13 @@ impl<'a> ByteReader<'a> {
 
     /// Text of a known length.
     pub(super) fn text_of(&mut self, length: usize) -> Result<String, SequenceError> {
-        let place = self.at;
+        let offset = self.at;
         let bytes = self.take(length)?;
         std::str::from_utf8(bytes)
             .map(str::to_owned)
             .map_err(|_| SequenceError::Byte {
                 path: self.path.to_owned(),
-                offset: place as u64,
+                offset: offset as u64,
                 problem: "a name is not UTF-8".to_owned(),
             })
     }

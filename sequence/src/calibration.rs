@@ -6,7 +6,7 @@ use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
-use super::pose_reading::{CameraAxes, PoseDirection, PoseReading, QuaternionOrder};
+use super::pose_convention::{CameraAxes, PoseConvention, PoseDirection, QuaternionOrder};
 use super::{SequenceError, Warning, rigid};
 
 /// Name of the sidecar file in the folder of a sequence.
@@ -27,7 +27,7 @@ pub(super) struct CalibratedCamera {
     pub(super) camera: Camera,
     pub(super) size: Option<ImageSize>,
     /// Where it comes from, for messages and for `info`.
-    pub(super) origin: String,
+    pub(super) source: String,
     /// What to tell when the camera is a guess and no sidecar replaces it.
     pub(super) guess: Option<Warning>,
 }
@@ -37,25 +37,25 @@ impl CalibratedCamera {
     pub(super) fn known(
         camera: Camera,
         size: Option<ImageSize>,
-        origin: impl Into<String>,
+        source: impl Into<String>,
     ) -> Self {
         Self {
             camera,
             size,
-            origin: origin.into(),
+            source: source.into(),
             guess: None,
         }
     }
 
     /// A camera for images of 640 x 480 that is usual where nothing is known, with what to tell about it.
-    pub(super) fn usual(camera: Camera, origin: &str, guess: String) -> Self {
+    pub(super) fn usual(camera: Camera, source: &str, guess: String) -> Self {
         Self {
             camera,
             size: Some(ImageSize {
                 width: 640,
                 height: 480,
             }),
-            origin: origin.to_owned(),
+            source: source.to_owned(),
             guess: Some(Warning::statement(guess)),
         }
     }
@@ -91,7 +91,7 @@ pub(super) struct Calibration {
     /// `point_in_body = body_from_color * point_in_color`, when the cameras are mounted on something that has poses.
     pub(super) body_from_color: Option<Isometry3<f64>>,
     /// How the poses as recorded are to be understood.
-    pub(super) poses: PoseReading,
+    pub(super) pose_convention: PoseConvention,
 }
 
 impl Calibration {
@@ -102,7 +102,7 @@ impl Calibration {
             depth: None,
             depth_scale: 1000.0,
             body_from_color: None,
-            poses: PoseReading::default(),
+            pose_convention: PoseConvention::default(),
         }
     }
 }
@@ -129,24 +129,24 @@ impl Sidecar {
         })
     }
 
-    fn parse(text: &str, origin: &str) -> Result<Self, String> {
+    fn parse(text: &str, source: &str) -> Result<Self, String> {
         let file = toml::from_str(text).map_err(|error| error.to_string())?;
-        Self::check(file, origin)
+        Self::check(file, source)
     }
 
     /// The same from a JSON object with the same keys.
-    pub(super) fn from_json(value: &serde_json::Value, origin: &str) -> Result<Self, String> {
+    pub(super) fn from_json(value: &serde_json::Value, source: &str) -> Result<Self, String> {
         let file = SidecarFile::deserialize(value).map_err(|error| error.to_string())?;
-        Self::check(file, origin)
+        Self::check(file, source)
     }
 
-    fn check(file: SidecarFile, origin: &str) -> Result<Self, String> {
+    fn check(file: SidecarFile, source: &str) -> Result<Self, String> {
         let color = file
             .color
-            .map(|section| section.camera("color", origin))
+            .map(|section| section.camera("color", source))
             .transpose()?;
         let (depth, depth_scale) = match file.depth {
-            Some(section) => section.split(origin)?,
+            Some(section) => section.split(source)?,
             None => (None, None),
         };
         Ok(Self {
@@ -178,12 +178,12 @@ impl Sidecar {
         if let Some(body_from_color) = self.body_from_color {
             calibration.body_from_color = Some(body_from_color);
         }
-        let reading = &mut calibration.poses;
-        reading.camera = self.poses.camera.unwrap_or(reading.camera);
-        reading.direction = self.poses.direction.unwrap_or(reading.direction);
-        reading.axes = self.poses.axes.unwrap_or(reading.axes);
-        reading.quaternion = self.poses.quaternion.unwrap_or(reading.quaternion);
-        match reading.camera {
+        let convention = &mut calibration.pose_convention;
+        convention.camera = self.poses.camera.unwrap_or(convention.camera);
+        convention.direction = self.poses.direction.unwrap_or(convention.direction);
+        convention.axes = self.poses.axes.unwrap_or(convention.axes);
+        convention.quaternion = self.poses.quaternion.unwrap_or(convention.quaternion);
+        match convention.camera {
             PoseCamera::Depth if calibration.depth.is_none() => Err(
                 "[poses] camera = \"depth\" needs a [depth] section with the depth camera (fx, fy, cx, cy, \
                  color_from_depth); without one depth is registered to colour"
@@ -257,7 +257,7 @@ struct PosesSection {
 }
 
 impl CameraSection {
-    fn camera(self, section: &str, origin: &str) -> Result<CalibratedCamera, String> {
+    fn camera(self, section: &str, source: &str) -> Result<CalibratedCamera, String> {
         let in_section = |problem: String| format!("[{section}] {problem}");
         let size = match (self.width, self.height) {
             (None, None) => None,
@@ -299,13 +299,13 @@ impl CameraSection {
         };
         let camera = Camera::with_distortion(self.fx, self.fy, self.cx, self.cy, distortion)
             .map_err(|error| in_section(error.to_string()))?;
-        Ok(CalibratedCamera::known(camera, size, origin))
+        Ok(CalibratedCamera::known(camera, size, source))
     }
 }
 
 impl DepthSection {
     /// The geometry, when the section gives intrinsics, and the scale, when it gives one.
-    fn split(self, origin: &str) -> Result<(Option<DepthGeometry>, Option<f64>), String> {
+    fn split(self, source: &str) -> Result<(Option<DepthGeometry>, Option<f64>), String> {
         if let Some(scale) = self.scale
             && !(scale.is_finite() && scale > 0.0)
         {
@@ -346,7 +346,7 @@ impl DepthSection {
             height: self.height,
         };
         let geometry = DepthGeometry {
-            camera: section.camera("depth", origin)?,
+            camera: section.camera("depth", source)?,
             color_from_depth,
         };
         Ok((Some(geometry), self.scale))
@@ -449,13 +449,13 @@ mod tests {
         let mut calibration = Calibration::of_color(None);
         let sidecar = Sidecar::parse(text, "x").unwrap();
         sidecar.apply(&mut calibration).unwrap();
-        let expected = PoseReading {
+        let expected = PoseConvention {
             camera: PoseCamera::Color,
             direction: PoseDirection::Inverse,
             axes: CameraAxes::YAndZFlipped,
             quaternion: QuaternionOrder::WFirst,
         };
-        assert_eq!(calibration.poses, expected);
+        assert_eq!(calibration.pose_convention, expected);
         assert!(Sidecar::parse("[poses]\ndirection = \"backwards\"", "x").is_err());
     }
 

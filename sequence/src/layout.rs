@@ -9,7 +9,7 @@ use super::layouts::orb_slam::{ImagesAndPoses, OrbSlam};
 use super::layouts::{colmap::Colmap, euroc::Euroc, nvm::Nvm, openmvs::OpenMvs};
 use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumRgbd};
 use super::layouts::{stella::Stella, transforms::Transforms};
-use super::pose_reading::QuaternionOrder;
+use super::pose_convention::QuaternionOrder;
 use super::{SequenceError, Warning};
 use crate::sparse_model::SparseModel;
 
@@ -30,11 +30,11 @@ pub(super) static LAYOUTS: [&dyn Layout; 11] = [
 
 /// Where poses come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum PoseOrigin {
+pub(super) enum PoseSource {
     /// The layout's own files.
     Layout,
     /// A file that the user names: the layout reads no poses and misses none.
-    Elsewhere,
+    External,
 }
 
 /// A way in which posed images lie in a folder.
@@ -43,14 +43,14 @@ pub(super) trait Layout: Sync {
     fn name(&self) -> &'static str;
 
     /// The files that tell the layout, for the message about a folder that is of none.
-    fn looks_for(&self) -> &'static str;
+    fn expected_files(&self) -> &'static str;
 
     /// Whether the folder is of this layout, complete or not: what is missing is the business of
     /// [`Layout::read`], which can name it.
     fn recognises(&self, folder: &Folder) -> bool;
 
     /// The same when poses come from elsewhere.
-    fn recognises_with_poses(&self, folder: &Folder) -> bool {
+    fn recognises_with_external_poses(&self, folder: &Folder) -> bool {
         self.recognises(folder)
     }
 
@@ -61,12 +61,12 @@ pub(super) trait Layout: Sync {
     }
 
     /// Whether poses can come from elsewhere; not where they are one with what else the files hold.
-    fn takes_poses(&self) -> bool {
+    fn accepts_external_poses(&self) -> bool {
         true
     }
 
     /// Reads calibration and, unless they come from elsewhere, poses; images are only listed.
-    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError>;
+    fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError>;
 }
 
 /// What a layout reads: poses and calibration as the files have them.
@@ -82,7 +82,7 @@ pub(super) struct Recording {
     /// programs have written them.
     pub(super) other_quaternion: Option<QuaternionOrder>,
     /// Points with the views that see them.
-    pub(super) map_points: Option<SparseModel>,
+    pub(super) sparse_model: Option<SparseModel>,
     pub(super) warnings: Vec<Warning>,
     /// Conventions that the layout assumes, a sentence each.
     pub(super) conventions: Vec<String>,
@@ -97,16 +97,16 @@ impl Recording {
             cameras: Vec::new(),
             has_time: true,
             other_quaternion: None,
-            map_points: None,
+            sparse_model: None,
             warnings: Vec::new(),
             conventions: Vec::new(),
         }
     }
 
     /// Says that images have numbers and no times, and that the layout's own poses are matrices.
-    pub(super) fn note_numbers_and_matrices(&mut self, origin: PoseOrigin) {
+    pub(super) fn note_numbers_and_matrices(&mut self, source: PoseSource) {
         self.has_time = false;
-        if origin == PoseOrigin::Layout {
+        if source == PoseSource::Layout {
             self.conventions.push(
                 "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal"
                     .to_owned(),
@@ -122,7 +122,7 @@ impl Recording {
 pub(super) struct RecordedFrame {
     pub(super) name: String,
     pub(super) timestamp_ns: i64,
-    /// World from what [`super::pose_reading::PoseReading::camera`] names, as the format says; `None` when poses come
+    /// World from what [`super::pose_convention::PoseConvention::camera`] names, as the format says; `None` when poses come
     /// from elsewhere.
     pub(super) pose: Option<Isometry3<f64>>,
     pub(super) color: PathBuf,
@@ -224,7 +224,7 @@ impl Folder {
     }
 
     /// The last component of the path, for data sets that put facts into it.
-    pub(super) fn own_name(&self) -> String {
+    pub(super) fn base_name(&self) -> String {
         // A relative "." has no name of its own.
         let absolute = std::fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
         absolute
@@ -250,7 +250,7 @@ pub(super) fn image_stem(name: &str) -> Option<&str> {
 pub(super) fn recognise(
     folder: &Folder,
     forced: Option<&str>,
-    origin: PoseOrigin,
+    source: PoseSource,
 ) -> Result<(&'static dyn Layout, Vec<&'static str>), SequenceError> {
     if folder.names().is_empty() {
         return Err(SequenceError::EmptyFolder {
@@ -259,7 +259,7 @@ pub(super) fn recognise(
     }
     let fits = |layout: &&dyn Layout| match folder.file() {
         Some(name) => layout.recognises_file(name),
-        None if origin == PoseOrigin::Elsewhere => layout.recognises_with_poses(folder),
+        None if source == PoseSource::External => layout.recognises_with_external_poses(folder),
         None => layout.recognises(folder),
     };
     let others = |chosen: &str| {
@@ -278,13 +278,14 @@ pub(super) fn recognise(
                 name: name.to_owned(),
                 known: layout_names().join(", "),
             })?;
-        if origin == PoseOrigin::Elsewhere && !layout.takes_poses() {
+        if source == PoseSource::External && !layout.accepts_external_poses() {
             return Err(poses_refused(folder, layout));
         }
         return Ok((layout, others(name)));
     }
     let recognised = || LAYOUTS.iter().copied().filter(fits);
-    let takes = |layout: &&dyn Layout| origin == PoseOrigin::Layout || layout.takes_poses();
+    let takes =
+        |layout: &&dyn Layout| source == PoseSource::Layout || layout.accepts_external_poses();
     if let Some(layout) = recognised().find(takes) {
         return Ok((layout, others(layout.name())));
     }
@@ -293,13 +294,13 @@ pub(super) fn recognise(
     }
     let looked_for: Vec<String> = LAYOUTS
         .iter()
-        .map(|layout| format!("{} ({})", layout.looks_for(), layout.name()))
+        .map(|layout| format!("{} ({})", layout.expected_files(), layout.name()))
         .collect();
     Err(SequenceError::UnknownLayout {
         folder: folder.path().to_owned(),
         looked_for: looked_for.join("; "),
-        found: some_of(folder.names()),
-        hint: hint_at_subfolder(folder),
+        found: first_names(folder.names()),
+        hint: subfolder_hint(folder),
     })
 }
 
@@ -327,7 +328,7 @@ fn known(folder: &Folder) -> Option<&'static dyn Layout> {
 }
 
 /// The first few names and how many more.
-fn some_of(names: &[String]) -> String {
+fn first_names(names: &[String]) -> String {
     const SHOWN: usize = 6;
     let mut text = names[..names.len().min(SHOWN)].join(", ");
     if names.len() > SHOWN {
@@ -337,9 +338,9 @@ fn some_of(names: &[String]) -> String {
 }
 
 /// Data sets often come as a folder of sequences: name the first that could be opened.
-fn hint_at_subfolder(folder: &Folder) -> String {
-    const LOOKED_AT: usize = 50;
-    for name in folder.names().iter().take(LOOKED_AT) {
+fn subfolder_hint(folder: &Folder) -> String {
+    const MAX_TRIED: usize = 50;
+    for name in folder.names().iter().take(MAX_TRIED) {
         let path = folder.path().join(name);
         if let Ok(inside) = Folder::list(&path)
             && let Some(layout) = known(&inside)

@@ -11,6 +11,7 @@
 mod associate;
 mod bytes;
 mod calibration;
+mod downsampling;
 mod error;
 pub mod export;
 mod inspect;
@@ -21,9 +22,8 @@ mod live;
 mod load;
 mod model;
 mod open;
-mod pose_reading;
+mod pose_convention;
 mod poses;
-mod reduction;
 pub mod rigid;
 mod sparse_model;
 mod text;
@@ -39,6 +39,7 @@ use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
 pub use calibration::{ImageSize, SIDECAR_FILE};
+use downsampling::Downsampling;
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
     CameraFacts, DepthConsistency, DepthFacts, DepthHypothesis, EpipolarFacts, EpipolarHypothesis,
@@ -53,8 +54,7 @@ pub use live::{LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
 use open::pinhole_of;
-use pose_reading::{Mounting, PoseReading, QuaternionOrder};
-use reduction::Reduction;
+use pose_convention::{Extrinsics, PoseConvention, QuaternionOrder};
 pub use sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 pub(crate) use text::parse_stamp_ns;
 pub use trajectory_error::{Trajectory, TrajectoryError};
@@ -131,15 +131,15 @@ pub struct Sequence {
     color_camera: Camera,
     /// Camera of the images as stored.
     stored_color_camera: Camera,
-    color_origin: String,
+    color_source: String,
     color_size: ImageSize,
     /// Where the expected colour size comes from.
-    color_size_origin: String,
+    color_size_source: String,
     depth: Option<DepthCalibration>,
     stored_depth_size: Option<ImageSize>,
     color_undistortion: Option<Undistortion>,
     /// What is done to images after that.
-    reduction: Option<Reduction>,
+    downsampling: Option<Downsampling>,
     depth_undistortion: Option<Undistortion>,
     /// Cameras of frames whose images another camera took than the others; same size.
     other_cameras: Vec<Camera>,
@@ -149,11 +149,11 @@ pub struct Sequence {
     recorded_poses: Vec<Isometry3<f64>>,
     /// Whether time stamps are times; otherwise they are numbers of images.
     has_time: bool,
-    pose_reading: PoseReading,
+    pose_convention: PoseConvention,
     sidecar_pose_convention: Option<String>,
-    mounting: Mounting,
+    extrinsics: Extrinsics,
     other_quaternion: Option<QuaternionOrder>,
-    map_points: Option<SparseModel>,
+    sparse_model: Option<SparseModel>,
     warnings: Vec<Warning>,
     conventions: Vec<String>,
 }
@@ -202,7 +202,7 @@ impl Sequence {
             _ => Distortion::radial(k1),
         };
         let stored = Camera::with_distortion(of.fx(), of.fy(), of.cx(), of.cy(), distortion)?;
-        self.color_undistortion = Undistortion::of(&stored, self.color_size);
+        self.color_undistortion = Undistortion::new(&stored, self.color_size);
         self.color_camera = pinhole_of(&stored, self.color_undistortion.as_ref());
         for same in &mut self.other_cameras {
             same.clone_from(&stored);
@@ -211,16 +211,16 @@ impl Sequence {
         if let Some(depth) = self.depth.as_mut().filter(|depth| depth.registered) {
             depth.camera.clone_from(&self.color_camera);
         }
-        if let Some(reduction) = &mut self.reduction {
-            reduction.follow(&self.color_camera)?;
+        if let Some(downsampling) = &mut self.downsampling {
+            downsampling.set_source_camera(&self.color_camera)?;
         }
         Ok(())
     }
 
     /// The pinhole camera of the images that [`Sequence::load_gray`] and [`Sequence::load_color`] give.
     pub fn color_camera(&self) -> &Camera {
-        match &self.reduction {
-            Some(reduction) => &reduction.camera,
+        match &self.downsampling {
+            Some(downsampling) => &downsampling.camera,
             None => &self.color_camera,
         }
     }
@@ -244,7 +244,7 @@ impl Sequence {
     /// How the colour camera is mounted on the body whose motion was recorded, when a file says:
     /// `point_in_body = body_from_color * point_in_color`.
     pub fn body_from_color(&self) -> Option<&Isometry3<f64>> {
-        self.mounting.body_from_color.as_ref()
+        self.extrinsics.body_from_color.as_ref()
     }
 
     /// The camera of the image file of a frame, with its lens distortion; another than
@@ -260,13 +260,13 @@ impl Sequence {
 
     /// Which file or default the colour camera comes from.
     pub fn color_camera_source(&self) -> &str {
-        &self.color_origin
+        &self.color_source
     }
 
     /// Size of every colour image as it is loaded.
     pub fn color_size(&self) -> ImageSize {
-        match &self.reduction {
-            Some(reduction) => reduction.size,
+        match &self.downsampling {
+            Some(downsampling) => downsampling.size,
             None => self.color_size,
         }
     }
@@ -275,12 +275,12 @@ impl Sequence {
     /// [`color_camera`](Self::color_camera) follow. Sequences with depth images stay as they are. Returns the sizes as stored
     /// and as loaded when they differ.
     pub fn limit_image_size(&mut self, longest_side: u32) -> Option<[ImageSize; 2]> {
-        self.reduction = match &self.depth {
+        self.downsampling = match &self.depth {
             Some(_) => None,
-            None => Reduction::of(&self.color_camera, self.color_size, longest_side),
+            None => Downsampling::new(&self.color_camera, self.color_size, longest_side),
         };
-        let reduction = self.reduction.as_ref()?;
-        Some([self.color_size, reduction.size])
+        let downsampling = self.downsampling.as_ref()?;
+        Some([self.color_size, downsampling.size])
     }
 
     /// How depth is read; `None` when no frame has a depth image.
@@ -290,7 +290,7 @@ impl Sequence {
 
     /// Points and the views that see them, when the layout holds such; they carve without a look at the images.
     pub fn sparse_model(&self) -> Option<&SparseModel> {
-        self.map_points.as_ref()
+        self.sparse_model.as_ref()
     }
 
     /// What was left out or assumed, to be told to the user.

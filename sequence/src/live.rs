@@ -6,8 +6,8 @@ use nalgebra::Isometry3;
 
 use super::calibration::{Calibration, Sidecar};
 use super::layout::{RecordedFrame, Recording};
-use super::open::{assemble, mounting};
-use super::pose_reading::{Mounting, PoseReading};
+use super::open::{assemble, extrinsics};
+use super::pose_convention::{Extrinsics, PoseConvention};
 use super::{Frame, Sequence, SequenceError};
 
 /// A frame as its recorder tells it.
@@ -27,8 +27,8 @@ pub struct LiveFrame {
 #[derive(Debug)]
 pub struct LiveSequence {
     sequence: Sequence,
-    reading: PoseReading,
-    mounting: Mounting,
+    reading: PoseConvention,
+    extrinsics: Extrinsics,
 }
 
 /// What messages call the calibration of a live sequence.
@@ -41,7 +41,7 @@ impl LiveSequence {
     /// When the calibration is malformed, or does not fit the size of the image, or the image cannot be read.
     pub fn begin(calibration: &serde_json::Value, first: LiveFrame) -> Result<Self, SequenceError> {
         let calibration = parse(calibration)?;
-        let (reading, mounting) = (calibration.poses, mounting(&calibration));
+        let (reading, extrinsics) = (calibration.pose_convention, extrinsics(&calibration));
         let frame = RecordedFrame {
             name: first.name,
             timestamp_ns: 0,
@@ -55,7 +55,7 @@ impl LiveSequence {
         Ok(Self {
             sequence: assemble(Path::new("."), "live", recording)?,
             reading,
-            mounting,
+            extrinsics,
         })
     }
 
@@ -75,7 +75,7 @@ impl LiveSequence {
     /// The pose of the colour camera where a recorder tells `world_from_camera`.
     pub fn world_from_color(&self, world_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
         self.reading
-            .world_from_color(world_from_camera, &self.mounting)
+            .world_from_color(world_from_camera, &self.extrinsics)
     }
 
     /// As [`Sequence::limit_image_size`].

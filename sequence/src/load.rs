@@ -10,7 +10,7 @@ use linecarve_lines::camera::UndistortionMap;
 use linecarve_lines::image::{GrayImage, Plane};
 
 use super::calibration::ImageSize;
-use super::undistortion::{Undistortion, map_onto};
+use super::undistortion::{Undistortion, undistortion_map};
 use super::{FrameError, Sequence};
 
 /// Depth z of each pixel in units of the poses; 0 where it is unknown.
@@ -62,15 +62,15 @@ impl Sequence {
     }
 
     fn reduced_gray(&self, image: GrayImage) -> GrayImage {
-        match &self.reduction {
-            Some(reduction) => reduction.gray(&image),
+        match &self.downsampling {
+            Some(downsampling) => downsampling.gray(&image),
             None => image,
         }
     }
 
     fn reduced_color(&self, image: ColorImage) -> ColorImage {
-        match &self.reduction {
-            Some(reduction) => reduction.color(&image),
+        match &self.downsampling {
+            Some(downsampling) => downsampling.color(&image),
             None => image,
         }
     }
@@ -88,7 +88,7 @@ impl Sequence {
         let Some(camera) = own.filter(|camera| **camera != self.stored_color_camera) else {
             return borrowed_map(self.color_undistortion.as_ref(), path);
         };
-        map_onto(camera, &self.color_camera, self.color_size)
+        undistortion_map(camera, &self.color_camera, self.color_size)
             .map(|map| Some(Cow::Owned(map)))
             .map_err(|error| undecodable(path, error.to_string()))
     }
@@ -128,7 +128,7 @@ impl Sequence {
             other => {
                 return Err(FrameError::DepthFormat {
                     path: path.clone(),
-                    found: in_words(&other),
+                    found: describe_format(&other),
                 });
             }
         };
@@ -163,7 +163,7 @@ impl Sequence {
                 path,
                 size,
                 self.color_size,
-                self.color_size_origin.clone(),
+                self.color_size_source.clone(),
                 "all images of a sequence must have one size and one camera",
             ))
         };
@@ -351,7 +351,7 @@ fn is_whole_jpeg(bytes: &[u8]) -> bool {
     }
 }
 
-fn in_words(image: &DynamicImage) -> String {
+fn describe_format(image: &DynamicImage) -> String {
     let channels = image.color().channel_count();
     let bits = image.color().bits_per_pixel() / u16::from(channels.max(1));
     format!("{channels} channel(s) of {bits} bits")

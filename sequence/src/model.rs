@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3};
 use super::calibration::{CalibratedCamera, Calibration};
 use super::layout::{RecordedFrame, Recording, image_stem};
 use super::text::parse_stamp;
-use super::warning::Tally;
+use super::warning::WarningCounter;
 use super::{SequenceError, Warning};
 use crate::sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 
@@ -56,7 +56,7 @@ impl PointBuilder {
     }
 
     /// Notes that a view sees a point; unknown points are passed over.
-    pub(super) fn see(&mut self, id: u64, view: u32, pixel: Option<[f64; 2]>) {
+    pub(super) fn add_observation(&mut self, id: u64, view: u32, pixel: Option<[f64; 2]>) {
         if let Some(&at) = self.index_of.get(&id) {
             self.points[at as usize]
                 .observations
@@ -83,9 +83,9 @@ impl StoredModel {
                 _ => compare_names(&a.name, &b.name),
             }
         });
-        let mut place = vec![0_u32; order.len()];
+        let mut new_index = vec![0_u32; order.len()];
         for (new, &old) in (0_u32..).zip(&order) {
-            place[old as usize] = new;
+            new_index[old as usize] = new;
         }
         let mut images: Vec<Option<ModelImage>> = self.images.drain(..).map(Some).collect();
         self.images = order
@@ -93,7 +93,7 @@ impl StoredModel {
             .filter_map(|&old| images[old as usize].take())
             .collect();
         let total = self.points.len();
-        let mut not_finite = Tally::default();
+        let mut not_finite = WarningCounter::default();
         let mut number = 0;
         self.points.retain(|point| {
             number += 1;
@@ -107,18 +107,20 @@ impl StoredModel {
         for point in &mut self.points {
             point
                 .observations
-                .retain(|sighting| (sighting.view as usize) < place.len());
-            for sighting in &mut point.observations {
-                sighting.view = place[sighting.view as usize];
-                sighting.pixel = sighting
+                .retain(|observation| (observation.view as usize) < new_index.len());
+            for observation in &mut point.observations {
+                observation.view = new_index[observation.view as usize];
+                observation.pixel = observation
                     .pixel
                     .filter(|pixel| pixel.iter().all(|v| v.is_finite()));
             }
             // Of several observations by one view the first with a pixel counts.
             point
                 .observations
-                .sort_by_key(|sighting| (sighting.view, sighting.pixel.is_none()));
-            point.observations.dedup_by_key(|sighting| sighting.view);
+                .sort_by_key(|observation| (observation.view, observation.pixel.is_none()));
+            point
+                .observations
+                .dedup_by_key(|observation| observation.view);
             point.observations.shrink_to_fit();
         }
     }
@@ -148,7 +150,7 @@ impl StoredModel {
                 || parse_stamp(file_stem(&image.name)).is_some_and(|stamp| stamp.is_nanoseconds)
         });
         let main = most_used_camera(&self.images, self.cameras.len());
-        let mut missing = Tally::default();
+        let mut missing = WarningCounter::default();
         let mut frames = Vec::new();
         for ((number, image), name) in (0_i64..).zip(&self.images).zip(names) {
             let Some(color) = root.and_then(|root| find_image(root, &image.name)) else {
@@ -211,7 +213,7 @@ impl StoredModel {
         recording.cameras = self.cameras;
         recording.warnings = warnings;
         if !self.points.is_empty() {
-            recording.map_points = Some(SparseModel {
+            recording.sparse_model = Some(SparseModel {
                 views,
                 points: self.points,
             });
@@ -234,8 +236,8 @@ fn most_used_camera(images: &[ModelImage], cameras: usize) -> u32 {
 
 /// The folder under which the most of a few images exist.
 fn best_root<'a>(images: &[ModelImage], roots: &'a [PathBuf]) -> Option<&'a PathBuf> {
-    const LOOKED_AT: usize = 20;
-    let step = images.len().div_ceil(LOOKED_AT).max(1);
+    const MAX_TRIED: usize = 20;
+    let step = images.len().div_ceil(MAX_TRIED).max(1);
     let hits = |root: &PathBuf| {
         images
             .iter()

@@ -8,12 +8,12 @@ use nalgebra::Isometry3;
 use super::calibration::{
     CalibratedCamera, Calibration, ImageSize, PoseCamera, SIDECAR_FILE, Sidecar,
 };
-use super::layout::{Folder, PoseOrigin, RecordedFrame, Recording, recognise};
+use super::layout::{Folder, PoseSource, RecordedFrame, Recording, recognise};
 use super::load::{image_size, size_error};
-use super::pose_reading::{Mounting, PoseReading};
-use super::poses::{self, TrajectoryFormat};
+use super::pose_convention::{Extrinsics, PoseConvention};
+use super::poses::{self, PoseFileFormat};
 use super::undistortion::Undistortion;
-use super::warning::Tally;
+use super::warning::WarningCounter;
 use super::{DepthCalibration, Frame, FrameError, Sequence, SequenceError, Warning};
 
 /// How a sequence is to be opened.
@@ -48,12 +48,12 @@ impl Sequence {
                 None => None,
             },
         };
-        let origin = match options.poses {
-            Some(_) => PoseOrigin::Elsewhere,
-            None => PoseOrigin::Layout,
+        let source = match options.poses {
+            Some(_) => PoseSource::External,
+            None => PoseSource::Layout,
         };
-        let (layout, others) = recognise(&folder, options.layout.as_deref(), origin)?;
-        let mut recording = layout.read(&folder, origin)?;
+        let (layout, others) = recognise(&folder, options.layout.as_deref(), source)?;
+        let mut recording = layout.read(&folder, source)?;
         if !others.is_empty() {
             recording.conventions.insert(
                 0,
@@ -69,7 +69,7 @@ impl Sequence {
         }
         let mut sidecar_pose_convention = None;
         if let Some((path, sidecar)) = sidecar {
-            let of_format = recording.calibration.poses;
+            let of_format = recording.calibration.pose_convention;
             recording
                 .conventions
                 .push(format!("calibration: {}", path.display()));
@@ -81,7 +81,7 @@ impl Sequence {
             sidecar
                 .apply(&mut recording.calibration)
                 .map_err(|problem| SequenceError::Content { path, problem })?;
-            let reading = recording.calibration.poses;
+            let reading = recording.calibration.pose_convention;
             sidecar_pose_convention = (reading != of_format).then(|| reading.to_string());
         }
         Ok(Sequence {
@@ -95,8 +95,8 @@ impl Sequence {
 fn attach_poses(recording: &mut Recording, path: &Path) -> Result<(), SequenceError> {
     let format = poses::attach_file(recording, path)?;
     let is_of_body =
-        format == TrajectoryFormat::EurocCsv && recording.calibration.body_from_color.is_some();
-    recording.calibration.poses.camera = if is_of_body {
+        format == PoseFileFormat::EurocCsv && recording.calibration.body_from_color.is_some();
+    recording.calibration.pose_convention.camera = if is_of_body {
         PoseCamera::Body
     } else {
         PoseCamera::Color
@@ -123,7 +123,7 @@ pub(super) fn assemble(
         cameras,
         has_time,
         other_quaternion,
-        map_points,
+        sparse_model,
         mut warnings,
         mut conventions,
     } = recording;
@@ -138,13 +138,13 @@ pub(super) fn assemble(
     };
     warnings.extend(color.guess.take());
     let frames = frames_of_size(frames, &color, &cameras, &mut warnings);
-    let mounting = mounting(&calibration);
+    let extrinsics = extrinsics(&calibration);
     let camera_of_frame: Vec<Option<u32>> = frames.iter().map(|frame| frame.camera).collect();
-    let (frames, recorded_poses) = posed(frames, &calibration.poses, &mounting);
+    let (frames, recorded_poses) = posed(frames, &calibration.pose_convention, &extrinsics);
     let color_size = match first_size(folder, &frames) {
         Ok(found) => found,
         // Points carve without images; what the camera would be for is not asked.
-        Err(_) if frames.is_empty() && map_points.is_some() => FirstSize {
+        Err(_) if frames.is_empty() && sparse_model.is_some() => FirstSize {
             path: folder.to_owned(),
             size: color.size.unwrap_or(ImageSize {
                 width: 1,
@@ -161,31 +161,34 @@ pub(super) fn assemble(
         .filter_map(|frame| frame.depth.as_deref())
         .find_map(|path| image_size(path).ok().map(|size| (path.to_owned(), size)));
     let color_undistortion = (!frames.is_empty())
-        .then(|| Undistortion::of(&color.camera, color_size.size))
+        .then(|| Undistortion::new(&color.camera, color_size.size))
         .flatten();
     let color_camera = pinhole_of(&color.camera, color_undistortion.as_ref());
     let has_depth = frames.iter().any(|frame| frame.depth.is_some());
     let (depth, depth_undistortion) = if has_depth {
         let (depth, map) = depth_calibration(&calibration, &color_camera, depth_size.as_ref());
-        conventions.push(depth_in_words(&depth, calibration.poses.camera));
+        conventions.push(describe_depth(&depth, calibration.pose_convention.camera));
         (Some(depth), map)
     } else {
         (None, None)
     };
-    if calibration.poses != PoseReading::default() {
-        conventions.push(format!("poses are read with {}", calibration.poses));
+    if calibration.pose_convention != PoseConvention::default() {
+        conventions.push(format!(
+            "poses are read with {}",
+            calibration.pose_convention
+        ));
     }
     let sequence = Sequence {
         folder: folder.to_owned(),
         layout,
         frames,
         color_camera,
-        color_size_origin: match color.size {
-            Some(_) => format!("by {}", color.origin),
+        color_size_source: match color.size {
+            Some(_) => format!("by {}", color.source),
             None => format!("as {}", color_size.path.display()),
         },
         stored_color_camera: color.camera,
-        color_origin: color.origin,
+        color_source: color.source,
         color_size: color_size.size,
         depth,
         stored_depth_size: calibration
@@ -194,17 +197,17 @@ pub(super) fn assemble(
             .and_then(|geometry| geometry.camera.size)
             .or(depth_size.as_ref().map(|(_, size)| *size)),
         color_undistortion,
-        reduction: None,
+        downsampling: None,
         depth_undistortion,
         other_cameras: cameras.into_iter().map(|camera| camera.camera).collect(),
         camera_of_frame,
         recorded_poses,
         has_time,
-        pose_reading: calibration.poses,
+        pose_convention: calibration.pose_convention,
         sidecar_pose_convention: None,
-        mounting,
+        extrinsics,
         other_quaternion,
-        map_points,
+        sparse_model,
         warnings,
         conventions,
     };
@@ -215,8 +218,8 @@ pub(super) fn assemble(
 }
 
 /// What lies between the colour camera and what poses may be of.
-pub(super) fn mounting(calibration: &Calibration) -> Mounting {
-    Mounting {
+pub(super) fn extrinsics(calibration: &Calibration) -> Extrinsics {
+    Extrinsics {
         color_from_depth: calibration
             .depth
             .as_ref()
@@ -233,7 +236,7 @@ fn frames_of_size(
     warnings: &mut Vec<Warning>,
 ) -> Vec<RecordedFrame> {
     let total = frames.len();
-    let mut others = Tally::default();
+    let mut others = WarningCounter::default();
     let kept = frames
         .into_iter()
         .filter(|frame| {
@@ -272,7 +275,7 @@ fn depth_calibration(
     };
     // Without one readable header there will be no depth image to resample either.
     let stored = &geometry.camera.camera;
-    let map = depth_size.and_then(|(_, size)| Undistortion::of(stored, *size));
+    let map = depth_size.and_then(|(_, size)| Undistortion::new(stored, *size));
     let depth = DepthCalibration {
         camera: pinhole_of(stored, map.as_ref()),
         scale: calibration.depth_scale,
@@ -290,7 +293,7 @@ pub(super) fn pinhole_of(stored: &Camera, undistortion: Option<&Undistortion>) -
     )
 }
 
-fn depth_in_words(depth: &DepthCalibration, poses_of: PoseCamera) -> String {
+fn describe_depth(depth: &DepthCalibration, poses_of: PoseCamera) -> String {
     let whose = match (depth.registered, poses_of) {
         (true, _) => "registered to colour",
         (false, PoseCamera::Depth) => "of a camera of its own, which the poses in the files are of",
@@ -305,8 +308,8 @@ fn depth_in_words(depth: &DepthCalibration, poses_of: PoseCamera) -> String {
 /// Frames with the poses of the colour camera, and the poses as recorded.
 fn posed(
     frames: Vec<RecordedFrame>,
-    reading: &PoseReading,
-    mounting: &Mounting,
+    reading: &PoseConvention,
+    extrinsics: &Extrinsics,
 ) -> (Vec<Frame>, Vec<Isometry3<f64>>) {
     frames
         .into_iter()
@@ -315,7 +318,7 @@ fn posed(
             let posed = Frame {
                 name: frame.name,
                 timestamp_ns: frame.timestamp_ns,
-                world_from_camera: reading.world_from_color(&recorded, mounting),
+                world_from_camera: reading.world_from_color(&recorded, extrinsics),
                 color: frame.color,
                 depth: frame.depth,
             };
@@ -364,7 +367,7 @@ fn check_color_size(color: &CalibratedCamera, first: &FirstSize) -> Result<(), F
             &first.path,
             first.size,
             expected,
-            format!("by {}", color.origin),
+            format!("by {}", color.source),
             "give the intrinsics of images of this size (linecarve.toml or --calibration FILE)",
         ));
     }

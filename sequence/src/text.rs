@@ -51,14 +51,14 @@ impl<'a> TextFile<'a> {
     }
 
     /// The lines that hold something: blank lines and those that start with `#` are passed over.
-    pub(super) fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+    pub(super) fn rows(&self) -> impl Iterator<Item = TextLine<'_>> {
         self.lines()
             .filter(|row| !row.text.is_empty() && !row.text.starts_with('#'))
     }
 
     /// All lines.
-    pub(super) fn lines(&self) -> impl Iterator<Item = Row<'_>> {
-        self.text.lines().enumerate().map(|(index, text)| Row {
+    pub(super) fn lines(&self) -> impl Iterator<Item = TextLine<'_>> {
+        self.text.lines().enumerate().map(|(index, text)| TextLine {
             path: self.path,
             number: index + 1,
             text: text.trim(),
@@ -73,13 +73,13 @@ impl<'a> TextFile<'a> {
 
 /// A line of a text file.
 #[derive(Clone, Copy)]
-pub(super) struct Row<'a> {
+pub(super) struct TextLine<'a> {
     path: &'a Path,
     number: usize,
     text: &'a str,
 }
 
-impl<'a> Row<'a> {
+impl<'a> TextLine<'a> {
     /// The line without blanks at its ends.
     pub(super) fn text(&self) -> &'a str {
         self.text
@@ -264,7 +264,7 @@ impl Stamp {
 /// beyond any time.
 pub(super) fn parse_stamp(field: &str) -> Option<Stamp> {
     /// A time of 64 bits in nanoseconds has fewer digits, nine decimals included.
-    const MOST_DIGITS: i64 = 31;
+    const MAX_DIGITS: i64 = 31;
     let (is_negative, unsigned) = match field.as_bytes().first()? {
         b'-' => (true, &field[1..]),
         b'+' => (false, &field[1..]),
@@ -296,7 +296,7 @@ pub(super) fn parse_stamp(field: &str) -> Option<Stamp> {
         }
     }
     if value != 0 {
-        if kept - available > MOST_DIGITS {
+        if kept - available > MAX_DIGITS {
             return None;
         }
         for _ in available..kept {

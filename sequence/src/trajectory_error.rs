@@ -30,7 +30,7 @@ pub enum TrajectoryError {
     },
     /// A row is not `time x y z ...`.
     #[error("{} line {line}: expected `seconds tx ty tz qx qy qz qw`, found `{row}`", path.display())]
-    Row {
+    TextLine {
         /// The file.
         path: PathBuf,
         /// Line, counted from 1.
@@ -93,7 +93,7 @@ impl Trajectory {
             let (Some(stamp), Some(x), Some(y), Some(z)) =
                 (stamp, number_of(), number_of(), number_of())
             else {
-                return Err(TrajectoryError::Row {
+                return Err(TrajectoryError::TextLine {
                     path: path.to_owned(),
                     line: number + 1,
                     row: row.chars().take(60).collect(),

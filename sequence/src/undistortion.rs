@@ -19,7 +19,7 @@ pub(super) struct Undistortion {
 
 impl Undistortion {
     /// `None` for a camera without distortion.
-    pub(super) fn of(stored: &Camera, size: ImageSize) -> Option<Self> {
+    pub(super) fn new(stored: &Camera, size: ImageSize) -> Option<Self> {
         let (width, height) = (size.width as usize, size.height as usize);
         (!stored.is_pinhole()).then(|| Self {
             stored: stored.clone(),
@@ -39,13 +39,13 @@ impl Undistortion {
     /// # Errors
     /// When images of this size cannot be addressed.
     pub(super) fn map(&self) -> Result<&UndistortionMap, ImageError> {
-        let make = || map_onto(&self.stored, &self.pinhole, self.size);
+        let make = || undistortion_map(&self.stored, &self.pinhole, self.size);
         self.map.get_or_init(make).as_ref().map_err(Clone::clone)
     }
 }
 
 /// A table from images of one camera to those of a pinhole, of the same size.
-pub(super) fn map_onto(
+pub(super) fn undistortion_map(
     stored: &Camera,
     pinhole: &Camera,
     size: ImageSize,

@@ -47,12 +47,12 @@ impl Warning {
 
 /// Counts one kind of thing that is put up with.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Tally {
+pub(super) struct WarningCounter {
     count: usize,
     examples: Vec<String>,
 }
 
-impl Tally {
+impl WarningCounter {
     const EXAMPLES: usize = 3;
 
     /// One more, with its name.
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn a_tally_reads_as_a_sentence() {
-        let mut tally = Tally::default();
+        let mut tally = WarningCounter::default();
         assert_eq!(tally.clone().into_warning(5, "are bad"), None);
         for name in ["a", "b", "c", "d"] {
             tally.add(name);

@@ -48,7 +48,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
         _ => common,
     };
     let mut cameras: Vec<(Camera, [u32; 2])> = Vec::new();
-    let mut place = |camera: &Camera, size: [u32; 2]| {
+    let mut camera_index = |camera: &Camera, size: [u32; 2]| {
         cameras
             .iter()
             .position(|(other, other_size)| other == camera && *other_size == size)
@@ -66,7 +66,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
                 })?;
                 images.push(Image {
                     name: view.name.clone(),
-                    camera: place(camera, view.size_px.unwrap_or_else(|| size_for(camera))),
+                    camera: camera_index(camera, view.size_px.unwrap_or_else(|| size_for(camera))),
                     world_from_camera: view.world_from_camera,
                     observations: Vec::new(),
                 });
@@ -76,7 +76,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
         None => {
             for image in posed_images(sequence) {
                 images.push(Image {
-                    camera: place(&image.camera, common),
+                    camera: camera_index(&image.camera, common),
                     name: image.file,
                     world_from_camera: image.world_from_camera,
                     observations: Vec::new(),
@@ -85,15 +85,15 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
             &[]
         }
     };
-    // The place of each sighting in its image's list, point by point.
+    // The place of each observation in its image's list, point by point.
     let mut tracks: Vec<Vec<(usize, usize)>> = Vec::with_capacity(points.len());
     for (index, point) in points.iter().enumerate() {
         let mut track = Vec::new();
-        for sighting in &point.observations {
-            let Some(image) = images.get_mut(sighting.view as usize) else {
+        for observation in &point.observations {
+            let Some(image) = images.get_mut(observation.view as usize) else {
                 continue;
             };
-            let pixel = sighting.pixel.or_else(|| {
+            let pixel = observation.pixel.or_else(|| {
                 let point_in_camera = image.world_from_camera.inverse() * point.point_in_world;
                 cameras[image.camera]
                     .0
@@ -101,7 +101,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
                     .map(|seen| [seen.x, seen.y])
             });
             if let Some(pixel) = pixel {
-                track.push((sighting.view as usize, image.observations.len()));
+                track.push((observation.view as usize, image.observations.len()));
                 image.observations.push((pixel, index));
             }
         }

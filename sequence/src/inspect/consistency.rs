@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::readings::{AS_READ, PoseHypothesis, pose_hypotheses, simplest_of_best};
-use super::{forgive, quantile, spread};
+use super::pose_hypotheses::{AS_READ, PoseHypothesis, pose_hypotheses, simplest_of_best};
+use super::{evenly_spaced, quantile, skip_unreadable};
 use crate::{DepthImage, FrameError, Sequence};
 
 /// Depth is compared at about this many pixels across an image, and as densely down.
@@ -17,7 +17,7 @@ const AGREEMENT: f64 = 0.01;
 
 /// Another reading is suspected when its median residual is below this share of that as read: a wrong one is worse by
 /// an order of magnitude, noise and drift move it by tenths.
-const SUSPICION: f64 = 0.5;
+const CLEARLY_BETTER: f64 = 0.5;
 
 /// Depth that agrees within this share as read is not suspected, whatever fits even better: over short distances or
 /// before flat walls every reading does.
@@ -60,7 +60,7 @@ pub struct DepthHypothesis {
 
 impl DepthConsistency {
     /// A warning when another reading fits much better.
-    pub(super) fn suspicion(&self) -> Option<String> {
+    pub(super) fn warning(&self) -> Option<String> {
         let best = simplest_of_best(&self.others, |other| {
             (other.median_relative, other.differences)
         })?;
@@ -69,7 +69,7 @@ impl DepthConsistency {
         }
         // A reading under which hardly anything overlaps has proven nothing.
         let is_comparable = best.pixels * 4 >= self.as_read.pixels;
-        (is_comparable && best.median_relative < SUSPICION * self.as_read.median_relative).then(|| {
+        (is_comparable && best.median_relative < CLEARLY_BETTER * self.as_read.median_relative).then(|| {
             format!(
                 "depth images {} frames apart agree better with {} (median difference {:.2} % of depth) than as read \
                  ({:.2} %): check the convention of the files{}",
@@ -86,7 +86,7 @@ impl DepthConsistency {
 }
 
 /// A reading of poses and depth.
-struct Reading {
+struct DepthReading {
     words: String,
     /// What in a sidecar makes the sequence be read so.
     remedy: Option<String>,
@@ -97,10 +97,10 @@ struct Reading {
 }
 
 /// The sequence as read, then other readings of its poses, then other scales of its depth.
-fn readings(sequence: &Sequence, scale: f64) -> Vec<Reading> {
-    let mut all: Vec<Reading> = pose_hypotheses(sequence)
+fn readings(sequence: &Sequence, scale: f64) -> Vec<DepthReading> {
+    let mut all: Vec<DepthReading> = pose_hypotheses(sequence)
         .into_iter()
-        .map(|poses| Reading {
+        .map(|poses| DepthReading {
             words: poses.words.clone(),
             remedy: poses.remedy.clone(),
             differences: poses.differences,
@@ -113,7 +113,7 @@ fn readings(sequence: &Sequence, scale: f64) -> Vec<Reading> {
         .filter(|other| (other / scale - 1.0).abs() > 1e-3)
     {
         let as_read = pose_hypotheses(sequence).into_iter().next();
-        all.extend(as_read.map(|poses| Reading {
+        all.extend(as_read.map(|poses| DepthReading {
             words: format!("a depth scale of {other} instead of {scale}"),
             remedy: Some(format!("[depth] scale = {other:?}")),
             differences: 1,
@@ -138,13 +138,13 @@ pub(super) fn measure(
         .filter(|&i| gap > 0 && frames[i].depth.is_some() && frames[i + gap].depth.is_some())
         .collect();
     let readings = readings(sequence, calibration.scale);
-    let measured = spread(candidates.len(), pairs)
+    let measured = evenly_spaced(candidates.len(), pairs)
         .par_iter()
         .map(|&at| {
             let (i, j) = (candidates[at], candidates[at] + gap);
             let (Some(a), Some(b)) = (
-                forgive(sequence.load_depth(i))?.flatten(),
-                forgive(sequence.load_depth(j))?.flatten(),
+                skip_unreadable(sequence.load_depth(i))?.flatten(),
+                skip_unreadable(sequence.load_depth(j))?.flatten(),
             ) else {
                 return Ok(None);
             };
@@ -242,7 +242,7 @@ fn compare(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pose_reading::{CameraAxes, Mounting, PoseDirection, PoseReading};
+    use crate::pose_convention::{CameraAxes, Extrinsics, PoseConvention, PoseDirection};
     use linecarve_lines::image::Plane;
     use nalgebra::{Translation3, UnitQuaternion};
 
@@ -280,16 +280,16 @@ mod tests {
         );
         let (depth_a, depth_b) = (depth_at(&a, &camera), depth_at(&b, &camera));
         let median = |direction: PoseDirection, axes: CameraAxes, factor: f64| {
-            let reading = PoseReading {
+            let reading = PoseConvention {
                 direction,
                 axes,
-                ..PoseReading::default()
+                ..PoseConvention::default()
             };
-            let mounting = Mounting {
+            let extrinsics = Extrinsics {
                 color_from_depth: None,
                 body_from_color: None,
             };
-            let pose = |recorded| reading.world_from_color(recorded, &mounting);
+            let pose = |recorded| reading.world_from_color(recorded, &extrinsics);
             let b_from_a = pose(&b).inverse() * pose(&a);
             let residuals = compare(&depth_a, &depth_b, &b_from_a, factor, &camera);
             // A wrong reading may leave nothing in common, which speaks against it as well.

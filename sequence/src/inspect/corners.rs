@@ -2,31 +2,31 @@
 //!
 //! # Reference
 //! J. Shi, C. Tomasi, Good Features to Track, CVPR, 1994 (the measure of a corner). M. Brown, R. Szeliski, S. Winder,
-//! Multi-Image Matching using Multi-Scale Oriented Patches, CVPR, 2005 (small normalised patches, compared by the ratio
+//! Multi-Image Matching using Multi-Scale Oriented Patches, CVPR, 2005 (downsampled normalised patches, compared by the ratio
 //! of the best to the second). *Differs from the papers:* one scale and no orientation, since neighbouring frames turn
 //! little about the viewing direction.
 
 use linecarve_lines::image::GrayImage;
 
-use crate::reduction::square_sums;
+use crate::downsampling::block_sums;
 
 /// Images are shrunk to about this width, by a whole factor.
-const WIDTH: usize = 800;
+const TARGET_WIDTH: usize = 800;
 /// Corners are kept per cell of this size, so that they cover the image.
 const CELL: usize = 24;
-const PER_CELL: usize = 2;
+const CORNERS_PER_CELL: usize = 2;
 /// At most so many corners an image.
-const MOST: usize = 900;
+const MAX_CORNERS: usize = 900;
 /// Half the side of the window in which gradients are summed.
 const WINDOW: usize = 3;
 /// The descriptor is a patch of so many samples a side, so far apart.
 const SIDE: usize = 8;
-const SPACING: usize = 4;
-const MARGIN: usize = SIDE * SPACING / 2 + SPACING;
+const SAMPLE_SPACING: usize = 4;
+const MARGIN: usize = SIDE * SAMPLE_SPACING / 2 + SAMPLE_SPACING;
 /// Squared distance to the best over that to the second best.
-const RATIO: f32 = 0.6;
+const MAX_DISTANCE_RATIO: f32 = 0.6;
 /// Least correlation of two patches.
-const LEAST_CORRELATION: f32 = 0.8;
+const MIN_CORRELATION: f32 = 0.8;
 
 /// Corners of an image with what is around them.
 pub(super) struct Corners {
@@ -37,37 +37,39 @@ pub(super) struct Corners {
 }
 
 /// A grey image of floats.
-struct Small {
+struct FloatImage {
     width: usize,
     height: usize,
     values: Vec<f32>,
     factor: usize,
 }
 
-/// Finds the corners of an image; none in one too small.
+/// Finds the corners of an image; none in one too downsampled.
 pub(super) fn find(image: &GrayImage) -> Corners {
-    let small = shrink(image);
+    let downsampled = downsample(image);
     let mut out = Corners {
         pixels: Vec::new(),
         patches: Vec::new(),
     };
-    if small.width <= 2 * MARGIN || small.height <= 2 * MARGIN {
+    if downsampled.width <= 2 * MARGIN || downsampled.height <= 2 * MARGIN {
         return out;
     }
-    let blurred = blur(&small, SPACING);
-    let strength = strengths(&small);
-    let shrunk = |value: usize| (value as f64 + 0.5) * small.factor as f64 - 0.5;
-    for (x, y) in strongest(&strength, small.width, small.height) {
+    let blurred = blur(&downsampled, SAMPLE_SPACING);
+    let strength = strengths(&downsampled);
+    let full_resolution = |value: usize| (value as f64 + 0.5) * downsampled.factor as f64 - 0.5;
+    for (x, y) in strongest(&strength, downsampled.width, downsampled.height) {
         let start = out.patches.len();
         for row in 0..SIDE {
             for column in 0..SIDE {
-                let at_x = x + column * SPACING + SPACING / 2 - SIDE * SPACING / 2;
-                let at_y = y + row * SPACING + SPACING / 2 - SIDE * SPACING / 2;
-                out.patches.push(blurred[at_y * small.width + at_x]);
+                let at_x =
+                    x + column * SAMPLE_SPACING + SAMPLE_SPACING / 2 - SIDE * SAMPLE_SPACING / 2;
+                let at_y =
+                    y + row * SAMPLE_SPACING + SAMPLE_SPACING / 2 - SIDE * SAMPLE_SPACING / 2;
+                out.patches.push(blurred[at_y * downsampled.width + at_x]);
             }
         }
         if normalise(&mut out.patches[start..]) {
-            out.pixels.push([shrunk(x), shrunk(y)]);
+            out.pixels.push([full_resolution(x), full_resolution(y)]);
         } else {
             out.patches.truncate(start);
         }
@@ -106,7 +108,8 @@ fn nearest(a: &Corners, b: &Corners) -> Vec<Option<usize>> {
                     second = correlation;
                 }
             }
-            let is_clear = best > LEAST_CORRELATION && (1.0 - best) < RATIO * (1.0 - second);
+            let is_clear =
+                best > MIN_CORRELATION && (1.0 - best) < MAX_DISTANCE_RATIO * (1.0 - second);
             is_clear.then_some(at)
         })
         .collect()
@@ -129,15 +132,15 @@ fn normalise(patch: &mut [f32]) -> bool {
     true
 }
 
-fn shrink(image: &GrayImage) -> Small {
-    let factor = image.width().div_ceil(WIDTH).max(1);
+fn downsample(image: &GrayImage) -> FloatImage {
+    let factor = image.width().div_ceil(TARGET_WIDTH).max(1);
     let (width, height) = (image.width() / factor, image.height() / factor);
     let area = (factor * factor) as f32;
-    let values = square_sums::<1>(image.samples(), image.width(), factor)
+    let values = block_sums::<1>(image.samples(), image.width(), factor)
         .into_iter()
         .map(|sum| sum as f32 / area)
         .collect();
-    Small {
+    FloatImage {
         width,
         height,
         values,
@@ -146,7 +149,7 @@ fn shrink(image: &GrayImage) -> Small {
 }
 
 /// Mean of `size` x `size` values around each; borders are left as they are.
-fn blur(image: &Small, size: usize) -> Vec<f32> {
+fn blur(image: &FloatImage, size: usize) -> Vec<f32> {
     let (width, height) = (image.width, image.height);
     let half = size / 2;
     let mut rows = image.values.clone();
@@ -168,7 +171,7 @@ fn blur(image: &Small, size: usize) -> Vec<f32> {
 }
 
 /// The smaller eigenvalue of the gradients' second moments around each pixel.
-fn strengths(image: &Small) -> Vec<f32> {
+fn strengths(image: &FloatImage) -> Vec<f32> {
     let (width, height) = (image.width, image.height);
     let at = |x: usize, y: usize| image.values[y * width + x];
     // Products of derivatives, and their sums in a window, by running sums of columns.
@@ -235,11 +238,11 @@ fn strongest(strength: &[f32], width: usize, height: usize) -> Vec<(usize, usize
                 }
             }
             cell.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-            kept.extend(cell.iter().take(PER_CELL));
+            kept.extend(cell.iter().take(CORNERS_PER_CELL));
         }
     }
     kept.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    kept.truncate(MOST);
+    kept.truncate(MAX_CORNERS);
     kept.sort_by_key(|corner| corner.1);
     kept.into_iter()
         .map(|(_, index)| (index % width, index / width))

@@ -8,22 +8,22 @@ use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::looks::Looks;
-use super::readings::{PoseHypothesis, pose_hypotheses, simplest_of_best};
+use super::image_samples::ImageSamples;
+use super::pose_hypotheses::{PoseHypothesis, pose_hypotheses, simplest_of_best};
 use super::{corners, quantile};
 use crate::Sequence;
 
 /// Pairs whose corners move by less than this share of the image width say nothing: there every reading fits.
-const LEAST_MOTION: f64 = 0.01;
+const MIN_MOTION: f64 = 0.01;
 
 /// A pair with fewer matches is passed over.
-const FEWEST_MATCHES: usize = 20;
+const MIN_PAIR_MATCHES: usize = 20;
 
 /// Below this many matches in all, nothing is said.
-const ENOUGH_MATCHES: usize = 60;
+const MIN_MATCHES: usize = 60;
 
 /// Another reading is suspected when its median distance is below this share of that as read.
-const SUSPICION: f64 = 0.5;
+const CLEARLY_BETTER: f64 = 0.5;
 
 /// As read, a median below this share of the image width is not suspected, whatever fits even better.
 const GOOD: f64 = 0.003;
@@ -63,7 +63,7 @@ pub struct EpipolarHypothesis {
 
 impl EpipolarFacts {
     /// A warning when another reading fits much better, or none fits.
-    pub(super) fn suspicion(&self) -> Option<String> {
+    pub(super) fn warning(&self) -> Option<String> {
         let width = self.width as f64;
         if self.as_read.median_px < GOOD * width {
             return None;
@@ -73,7 +73,7 @@ impl EpipolarFacts {
             self.as_read.median_px, self.matches, self.pairs
         );
         let best = simplest_of_best(&self.others, |other| (other.median_px, other.differences))?;
-        if best.median_px < SUSPICION * self.as_read.median_px {
+        if best.median_px < CLEARLY_BETTER * self.as_read.median_px {
             let remedy = best.remedy.as_ref().map_or_else(String::new, |remedy| {
                 format!(" (in linecarve.toml: {remedy})")
             });
@@ -97,25 +97,24 @@ impl EpipolarFacts {
 }
 
 /// Compares pairs of images; `None` when there is too little to compare.
-pub(super) fn measure(sequence: &Sequence, looks: &Looks) -> Option<EpipolarFacts> {
+pub(super) fn measure(sequence: &Sequence, image_samples: &ImageSamples) -> Option<EpipolarFacts> {
     let width = sequence.color_size().width as usize;
     let hypotheses = pose_hypotheses(sequence);
     let camera = sequence.color_camera();
-    let pairs = looks.pairs();
+    let pairs = image_samples.pairs();
     let measured: Vec<Option<(usize, Vec<Vec<f64>>)>> = pairs
         .par_iter()
         .map(|pair| {
             let ([i, j], [a, b]) = (pair.frames, pair.corners);
             let found = corners::matches(a, b);
-            if found.len() < FEWEST_MATCHES {
+            if found.len() < MIN_PAIR_MATCHES {
                 return None;
             }
             let mut motions: Vec<f64> = found
                 .iter()
                 .map(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1]))
                 .collect();
-            if quantile(&mut motions, 0.5).is_none_or(|median| median < LEAST_MOTION * width as f64)
-            {
+            if quantile(&mut motions, 0.5).is_none_or(|median| median < MIN_MOTION * width as f64) {
                 return None;
             }
             let distances: Vec<Vec<f64>> = hypotheses
@@ -133,7 +132,7 @@ pub(super) fn measure(sequence: &Sequence, looks: &Looks) -> Option<EpipolarFact
         .collect();
     let used: Vec<_> = measured.into_iter().flatten().collect();
     let matches: usize = used.iter().map(|pair| pair.0).sum();
-    if matches < ENOUGH_MATCHES {
+    if matches < MIN_MATCHES {
         return None;
     }
     let mut all: Vec<EpipolarHypothesis> = hypotheses

@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use super::consistency::DepthConsistency;
 use super::epipolar::EpipolarFacts;
-use super::looks::Looks;
+use super::image_samples::ImageSamples;
 use super::registration::RegistrationFacts;
-use super::{forgive, quantile, spread};
+use super::{evenly_spaced, quantile, skip_unreadable};
 use crate::{FrameError, Sequence, Warning};
 
 /// What is known of a sequence.
@@ -30,7 +30,7 @@ pub struct SequenceFacts {
     pub map_points: Option<MapPointFacts>,
     /// How well depth images agree with each other under the poses, for each gap at which any could be compared.
     pub consistency: Vec<DepthConsistency>,
-    /// How well corners that look alike lie on each other's epipolar lines; `None` when there are too few.
+    /// How well corners that sample alike lie on each other's epipolar lines; `None` when there are too few.
     pub epipolar: Option<EpipolarFacts>,
     /// How well outlines in depth lie on edges in colour; `None` when there are too few.
     pub registration: Option<RegistrationFacts>,
@@ -141,18 +141,20 @@ pub struct MapPointFacts {
 
 impl MapPointFacts {
     /// A warning when points and poses do not belong together.
-    fn suspicion(&self) -> Option<Warning> {
+    fn warning(&self) -> Option<Warning> {
         /// A few points behind their cameras are outliers of the model.
-        const LEAST_IN_FRONT: f64 = 0.95;
-        const LARGEST_PX: f64 = 4.0;
-        if self.share_in_front < LEAST_IN_FRONT {
+        const MIN_SHARE_IN_FRONT: f64 = 0.95;
+        const MAX_REPROJECTION_PX: f64 = 4.0;
+        if self.share_in_front < MIN_SHARE_IN_FRONT {
             return Some(Warning::statement(format!(
                 "only {:.0} % of the observations of map points lie before their camera: poses and points do not belong \
                  together, or the poses have another convention",
                 100.0 * self.share_in_front
             )));
         }
-        let median = self.median_reprojection_px.filter(|px| *px > LARGEST_PX)?;
+        let median = self
+            .median_reprojection_px
+            .filter(|px| *px > MAX_REPROJECTION_PX)?;
         Some(Warning::statement(format!(
             "map points lie {median:.1} px (median) from where the views saw them: cameras, poses and points do not belong \
              together"
@@ -165,14 +167,14 @@ fn map_points(sequence: &Sequence) -> Option<MapPointFacts> {
     let mut errors = Vec::new();
     let (mut observations, mut in_front) = (0_usize, 0_usize);
     for point in &model.points {
-        for sighting in &point.observations {
-            let Some(view) = model.views.get(sighting.view as usize) else {
+        for observation in &point.observations {
+            let Some(view) = model.views.get(observation.view as usize) else {
                 continue;
             };
             let point_in_camera = view.world_from_camera.inverse() * point.point_in_world;
             observations += 1;
             in_front += usize::from(point_in_camera.z > 0.0);
-            if let (Some([x, y]), Some(camera)) = (sighting.pixel, &view.camera)
+            if let (Some([x, y]), Some(camera)) = (observation.pixel, &view.camera)
                 && let Some(seen) = camera.project(&point_in_camera)
             {
                 errors.push((seen.x - x).hypot(seen.y - y));
@@ -210,7 +212,7 @@ fn camera_facts(camera: &Camera, size: Option<(u32, u32)>, origin: String) -> Ca
 /// Everything but consistency.
 pub(super) fn measure(
     sequence: &Sequence,
-    looks: &Looks,
+    image_samples: &ImageSamples,
     samples: usize,
 ) -> Result<SequenceFacts, FrameError> {
     let size = sequence.color_size();
@@ -223,7 +225,7 @@ pub(super) fn measure(
             sequence.color_camera_source().to_owned(),
         ),
         motion: motion(sequence),
-        images: images(sequence, looks),
+        images: images(sequence, image_samples),
         depth: depth(sequence, samples)?,
         map_points: map_points(sequence),
         consistency: Vec::new(),
@@ -233,7 +235,7 @@ pub(super) fn measure(
         warnings: sequence.warnings().to_vec(),
     };
     if let Some(points) = &facts.map_points {
-        facts.warnings.extend(points.suspicion());
+        facts.warnings.extend(points.warning());
     }
     if let Some(depth) = facts
         .depth
@@ -251,13 +253,13 @@ pub(super) fn measure(
 fn motion(sequence: &Sequence) -> MotionFacts {
     let frames = sequence.frames();
     let mut steps = Vec::new();
-    let mut turns = Vec::new();
+    let mut rotations = Vec::new();
     let mut largest: Option<(f64, usize)> = None;
     for (index, pair) in frames.windows(2).enumerate() {
         let [from, to] = [0, 1].map(|i| &pair[i].world_from_camera);
         let step = (to.translation.vector - from.translation.vector).norm();
         steps.push(step);
-        turns.push(to.rotation.angle_to(&from.rotation).to_degrees());
+        rotations.push(to.rotation.angle_to(&from.rotation).to_degrees());
         if largest.is_none_or(|(most, _)| step > most) {
             largest = Some((step, index + 1));
         }
@@ -277,14 +279,14 @@ fn motion(sequence: &Sequence) -> MotionFacts {
         median_step: quantile(&mut steps, 0.5).unwrap_or(0.0),
         largest_step: largest.map_or(0.0, |(step, _)| step),
         largest_step_to: largest.map(|(_, index)| frames[index].name.clone()),
-        median_rotation_deg: quantile(&mut turns, 0.5).unwrap_or(0.0),
+        median_rotation_deg: quantile(&mut rotations, 0.5).unwrap_or(0.0),
     }
 }
 
-fn images(sequence: &Sequence, looks: &Looks) -> Option<ImageFacts> {
-    let measured: Vec<Option<(usize, f64, f64)>> = looks
+fn images(sequence: &Sequence, image_samples: &ImageSamples) -> Option<ImageFacts> {
+    let measured: Vec<Option<(usize, f64, f64)>> = image_samples
         .sampled()
-        .map(|(frame, look)| look.map(|look| (frame, look.mean_gray, look.sharpness)))
+        .map(|(frame, sample)| sample.map(|sample| (frame, sample.mean_gray, sample.sharpness)))
         .collect();
     let known: Vec<(usize, f64, f64)> = measured.iter().flatten().copied().collect();
     let &first = known.first()?;
@@ -319,10 +321,10 @@ fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, Fram
     let with_depth: Vec<usize> = (0..sequence.frames().len())
         .filter(|&index| sequence.frames()[index].depth.is_some())
         .collect();
-    let measured = spread(with_depth.len(), samples)
+    let measured = evenly_spaced(with_depth.len(), samples)
         .par_iter()
         .map(|&at| {
-            let depth = forgive(sequence.load_depth(with_depth[at]))?.flatten();
+            let depth = skip_unreadable(sequence.load_depth(with_depth[at]))?.flatten();
             Ok(depth.map(|depth| {
                 let all = depth.samples();
                 let known = all.iter().filter(|&&z| z > 0.0).count();

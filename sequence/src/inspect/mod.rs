@@ -4,8 +4,8 @@ mod consistency;
 mod corners;
 mod epipolar;
 mod facts;
-mod looks;
-mod readings;
+mod image_samples;
+mod pose_hypotheses;
 mod registration;
 
 pub use consistency::{DepthConsistency, DepthHypothesis};
@@ -16,7 +16,7 @@ pub use registration::RegistrationFacts;
 use serde::{Deserialize, Serialize};
 
 use super::{FrameError, Sequence, Warning};
-use looks::Looks;
+use image_samples::ImageSamples;
 
 /// How much of a sequence is looked at.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,24 +57,24 @@ impl Default for InspectOptions {
 /// # Errors
 /// When an image shows that the whole sequence is unusable (size, format of depth).
 pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<SequenceFacts, FrameError> {
-    let looks = Looks::take(sequence, options)?;
-    let mut facts = facts::measure(sequence, &looks, options.samples)?;
+    let image_samples = ImageSamples::measure(sequence, options)?;
+    let mut facts = facts::measure(sequence, &image_samples, options.samples)?;
     for &gap in &options.gaps {
         if let Some(consistency) = consistency::measure(sequence, gap, options.pairs)? {
-            if let Some(warning) = consistency.suspicion() {
+            if let Some(warning) = consistency.warning() {
                 facts.warnings.push(Warning::statement(warning));
             }
             facts.consistency.push(consistency);
         }
     }
-    facts.epipolar = epipolar::measure(sequence, &looks);
+    facts.epipolar = epipolar::measure(sequence, &image_samples);
     // Depth is the sharper test: what it says is not said twice.
-    let is_suspected = facts.consistency.iter().any(|c| c.suspicion().is_some());
+    let is_suspected = facts.consistency.iter().any(|c| c.warning().is_some());
     if let Some(warning) = facts
         .epipolar
         .as_ref()
         .filter(|_| !is_suspected)
-        .and_then(EpipolarFacts::suspicion)
+        .and_then(EpipolarFacts::warning)
     {
         facts.warnings.push(Warning::statement(warning));
     }
@@ -84,7 +84,7 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
         .as_ref()
         // Depth of another scale lies elsewhere in the image, too.
         .filter(|_| !is_suspected)
-        .and_then(RegistrationFacts::suspicion)
+        .and_then(RegistrationFacts::warning)
     {
         facts.warnings.push(Warning::statement(warning));
     }
@@ -92,7 +92,7 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
 }
 
 /// At most `count` of the numbers below `total`, spread evenly.
-fn spread(total: usize, count: usize) -> Vec<usize> {
+fn evenly_spaced(total: usize, count: usize) -> Vec<usize> {
     let count = count.min(total);
     (0..count)
         .map(|i| (2 * i + 1) * total / (2 * count))
@@ -100,7 +100,7 @@ fn spread(total: usize, count: usize) -> Vec<usize> {
 }
 
 /// `None` for an image that can be passed over.
-fn forgive<T>(outcome: Result<T, FrameError>) -> Result<Option<T>, FrameError> {
+fn skip_unreadable<T>(outcome: Result<T, FrameError>) -> Result<Option<T>, FrameError> {
     match outcome {
         Ok(value) => Ok(Some(value)),
         Err(error) if error.is_limited_to_frame() => Ok(None),
@@ -124,9 +124,9 @@ mod tests {
 
     #[test]
     fn samples_are_spread() {
-        assert_eq!(spread(10, 2), [2, 7]);
-        assert_eq!(spread(3, 9), [0, 1, 2]);
-        assert_eq!(spread(0, 5), Vec::<usize>::new());
+        assert_eq!(evenly_spaced(10, 2), [2, 7]);
+        assert_eq!(evenly_spaced(3, 9), [0, 1, 2]);
+        assert_eq!(evenly_spaced(0, 5), Vec::<usize>::new());
     }
 
     #[test]

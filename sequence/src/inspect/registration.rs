@@ -6,14 +6,14 @@ use nalgebra::Point2;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{forgive, spread};
+use super::{evenly_spaced, skip_unreadable};
 use crate::{DepthCalibration, DepthImage, FrameError, Sequence};
 
 /// A jump by this share of the nearer depth is the outline of something.
 const JUMP: f64 = 0.05;
 
 /// A shadow of a depth sensor up to this many pixels wide may lie between both sides of an outline.
-const WIDEST_SHADOW: usize = 16;
+const MAX_SHADOW_PX: usize = 16;
 
 /// Distances are cut off here, so that outlines without any edge in the colour image do not decide.
 const CUT_OFF_PX: u8 = 8;
@@ -22,14 +22,14 @@ const CUT_OFF_PX: u8 = 8;
 const THIRDS: u8 = 3;
 
 /// Outline pixels that are looked at, over all images: one in so many of what there is.
-const ENOUGH_PIXELS: usize = 6000;
+const MAX_PIXELS: usize = 6000;
 
 /// Below this many a comparison says nothing.
-const FEWEST_PIXELS: usize = 200;
+const MIN_PIXELS: usize = 200;
 
 /// Moved images are suspected to fit when they lower the mean distance below this share of that as read. Noise alone
 /// lowers it by a few per cent; the uncalibrated colour camera of 7-Scenes by a third and more.
-const SUSPICION: f64 = 0.8;
+const CLEARLY_BETTER: f64 = 0.8;
 
 /// How well outlines in depth images lie on edges of the colour images.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -50,10 +50,10 @@ pub struct RegistrationFacts {
 
 impl RegistrationFacts {
     /// A warning when moved images fit much better.
-    pub(super) fn suspicion(&self) -> Option<String> {
+    pub(super) fn warning(&self) -> Option<String> {
         let is_moved =
             self.best_scale != 1.0 || self.best_shift_px.iter().any(|shift| shift.abs() > 2.0);
-        (is_moved && self.best_distance_px < SUSPICION * self.mean_distance_px).then(|| {
+        (is_moved && self.best_distance_px < CLEARLY_BETTER * self.mean_distance_px).then(|| {
             format!(
                 "outlines in depth lie {:.1} px from colour edges, but {:.1} px when scaled by {:.2} and shifted by ({:.0}, \
                  {:.0}) px: depth is probably not registered to colour as assumed; a [depth] section in linecarve.toml can \
@@ -69,7 +69,7 @@ impl RegistrationFacts {
 }
 
 /// An image pair: where outlines fall in the colour image, and the distance of each of its pixels to an edge.
-struct Pair {
+struct OutlinePair {
     outlines: Vec<Point2<f64>>,
     width: usize,
     height: usize,
@@ -88,23 +88,23 @@ pub(super) fn measure(
     let with_depth: Vec<usize> = (0..sequence.frames().len())
         .filter(|&index| sequence.frames()[index].depth.is_some())
         .collect();
-    let pairs = spread(with_depth.len(), samples)
+    let pairs = evenly_spaced(with_depth.len(), samples)
         .par_iter()
         .map(|&at| {
             let index = with_depth[at];
-            let color = forgive(sequence.load_gray(index))?;
-            let depth = forgive(sequence.load_depth(index))?.flatten();
+            let color = skip_unreadable(sequence.load_gray(index))?;
+            let depth = skip_unreadable(sequence.load_depth(index))?.flatten();
             Ok(color
                 .zip(depth)
                 .and_then(|(color, depth)| pair(sequence, calibration, &color, &depth)))
         })
         .collect::<Result<Vec<_>, FrameError>>()?;
-    let mut pairs: Vec<Pair> = pairs.into_iter().flatten().collect();
+    let mut pairs: Vec<OutlinePair> = pairs.into_iter().flatten().collect();
     let total: usize = pairs.iter().map(|pair| pair.outlines.len()).sum();
-    if total < FEWEST_PIXELS {
+    if total < MIN_PIXELS {
         return Ok(None);
     }
-    let step = total.div_ceil(ENOUGH_PIXELS);
+    let step = total.div_ceil(MAX_PIXELS);
     for pair in &mut pairs {
         pair.outlines = pair.outlines.iter().copied().step_by(step).collect();
     }
@@ -136,7 +136,7 @@ pub(super) fn measure(
 
 /// The move with the smallest mean distance, of equal ones the first; none at all counts with `as_read`.
 fn best(
-    pairs: &[Pair],
+    pairs: &[OutlinePair],
     center: &Point2<f64>,
     moves: impl Iterator<Item = (f64, [f64; 2])>,
     as_read: f64,
@@ -155,7 +155,7 @@ fn best(
     found
 }
 
-fn mean_distance(pairs: &[Pair], center: &Point2<f64>, scale: f64, shift: [f64; 2]) -> f64 {
+fn mean_distance(pairs: &[OutlinePair], center: &Point2<f64>, scale: f64, shift: [f64; 2]) -> f64 {
     let (mut sum, mut count) = (0_u64, 0_u64);
     for pair in pairs {
         for outline in &pair.outlines {
@@ -179,7 +179,7 @@ fn pair(
     calibration: &DepthCalibration,
     color: &GrayImage,
     depth: &DepthImage,
-) -> Option<Pair> {
+) -> Option<OutlinePair> {
     let mut detector = EdgeDetector::new(EdgeOptions::default()).ok()?;
     let chains = detector.detect(color);
     let (width, height) = (color.width(), color.height());
@@ -187,7 +187,7 @@ fn pair(
     for [x, y] in chains.pixels() {
         distances[usize::from(*y) * width + usize::from(*x)] = 0;
     }
-    spread_distances(&mut distances, width, height);
+    chamfer_distance_transform(&mut distances, width, height);
     let outlines = outlines(depth)
         .into_iter()
         .filter_map(|[x, y]| {
@@ -202,7 +202,7 @@ fn pair(
                 .project(&(calibration.color_from_depth * point))
         })
         .collect();
-    Some(Pair {
+    Some(OutlinePair {
         outlines,
         width,
         height,
@@ -227,7 +227,7 @@ fn outlines(depth: &DepthImage) -> Vec<[usize; 2]> {
                 continue;
             }
             if let Some((before, nearer)) = last
-                && unknown <= WIDEST_SHADOW
+                && unknown <= MAX_SHADOW_PX
                 && (z - nearer).abs() > JUMP * z.min(nearer)
             {
                 found.push(if z < nearer { pixel } else { before });
@@ -250,7 +250,7 @@ fn outlines(depth: &DepthImage) -> Vec<[usize; 2]> {
 ///
 /// # Reference
 /// G. Borgefors, Distance Transformations in Digital Images, CVGIP, 1986: chamfer 3-4.
-fn spread_distances(distances: &mut [u8], width: usize, height: usize) {
+fn chamfer_distance_transform(distances: &mut [u8], width: usize, height: usize) {
     let mut relax = |x: usize, y: usize, neighbours: [(isize, isize, u8); 4]| {
         let mut least = distances[y * width + x];
         for (dx, dy, step) in neighbours {
@@ -284,7 +284,7 @@ mod tests {
     fn distances_grow_by_pixels_up_to_the_cut_off() {
         let mut distances = vec![24; 20 * 3];
         distances[20] = 0;
-        spread_distances(&mut distances, 20, 3);
+        chamfer_distance_transform(&mut distances, 20, 3);
         assert_eq!(distances[20..30], [0, 3, 6, 9, 12, 15, 18, 21, 24, 24]);
         assert_eq!(distances[..3], [3, 4, 7]);
     }
@@ -307,8 +307,8 @@ mod tests {
         for outline in &outlines {
             distances[(outline.y as usize + 3) * width + outline.x as usize - 4] = 0;
         }
-        spread_distances(&mut distances, width, height);
-        let pairs = [Pair {
+        chamfer_distance_transform(&mut distances, width, height);
+        let pairs = [OutlinePair {
             outlines,
             width,
             height,

@@ -2,7 +2,7 @@
 
 use super::options::{KeyframeOptions, KeyframeOptionsError};
 use super::overlap::PlanarScene;
-use super::selector::Selector;
+use super::selector::KeyframeSelector;
 use super::sharpness::sharpness;
 use crate::Sequence;
 
@@ -19,7 +19,7 @@ pub fn select_keyframes(
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<usize>, KeyframeOptionsError> {
     let scene = PlanarScene::new(sequence.color_camera(), sequence.color_size(), median_depth);
-    let mut selector = Selector::new(options, scene)?;
+    let mut selector = KeyframeSelector::new(options, scene)?;
     let mut measure = |index: usize| {
         sequence
             .load_gray(index)

@@ -9,14 +9,14 @@ use super::overlap::PlanarScene;
 
 /// Candidates behind the first of a window are only those that have moved no further than this many times what makes a
 /// keyframe: a sharper image must not open a gap.
-const FARTHEST: f64 = 1.5;
+const MAX_MOTION: f64 = 1.5;
 
 /// Chooses keyframes from a stream of frames. The first frame is one, at once; the next is sought among the few frames
 /// from the first that has moved enough since, and so on.
 ///
 /// Memory: one window of poses and sharpness values.
 #[derive(Debug, Clone)]
-pub(super) struct Selector {
+pub(super) struct KeyframeSelector {
     options: KeyframeOptions,
     scene: PlanarScene,
     last_keyframe: Option<Isometry3<f64>>,
@@ -32,7 +32,7 @@ struct Candidate {
     sharpness: Option<Option<f64>>,
 }
 
-impl Selector {
+impl KeyframeSelector {
     /// A selector that has seen no frame.
     ///
     /// # Errors
@@ -50,7 +50,7 @@ impl Selector {
         })
     }
 
-    /// Looks at the next frame; appends the keyframes that are thereby decided, which may be earlier frames.
+    /// ImageSamples at the next frame; appends the keyframes that are thereby decided, which may be earlier frames.
     ///
     /// `measure` gives the sharpness of a frame, `None` when its image cannot be read. It is asked only when frames are
     /// to be compared. An unreadable frame is chosen only when its whole window is unreadable, so that the fault shows.
@@ -117,7 +117,7 @@ impl Selector {
             Some(_) => self.options.sharpness_window,
         };
         let is_near =
-            |candidate: &&Candidate| self.motion(&candidate.world_from_camera) <= FARTHEST;
+            |candidate: &&Candidate| self.motion(&candidate.world_from_camera) <= MAX_MOTION;
         let others = self
             .pending
             .iter()
@@ -217,7 +217,7 @@ mod tests {
         poses: &[Isometry3<f64>],
         sharpness: &[Option<f64>],
     ) -> (Vec<usize>, Vec<usize>) {
-        let mut selector = Selector::new(&options, scene(2.0)).unwrap();
+        let mut selector = KeyframeSelector::new(&options, scene(2.0)).unwrap();
         let (mut keyframes, mut asked) = (Vec::new(), Vec::new());
         let mut measure = |frame: usize| {
             asked.push(frame);
@@ -294,7 +294,7 @@ mod tests {
             ..KeyframeOptions::default()
         };
         let chosen = |scale: f64| {
-            let mut selector = Selector::new(&options, scene(2.0 * scale)).unwrap();
+            let mut selector = KeyframeSelector::new(&options, scene(2.0 * scale)).unwrap();
             let mut keyframes = Vec::new();
             for (frame, pose) in along_x(0.031 * scale, 50).iter().enumerate() {
                 selector.push(frame, pose, &mut |_| None, &mut keyframes);
@@ -319,7 +319,7 @@ mod tests {
                 ..KeyframeOptions::default()
             },
         ] {
-            assert!(Selector::new(&bad, scene(2.0)).is_err(), "{bad:?}");
+            assert!(KeyframeSelector::new(&bad, scene(2.0)).is_err(), "{bad:?}");
         }
     }
 

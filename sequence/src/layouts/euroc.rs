@@ -7,10 +7,10 @@ use linecarve_lines::camera::{Camera, Distortion};
 use serde::Deserialize;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
-use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording, image_stem};
+use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
 use super::super::poses;
 use super::super::text::{TextFile, parse_stamp_ns, shorten};
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid, yaml};
 
 /// The reader.
@@ -23,19 +23,19 @@ const TRAJECTORIES: [&str; 3] = [
 ];
 
 /// The folder of the left camera, and the folder that holds it beside the other sensors.
-struct Place {
+struct CameraFolder {
     sensors: PathBuf,
     camera: PathBuf,
 }
 
-fn place(folder: &Folder) -> Option<Place> {
+fn camera_folder(folder: &Folder) -> Option<CameraFolder> {
     [folder.path().join("mav0"), folder.path().to_owned()]
         .into_iter()
-        .map(|sensors| Place {
+        .map(|sensors| CameraFolder {
             camera: sensors.join("cam0"),
             sensors,
         })
-        .find(|place| place.camera.is_dir())
+        .find(|folders| folders.camera.is_dir())
 }
 
 impl Layout for Euroc {
@@ -43,30 +43,30 @@ impl Layout for Euroc {
         "euroc"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "mav0/cam0 with data.csv and sensor.yaml"
     }
 
     fn recognises(&self, folder: &Folder) -> bool {
         let has_camera = folder.entry("mav0").is_some() || folder.entry("cam0").is_some();
         has_camera
-            && place(folder).is_some_and(|place| {
+            && camera_folder(folder).is_some_and(|folders| {
                 ["data", "data.csv", "sensor.yaml"]
                     .iter()
-                    .any(|name| place.camera.join(name).exists())
+                    .any(|name| folders.camera.join(name).exists())
             })
     }
 
-    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
-        let place = place(folder).ok_or_else(|| SequenceError::Content {
+    fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
+        let folders = camera_folder(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: "has no mav0/cam0".to_owned(),
         })?;
         let mut warnings = Vec::new();
-        let frames = images(&place.camera, &mut warnings)?;
+        let frames = images(&folders.camera, &mut warnings)?;
         if frames.is_empty() {
             return Err(SequenceError::NoFrames {
-                folder: place.camera,
+                folder: folders.camera,
                 reason: format!(
                     "data/ holds no image that data.csv lists or whose name is a time stamp{}",
                     warnings
@@ -75,14 +75,14 @@ impl Layout for Euroc {
                 ),
             });
         }
-        let calibration = calibration(&place.camera.join("sensor.yaml"))?;
+        let calibration = calibration(&folders.camera.join("sensor.yaml"))?;
         let mut recording = Recording::new(frames, calibration);
         recording.warnings = warnings;
         recording
             .conventions
             .push("cam0: time stamps in nanoseconds, T_BS is body from camera".to_owned());
-        if origin == PoseOrigin::Layout {
-            own_poses(folder, &place, &mut recording)?;
+        if source == PoseSource::Layout {
+            own_poses(folder, &folders, &mut recording)?;
         }
         Ok(recording)
     }
@@ -93,7 +93,7 @@ fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFram
     let list = camera.join("data.csv");
     let data = Folder::list(&camera.join("data"))?;
     let mut listed: Vec<(i64, String)> = Vec::new();
-    let (mut missing, mut total) = (Tally::default(), 0);
+    let (mut missing, mut total) = (WarningCounter::default(), 0);
     if list.is_file() {
         let file = TextFile::read(&list)?;
         for row in file.rows() {
@@ -143,7 +143,7 @@ fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFram
         total,
         "images that data.csv lists do not exist and were left out",
     ));
-    let listed = poses::distinct(listed, "data.csv", warnings);
+    let listed = poses::sort_and_dedup(listed, "data.csv", warnings);
     Ok(listed
         .into_iter()
         .map(|(timestamp_ns, name)| RecordedFrame {
@@ -160,12 +160,12 @@ fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFram
 /// Poses of the body beside the cameras.
 fn own_poses(
     folder: &Folder,
-    place: &Place,
+    folders: &CameraFolder,
     recording: &mut Recording,
 ) -> Result<(), SequenceError> {
     let found = TRAJECTORIES
         .iter()
-        .map(|name| place.sensors.join(name))
+        .map(|name| folders.sensors.join(name))
         .find(|path| path.is_file());
     let Some(path) = found else {
         let candidates = poses::candidates(folder);
@@ -174,7 +174,7 @@ fn own_poses(
             Some(path) => format!(" (for example --poses {})", path.display()),
         };
         return Err(SequenceError::Content {
-            path: place.sensors.join(TRAJECTORIES[0]),
+            path: folders.sensors.join(TRAJECTORIES[0]),
             problem: format!(
                 "is missing, and with it the poses: give a trajectory with --poses FILE{hint}"
             ),
@@ -182,7 +182,7 @@ fn own_poses(
     };
     poses::attach_file(recording, &path)?;
     if recording.calibration.body_from_color.is_some() {
-        recording.calibration.poses.camera = PoseCamera::Body;
+        recording.calibration.pose_convention.camera = PoseCamera::Body;
     }
     recording.conventions.push(format!(
         "poses: {}, world from body, quaternion w first; the nearest within 0.02 s",

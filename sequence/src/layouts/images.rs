@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::super::layout::{Folder, RecordedFrame, image_stem};
 use super::super::model::compare_names;
 use super::super::text::{TextFile, parse_stamp, parse_stamp_ns, shorten};
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, associate, poses};
 use super::tum;
 
@@ -45,7 +45,7 @@ pub(super) struct Listing {
     /// Whether time stamps are times; otherwise they are numbers.
     pub(super) has_time: bool,
     /// Where times come from, for the list of conventions.
-    pub(super) origin: String,
+    pub(super) source: String,
 }
 
 /// The folder of colour images, `None` when there is none.
@@ -67,14 +67,14 @@ pub(super) fn list(folder: &Folder, warnings: &mut Vec<Warning>) -> Result<Listi
         return Ok(Listing {
             frames,
             has_time: true,
-            origin: path.display().to_string(),
+            source: path.display().to_string(),
         });
     }
     if folder.entry(tum::IMAGES).is_some() {
         return Ok(Listing {
             frames: tum::list_frames(folder, warnings)?,
             has_time: true,
-            origin: tum::IMAGES.to_owned(),
+            source: tum::IMAGES.to_owned(),
         });
     }
     let path = color_folder(folder).ok_or_else(|| SequenceError::Content {
@@ -95,7 +95,7 @@ fn read_associations(
 ) -> Result<Vec<RecordedFrame>, SequenceError> {
     let file = TextFile::read(path)?;
     let mut rows = Vec::new();
-    let (mut missing, mut total) = (Tally::default(), 0);
+    let (mut missing, mut total) = (WarningCounter::default(), 0);
     for row in file.rows() {
         total += 1;
         let fields: Vec<&str> = row.fields().collect();
@@ -134,23 +134,23 @@ fn read_associations(
         total,
         "images that the list of associations names do not exist and were left out",
     ));
-    let rows = poses::distinct(rows, "associations", warnings);
+    let rows = poses::sort_and_dedup(rows, "associations", warnings);
     Ok(rows.into_iter().map(|(_, frame)| frame).collect())
 }
 
 /// An image file with the time or number that its name is.
-struct Named {
+struct NamedImage {
     stem: String,
     path: PathBuf,
 }
 
-fn images_in(path: &Path) -> Result<Vec<Named>, SequenceError> {
+fn images_in(path: &Path) -> Result<Vec<NamedImage>, SequenceError> {
     let folder = Folder::list(path)?;
-    let mut images: Vec<Named> = folder
+    let mut images: Vec<NamedImage> = folder
         .names()
         .iter()
         .filter_map(|name| {
-            Some(Named {
+            Some(NamedImage {
                 stem: image_stem(name)?.to_owned(),
                 path: path.join(name),
             })
@@ -199,7 +199,7 @@ fn from_files(
             .map(|image| stamp_of(&image.stem))
             .collect::<Option<Vec<_>>>()
     };
-    let (stamps, origin) = match (by_list, by_name()) {
+    let (stamps, source) = match (by_list, by_name()) {
         (Some(stamps), _) => (Some(stamps), "a list of times"),
         (None, Some(stamps)) => (Some(stamps), "the names of the images"),
         (None, None) => (None, "none: time stamps are image numbers"),
@@ -220,7 +220,7 @@ fn from_files(
             .unwrap_or_else(|| (0..images.len() as i64).collect())
     });
     let depth_of = depths_of(&images, &stamps, &depths, has_time);
-    let mut without_depth = Tally::default();
+    let mut without_depth = WarningCounter::default();
     let mut frames: Vec<RecordedFrame> = images
         .into_iter()
         .zip(stamps)
@@ -246,12 +246,12 @@ fn from_files(
     Ok(Listing {
         frames,
         has_time,
-        origin: origin.to_owned(),
+        source: source.to_owned(),
     })
 }
 
 /// One time a line (the last field of it), in the order of the images.
-fn read_times(path: &Path, images: &[Named]) -> Result<Vec<i64>, SequenceError> {
+fn read_times(path: &Path, images: &[NamedImage]) -> Result<Vec<i64>, SequenceError> {
     let file = TextFile::read(path)?;
     let mut stamps = Vec::new();
     for row in file.rows() {
@@ -276,15 +276,15 @@ fn read_times(path: &Path, images: &[Named]) -> Result<Vec<i64>, SequenceError> 
 
 /// The depth image of each image: of the same name, of the same number, or nearest in time.
 fn depths_of(
-    images: &[Named],
+    images: &[NamedImage],
     stamps: &[i64],
-    depths: &[Named],
+    depths: &[NamedImage],
     has_time: bool,
 ) -> Vec<Option<PathBuf>> {
     let by_name: Vec<Option<PathBuf>> = images
         .iter()
         .map(|image| {
-            let same = |depth: &&Named| {
+            let same = |depth: &&NamedImage| {
                 depth.stem == image.stem
                     || (!has_time
                         && number_of(&depth.stem).is_some()

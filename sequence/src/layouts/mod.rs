@@ -1,7 +1,6 @@
 //! One file for each layout, and what several of them share.
 
 pub(super) mod colmap;
-mod dumped_points;
 pub(super) mod euroc;
 mod images;
 pub(super) mod nvm;
@@ -9,6 +8,7 @@ pub(super) mod open3d_log;
 pub(super) mod openmvs;
 pub(super) mod orb_slam;
 mod orb_trajectory;
+mod point_dump;
 pub(super) mod seven_scenes;
 pub(super) mod stella;
 pub(super) mod transforms;

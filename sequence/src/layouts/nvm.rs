@@ -10,10 +10,10 @@ use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::{Isometry3, Point3, Translation3};
 
 use super::super::calibration::{CalibratedCamera, ImageSize};
-use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
+use super::super::layout::{Folder, Layout, PoseSource, Recording};
 use super::super::load::image_size;
 use super::super::model::{ModelImage, StoredModel};
-use super::super::text::{Row, TextFile, parse_number, shorten};
+use super::super::text::{TextFile, TextLine, parse_number, shorten};
 use super::super::{SequenceError, Warning, rigid};
 use crate::sparse_model::{ModelObservation, ModelPoint};
 
@@ -38,7 +38,7 @@ impl Layout for Nvm {
         "nvm"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "one file *.nvm"
     }
 
@@ -50,11 +50,11 @@ impl Layout for Nvm {
         is_model(name)
     }
 
-    fn takes_poses(&self) -> bool {
+    fn accepts_external_poses(&self) -> bool {
         false
     }
 
-    fn read(&self, folder: &Folder, _origin: PoseOrigin) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
         let path = model_path(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: "has no file *.nvm".to_owned(),
@@ -72,7 +72,7 @@ impl Layout for Nvm {
             })
             .collect();
         let mut warnings = Vec::new();
-        let are_relative = place_measurements(&mut parsed, &sizes, &mut warnings);
+        let are_relative = measurements_to_pixels(&mut parsed, &sizes, &mut warnings);
         let model = model_of(parsed, &sizes, &path)?;
         let mut recording = model.into_recording(&path, &roots)?;
         recording.warnings.extend(warnings);
@@ -87,7 +87,7 @@ impl Layout for Nvm {
 }
 
 /// A camera as a line has it.
-struct Line {
+struct CameraLine {
     name: String,
     focal_px: f64,
     /// Of measured coordinates.
@@ -95,14 +95,14 @@ struct Line {
     world_from_camera: Isometry3<f64>,
 }
 
-struct Parsed {
-    cameras: Vec<Line>,
+struct NvmModel {
+    cameras: Vec<CameraLine>,
     points: Vec<ModelPoint>,
     /// Principal point and aspect that the head fixes: `fx cx fy cy`.
     fixed: Option<[f64; 4]>,
 }
 
-fn parse(file: &TextFile, path: &Path) -> Result<Parsed, SequenceError> {
+fn parse(file: &TextFile, path: &Path) -> Result<NvmModel, SequenceError> {
     let content = |problem: &str| SequenceError::Content {
         path: path.to_owned(),
         problem: problem.to_owned(),
@@ -133,14 +133,14 @@ fn parse(file: &TextFile, path: &Path) -> Result<Parsed, SequenceError> {
             points.push(point_line(&row, cameras.len())?);
         }
     }
-    Ok(Parsed {
+    Ok(NvmModel {
         cameras,
         points,
         fixed,
     })
 }
 
-fn count_of(row: &Row, what: &str) -> Result<usize, SequenceError> {
+fn count_of(row: &TextLine, what: &str) -> Result<usize, SequenceError> {
     let field = row.fields().next().unwrap_or_default();
     field
         .parse()
@@ -148,7 +148,7 @@ fn count_of(row: &Row, what: &str) -> Result<usize, SequenceError> {
 }
 
 /// `name f qw qx qy qz Cx Cy Cz d 0`; the name may hold blanks.
-fn camera_line(row: &Row) -> Result<Line, SequenceError> {
+fn camera_line(row: &TextLine) -> Result<CameraLine, SequenceError> {
     let fields: Vec<&str> = row.text().split_whitespace().collect();
     // Some writers leave out the closing 0.
     let after_name = match row.text().split_once('\t') {
@@ -177,7 +177,7 @@ fn camera_line(row: &Row) -> Result<Line, SequenceError> {
     {
         return Err(row.error("the camera holds numbers that are not finite".to_owned()));
     }
-    Ok(Line {
+    Ok(CameraLine {
         name,
         focal_px,
         radial,
@@ -189,7 +189,7 @@ fn camera_line(row: &Row) -> Result<Line, SequenceError> {
 }
 
 /// `X Y Z R G B n (image feature x y)*`.
-fn point_line(row: &Row, cameras: usize) -> Result<ModelPoint, SequenceError> {
+fn point_line(row: &TextLine, cameras: usize) -> Result<ModelPoint, SequenceError> {
     let [x, y, z, r, g, b, count] = row.numbers_from(0)?;
     let fields = row.fields().count() - 7;
     if !(count >= 0.0 && count.fract() == 0.0 && count * 4.0 == fields as f64) {
@@ -236,8 +236,8 @@ fn middle(size: ImageSize) -> [f64; 2] {
 
 /// Turns measurements into pixels. The format has them relative to the middle of the image, COLMAP writes them relative
 /// to its corner: no negative number in a file of some points means the corner.
-fn place_measurements(
-    parsed: &mut Parsed,
+fn measurements_to_pixels(
+    parsed: &mut NvmModel,
     sizes: &[Option<ImageSize>],
     warnings: &mut Vec<Warning>,
 ) -> bool {
@@ -245,7 +245,7 @@ fn place_measurements(
         .points
         .iter()
         .flat_map(|point| &point.observations)
-        .filter_map(|sighting| sighting.pixel)
+        .filter_map(|observation| observation.pixel)
         .flatten()
         .any(|value| value < -1.0);
     if !are_relative && !parsed.points.is_empty() {
@@ -253,13 +253,13 @@ fn place_measurements(
             "no measurement is negative: they are taken as relative to the corner of the images, as COLMAP writes them",
         ));
     }
-    for sighting in parsed
+    for observation in parsed
         .points
         .iter_mut()
         .flat_map(|point| &mut point.observations)
     {
-        let middle = sizes[sighting.view as usize].map(middle);
-        sighting.pixel = match (sighting.pixel, middle) {
+        let middle = sizes[observation.view as usize].map(middle);
+        observation.pixel = match (observation.pixel, middle) {
             (Some([x, y]), Some([mx, my])) if are_relative => Some([x + mx, y + my]),
             (Some([x, y]), _) if !are_relative => Some([x - 0.5, y - 0.5]),
             _ => None,
@@ -269,7 +269,7 @@ fn place_measurements(
 }
 
 fn model_of(
-    parsed: Parsed,
+    parsed: NvmModel,
     sizes: &[Option<ImageSize>],
     path: &Path,
 ) -> Result<StoredModel, SequenceError> {

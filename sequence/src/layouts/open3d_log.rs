@@ -7,10 +7,10 @@ use linecarve_lines::camera::Camera;
 use serde::Deserialize;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
-use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording, image_stem};
+use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
 use super::super::poses::{LogEntry, read_log};
 use super::super::text::TextFile;
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid};
 
 /// The reader.
@@ -25,7 +25,7 @@ impl Layout for Open3dLog {
         "open3d-log"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "image/ or color/ with trajectory.log"
     }
 
@@ -34,11 +34,11 @@ impl Layout for Open3dLog {
             || (folder.first_entry(&IMAGE_FOLDERS).is_some() && logs(folder).next().is_some())
     }
 
-    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         let mut warnings = Vec::new();
-        let trajectory = match origin {
-            PoseOrigin::Layout => Some(read_log(&trajectory_path(folder)?)?),
-            PoseOrigin::Elsewhere => None,
+        let trajectory = match source {
+            PoseSource::Layout => Some(read_log(&trajectory_path(folder)?)?),
+            PoseSource::External => None,
         };
         let images_path = folder.first_entry(&IMAGE_FOLDERS).ok_or_else(|| SequenceError::Content {
             path: folder.path().join(IMAGE_FOLDERS[0]),
@@ -59,7 +59,7 @@ impl Layout for Open3dLog {
         let color = intrinsics(folder, &mut warnings)?;
         let mut recording = Recording::new(frames, Calibration::of_color(Some(color)));
         recording.warnings = warnings;
-        recording.note_numbers_and_matrices(origin);
+        recording.note_numbers_and_matrices(source);
         Ok(recording)
     }
 }
@@ -135,10 +135,10 @@ fn join(
         ));
     }
     let (mut without_pose, mut not_finite, mut not_rigid, mut without_depth) = (
-        Tally::default(),
-        Tally::default(),
-        Tally::default(),
-        Tally::default(),
+        WarningCounter::default(),
+        WarningCounter::default(),
+        WarningCounter::default(),
+        WarningCounter::default(),
     );
     let total = images.len();
     let mut frames = Vec::new();
@@ -300,10 +300,10 @@ fn camera_of(
         width: file.width,
         height: file.height,
     };
-    let origin = path.file_name().unwrap_or(path.as_os_str());
+    let source = path.file_name().unwrap_or(path.as_os_str());
     Ok(CalibratedCamera::known(
         camera,
         Some(size),
-        origin.to_string_lossy(),
+        source.to_string_lossy(),
     ))
 }

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3};
 
 use super::super::bytes::{ByteReader, read_file};
 use super::super::calibration::{CalibratedCamera, ImageSize};
-use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
+use super::super::layout::{Folder, Layout, PoseSource, Recording};
 use super::super::model::{ModelImage, StoredModel};
 use super::super::{SequenceError, rigid};
 use crate::sparse_model::{ModelObservation, ModelPoint};
@@ -46,7 +46,7 @@ impl Layout for OpenMvs {
         "openmvs"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "scene.mvs, or one file *.mvs"
     }
 
@@ -58,11 +58,11 @@ impl Layout for OpenMvs {
         is_scene(name)
     }
 
-    fn takes_poses(&self) -> bool {
+    fn accepts_external_poses(&self) -> bool {
         false
     }
 
-    fn read(&self, folder: &Folder, _origin: PoseOrigin) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
         let path = scene_path(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().join(USUAL),
             problem: "is missing".to_owned(),
@@ -81,7 +81,7 @@ impl Layout for OpenMvs {
 }
 
 /// A camera mounted on a platform.
-struct Mounted {
+struct PlatformCamera {
     /// `None` when it cannot be used; only images that refer to it are affected.
     camera: Result<CalibratedCamera, String>,
     camera_from_platform: [[f64; 3]; 3],
@@ -89,7 +89,7 @@ struct Mounted {
 }
 
 struct Platform {
-    cameras: Vec<Mounted>,
+    cameras: Vec<PlatformCamera>,
     /// Rotation platform from world, and its centre in the world.
     poses: Vec<([[f64; 3]; 3], [f64; 3])>,
 }
@@ -141,7 +141,7 @@ fn read_platforms(reader: &mut ByteReader, version: u32) -> Result<Vec<Platform>
                 (0, 0)
             };
             let k = matrix(reader)?;
-            cameras.push(Mounted {
+            cameras.push(PlatformCamera {
                 camera: camera(&name, k, width, height),
                 camera_from_platform: matrix(reader)?,
                 center_in_platform: reader.f64s()?,

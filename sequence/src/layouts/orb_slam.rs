@@ -7,12 +7,12 @@ use linecarve_lines::camera::{Camera, Distortion};
 use serde::Deserialize;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
-use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
-use super::super::poses::{self, TrajectoryFormat};
+use super::super::layout::{Folder, Layout, PoseSource, Recording};
+use super::super::poses::{self, PoseFileFormat};
 use super::super::text::TextFile;
 use super::super::{SequenceError, rigid, yaml};
 use super::orb_trajectory::{ORB_TRAJECTORIES, orb_trajectory};
-use super::{dumped_points, euroc, images};
+use super::{euroc, images, point_dump};
 
 /// The reader of ORB-SLAM's own files.
 pub(in super::super) struct OrbSlam;
@@ -37,7 +37,7 @@ impl Layout for OrbSlam {
         "orb-slam"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "KeyFrameTrajectory.txt or CameraTrajectory.txt beside images"
     }
 
@@ -45,14 +45,14 @@ impl Layout for OrbSlam {
         orb_trajectory(folder).is_some()
     }
 
-    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         let path = orb_trajectory(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().join(ORB_TRAJECTORIES[0]),
             problem: "is missing: ORB-SLAM saves it at its end".to_owned(),
         });
-        let path = match origin {
-            PoseOrigin::Layout => Some(path?),
-            PoseOrigin::Elsewhere => None,
+        let path = match source {
+            PoseSource::Layout => Some(path?),
+            PoseSource::External => None,
         };
         read(folder, path)
     }
@@ -63,7 +63,7 @@ impl Layout for ImagesAndPoses {
         "images-and-poses"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "a folder of images with poses.txt, pose.txt or trajectory.txt beside it"
     }
 
@@ -71,13 +71,13 @@ impl Layout for ImagesAndPoses {
         folder.first_entry(&TRAJECTORIES).is_some() && images::color_folder(folder).is_some()
     }
 
-    fn recognises_with_poses(&self, folder: &Folder) -> bool {
+    fn recognises_with_external_poses(&self, folder: &Folder) -> bool {
         images::color_folder(folder).is_some()
     }
 
-    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
-        let path = match origin {
-            PoseOrigin::Layout => {
+    fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
+        let path = match source {
+            PoseSource::Layout => {
                 Some(folder.first_entry(&TRAJECTORIES).ok_or_else(|| {
                     SequenceError::Content {
                         path: folder.path().to_owned(),
@@ -88,7 +88,7 @@ impl Layout for ImagesAndPoses {
                     }
                 })?)
             }
-            PoseOrigin::Elsewhere => None,
+            PoseSource::External => None,
         };
         read(folder, path)
     }
@@ -109,21 +109,21 @@ fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, Seque
     recording.warnings = warnings;
     recording
         .conventions
-        .push(format!("times of the images: {}", listing.origin));
+        .push(format!("times of the images: {}", listing.source));
     if let Some(path) = trajectory {
         let format = poses::attach_file(&mut recording, &path)?;
         recording.conventions.push(format!(
             "poses: {}, {}, world from {}",
             path.display(),
             format.name(),
-            if format == TrajectoryFormat::EurocCsv {
+            if format == PoseFileFormat::EurocCsv {
                 "body, taken for the camera as no file tells how it is mounted"
             } else {
                 "camera"
             }
         ));
     }
-    dumped_points::read_into(folder, &mut recording)?;
+    point_dump::read_into(folder, &mut recording)?;
     Ok(recording)
 }
 

@@ -7,9 +7,9 @@ use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
 use super::super::calibration::{CalibratedCamera, Calibration};
-use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording, image_stem};
+use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
 use super::super::text::TextFile;
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
 
 /// The reader.
@@ -20,7 +20,7 @@ const INTRINSICS: &str = "camera-intrinsics.txt";
 
 /// The files of one frame.
 #[derive(Default)]
-struct Files {
+struct FrameFiles {
     color: Option<PathBuf>,
     depth: Option<PathBuf>,
     pose: Option<PathBuf>,
@@ -31,7 +31,7 @@ impl Layout for SevenScenes {
         "7-scenes"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "frame-NNNNNN.color.jpg or .png with frame-NNNNNN.pose.txt"
     }
 
@@ -39,17 +39,17 @@ impl Layout for SevenScenes {
         folder.names().iter().any(|name| part_of(name).is_some())
     }
 
-    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
-        let mut by_number: BTreeMap<(u64, &str), Files> = BTreeMap::new();
+    fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
+        let mut by_number: BTreeMap<(u64, &str), FrameFiles> = BTreeMap::new();
         for name in folder.names() {
             let Some((frame, number, part)) = part_of(name) else {
                 continue;
             };
             let files = by_number.entry((number, frame)).or_default();
             let slot = match part {
-                Part::Color => &mut files.color,
-                Part::Depth => &mut files.depth,
-                Part::Pose => &mut files.pose,
+                FilePart::Color => &mut files.color,
+                FilePart::Depth => &mut files.depth,
+                FilePart::Pose => &mut files.pose,
             };
             // Names are sorted, so .jpg is taken before .png, whatever the file system's order.
             slot.get_or_insert_with(|| folder.path().join(name));
@@ -58,7 +58,7 @@ impl Layout for SevenScenes {
         let total = by_number.len();
         let has_depth = by_number.values().any(|files| files.depth.is_some());
         for ((number, frame), files) in by_number {
-            out.add(frame, number, files, has_depth, origin)?;
+            out.add(frame, number, files, has_depth, source)?;
         }
         if out.frames.is_empty() {
             return Err(SequenceError::NoFrames {
@@ -91,7 +91,7 @@ impl Layout for SevenScenes {
         );
         let mut recording = Recording::new(out.frames, calibration);
         recording.warnings = warnings;
-        recording.note_numbers_and_matrices(origin);
+        recording.note_numbers_and_matrices(source);
         Ok(recording)
     }
 }
@@ -99,11 +99,11 @@ impl Layout for SevenScenes {
 #[derive(Default)]
 struct Collected {
     frames: Vec<RecordedFrame>,
-    pose_missing: Tally,
-    color_missing: Tally,
-    depth_missing: Tally,
-    not_finite: Tally,
-    not_rigid: Tally,
+    pose_missing: WarningCounter,
+    color_missing: WarningCounter,
+    depth_missing: WarningCounter,
+    not_finite: WarningCounter,
+    not_rigid: WarningCounter,
     first_problem: Option<String>,
 }
 
@@ -112,21 +112,21 @@ impl Collected {
         &mut self,
         frame: &str,
         number: u64,
-        files: Files,
+        files: FrameFiles,
         has_depth: bool,
-        origin: PoseOrigin,
+        source: PoseSource,
     ) -> Result<(), SequenceError> {
         let Some(color) = files.color else {
             self.color_missing.add(frame);
             return Ok(());
         };
-        let pose = match (origin, files.pose) {
-            (PoseOrigin::Elsewhere, _) => None,
-            (PoseOrigin::Layout, None) => {
+        let pose = match (source, files.pose) {
+            (PoseSource::External, _) => None,
+            (PoseSource::Layout, None) => {
                 self.pose_missing.add(frame);
                 return Ok(());
             }
-            (PoseOrigin::Layout, Some(path)) => match read_pose(&path)? {
+            (PoseSource::Layout, Some(path)) => match read_pose(&path)? {
                 Ok(pose) => Some(pose),
                 Err(problem) => {
                     if problem == rigid::RigidTransformError::NotFinite {
@@ -171,14 +171,14 @@ impl Collected {
     }
 }
 
-enum Part {
+enum FilePart {
     Color,
     Depth,
     Pose,
 }
 
 /// Splits a file name into frame name, number and part.
-fn part_of(name: &str) -> Option<(&str, u64, Part)> {
+fn part_of(name: &str) -> Option<(&str, u64, FilePart)> {
     let (frame, rest) = name.split_once('.')?;
     let digits = frame.strip_prefix("frame-")?;
     if digits.is_empty() || !digits.bytes().all(|b| b.is_ascii_digit()) {
@@ -186,9 +186,9 @@ fn part_of(name: &str) -> Option<(&str, u64, Part)> {
     }
     let number = digits.parse().ok()?;
     let part = match image_stem(rest) {
-        Some("color") => Part::Color,
-        Some("depth") => Part::Depth,
-        None if rest == "pose.txt" => Part::Pose,
+        Some("color") => FilePart::Color,
+        Some("depth") => FilePart::Depth,
+        None if rest == "pose.txt" => FilePart::Pose,
         _ => return None,
     };
     Some((frame, number, part))

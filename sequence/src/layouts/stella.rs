@@ -11,9 +11,9 @@ use rmpv::Value;
 
 use super::super::bytes::read_file;
 use super::super::calibration::{CalibratedCamera, ImageSize};
-use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording};
+use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording};
 use super::super::model::{ModelImage, PointBuilder, StoredModel};
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, associate, rigid};
 use super::{images, tum};
 
@@ -38,7 +38,7 @@ impl Layout for Stella {
         "stella-vslam"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "one map *.msg"
     }
 
@@ -50,11 +50,11 @@ impl Layout for Stella {
         is_map(name)
     }
 
-    fn takes_poses(&self) -> bool {
+    fn accepts_external_poses(&self) -> bool {
         false
     }
 
-    fn read(&self, folder: &Folder, _origin: PoseOrigin) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
         let path = map_path(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: "has no map *.msg".to_owned(),
@@ -64,10 +64,10 @@ impl Layout for Stella {
         let (model, stamps) = model_of(&path, &map)?;
         let mut recording = model.into_recording(&path, &[])?;
         // The map names no images: they are found by their times.
-        let unplaced = recording.warnings.len();
-        recording.warnings.truncate(unplaced.saturating_sub(1));
+        let warning_count = recording.warnings.len();
+        recording.warnings.truncate(warning_count.saturating_sub(1));
         if images::color_folder(folder).is_some() {
-            place_images(folder, &stamps, &mut recording)?;
+            attach_images(folder, &stamps, &mut recording)?;
         } else {
             recording.warnings.push(Warning::statement(
                 "there are no images beside the map; only its points can be used",
@@ -247,7 +247,7 @@ fn observations(
             );
             camera.project(&ray).map(|seen| [seen.x, seen.y])
         });
-        points.see(id, view, pixel);
+        points.add_observation(id, view, pixel);
     }
     Ok(())
 }
@@ -302,7 +302,7 @@ fn camera(node: &Node, path: &Path) -> Result<CalibratedCamera, String> {
 }
 
 /// Makes frames of the keyframes whose image is found by its time.
-fn place_images(
+fn attach_images(
     folder: &Folder,
     stamps: &[i64],
     recording: &mut Recording,
@@ -318,12 +318,12 @@ fn place_images(
     let image_stamps: Vec<i64> = available.iter().map(|frame| frame.timestamp_ns).collect();
     let partners = associate::nearest_unique(&order, &image_stamps, tum::MAX_DIFFERENCE_NS);
     let views = recording
-        .map_points
+        .sparse_model
         .as_ref()
         .map(|model| model.views.as_slice())
         .unwrap_or_default();
     // Views are sorted by time as the stamps are; keyframes of one time cannot be told apart.
-    let mut missing = Tally::default();
+    let mut missing = WarningCounter::default();
     let mut frames = Vec::new();
     if views.len() == order.len() && listing.has_time {
         for (view, partner) in views.iter().zip(partners) {

@@ -11,12 +11,12 @@ use serde::Deserialize;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
 use super::super::layout::{
-    Folder, IMAGE_EXTENSIONS, Layout, PoseOrigin, RecordedFrame, Recording, image_stem,
+    Folder, IMAGE_EXTENSIONS, Layout, PoseSource, RecordedFrame, Recording, image_stem,
 };
 use super::super::load::image_size;
-use super::super::pose_reading::half_turn_about_x;
+use super::super::pose_convention::half_turn_about_x;
 use super::super::text::TextFile;
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
 
 /// The reader.
@@ -67,7 +67,7 @@ impl Layout for Transforms {
         "transforms-json"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "transforms.json"
     }
 
@@ -79,11 +79,11 @@ impl Layout for Transforms {
         name.starts_with("transforms") && name.ends_with(".json")
     }
 
-    fn takes_poses(&self) -> bool {
+    fn accepts_external_poses(&self) -> bool {
         false
     }
 
-    fn read(&self, folder: &Folder, _origin: PoseOrigin) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
         let path = match folder.file() {
             Some(name) => folder.path().join(name),
             None => folder
@@ -106,7 +106,7 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
         path: path.to_owned(),
         problem,
     };
-    let (mut missing, mut not_rigid) = (Tally::default(), Tally::default());
+    let (mut missing, mut not_rigid) = (WarningCounter::default(), WarningCounter::default());
     let mut cameras: Vec<CalibratedCamera> = Vec::new();
     let mut uses: Vec<usize> = Vec::new();
     let mut frames = Vec::new();
@@ -130,7 +130,7 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
             content(format!("frame {number} ({}): {problem}", entry.file_path))
         })?;
         let camera = CalibratedCamera {
-            origin: path.display().to_string(),
+            source: path.display().to_string(),
             ..camera
         };
         let at = cameras

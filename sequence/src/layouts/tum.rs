@@ -6,10 +6,10 @@ use linecarve_lines::camera::{Camera, CameraError, Distortion};
 use nalgebra::Isometry3;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
-use super::super::layout::{Folder, Layout, PoseOrigin, RecordedFrame, Recording};
-use super::super::poses::{Poses, TrajectoryFormat, distinct, read_stamped_quaternions};
+use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording};
+use super::super::poses::{PoseFileFormat, Poses, read_stamped_quaternions, sort_and_dedup};
 use super::super::text::{TextFile, parse_number, parse_stamp_ns, shorten};
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, associate};
 use super::orb_trajectory::orb_trajectory;
 
@@ -29,7 +29,7 @@ impl Layout for TumRgbd {
         "tum-rgbd"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "rgb.txt with groundtruth.txt and depth.txt"
     }
 
@@ -39,15 +39,15 @@ impl Layout for TumRgbd {
             && (folder.entry(POSES).is_some() || orb_trajectory(folder).is_none())
     }
 
-    fn read(&self, folder: &Folder, origin: PoseOrigin) -> Result<Recording, SequenceError> {
+    fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         let mut warnings = Vec::new();
         let list = |name: &str| folder.entry(name);
         let images = list(IMAGES).map_or_else(
             || Ok(Vec::new()),
             |path| read_list(&path, folder, &mut warnings),
         )?;
-        let poses = match origin {
-            PoseOrigin::Layout => {
+        let poses = match source {
+            PoseSource::Layout => {
                 let path = list(POSES).ok_or_else(|| SequenceError::Content {
                     path: folder.path().join(POSES),
                     problem: "is missing: poses are read from it, one 'stamp tx ty tz qx qy qz qw' a line; a trajectory \
@@ -56,7 +56,7 @@ impl Layout for TumRgbd {
                 })?;
                 Some(read_poses(&path, &mut warnings)?)
             }
-            PoseOrigin::Elsewhere => None,
+            PoseSource::External => None,
         };
         let depths = match list(DEPTHS) {
             Some(path) => read_list(&path, folder, &mut warnings)?,
@@ -81,8 +81,8 @@ impl Layout for TumRgbd {
         calibration.depth_scale = 5000.0;
         let mut recording = Recording::new(frames, calibration);
         recording.warnings = warnings;
-        if origin == PoseOrigin::Layout {
-            recording.other_quaternion = TrajectoryFormat::Tum.other_quaternion_order();
+        if source == PoseSource::Layout {
+            recording.other_quaternion = PoseFileFormat::Tum.other_quaternion_order();
             recording.conventions.push(
                 "poses: stamp tx ty tz qx qy qz qw, world from colour camera, unit metre"
                     .to_owned(),
@@ -119,7 +119,7 @@ fn first_of(warnings: &[Warning]) -> String {
 type Stamped<T> = (i64, T);
 
 /// An image of a list.
-struct Listed {
+struct ListedImage {
     name: String,
     path: PathBuf,
 }
@@ -129,14 +129,14 @@ fn read_list(
     path: &Path,
     folder: &Folder,
     warnings: &mut Vec<Warning>,
-) -> Result<Vec<Stamped<Listed>>, SequenceError> {
+) -> Result<Vec<Stamped<ListedImage>>, SequenceError> {
     let file = TextFile::read(path)?;
     let file_name = path
         .file_name()
         .map(|name| name.to_string_lossy())
         .unwrap_or_default();
     let mut rows = Vec::new();
-    let (mut missing, mut total) = (Tally::default(), 0);
+    let (mut missing, mut total) = (WarningCounter::default(), 0);
     for row in file.rows() {
         let (stamp, rest) = row
             .text()
@@ -158,7 +158,7 @@ fn read_list(
         if image.is_file() {
             rows.push((
                 stamp_ns,
-                Listed {
+                ListedImage {
                     name: stamp.to_owned(),
                     path: image,
                 },
@@ -171,7 +171,7 @@ fn read_list(
         total,
         &format!("files that {file_name} lists do not exist and were left out"),
     ));
-    Ok(distinct(rows, &file_name, warnings))
+    Ok(sort_and_dedup(rows, &file_name, warnings))
 }
 
 /// Lines `stamp tx ty tz qx qy qz qw`; lines that are not finite or not a rotation are left out.
@@ -185,7 +185,7 @@ fn read_poses(
         return Ok(Vec::new());
     };
     let total = rows.len();
-    let mut beyond = Tally::default();
+    let mut beyond = WarningCounter::default();
     let rows = rows
         .into_iter()
         .filter_map(|(stamp, pose)| {
@@ -200,24 +200,25 @@ fn read_poses(
         total,
         "time stamps are too large for seconds; their poses were left out",
     ));
-    Ok(distinct(rows, POSES, warnings))
+    Ok(sort_and_dedup(rows, POSES, warnings))
 }
 
 /// Frames in the order of time: each image with its pose (none when there is no list of poses) and, when there is one, its depth image.
 fn join(
-    images: Vec<Stamped<Listed>>,
-    depths: Vec<Stamped<Listed>>,
+    images: Vec<Stamped<ListedImage>>,
+    depths: Vec<Stamped<ListedImage>>,
     trajectory: Option<&[Stamped<Isometry3<f64>>]>,
     warnings: &mut Vec<Warning>,
 ) -> Vec<RecordedFrame> {
     let poses = trajectory.unwrap_or_default();
-    let stamps = |rows: &[Stamped<Listed>]| rows.iter().map(|row| row.0).collect::<Vec<_>>();
+    let stamps = |rows: &[Stamped<ListedImage>]| rows.iter().map(|row| row.0).collect::<Vec<_>>();
     let image_stamps = stamps(&images);
     let pose_stamps: Vec<i64> = poses.iter().map(|row| row.0).collect();
     let pose_of = associate::nearest_unique(&image_stamps, &pose_stamps, MAX_DIFFERENCE_NS);
     let depth_of = associate::nearest_unique(&image_stamps, &stamps(&depths), MAX_DIFFERENCE_NS);
     let total = images.len();
-    let (mut without_pose, mut without_depth) = (Tally::default(), Tally::default());
+    let (mut without_pose, mut without_depth) =
+        (WarningCounter::default(), WarningCounter::default());
     let mut frames = Vec::new();
     for (index, (timestamp_ns, image)) in images.into_iter().enumerate() {
         let pose = pose_of[index].map(|at| poses[at].1);
@@ -253,7 +254,7 @@ fn join(
 /// J. Sturm, N. Engelhard, F. Endres, W. Burgard, D. Cremers, A Benchmark for the Evaluation of RGB-D SLAM Systems,
 /// IROS, 2012, and the calibration tables published with the data set.
 fn intrinsics(folder: &Folder) -> Result<CalibratedCamera, CameraError> {
-    let name = folder.own_name().to_ascii_lowercase();
+    let name = folder.base_name().to_ascii_lowercase();
     let has = |sensor: &str| {
         name.contains(&format!("freiburg{sensor}")) || name.contains(&format!("fr{sensor}_"))
     };
@@ -285,6 +286,6 @@ fn intrinsics(folder: &Folder) -> Result<CalibratedCamera, CameraError> {
         width: 640,
         height: 480,
     };
-    let origin = format!("default of TUM freiburg{sensor}, by the name of the folder");
-    Ok(CalibratedCamera::known(camera, Some(size), origin))
+    let source = format!("default of TUM freiburg{sensor}, by the name of the folder");
+    Ok(CalibratedCamera::known(camera, Some(size), source))
 }

@@ -7,9 +7,9 @@ use nalgebra::Isometry3;
 
 use super::super::layout::{RecordedFrame, Recording};
 use super::super::text::{Stamp, TimeUnit};
-use super::super::warning::{Tally, stamp_text};
+use super::super::warning::{WarningCounter, stamp_text};
 use super::super::{SequenceError, Warning, associate};
-use super::{Poses, Trajectory, TrajectoryFormat, read_trajectory};
+use super::{PoseFile, PoseFileFormat, Poses, read_pose_file};
 
 /// Largest difference between the stamps of an image and of its pose.
 pub(in super::super) const MAX_DIFFERENCE_NS: i64 = 20_000_000;
@@ -18,7 +18,7 @@ pub(in super::super) const MAX_DIFFERENCE_NS: i64 = 20_000_000;
 type Stamped<T> = (i64, T);
 
 /// Sorts by stamp and keeps the first of each.
-pub(in super::super) fn distinct<T>(
+pub(in super::super) fn sort_and_dedup<T>(
     mut rows: Vec<Stamped<T>>,
     file: &str,
     warnings: &mut Vec<Warning>,
@@ -30,7 +30,7 @@ pub(in super::super) fn distinct<T>(
         )));
     }
     rows.sort_by_key(|row| row.0);
-    let mut repeated = Tally::default();
+    let mut repeated = WarningCounter::default();
     rows.dedup_by(|later, earlier| {
         let is_repeated = later.0 == earlier.0;
         if is_repeated {
@@ -52,8 +52,8 @@ pub(in super::super) fn distinct<T>(
 pub(in super::super) fn attach_file(
     recording: &mut Recording,
     path: &Path,
-) -> Result<TrajectoryFormat, SequenceError> {
-    let trajectory = read_trajectory(path)?;
+) -> Result<PoseFileFormat, SequenceError> {
+    let trajectory = read_pose_file(path)?;
     let format = trajectory.format;
     recording.other_quaternion = format.other_quaternion_order();
     let frames = std::mem::take(&mut recording.frames);
@@ -73,7 +73,7 @@ pub(in super::super) fn attach_file(
 fn attach(
     frames: Vec<RecordedFrame>,
     has_time: bool,
-    trajectory: Trajectory,
+    trajectory: PoseFile,
     path: &Path,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<RecordedFrame>, SequenceError> {
@@ -108,7 +108,7 @@ fn attach(
         }
         Poses::InOrder(rows) => in_order(rows, &frames, path)?,
     };
-    let mut without_pose = Tally::default();
+    let mut without_pose = WarningCounter::default();
     let mut kept = Vec::new();
     for (mut frame, pose) in frames.into_iter().zip(posed) {
         match pose {
@@ -160,7 +160,7 @@ fn by_time(
             .iter()
             .filter_map(|(stamp, pose)| Some((stamp.in_nanoseconds(unit)?, *pose)))
             .collect();
-        let poses = distinct(poses, file, &mut notes);
+        let poses = sort_and_dedup(poses, file, &mut notes);
         let pose_stamps: Vec<i64> = poses.iter().map(|row| row.0).collect();
         let partners = associate::nearest_unique(&stamps, &pose_stamps, MAX_DIFFERENCE_NS);
         let mut posed: Posed = vec![None; frames.len()];

@@ -5,9 +5,9 @@ use std::path::Path;
 use nalgebra::Isometry3;
 
 use super::super::text::TextFile;
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
-use super::{Poses, Trajectory, TrajectoryFormat};
+use super::{PoseFile, PoseFileFormat, Poses};
 
 /// An entry of a trajectory: its own number and its pose.
 pub(in super::super) struct LogEntry {
@@ -63,8 +63,8 @@ pub(super) fn entries(file: &TextFile, path: &Path) -> Result<Vec<LogEntry>, Seq
 }
 
 /// Entries as a trajectory of numbered poses.
-pub(super) fn trajectory(entries: Vec<LogEntry>) -> Trajectory {
-    let (mut not_finite, mut not_rigid) = (Tally::default(), Tally::default());
+pub(super) fn trajectory(entries: Vec<LogEntry>) -> PoseFile {
+    let (mut not_finite, mut not_rigid) = (WarningCounter::default(), WarningCounter::default());
     let total = entries.len();
     let poses = entries
         .into_iter()
@@ -79,8 +79,8 @@ pub(super) fn trajectory(entries: Vec<LogEntry>) -> Trajectory {
     let mut warnings = Vec::new();
     warnings.extend(not_finite.into_warning(total, "poses are not finite and were left out"));
     warnings.extend(not_rigid.into_warning(total, "poses are not rigid motions and were left out"));
-    Trajectory {
-        format: TrajectoryFormat::Open3dLog,
+    PoseFile {
+        format: PoseFileFormat::Open3dLog,
         poses: Poses::Numbered(poses),
         warnings,
     }

@@ -4,20 +4,20 @@ mod attach;
 mod log;
 mod read;
 
-pub(super) use attach::{attach_file, distinct};
+pub(super) use attach::{attach_file, sort_and_dedup};
 pub(super) use log::{LogEntry, read_log};
-use read::read_trajectory;
+use read::read_pose_file;
 pub(super) use read::{candidates, read_stamped_quaternions};
 
 use nalgebra::Isometry3;
 
 use super::Warning;
-use super::pose_reading::QuaternionOrder;
+use super::pose_convention::QuaternionOrder;
 use super::text::Stamp;
 
 /// The formats of trajectories.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum TrajectoryFormat {
+pub(super) enum PoseFileFormat {
     /// `stamp tx ty tz qx qy qz qw`: TUM, and ORB-SLAM's own files in seconds or nanoseconds.
     Tum,
     /// `stamp, px, py, pz, qw, qx, qy, qz` and what may follow: ground truth of EuRoC, of the body.
@@ -32,7 +32,7 @@ pub(super) enum TrajectoryFormat {
     Open3dLog,
 }
 
-impl TrajectoryFormat {
+impl PoseFileFormat {
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Tum => "TUM (stamp tx ty tz qx qy qz qw)",
@@ -56,8 +56,8 @@ impl TrajectoryFormat {
 
 /// A trajectory file.
 #[derive(Debug)]
-pub(super) struct Trajectory {
-    pub(super) format: TrajectoryFormat,
+pub(super) struct PoseFile {
+    pub(super) format: PoseFileFormat,
     pub(super) poses: Poses,
     pub(super) warnings: Vec<Warning>,
 }

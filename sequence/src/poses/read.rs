@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use nalgebra::Isometry3;
 
 use super::super::layout::Folder;
-use super::super::text::{Row, TextFile, parse_number, parse_stamp, shorten};
-use super::super::warning::Tally;
+use super::super::text::{TextFile, TextLine, parse_number, parse_stamp, shorten};
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid};
-use super::{Poses, Trajectory, TrajectoryFormat, log};
+use super::{PoseFile, PoseFileFormat, Poses, log};
 
 /// How the lines of a file are laid out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Columns {
-    format: TrajectoryFormat,
+    format: PoseFileFormat,
     /// Fields of every line; `None` when lines may be longer.
     count: Option<usize>,
     /// Fields before the stamp or the first number of the pose, such as a running index.
@@ -24,20 +24,20 @@ struct Columns {
 ///
 /// # Errors
 /// When the file cannot be read, is of no known format, or a line is not of the format of the first.
-pub(in super::super) fn read_trajectory(path: &Path) -> Result<Trajectory, SequenceError> {
+pub(in super::super) fn read_pose_file(path: &Path) -> Result<PoseFile, SequenceError> {
     let file = TextFile::read(path)?;
     let columns = detect(&file, path)?;
-    if columns.format == TrajectoryFormat::Open3dLog {
+    if columns.format == PoseFileFormat::Open3dLog {
         return Ok(log::trajectory(log::entries(&file, path)?));
     }
     read_rows(&file, path, columns)
 }
 
 /// Reads lines `stamp tx ty tz qx qy qz qw` and nothing else.
-pub(in super::super) fn read_stamped_quaternions(path: &Path) -> Result<Trajectory, SequenceError> {
+pub(in super::super) fn read_stamped_quaternions(path: &Path) -> Result<PoseFile, SequenceError> {
     let file = TextFile::read(path)?;
     let columns = Columns {
-        format: TrajectoryFormat::Tum,
+        format: PoseFileFormat::Tum,
         count: Some(8),
         skipped: 0,
     };
@@ -46,8 +46,8 @@ pub(in super::super) fn read_stamped_quaternions(path: &Path) -> Result<Trajecto
 
 /// Files of a folder that look like trajectories, for a message that proposes them.
 pub(in super::super) fn candidates(folder: &Folder) -> Vec<PathBuf> {
-    const LOOKED_AT: usize = 40;
-    const LARGEST_BYTES: u64 = 64 << 20;
+    const MAX_TRIED: usize = 40;
+    const MAX_BYTES: u64 = 64 << 20;
     folder
         .names()
         .iter()
@@ -56,17 +56,17 @@ pub(in super::super) fn candidates(folder: &Folder) -> Vec<PathBuf> {
                 .iter()
                 .any(|end| name.ends_with(end))
         })
-        .take(LOOKED_AT)
+        .take(MAX_TRIED)
         .map(|name| folder.path().join(name))
         .filter(|path| {
-            std::fs::metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() < LARGEST_BYTES)
-                && read_trajectory(path).is_ok_and(|found| found.poses.len() > 1)
+            std::fs::metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() < MAX_BYTES)
+                && read_pose_file(path).is_ok_and(|found| found.poses.len() > 1)
         })
         .collect()
 }
 
 /// Whether a line is the head of a table: its first field is no number.
-fn is_head(row: &Row) -> bool {
+fn is_head(row: &TextLine) -> bool {
     row.fields()
         .next()
         .is_some_and(|field| parse_number(field).is_none())
@@ -81,7 +81,7 @@ fn detect(file: &TextFile, path: &Path) -> Result<Columns, SequenceError> {
              qz, ...), KITTI (12 numbers), 4x4 matrices (16 numbers), tx ty tz qx qy qz qw, or Open3D .log"
         ),
     };
-    let rows: Vec<Row> = file
+    let rows: Vec<TextLine> = file
         .rows()
         .enumerate()
         .filter(|(at, row)| *at > 0 || !is_head(row))
@@ -98,9 +98,9 @@ fn detect(file: &TextFile, path: &Path) -> Result<Columns, SequenceError> {
         skipped,
     };
     if count == 3 && rows.get(1).is_some_and(|row| row.fields().count() == 4) {
-        return Ok(columns(TrajectoryFormat::Open3dLog, None, 0));
+        return Ok(columns(PoseFileFormat::Open3dLog, None, 0));
     }
-    let has_stamp = |row: &Row| {
+    let has_stamp = |row: &TextLine| {
         row.fields()
             .next()
             .and_then(parse_stamp)
@@ -109,18 +109,18 @@ fn detect(file: &TextFile, path: &Path) -> Result<Columns, SequenceError> {
     let is_w_first = w_comes_first(file);
     let has_commas = first.text().contains(',');
     match count {
-        7 => Ok(columns(TrajectoryFormat::Unstamped, Some(7), 0)),
+        7 => Ok(columns(PoseFileFormat::Unstamped, Some(7), 0)),
         8 if is_w_first.unwrap_or(has_commas && has_stamp(first)) => {
-            Ok(columns(TrajectoryFormat::EurocCsv, Some(8), 0))
+            Ok(columns(PoseFileFormat::EurocCsv, Some(8), 0))
         }
-        8 => Ok(columns(TrajectoryFormat::Tum, Some(8), 0)),
+        8 => Ok(columns(PoseFileFormat::Tum, Some(8), 0)),
         9 if is_running_index(&rows) && !is_w_first.unwrap_or(false) => {
-            Ok(columns(TrajectoryFormat::Tum, Some(9), 1))
+            Ok(columns(PoseFileFormat::Tum, Some(9), 1))
         }
-        12 => Ok(columns(TrajectoryFormat::Kitti, Some(12), 0)),
-        16 => Ok(columns(TrajectoryFormat::Matrices, Some(16), 0)),
+        12 => Ok(columns(PoseFileFormat::Kitti, Some(12), 0)),
+        16 => Ok(columns(PoseFileFormat::Matrices, Some(16), 0)),
         17.. if has_commas || is_w_first == Some(true) => {
-            Ok(columns(TrajectoryFormat::EurocCsv, None, 0))
+            Ok(columns(PoseFileFormat::EurocCsv, None, 0))
         }
         _ => Err(first.error(format!(
             "{count} fields: no known trajectory has such lines (TUM 8, EuRoC 8 or 17, KITTI 12, 4x4 matrices 16, \
@@ -136,15 +136,15 @@ fn w_comes_first(file: &TextFile) -> Option<bool> {
         .lines()
         .find(|line| !line.trim().is_empty())?
         .to_ascii_lowercase();
-    let place = |names: &[&str]| names.iter().find_map(|name| head.find(name));
-    let w = place(&["q_rs_w", "qw", "q_w", "quat_w", "rotation_w"])?;
-    let x = place(&["q_rs_x", "qx", "q_x", "quat_x", "rotation_x"])?;
+    let position = |names: &[&str]| names.iter().find_map(|name| head.find(name));
+    let w = position(&["q_rs_w", "qw", "q_w", "quat_w", "rotation_w"])?;
+    let x = position(&["q_rs_x", "qx", "q_x", "quat_x", "rotation_x"])?;
     Some(w < x)
 }
 
 /// Whether the first field counts lines.
-fn is_running_index(rows: &[Row]) -> bool {
-    let index = |row: &Row| {
+fn is_running_index(rows: &[TextLine]) -> bool {
+    let index = |row: &TextLine| {
         row.fields()
             .next()
             .and_then(|field| field.parse::<u64>().ok())
@@ -158,10 +158,11 @@ fn is_running_index(rows: &[Row]) -> bool {
         .is_some_and(|row| index(row).is_some_and(|i| i < 1_000_000))
 }
 
-fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<Trajectory, SequenceError> {
+fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<PoseFile, SequenceError> {
     let mut stamped = Vec::new();
     let mut in_order = Vec::new();
-    let (mut not_finite, mut not_rigid, mut total) = (Tally::default(), Tally::default(), 0);
+    let (mut not_finite, mut not_rigid, mut total) =
+        (WarningCounter::default(), WarningCounter::default(), 0);
     for row in file.rows() {
         if total == 0 && is_head(&row) {
             continue;
@@ -173,17 +174,17 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<Trajector
         {
             return Err(row.error(format!("{count} numbers expected, {found} found")));
         }
-        let place = format!("line {}", row.number());
-        let mut note = |problem: rigid::RigidTransformError, place: String| match problem {
-            rigid::RigidTransformError::NotFinite => not_finite.add(place),
-            problem => not_rigid.add(format!("{place} {problem}")),
+        let location = format!("line {}", row.number());
+        let mut note = |problem: rigid::RigidTransformError, location: String| match problem {
+            rigid::RigidTransformError::NotFinite => not_finite.add(location),
+            problem => not_rigid.add(format!("{location} {problem}")),
         };
         let pose = pose_of(&row, columns)?;
         if !matches!(
             columns.format,
-            TrajectoryFormat::Tum | TrajectoryFormat::EurocCsv
+            PoseFileFormat::Tum | PoseFileFormat::EurocCsv
         ) {
-            in_order.push(pose.map_err(|problem| note(problem, place)).ok());
+            in_order.push(pose.map_err(|problem| note(problem, location)).ok());
             continue;
         }
         let field = row.fields().nth(columns.skipped).unwrap_or_default();
@@ -213,7 +214,7 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<Trajector
             path.display()
         )));
     }
-    Ok(Trajectory {
+    Ok(PoseFile {
         format: columns.format,
         poses,
         warnings,
@@ -222,7 +223,7 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<Trajector
 
 /// The pose of a line; the inner error is about one that can be left out.
 fn pose_of(
-    row: &Row,
+    row: &TextLine,
     columns: Columns,
 ) -> Result<Result<Isometry3<f64>, rigid::RigidTransformError>, SequenceError> {
     let skipped = columns.skipped;
@@ -239,20 +240,20 @@ fn pose_of(
         rigid::from_matrix(&rows)
     };
     Ok(match columns.format {
-        TrajectoryFormat::Tum => {
+        PoseFileFormat::Tum => {
             let [tx, ty, tz, qx, qy, qz, qw] = row.numbers_from(skipped + 1)?;
             rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
         }
-        TrajectoryFormat::EurocCsv => {
+        PoseFileFormat::EurocCsv => {
             let [tx, ty, tz, qw, qx, qy, qz] = row.numbers_from(skipped + 1)?;
             rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
         }
-        TrajectoryFormat::Unstamped => {
+        PoseFileFormat::Unstamped => {
             let [tx, ty, tz, qx, qy, qz, qw] = row.numbers_from(skipped)?;
             rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
         }
-        TrajectoryFormat::Kitti => of_rows(&row.numbers_from::<12>(skipped)?),
-        TrajectoryFormat::Matrices | TrajectoryFormat::Open3dLog => {
+        PoseFileFormat::Kitti => of_rows(&row.numbers_from::<12>(skipped)?),
+        PoseFileFormat::Matrices | PoseFileFormat::Open3dLog => {
             of_rows(&row.numbers_from::<16>(skipped)?)
         }
     })

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod damage;
-mod exchange;
+mod export;
 mod faults;
 mod geometry_files;
 mod layouts;

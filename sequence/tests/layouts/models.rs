@@ -46,11 +46,11 @@ fn every_layout_gives_the_same_poses_and_points() {
                     .all(|pair| pair[0].view < pair[1].view),
                 "{name}"
             );
-            for sighting in &point.observations {
-                let view = &model.views[sighting.view as usize];
+            for observation in &point.observations {
+                let view = &model.views[observation.view as usize];
                 let seen = view.world_from_camera.inverse() * point.point_in_world;
                 let seen = view.camera.as_ref().unwrap().project(&seen).unwrap();
-                if let Some([x, y]) = sighting.pixel {
+                if let Some([x, y]) = observation.pixel {
                     let error = (seen.x - x).hypot(seen.y - y);
                     assert!(error < 1e-4, "{name}: {error}");
                 }

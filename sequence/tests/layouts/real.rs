@@ -55,11 +55,11 @@ fn every_set_opens_by_its_own_layout() {
         assert_eq!(model.points.len(), points);
         let mut errors: Vec<f64> = Vec::new();
         for point in &model.points {
-            for sighting in &point.observations {
-                let view = &model.views[sighting.view as usize];
+            for observation in &point.observations {
+                let view = &model.views[observation.view as usize];
                 let seen = view.world_from_camera.inverse() * point.point_in_world;
                 assert!(layout == "openmvs" || seen.z > 0.0);
-                if let (Some([x, y]), Some(camera)) = (sighting.pixel, &view.camera) {
+                if let (Some([x, y]), Some(camera)) = (observation.pixel, &view.camera) {
                     let pixel = camera.project(&seen).unwrap();
                     errors.push((pixel.x - x).hypot(pixel.y - y));
                 }
@@ -297,14 +297,14 @@ fn recorded_trajectories_come_back_in_every_format() {
             TrajectoryFormat::Kitti,
             TrajectoryFormat::Open3dLog,
         ] {
-            super::exchange::write_as_read(&sequence, format, &path);
+            super::export::write_as_read(&sequence, format, &path);
             let options = OpenOptions {
                 poses: Some(path.clone()),
                 layout: Some(taking.to_owned()),
                 calibration: Some(calibration.clone()),
             };
             let back = Sequence::open(&source, &options).unwrap();
-            super::exchange::assert_same(&sequence, &back, &format!("{name}, {format:?}"));
+            super::export::assert_same(&sequence, &back, &format!("{name}, {format:?}"));
         }
     }
 }
@@ -333,8 +333,8 @@ fn recorded_maps_come_back_as_colmap_and_transforms() {
         write_colmap(folder.path(), &sequence).unwrap();
         let back = Sequence::open(folder.path(), &OpenOptions::default()).unwrap();
         assert_eq!(back.layout(), "colmap");
-        super::exchange::assert_same(&sequence, &back, name);
-        super::exchange::assert_same_map(sequence.sparse_model(), back.sparse_model(), name);
+        super::export::assert_same(&sequence, &back, name);
+        super::export::assert_same_map(sequence.sparse_model(), back.sparse_model(), name);
         if sequence.frames().is_empty() {
             continue;
         }
@@ -342,6 +342,6 @@ fn recorded_maps_come_back_as_colmap_and_transforms() {
         write_transforms(&elsewhere.path().join("transforms.json"), &sequence).unwrap();
         let back = Sequence::open(elsewhere.path(), &OpenOptions::default()).unwrap();
         assert_eq!(back.layout(), "transforms-json");
-        super::exchange::assert_same(&sequence, &back, name);
+        super::export::assert_same(&sequence, &back, name);
     }
 }

@@ -12,7 +12,7 @@ use super::camera::{camera, model_by_number};
 pub(super) fn read_cameras(path: &Path, model: &mut ModelBuilder) -> Result<(), SequenceError> {
     let bytes = read_file(path)?;
     let mut reader = ByteReader::new(path, &bytes);
-    let origin = path.display().to_string();
+    let source = path.display().to_string();
     for _ in 0..reader.count("cameras", 24 + 3 * 8)? {
         let id = reader.u32()?;
         let number = reader.u32()?;
@@ -22,7 +22,7 @@ pub(super) fn read_cameras(path: &Path, model: &mut ModelBuilder) -> Result<(), 
         for slot in &mut parameters[..count] {
             *slot = reader.f64()?;
         }
-        camera(name, width, height, &parameters[..count], &origin)
+        camera(name, width, height, &parameters[..count], &source)
             .and_then(|found| model.add_camera(id, found))
             .map_err(|problem| reader.error(problem))?;
     }
@@ -46,7 +46,7 @@ pub(super) fn read_images(path: &Path, model: &mut ModelBuilder) -> Result<(), S
             let pixel = reader.f64s()?;
             let point = reader.u64()?;
             if point != u64::MAX {
-                model.see(point, view, pixel);
+                model.add_observation(point, view, pixel);
             }
         }
     }

@@ -32,8 +32,8 @@ pub(super) struct ImageRecord {
 impl ModelBuilder {
     /// Adds a camera; an id may stand there once.
     pub(super) fn add_camera(&mut self, id: u32, camera: CalibratedCamera) -> Result<(), String> {
-        let place = self.model.cameras.len() as u32;
-        if self.camera_of.insert(id, place).is_some() {
+        let index = self.model.cameras.len() as u32;
+        if self.camera_of.insert(id, index).is_some() {
             return Err(format!("camera {id} stands there before"));
         }
         self.model.cameras.push(camera);
@@ -81,15 +81,16 @@ impl ModelBuilder {
     }
 
     /// Notes where an image shows a point. COLMAP's first pixel has its centre at (0.5, 0.5).
-    pub(super) fn see(&mut self, point: u64, view: u32, [x, y]: [f64; 2]) {
-        self.points.see(point, view, Some([x - 0.5, y - 0.5]));
+    pub(super) fn add_observation(&mut self, point: u64, view: u32, [x, y]: [f64; 2]) {
+        self.points
+            .add_observation(point, view, Some([x - 0.5, y - 0.5]));
     }
 
-    /// The model. Tracks name views; where those list no pixels, the sighting still counts.
+    /// The model. Tracks name views; where those list no pixels, the observation still counts.
     pub(super) fn finish(mut self) -> StoredModel {
         for (point, image) in self.tracks {
             if let Some(&view) = self.view_of.get(&image) {
-                self.points.see(point, view, None);
+                self.points.add_observation(point, view, None);
             }
         }
         self.model.points = self.points.finish();

@@ -37,7 +37,7 @@ pub(super) fn camera(
     width: u64,
     height: u64,
     p: &[f64],
-    origin: &str,
+    source: &str,
 ) -> Result<CalibratedCamera, String> {
     let Some((_, count)) = MODELS.iter().find(|(name, _)| *name == model) else {
         return Err(format!(
@@ -89,5 +89,5 @@ pub(super) fn camera(
     };
     let camera = Camera::with_distortion(fx, fy, cx - 0.5, cy - 0.5, distortion)
         .map_err(|error| error.to_string())?;
-    Ok(CalibratedCamera::known(camera, Some(size), origin))
+    Ok(CalibratedCamera::known(camera, Some(size), source))
 }

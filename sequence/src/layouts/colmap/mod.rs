@@ -10,7 +10,7 @@ mod text;
 use std::path::{Path, PathBuf};
 
 use super::super::SequenceError;
-use super::super::layout::{Folder, Layout, PoseOrigin, Recording};
+use super::super::layout::{Folder, Layout, PoseSource, Recording};
 use super::super::model::StoredModel;
 use builder::ModelBuilder;
 
@@ -18,7 +18,7 @@ use builder::ModelBuilder;
 pub(in super::super) struct Colmap;
 
 /// Where a model lies under the folder of a sequence, in the order of preference.
-const PLACES: [&str; 8] = [
+const MODEL_FOLDERS: [&str; 8] = [
     "",
     "colmap",
     "colmap/sparse/0",
@@ -85,12 +85,12 @@ fn kind_of(folder: &Path) -> Option<Kind> {
     })
 }
 
-fn place(folder: &Folder) -> Option<(PathBuf, Kind)> {
-    PLACES.iter().find_map(|place| {
-        let path = if place.is_empty() {
+fn find_model(folder: &Folder) -> Option<(PathBuf, Kind)> {
+    MODEL_FOLDERS.iter().find_map(|name| {
+        let path = if name.is_empty() {
             folder.path().to_owned()
         } else {
-            folder.path().join(place)
+            folder.path().join(name)
         };
         kind_of(&path).map(|kind| (path, kind))
     })
@@ -101,20 +101,20 @@ impl Layout for Colmap {
         "colmap"
     }
 
-    fn looks_for(&self) -> &'static str {
+    fn expected_files(&self) -> &'static str {
         "cameras and images as .txt or .bin, there or in colmap/ or sparse/0/"
     }
 
     fn recognises(&self, folder: &Folder) -> bool {
-        place(folder).is_some()
+        find_model(folder).is_some()
     }
 
-    fn takes_poses(&self) -> bool {
+    fn accepts_external_poses(&self) -> bool {
         false
     }
 
-    fn read(&self, folder: &Folder, _origin: PoseOrigin) -> Result<Recording, SequenceError> {
-        let (path, kind) = place(folder).ok_or_else(|| SequenceError::Content {
+    fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
+        let (path, kind) = find_model(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: "has no COLMAP model: cameras.txt and images.txt, or .bin, are looked for there, in colmap/ and in \
                       sparse/0/"

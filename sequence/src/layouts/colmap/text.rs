@@ -5,12 +5,12 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::super::super::SequenceError;
-use super::super::super::text::{Row, TextFile, parse_number, shorten};
+use super::super::super::text::{TextFile, TextLine, parse_number, shorten};
 use super::builder::{ImageRecord, ModelBuilder};
 use super::camera::camera;
 
 fn whole<T: std::str::FromStr>(
-    row: &Row,
+    row: &TextLine,
     field: Option<&str>,
     what: &str,
 ) -> Result<T, SequenceError> {
@@ -20,13 +20,13 @@ fn whole<T: std::str::FromStr>(
         .map_err(|_| row.error(format!("'{}' is not {what}", shorten(field))))
 }
 
-fn number(row: &Row, field: &str) -> Result<f64, SequenceError> {
+fn number(row: &TextLine, field: &str) -> Result<f64, SequenceError> {
     parse_number(field).ok_or_else(|| row.error(format!("'{}' is not a number", shorten(field))))
 }
 
 pub(super) fn read_cameras(path: &Path, model: &mut ModelBuilder) -> Result<(), SequenceError> {
     let file = TextFile::read(path)?;
-    let origin = path.display().to_string();
+    let source = path.display().to_string();
     let mut is_empty = true;
     for row in file.rows() {
         let mut fields = row.fields();
@@ -37,7 +37,7 @@ pub(super) fn read_cameras(path: &Path, model: &mut ModelBuilder) -> Result<(), 
         let parameters = fields
             .map(|field| number(&row, field))
             .collect::<Result<Vec<f64>, _>>()?;
-        camera(name, width, height, &parameters, &origin)
+        camera(name, width, height, &parameters, &source)
             .and_then(|found| model.add_camera(id, found))
             .map_err(|problem| row.error(problem))?;
         is_empty = false;
@@ -96,7 +96,11 @@ pub(super) fn read_images(path: &Path, model: &mut ModelBuilder) -> Result<(), S
 }
 
 /// Triples `X Y POINT3D_ID`, the id -1 where no point is seen.
-fn read_observations(row: &Row, view: u32, model: &mut ModelBuilder) -> Result<(), SequenceError> {
+fn read_observations(
+    row: &TextLine,
+    view: u32,
+    model: &mut ModelBuilder,
+) -> Result<(), SequenceError> {
     let mut fields = row.text().split_ascii_whitespace();
     while let Some(x) = fields.next() {
         let (Some(y), Some(id)) = (fields.next(), fields.next()) else {
@@ -108,7 +112,7 @@ fn read_observations(row: &Row, view: u32, model: &mut ModelBuilder) -> Result<(
             continue;
         }
         let id: u64 = whole(row, Some(id), "a point id")?;
-        model.see(id, view, [number(row, x)?, number(row, y)?]);
+        model.add_observation(id, view, [number(row, x)?, number(row, y)?]);
     }
     Ok(())
 }

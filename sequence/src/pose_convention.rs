@@ -47,7 +47,7 @@ pub(super) enum QuaternionOrder {
 
 /// A reading of the poses of a sequence, relative to what its format says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct PoseReading {
+pub(super) struct PoseConvention {
     pub(super) camera: PoseCamera,
     pub(super) direction: PoseDirection,
     pub(super) axes: CameraAxes,
@@ -56,17 +56,17 @@ pub(super) struct PoseReading {
 
 /// What lies between the camera of the images and that of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Mounting {
+pub(super) struct Extrinsics {
     pub(super) color_from_depth: Option<Isometry3<f64>>,
     pub(super) body_from_color: Option<Isometry3<f64>>,
 }
 
-impl PoseReading {
-    /// The pose of the colour camera from a pose as its format has it. A mounting that is not known counts as none.
+impl PoseConvention {
+    /// The pose of the colour camera from a pose as its format has it. A extrinsics that is not known counts as none.
     pub(super) fn world_from_color(
         &self,
         recorded: &Isometry3<f64>,
-        mounting: &Mounting,
+        extrinsics: &Extrinsics,
     ) -> Isometry3<f64> {
         let mut pose = *recorded;
         let [x, y, z, w] = pose.rotation.coords.into();
@@ -88,8 +88,8 @@ impl PoseReading {
         }
         let recorded_from_color = match self.camera {
             PoseCamera::Color => None,
-            PoseCamera::Depth => mounting.color_from_depth.map(|m| m.inverse()),
-            PoseCamera::Body => mounting.body_from_color,
+            PoseCamera::Depth => extrinsics.color_from_depth.map(|m| m.inverse()),
+            PoseCamera::Body => extrinsics.body_from_color,
         };
         match recorded_from_color {
             Some(motion) => pose * motion,
@@ -103,7 +103,7 @@ pub(super) fn half_turn_about_x() -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0))
 }
 
-impl fmt::Display for PoseReading {
+impl fmt::Display for PoseConvention {
     /// What differs from the format, as keys of a sidecar's `[poses]` section.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let camera = match self.camera {
@@ -141,7 +141,7 @@ mod tests {
         )
     }
 
-    const NO_MOUNTING: Mounting = Mounting {
+    const NO_MOUNTING: Extrinsics = Extrinsics {
         color_from_depth: None,
         body_from_color: None,
     };
@@ -153,7 +153,7 @@ mod tests {
         let with = |q: Quaternion<f64>| {
             Isometry3::from_parts(truth.translation, UnitQuaternion::new_unchecked(q))
         };
-        let default = PoseReading::default();
+        let default = PoseConvention::default();
         let flipped =
             Isometry3::from_parts(truth.translation, truth.rotation * half_turn_about_x());
         let conjugate = Isometry3::from_parts(truth.translation, truth.rotation.inverse());
@@ -161,28 +161,28 @@ mod tests {
             (truth, default),
             (
                 truth.inverse(),
-                PoseReading {
+                PoseConvention {
                     direction: PoseDirection::Inverse,
                     ..default
                 },
             ),
             (
                 conjugate,
-                PoseReading {
+                PoseConvention {
                     direction: PoseDirection::RotationInverse,
                     ..default
                 },
             ),
             (
                 flipped,
-                PoseReading {
+                PoseConvention {
                     axes: CameraAxes::YAndZFlipped,
                     ..default
                 },
             ),
             (
                 flipped.inverse(),
-                PoseReading {
+                PoseConvention {
                     direction: PoseDirection::Inverse,
                     axes: CameraAxes::YAndZFlipped,
                     ..default
@@ -191,7 +191,7 @@ mod tests {
             // The file holds w x y z and was read as x y z w.
             (
                 with(Quaternion::new(z, w, x, y)),
-                PoseReading {
+                PoseConvention {
                     quaternion: QuaternionOrder::WFirst,
                     ..default
                 },
@@ -199,7 +199,7 @@ mod tests {
             // The file holds x y z w and was read as w x y z.
             (
                 with(Quaternion::new(x, y, z, w)),
-                PoseReading {
+                PoseConvention {
                     quaternion: QuaternionOrder::WLast,
                     ..default
                 },
@@ -215,15 +215,15 @@ mod tests {
     #[test]
     fn a_body_carries_the_camera() {
         let body_from_color = Isometry3::translation(0.1, 0.0, 0.0);
-        let mounting = Mounting {
+        let extrinsics = Extrinsics {
             body_from_color: Some(body_from_color),
             ..NO_MOUNTING
         };
-        let reading = PoseReading {
+        let reading = PoseConvention {
             camera: PoseCamera::Body,
-            ..PoseReading::default()
+            ..PoseConvention::default()
         };
-        let found = reading.world_from_color(&pose(), &mounting) * Point3::origin();
+        let found = reading.world_from_color(&pose(), &extrinsics) * Point3::origin();
         let expected = pose() * Point3::new(0.1, 0.0, 0.0);
         assert!((found - expected).norm() < 1e-12);
     }

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3};
 
 use super::super::layout::{Folder, Recording};
 use super::super::text::{TextFile, parse_number};
-use super::super::warning::Tally;
+use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning};
 use crate::sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 use linecarve_mesh::read_geometry;
@@ -83,7 +83,7 @@ pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<()
         path.display(),
         model.points.len()
     )));
-    recording.map_points = Some(model);
+    recording.sparse_model = Some(model);
     Ok(())
 }
 
@@ -98,7 +98,7 @@ fn read(path: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<Point3<f64>>, Se
     }
     let file = TextFile::read(path)?;
     let mut points = Vec::new();
-    let (mut not_finite, mut total) = (Tally::default(), 0);
+    let (mut not_finite, mut total) = (WarningCounter::default(), 0);
     for row in file.rows() {
         if total == 0 && row.fields().next().and_then(parse_number).is_none() {
             continue;

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 
 use super::super::calibration::PoseCamera;
-use super::super::pose_reading::{CameraAxes, PoseDirection, PoseReading, QuaternionOrder};
+use super::super::pose_convention::{CameraAxes, PoseConvention, PoseDirection, QuaternionOrder};
 use crate::Sequence;
 
 /// The words for the sequence as it is.
@@ -17,7 +17,7 @@ pub(super) struct PoseHypothesis {
     pub(super) remedy: Option<String>,
     /// In how many things it differs from the sequence as it is.
     pub(super) differences: usize,
-    reading: PoseReading,
+    reading: PoseConvention,
 }
 
 /// Readings that fit within this factor of the best are as good; the one that differs the least is then named.
@@ -42,23 +42,23 @@ impl PoseHypothesis {
     /// The pose of the colour camera of a frame.
     pub(super) fn world_from_color(&self, sequence: &Sequence, frame: usize) -> Isometry3<f64> {
         self.reading
-            .world_from_color(&sequence.recorded_poses[frame], &sequence.mounting)
+            .world_from_color(&sequence.recorded_poses[frame], &sequence.extrinsics)
     }
 }
 
 /// The sequence as read, then all readings that differ from it in at most two things.
 pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
-    let base = sequence.pose_reading;
+    let base = sequence.pose_convention;
     let mut cameras = vec![base.camera];
     let mounted = [
         (PoseCamera::Color, true),
         (
             PoseCamera::Body,
-            sequence.mounting.body_from_color.is_some(),
+            sequence.extrinsics.body_from_color.is_some(),
         ),
         (
             PoseCamera::Depth,
-            sequence.mounting.color_from_depth.is_some(),
+            sequence.extrinsics.color_from_depth.is_some(),
         ),
     ];
     for (camera, is_known) in mounted {
@@ -80,7 +80,7 @@ pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
         for &camera in &cameras {
             for direction in directions {
                 for axes in [CameraAxes::AsRead, CameraAxes::YAndZFlipped] {
-                    let reading = PoseReading {
+                    let reading = PoseConvention {
                         camera,
                         direction,
                         axes,
@@ -110,7 +110,7 @@ pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
         .collect()
 }
 
-fn differences(base: &PoseReading, other: &PoseReading) -> Vec<&'static str> {
+fn differences(base: &PoseConvention, other: &PoseConvention) -> Vec<&'static str> {
     let mut words = Vec::new();
     if other.direction != base.direction {
         words.push(match other.direction {

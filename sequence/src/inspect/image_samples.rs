@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::corners::{self, Corners};
-use super::{InspectOptions, forgive, spread};
+use super::{InspectOptions, evenly_spaced, skip_unreadable};
 use crate::keyframes::sharpness;
 use crate::{FrameError, Sequence};
 
 /// What was seen in one image.
-pub(super) struct Look {
+pub(super) struct ImageSample {
     /// Mean grey level.
     pub(super) mean_gray: f64,
     /// See [`sharpness`].
@@ -19,28 +19,28 @@ pub(super) struct Look {
     pub(super) corners: Option<Corners>,
 }
 
-/// Looks at a choice of the images.
-pub(super) struct Looks {
+/// ImageSamples at a choice of the images.
+pub(super) struct ImageSamples {
     /// By frame; `None` where the image could not be decoded.
-    of_frame: BTreeMap<usize, Option<Look>>,
+    of_frame: BTreeMap<usize, Option<ImageSample>>,
     /// Frames that stand for the sequence, ascending.
     sampled: Vec<usize>,
     /// Pairs of frames whose corners are to be matched.
     pairs: Vec<(usize, usize)>,
 }
 
-impl Looks {
-    /// Looks at the images that the options ask for.
+impl ImageSamples {
+    /// ImageSamples at the images that the options ask for.
     ///
     /// # Errors
     /// When an image shows that the whole sequence is unusable.
-    pub(super) fn take(sequence: &Sequence, options: &InspectOptions) -> Result<Self, FrameError> {
+    pub(super) fn measure(sequence: &Sequence, options: &InspectOptions) -> Result<Self, FrameError> {
         let count = sequence.frames().len();
-        let sampled = spread(count, options.samples);
+        let sampled = evenly_spaced(count, options.samples);
         let gaps = options.gaps.iter().copied().filter(|gap| *gap > 0);
         let pairs: Vec<(usize, usize)> = gaps
             .flat_map(|gap| {
-                let starts = spread(count.saturating_sub(gap), options.matched_pairs);
+                let starts = evenly_spaced(count.saturating_sub(gap), options.matched_pairs);
                 starts.into_iter().map(move |from| (from, from + gap))
             })
             .collect();
@@ -50,16 +50,16 @@ impl Looks {
         let of_frame = is_matched
             .into_par_iter()
             .map(|(frame, is_matched)| {
-                let image = forgive(sequence.load_gray(frame))?;
-                let look = image.map(|image| {
+                let image = skip_unreadable(sequence.load_gray(frame))?;
+                let sample = image.map(|image| {
                     let sum: u64 = image.samples().iter().map(|&v| u64::from(v)).sum();
-                    Look {
+                    ImageSample {
                         mean_gray: sum as f64 / image.samples().len().max(1) as f64,
                         sharpness: sharpness(&image),
                         corners: is_matched.then(|| corners::find(&image)),
                     }
                 });
-                Ok((frame, look))
+                Ok((frame, sample))
             })
             .collect::<Result<_, FrameError>>()?;
         Ok(Self {
@@ -69,22 +69,22 @@ impl Looks {
         })
     }
 
-    fn of(&self, frame: usize) -> Option<&Look> {
+    fn of(&self, frame: usize) -> Option<&ImageSample> {
         self.of_frame.get(&frame)?.as_ref()
     }
 
     /// The frames that stand for the sequence, with what was seen in them.
-    pub(super) fn sampled(&self) -> impl Iterator<Item = (usize, Option<&Look>)> {
+    pub(super) fn sampled(&self) -> impl Iterator<Item = (usize, Option<&ImageSample>)> {
         self.sampled.iter().map(|&frame| (frame, self.of(frame)))
     }
 
     /// The pairs to be matched both of whose images could be decoded.
-    pub(super) fn pairs(&self) -> Vec<Pair<'_>> {
+    pub(super) fn pairs(&self) -> Vec<CornerPair<'_>> {
         let corners = |frame| self.of(frame)?.corners.as_ref();
         let pairs = self.pairs.iter();
         pairs
             .filter_map(|&(a, b)| {
-                Some(Pair {
+                Some(CornerPair {
                     frames: [a, b],
                     corners: [corners(a)?, corners(b)?],
                 })
@@ -94,7 +94,7 @@ impl Looks {
 }
 
 /// Two frames with their corners.
-pub(super) struct Pair<'a> {
+pub(super) struct CornerPair<'a> {
     pub(super) frames: [usize; 2],
     pub(super) corners: [&'a Corners; 2],
 }

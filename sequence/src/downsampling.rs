@@ -11,16 +11,16 @@ use super::calibration::ImageSize;
 
 /// Each pixel becomes the mean of a square of `factor` by `factor`; what is left over at the right and below is cut off.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Reduction {
+pub(super) struct Downsampling {
     factor: u32,
     /// The camera and size of what comes out.
     pub(super) camera: Camera,
     pub(super) size: ImageSize,
 }
 
-impl Reduction {
+impl Downsampling {
     /// The least one that leaves no side longer than `longest_side`; `None` when there is nothing to do. `camera` is a pinhole.
-    pub(super) fn of(camera: &Camera, size: ImageSize, longest_side: u32) -> Option<Self> {
+    pub(super) fn new(camera: &Camera, size: ImageSize, longest_side: u32) -> Option<Self> {
         let factor = size.width.max(size.height).div_ceil(longest_side.max(1));
         let (width, height) = (size.width / factor.max(1), size.height / factor.max(1));
         if factor < 2 || width == 0 || height == 0 {
@@ -35,7 +35,7 @@ impl Reduction {
     }
 
     /// The images to be reduced are now those of another pinhole, of the same size.
-    pub(super) fn follow(&mut self, camera: &Camera) -> Result<(), CameraError> {
+    pub(super) fn set_source_camera(&mut self, camera: &Camera) -> Result<(), CameraError> {
         self.camera = camera.scaled(1.0 / f64::from(self.factor))?;
         Ok(())
     }
@@ -56,7 +56,7 @@ impl Reduction {
     /// Means of the squares of an image with that many interleaved channels.
     fn means<const CHANNELS: usize>(&self, samples: &[u8], width: usize) -> Vec<u8> {
         let count = self.factor * self.factor;
-        square_sums::<CHANNELS>(samples, width, self.factor as usize)
+        block_sums::<CHANNELS>(samples, width, self.factor as usize)
             .into_iter()
             .map(|sum| ((sum + count / 2) / count) as u8)
             .collect()
@@ -65,7 +65,7 @@ impl Reduction {
 
 /// Sums over the squares of `factor` by `factor` pixels of an image with that many interleaved channels, row by row; what is left
 /// over at the right and below is cut off.
-pub(super) fn square_sums<const CHANNELS: usize>(
+pub(super) fn block_sums<const CHANNELS: usize>(
     samples: &[u8],
     width: usize,
     factor: usize,
@@ -110,41 +110,41 @@ mod tests {
     #[test]
     fn small_images_stay() {
         for longest_side in [8, 9, u32::MAX] {
-            assert_eq!(Reduction::of(&camera(), SIZE, longest_side), None);
+            assert_eq!(Downsampling::new(&camera(), SIZE, longest_side), None);
         }
         let one = ImageSize {
             width: 1,
             height: 9,
         };
-        assert_eq!(Reduction::of(&camera(), one, 4), None);
+        assert_eq!(Downsampling::new(&camera(), one, 4), None);
     }
 
     #[test]
     fn pixels_are_means_and_the_rest_is_cut_off() {
-        let reduction = Reduction::of(&camera(), SIZE, 3).unwrap();
+        let downsampling = Downsampling::new(&camera(), SIZE, 3).unwrap();
         assert_eq!(
             (
-                reduction.factor,
-                reduction.size.width,
-                reduction.size.height
+                downsampling.factor,
+                downsampling.size.width,
+                downsampling.size.height
             ),
             (3, 2, 1)
         );
         let samples: Vec<u8> = (0..40).collect();
         // The square at the left holds 0 to 2, 8 to 10, 16 to 18.
-        let gray = reduction.gray(&GrayImage::new(8, 5, samples.clone()).unwrap());
+        let gray = downsampling.gray(&GrayImage::new(8, 5, samples.clone()).unwrap());
         assert_eq!(gray.samples(), [9, 12]);
         let color = samples.iter().flat_map(|s| [*s, 255, 200 - s]).collect();
-        let color = reduction.color(&RgbImage::from_raw(8, 5, color).unwrap());
+        let color = downsampling.color(&RgbImage::from_raw(8, 5, color).unwrap());
         assert_eq!(color.into_raw(), [9, 255, 191, 12, 255, 188]);
     }
 
     #[test]
     fn what_a_camera_sees_moves_with_the_pixels() {
-        let reduction = Reduction::of(&camera(), SIZE, 4).unwrap();
+        let downsampling = Downsampling::new(&camera(), SIZE, 4).unwrap();
         let point = Point3::new(0.001, 0.0005, 1.0);
         let before = camera().project(&point).unwrap();
-        let after = reduction.camera.project(&point).unwrap();
+        let after = downsampling.camera.project(&point).unwrap();
         // Distances from the border of the image halve.
         assert!((2.0 * (after.x + 0.5) - (before.x + 0.5)).abs() < 1e-12);
         assert!((2.0 * (after.y + 0.5) - (before.y + 0.5)).abs() < 1e-12);
