@@ -1,10 +1,10 @@
-//! Matching of two lists of time stamps.
+//! Association of two lists of time stamps.
 
-/// How many of its nearest counterparts a stamp competes for: bounds the work when stamps are absurdly dense.
-const NEAREST: usize = 16;
+/// Candidates considered on each side of a stamp; bounds the work for very dense stamps.
+const CANDIDATES: usize = 16;
 
-/// For each of `left` the index of its partner in `right`: pairs within `max_difference_ns` are taken nearest first
-/// (ties: earlier left, then earlier right), each stamp at most once. Both lists ascend without repetition.
+/// One-to-one association: for each stamp of `left` the index of its partner in `right`. Pairs within
+/// `max_difference_ns` are taken nearest first (ties: earlier left, then earlier right). Both lists ascend strictly.
 ///
 /// # Complexity
 /// O(n log n) in the total number of stamps.
@@ -16,8 +16,8 @@ pub(super) fn nearest_unique(
     let mut pairs = Vec::new();
     for (i, &stamp) in left.iter().enumerate() {
         let middle = right.partition_point(|&other| other < stamp);
-        let from = middle.saturating_sub(NEAREST);
-        let to = (middle + NEAREST).min(right.len());
+        let from = middle.saturating_sub(CANDIDATES);
+        let to = (middle + CANDIDATES).min(right.len());
         for (j, &other) in (from..to).zip(&right[from..to]) {
             let difference = stamp.abs_diff(other);
             if difference <= max_difference_ns.unsigned_abs() {
@@ -69,7 +69,7 @@ mod tests {
             for (i, j) in partner.iter().enumerate() {
                 match j {
                     Some(j) => prop_assert!(left[i].abs_diff(right[*j]) <= 7),
-                    // Whatever is free lies too far away.
+                    // Every unused candidate is too far away.
                     None => prop_assert!((0..right.len()).all(|k| used.contains(&k) || left[i].abs_diff(right[k]) > 7)),
                 }
             }

@@ -1,10 +1,10 @@
-//! Little-endian binary files of models, with errors that name file and byte.
+//! Little-endian binary files, with errors that name file and byte.
 
 use std::path::Path;
 
 use super::SequenceError;
 
-/// A binary file in memory and a place in it.
+/// A binary file in memory and a read position.
 pub(super) struct ByteReader<'a> {
     path: &'a Path,
     bytes: &'a [u8],
@@ -16,7 +16,7 @@ impl<'a> ByteReader<'a> {
         Self { path, bytes, at: 0 }
     }
 
-    /// An error at this place.
+    /// An error at the current position.
     pub(super) fn error(&self, problem: impl Into<String>) -> SequenceError {
         SequenceError::Byte {
             path: self.path.to_owned(),
@@ -25,7 +25,7 @@ impl<'a> ByteReader<'a> {
         }
     }
 
-    /// Whether nothing is left.
+    /// Whether the whole file is read.
     pub(super) fn is_at_end(&self) -> bool {
         self.at == self.bytes.len()
     }
@@ -35,7 +35,7 @@ impl<'a> ByteReader<'a> {
         let rest = &self.bytes[self.at..];
         let taken = rest.get(..count).ok_or_else(|| {
             self.error(format!(
-                "the file ends {} bytes too early (cut off?)",
+                "the file ends {} bytes too early (truncated?): copy it again",
                 count - rest.len()
             ))
         })?;
@@ -77,9 +77,9 @@ impl<'a> ByteReader<'a> {
         Ok(out)
     }
 
-    /// A count of things that take at least `bytes_each`: one that the rest of the file cannot hold is refused, so that
-    /// nothing is ever reserved for it.
-    pub(super) fn count(&mut self, of: &str, bytes_each: usize) -> Result<usize, SequenceError> {
+    /// Reads a count of items of at least `bytes_each` bytes. A count that the rest of the file cannot hold is refused,
+    /// so that corrupt files allocate nothing.
+    pub(super) fn count(&mut self, items: &str, bytes_each: usize) -> Result<usize, SequenceError> {
         let offset = self.at;
         let count = self.u64()?;
         let most = ((self.bytes.len() - self.at) / bytes_each.max(1)) as u64;
@@ -88,27 +88,27 @@ impl<'a> ByteReader<'a> {
                 path: self.path.to_owned(),
                 offset: offset as u64,
                 problem: format!(
-                    "{count} {of} are announced, the rest of the file holds {most} at most (cut off, or not this format?)"
+                    "{count} {items} are announced, the rest of the file holds at most {most} (truncated, or another format?)"
                 ),
             });
         }
-        // No more than the length of the file.
+        // At most the length of the file.
         Ok(count as usize)
     }
 
-    /// Text up to a zero byte.
+    /// Zero-terminated UTF-8 text.
     pub(super) fn text_to_zero(&mut self) -> Result<String, SequenceError> {
         let rest = &self.bytes[self.at..];
         let length = rest
             .iter()
             .position(|&byte| byte == 0)
-            .ok_or_else(|| self.error("a name does not end"))?;
+            .ok_or_else(|| self.error("a name has no terminating zero byte"))?;
         let name = self.text_of(length)?;
         self.at += 1;
         Ok(name)
     }
 
-    /// Text of a known length.
+    /// UTF-8 text of `length` bytes.
     pub(super) fn text_of(&mut self, length: usize) -> Result<String, SequenceError> {
         let offset = self.at;
         let bytes = self.take(length)?;
@@ -122,7 +122,7 @@ impl<'a> ByteReader<'a> {
     }
 }
 
-/// The bytes of a whole file.
+/// Reads a whole file.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SequenceError> {
     std::fs::read(path).map_err(|source| SequenceError::Unreadable {
         path: path.to_owned(),
@@ -149,12 +149,12 @@ mod tests {
         let error = reader.f64().unwrap_err().to_string();
         assert_eq!(
             error,
-            "m.bin, byte 12: the file ends 8 bytes too early (cut off?)"
+            "m.bin, byte 12: the file ends 8 bytes too early (truncated?): copy it again"
         );
     }
 
     #[test]
-    fn names_end_or_are_refused() {
+    fn unterminated_names_are_refused() {
         let mut reader = ByteReader::new(Path::new("x"), b"a.png\0rest");
         assert_eq!(reader.text_to_zero().unwrap(), "a.png");
         assert!(reader.text_to_zero().is_err());

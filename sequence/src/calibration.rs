@@ -1,4 +1,4 @@
-//! Calibration of a sequence, and the sidecar file that overrides what a layout lacks or has wrong.
+//! Calibration of a sequence, and the sidecar file that overrides the layout's calibration.
 
 use std::path::Path;
 
@@ -21,19 +21,19 @@ pub struct ImageSize {
     pub height: u32,
 }
 
-/// A camera as a file describes it, with the image size that it is for when the file tells.
+/// A camera with its calibrated image size, if known.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CalibratedCamera {
     pub(super) camera: Camera,
     pub(super) size: Option<ImageSize>,
-    /// Where it comes from, for messages and for `info`.
+    /// The file or default that it comes from, for messages.
     pub(super) source: String,
-    /// What to tell when the camera is a guess and no sidecar replaces it.
-    pub(super) guess: Option<Warning>,
+    /// Warning if the camera is a default that no sidecar replaces.
+    pub(super) default_warning: Option<Warning>,
 }
 
 impl CalibratedCamera {
-    /// A camera that a file or the data set itself gives.
+    /// A camera given by a file or the data set.
     pub(super) fn known(
         camera: Camera,
         size: Option<ImageSize>,
@@ -43,12 +43,12 @@ impl CalibratedCamera {
             camera,
             size,
             source: source.into(),
-            guess: None,
+            default_warning: None,
         }
     }
 
-    /// A camera for images of 640 x 480 that is usual where nothing is known, with what to tell about it.
-    pub(super) fn usual(camera: Camera, source: &str, guess: String) -> Self {
+    /// A default camera for images of 640 x 480, with its warning.
+    pub(super) fn default_vga(camera: Camera, source: &str, warning: String) -> Self {
         Self {
             camera,
             size: Some(ImageSize {
@@ -56,46 +56,46 @@ impl CalibratedCamera {
                 height: 480,
             }),
             source: source.to_owned(),
-            guess: Some(Warning::statement(guess)),
+            default_warning: Some(Warning::statement(warning)),
         }
     }
 }
 
-/// A depth camera of its own.
+/// A depth camera that is not registered to colour.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DepthGeometry {
     pub(super) camera: CalibratedCamera,
     pub(super) color_from_depth: Isometry3<f64>,
 }
 
-/// What the poses of the files are of.
+/// What the recorded poses refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum PoseCamera {
     #[default]
     Color,
     Depth,
-    /// What the cameras are mounted on, such as an inertial unit.
+    /// The body that carries the cameras, such as an inertial unit.
     Body,
 }
 
-/// Everything about the cameras of a sequence.
+/// Cameras, depth scale, extrinsics and pose convention of a sequence.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Calibration {
-    /// `None` when no file tells it: a sidecar must.
+    /// `None` if unknown: a sidecar must give it.
     pub(super) color: Option<CalibratedCamera>,
-    /// `None` when depth is registered to colour.
+    /// `None` if depth is registered to colour.
     pub(super) depth: Option<DepthGeometry>,
-    /// Raw units per unit of the poses.
+    /// Raw depth units per pose unit.
     pub(super) depth_scale: f64,
-    /// `point_in_body = body_from_color * point_in_color`, when the cameras are mounted on something that has poses.
+    /// `point_in_body = body_from_color * point_in_color`, if known.
     pub(super) body_from_color: Option<Isometry3<f64>>,
-    /// How the poses as recorded are to be understood.
+    /// Convention of the recorded poses.
     pub(super) pose_convention: PoseConvention,
 }
 
 impl Calibration {
-    /// A colour camera with registered depth in millimetres, and poses of it in metres.
+    /// A colour camera with registered depth in millimetres; poses are of the colour camera, in metres.
     pub(super) fn of_color(color: Option<CalibratedCamera>) -> Self {
         Self {
             color,
@@ -107,7 +107,7 @@ impl Calibration {
     }
 }
 
-/// What a sidecar says; what is absent stays as the layout has it.
+/// Contents of a sidecar. Absent values keep those of the layout.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Sidecar {
     pub(super) color: Option<CalibratedCamera>,
@@ -118,7 +118,7 @@ pub(super) struct Sidecar {
 }
 
 impl Sidecar {
-    /// Reads and checks a sidecar file.
+    /// Reads and validates a sidecar file.
     pub(super) fn read(path: &Path) -> Result<Self, SequenceError> {
         let file = super::text::TextFile::read(path)?;
         Self::parse(file.text(), &path.display().to_string()).map_err(|problem| {
@@ -134,7 +134,7 @@ impl Sidecar {
         Self::check(file, source)
     }
 
-    /// The same from a JSON object with the same keys.
+    /// Reads a sidecar from a JSON object with the same keys.
     pub(super) fn from_json(value: &serde_json::Value, source: &str) -> Result<Self, String> {
         let file = SidecarFile::deserialize(value).map_err(|error| error.to_string())?;
         Self::check(file, source)
@@ -164,7 +164,7 @@ impl Sidecar {
         })
     }
 
-    /// Replaces in `calibration` what the sidecar gives.
+    /// Overrides `calibration` with the values of the sidecar.
     pub(super) fn apply(self, calibration: &mut Calibration) -> Result<(), String> {
         if let Some(color) = self.color {
             calibration.color = Some(color);
@@ -185,13 +185,12 @@ impl Sidecar {
         convention.quaternion = self.poses.quaternion.unwrap_or(convention.quaternion);
         match convention.camera {
             PoseCamera::Depth if calibration.depth.is_none() => Err(
-                "[poses] camera = \"depth\" needs a [depth] section with the depth camera (fx, fy, cx, cy, \
-                 color_from_depth); without one depth is registered to colour"
+                "[poses] camera = \"depth\" needs the depth camera: give a [depth] section with fx, fy, cx, cy and \
+                 color_from_depth"
                     .to_owned(),
             ),
             PoseCamera::Body if calibration.body_from_color.is_none() => Err(
-                "[poses] camera = \"body\" needs body_from_color, a 4x4 matrix that carries points of the camera to the \
-                 body"
+                "[poses] camera = \"body\" needs body_from_color, a 4x4 matrix from camera to body coordinates"
                     .to_owned(),
             ),
             _ => Ok(()),
@@ -266,7 +265,7 @@ impl CameraSection {
             }
             _ => {
                 return Err(in_section(
-                    "width and height: give both, positive, or none".into(),
+                    "width and height must both be positive, or both be absent".into(),
                 ));
             }
         };
@@ -293,7 +292,7 @@ impl CameraSection {
                     Model::KannalaBrandt => "4: [k1, k2, k3, k4]",
                 };
                 return Err(in_section(format!(
-                    "distortion has {count} coefficients, its model takes {needs}"
+                    "distortion has {count} coefficients, the model takes {needs}"
                 )));
             }
         };
@@ -304,7 +303,7 @@ impl CameraSection {
 }
 
 impl DepthSection {
-    /// The geometry, when the section gives intrinsics, and the scale, when it gives one.
+    /// The depth camera, if the section has intrinsics, and the scale, if it has one.
     fn split(self, source: &str) -> Result<(Option<DepthGeometry>, Option<f64>), String> {
         if let Some(scale) = self.scale
             && !(scale.is_finite() && scale > 0.0)
@@ -324,7 +323,7 @@ impl DepthSection {
                 || self.height.is_some();
             if has_geometry {
                 return Err(
-                    "[depth] needs fx, fy, cx and cy together; for registered depth give at most a scale"
+                    "[depth] needs fx, fy, cx and cy together; registered depth has only a scale"
                         .to_owned(),
                 );
             }
@@ -358,7 +357,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const WHOLE: &str = r#"
+    const COMPLETE: &str = r#"
         [color]
         model = "pinhole"
         fx = 525.8
@@ -377,8 +376,8 @@ mod tests {
     "#;
 
     #[test]
-    fn a_whole_sidecar_is_read() {
-        let sidecar = Sidecar::parse(WHOLE, "linecarve.toml").unwrap();
+    fn a_complete_sidecar_is_read() {
+        let sidecar = Sidecar::parse(COMPLETE, "linecarve.toml").unwrap();
         assert_eq!(sidecar.color.unwrap().camera.fx(), 525.8);
         let depth = sidecar.depth.unwrap();
         assert_eq!(depth.camera.camera.fy(), 585.0);
@@ -395,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn errors_name_the_key() {
         for (from, to, message) in [
             ("scale", "scales", "scales"),
             ("[poses]", "[pose]", "pose"),
@@ -413,10 +412,10 @@ mod tests {
             ("scale = 1000.0", "scale = 0.0", "[depth] scale = 0"),
             ("cx = 320.0", "", "fx, fy, cx and cy together"),
             ("[[1.0,", "[[2.0,", "color_from_depth is not a rotation"),
-            ("[[1.0,", "[[-1.0,", "color_from_depth mirrors"),
+            ("[[1.0,", "[[-1.0,", "color_from_depth is a reflection"),
             ("-0.0304", "inf", "not finite"),
         ] {
-            let text = WHOLE.replacen(from, to, 1);
+            let text = COMPLETE.replacen(from, to, 1);
             let error = Sidecar::parse(&text, "x").unwrap_err();
             assert!(error.contains(message), "{from} -> {to}: {error}");
         }
@@ -444,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reading_of_poses_is_read() {
+    fn the_pose_convention_is_read() {
         let text = "[poses]\ndirection = \"inverse\"\naxes = \"y-and-z-flipped\"\nquaternion = \"w-first\"";
         let mut calibration = Calibration::of_color(None);
         let sidecar = Sidecar::parse(text, "x").unwrap();
@@ -461,11 +460,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_damaged_sidecar_is_read_or_refused(at in 0_usize..WHOLE.len(), byte in any::<char>(), cut in any::<bool>()) {
+        fn a_damaged_sidecar_is_read_or_refused(at in 0_usize..COMPLETE.len(), byte in any::<char>(), cut in any::<bool>()) {
             let text: String = if cut {
-                WHOLE.chars().take(at).collect()
+                COMPLETE.chars().take(at).collect()
             } else {
-                WHOLE.chars().enumerate().map(|(i, c)| if i == at { byte } else { c }).collect()
+                COMPLETE.chars().enumerate().map(|(i, c)| if i == at { byte } else { c }).collect()
             };
             let _ = Sidecar::parse(&text, "x");
         }

@@ -1,7 +1,7 @@
-//! Images that are larger than is worth the time, brought to a whole fraction of their size.
+//! Downsampling of large images by an integer factor.
 //!
-//! The time for depth from images grows with the third power of their side: as many more edge pixels, each with an epipolar line as
-//! much longer.
+//! The run time of multi-view depth grows with the cube of the image side: twice the side gives four times the edge
+//! pixels, each with an epipolar line of twice the length.
 
 use image::RgbImage;
 use linecarve_lines::camera::{Camera, CameraError};
@@ -9,17 +9,19 @@ use linecarve_lines::image::GrayImage;
 
 use super::calibration::ImageSize;
 
-/// Each pixel becomes the mean of a square of `factor` by `factor`; what is left over at the right and below is cut off.
+/// Box downsampling: each output pixel is the mean of `factor` x `factor` pixels. Incomplete blocks at the right and
+/// bottom are dropped.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Downsampling {
     factor: u32,
-    /// The camera and size of what comes out.
+    /// Camera and size of the downsampled images.
     pub(super) camera: Camera,
     pub(super) size: ImageSize,
 }
 
 impl Downsampling {
-    /// The least one that leaves no side longer than `longest_side`; `None` when there is nothing to do. `camera` is a pinhole.
+    /// The smallest factor that leaves no side longer than `longest_side`; `None` if none is needed. `camera` is a
+    /// pinhole.
     pub(super) fn new(camera: &Camera, size: ImageSize, longest_side: u32) -> Option<Self> {
         let factor = size.width.max(size.height).div_ceil(longest_side.max(1));
         let (width, height) = (size.width / factor.max(1), size.height / factor.max(1));
@@ -28,13 +30,13 @@ impl Downsampling {
         }
         Some(Self {
             factor,
-            // Pixel centres are whole numbers there as well.
+            // Pixel centres have integer coordinates at both scales.
             camera: camera.scaled(1.0 / f64::from(factor)).ok()?,
             size: ImageSize { width, height },
         })
     }
 
-    /// The images to be reduced are now those of another pinhole, of the same size.
+    /// Changes the pinhole camera of the full-size images; their size stays.
     pub(super) fn set_source_camera(&mut self, camera: &Camera) -> Result<(), CameraError> {
         self.camera = camera.scaled(1.0 / f64::from(self.factor))?;
         Ok(())
@@ -53,7 +55,7 @@ impl Downsampling {
             .expect("as many samples as pixels")
     }
 
-    /// Means of the squares of an image with that many interleaved channels.
+    /// Block means of an image with `CHANNELS` interleaved channels.
     fn means<const CHANNELS: usize>(&self, samples: &[u8], width: usize) -> Vec<u8> {
         let count = self.factor * self.factor;
         block_sums::<CHANNELS>(samples, width, self.factor as usize)
@@ -63,8 +65,8 @@ impl Downsampling {
     }
 }
 
-/// Sums over the squares of `factor` by `factor` pixels of an image with that many interleaved channels, row by row; what is left
-/// over at the right and below is cut off.
+/// Sums over blocks of `factor` x `factor` pixels, row by row, for `CHANNELS` interleaved channels. Incomplete blocks at
+/// the right and bottom are dropped.
 pub(super) fn block_sums<const CHANNELS: usize>(
     samples: &[u8],
     width: usize,
@@ -76,12 +78,12 @@ pub(super) fn block_sums<const CHANNELS: usize>(
         return Vec::new();
     }
     let mut sums = vec![0_u32; row_of_sums * (samples.len() / (row * factor))];
-    let squares = sums.chunks_exact_mut(row_of_sums);
-    for (sums, rows) in squares.zip(samples.chunks_exact(row * factor)) {
+    let blocks = sums.chunks_exact_mut(row_of_sums);
+    for (sums, rows) in blocks.zip(samples.chunks_exact(row * factor)) {
         for line in rows.chunks_exact(row) {
-            let squares = line.chunks_exact(factor * CHANNELS);
-            for (sum, square) in sums.chunks_exact_mut(CHANNELS).zip(squares) {
-                for pixel in square.chunks_exact(CHANNELS) {
+            let blocks = line.chunks_exact(factor * CHANNELS);
+            for (sum, block) in sums.chunks_exact_mut(CHANNELS).zip(blocks) {
+                for pixel in block.chunks_exact(CHANNELS) {
                     for (sum, sample) in sum.iter_mut().zip(pixel) {
                         *sum += u32::from(*sample);
                     }
@@ -108,7 +110,7 @@ mod tests {
     };
 
     #[test]
-    fn small_images_stay() {
+    fn small_images_keep_their_size() {
         for longest_side in [8, 9, u32::MAX] {
             assert_eq!(Downsampling::new(&camera(), SIZE, longest_side), None);
         }
@@ -120,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_are_means_and_the_rest_is_cut_off() {
+    fn pixels_are_block_means_and_incomplete_blocks_are_dropped() {
         let downsampling = Downsampling::new(&camera(), SIZE, 3).unwrap();
         assert_eq!(
             (
@@ -131,7 +133,7 @@ mod tests {
             (3, 2, 1)
         );
         let samples: Vec<u8> = (0..40).collect();
-        // The square at the left holds 0 to 2, 8 to 10, 16 to 18.
+        // The left block holds 0 to 2, 8 to 10, 16 to 18.
         let gray = downsampling.gray(&GrayImage::new(8, 5, samples.clone()).unwrap());
         assert_eq!(gray.samples(), [9, 12]);
         let color = samples.iter().flat_map(|s| [*s, 255, 200 - s]).collect();
@@ -140,12 +142,12 @@ mod tests {
     }
 
     #[test]
-    fn what_a_camera_sees_moves_with_the_pixels() {
+    fn the_camera_scales_with_the_pixels() {
         let downsampling = Downsampling::new(&camera(), SIZE, 4).unwrap();
         let point = Point3::new(0.001, 0.0005, 1.0);
         let before = camera().project(&point).unwrap();
         let after = downsampling.camera.project(&point).unwrap();
-        // Distances from the border of the image halve.
+        // Distances from the image border scale by the factor.
         assert!((2.0 * (after.x + 0.5) - (before.x + 0.5)).abs() < 1e-12);
         assert!((2.0 * (after.y + 0.5) - (before.y + 0.5)).abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! What can be wrong with a sequence as a whole, and with one of its images.
+//! Errors of opening a sequence and of loading its images.
 
 use std::path::PathBuf;
 
@@ -6,45 +6,45 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SequenceError {
-    /// There is nothing at the path.
-    #[error("there is no folder {}: check the path of the sequence", folder.display())]
+    /// The path does not exist.
+    #[error("folder {} does not exist: check the path of the sequence", folder.display())]
     FolderMissing {
         /// The path as given.
         folder: PathBuf,
     },
     /// The path is a file.
-    #[error("{} is a file: give the folder that holds the sequence", path.display())]
+    #[error("{} is a file: give the folder of the sequence", path.display())]
     NotAFolder {
         /// The path as given.
         path: PathBuf,
     },
     /// The folder has no entries.
-    #[error("the folder {} is empty: give the folder that holds the images and poses of a sequence", folder.display())]
+    #[error("folder {} is empty: give the folder with the images and poses of a sequence", folder.display())]
     EmptyFolder {
         /// The path as given.
         folder: PathBuf,
     },
-    /// No layout recognises the folder.
+    /// The folder matches no known layout.
     #[error(
-        "the layout of {} is not known; looked for {looked_for}; found {found}{hint}",
+        "{} has no known layout; looked for {looked_for}; found {found}{hint}",
         folder.display()
     )]
     UnknownLayout {
         /// The path as given.
         folder: PathBuf,
-        /// What the known layouts look for.
+        /// The files of each known layout.
         looked_for: String,
         /// The first entries of the folder.
         found: String,
-        /// A remedy, when one can be guessed.
+        /// A suggested remedy, or empty.
         hint: String,
     },
-    /// No layout has this name.
-    #[error("there is no layout {name}: --layout takes one of {known}")]
+    /// The layout name is unknown.
+    #[error("unknown layout {name}: --layout takes one of {known}")]
     UnknownLayoutName {
         /// The name as given.
         name: String,
-        /// The names that there are.
+        /// The known names.
         known: String,
     },
     /// A file or folder cannot be read.
@@ -52,46 +52,46 @@ pub enum SequenceError {
     Unreadable {
         /// The file or folder.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// A line of a text file is wrong.
+    /// A line of a text file is invalid.
     #[error("{}, line {line}: {problem}", path.display())]
     Line {
         /// The file.
         path: PathBuf,
-        /// Its line, from 1.
+        /// Line number, from 1.
         line: usize,
-        /// What is wrong and what would be right.
+        /// The problem and what is expected.
         problem: String,
     },
-    /// A binary file is wrong.
+    /// A binary file is invalid.
     #[error("{}, byte {offset}: {problem}", path.display())]
     Byte {
         /// The file.
         path: PathBuf,
-        /// Where, counted from 0.
+        /// Byte offset, from 0.
         offset: u64,
-        /// What is wrong and what would be right.
+        /// The problem and what is expected.
         problem: String,
     },
-    /// A file is wrong as a whole.
+    /// A file is invalid as a whole.
     #[error("{}: {problem}", path.display())]
     Content {
         /// The file or folder.
         path: PathBuf,
-        /// What is wrong and what would be right.
+        /// The problem and what is expected.
         problem: String,
     },
-    /// Not one frame has an image and a pose.
-    #[error("{}: no frame is left: {reason}", folder.display())]
+    /// No frame has both an image and a pose.
+    #[error("{}: no usable frame: {reason}", folder.display())]
     NoFrames {
         /// The path as given.
         folder: PathBuf,
-        /// What became of the frames.
+        /// Why the frames were skipped.
         reason: String,
     },
-    /// The first image that can be read shows that the calibration does not fit.
+    /// The calibration does not fit the first readable image.
     #[error(transparent)]
     Frame(#[from] FrameError),
 }
@@ -105,18 +105,18 @@ pub enum FrameError {
     Unreadable {
         /// The image.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// The file is not a whole image.
+    /// The file is not a complete image.
     #[error("{} cannot be decoded: {reason} (copy or record the file again, or remove the frame)", path.display())]
     Undecodable {
         /// The image.
         path: PathBuf,
-        /// What the decoder said.
+        /// The decoder's error.
         reason: String,
     },
-    /// The image has another size than its calibration is for.
+    /// The image size differs from the calibrated size.
     #[error(
         "{} is {width} x {height}, expected {expected_width} x {expected_height} ({expected_by}): {remedy}",
         path.display()
@@ -128,19 +128,19 @@ pub enum FrameError {
         width: u32,
         /// Its height in pixels.
         height: u32,
-        /// Width that the calibration is for.
+        /// Calibrated width.
         expected_width: u32,
-        /// Height that the calibration is for.
+        /// Calibrated height.
         expected_height: u32,
-        /// Where the expectation comes from.
+        /// Source of the calibrated size.
         expected_by: String,
         /// What to do.
         remedy: &'static str,
     },
-    /// The calibration cannot belong to images of this size.
+    /// The principal point lies outside of the image.
     #[error(
         "{} is {width} x {height}, but the principal point ({cx}, {cy}) lies outside of it: \
-         give the intrinsics of images of this size (--calibration FILE)",
+         give intrinsics for this image size (--calibration FILE)",
         path.display()
     )]
     PrincipalPoint {
@@ -155,23 +155,23 @@ pub enum FrameError {
         /// Principal point y in pixels.
         cy: f64,
     },
-    /// The depth image does not hold one 16-bit number a pixel.
+    /// The depth image does not have one 16-bit channel.
     #[error(
-        "{} holds {found} a pixel, a depth image needs one channel of 16 bits (8-bit previews lose the depth): \
-         give the original depth images",
+        "{} has {found}, a depth image needs one channel of 16 bits: \
+         give the original depth images, not 8-bit previews",
         path.display()
     )]
     DepthFormat {
         /// The image.
         path: PathBuf,
-        /// What it holds instead, in words.
+        /// Channels and bits of the image.
         found: String,
     },
 }
 
 impl FrameError {
-    /// Whether only this frame is affected, so that a run may leave it out, count it and go on. Otherwise the whole
-    /// sequence or its calibration is wrong.
+    /// Whether only this frame is affected, so that a caller may skip it. Otherwise the sequence or its calibration is
+    /// invalid.
     pub fn is_limited_to_frame(&self) -> bool {
         matches!(self, Self::Unreadable { .. } | Self::Undecodable { .. })
     }

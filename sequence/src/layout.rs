@@ -1,4 +1,4 @@
-//! The interface that every sequence layout implements, and the list of those that are known.
+//! The `Layout` trait, the list of known layouts, and their detection.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use super::pose_convention::QuaternionOrder;
 use super::{SequenceError, Warning};
 use crate::sparse_model::SparseModel;
 
-/// The layouts in the order of preference. A new one is added here.
+/// The known layouts in order of preference. Add new layouts here.
 pub(super) static LAYOUTS: [&dyn Layout; 11] = [
     &SevenScenes,
     &TumRgbd,
@@ -28,63 +28,61 @@ pub(super) static LAYOUTS: [&dyn Layout; 11] = [
     &ImagesAndPoses,
 ];
 
-/// Where poses come from.
+/// Source of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PoseSource {
-    /// The layout's own files.
+    /// Files of the layout.
     Layout,
-    /// A file that the user names: the layout reads no poses and misses none.
+    /// A file given by the user: the layout reads no poses.
     External,
 }
 
-/// A way in which posed images lie in a folder.
+/// A folder layout of posed images.
 pub(super) trait Layout: Sync {
-    /// The name that messages and reports use.
+    /// Name for messages, reports and `--layout`.
     fn name(&self) -> &'static str;
 
-    /// The files that tell the layout, for the message about a folder that is of none.
+    /// The files that identify the layout, for the message about an unknown folder.
     fn expected_files(&self) -> &'static str;
 
-    /// Whether the folder is of this layout, complete or not: what is missing is the business of
-    /// [`Layout::read`], which can name it.
+    /// Whether the folder has this layout. Incomplete folders count: [`Layout::read`] names what is missing.
     fn recognises(&self, folder: &Folder) -> bool;
 
-    /// The same when poses come from elsewhere.
+    /// As [`Layout::recognises`], if the user gives a pose file.
     fn recognises_with_external_poses(&self, folder: &Folder) -> bool {
         self.recognises(folder)
     }
 
-    /// Whether a file of this name is a sequence of this layout in itself, the folder being its own.
+    /// Whether a file of this name can be opened in place of its folder.
     fn recognises_file(&self, name: &str) -> bool {
         let _ = name;
         false
     }
 
-    /// Whether poses can come from elsewhere; not where they are one with what else the files hold.
+    /// Whether a pose file may replace the poses; `false` for models, whose points depend on their poses.
     fn accepts_external_poses(&self) -> bool {
         true
     }
 
-    /// Reads calibration and, unless they come from elsewhere, poses; images are only listed.
+    /// Reads calibration and, for [`PoseSource::Layout`], poses; lists the images.
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError>;
 }
 
-/// What a layout reads: poses and calibration as the files have them.
+/// Poses, calibration and images as a layout reads them.
 #[derive(Debug)]
 pub(super) struct Recording {
     pub(super) frames: Vec<RecordedFrame>,
     pub(super) calibration: Calibration,
-    /// Cameras that frames name, when there is more than one.
+    /// Cameras that frames refer to, if there are several.
     pub(super) cameras: Vec<CalibratedCamera>,
-    /// Whether time stamps are times; otherwise they are numbers of images.
+    /// Whether time stamps are times rather than image numbers.
     pub(super) has_time: bool,
-    /// Another order of quaternions that is worth a try when poses do not fit; `None` when there are no quaternions or
-    /// programs have written them.
+    /// Another quaternion order to test in `inspect`; `None` if poses are matrices or the order is certain.
     pub(super) other_quaternion: Option<QuaternionOrder>,
-    /// Points with the views that see them.
+    /// Points with their observations, if the layout has any.
     pub(super) sparse_model: Option<SparseModel>,
     pub(super) warnings: Vec<Warning>,
-    /// Conventions that the layout assumes, a sentence each.
+    /// Conventions that the layout assumes, one sentence each.
     pub(super) conventions: Vec<String>,
 }
 
@@ -103,41 +101,40 @@ impl Recording {
         }
     }
 
-    /// Says that images have numbers and no times, and that the layout's own poses are matrices.
+    /// Records that frames are numbered, and that poses of the layout are matrices.
     pub(super) fn note_numbers_and_matrices(&mut self, source: PoseSource) {
         self.has_time = false;
         if source == PoseSource::Layout {
             self.conventions.push(
-                "poses: 4x4 matrices, world from camera, unit metre; rotations are made orthonormal"
+                "poses: 4x4 matrices, world from camera, in metres; rotations are orthonormalised"
                     .to_owned(),
             );
         }
         self.conventions
-            .push("the layout knows no time: time stamps are image numbers".to_owned());
+            .push("the layout has no times: time stamps are image numbers".to_owned());
     }
 }
 
-/// A frame as a layout reads it.
+/// A frame as read by a layout.
 #[derive(Debug)]
 pub(super) struct RecordedFrame {
     pub(super) name: String,
     pub(super) timestamp_ns: i64,
-    /// World from what [`super::pose_convention::PoseConvention::camera`] names, as the format says; `None` when poses come
-    /// from elsewhere.
+    /// The recorded pose, in the convention of the calibration; `None` if poses come from a file of the user.
     pub(super) pose: Option<Isometry3<f64>>,
     pub(super) color: PathBuf,
     pub(super) depth: Option<PathBuf>,
-    /// Index into [`Recording::cameras`]; `None` for the camera of the calibration.
+    /// Index into [`Recording::cameras`]; `None` for the calibration's camera.
     pub(super) camera: Option<u32>,
 }
 
-/// A folder and the names in it, listed once.
+/// A folder and its entries, listed once.
 #[derive(Debug)]
 pub(super) struct Folder {
     path: PathBuf,
-    /// Sorted; names that are not UTF-8 are left out, no layout has such.
+    /// Sorted. Names that are not UTF-8 are left out.
     names: Vec<String>,
-    /// The one file in it that the user named.
+    /// The file that the user named, if any.
     file: Option<String>,
 }
 
@@ -178,7 +175,7 @@ impl Folder {
         })
     }
 
-    /// Lists a folder, or the folder of a file that some layout reads by itself.
+    /// Lists a folder, or the folder of a file that a layout accepts.
     pub(super) fn of_input(path: &Path) -> Result<Self, SequenceError> {
         let is_file = std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file());
         let name = path.file_name().and_then(|name| name.to_str());
@@ -195,22 +192,22 @@ impl Folder {
         Self::list(path)
     }
 
-    /// The one file in it that the user named.
+    /// The file that the user named, if any.
     pub(super) fn file(&self) -> Option<&str> {
         self.file.as_deref()
     }
 
-    /// Where the folder lies.
+    /// Path of the folder.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The names in the folder, sorted.
+    /// Entry names, sorted.
     pub(super) fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// The path of an entry, `None` when there is none of this name.
+    /// Path of an entry, if it exists.
     pub(super) fn entry(&self, name: &str) -> Option<PathBuf> {
         let found = self
             .names
@@ -218,14 +215,14 @@ impl Folder {
         found.is_ok().then(|| self.path.join(name))
     }
 
-    /// The first of several names that exists, as a path.
+    /// Path of the first name that exists.
     pub(super) fn first_entry(&self, names: &[&str]) -> Option<PathBuf> {
         names.iter().find_map(|name| self.entry(name))
     }
 
-    /// The last component of the path, for data sets that put facts into it.
+    /// Last component of the path; some data sets encode the sensor in it.
     pub(super) fn base_name(&self) -> String {
-        // A relative "." has no name of its own.
+        // A relative "." has no name.
         let absolute = std::fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
         absolute
             .file_name()
@@ -234,10 +231,10 @@ impl Folder {
     }
 }
 
-/// The image file name extensions that are read, in the order of preference.
+/// Supported image extensions, in order of preference.
 pub(super) const IMAGE_EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff"];
 
-/// The part of an image's file name before its extension; `None` when it is not an image.
+/// File name without its image extension; `None` if it is not an image.
 pub(super) fn image_stem(name: &str) -> Option<&str> {
     let (stem, extension) = name.rsplit_once('.')?;
     let is_image = IMAGE_EXTENSIONS
@@ -246,7 +243,7 @@ pub(super) fn image_stem(name: &str) -> Option<&str> {
     (is_image && !stem.is_empty()).then_some(stem)
 }
 
-/// The layout of a folder, or the one of the given name, and the others that it could have been read as.
+/// Detects the layout of a folder, unless `forced` names it; also returns the other layouts that match.
 pub(super) fn recognise(
     folder: &Folder,
     forced: Option<&str>,
@@ -304,7 +301,7 @@ pub(super) fn recognise(
     })
 }
 
-/// The names of all layouts, in the order of preference.
+/// The names of all layouts, in order of preference.
 pub(super) fn layout_names() -> Vec<&'static str> {
     LAYOUTS.iter().map(|layout| layout.name()).collect()
 }
@@ -313,21 +310,20 @@ fn poses_refused(folder: &Folder, layout: &dyn Layout) -> SequenceError {
     SequenceError::Content {
         path: folder.path().to_owned(),
         problem: format!(
-            "is read as {}, whose poses belong together with its points and cameras: leave --poses out, or give a \
-             folder of images",
+            "is a {} model, whose poses belong to its points and cameras: omit --poses, or give a folder of images",
             layout.name()
         ),
     }
 }
 
-fn known(folder: &Folder) -> Option<&'static dyn Layout> {
+fn layout_of(folder: &Folder) -> Option<&'static dyn Layout> {
     LAYOUTS
         .iter()
         .copied()
         .find(|layout| layout.recognises(folder))
 }
 
-/// The first few names and how many more.
+/// The first few names and the number of the others.
 fn first_names(names: &[String]) -> String {
     const SHOWN: usize = 6;
     let mut text = names[..names.len().min(SHOWN)].join(", ");
@@ -337,13 +333,13 @@ fn first_names(names: &[String]) -> String {
     text
 }
 
-/// Data sets often come as a folder of sequences: name the first that could be opened.
+/// Data sets are often folders of sequences: suggests the first that can be opened.
 fn subfolder_hint(folder: &Folder) -> String {
     const MAX_TRIED: usize = 50;
     for name in folder.names().iter().take(MAX_TRIED) {
         let path = folder.path().join(name);
         if let Ok(inside) = Folder::list(&path)
-            && let Some(layout) = known(&inside)
+            && let Some(layout) = layout_of(&inside)
         {
             return format!("; {} is a sequence ({})", path.display(), layout.name());
         }

@@ -1,12 +1,4 @@
-//! Posed image sequences on disk: layouts are recognised, poses and calibration read at once, images lazily.
-//!
-//! [`Sequence::open`] asks each known layout whether a folder is its own. What differs between layouts ends there: a
-//! [`Sequence`] has poses of the colour camera in one convention, ideal pinhole images (lens distortion is removed when
-//! an image is loaded), depth in units of the poses, and a list of [`Warning`]s about everything that was put up with.
-//!
-//! Memory: names and poses of all frames, no image. Every `load_…` reads one file and keeps nothing.
-//!
-//! A new layout is one file in `layouts/` that implements `Layout`, and one entry in the list in `layout.rs`.
+#![doc = include_str!("../README.md")]
 
 mod associate;
 mod bytes;
@@ -61,38 +53,38 @@ pub use trajectory_error::{Trajectory, TrajectoryError};
 use undistortion::Undistortion;
 pub use warning::Warning;
 
-/// One posed image of a sequence, with its depth image when there is one. Nothing is decoded yet.
+/// A posed image of a sequence and its depth image, as paths. Nothing is decoded yet.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// The name that the layout gives the frame, without folder and extension (`frame-000003`, `1305031102.175304`).
+    /// Frame name in the layout, without folder and extension (`frame-000003`, `1305031102.175304`).
     pub name: String,
-    /// Time of the colour image in nanoseconds; the number of the image when the layout knows no time.
+    /// Time of the colour image in nanoseconds; the image number if the layout has no time.
     pub timestamp_ns: i64,
-    /// Pose of the colour camera: `point_in_world = world_from_camera * point_in_camera`.
+    /// Colour camera pose: `point_in_world = world_from_camera * point_in_camera`.
     pub world_from_camera: Isometry3<f64>,
-    /// The colour or grey image.
+    /// Path of the colour or grey image.
     pub color: PathBuf,
-    /// The depth image, `None` when the sequence has none for this frame.
+    /// Path of the depth image; `None` if this frame has none.
     pub depth: Option<PathBuf>,
 }
 
-/// How depth images are to be read.
+/// Calibration of the depth images.
 #[derive(Debug, Clone)]
 pub struct DepthCalibration {
-    /// The pinhole camera of the depth images as [`Sequence::load_depth`] gives them; the same as the colour camera when
-    /// the two are registered.
+    /// Pinhole camera of the depth images that [`Sequence::load_depth`] returns; equals the colour camera if depth is
+    /// registered.
     pub camera: Camera,
-    /// Raw units per unit of the poses (1000 for millimetres with poses in metres).
+    /// Raw depth units per pose unit (1000 for millimetres with poses in metres).
     pub scale: f64,
     /// `point_in_color = color_from_depth * point_in_depth`; identity when registered.
     pub color_from_depth: Isometry3<f64>,
-    /// Whether a depth pixel belongs to the colour pixel of the same place.
+    /// Whether depth is registered: depth and colour pixels with equal coordinates show the same point.
     pub registered: bool,
 }
 
 impl DepthCalibration {
-    /// The depth camera with its noise: a standard deviation of `relative_noise` at the median depth of the scene, in units
-    /// of the poses.
+    /// The depth sensor: this camera with a standard deviation of `relative_noise * median_depth` at the median scene
+    /// depth, in pose units.
     pub fn sensor(&self, relative_noise: f64, median_depth: f64) -> DepthSensor {
         let step = 1.0 / self.scale;
         DepthSensor {
@@ -104,8 +96,7 @@ impl DepthCalibration {
     }
 }
 
-/// A posed image sequence. Frames are in the order of recording; there is at least one, unless the images of a model are
-/// not there and only its points can be used.
+/// A posed image sequence. Frames are in recording order. A sparse model whose images are missing has no frames.
 ///
 /// ```no_run
 /// use std::path::Path;
@@ -133,21 +124,21 @@ pub struct Sequence {
     stored_color_camera: Camera,
     color_source: String,
     color_size: ImageSize,
-    /// Where the expected colour size comes from.
+    /// Source of the expected colour image size, for messages.
     color_size_source: String,
     depth: Option<DepthCalibration>,
     stored_depth_size: Option<ImageSize>,
     color_undistortion: Option<Undistortion>,
-    /// What is done to images after that.
+    /// Downsampling, applied after undistortion.
     downsampling: Option<Downsampling>,
     depth_undistortion: Option<Undistortion>,
-    /// Cameras of frames whose images another camera took than the others; same size.
+    /// Additional cameras; all have the same image size.
     other_cameras: Vec<Camera>,
-    /// For each frame an index into `other_cameras`.
+    /// Index into `other_cameras` for each frame; `None` for the main camera.
     camera_of_frame: Vec<Option<u32>>,
-    /// Poses as the files have them, and how they were understood.
+    /// Poses as stored in the files; `pose_convention` says how they are interpreted.
     recorded_poses: Vec<Isometry3<f64>>,
-    /// Whether time stamps are times; otherwise they are numbers of images.
+    /// Whether time stamps are times rather than image numbers.
     has_time: bool,
     pose_convention: PoseConvention,
     sidecar_pose_convention: Option<String>,
@@ -164,48 +155,54 @@ impl Sequence {
         &self.folder
     }
 
-    /// Name of the layout that was recognised.
+    /// Name of the detected layout.
     pub fn layout(&self) -> &'static str {
         self.layout
     }
 
-    /// The frames in the order of recording; none when only points can be used.
+    /// The frames in recording order; empty if only the sparse model can be used.
     pub fn frames(&self) -> &[Frame] {
         &self.frames
     }
 
-    /// Gives frames other poses of the colour camera than those that were recorded.
+    /// Replaces the colour camera poses of some frames, given by frame index.
     ///
     /// # Panics
-    /// When there is no such frame.
+    /// If an index is out of range.
     pub fn set_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
         for (index, world_from_camera) in poses {
             self.frames[index].world_from_camera = world_from_camera;
         }
     }
 
-    /// Whether the files say what the lens of the images is like, or several cameras took them.
+    /// Whether the files calibrate lens distortion, or the images come from several cameras.
     pub fn has_known_distortion(&self) -> bool {
         let stored = &self.stored_color_camera;
         !stored.is_pinhole() || self.other_cameras.iter().any(|camera| camera != stored)
     }
 
-    /// Has the radial distortion `k1` (of Brown's model) taken out of images that came as those of a pinhole, which they are again
-    /// with 0; [`color_camera`](Self::color_camera) follows.
+    /// Sets the radial distortion coefficient `k1` (Brown's model) of images read as pinhole images, which are then
+    /// undistorted when loaded. 0 restores the pinhole model. Updates [`color_camera`](Self::color_camera).
     ///
     /// # Errors
-    /// When `k1` is not finite.
+    /// If `k1` is not finite.
     pub fn set_radial_distortion(&mut self, k1: f64) -> Result<(), CameraError> {
-        let of = &self.stored_color_camera;
+        let camera = &self.stored_color_camera;
         let distortion = match k1 {
             0.0 => Distortion::None,
             _ => Distortion::radial(k1),
         };
-        let stored = Camera::with_distortion(of.fx(), of.fy(), of.cx(), of.cy(), distortion)?;
+        let stored = Camera::with_distortion(
+            camera.fx(),
+            camera.fy(),
+            camera.cx(),
+            camera.cy(),
+            distortion,
+        )?;
         self.color_undistortion = Undistortion::new(&stored, self.color_size);
         self.color_camera = pinhole_of(&stored, self.color_undistortion.as_ref());
-        for same in &mut self.other_cameras {
-            same.clone_from(&stored);
+        for other in &mut self.other_cameras {
+            other.clone_from(&stored);
         }
         self.stored_color_camera = stored;
         if let Some(depth) = self.depth.as_mut().filter(|depth| depth.registered) {
@@ -217,7 +214,7 @@ impl Sequence {
         Ok(())
     }
 
-    /// The pinhole camera of the images that [`Sequence::load_gray`] and [`Sequence::load_color`] give.
+    /// Pinhole camera of the images that [`Sequence::load_gray`] and [`Sequence::load_color`] return.
     pub fn color_camera(&self) -> &Camera {
         match &self.downsampling {
             Some(downsampling) => &downsampling.camera,
@@ -225,45 +222,44 @@ impl Sequence {
         }
     }
 
-    /// The camera of the image files, with its lens distortion.
+    /// Camera of the stored images, with lens distortion.
     pub fn stored_color_camera(&self) -> &Camera {
         &self.stored_color_camera
     }
 
-    /// Whether time stamps of frames are times; otherwise they are numbers of images.
+    /// Whether frame time stamps are times rather than image numbers.
     pub fn has_time(&self) -> bool {
         self.has_time
     }
 
-    /// How a sidecar has the poses of the files understood, as keys of its `[poses]` table, where that is other than what the
-    /// format says. Frames have poses of the colour camera whatever it says, so that it must not be applied to them once more.
+    /// The pose convention set by the sidecar, as keys of its `[poses]` table; `None` if it equals that of the format.
+    /// Frame poses are already converted, so exported poses must not be read with this convention.
     pub fn sidecar_pose_convention(&self) -> Option<&str> {
         self.sidecar_pose_convention.as_deref()
     }
 
-    /// How the colour camera is mounted on the body whose motion was recorded, when a file says:
-    /// `point_in_body = body_from_color * point_in_color`.
+    /// Extrinsics of the colour camera on the tracked body, if known: `point_in_body = body_from_color * point_in_color`.
     pub fn body_from_color(&self) -> Option<&Isometry3<f64>> {
         self.extrinsics.body_from_color.as_ref()
     }
 
-    /// The camera of the image file of a frame, with its lens distortion; another than
-    /// [`Sequence::stored_color_camera`] in models of several cameras.
+    /// Camera of one frame's stored image, with lens distortion. It differs from [`Sequence::stored_color_camera`] only
+    /// in models of several cameras.
     ///
     /// # Panics
-    /// When there is no such frame.
+    /// If the index is out of range.
     pub fn stored_camera(&self, index: usize) -> &Camera {
         self.camera_of_frame[index]
             .and_then(|at| self.other_cameras.get(at as usize))
             .unwrap_or(&self.stored_color_camera)
     }
 
-    /// Which file or default the colour camera comes from.
+    /// The file or default that the colour camera comes from.
     pub fn color_camera_source(&self) -> &str {
         &self.color_source
     }
 
-    /// Size of every colour image as it is loaded.
+    /// Size of the colour images as loaded.
     pub fn color_size(&self) -> ImageSize {
         match &self.downsampling {
             Some(downsampling) => downsampling.size,
@@ -271,9 +267,9 @@ impl Sequence {
         }
     }
 
-    /// Has images loaded at the largest whole fraction of their size at which no side is longer than `longest_side` pixels, and
-    /// [`color_camera`](Self::color_camera) follow. Sequences with depth images stay as they are. Returns the sizes as stored
-    /// and as loaded when they differ.
+    /// Downsamples loaded images by the smallest integer factor that leaves no side longer than `longest_side` pixels.
+    /// Updates [`color_camera`](Self::color_camera). Sequences with depth images keep their size. Returns the stored and
+    /// the loaded size if they differ.
     pub fn limit_image_size(&mut self, longest_side: u32) -> Option<[ImageSize; 2]> {
         self.downsampling = match &self.depth {
             Some(_) => None,
@@ -283,22 +279,22 @@ impl Sequence {
         Some([self.color_size, downsampling.size])
     }
 
-    /// How depth is read; `None` when no frame has a depth image.
+    /// Calibration of the depth images; `None` if no frame has one.
     pub fn depth_calibration(&self) -> Option<&DepthCalibration> {
         self.depth.as_ref()
     }
 
-    /// Points and the views that see them, when the layout holds such; they carve without a look at the images.
+    /// The sparse model of the layout, if it has one: points and the views that observe them.
     pub fn sparse_model(&self) -> Option<&SparseModel> {
         self.sparse_model.as_ref()
     }
 
-    /// What was left out or assumed, to be told to the user.
+    /// Non-fatal problems found while reading, for the user.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 
-    /// The conventions under which the files were read, a sentence each.
+    /// The conventions under which the files were read, one sentence each.
     pub fn conventions(&self) -> &[String] {
         &self.conventions
     }

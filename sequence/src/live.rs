@@ -10,20 +10,20 @@ use super::open::{assemble, extrinsics};
 use super::pose_convention::{Extrinsics, PoseConvention};
 use super::{Frame, Sequence, SequenceError};
 
-/// A frame as its recorder tells it.
+/// A frame of a live recording.
 #[derive(Debug, Clone)]
 pub struct LiveFrame {
-    /// Its name.
+    /// Frame name.
     pub name: String,
-    /// World from the camera that the calibration says poses are of.
+    /// Pose of the camera or body that the calibration's `[poses]` table names.
     pub world_from_camera: Isometry3<f64>,
-    /// The colour or grey image.
+    /// Path of the colour or grey image.
     pub color: PathBuf,
-    /// The depth image, when there is one.
+    /// Path of the depth image, if any.
     pub depth: Option<PathBuf>,
 }
 
-/// A [`Sequence`] to which frames can be added.
+/// A [`Sequence`] that frames are appended to.
 #[derive(Debug)]
 pub struct LiveSequence {
     sequence: Sequence,
@@ -31,14 +31,14 @@ pub struct LiveSequence {
     extrinsics: Extrinsics,
 }
 
-/// What messages call the calibration of a live sequence.
+/// Name of the calibration in error messages.
 const ORIGIN: &str = "calibration";
 
 impl LiveSequence {
-    /// A sequence of one frame. `calibration` has the keys of the sidecar file, of which `color` is needed.
+    /// Starts a sequence with its first frame. `calibration` has the keys of the sidecar file; `color` is required.
     ///
     /// # Errors
-    /// When the calibration is malformed, or does not fit the size of the image, or the image cannot be read.
+    /// If the calibration is invalid or does not fit the image size, or the image cannot be read.
     pub fn begin(calibration: &serde_json::Value, first: LiveFrame) -> Result<Self, SequenceError> {
         let calibration = parse(calibration)?;
         let (reading, extrinsics) = (calibration.pose_convention, extrinsics(&calibration));
@@ -59,7 +59,7 @@ impl LiveSequence {
         })
     }
 
-    /// Checks a calibration as far as that can be done without an image.
+    /// Checks a calibration without an image.
     ///
     /// # Errors
     /// As [`LiveSequence::begin`].
@@ -67,12 +67,12 @@ impl LiveSequence {
         parse(calibration).map(|_| ())
     }
 
-    /// The sequence as it is now.
+    /// The current sequence.
     pub fn sequence(&self) -> &Sequence {
         &self.sequence
     }
 
-    /// The pose of the colour camera where a recorder tells `world_from_camera`.
+    /// Colour camera pose for a recorded pose.
     pub fn world_from_color(&self, world_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
         self.reading
             .world_from_color(world_from_camera, &self.extrinsics)
@@ -86,7 +86,7 @@ impl LiveSequence {
     /// As [`Sequence::set_poses`].
     ///
     /// # Panics
-    /// When there is no such frame.
+    /// If an index is out of range.
     pub fn set_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
         self.sequence.set_poses(poses);
     }
@@ -94,7 +94,7 @@ impl LiveSequence {
     /// As [`Sequence::set_radial_distortion`].
     ///
     /// # Errors
-    /// When `k1` is not finite.
+    /// If `k1` is not finite.
     pub fn set_radial_distortion(&mut self, k1: f64) -> Result<(), SequenceError> {
         self.sequence
             .set_radial_distortion(k1)
@@ -104,7 +104,7 @@ impl LiveSequence {
             })
     }
 
-    /// Adds a frame; returns its index. A depth image is passed over when the first frame had none.
+    /// Appends a frame and returns its index. Its depth image is ignored if the first frame had none.
     pub fn append(&mut self, frame: LiveFrame) -> usize {
         let world_from_camera = self.world_from_color(&frame.world_from_camera);
         self.sequence.recorded_poses.push(frame.world_from_camera);
@@ -124,9 +124,10 @@ impl LiveSequence {
 fn parse(calibration: &serde_json::Value) -> Result<Calibration, SequenceError> {
     let attempt = || -> Result<Calibration, String> {
         let sidecar = Sidecar::from_json(calibration, ORIGIN)?;
-        let color = sidecar.color.clone().ok_or(
-            "`color` is missing: give fx, fy, cx, cy of the camera of the images, in pixels",
-        )?;
+        let color = sidecar
+            .color
+            .clone()
+            .ok_or("`color` is missing: give fx, fy, cx, cy of the colour camera in pixels")?;
         let mut parsed = Calibration::of_color(Some(color));
         sidecar.apply(&mut parsed)?;
         Ok(parsed)

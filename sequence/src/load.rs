@@ -1,4 +1,4 @@
-//! Images of a frame, decoded one at a time.
+//! Loading of colour and depth images, one at a time.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -13,25 +13,25 @@ use super::calibration::ImageSize;
 use super::undistortion::{Undistortion, undistortion_map};
 use super::{FrameError, Sequence};
 
-/// Depth z of each pixel in units of the poses; 0 where it is unknown.
+/// Depth z of each pixel in pose units; 0 where unknown.
 pub type DepthImage = Plane<f32>;
 
 /// An interleaved 8-bit sRGB image.
 pub type ColorImage = image::RgbImage;
 
-/// Registered depth that differs in size.
-const REGISTERED_SIZE: &str = "registered depth must have the size of the colour image; give the depth camera in a \
-                               [depth] section of linecarve.toml or --calibration FILE";
+/// Remedy for registered depth of another size than colour.
+const REGISTERED_SIZE: &str = "registered depth must have the size of the colour images; give a separate depth camera in \
+                               the [depth] section of linecarve.toml or of --calibration FILE";
 
 impl Sequence {
-    /// The grey image of a frame, without lens distortion. Colour is converted by the luma weights of ITU-R BT.601.
+    /// Loads the grey image of a frame, undistorted. Colour is converted with the luma weights of ITU-R BT.601.
     ///
     /// # Errors
-    /// When the file cannot be read or decoded, or has another size than the sequence; see
+    /// If the file cannot be read or decoded, or has another size than the sequence; see
     /// [`FrameError::is_limited_to_frame`].
     ///
     /// # Panics
-    /// When there is no such frame.
+    /// If the index is out of range.
     pub fn load_gray(&self, index: usize) -> Result<GrayImage, FrameError> {
         let path = &self.frames[index].color;
         let gray = gray_of(&self.decode_color(path)?, path)?;
@@ -42,13 +42,13 @@ impl Sequence {
         Ok(self.reduced_gray(gray))
     }
 
-    /// Both [`Sequence::load_gray`] and [`Sequence::load_color`] of a frame, whose file is decoded once.
+    /// Loads the grey and the colour image of a frame, decoding the file once.
     ///
     /// # Errors
     /// As [`Sequence::load_gray`].
     ///
     /// # Panics
-    /// When there is no such frame.
+    /// If the index is out of range.
     pub fn load_gray_and_color(&self, index: usize) -> Result<(GrayImage, ColorImage), FrameError> {
         let path = &self.frames[index].color;
         let image = self.decode_color(path)?;
@@ -75,10 +75,10 @@ impl Sequence {
         }
     }
 
-    /// How the image of a frame loses its lens distortion; `None` when it has none.
+    /// The undistortion map of a frame; `None` if its camera has no distortion.
     ///
-    /// A map for the camera of most frames is kept; one for another camera is made when it is asked for, as a model may
-    /// have a camera for every image and a map takes eight bytes a pixel.
+    /// Only the map of the main camera is cached: a map takes eight bytes a pixel, and a model may have one camera for
+    /// each image.
     fn map_of_frame(
         &self,
         index: usize,
@@ -93,13 +93,13 @@ impl Sequence {
             .map_err(|error| undecodable(path, error.to_string()))
     }
 
-    /// The colour image of a frame, without lens distortion; a grey image gives equal channels.
+    /// Loads the colour image of a frame, undistorted. A grey image gives equal channels.
     ///
     /// # Errors
     /// As [`Sequence::load_gray`].
     ///
     /// # Panics
-    /// When there is no such frame.
+    /// If the index is out of range.
     pub fn load_color(&self, index: usize) -> Result<ColorImage, FrameError> {
         let path = &self.frames[index].color;
         let color = self.decode_color(path)?.into_rgb8();
@@ -110,15 +110,14 @@ impl Sequence {
         Ok(self.reduced_color(color))
     }
 
-    /// The depth image of a frame, `None` when it has none. Raw 0 and 65535 are unknown.
-    ///
-    /// Its camera is that of [`super::DepthCalibration`]; lens distortion is removed.
+    /// Loads the depth image of a frame, undistorted; `None` if it has none. Raw values 0 and 65535 are unknown. Its camera
+    /// is [`DepthCalibration::camera`](super::DepthCalibration::camera).
     ///
     /// # Errors
-    /// As [`Sequence::load_gray`], and when the image does not hold one channel of 16 bits.
+    /// As [`Sequence::load_gray`], and if the image does not have one channel of 16 bits.
     ///
     /// # Panics
-    /// When there is no such frame.
+    /// If the index is out of range.
     pub fn load_depth(&self, index: usize) -> Result<Option<DepthImage>, FrameError> {
         let (Some(path), Some(calibration)) = (&self.frames[index].depth, &self.depth) else {
             return Ok(None);
@@ -170,7 +169,7 @@ impl Sequence {
         decode(path, check)
     }
 
-    /// Whether a depth image has the size that its camera is for.
+    /// Checks the size of a depth image against its camera.
     pub(super) fn check_depth_size(&self, path: &Path, size: ImageSize) -> Result<(), FrameError> {
         let is_registered = self.depth.as_ref().is_none_or(|depth| depth.registered);
         let (expected, by, remedy) = if is_registered {
@@ -213,7 +212,7 @@ fn undecodable(path: &Path, reason: String) -> FrameError {
     }
 }
 
-/// The table of an image that is to be loaded.
+/// The cached map of an undistortion.
 fn borrowed_map<'a>(
     undistortion: Option<&'a Undistortion>,
     path: &Path,
@@ -225,12 +224,12 @@ fn borrowed_map<'a>(
         .map_err(|error| undecodable(path, error.to_string()))
 }
 
-/// The grey levels of an image by the luma weights of ITU-R BT.601.
+/// Converts an image to grey with the luma weights of ITU-R BT.601.
 fn gray_of(image: &DynamicImage, path: &Path) -> Result<GrayImage, FrameError> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     match image {
         DynamicImage::ImageLuma8(gray) => Plane::new(width, height, gray.as_raw().clone()),
-        // 16 bits a channel: the upper eight.
+        // Of 16 bits the upper eight.
         DynamicImage::ImageLuma16(gray) => {
             let samples = gray.as_raw().iter().map(|&v| (v >> 8) as u8).collect();
             Plane::new(width, height, samples)
@@ -241,7 +240,7 @@ fn gray_of(image: &DynamicImage, path: &Path) -> Result<GrayImage, FrameError> {
     .map_err(|error| undecodable(path, error.to_string()))
 }
 
-/// An image without lens distortion, channel by channel.
+/// Undistorts a colour image channel by channel.
 fn resample_color(
     map: &UndistortionMap,
     mut color: ColorImage,
@@ -252,15 +251,15 @@ fn resample_color(
         let samples = color.pixels().map(|pixel| pixel.0[channel]).collect();
         let plane = Plane::new(width, height, samples)
             .map_err(|error| undecodable(path, error.to_string()))?;
-        let straight = map.resample(&plane);
-        for (pixel, &sample) in color.pixels_mut().zip(straight.samples()) {
+        let undistorted = map.resample(&plane);
+        for (pixel, &sample) in color.pixels_mut().zip(undistorted.samples()) {
             pixel.0[channel] = sample;
         }
     }
     Ok(color)
 }
 
-/// Opens a file that has an end: a pipe or a device may have none.
+/// Opens a regular file. Pipes and devices may never end, and are refused.
 fn open(path: &Path) -> Result<File, FrameError> {
     let attempt = || {
         if !std::fs::metadata(path)?.is_file() {
@@ -274,7 +273,7 @@ fn open(path: &Path) -> Result<File, FrameError> {
     })
 }
 
-/// Width and height from the header alone.
+/// Image size, from the header.
 pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
     let unreadable = |source| FrameError::Unreadable {
         path: path.to_owned(),
@@ -288,13 +287,13 @@ pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
         .into_dimensions()
         .map_err(|error| undecodable(path, error.to_string()))?;
     if width == 0 || height == 0 {
-        return Err(undecodable(path, "it has no pixels".to_owned()));
+        return Err(undecodable(path, "the image has no pixels".to_owned()));
     }
     Ok(ImageSize { width, height })
 }
 
-/// The whole image, in the format that its bytes have, whatever its name says. Its size is checked before memory is taken
-/// for it: a few bytes can claim any.
+/// Decodes an image; its bytes decide the format, not its name. The size is checked before memory is allocated, since
+/// corrupt headers can claim any size.
 fn decode(
     path: &Path,
     check: impl FnOnce(ImageSize) -> Result<(), FrameError>,
@@ -311,7 +310,7 @@ fn decode(
     decode_bytes(&bytes).map_err(|reason| undecodable(path, reason))
 }
 
-/// Width and height as the header says.
+/// Image size of encoded bytes, from their header.
 fn size_of(bytes: &[u8]) -> Result<ImageSize, String> {
     if bytes.is_empty() {
         return Err("the file is empty".to_owned());
@@ -328,22 +327,22 @@ fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
         return Err("the file is empty".to_owned());
     }
     let format = image::guess_format(bytes).map_err(|error| error.to_string())?;
-    if format == ImageFormat::Jpeg && !is_whole_jpeg(bytes) {
-        // The decoder would fill the missing part with grey and say nothing.
-        return Err("the JPEG data end before the image does".to_owned());
+    if format == ImageFormat::Jpeg && !is_complete_jpeg(bytes) {
+        // The decoder fills the missing part with grey without an error.
+        return Err("the JPEG data are truncated".to_owned());
     }
     let image = ImageReader::with_format(Cursor::new(bytes), format)
         .decode()
         .map_err(|error| error.to_string())?;
     if image.width() == 0 || image.height() == 0 {
-        return Err("it has no pixels".to_owned());
+        return Err("the image has no pixels".to_owned());
     }
     Ok(image)
 }
 
-/// Whether the end-of-image marker follows the last start of a scan. Inside the data of a scan 0xFF is always followed
-/// by 0 or a restart marker, so that neither can occur there by chance.
-fn is_whole_jpeg(bytes: &[u8]) -> bool {
+/// Whether an end-of-image marker follows the last start-of-scan marker. In scan data 0xFF is always followed by 0 or a
+/// restart marker, so neither marker occurs there.
+fn is_complete_jpeg(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xFF, marker]);
     match (last(0xDA), last(0xD9)) {
         (Some(scan), Some(end)) => end > scan,
@@ -385,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_images_are_refused() {
+    fn truncated_images_are_refused() {
         for format in [
             ImageFormat::Png,
             ImageFormat::Jpeg,
@@ -405,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_survive() {
+    fn sixteen_bit_images_are_decoded_exactly() {
         for format in [ImageFormat::Png, ImageFormat::Pnm, ImageFormat::Tiff] {
             assert_eq!(
                 decode_bytes(&encode(&depth(), format)).unwrap(),
@@ -417,7 +416,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_damage_is_decoded_or_refused(
+        fn damaged_images_are_decoded_or_refused(
             which in 0_usize..4,
             flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
         ) {

@@ -1,5 +1,4 @@
-//! What the readers of sparse models have in common: cameras, posed images, points with tracks, and how these become a
-//! sequence.
+//! Sparse models as read from a file, and their conversion to a recording. Shared by the readers of models.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -14,7 +13,7 @@ use super::warning::WarningCounter;
 use super::{SequenceError, Warning};
 use crate::sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 
-/// A sparse model as a file has it. Points refer to images by their place in `images`.
+/// A sparse model as read from a file. Observations refer to images by their index in `images`.
 #[derive(Debug, Default)]
 pub(super) struct StoredModel {
     pub(super) cameras: Vec<CalibratedCamera>,
@@ -25,16 +24,16 @@ pub(super) struct StoredModel {
 /// A posed image of a model.
 #[derive(Debug)]
 pub(super) struct ModelImage {
-    /// As the model has it, sub-folders included.
+    /// Image name in the model, sub-folders included.
     pub(super) name: String,
     /// Index into [`StoredModel::cameras`].
     pub(super) camera: u32,
     pub(super) world_from_camera: Isometry3<f64>,
-    /// When the model knows it.
+    /// Time, if the model has one.
     pub(super) timestamp_ns: Option<i64>,
 }
 
-/// Points under construction: observations come image by image or point by point, in any order and repeatedly.
+/// Collects points and their observations, which may come in any order and repeatedly.
 #[derive(Debug, Default)]
 pub(super) struct PointBuilder {
     points: Vec<ModelPoint>,
@@ -42,7 +41,7 @@ pub(super) struct PointBuilder {
 }
 
 impl PointBuilder {
-    /// Adds a point; of several with one id the first counts.
+    /// Adds a point. Of several points with one id the first is kept.
     pub(super) fn add(&mut self, id: u64, point_in_world: Point3<f64>, color: Option<[u8; 3]>) {
         let index = self.points.len() as u32;
         self.index_of.entry(id).or_insert_with(|| {
@@ -55,7 +54,7 @@ impl PointBuilder {
         });
     }
 
-    /// Notes that a view sees a point; unknown points are passed over.
+    /// Adds an observation; unknown points are ignored.
     pub(super) fn add_observation(&mut self, id: u64, view: u32, pixel: Option<[f64; 2]>) {
         if let Some(&at) = self.index_of.get(&id) {
             self.points[at as usize]
@@ -64,15 +63,15 @@ impl PointBuilder {
         }
     }
 
-    /// The points, in the order in which they came.
+    /// The points, in the order they were added.
     pub(super) fn finish(self) -> Vec<ModelPoint> {
         self.points
     }
 }
 
 impl StoredModel {
-    /// Sorts images by name (numbers in names by value) or by time where all have one, refers points to them anew, and
-    /// leaves each view once in the observations of a point. Points that are not finite are left out.
+    /// Sorts images by time if all have one, else by name (numbers in names by value), and renumbers the observations.
+    /// Keeps one observation a view for each point. Skips points that are not finite.
     fn normalise(&mut self, warnings: &mut Vec<Warning>) {
         let mut order: Vec<u32> = (0..self.images.len() as u32).collect();
         let images = &self.images;
@@ -103,7 +102,7 @@ impl StoredModel {
             }
             is_finite
         });
-        warnings.extend(not_finite.into_warning(total, "points are not finite and were left out"));
+        warnings.extend(not_finite.into_warning(total, "points are not finite and were skipped"));
         for point in &mut self.points {
             point
                 .observations
@@ -114,7 +113,7 @@ impl StoredModel {
                     .pixel
                     .filter(|pixel| pixel.iter().all(|v| v.is_finite()));
             }
-            // Of several observations by one view the first with a pixel counts.
+            // Of several observations by one view the first with a pixel is kept.
             point
                 .observations
                 .sort_by_key(|observation| (observation.view, observation.pixel.is_none()));
@@ -125,10 +124,10 @@ impl StoredModel {
         }
     }
 
-    /// The model as a sequence: images that exist under one of `roots` become frames, points become map points.
+    /// Converts the model to a recording: images found in the best of `roots` become frames.
     ///
     /// # Errors
-    /// When the model has no image at all, or neither an image that exists nor a point.
+    /// If the model has no posed image, or neither an image file nor a point.
     pub(super) fn into_recording(
         mut self,
         model_path: &Path,
@@ -139,7 +138,7 @@ impl StoredModel {
             problem: problem.to_owned(),
         };
         if self.images.is_empty() {
-            return Err(nothing("holds no posed image"));
+            return Err(nothing("has no posed image: run the reconstruction again"));
         }
         let mut warnings = Vec::new();
         self.normalise(&mut warnings);
@@ -175,7 +174,7 @@ impl StoredModel {
         }
         if frames.is_empty() && self.points.is_empty() {
             return Err(nothing(&format!(
-                "none of its {} images exists (looked in {}; first: {}), and it holds no points that could be used without",
+                "none of its {} images exists (looked in {}; first: {}), and it has no points: put the images into one of these folders",
                 self.images.len(),
                 roots
                     .iter()
@@ -187,9 +186,9 @@ impl StoredModel {
         }
         let total = self.images.len();
         let what = if frames.is_empty() {
-            "images of the model do not exist; only its points can be used"
+            "images of the model do not exist; only its points are used"
         } else {
-            "images of the model do not exist and were left out"
+            "images of the model do not exist and were skipped"
         };
         warnings.extend(missing.into_warning(total, what));
         let color = self.cameras.get(main as usize).cloned();
@@ -222,7 +221,7 @@ impl StoredModel {
     }
 }
 
-/// The camera of the most images, of equal ones the first.
+/// The camera used by most images; the first of equal ones.
 fn most_used_camera(images: &[ModelImage], cameras: usize) -> u32 {
     let mut uses = vec![0_usize; cameras];
     for image in images {
@@ -234,7 +233,7 @@ fn most_used_camera(images: &[ModelImage], cameras: usize) -> u32 {
     uses.iter().position(|&count| count == most).unwrap_or(0) as u32
 }
 
-/// The folder under which the most of a few images exist.
+/// The folder that contains the most of a sample of the images.
 fn best_root<'a>(images: &[ModelImage], roots: &'a [PathBuf]) -> Option<&'a PathBuf> {
     const MAX_TRIED: usize = 20;
     let step = images.len().div_ceil(MAX_TRIED).max(1);
@@ -255,8 +254,8 @@ fn best_root<'a>(images: &[ModelImage], roots: &'a [PathBuf]) -> Option<&'a Path
     best.map(|(root, _)| root)
 }
 
-/// The file of an image, `None` when there is none. Names that lead out of the folder are not followed upwards, absolute
-/// ones not at all: a model of another machine is no licence to look around.
+/// Path of an image file, if it exists. Of absolute names, and of names with `..`, only the file name is used: a model must
+/// not read files outside of the folder.
 fn find_image(root: &Path, name: &str) -> Option<PathBuf> {
     let name = name.replace('\\', "/");
     let relative = Path::new(&name);
@@ -274,13 +273,13 @@ fn find_image(root: &Path, name: &str) -> Option<PathBuf> {
     path.is_file().then_some(path)
 }
 
-/// The last part of a name without its extension.
+/// Last component of a name, without extension.
 fn file_stem(name: &str) -> &str {
     let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
     image_stem(last).unwrap_or(last)
 }
 
-/// Names without folder and extension, or with the folder where they would not be unique.
+/// Frame names without folder and extension; with the folder if they would not be unique.
 fn frame_names(images: &[ModelImage]) -> Vec<String> {
     let mut stems: Vec<&str> = images.iter().map(|image| file_stem(&image.name)).collect();
     stems.sort_unstable();
@@ -297,7 +296,7 @@ fn frame_names(images: &[ModelImage]) -> Vec<String> {
         .collect()
 }
 
-/// Order of names in which runs of digits count by their value (`frame2` before `frame10`).
+/// Natural order of names: runs of digits compare by value (`frame2` before `frame10`).
 pub(super) fn compare_names(a: &str, b: &str) -> Ordering {
     let (mut a_rest, mut b_rest) = (a, b);
     loop {
@@ -341,14 +340,14 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn numbers_in_names_count_by_value() {
+    fn numbers_in_names_compare_by_value() {
         let mut names = ["b1", "a10.png", "a2.png", "a02.png", "a", "a2"];
         names.sort_by(|a, b| compare_names(a, b));
         assert_eq!(names, ["a", "a2", "a02.png", "a2.png", "a10.png", "b1"]);
     }
 
     #[test]
-    fn names_do_not_lead_out_of_the_folder() {
+    fn names_do_not_leave_the_folder() {
         let folder = tempfile::tempdir().unwrap();
         let inside = folder.path().join("images");
         std::fs::create_dir(&inside).unwrap();

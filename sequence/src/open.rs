@@ -1,4 +1,4 @@
-//! Opening a sequence: layout, sidecar, poses of the colour camera, and a first look at the images' sizes.
+//! Opening a sequence: layout, sidecar, colour camera poses and image sizes.
 
 use std::path::{Path, PathBuf};
 
@@ -16,26 +16,26 @@ use super::undistortion::Undistortion;
 use super::warning::WarningCounter;
 use super::{DepthCalibration, Frame, FrameError, Sequence, SequenceError, Warning};
 
-/// How a sequence is to be opened.
+/// Options of [`Sequence::open`].
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
-    /// A calibration file to use in place of `linecarve.toml` in the folder.
+    /// Calibration file that replaces `linecarve.toml` of the folder.
     pub calibration: Option<PathBuf>,
-    /// A trajectory to use in place of the poses of the layout: TUM, EuRoC, KITTI, matrices or Open3D, recognised by its
-    /// lines.
+    /// Trajectory file that replaces the poses of the layout: TUM, EuRoC, KITTI, matrices or Open3D. The format is
+    /// detected.
     pub poses: Option<PathBuf>,
-    /// The name of the layout, when it is not to be recognised.
+    /// Layout name; `None` detects the layout.
     pub layout: Option<String>,
 }
 
 impl Sequence {
-    /// Recognises the layout of a folder (or of a file that holds a model) and reads poses and calibration. Of the images
-    /// only the first headers are read.
+    /// Opens a folder, or a model file: detects the layout, reads poses and calibration, and lists the images. Of the
+    /// images only the first headers are read.
     ///
     /// # Errors
-    /// When the folder is missing, a file, empty or of no known layout; when a file is malformed (naming file and line or
-    /// byte); when no frame has both an image and a pose and there are no points either; when the calibration does not
-    /// fit the size of the images.
+    /// If the folder does not exist, is empty or has no known layout; if a file is malformed (the message names file and
+    /// line or byte); if no frame has both an image and a pose and there are no points; if the calibration does not fit
+    /// the image size.
     pub fn open(input: &Path, options: &OpenOptions) -> Result<Self, SequenceError> {
         let folder = Folder::of_input(input)?;
         let sidecar = match &options.calibration {
@@ -69,7 +69,7 @@ impl Sequence {
         }
         let mut sidecar_pose_convention = None;
         if let Some((path, sidecar)) = sidecar {
-            let of_format = recording.calibration.pose_convention;
+            let format_convention = recording.calibration.pose_convention;
             recording
                 .conventions
                 .push(format!("calibration: {}", path.display()));
@@ -81,8 +81,9 @@ impl Sequence {
             sidecar
                 .apply(&mut recording.calibration)
                 .map_err(|problem| SequenceError::Content { path, problem })?;
-            let reading = recording.calibration.pose_convention;
-            sidecar_pose_convention = (reading != of_format).then(|| reading.to_string());
+            let convention = recording.calibration.pose_convention;
+            sidecar_pose_convention =
+                (convention != format_convention).then(|| convention.to_string());
         }
         Ok(Sequence {
             sidecar_pose_convention,
@@ -91,12 +92,12 @@ impl Sequence {
     }
 }
 
-/// Gives the frames the poses of a trajectory file.
+/// Assigns the poses of a trajectory file to the frames.
 fn attach_poses(recording: &mut Recording, path: &Path) -> Result<(), SequenceError> {
     let format = poses::attach_file(recording, path)?;
-    let is_of_body =
+    let is_body_pose =
         format == PoseFileFormat::EurocCsv && recording.calibration.body_from_color.is_some();
-    recording.calibration.pose_convention.camera = if is_of_body {
+    recording.calibration.pose_convention.camera = if is_body_pose {
         PoseCamera::Body
     } else {
         PoseCamera::Color
@@ -105,13 +106,12 @@ fn attach_poses(recording: &mut Recording, path: &Path) -> Result<(), SequenceEr
         "poses: {}, {}, world from {}",
         path.display(),
         format.name(),
-        if is_of_body { "body" } else { "camera" }
+        if is_body_pose { "body" } else { "camera" }
     ));
     Ok(())
 }
 
-/// The sequence of what a layout has read, the calibration being final, once cameras, images and poses are known to fit
-/// together.
+/// Builds the sequence from a recording with final calibration; checks that calibration and images fit.
 pub(super) fn assemble(
     folder: &Path,
     layout: &'static str,
@@ -131,19 +131,19 @@ pub(super) fn assemble(
         return Err(SequenceError::Content {
             path: folder.to_owned(),
             problem: format!(
-                "no file tells the camera: write focal lengths and principal point to {SIDECAR_FILE} beside the images \
-                 ([color] fx, fy, cx, cy), or give --calibration FILE"
+                "no file gives the camera intrinsics: write [color] fx, fy, cx, cy to {SIDECAR_FILE} in this folder, or \
+                 give --calibration FILE"
             ),
         });
     };
-    warnings.extend(color.guess.take());
+    warnings.extend(color.default_warning.take());
     let frames = frames_of_size(frames, &color, &cameras, &mut warnings);
     let extrinsics = extrinsics(&calibration);
     let camera_of_frame: Vec<Option<u32>> = frames.iter().map(|frame| frame.camera).collect();
     let (frames, recorded_poses) = posed(frames, &calibration.pose_convention, &extrinsics);
     let color_size = match first_size(folder, &frames) {
         Ok(found) => found,
-        // Points carve without images; what the camera would be for is not asked.
+        // A sparse model needs no images; the size is then irrelevant.
         Err(_) if frames.is_empty() && sparse_model.is_some() => FirstSize {
             path: folder.to_owned(),
             size: color.size.unwrap_or(ImageSize {
@@ -173,10 +173,7 @@ pub(super) fn assemble(
         (None, None)
     };
     if calibration.pose_convention != PoseConvention::default() {
-        conventions.push(format!(
-            "poses are read with {}",
-            calibration.pose_convention
-        ));
+        conventions.push(format!("pose convention: {}", calibration.pose_convention));
     }
     let sequence = Sequence {
         folder: folder.to_owned(),
@@ -217,7 +214,7 @@ pub(super) fn assemble(
     Ok(sequence)
 }
 
-/// What lies between the colour camera and what poses may be of.
+/// The extrinsics of a calibration.
 pub(super) fn extrinsics(calibration: &Calibration) -> Extrinsics {
     Extrinsics {
         color_from_depth: calibration
@@ -228,7 +225,7 @@ pub(super) fn extrinsics(calibration: &Calibration) -> Extrinsics {
     }
 }
 
-/// Leaves out the frames whose camera takes images of another size than the main one.
+/// Skips frames whose camera has another image size than the main camera.
 fn frames_of_size(
     frames: Vec<RecordedFrame>,
     color: &CalibratedCamera,
@@ -251,14 +248,12 @@ fn frames_of_size(
             fits
         })
         .collect();
-    warnings.extend(others.into_warning(
-        total,
-        "images have another size than most and were left out",
-    ));
+    warnings
+        .extend(others.into_warning(total, "images have another size than most and were skipped"));
     kept
 }
 
-/// How depth is read, and the map that removes the distortion of a depth camera of its own.
+/// The depth calibration, and the undistortion of a depth camera that is not registered.
 fn depth_calibration(
     calibration: &Calibration,
     color_camera: &Camera,
@@ -273,7 +268,7 @@ fn depth_calibration(
         };
         return (registered, None);
     };
-    // Without one readable header there will be no depth image to resample either.
+    // Without a readable header there is no depth image to resample.
     let stored = &geometry.camera.camera;
     let map = depth_size.and_then(|(_, size)| Undistortion::new(stored, *size));
     let depth = DepthCalibration {
@@ -285,7 +280,7 @@ fn depth_calibration(
     (depth, map)
 }
 
-/// The camera of the images as they are loaded.
+/// Camera of the loaded images.
 pub(super) fn pinhole_of(stored: &Camera, undistortion: Option<&Undistortion>) -> Camera {
     undistortion.map_or_else(
         || stored.without_distortion(),
@@ -293,19 +288,19 @@ pub(super) fn pinhole_of(stored: &Camera, undistortion: Option<&Undistortion>) -
     )
 }
 
-fn describe_depth(depth: &DepthCalibration, poses_of: PoseCamera) -> String {
-    let whose = match (depth.registered, poses_of) {
+fn describe_depth(depth: &DepthCalibration, pose_camera: PoseCamera) -> String {
+    let camera = match (depth.registered, pose_camera) {
         (true, _) => "registered to colour",
-        (false, PoseCamera::Depth) => "of a camera of its own, which the poses in the files are of",
-        (false, PoseCamera::Color | PoseCamera::Body) => "of a camera of its own",
+        (false, PoseCamera::Depth) => "with a separate camera, to which the recorded poses refer",
+        (false, PoseCamera::Color | PoseCamera::Body) => "with a separate camera",
     };
     format!(
-        "depth: 16 bits, {} per unit of the poses, 0 and 65535 unknown, {whose}",
+        "depth: 16 bits, {} per pose unit, 0 and 65535 unknown, {camera}",
         depth.scale
     )
 }
 
-/// Frames with the poses of the colour camera, and the poses as recorded.
+/// Frames with colour camera poses, and the recorded poses.
 fn posed(
     frames: Vec<RecordedFrame>,
     reading: &PoseConvention,
@@ -327,7 +322,7 @@ fn posed(
         .unzip()
 }
 
-/// Size of the first image whose header can be read.
+/// Size of the first image with a readable header.
 struct FirstSize {
     path: PathBuf,
     size: ImageSize,
@@ -352,7 +347,7 @@ fn first_size(folder: &Path, frames: &[Frame]) -> Result<FirstSize, SequenceErro
     Err(SequenceError::NoFrames {
         folder: folder.to_owned(),
         reason: format!(
-            "not one of {} colour images can be read{example}",
+            "none of the {} colour images can be read{example}",
             frames.len()
         ),
     })
@@ -368,7 +363,7 @@ fn check_color_size(color: &CalibratedCamera, first: &FirstSize) -> Result<(), F
             first.size,
             expected,
             format!("by {}", color.source),
-            "give the intrinsics of images of this size (linecarve.toml or --calibration FILE)",
+            "give intrinsics for this image size (linecarve.toml or --calibration FILE)",
         ));
     }
     let (cx, cy) = (color.camera.cx(), color.camera.cy());

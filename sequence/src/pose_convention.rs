@@ -1,4 +1,4 @@
-//! How the numbers of a pose file are to be understood: whose pose, which direction, which camera axes.
+//! Pose conventions: which camera or body, which direction, which camera axes, which quaternion order.
 
 use std::fmt;
 
@@ -7,45 +7,44 @@ use serde::{Deserialize, Serialize};
 
 use super::calibration::PoseCamera;
 
-/// Which way the rigid motion of a pose leads.
+/// Direction of the transform of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum PoseDirection {
-    /// As the format says.
+    /// As defined by the format.
     #[default]
     AsRead,
-    /// The other way.
+    /// The inverse transform.
     Inverse,
-    /// The position as the format says, the rotation the other way.
+    /// The position as defined by the format, the rotation inverted.
     RotationInverse,
 }
 
-/// Axes of the camera that the poses are of.
+/// Camera axes of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum CameraAxes {
-    /// As the format says.
+    /// As defined by the format.
     #[default]
     AsRead,
-    /// The other of the two usual ones: y and z turned about x by half a turn, as between OpenCV (y down, z forward) and
-    /// OpenGL (y up, z backward).
+    /// Rotated about x by 180 degrees, as between OpenCV (y down, z forward) and OpenGL (y up, z backward).
     YAndZFlipped,
 }
 
-/// Order of the four numbers of a quaternion.
+/// Component order of quaternions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum QuaternionOrder {
-    /// As the format says.
+    /// As defined by the format.
     #[default]
     AsRead,
-    /// x y z w where the format says w x y z.
+    /// x y z w where the format defines w x y z.
     WLast,
-    /// w x y z where the format says x y z w.
+    /// w x y z where the format defines x y z w.
     WFirst,
 }
 
-/// A reading of the poses of a sequence, relative to what its format says.
+/// The convention of recorded poses, relative to the definition of their format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct PoseConvention {
     pub(super) camera: PoseCamera,
@@ -54,7 +53,7 @@ pub(super) struct PoseConvention {
     pub(super) quaternion: QuaternionOrder,
 }
 
-/// What lies between the camera of the images and that of the poses.
+/// Extrinsics between the colour camera and what the poses may refer to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Extrinsics {
     pub(super) color_from_depth: Option<Isometry3<f64>>,
@@ -62,7 +61,7 @@ pub(super) struct Extrinsics {
 }
 
 impl PoseConvention {
-    /// The pose of the colour camera from a pose as its format has it. A extrinsics that is not known counts as none.
+    /// The colour camera pose of a recorded pose. Unknown extrinsics count as identity.
     pub(super) fn world_from_color(
         &self,
         recorded: &Isometry3<f64>,
@@ -72,7 +71,7 @@ impl PoseConvention {
         let [x, y, z, w] = pose.rotation.coords.into();
         pose.rotation = match self.quaternion {
             QuaternionOrder::AsRead => pose.rotation,
-            // The file holds a b c d. As x y z w it was read with x = a, ..., w = d; as w x y z with w = a, ..., z = d.
+            // The file has a b c d. Read as x y z w: x = a, ..., w = d; read as w x y z: w = a, ..., z = d.
             QuaternionOrder::WFirst => UnitQuaternion::new_unchecked(Quaternion::new(x, y, z, w)),
             QuaternionOrder::WLast => UnitQuaternion::new_unchecked(Quaternion::new(z, w, x, y)),
         };
@@ -98,13 +97,13 @@ impl PoseConvention {
     }
 }
 
-/// Between y down, z forward and y up, z backward.
+/// Rotation between axes y down, z forward and axes y up, z backward.
 pub(super) fn half_turn_about_x() -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0))
 }
 
 impl fmt::Display for PoseConvention {
-    /// What differs from the format, as keys of a sidecar's `[poses]` section.
+    /// Differences from the format, as keys of a sidecar's `[poses]` table.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let camera = match self.camera {
             PoseCamera::Color => "color",
@@ -141,13 +140,13 @@ mod tests {
         )
     }
 
-    const NO_MOUNTING: Extrinsics = Extrinsics {
+    const NO_EXTRINSICS: Extrinsics = Extrinsics {
         color_from_depth: None,
         body_from_color: None,
     };
 
     #[test]
-    fn every_misreading_is_undone_by_its_reading() {
+    fn each_convention_undoes_its_misreading() {
         let truth = pose();
         let [x, y, z, w]: [f64; 4] = truth.rotation.coords.into();
         let with = |q: Quaternion<f64>| {
@@ -157,7 +156,7 @@ mod tests {
         let flipped =
             Isometry3::from_parts(truth.translation, truth.rotation * half_turn_about_x());
         let conjugate = Isometry3::from_parts(truth.translation, truth.rotation.inverse());
-        for (misread, reading) in [
+        for (misread, convention) in [
             (truth, default),
             (
                 truth.inverse(),
@@ -188,7 +187,7 @@ mod tests {
                     ..default
                 },
             ),
-            // The file holds w x y z and was read as x y z w.
+            // The file has w x y z and was read as x y z w.
             (
                 with(Quaternion::new(z, w, x, y)),
                 PoseConvention {
@@ -196,7 +195,7 @@ mod tests {
                     ..default
                 },
             ),
-            // The file holds x y z w and was read as w x y z.
+            // The file has x y z w and was read as w x y z.
             (
                 with(Quaternion::new(x, y, z, w)),
                 PoseConvention {
@@ -205,25 +204,25 @@ mod tests {
                 },
             ),
         ] {
-            let found = reading.world_from_color(&misread, &NO_MOUNTING);
+            let found = convention.world_from_color(&misread, &NO_EXTRINSICS);
             let difference = found.inverse() * truth;
-            assert!(difference.translation.vector.norm() < 1e-12, "{reading}");
-            assert!(difference.rotation.angle() < 1e-7, "{reading}");
+            assert!(difference.translation.vector.norm() < 1e-12, "{convention}");
+            assert!(difference.rotation.angle() < 1e-7, "{convention}");
         }
     }
 
     #[test]
-    fn a_body_carries_the_camera() {
+    fn body_poses_are_converted_with_the_extrinsics() {
         let body_from_color = Isometry3::translation(0.1, 0.0, 0.0);
         let extrinsics = Extrinsics {
             body_from_color: Some(body_from_color),
-            ..NO_MOUNTING
+            ..NO_EXTRINSICS
         };
-        let reading = PoseConvention {
+        let convention = PoseConvention {
             camera: PoseCamera::Body,
             ..PoseConvention::default()
         };
-        let found = reading.world_from_color(&pose(), &extrinsics) * Point3::origin();
+        let found = convention.world_from_color(&pose(), &extrinsics) * Point3::origin();
         let expected = pose() * Point3::new(0.1, 0.0, 0.0);
         assert!((found - expected).norm() < 1e-12);
     }

@@ -1,16 +1,16 @@
-//! Rigid motions from the matrices and quaternions of files.
+//! Rigid transforms from the matrices and quaternions of files.
 
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Largest deviation of a 3x3 block from a rotation that is taken for rounding. Files with six digits deviate by 1e-6,
-/// poses accumulated in single precision by 1e-3; a scale or a shear deviates by more than this.
+/// Largest deviation of a 3x3 block from a rotation that counts as rounding. Six-digit files deviate by 1e-6, poses
+/// accumulated in single precision by 1e-3; a scale or a shear deviates by more than this.
 const ROTATION_TOLERANCE: f64 = 0.02;
 
-/// Why numbers are not a rigid motion.
+/// Why a matrix or quaternion is not a rigid transform.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum RigidTransformError {
     /// A number is NaN or infinite.
-    #[error("holds numbers that are not finite")]
+    #[error("has numbers that are not finite")]
     NotFinite,
     /// The 3x3 block is not a rotation.
     #[error(
@@ -21,26 +21,26 @@ pub enum RigidTransformError {
         deviation: f64,
     },
     /// The 3x3 block is a reflection.
-    #[error("mirrors (its 3x3 block has a negative determinant)")]
+    #[error("is a reflection (its 3x3 block has a negative determinant)")]
     Reflection,
-    /// The matrix is not affine, or transposed.
+    /// The last row is not 0 0 0 1: the matrix is projective or transposed.
     #[error("has the last row [{0}, {1}, {2}, {3}] instead of [0, 0, 0, 1] (transposed?)", row[0], row[1], row[2], row[3])]
     LastRow {
         /// The last row.
         row: [f64; 4],
     },
-    /// The quaternion is far from unit length.
-    #[error("has a quaternion of length {length}")]
+    /// The quaternion is not of unit length.
+    #[error("has a quaternion of length {length} instead of 1")]
     Quaternion {
         /// Its length.
         length: f64,
     },
 }
 
-/// The rigid motion nearest to a row-major 4x4 matrix.
+/// The rigid transform nearest to a row-major 4x4 matrix.
 ///
 /// # Errors
-/// When the matrix is far from a rigid motion.
+/// If the matrix is far from a rigid transform.
 pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, RigidTransformError> {
     if rows.iter().flatten().any(|value| !value.is_finite()) {
         return Err(RigidTransformError::NotFinite);
@@ -63,7 +63,7 @@ pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, RigidTransfor
 
 /// The rotation nearest to a matrix in the Frobenius norm, by singular value decomposition.
 fn nearest_rotation(block: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, RigidTransformError> {
-    // A matrix far from a rotation is refused before the decomposition, which overflows on huge numbers.
+    // The decomposition overflows on huge numbers: refuse these first.
     let deviation = (block * block.transpose() - Matrix3::identity()).amax() * 0.5;
     if deviation.is_nan() || deviation > 0.5 {
         return Err(RigidTransformError::NotRotation { deviation });
@@ -85,7 +85,10 @@ fn nearest_rotation(block: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, RigidTr
     ))
 }
 
-/// A rigid motion from a translation and a quaternion (x, y, z, w) of about unit length.
+/// The rigid transform of a translation and a quaternion (x, y, z, w), which is normalised.
+///
+/// # Errors
+/// If a number is not finite or the length of the quaternion is not within 0.9 and 1.1.
 pub fn from_translation_quaternion(
     translation: [f64; 3],
     [x, y, z, w]: [f64; 4],
@@ -121,7 +124,7 @@ mod tests {
     ];
 
     #[test]
-    fn what_is_not_rigid_is_named() {
+    fn invalid_transforms_are_refused() {
         let with = |r: usize, c: usize, value: f64| {
             let mut rows = IDENTITY;
             rows[r][c] = value;

@@ -1,9 +1,9 @@
-//! Points with visibility.
+//! Sparse models: points with the views that observe them, as of structure from motion and SLAM.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// Views and the points that they see. Views are in the order of recording where that is known.
+/// A sparse model: views and the points they observe. Views are in recording order where that is known.
 #[derive(Debug, Clone, Default)]
 pub struct SparseModel {
     /// The posed views.
@@ -13,7 +13,7 @@ pub struct SparseModel {
 }
 
 impl SparseModel {
-    /// The same model, moved.
+    /// A copy translated by `by`.
     pub fn translated(&self, by: &Vector3<f64>) -> Self {
         let mut moved = self.clone();
         for view in &mut moved.views {
@@ -29,13 +29,13 @@ impl SparseModel {
 /// A posed view of a model.
 #[derive(Debug, Clone)]
 pub struct ModelView {
-    /// Name of the image or keyframe, as the model has it.
+    /// Image or keyframe name in the model.
     pub name: String,
     /// `point_in_world = world_from_camera * point_in_camera`; camera x right, y down, z forward.
     pub world_from_camera: Isometry3<f64>,
-    /// The camera of the stored image, `None` when the model does not say.
+    /// Camera of the stored image, if known.
     pub camera: Option<Camera>,
-    /// Width and height of the stored image, `None` when the model does not say.
+    /// Width and height of the stored image, if known.
     pub size_px: Option<[u32; 2]>,
 }
 
@@ -44,18 +44,17 @@ pub struct ModelView {
 pub struct ModelPoint {
     /// Position in the frame of the poses.
     pub point_in_world: Point3<f64>,
-    /// sRGB colour, when the model has one.
+    /// sRGB colour, if known.
     pub color: Option<[u8; 3]>,
-    /// Who sees the point: ascending by view, each view once.
+    /// Observations of the point, ascending by view, at most one a view.
     pub observations: Vec<ModelObservation>,
 }
 
-/// A point seen by a view.
+/// An observation of a point by a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelObservation {
     /// Index into [`SparseModel::views`].
     pub view: u32,
-    /// Where in the stored image, in pixels with the centre of the top-left pixel at (0, 0); `None` when the model does
-    /// not say.
+    /// Pixel in the stored image, if known; the centre of the top-left pixel is (0, 0).
     pub pixel: Option<[f64; 2]>,
 }

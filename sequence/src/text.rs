@@ -1,4 +1,4 @@
-//! Small text files of data sets: lines, numbers and time stamps, with errors that name file and line.
+//! Text files of data sets: lines, numbers and time stamps, with errors that name file and line.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ pub(super) struct TextFile<'a> {
 }
 
 impl<'a> TextFile<'a> {
-    /// Reads a file as UTF-8 (a byte order mark is skipped) or, when its mark says so, UTF-16.
+    /// Reads a file as UTF-8, or as UTF-16 if it has that byte order mark.
     pub(super) fn read(path: &'a Path) -> Result<Self, SequenceError> {
         let bytes = std::fs::read(path).map_err(|source| SequenceError::Unreadable {
             path: path.to_owned(),
@@ -23,7 +23,7 @@ impl<'a> TextFile<'a> {
     fn decode(path: &'a Path, bytes: &[u8]) -> Result<Self, SequenceError> {
         let not_text = || SequenceError::Content {
             path: path.to_owned(),
-            problem: "is not a text file (UTF-8 expected)".to_owned(),
+            problem: "is not a text file: UTF-8 expected".to_owned(),
         };
         let utf16 = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
             let units = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
@@ -41,7 +41,7 @@ impl<'a> TextFile<'a> {
         if text.contains('\0') {
             return Err(not_text());
         }
-        // Lines that end with a carriage return alone.
+        // Lines ending with a carriage return alone.
         let text = if text.contains('\r') && !text.contains('\n') {
             text.replace('\r', "\n")
         } else {
@@ -50,7 +50,7 @@ impl<'a> TextFile<'a> {
         Ok(Self { path, text })
     }
 
-    /// The lines that hold something: blank lines and those that start with `#` are passed over.
+    /// The lines with data; blank lines and `#` comments are skipped.
     pub(super) fn rows(&self) -> impl Iterator<Item = TextLine<'_>> {
         self.lines()
             .filter(|row| !row.text.is_empty() && !row.text.starts_with('#'))
@@ -80,12 +80,12 @@ pub(super) struct TextLine<'a> {
 }
 
 impl<'a> TextLine<'a> {
-    /// The line without blanks at its ends.
+    /// The line, trimmed.
     pub(super) fn text(&self) -> &'a str {
         self.text
     }
 
-    /// What stands between blanks or commas.
+    /// Fields separated by blanks, commas or semicolons.
     pub(super) fn fields(&self) -> impl Iterator<Item = &'a str> {
         self.text
             .split(|c: char| c.is_whitespace() || c == ',' || c == ';')
@@ -101,7 +101,7 @@ impl<'a> TextLine<'a> {
         }
     }
 
-    /// The number of the line in its file, from 1.
+    /// Line number in the file, from 1.
     pub(super) fn number(&self) -> usize {
         self.number
     }
@@ -110,12 +110,12 @@ impl<'a> TextLine<'a> {
     pub(super) fn numbers<const N: usize>(&self) -> Result<[f64; N], SequenceError> {
         let count = self.fields().count();
         if count != N {
-            return Err(self.error(format!("{N} numbers expected, {count} found")));
+            return Err(self.error(format!("expected {N} numbers, found {count}")));
         }
         self.numbers_from(0)
     }
 
-    /// `N` numbers after the first `skipped` fields; what follows is not looked at.
+    /// `N` numbers after the first `skipped` fields; further fields are ignored.
     pub(super) fn numbers_from<const N: usize>(
         &self,
         skipped: usize,
@@ -129,7 +129,7 @@ impl<'a> TextLine<'a> {
         }
         if count < N {
             return Err(self.error(format!(
-                "{} fields expected at least, {} found",
+                "expected at least {} fields, found {}",
                 skipped + N,
                 skipped + count
             )));
@@ -138,7 +138,7 @@ impl<'a> TextLine<'a> {
     }
 }
 
-/// A field for a message, cut when it is long.
+/// A field for a message, truncated to 40 characters.
 pub(super) fn shorten(field: &str) -> String {
     if field.chars().count() <= 40 {
         field.to_owned()
@@ -147,7 +147,7 @@ pub(super) fn shorten(field: &str) -> String {
     }
 }
 
-/// A decimal number, or what C libraries print for numbers that are none (`nan`, `-1.#IND`, `1.#QNAN`, `1.#INF`).
+/// Parses a decimal number, or what C libraries print for NaN and infinity (`nan`, `-1.#IND`, `1.#QNAN`, `1.#INF`).
 pub(super) fn parse_number(field: &str) -> Option<f64> {
     match field.parse::<f64>() {
         Ok(value) => Some(value),
@@ -162,11 +162,11 @@ pub(super) fn parse_number(field: &str) -> Option<f64> {
     }
 }
 
-/// Seconds in decimal or scientific notation as whole nanoseconds, without passing through a float: a stamp of the
-/// year 2011 has ten digits before the point, and a double would round its nanoseconds to multiples of 238.
+/// Parses seconds in decimal or scientific notation as nanoseconds. The conversion is exact: a double would round the
+/// nanoseconds of a present-day stamp to multiples of 238.
 ///
-/// Numbers of 16 digits and more before the point are nanoseconds already. `None` when the text is not a number or does
-/// not fit. Digits beyond the ninth decimal are rounded half away from zero.
+/// Numbers with at least 16 digits before the point are nanoseconds. Digits beyond the ninth decimal are rounded half
+/// away from zero. `None` if the text is not a number or does not fit.
 pub(crate) fn parse_stamp_ns(field: &str) -> Option<i64> {
     parse_stamp(field)?.as_written_ns()
 }
@@ -188,7 +188,7 @@ impl TimeUnit {
         Self::Millisecond,
     ];
 
-    /// The unit in words.
+    /// Name of the unit.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Second => "seconds",
@@ -199,17 +199,17 @@ impl TimeUnit {
     }
 }
 
-/// A time stamp whose unit is still open.
+/// A time stamp of unknown unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Stamp {
-    /// A billion times the number.
+    /// The number times 1e9.
     billionths: i128,
-    /// Whether it is written as nanoseconds usually are: 16 digits and more before the point, no exponent.
+    /// Whether it looks like nanoseconds: at least 16 digits before the point, no exponent.
     pub(super) is_nanoseconds: bool,
 }
 
 impl std::fmt::Display for Stamp {
-    /// The number itself, with as many decimals as it needs.
+    /// The number, with nine decimals if it is not an integer.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let unit: u128 = 1_000_000_000;
         let magnitude = self.billionths.unsigned_abs();
@@ -225,7 +225,7 @@ impl std::fmt::Display for Stamp {
 }
 
 impl Stamp {
-    /// The unit that the way of writing suggests.
+    /// The unit suggested by the notation.
     pub(super) fn unit_as_written(self) -> TimeUnit {
         if self.is_nanoseconds {
             TimeUnit::Nanosecond
@@ -234,12 +234,12 @@ impl Stamp {
         }
     }
 
-    /// The stamp in the unit that the way of writing suggests; `None` when that does not fit.
+    /// The time in nanoseconds, in the unit suggested by the notation; `None` if it does not fit.
     pub(super) fn as_written_ns(self) -> Option<i64> {
         self.in_nanoseconds(self.unit_as_written())
     }
 
-    /// The number itself, when it is whole and not negative.
+    /// The number, if it is a non-negative integer.
     pub(super) fn whole_number(self) -> Option<u64> {
         let unit: i128 = 1_000_000_000;
         (self.billionths % unit == 0)
@@ -247,7 +247,7 @@ impl Stamp {
             .flatten()
     }
 
-    /// The stamp if its number counts `unit`s; `None` when that does not fit.
+    /// The time in nanoseconds if the number counts `unit`s; `None` if it does not fit.
     pub(super) fn in_nanoseconds(self, unit: TimeUnit) -> Option<i64> {
         let divisor: i128 = match unit {
             TimeUnit::Second => 1,
@@ -260,10 +260,10 @@ impl Stamp {
     }
 }
 
-/// A number in decimal or scientific notation with nine exact decimals; `None` when the text is not a number or is
-/// beyond any time.
+/// Parses a number in decimal or scientific notation, exact to nine decimals; `None` if the text is not a number or too
+/// large for a time.
 pub(super) fn parse_stamp(field: &str) -> Option<Stamp> {
-    /// A time of 64 bits in nanoseconds has fewer digits, nine decimals included.
+    /// More than a 64-bit time in nanoseconds with nine decimals has.
     const MAX_DIGITS: i64 = 31;
     let (is_negative, unsigned) = match field.as_bytes().first()? {
         b'-' => (true, &field[1..]),
@@ -303,7 +303,7 @@ pub(super) fn parse_stamp(field: &str) -> Option<Stamp> {
             value = value.checked_mul(10)?;
         }
     }
-    // Room for rounding when the unit is chosen.
+    // Leaves room for rounding in the unit conversion.
     if value > i128::MAX / 4 {
         return None;
     }
@@ -383,7 +383,7 @@ mod tests {
         assert_eq!(rows[0].numbers::<3>().unwrap(), [1.0, 2.0, 3.0]);
         assert_eq!(
             rows[1].numbers::<3>().unwrap_err().to_string(),
-            "poses.txt, line 4: 3 numbers expected, 2 found"
+            "poses.txt, line 4: expected 3 numbers, found 2"
         );
     }
 

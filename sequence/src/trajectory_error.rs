@@ -1,4 +1,4 @@
-//! Camera positions over time, and the similarity between two of them.
+//! Camera trajectories over time, and the similarity that aligns one to another.
 
 use std::path::{Path, PathBuf};
 
@@ -7,17 +7,17 @@ use nalgebra::{Point3, Similarity3};
 use crate::parse_stamp_ns;
 use linecarve_mesh::evaluate::fit_similarity;
 
-/// Poses of two trajectories belong together within this time.
-const SAME_TIME_NS: u64 = 20_000_000;
+/// Largest time difference of associated poses, as in the tools of the TUM benchmark.
+const MAX_DIFFERENCE_NS: u64 = 20_000_000;
 
-/// Camera positions over time, ascending.
+/// Camera positions over time, in ascending order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trajectory {
     path: PathBuf,
     positions: Vec<(i64, Point3<f64>)>,
 }
 
-/// Why trajectories cannot be read or fitted.
+/// Why a trajectory cannot be read or aligned.
 #[derive(Debug, thiserror::Error)]
 pub enum TrajectoryError {
     /// The file cannot be read.
@@ -25,22 +25,23 @@ pub enum TrajectoryError {
     Open {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// A row is not `time x y z ...`.
-    #[error("{} line {line}: expected `seconds tx ty tz qx qy qz qw`, found `{row}`", path.display())]
+    #[error("{}, line {line}: expected `seconds tx ty tz qx qy qz qw`, found `{row}`", path.display())]
     TextLine {
         /// The file.
         path: PathBuf,
-        /// Line, counted from 1.
+        /// Line number, from 1.
         line: usize,
-        /// What stands there.
+        /// The line, truncated.
         row: String,
     },
-    /// Too few poses share a time.
+    /// Too few poses can be associated by time.
     #[error(
-        "{} and {}: {pairs} of {} and {} poses lie within 20 ms of one another, three are needed: are they of the same recording?",
+        "{} and {}: only {pairs} of {} and {} poses lie within 20 ms of one another, three are needed: check that both \
+         files are of the same recording and clock",
         first.display(), second.display(), counts.0, counts.1
     )]
     TooFewPairs {
@@ -48,14 +49,14 @@ pub enum TrajectoryError {
         first: PathBuf,
         /// The second file.
         second: PathBuf,
-        /// Poses that share a time.
+        /// Number of associated poses.
         pairs: usize,
-        /// Poses of the files.
+        /// Number of poses in each file.
         counts: (usize, usize),
     },
-    /// The positions leave the rotation open.
+    /// The positions do not determine the rotation.
     #[error(
-        "{}: the camera moved along a straight line, which leaves the rotation about it open: use --align icp or sim3",
+        "{}: the camera moves along a straight line, which does not determine the rotation about it: use --align icp or sim3",
         first.display()
     )]
     Straight {
@@ -65,11 +66,11 @@ pub enum TrajectoryError {
 }
 
 impl Trajectory {
-    /// Reads a trajectory in the form of the TUM benchmark: `seconds tx ty tz qx qy qz qw` in each row, the quaternion is
-    /// not needed. Rows of `#` are comments; poses that are not finite are left out, as trackers write them when lost.
+    /// Reads a trajectory in TUM format: `seconds tx ty tz qx qy qz qw` in each line; the quaternion may be absent. Lines
+    /// starting with `#` are comments. Positions that are not finite (lost tracking) are skipped.
     ///
     /// # Errors
-    /// When the file cannot be read or a row has another form.
+    /// If the file cannot be read or a line has another format.
     pub fn read(path: &Path) -> Result<Self, TrajectoryError> {
         let text = std::fs::read(path).map_err(|source| TrajectoryError::Open {
             path: path.to_owned(),
@@ -115,16 +116,16 @@ impl Trajectory {
         self.positions.len()
     }
 
-    /// Whether there is no pose.
+    /// Whether the trajectory has no poses.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 
-    /// The similarity that brings this trajectory onto `truth`, with the number of poses that it rests on: each pose is
-    /// paired with the nearest in time, within 20 ms.
+    /// The similarity that aligns this trajectory to `truth` in the least-squares sense, and the number of associated poses.
+    /// Each pose is associated with the nearest in time, within 20 ms.
     ///
     /// # Errors
-    /// With fewer than three pairs, and when the positions lie on a line.
+    /// If fewer than three poses are associated, or the positions are collinear.
     pub fn similarity_to(
         &self,
         truth: &Self,
@@ -138,7 +139,7 @@ impl Trajectory {
                 .filter_map(|index| truth.positions.get(index))
                 .min_by_key(|(other, _)| other.abs_diff(*stamp));
             if let Some((other, partner)) = nearest
-                && other.abs_diff(*stamp) <= SAME_TIME_NS
+                && other.abs_diff(*stamp) <= MAX_DIFFERENCE_NS
             {
                 from.push(*position);
                 to.push(*partner);

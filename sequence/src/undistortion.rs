@@ -1,4 +1,4 @@
-//! Removing lens distortion when the first image asks for it.
+//! Removal of lens distortion. The resampling map is built when the first image is loaded.
 
 use std::sync::OnceLock;
 
@@ -7,8 +7,8 @@ use linecarve_lines::image::ImageError;
 
 use super::ImageSize;
 
-/// What makes images of a camera with lens distortion those of a pinhole. Its table takes a look at every pixel and eight
-/// bytes for each, so it is made when an image is loaded: a map whose points alone are used needs none.
+/// Resampling of distorted images to a pinhole camera. The map takes eight bytes a pixel and is built on first use, since
+/// carving a sparse model needs no image.
 #[derive(Debug)]
 pub(super) struct Undistortion {
     stored: Camera,
@@ -29,22 +29,22 @@ impl Undistortion {
         })
     }
 
-    /// The camera of the images once distortion is removed.
+    /// Camera of the undistorted images.
     pub(super) fn pinhole(&self) -> &Camera {
         &self.pinhole
     }
 
-    /// The table.
+    /// The resampling map.
     ///
     /// # Errors
-    /// When images of this size cannot be addressed.
+    /// If the image size is not supported.
     pub(super) fn map(&self) -> Result<&UndistortionMap, ImageError> {
         let make = || undistortion_map(&self.stored, &self.pinhole, self.size);
         self.map.get_or_init(make).as_ref().map_err(Clone::clone)
     }
 }
 
-/// A table from images of one camera to those of a pinhole, of the same size.
+/// The resampling map from a camera to a pinhole camera of the same image size.
 pub(super) fn undistortion_map(
     stored: &Camera,
     pinhole: &Camera,

@@ -1,17 +1,17 @@
-//! What a reader put up with, counted, so that nothing is left out silently.
+//! Non-fatal problems found while reading, with counts.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// Something that was left out or assumed, with a count and the first names.
+/// A non-fatal problem: something skipped or assumed, with a count and the first examples.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Warning {
-    /// What happened, completing "3 of 120 …".
+    /// What happened; completes "3 of 120 …" if there is a count.
     pub what: String,
-    /// How many were affected, of how many; `None` for a statement about the whole sequence.
+    /// Number affected and total number; `None` for a statement about the whole sequence.
     pub count: Option<(usize, usize)>,
-    /// The first of those affected.
+    /// Names of the first few affected.
     pub examples: Vec<String>,
 }
 
@@ -45,7 +45,7 @@ impl Warning {
     }
 }
 
-/// Counts one kind of thing that is put up with.
+/// Counts one kind of non-fatal problem.
 #[derive(Debug, Clone, Default)]
 pub(super) struct WarningCounter {
     count: usize,
@@ -55,7 +55,7 @@ pub(super) struct WarningCounter {
 impl WarningCounter {
     const EXAMPLES: usize = 3;
 
-    /// One more, with its name.
+    /// Counts one more occurrence.
     pub(super) fn add(&mut self, name: impl Into<String>) {
         self.count += 1;
         if self.examples.len() < Self::EXAMPLES {
@@ -63,17 +63,17 @@ impl WarningCounter {
         }
     }
 
-    /// How many so far.
+    /// Number of occurrences so far.
     pub(super) fn count(&self) -> usize {
         self.count
     }
 
-    /// The first name.
+    /// Name of the first occurrence.
     pub(super) fn first(&self) -> Option<&str> {
         self.examples.first().map(String::as_str)
     }
 
-    /// The warning, when there was any.
+    /// The warning; `None` if nothing was counted.
     pub(super) fn into_warning(self, total: usize, what: &str) -> Option<Warning> {
         (self.count > 0).then(|| Warning {
             what: what.to_owned(),
@@ -99,13 +99,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tally_reads_as_a_sentence() {
-        let mut tally = WarningCounter::default();
-        assert_eq!(tally.clone().into_warning(5, "are bad"), None);
+    fn a_counted_warning_reads_as_a_sentence() {
+        let mut counter = WarningCounter::default();
+        assert_eq!(counter.clone().into_warning(5, "are bad"), None);
         for name in ["a", "b", "c", "d"] {
-            tally.add(name);
+            counter.add(name);
         }
-        let warning = tally.into_warning(5, "poses are bad").unwrap();
+        let warning = counter.into_warning(5, "poses are bad").unwrap();
         assert_eq!(warning.to_string(), "4 of 5 poses are bad: a, b, c, …");
     }
 }

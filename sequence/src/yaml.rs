@@ -1,4 +1,4 @@
-//! YAML as OpenCV and the SLAM systems built on it write it.
+//! YAML as written by OpenCV and by SLAM systems.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use super::SequenceError;
 use super::text::TextFile;
 
-/// A matrix of OpenCV's file storage or of EuRoC: rows, columns and all numbers row by row.
+/// A matrix of OpenCV's file storage or of EuRoC, row-major.
 #[derive(Debug, Deserialize)]
 pub(super) struct Matrix {
     rows: Option<usize>,
@@ -22,7 +22,7 @@ impl Matrix {
         let is_square = self.rows.unwrap_or(4) == 4 && self.cols.unwrap_or(4) == 4;
         if !is_square || self.data.len() != 16 {
             return Err(format!(
-                "has {} numbers: 4 rows of 4 expected",
+                "has {} numbers, expected 4 rows of 4",
                 self.data.len()
             ));
         }
@@ -34,12 +34,12 @@ impl Matrix {
     }
 }
 
-/// Reads a YAML file. The first line `%YAML:1.0`, which is not YAML, and the tag of OpenCV's matrices are passed over.
+/// Parses a YAML file. OpenCV's invalid head line `%YAML:1.0` and its matrix tag are ignored.
 ///
 /// # Errors
-/// When the text is not YAML or lacks something, naming the line.
+/// If the text is not YAML or lacks a required key; the message names the line.
 pub(super) fn parse<T: DeserializeOwned>(file: &TextFile, path: &Path) -> Result<T, SequenceError> {
-    // Lines keep their numbers.
+    // Keeps line numbers for error messages.
     let text: String = file
         .text()
         .lines()

@@ -1,4 +1,4 @@
-//! COLMAP's text model: cameras, images with what they see, points with their tracks.
+//! COLMAP's text model: cameras, images with observations, points with tracks.
 
 use std::path::Path;
 
@@ -9,43 +9,43 @@ use super::posed_images;
 use crate::Sequence;
 use linecarve_mesh::files::{WriteError, write_atomically};
 
-/// Why a model cannot be written.
+/// Why a COLMAP model cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum ColmapError {
-    /// A file could not be written.
+    /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// A view has no camera and none can stand in.
-    #[error("the view {name} of the map has no camera: COLMAP needs one for every image")]
+    /// A view of the model has no camera.
+    #[error("view {name} has no camera: COLMAP needs one for each image")]
     NoCamera {
-        /// The view.
+        /// Name of the view.
         name: String,
     },
 }
 
-/// An image as the files have it.
+/// An image of the COLMAP model.
 struct Image {
     name: String,
     camera: usize,
     world_from_camera: Isometry3<f64>,
-    /// Where it sees which point; pixels of this program.
+    /// Pixels with point indices; the centre of the first pixel is (0, 0).
     observations: Vec<([f64; 2], usize)>,
 }
 
-/// Writes `cameras.txt`, `images.txt` and `points3D.txt` into a folder that exists.
+/// Writes `cameras.txt`, `images.txt` and `points3D.txt` into an existing folder.
 ///
-/// With a map, all of its views are written, each with the camera and the size of its image, and a sighting whose pixel is not known goes where the pose puts it; without,
-/// the frames of the sequence and no points.
+/// Writes all views and points of the sparse model, if there is one; observations without a pixel are written at the
+/// projection of the point. Otherwise writes the frames and no points.
 ///
 /// # Errors
-/// When a file cannot be written, or a view of the map has no camera.
+/// If a file cannot be written, or a view has no camera.
 pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapError> {
-    let common = sequence.color_size();
-    let common = [common.width, common.height];
-    // Some models do not say, and have no images: the principal point is near the middle.
+    let color_size = sequence.color_size();
+    let color_size = [color_size.width, color_size.height];
+    // Models without image size and images: the principal point is near the centre.
     let size_for = |camera: &Camera| match sequence.frames() {
         [] => [camera.cx(), camera.cy()].map(|c| (2.0 * c + 1.0).clamp(1.0, 65535.0) as u32),
-        _ => common,
+        _ => color_size,
     };
     let mut cameras: Vec<(Camera, [u32; 2])> = Vec::new();
     let mut camera_index = |camera: &Camera, size: [u32; 2]| {
@@ -76,7 +76,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
         None => {
             for image in posed_images(sequence) {
                 images.push(Image {
-                    camera: camera_index(&image.camera, common),
+                    camera: camera_index(&image.camera, color_size),
                     name: image.file,
                     world_from_camera: image.world_from_camera,
                     observations: Vec::new(),
@@ -85,7 +85,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
             &[]
         }
     };
-    // The place of each observation in its image's list, point by point.
+    // For each point: image, and index of the observation in that image.
     let mut tracks: Vec<Vec<(usize, usize)>> = Vec::with_capacity(points.len());
     for (index, point) in points.iter().enumerate() {
         let mut track = Vec::new();
@@ -160,8 +160,8 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
             let p = point.point_in_world;
             let [r, g, b] = point.color.unwrap_or([128; 3]);
             write!(out, "{} {} {} {} {r} {g} {b} 0", index + 1, p.x, p.y, p.z)?;
-            for (image, place) in track {
-                write!(out, " {} {place}", image + 1)?;
+            for (image, index) in track {
+                write!(out, " {} {index}", image + 1)?;
             }
             writeln!(out)?;
         }
@@ -170,7 +170,7 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
     Ok(())
 }
 
-/// Model and parameters of a camera; COLMAP's first pixel has its centre at (0.5, 0.5).
+/// COLMAP's model name and parameters of a camera; the centre of COLMAP's first pixel is (0.5, 0.5).
 fn parameters(camera: &Camera) -> (&'static str, Vec<f64>) {
     let mut values = vec![
         camera.fx(),

@@ -1,7 +1,7 @@
-//! Trajectories and maps for other programs: what [`crate::sequence`] reads, written again.
+//! Export of trajectories, COLMAP models and `transforms.json` for other programs.
 //!
-//! Numbers are written with as many digits as it takes to read the same double again, so that a round trip changes poses by
-//! rounding of the conversion alone.
+//! Numbers have enough digits to restore the same double, so that a round trip changes poses only by the rounding of the
+//! conversion.
 
 mod colmap;
 mod posed;

@@ -1,4 +1,4 @@
-//! What all writers start from.
+//! The posed images that all writers use.
 
 use std::path::{Component, Path};
 
@@ -7,22 +7,22 @@ use nalgebra::Isometry3;
 
 use crate::Sequence;
 
-/// A posed image as the writers need it.
+/// A posed image for export.
 #[derive(Debug, Clone)]
 pub struct PosedImage {
-    /// File of the image, relative to the folder of the sequence where it lies in there, with slashes.
+    /// Image path with slashes, relative to the sequence folder if it is inside.
     pub file: String,
-    /// Time in nanoseconds; image number k counts as k seconds where there are no times.
+    /// Time in nanoseconds; without times image number k is written as k seconds.
     pub timestamp_ns: i64,
-    /// Number of the image: its own where there are no times, else its place.
+    /// Image number: that of the layout if it has no times, else the frame index.
     pub number: u64,
-    /// Pose of its camera.
+    /// Pose of the image's camera.
     pub world_from_camera: Isometry3<f64>,
-    /// The camera of the image as stored, with its distortion.
+    /// Camera of the stored image, with distortion.
     pub camera: Camera,
 }
 
-/// The frames of a sequence for the writers.
+/// The frames of a sequence for export.
 pub fn posed_images(sequence: &Sequence) -> Vec<PosedImage> {
     sequence
         .frames()
@@ -45,8 +45,8 @@ pub fn posed_images(sequence: &Sequence) -> Vec<PosedImage> {
         .collect()
 }
 
-/// How a file is reached from a folder, with slashes: upwards where it has to be. The absolute path where there is no way.
-pub(super) fn way_from(folder: &Path, file: &Path) -> String {
+/// Path of a file relative to a folder, with slashes and `..` where needed; the absolute path if there is no relative one.
+pub(super) fn relative_path(folder: &Path, file: &Path) -> String {
     let absolute = |path: &Path| {
         std::fs::canonicalize(path)
             .or_else(|_| std::path::absolute(path))
@@ -70,7 +70,7 @@ pub(super) fn way_from(folder: &Path, file: &Path) -> String {
     steps.chain(names).collect::<Vec<_>>().join("/")
 }
 
-/// A path relative to a folder above it, with slashes; the path itself when the folder is not above it.
+/// Path relative to a parent folder, with slashes; the path itself if it is not inside.
 fn relative(path: &Path, folder: &Path) -> String {
     let inside = path.strip_prefix(folder).unwrap_or(path);
     let parts: Vec<_> = inside
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_reached_from_any_folder() {
+    fn relative_paths_are_found_from_any_folder() {
         let root = tempfile::tempdir().unwrap();
         let at = |name: &str| root.path().join(name);
         for folder in ["a/b", "c"] {
@@ -99,8 +99,15 @@ mod tests {
             ("c", "../a/b/x.png"),
             ("a/b/../../c", "../a/b/x.png"),
         ] {
-            assert_eq!(way_from(&at(folder), &at("a/b/x.png")), way, "{folder}");
+            assert_eq!(
+                relative_path(&at(folder), &at("a/b/x.png")),
+                way,
+                "{folder}"
+            );
         }
-        assert_eq!(way_from(&at("c"), &at("not/there.png")), "../not/there.png");
+        assert_eq!(
+            relative_path(&at("c"), &at("not/there.png")),
+            "../not/there.png"
+        );
     }
 }

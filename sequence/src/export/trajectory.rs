@@ -1,27 +1,27 @@
-//! Trajectories: poses alone.
+//! Trajectory files.
 
 use std::path::Path;
 
 use super::PosedImage;
 use linecarve_mesh::files::{WriteError, write_atomically};
 
-/// Formats of trajectories. All hold poses world from camera; what the camera is, the caller decides.
+/// Trajectory formats for export. All store poses `world_from_camera`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrajectoryFormat {
     /// `stamp tx ty tz qx qy qz qw`, seconds.
     Tum,
     /// `stamp,px,py,pz,qw,qx,qy,qz`, nanoseconds.
     Euroc,
-    /// Twelve numbers a line, the first three rows of the matrix; no stamps.
+    /// The first three rows of the matrix in one line; no stamps.
     Kitti,
-    /// Five lines an image: `i i i+1` and the rows of the matrix.
+    /// Five lines an image: `i i i+1` and the 4x4 matrix.
     Open3dLog,
 }
 
-/// Writes the poses of images in their order.
+/// Writes the poses of images in the given order.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// If the file cannot be written.
 pub fn write_trajectory(
     path: &Path,
     format: TrajectoryFormat,

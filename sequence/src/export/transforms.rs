@@ -1,4 +1,4 @@
-//! nerfstudio's `transforms.json`: a pose, a camera and a file for each frame.
+//! nerfstudio's `transforms.json`: pose, camera and image file of each frame.
 
 use std::path::Path;
 
@@ -6,30 +6,29 @@ use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::{Quaternion, UnitQuaternion};
 use serde_json::{Map, Value, json};
 
-use super::posed::way_from;
+use super::posed::relative_path;
 use super::posed_images;
 use crate::Sequence;
 use linecarve_mesh::files::{WriteError, write_atomically};
 
-/// Why the file cannot be written.
+/// Why `transforms.json` cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum TransformsError {
-    /// The file could not be written.
+    /// The file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// A number is not finite, which JSON cannot hold.
-    #[error("frame {file}: its pose holds a number that is not finite")]
+    /// A pose is not finite, which JSON cannot represent.
+    #[error("frame {file}: its pose is not finite")]
     NotFinite {
         /// The image.
         file: String,
     },
 }
 
-/// Writes the frames of a sequence; names of images are relative to the folder of the file that is written, as its readers
-/// take them.
+/// Writes the frames of a sequence. Image paths are relative to the folder of the written file.
 ///
 /// # Errors
-/// When the file cannot be written or a pose is not finite.
+/// If the file cannot be written or a pose is not finite.
 pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), TransformsError> {
     let images = posed_images(sequence);
     let folder = match path.parent() {
@@ -50,7 +49,7 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
             json!(1.0 / depth.scale),
         );
     }
-    // From axes y down, z forward to y up, z backward.
+    // Converts axes y down, z forward to y up, z backward.
     let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
     let mut frames = Vec::with_capacity(images.len());
     for (image, frame) in images.iter().zip(sequence.frames()) {
@@ -69,7 +68,7 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
         let mut entry = Map::new();
         entry.insert(
             "file_path".to_owned(),
-            json!(way_from(folder, &frame.color)),
+            json!(relative_path(folder, &frame.color)),
         );
         entry.insert("transform_matrix".to_owned(), json!(rows));
         if image.camera != *shared {
@@ -78,7 +77,7 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
         if let Some(depth_file) = frame.depth.as_ref().filter(|_| depth.is_some()) {
             entry.insert(
                 "depth_file_path".to_owned(),
-                json!(way_from(folder, depth_file)),
+                json!(relative_path(folder, depth_file)),
             );
         }
         frames.push(Value::Object(entry));
@@ -91,7 +90,7 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
     Ok(())
 }
 
-/// A camera; the corner of the first pixel is (0, 0) there.
+/// Camera entries; the corner of the first pixel is (0, 0) in this format.
 fn intrinsics(camera: &Camera) -> Map<String, Value> {
     let (model, coefficients): (&str, Vec<(&str, f64)>) = match *camera.distortion() {
         Distortion::None => ("OPENCV", Vec::new()),

@@ -1,4 +1,4 @@
-//! Do depth images agree with each other under the poses? And would they under another convention?
+//! Test of depth consistency: depth of one frame against depth of another, under the poses as read and alternatives.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point2};
@@ -9,57 +9,57 @@ use super::pose_hypotheses::{AS_READ, PoseHypothesis, pose_hypotheses, simplest_
 use super::{evenly_spaced, quantile, skip_unreadable};
 use crate::{DepthImage, FrameError, Sequence};
 
-/// Depth is compared at about this many pixels across an image, and as densely down.
-const ACROSS: usize = 80;
+/// Compared pixels across an image; the spacing is the same in both directions.
+const SAMPLES_ACROSS: usize = 80;
 
-/// Depth agrees when it differs by less than this share.
+/// Largest relative difference of depths that agree.
 const AGREEMENT: f64 = 0.01;
 
-/// Another reading is suspected when its median residual is below this share of that as read: a wrong one is worse by
-/// an order of magnitude, noise and drift move it by tenths.
+/// An alternative is reported if its median residual is below this share of that as read. A wrong convention is worse by
+/// an order of magnitude; noise and drift change the residual by tenths.
 const CLEARLY_BETTER: f64 = 0.5;
 
-/// Depth that agrees within this share as read is not suspected, whatever fits even better: over short distances or
-/// before flat walls every reading does.
+/// A median below this share as read is accepted without comparison: over short distances and before flat walls every
+/// convention fits.
 const GOOD: f64 = 0.01;
 
-/// Scales of depth images that exist: millimetres, TUM RGB-D, RealSense L515, and a power of two.
+/// Common depth scales: millimetres, TUM RGB-D, RealSense L515, and a power of two.
 const SCALES: [f64; 4] = [1000.0, 5000.0, 4000.0, 256.0];
 
-/// Agreement of depth between frames a fixed number of frames apart.
+/// Depth consistency between frames a fixed gap apart.
 #[derive(Debug, Clone, Serialize)]
 pub struct DepthConsistency {
-    /// Distance in frames.
+    /// Gap in frames.
     pub gap: usize,
-    /// How many pairs of images were compared.
+    /// Number of compared image pairs.
     pub pairs: usize,
-    /// Under the poses as read.
+    /// Consistency under the convention as read.
     pub as_read: DepthHypothesis,
-    /// Under other readings, the best first.
+    /// Consistency under alternatives, best first.
     pub others: Vec<DepthHypothesis>,
 }
 
-/// Agreement of depth under one reading of the files.
+/// Depth consistency under one convention.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DepthHypothesis {
-    /// The reading, in words.
+    /// Description of the convention.
     pub reading: String,
-    /// Number of pixels compared.
+    /// Number of compared pixels.
     pub pixels: usize,
-    /// Median difference between depth carried over and depth measured, in units of the poses.
+    /// Median difference between transformed and measured depth, in pose units.
     pub median_difference: f64,
-    /// The same as a share of depth, by which readings are compared.
+    /// Median relative difference, the measure of fit.
     pub median_relative: f64,
     /// Share of the compared pixels that differ by less than 1 %.
     pub share_within_1_percent: f64,
-    /// What in a sidecar makes the sequence be read so; `None` as read.
+    /// The sidecar entry that selects this convention; `None` as read.
     pub remedy: Option<String>,
-    /// In how many things the reading differs from the files as read.
+    /// Number of differences from the convention as read.
     pub differences: usize,
 }
 
 impl DepthConsistency {
-    /// A warning when another reading fits much better.
+    /// A warning if an alternative fits much better.
     pub(super) fn warning(&self) -> Option<String> {
         let best = simplest_of_best(&self.others, |other| {
             (other.median_relative, other.differences)
@@ -67,12 +67,12 @@ impl DepthConsistency {
         if self.as_read.median_relative < GOOD {
             return None;
         }
-        // A reading under which hardly anything overlaps has proven nothing.
+        // With little overlap a good fit proves nothing.
         let is_comparable = best.pixels * 4 >= self.as_read.pixels;
         (is_comparable && best.median_relative < CLEARLY_BETTER * self.as_read.median_relative).then(|| {
             format!(
                 "depth images {} frames apart agree better with {} (median difference {:.2} % of depth) than as read \
-                 ({:.2} %): check the convention of the files{}",
+                 ({:.2} %): check the pose convention and depth scale{}",
                 self.gap,
                 best.reading,
                 100.0 * best.median_relative,
@@ -85,23 +85,23 @@ impl DepthConsistency {
     }
 }
 
-/// A reading of poses and depth.
-struct DepthReading {
-    words: String,
-    /// What in a sidecar makes the sequence be read so.
+/// A convention of poses and depth scale to test.
+struct DepthConvention {
+    description: String,
+    /// The sidecar entry that selects it.
     remedy: Option<String>,
     differences: usize,
     poses: PoseHypothesis,
-    /// What depth as read is multiplied by.
+    /// Factor on depth as read.
     factor: f64,
 }
 
-/// The sequence as read, then other readings of its poses, then other scales of its depth.
-fn readings(sequence: &Sequence, scale: f64) -> Vec<DepthReading> {
-    let mut all: Vec<DepthReading> = pose_hypotheses(sequence)
+/// The convention as read, then alternative pose conventions, then alternative depth scales.
+fn conventions(sequence: &Sequence, scale: f64) -> Vec<DepthConvention> {
+    let mut all: Vec<DepthConvention> = pose_hypotheses(sequence)
         .into_iter()
-        .map(|poses| DepthReading {
-            words: poses.words.clone(),
+        .map(|poses| DepthConvention {
+            description: poses.description.clone(),
             remedy: poses.remedy.clone(),
             differences: poses.differences,
             poses,
@@ -113,8 +113,8 @@ fn readings(sequence: &Sequence, scale: f64) -> Vec<DepthReading> {
         .filter(|other| (other / scale - 1.0).abs() > 1e-3)
     {
         let as_read = pose_hypotheses(sequence).into_iter().next();
-        all.extend(as_read.map(|poses| DepthReading {
-            words: format!("a depth scale of {other} instead of {scale}"),
+        all.extend(as_read.map(|poses| DepthConvention {
+            description: format!("a depth scale of {other} instead of {scale}"),
             remedy: Some(format!("[depth] scale = {other:?}")),
             differences: 1,
             poses,
@@ -124,7 +124,7 @@ fn readings(sequence: &Sequence, scale: f64) -> Vec<DepthReading> {
     all
 }
 
-/// Compares pairs of depth images `gap` frames apart; `None` when there are none that can be compared.
+/// Compares pairs of depth images `gap` frames apart; `None` if no pair is comparable.
 pub(super) fn measure(
     sequence: &Sequence,
     gap: usize,
@@ -137,7 +137,7 @@ pub(super) fn measure(
     let candidates: Vec<usize> = (0..frames.len().saturating_sub(gap))
         .filter(|&i| gap > 0 && frames[i].depth.is_some() && frames[i + gap].depth.is_some())
         .collect();
-    let readings = readings(sequence, calibration.scale);
+    let conventions = conventions(sequence, calibration.scale);
     let measured = evenly_spaced(candidates.len(), pairs)
         .par_iter()
         .map(|&at| {
@@ -148,38 +148,38 @@ pub(super) fn measure(
             ) else {
                 return Ok(None);
             };
-            let residuals: Vec<_> = readings
+            let residuals: Vec<_> = conventions
                 .iter()
-                .map(|reading| {
+                .map(|convention| {
                     let pose = |index: usize| {
-                        reading.poses.world_from_color(sequence, index)
+                        convention.poses.world_from_color(sequence, index)
                             * calibration.color_from_depth
                     };
                     let b_from_a = pose(j).inverse() * pose(i);
-                    compare(&a, &b, &b_from_a, reading.factor, &calibration.camera)
+                    compare(&a, &b, &b_from_a, convention.factor, &calibration.camera)
                 })
                 .collect();
             Ok(Some(residuals))
         })
         .collect::<Result<Vec<_>, FrameError>>()?;
     let pairs = measured.iter().flatten().count();
-    let mut hypotheses: Vec<DepthHypothesis> = readings
+    let mut hypotheses: Vec<DepthHypothesis> = conventions
         .into_iter()
         .enumerate()
-        .filter_map(|(r, reading)| {
+        .filter_map(|(index, convention)| {
             let all = || {
                 measured
                     .iter()
                     .flatten()
-                    .flat_map(|residuals| &residuals[r])
+                    .flat_map(|residuals| &residuals[index])
             };
             let mut absolute: Vec<f64> = all().map(|residual| residual.0).collect();
             let mut relative: Vec<f64> = all().map(|residual| residual.1).collect();
             let within = relative.iter().filter(|&&value| value < AGREEMENT).count();
             Some(DepthHypothesis {
-                reading: reading.words,
-                remedy: reading.remedy,
-                differences: reading.differences,
+                reading: convention.description,
+                remedy: convention.remedy,
+                differences: convention.differences,
                 pixels: relative.len(),
                 median_difference: quantile(&mut absolute, 0.5)?,
                 median_relative: quantile(&mut relative, 0.5)?,
@@ -201,7 +201,7 @@ pub(super) fn measure(
     }))
 }
 
-/// Differences between depth of `a` carried into `b` and depth of `b`, absolute and as a share of depth.
+/// Absolute and relative differences between depth of `a` transformed into `b` and depth of `b`.
 fn compare(
     a: &DepthImage,
     b: &DepthImage,
@@ -210,7 +210,7 @@ fn compare(
     camera: &Camera,
 ) -> Vec<(f64, f64)> {
     let mut out = Vec::new();
-    let stride = (a.width() / ACROSS).max(1);
+    let stride = (a.width() / SAMPLES_ACROSS).max(1);
     for y in (stride / 2..a.height()).step_by(stride) {
         for x in (stride / 2..a.width()).step_by(stride) {
             let Some(&z) = a.get(x, y).filter(|&&z| z > 0.0) else {
@@ -220,8 +220,8 @@ fn compare(
             let Ok(point) = camera.point_at_depth(&pixel, f64::from(z) * factor) else {
                 continue;
             };
-            let carried = b_from_a * point;
-            let Some(seen) = camera.project(&carried) else {
+            let point_in_b = b_from_a * point;
+            let Some(seen) = camera.project(&point_in_b) else {
                 continue;
             };
             let (u, v) = (seen.x.round(), seen.y.round());
@@ -232,7 +232,7 @@ fn compare(
                 continue;
             };
             let measured = f64::from(there) * factor;
-            let difference = (carried.z - measured).abs();
+            let difference = (point_in_b.z - measured).abs();
             out.push((difference, difference / measured));
         }
     }
@@ -292,7 +292,7 @@ mod tests {
             let pose = |recorded| reading.world_from_color(recorded, &extrinsics);
             let b_from_a = pose(&b).inverse() * pose(&a);
             let residuals = compare(&depth_a, &depth_b, &b_from_a, factor, &camera);
-            // A wrong reading may leave nothing in common, which speaks against it as well.
+            // A wrong convention may leave no overlap at all.
             if residuals.len() < 10 {
                 return f64::INFINITY;
             }

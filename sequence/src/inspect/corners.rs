@@ -1,42 +1,42 @@
-//! Corners of an image and which of them look alike in another: just enough to test poses, without any model of motion.
+//! Corner detection and matching between two images, without a motion model: just enough to test poses.
 //!
 //! # Reference
-//! J. Shi, C. Tomasi, Good Features to Track, CVPR, 1994 (the measure of a corner). M. Brown, R. Szeliski, S. Winder,
-//! Multi-Image Matching using Multi-Scale Oriented Patches, CVPR, 2005 (downsampled normalised patches, compared by the ratio
-//! of the best to the second). *Differs from the papers:* one scale and no orientation, since neighbouring frames turn
-//! little about the viewing direction.
+//! J. Shi, C. Tomasi, Good Features to Track, CVPR, 1994 (corner measure). M. Brown, R. Szeliski, S. Winder,
+//! Multi-Image Matching using Multi-Scale Oriented Patches, CVPR, 2005 (normalised patches at low resolution,
+//! compared by the ratio of the best to the second). *Differs from the papers:* one scale and no orientation, since neighbouring frames
+//! rotate little about the viewing direction.
 
 use linecarve_lines::image::GrayImage;
 
 use crate::downsampling::block_sums;
 
-/// Images are shrunk to about this width, by a whole factor.
+/// Images are downsampled to at most this width, by an integer factor.
 const TARGET_WIDTH: usize = 800;
-/// Corners are kept per cell of this size, so that they cover the image.
+/// Side of the grid cells that spread the corners over the image, in pixels.
 const CELL: usize = 24;
 const CORNERS_PER_CELL: usize = 2;
-/// At most so many corners an image.
+/// Maximum number of corners in an image.
 const MAX_CORNERS: usize = 900;
-/// Half the side of the window in which gradients are summed.
+/// Radius of the window in which gradient products are summed.
 const WINDOW: usize = 3;
-/// The descriptor is a patch of so many samples a side, so far apart.
+/// The descriptor is a patch of `SIDE` x `SIDE` samples, `SAMPLE_SPACING` pixels apart.
 const SIDE: usize = 8;
 const SAMPLE_SPACING: usize = 4;
 const MARGIN: usize = SIDE * SAMPLE_SPACING / 2 + SAMPLE_SPACING;
-/// Squared distance to the best over that to the second best.
+/// Maximum ratio of the squared distances to the best and second best match.
 const MAX_DISTANCE_RATIO: f32 = 0.6;
-/// Least correlation of two patches.
+/// Minimum correlation of matching patches.
 const MIN_CORRELATION: f32 = 0.8;
 
-/// Corners of an image with what is around them.
+/// Corners of an image with their descriptors.
 pub(super) struct Corners {
-    /// Place in pixels of the whole image.
+    /// Positions in pixels at full resolution.
     pub(super) pixels: Vec<[f64; 2]>,
-    /// For each corner `SIDE * SIDE` samples with mean 0 and norm 1.
+    /// `SIDE * SIDE` samples with mean 0 and norm 1 for each corner.
     patches: Vec<f32>,
 }
 
-/// A grey image of floats.
+/// A downsampled grey image.
 struct FloatImage {
     width: usize,
     height: usize,
@@ -44,7 +44,7 @@ struct FloatImage {
     factor: usize,
 }
 
-/// Finds the corners of an image; none in one too downsampled.
+/// Detects the corners of an image; none if it is too small.
 pub(super) fn find(image: &GrayImage) -> Corners {
     let downsampled = downsample(image);
     let mut out = Corners {
@@ -77,7 +77,7 @@ pub(super) fn find(image: &GrayImage) -> Corners {
     out
 }
 
-/// Pairs of corners that are each other's best match, clearly better than the second best.
+/// Mutual best matches that pass the ratio test.
 pub(super) fn matches(a: &Corners, b: &Corners) -> Vec<([f64; 2], [f64; 2])> {
     let forward = nearest(a, b);
     let backward = nearest(b, a);
@@ -91,7 +91,7 @@ pub(super) fn matches(a: &Corners, b: &Corners) -> Vec<([f64; 2], [f64; 2])> {
         .collect()
 }
 
-/// For each corner of `a` the best in `b`, where it is distinctly the best.
+/// For each corner of `a` the best match in `b` that passes the ratio test.
 fn nearest(a: &Corners, b: &Corners) -> Vec<Option<usize>> {
     const N: usize = SIDE * SIDE;
     a.patches
@@ -115,14 +115,14 @@ fn nearest(a: &Corners, b: &Corners) -> Vec<Option<usize>> {
         .collect()
 }
 
-/// Mean 0, norm 1; `false` for a patch without contrast.
+/// Normalises a patch to mean 0 and norm 1; `false` for a patch without contrast.
 fn normalise(patch: &mut [f32]) -> bool {
     let mean = patch.iter().sum::<f32>() / patch.len() as f32;
     for value in patch.iter_mut() {
         *value -= mean;
     }
     let norm = patch.iter().map(|v| v * v).sum::<f32>().sqrt();
-    // Less than about one grey level a sample is noise.
+    // Below about one grey level a sample the contrast is noise.
     if norm < SIDE as f32 {
         return false;
     }
@@ -148,7 +148,7 @@ fn downsample(image: &GrayImage) -> FloatImage {
     }
 }
 
-/// Mean of `size` x `size` values around each; borders are left as they are.
+/// Box filter of `size` x `size`; the border is unchanged.
 fn blur(image: &FloatImage, size: usize) -> Vec<f32> {
     let (width, height) = (image.width, image.height);
     let half = size / 2;
@@ -170,11 +170,11 @@ fn blur(image: &FloatImage, size: usize) -> Vec<f32> {
     out
 }
 
-/// The smaller eigenvalue of the gradients' second moments around each pixel.
+/// Smaller eigenvalue of the gradient's second moment matrix around each pixel (Shi-Tomasi).
 fn strengths(image: &FloatImage) -> Vec<f32> {
     let (width, height) = (image.width, image.height);
     let at = |x: usize, y: usize| image.values[y * width + x];
-    // Products of derivatives, and their sums in a window, by running sums of columns.
+    // Gradient products, and their window sums by way of column sums.
     let mut products = vec![[0.0_f32; 3]; width * height];
     for y in 1..height - 1 {
         for x in 1..width - 1 {
@@ -210,7 +210,7 @@ fn strengths(image: &FloatImage) -> Vec<f32> {
     out
 }
 
-/// The strongest local maxima of each cell, then of all; in the order of rows.
+/// The strongest local maxima of each cell, then of the image, in row order.
 fn strongest(strength: &[f32], width: usize, height: usize) -> Vec<(usize, usize)> {
     const REACH: usize = 3;
     let mut kept: Vec<(f32, usize)> = Vec::new();
@@ -221,7 +221,7 @@ fn strongest(strength: &[f32], width: usize, height: usize) -> Vec<(usize, usize
             for y in top..(top + CELL).min(height - MARGIN) {
                 for x in left..(left + CELL).min(width - MARGIN) {
                     let here = strength[y * width + x];
-                    // One grey level of slope over the window, both ways.
+                    // At least a slope of one grey level over the window in both directions.
                     let is_peak = here > (4 * (2 * WINDOW + 1) * (2 * WINDOW + 1)) as f32
                         && (y - REACH..=y + REACH).all(|ny| {
                             strength[ny * width + x - REACH..=ny * width + x + REACH]
@@ -256,7 +256,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Random squares, the same for every shift.
+    /// Random rectangles, shifted to the left by `shift` pixels.
     fn picture(width: usize, height: usize, shift: usize) -> GrayImage {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let mut samples = vec![90_u8; width * height];
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn small_and_flat_images_have_none() {
+    fn small_and_uniform_images_have_no_corners() {
         for (width, height) in [(1, 1), (30, 200), (200, 30), (200, 200)] {
             let flat = Plane::new(width, height, vec![7_u8; width * height]).unwrap();
             assert!(find(&flat).pixels.is_empty(), "{width} x {height}");

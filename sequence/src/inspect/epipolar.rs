@@ -1,7 +1,5 @@
-//! Do corners that look alike lie where the poses say? And would they under another reading of the poses?
-//!
-//! This needs no depth: a corner seen in one image must lie on its epipolar line in another. The distance to that line is
-//! the measure. It is blind to the scale of the poses.
+//! Test of epipolar consistency: distances of matched corners to their epipolar lines, under the poses as read and
+//! alternatives. It needs no depth, and does not depend on the scale of the poses.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Vector3};
@@ -13,63 +11,64 @@ use super::pose_hypotheses::{PoseHypothesis, pose_hypotheses, simplest_of_best};
 use super::{corners, quantile};
 use crate::Sequence;
 
-/// Pairs whose corners move by less than this share of the image width say nothing: there every reading fits.
+/// Smallest median corner motion of a pair, as a share of the image width: with less motion every convention fits.
 const MIN_MOTION: f64 = 0.01;
 
-/// A pair with fewer matches is passed over.
+/// Smallest number of matches of a pair.
 const MIN_PAIR_MATCHES: usize = 20;
 
-/// Below this many matches in all, nothing is said.
+/// Smallest number of matches in all pairs.
 const MIN_MATCHES: usize = 60;
 
-/// Another reading is suspected when its median distance is below this share of that as read.
+/// An alternative is reported if its median distance is below this share of that as read.
 const CLEARLY_BETTER: f64 = 0.5;
 
-/// As read, a median below this share of the image width is not suspected, whatever fits even better.
+/// A median as read below this share of the image width is accepted without comparison.
 const GOOD: f64 = 0.003;
 
-/// A median beyond this share of the width cannot be triangulated from, even when no other reading is better.
+/// A median above this share of the width is reported even if no alternative is better: poses are too poor to
+/// triangulate.
 const BAD: f64 = 0.006;
 
-/// How well corners that look alike lie on each other's epipolar lines.
+/// Distances of matched corners to their epipolar lines.
 #[derive(Debug, Clone, Serialize)]
 pub struct EpipolarFacts {
-    /// How many pairs of images had enough matches and motion.
+    /// Number of image pairs with enough matches and motion.
     pub pairs: usize,
-    /// How many matches.
+    /// Number of matches.
     pub matches: usize,
-    /// Under the poses as read.
+    /// Distances under the convention as read.
     pub as_read: EpipolarHypothesis,
-    /// Under other readings, the best first.
+    /// Distances under alternatives, best first.
     pub others: Vec<EpipolarHypothesis>,
-    /// Width of the images in pixels.
+    /// Image width in pixels.
     width: usize,
 }
 
-/// Distances to epipolar lines under one reading of the poses.
+/// Distances to epipolar lines under one pose convention.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EpipolarHypothesis {
-    /// The reading, in words.
+    /// Description of the convention.
     pub reading: String,
     /// Median distance in pixels.
     pub median_px: f64,
     /// Share of the matches within 2 px.
     pub share_within_2_px: f64,
-    /// What in a sidecar makes the sequence be read so; `None` as read.
+    /// The sidecar entry that selects this convention; `None` as read.
     pub remedy: Option<String>,
-    /// In how many things the reading differs from the files as read.
+    /// Number of differences from the convention as read.
     pub differences: usize,
 }
 
 impl EpipolarFacts {
-    /// A warning when another reading fits much better, or none fits.
+    /// A warning if an alternative fits much better, or no convention fits.
     pub(super) fn warning(&self) -> Option<String> {
         let width = self.width as f64;
         if self.as_read.median_px < GOOD * width {
             return None;
         }
         let poor = format!(
-            "matching corners lie {:.1} px (median of {} in {} pairs) from where the poses put them",
+            "matched corners lie {:.1} px from their epipolar lines (median of {} in {} pairs)",
             self.as_read.median_px, self.matches, self.pairs
         );
         let best = simplest_of_best(&self.others, |other| (other.median_px, other.differences))?;
@@ -78,25 +77,24 @@ impl EpipolarFacts {
                 format!(" (in linecarve.toml: {remedy})")
             });
             let rest = if best.median_px > GOOD * width {
-                "; that is still too far: the poses themselves are off"
+                "; this is still too far: the poses themselves are inaccurate"
             } else {
                 ""
             };
             return Some(format!(
-                "{poor}, but {:.1} px with {}: check the convention of the files{remedy}{rest}",
+                "{poor}, but {:.1} px with {}: check the pose convention{remedy}{rest}",
                 best.median_px, best.reading
             ));
         }
         (self.as_read.median_px > BAD * width).then(|| {
             format!(
-                "{poor}, and no other reading is much better: check intrinsics, the clock of the poses, and the poses \
-                 themselves"
+                "{poor}, and no other pose convention is much better: check intrinsics, time stamps and poses"
             )
         })
     }
 }
 
-/// Compares pairs of images; `None` when there is too little to compare.
+/// Compares matched corners of image pairs; `None` if there are too few matches.
 pub(super) fn measure(sequence: &Sequence, image_samples: &ImageSamples) -> Option<EpipolarFacts> {
     let width = sequence.color_size().width as usize;
     let hypotheses = pose_hypotheses(sequence);
@@ -144,12 +142,12 @@ pub(super) fn measure(sequence: &Sequence, image_samples: &ImageSamples) -> Opti
                 .flat_map(|pair| pair.1[h].iter().copied())
                 .collect();
             let near = distances.iter().filter(|d| **d < 2.0).count();
-            // A reading that leaves most matches without a line has proven nothing.
+            // A convention that leaves most matches without a line proves nothing.
             if 2 * distances.len() < matches {
                 return None;
             }
             Some(EpipolarHypothesis {
-                reading: hypothesis.words,
+                reading: hypothesis.description,
                 share_within_2_px: near as f64 / distances.len() as f64,
                 median_px: quantile(&mut distances, 0.5)?,
                 remedy: hypothesis.remedy,
@@ -180,8 +178,8 @@ fn relative(
     hypothesis.world_from_color(sequence, j).inverse() * hypothesis.world_from_color(sequence, i)
 }
 
-/// Distance in pixels of `q` from the epipolar line of `p`, and of `p` from that of `q`, whichever is larger; `None` when
-/// a line does not exist, as between cameras at one place.
+/// The larger of the distances, in pixels, of `q` to the epipolar line of `p` and of `p` to that of `q`; `None` if a line
+/// does not exist, as without translation.
 fn distance(camera: &Camera, b_from_a: &Isometry3<f64>, p: [f64; 2], q: [f64; 2]) -> Option<f64> {
     let ray = |pixel: [f64; 2]| {
         Vector3::new(
@@ -196,7 +194,7 @@ fn distance(camera: &Camera, b_from_a: &Isometry3<f64>, p: [f64; 2], q: [f64; 2]
     if length == 0.0 {
         return None;
     }
-    // The line of p in image b holds the epipole t and the image of the direction of p.
+    // The line of p in image b joins the epipole t and the image of the direction of p.
     let line_in_b = t.cross(&(b_from_a.rotation * a)) / length;
     // q lies on it where b . (t x R a) = 0, and so p on the line of q, (t x R)^T b.
     let line_in_a = b_from_a.rotation.inverse() * b.cross(&t) / length;
@@ -212,7 +210,7 @@ mod tests {
     use nalgebra::{Point2, Point3, Translation3, UnitQuaternion};
 
     #[test]
-    fn points_lie_on_their_lines_and_moved_ones_do_not() {
+    fn projections_lie_on_their_epipolar_lines() {
         let camera = Camera::pinhole(500.0, 510.0, 320.0, 240.0).unwrap();
         let b_from_a = Isometry3::from_parts(
             Translation3::new(-0.4, 0.05, 0.1),

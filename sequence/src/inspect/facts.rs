@@ -1,4 +1,4 @@
-//! Facts about cameras, motion, images and depth.
+//! Facts about cameras, motion, images, depth and the sparse model.
 
 use linecarve_lines::camera::{Camera, Distortion};
 use rayon::prelude::*;
@@ -11,36 +11,36 @@ use super::registration::RegistrationFacts;
 use super::{evenly_spaced, quantile, skip_unreadable};
 use crate::{FrameError, Sequence, Warning};
 
-/// What is known of a sequence.
+/// Facts about a sequence.
 #[derive(Debug, Clone, Serialize)]
 pub struct SequenceFacts {
-    /// The layout that was recognised.
+    /// Name of the detected layout.
     pub layout: &'static str,
-    /// Number of frames with image and pose.
+    /// Number of frames.
     pub frames: usize,
     /// The colour camera as stored.
     pub color: CameraFacts,
-    /// Its motion.
+    /// Camera motion.
     pub motion: MotionFacts,
-    /// Its images; `None` when not one of the sample could be decoded.
+    /// Colour images; `None` if none of the sample can be decoded.
     pub images: Option<ImageFacts>,
-    /// Its depth; `None` when it has none.
+    /// Depth images; `None` if there are none.
     pub depth: Option<DepthFacts>,
-    /// Its points with the views that see them; `None` when it has none.
+    /// Points of the sparse model; `None` if there are none.
     pub map_points: Option<MapPointFacts>,
-    /// How well depth images agree with each other under the poses, for each gap at which any could be compared.
+    /// Consistency of depth images under the poses, for each gap with comparable pairs.
     pub consistency: Vec<DepthConsistency>,
-    /// How well corners that sample alike lie on each other's epipolar lines; `None` when there are too few.
+    /// Distances of matched corners to their epipolar lines; `None` if there are too few.
     pub epipolar: Option<EpipolarFacts>,
-    /// How well outlines in depth lie on edges in colour; `None` when there are too few.
+    /// Distances of depth discontinuities to colour edges; `None` if there are too few.
     pub registration: Option<RegistrationFacts>,
-    /// What the layout takes for granted.
+    /// Conventions under which the files were read.
     pub conventions: Vec<String>,
-    /// What was left out or looks wrong.
+    /// Non-fatal problems and doubtful conventions.
     pub warnings: Vec<Warning>,
 }
 
-/// A camera.
+/// Camera intrinsics.
 #[derive(Debug, Clone, Serialize)]
 pub struct CameraFacts {
     /// Image width in pixels; `None` when unknown.
@@ -59,24 +59,24 @@ pub struct CameraFacts {
     pub model: &'static str,
     /// Coefficients of the model.
     pub distortion: Vec<f64>,
-    /// The file or default that it comes from.
+    /// The file or default that the camera comes from.
     pub origin: String,
 }
 
-/// Motion of the colour camera, in units of the poses.
+/// Motion of the colour camera, in pose units.
 #[derive(Debug, Clone, Serialize)]
 pub struct MotionFacts {
-    /// Sum of all steps.
+    /// Length of the camera path.
     pub path_length: f64,
-    /// Sides of the box around all camera centres, along the axes of the world.
+    /// Side lengths of the bounding box of all camera centres, along the world axes.
     pub extent: [f64; 3],
-    /// Median distance between neighbouring frames.
+    /// Median distance between consecutive frames.
     pub median_step: f64,
-    /// Largest distance between neighbouring frames.
+    /// Largest distance between consecutive frames.
     pub largest_step: f64,
-    /// The frame that the largest step leads to; `None` of a single frame.
+    /// The frame after the largest step; `None` for a single frame.
     pub largest_step_to: Option<String>,
-    /// Median angle between neighbouring frames in degrees.
+    /// Median rotation between consecutive frames in degrees.
     #[serde(rename = "median_turn_deg")]
     pub median_rotation_deg: f64,
 }
@@ -84,71 +84,71 @@ pub struct MotionFacts {
 /// Brightness and blur of a sample of the images.
 #[derive(Debug, Clone, Serialize)]
 pub struct ImageFacts {
-    /// How many images were decoded.
+    /// Number of decoded images.
     pub sampled: usize,
-    /// How many could not be.
+    /// Number of undecodable images.
     pub undecodable: usize,
     /// Least and largest mean grey level.
     pub mean_gray: [f64; 2],
-    /// Median slope of the strongest edges in grey levels a pixel ([`crate::keyframes::sharpness`]).
+    /// Median sharpness: slope of the strongest edges in grey levels a pixel.
     pub median_sharpness: f64,
-    /// Sharpness of the most blurred image over the median.
+    /// Sharpness of the most blurred image relative to the median.
     pub least_relative_sharpness: f64,
-    /// The most blurred image.
+    /// Name of the most blurred image.
     pub most_blurred: String,
 }
 
-/// Depth on a sample of the frames, in units of the poses.
+/// Depth of a sample of the frames, in pose units.
 #[derive(Debug, Clone, Serialize)]
 pub struct DepthFacts {
-    /// Whether depth pixels belong to the colour pixels of the same place.
+    /// Whether depth is registered to colour.
     pub registered: bool,
-    /// The depth camera as loaded.
+    /// Camera of the loaded depth images.
     pub camera: CameraFacts,
-    /// Raw units per unit of the poses.
+    /// Raw depth units per pose unit.
     pub scale: f64,
-    /// Number of frames that have a depth image.
+    /// Number of frames with a depth image.
     pub frames: usize,
-    /// How many depth images were decoded.
+    /// Number of decoded depth images.
     pub sampled: usize,
-    /// How many could not be.
+    /// Number of undecodable images.
     pub undecodable: usize,
     /// Mean share of pixels with known depth.
     pub mean_coverage: f64,
-    /// Share in the image with the fewest.
+    /// Smallest share in an image.
     pub least_coverage: f64,
-    /// The 1st, 50th and 99th percentile of known depths; `None` when no depth is known at all.
+    /// The 1st, 50th and 99th percentile of known depths; `None` if no depth is known.
     pub percentiles: Option<[f64; 3]>,
 }
 
-/// Points that the layout holds.
+/// Points of the sparse model.
 #[derive(Debug, Clone, Serialize)]
 pub struct MapPointFacts {
-    /// How many points.
+    /// Number of points.
     pub points: usize,
-    /// How many views, with or without an image.
+    /// Number of views, with or without an image.
     pub views: usize,
-    /// Mean number of views that see a point.
+    /// Mean number of observations of a point.
     #[serde(rename = "mean_sightings")]
     pub mean_observations: f64,
-    /// How many observations know their pixel and a camera to compare it with.
+    /// Number of observations with a pixel and a camera.
     pub compared: usize,
-    /// Median distance in pixels between where a view saw a point and where its pose puts it.
+    /// Median reprojection error in pixels.
     pub median_reprojection_px: Option<f64>,
-    /// Share of all observations whose point lies before the view.
+    /// Share of the observations whose point is in front of the camera.
     pub share_in_front: f64,
 }
 
 impl MapPointFacts {
-    /// A warning when points and poses do not belong together.
+    /// A warning if points and poses are inconsistent.
     fn warning(&self) -> Option<Warning> {
-        /// A few points behind their cameras are outliers of the model.
+        /// A few points behind cameras are outliers.
         const MIN_SHARE_IN_FRONT: f64 = 0.95;
         const MAX_REPROJECTION_PX: f64 = 4.0;
         if self.share_in_front < MIN_SHARE_IN_FRONT {
             return Some(Warning::statement(format!(
-                "only {:.0} % of the observations of map points lie before their camera: poses and points do not belong \
-                 together, or the poses have another convention",
+                "only {:.0} % of the map point observations are in front of their camera: check that points and poses \
+                 belong together, and the pose convention",
                 100.0 * self.share_in_front
             )));
         }
@@ -156,7 +156,7 @@ impl MapPointFacts {
             .median_reprojection_px
             .filter(|px| *px > MAX_REPROJECTION_PX)?;
         Some(Warning::statement(format!(
-            "map points lie {median:.1} px (median) from where the views saw them: cameras, poses and points do not belong \
+            "map points have a median reprojection error of {median:.1} px: check that cameras, poses and points belong \
              together"
         )))
     }
@@ -209,7 +209,7 @@ fn camera_facts(camera: &Camera, size: Option<(u32, u32)>, origin: String) -> Ca
     }
 }
 
-/// Everything but consistency.
+/// Measures all facts except consistency and registration.
 pub(super) fn measure(
     sequence: &Sequence,
     image_samples: &ImageSamples,
@@ -243,7 +243,7 @@ pub(super) fn measure(
         .filter(|depth| depth.percentiles.is_none())
     {
         facts.warnings.push(Warning::statement(format!(
-            "not one pixel of {} depth images has a known depth",
+            "none of {} depth images has a pixel of known depth: check the depth images",
             depth.sampled
         )));
     }
@@ -313,7 +313,7 @@ fn images(sequence: &Sequence, image_samples: &ImageSamples) -> Option<ImageFact
 }
 
 fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, FrameError> {
-    /// One pixel in so many enters the percentiles.
+    /// Every how many pixels one enters the percentiles.
     const STRIDE: usize = 61;
     let Some(calibration) = sequence.depth_calibration() else {
         return Ok(None);
@@ -361,7 +361,7 @@ fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, Fram
     let origin = if calibration.registered {
         "registered to colour"
     } else {
-        "a camera of its own"
+        "a separate camera"
     };
     Ok(Some(DepthFacts {
         registered: calibration.registered,

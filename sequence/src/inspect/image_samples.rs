@@ -1,4 +1,4 @@
-//! What is wanted of the colour images, each decoded once: decoding is what takes long.
+//! Samples of the colour images. Each image is decoded only once, since decoding dominates the run time.
 
 use std::collections::BTreeMap;
 
@@ -9,32 +9,35 @@ use super::{InspectOptions, evenly_spaced, skip_unreadable};
 use crate::keyframes::sharpness;
 use crate::{FrameError, Sequence};
 
-/// What was seen in one image.
+/// Measurements of one image.
 pub(super) struct ImageSample {
     /// Mean grey level.
     pub(super) mean_gray: f64,
     /// See [`sharpness`].
     pub(super) sharpness: f64,
-    /// Its corners, where they are to be matched.
+    /// Corners, if the image is to be matched.
     pub(super) corners: Option<Corners>,
 }
 
-/// ImageSamples at a choice of the images.
+/// Measurements of a selection of the images.
 pub(super) struct ImageSamples {
-    /// By frame; `None` where the image could not be decoded.
+    /// By frame; `None` for undecodable images.
     of_frame: BTreeMap<usize, Option<ImageSample>>,
-    /// Frames that stand for the sequence, ascending.
+    /// Frames sampled for brightness and blur, ascending.
     sampled: Vec<usize>,
-    /// Pairs of frames whose corners are to be matched.
+    /// Pairs of frames to be matched.
     pairs: Vec<(usize, usize)>,
 }
 
 impl ImageSamples {
-    /// ImageSamples at the images that the options ask for.
+    /// Decodes and measures the images that the options ask for.
     ///
     /// # Errors
-    /// When an image shows that the whole sequence is unusable.
-    pub(super) fn measure(sequence: &Sequence, options: &InspectOptions) -> Result<Self, FrameError> {
+    /// If an image makes the whole sequence unusable.
+    pub(super) fn measure(
+        sequence: &Sequence,
+        options: &InspectOptions,
+    ) -> Result<Self, FrameError> {
         let count = sequence.frames().len();
         let sampled = evenly_spaced(count, options.samples);
         let gaps = options.gaps.iter().copied().filter(|gap| *gap > 0);
@@ -73,12 +76,12 @@ impl ImageSamples {
         self.of_frame.get(&frame)?.as_ref()
     }
 
-    /// The frames that stand for the sequence, with what was seen in them.
+    /// The frames sampled for brightness and blur, with their measurements.
     pub(super) fn sampled(&self) -> impl Iterator<Item = (usize, Option<&ImageSample>)> {
         self.sampled.iter().map(|&frame| (frame, self.of(frame)))
     }
 
-    /// The pairs to be matched both of whose images could be decoded.
+    /// The pairs of decoded images to be matched.
     pub(super) fn pairs(&self) -> Vec<CornerPair<'_>> {
         let corners = |frame| self.of(frame)?.corners.as_ref();
         let pairs = self.pairs.iter();

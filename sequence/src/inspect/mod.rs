@@ -1,4 +1,4 @@
-//! What `linecarve info` tells of a sequence: facts, measured on a sample of its images, and a test of its conventions.
+//! Inspection of a sequence: facts measured on a sample of its images, and tests of its conventions.
 
 mod consistency;
 mod corners;
@@ -18,19 +18,19 @@ use serde::{Deserialize, Serialize};
 use super::{FrameError, Sequence, Warning};
 use image_samples::ImageSamples;
 
-/// How much of a sequence is looked at.
+/// Sample sizes of [`inspect`]. Samples are spread evenly over the sequence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InspectOptions {
-    /// Images that are decoded, spread evenly over the sequence.
+    /// Number of images decoded for brightness, blur and depth coverage.
     pub samples: usize,
-    /// Pairs of depth images that are compared at each gap, spread evenly.
+    /// Number of depth image pairs compared at each gap.
     pub pairs: usize,
-    /// Distances in frames between the images of a pair.
+    /// Gaps, in frames, between the images of a pair.
     pub gaps: Vec<usize>,
-    /// Pairs of images whose corners are matched at each gap, spread evenly.
+    /// Number of image pairs whose corners are matched at each gap.
     pub matched_pairs: usize,
-    /// Frames whose outlines in depth are compared with edges in colour, spread evenly.
+    /// Number of frames whose depth discontinuities are compared with colour edges.
     pub registrations: usize,
 }
 
@@ -46,16 +46,17 @@ impl Default for InspectOptions {
     }
 }
 
-/// Measures the facts of a sequence.
+/// Measures facts about a sequence and tests its conventions:
 ///
-/// Depth of one frame is carried into another by their poses and compared with what was measured there: as read, with
-/// the inverse poses, with camera axes of the OpenGL convention, and with other depth scales. Corners that look alike are
-/// compared with the epipolar lines on which the poses put them, under the same readings of the poses. When one of these
-/// fits much better, the facts carry a warning that says how to ask for it. Outlines in depth are compared with edges in colour, as they are and moved, to
-/// find depth that is not registered as assumed. Images that cannot be decoded are counted and passed over.
+/// - Depth consistency: depth of one frame is transformed into another and compared with its depth.
+/// - Epipolar consistency: matched corners are compared with their epipolar lines.
+/// - Registration: depth discontinuities are compared with colour edges, as read and shifted.
+///
+/// The first two are repeated under alternative conventions (inverse poses, OpenGL axes, quaternion order, depth scales).
+/// A warning names the remedy if an alternative fits much better. Undecodable images are counted and skipped.
 ///
 /// # Errors
-/// When an image shows that the whole sequence is unusable (size, format of depth).
+/// If an image makes the whole sequence unusable (image size, depth format).
 pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<SequenceFacts, FrameError> {
     let image_samples = ImageSamples::measure(sequence, options)?;
     let mut facts = facts::measure(sequence, &image_samples, options.samples)?;
@@ -68,12 +69,12 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
         }
     }
     facts.epipolar = epipolar::measure(sequence, &image_samples);
-    // Depth is the sharper test: what it says is not said twice.
-    let is_suspected = facts.consistency.iter().any(|c| c.warning().is_some());
+    // The depth test is sharper: do not report the same fault twice.
+    let has_depth_warning = facts.consistency.iter().any(|c| c.warning().is_some());
     if let Some(warning) = facts
         .epipolar
         .as_ref()
-        .filter(|_| !is_suspected)
+        .filter(|_| !has_depth_warning)
         .and_then(EpipolarFacts::warning)
     {
         facts.warnings.push(Warning::statement(warning));
@@ -82,8 +83,8 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
     if let Some(warning) = facts
         .registration
         .as_ref()
-        // Depth of another scale lies elsewhere in the image, too.
-        .filter(|_| !is_suspected)
+        // A wrong depth scale also moves discontinuities in the image.
+        .filter(|_| !has_depth_warning)
         .and_then(RegistrationFacts::warning)
     {
         facts.warnings.push(Warning::statement(warning));
@@ -91,7 +92,7 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
     Ok(facts)
 }
 
-/// At most `count` of the numbers below `total`, spread evenly.
+/// At most `count` indices below `total`, evenly spaced.
 fn evenly_spaced(total: usize, count: usize) -> Vec<usize> {
     let count = count.min(total);
     (0..count)
@@ -99,7 +100,7 @@ fn evenly_spaced(total: usize, count: usize) -> Vec<usize> {
         .collect()
 }
 
-/// `None` for an image that can be passed over.
+/// Turns errors limited to one frame into `None`.
 fn skip_unreadable<T>(outcome: Result<T, FrameError>) -> Result<Option<T>, FrameError> {
     match outcome {
         Ok(value) => Ok(Some(value)),
@@ -108,7 +109,7 @@ fn skip_unreadable<T>(outcome: Result<T, FrameError>) -> Result<Option<T>, Frame
     }
 }
 
-/// The value that a share of the others lies below; `None` of nothing.
+/// The quantile at `share` by rank; `None` of an empty slice.
 fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     if values.is_empty() {
         return None;
@@ -123,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_are_spread() {
+    fn samples_are_evenly_spaced() {
         assert_eq!(evenly_spaced(10, 2), [2, 7]);
         assert_eq!(evenly_spaced(3, 9), [0, 1, 2]);
         assert_eq!(evenly_spaced(0, 5), Vec::<usize>::new());

@@ -1,4 +1,4 @@
-//! Other ways in which the poses of a sequence could be meant.
+//! Alternative pose conventions to test.
 
 use nalgebra::Isometry3;
 
@@ -6,47 +6,47 @@ use super::super::calibration::PoseCamera;
 use super::super::pose_convention::{CameraAxes, PoseConvention, PoseDirection, QuaternionOrder};
 use crate::Sequence;
 
-/// The words for the sequence as it is.
+/// Description of the convention as read.
 pub(super) const AS_READ: &str = "the files as read";
 
-/// A way to understand the poses.
+/// A pose convention to test.
 pub(super) struct PoseHypothesis {
-    /// The reading, in words.
-    pub(super) words: String,
-    /// What to write into a sidecar to get it; `None` for the sequence as it is.
+    /// Description for messages.
+    pub(super) description: String,
+    /// The sidecar entry that selects it; `None` for the convention as read.
     pub(super) remedy: Option<String>,
-    /// In how many things it differs from the sequence as it is.
+    /// Number of differences from the convention as read.
     pub(super) differences: usize,
-    reading: PoseConvention,
+    convention: PoseConvention,
 }
 
-/// Readings that fit within this factor of the best are as good; the one that differs the least is then named.
+/// Hypotheses whose misfit is within this factor of the best count as equally good.
 const AS_GOOD: f64 = 1.25;
 
-/// Of readings, given as their misfit and in how many things they differ, the simplest that is as good as the best.
+/// The hypothesis with the fewest differences among those as good as the best.
 pub(super) fn simplest_of_best<T>(
-    readings: &[T],
+    hypotheses: &[T],
     misfit_and_differences: impl Fn(&T) -> (f64, usize),
 ) -> Option<&T> {
-    let least = readings
+    let least = hypotheses
         .iter()
-        .map(|reading| misfit_and_differences(reading).0)
+        .map(|hypothesis| misfit_and_differences(hypothesis).0)
         .min_by(f64::total_cmp)?;
-    readings
+    hypotheses
         .iter()
-        .filter(|reading| misfit_and_differences(reading).0 <= AS_GOOD * least)
-        .min_by_key(|reading| misfit_and_differences(reading).1)
+        .filter(|hypothesis| misfit_and_differences(hypothesis).0 <= AS_GOOD * least)
+        .min_by_key(|hypothesis| misfit_and_differences(hypothesis).1)
 }
 
 impl PoseHypothesis {
     /// The pose of the colour camera of a frame.
     pub(super) fn world_from_color(&self, sequence: &Sequence, frame: usize) -> Isometry3<f64> {
-        self.reading
+        self.convention
             .world_from_color(&sequence.recorded_poses[frame], &sequence.extrinsics)
     }
 }
 
-/// The sequence as read, then all readings that differ from it in at most two things.
+/// The convention as read, then all that differ from it in at most two respects.
 pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
     let base = sequence.pose_convention;
     let mut cameras = vec![base.camera];
@@ -80,32 +80,32 @@ pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
         for &camera in &cameras {
             for direction in directions {
                 for axes in [CameraAxes::AsRead, CameraAxes::YAndZFlipped] {
-                    let reading = PoseConvention {
+                    let convention = PoseConvention {
                         camera,
                         direction,
                         axes,
                         quaternion,
                     };
-                    let words = differences(&base, &reading);
+                    let words = differences(&base, &convention);
                     if words.len() <= 2 {
-                        all.push((words, reading));
+                        all.push((words, convention));
                     }
                 }
             }
         }
     }
-    // Fewer differences first, so that of two readings that fit equally the simpler one is named.
+    // Fewer differences first: of equal fits the simpler one is reported.
     all.sort_by_key(|(words, _)| words.len());
     all.into_iter()
-        .map(|(words, reading)| PoseHypothesis {
+        .map(|(words, convention)| PoseHypothesis {
             differences: words.len(),
-            remedy: (!words.is_empty()).then(|| format!("[poses] {reading}")),
-            words: if words.is_empty() {
+            remedy: (!words.is_empty()).then(|| format!("[poses] {convention}")),
+            description: if words.is_empty() {
                 AS_READ.to_owned()
             } else {
                 words.join(", ")
             },
-            reading,
+            convention,
         })
         .collect()
 }
@@ -114,7 +114,7 @@ fn differences(base: &PoseConvention, other: &PoseConvention) -> Vec<&'static st
     let mut words = Vec::new();
     if other.direction != base.direction {
         words.push(match other.direction {
-            PoseDirection::AsRead => "the direction that the format has",
+            PoseDirection::AsRead => "the pose direction of the format",
             PoseDirection::Inverse => "the inverse poses (camera from world)",
             PoseDirection::RotationInverse => {
                 "the inverse rotations (camera from world) at the same positions"
@@ -123,7 +123,7 @@ fn differences(base: &PoseConvention, other: &PoseConvention) -> Vec<&'static st
     }
     if other.axes != base.axes {
         words.push(match other.axes {
-            CameraAxes::AsRead => "the camera axes that the format has",
+            CameraAxes::AsRead => "the camera axes of the format",
             CameraAxes::YAndZFlipped => "camera axes y up, z backward (OpenGL)",
         });
     }
@@ -136,7 +136,7 @@ fn differences(base: &PoseConvention, other: &PoseConvention) -> Vec<&'static st
     }
     if other.quaternion != base.quaternion {
         words.push(match other.quaternion {
-            QuaternionOrder::AsRead => "the order of quaternions that the format has",
+            QuaternionOrder::AsRead => "the quaternion order of the format",
             QuaternionOrder::WFirst => "quaternions w x y z",
             QuaternionOrder::WLast => "quaternions x y z w",
         });

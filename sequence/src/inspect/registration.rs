@@ -1,4 +1,4 @@
-//! Do the edges of depth lie on edges of the colour image? And would they if the images were moved?
+//! Test of depth registration: distances of depth discontinuities to colour edges, as read and after a shift and scale.
 
 use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
 use linecarve_lines::image::GrayImage;
@@ -9,38 +9,38 @@ use serde::Serialize;
 use super::{evenly_spaced, skip_unreadable};
 use crate::{DepthCalibration, DepthImage, FrameError, Sequence};
 
-/// A jump by this share of the nearer depth is the outline of something.
-const JUMP: f64 = 0.05;
+/// Smallest relative depth step of a discontinuity.
+const MIN_DEPTH_STEP: f64 = 0.05;
 
-/// A shadow of a depth sensor up to this many pixels wide may lie between both sides of an outline.
+/// Widest run of unknown depth (sensor shadow) that a discontinuity may span.
 const MAX_SHADOW_PX: usize = 16;
 
-/// Distances are cut off here, so that outlines without any edge in the colour image do not decide.
-const CUT_OFF_PX: u8 = 8;
+/// Distances are clamped here, so that discontinuities without a colour edge do not dominate.
+const MAX_DISTANCE_PX: u8 = 8;
 
-/// Distances are kept in thirds of a pixel.
-const THIRDS: u8 = 3;
+/// Distance units per pixel.
+const UNITS_PER_PX: u8 = 3;
 
-/// Outline pixels that are looked at, over all images: one in so many of what there is.
+/// Upper bound of the number of compared pixels over all images.
 const MAX_PIXELS: usize = 6000;
 
-/// Below this many a comparison says nothing.
+/// Smallest number of pixels for a comparison.
 const MIN_PIXELS: usize = 200;
 
-/// Moved images are suspected to fit when they lower the mean distance below this share of that as read. Noise alone
-/// lowers it by a few per cent; the uncalibrated colour camera of 7-Scenes by a third and more.
+/// A shift is reported if it lowers the mean distance below this share. Noise lowers it by a few per cent, the
+/// unregistered depth of 7-Scenes by a third and more.
 const CLEARLY_BETTER: f64 = 0.8;
 
-/// How well outlines in depth images lie on edges of the colour images.
+/// Distances of depth discontinuities to colour edges.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RegistrationFacts {
-    /// How many pairs of images were looked at.
+    /// Number of image pairs.
     pub frames: usize,
-    /// How many outline pixels.
+    /// Number of discontinuity pixels.
     pub pixels: usize,
-    /// Mean distance from an outline pixel to the nearest colour edge as read, each cut off at 8 px.
+    /// Mean distance of a discontinuity pixel to the nearest colour edge as read, each clamped to 8 px.
     pub mean_distance_px: f64,
-    /// The same once outlines are scaled about the principal point and shifted by the best amount.
+    /// Mean distance after the best scale about the principal point and shift.
     pub best_distance_px: f64,
     /// Best scale.
     pub best_scale: f64,
@@ -49,15 +49,15 @@ pub struct RegistrationFacts {
 }
 
 impl RegistrationFacts {
-    /// A warning when moved images fit much better.
+    /// A warning if a scale or shift fits much better.
     pub(super) fn warning(&self) -> Option<String> {
         let is_moved =
             self.best_scale != 1.0 || self.best_shift_px.iter().any(|shift| shift.abs() > 2.0);
         (is_moved && self.best_distance_px < CLEARLY_BETTER * self.mean_distance_px).then(|| {
             format!(
-                "outlines in depth lie {:.1} px from colour edges, but {:.1} px when scaled by {:.2} and shifted by ({:.0}, \
-                 {:.0}) px: depth is probably not registered to colour as assumed; a [depth] section in linecarve.toml can \
-                 tell both cameras",
+                "depth discontinuities lie {:.1} px from colour edges, but {:.1} px when scaled by {:.2} and shifted by \
+                 ({:.0}, {:.0}) px: depth is probably not registered to colour; give the depth camera in a [depth] section \
+                 of linecarve.toml",
                 self.mean_distance_px,
                 self.best_distance_px,
                 self.best_scale,
@@ -68,16 +68,16 @@ impl RegistrationFacts {
     }
 }
 
-/// An image pair: where outlines fall in the colour image, and the distance of each of its pixels to an edge.
-struct OutlinePair {
-    outlines: Vec<Point2<f64>>,
+/// An image pair: depth discontinuities in the colour image, and its distance transform.
+struct RegistrationPair {
+    discontinuities: Vec<Point2<f64>>,
     width: usize,
     height: usize,
-    /// Thirds of a pixel.
+    /// Distance of each pixel to the nearest colour edge, in thirds of a pixel.
     distances: Vec<u8>,
 }
 
-/// Compares depth and colour of `samples` frames; `None` when there is too little to compare.
+/// Compares depth and colour of `samples` frames; `None` if there are too few pixels.
 pub(super) fn measure(
     sequence: &Sequence,
     samples: usize,
@@ -99,18 +99,18 @@ pub(super) fn measure(
                 .and_then(|(color, depth)| pair(sequence, calibration, &color, &depth)))
         })
         .collect::<Result<Vec<_>, FrameError>>()?;
-    let mut pairs: Vec<OutlinePair> = pairs.into_iter().flatten().collect();
-    let total: usize = pairs.iter().map(|pair| pair.outlines.len()).sum();
+    let mut pairs: Vec<RegistrationPair> = pairs.into_iter().flatten().collect();
+    let total: usize = pairs.iter().map(|pair| pair.discontinuities.len()).sum();
     if total < MIN_PIXELS {
         return Ok(None);
     }
     let step = total.div_ceil(MAX_PIXELS);
     for pair in &mut pairs {
-        pair.outlines = pair.outlines.iter().copied().step_by(step).collect();
+        pair.discontinuities = pair.discontinuities.iter().copied().step_by(step).collect();
     }
     let center = Point2::new(sequence.color_camera().cx(), sequence.color_camera().cy());
     let as_read = mean_distance(&pairs, &center, 1.0, [0.0, 0.0]);
-    // The search: shifts of a short baseline and ratios of focal lengths, coarse, then single pixels around the best.
+    // Coarse search over shifts and focal length ratios, then single pixels around the best.
     let shifts = |middle: f64, reach: i32, step: i32| {
         (-reach..=reach).map(move |i| middle + f64::from(i * step))
     };
@@ -126,7 +126,7 @@ pub(super) fn measure(
     let (best_distance_px, best_scale, best_shift_px) = best(&pairs, &center, fine, as_read);
     Ok(Some(RegistrationFacts {
         frames: pairs.len(),
-        pixels: pairs.iter().map(|pair| pair.outlines.len()).sum(),
+        pixels: pairs.iter().map(|pair| pair.discontinuities.len()).sum(),
         mean_distance_px: as_read,
         best_distance_px,
         best_scale,
@@ -134,20 +134,20 @@ pub(super) fn measure(
     }))
 }
 
-/// The move with the smallest mean distance, of equal ones the first; none at all counts with `as_read`.
+/// The scale and shift with the smallest mean distance, the first of equal ones; identity if none improves `as_read`.
 fn best(
-    pairs: &[OutlinePair],
+    pairs: &[RegistrationPair],
     center: &Point2<f64>,
-    moves: impl Iterator<Item = (f64, [f64; 2])>,
+    candidates: impl Iterator<Item = (f64, [f64; 2])>,
     as_read: f64,
 ) -> (f64, f64, [f64; 2]) {
-    let moves: Vec<_> = moves.collect();
-    let distances: Vec<f64> = moves
+    let candidates: Vec<_> = candidates.collect();
+    let distances: Vec<f64> = candidates
         .par_iter()
         .map(|(scale, shift)| mean_distance(pairs, center, *scale, *shift))
         .collect();
     let mut found = (as_read, 1.0, [0.0, 0.0]);
-    for ((scale, shift), distance) in moves.into_iter().zip(distances) {
+    for ((scale, shift), distance) in candidates.into_iter().zip(distances) {
         if distance < found.0 {
             found = (distance, scale, shift);
         }
@@ -155,23 +155,28 @@ fn best(
     found
 }
 
-fn mean_distance(pairs: &[OutlinePair], center: &Point2<f64>, scale: f64, shift: [f64; 2]) -> f64 {
+fn mean_distance(
+    pairs: &[RegistrationPair],
+    center: &Point2<f64>,
+    scale: f64,
+    shift: [f64; 2],
+) -> f64 {
     let (mut sum, mut count) = (0_u64, 0_u64);
     for pair in pairs {
-        for outline in &pair.outlines {
-            let x = (center.x + scale * (outline.x - center.x) + shift[0]).round();
-            let y = (center.y + scale * (outline.y - center.y) + shift[1]).round();
+        for discontinuity in &pair.discontinuities {
+            let x = (center.x + scale * (discontinuity.x - center.x) + shift[0]).round();
+            let y = (center.y + scale * (discontinuity.y - center.y) + shift[1]).round();
             let is_inside = x >= 0.0 && y >= 0.0 && x < pair.width as f64 && y < pair.height as f64;
             let distance = if is_inside {
                 pair.distances[y as usize * pair.width + x as usize]
             } else {
-                CUT_OFF_PX * THIRDS
+                MAX_DISTANCE_PX * UNITS_PER_PX
             };
             sum += u64::from(distance);
             count += 1;
         }
     }
-    sum as f64 / (count.max(1) as f64 * f64::from(THIRDS))
+    sum as f64 / (count.max(1) as f64 * f64::from(UNITS_PER_PX))
 }
 
 fn pair(
@@ -179,16 +184,16 @@ fn pair(
     calibration: &DepthCalibration,
     color: &GrayImage,
     depth: &DepthImage,
-) -> Option<OutlinePair> {
+) -> Option<RegistrationPair> {
     let mut detector = EdgeDetector::new(EdgeOptions::default()).ok()?;
     let chains = detector.detect(color);
     let (width, height) = (color.width(), color.height());
-    let mut distances = vec![CUT_OFF_PX * THIRDS; width * height];
+    let mut distances = vec![MAX_DISTANCE_PX * UNITS_PER_PX; width * height];
     for [x, y] in chains.pixels() {
         distances[usize::from(*y) * width + usize::from(*x)] = 0;
     }
     chamfer_distance_transform(&mut distances, width, height);
-    let outlines = outlines(depth)
+    let discontinuities = discontinuities(depth)
         .into_iter()
         .filter_map(|[x, y]| {
             let pixel = Point2::new(x as f64, y as f64);
@@ -202,16 +207,16 @@ fn pair(
                 .project(&(calibration.color_from_depth * point))
         })
         .collect();
-    Some(OutlinePair {
-        outlines,
+    Some(RegistrationPair {
+        discontinuities,
         width,
         height,
         distances,
     })
 }
 
-/// Pixels on the nearer side of a jump in depth along a row or a column.
-fn outlines(depth: &DepthImage) -> Vec<[usize; 2]> {
+/// Pixels on the nearer side of depth discontinuities along rows and columns.
+fn discontinuities(depth: &DepthImage) -> Vec<[usize; 2]> {
     let mut found = Vec::new();
     let (width, height) = (depth.width(), depth.height());
     let mut scan = |line: &mut dyn Iterator<Item = [usize; 2]>| {
@@ -228,7 +233,7 @@ fn outlines(depth: &DepthImage) -> Vec<[usize; 2]> {
             }
             if let Some((before, nearer)) = last
                 && unknown <= MAX_SHADOW_PX
-                && (z - nearer).abs() > JUMP * z.min(nearer)
+                && (z - nearer).abs() > MIN_DEPTH_STEP * z.min(nearer)
             {
                 found.push(if z < nearer { pixel } else { before });
             }
@@ -245,8 +250,7 @@ fn outlines(depth: &DepthImage) -> Vec<[usize; 2]> {
     found
 }
 
-/// Fills in the distance to the nearest 0 in two passes, steps of 3 and 4 thirds of a pixel; values that are there are
-/// upper bounds.
+/// Chamfer 3-4 distance transform in two passes: lowers each value to the distance to the nearest 0.
 ///
 /// # Reference
 /// G. Borgefors, Distance Transformations in Digital Images, CVGIP, 1986: chamfer 3-4.
@@ -281,7 +285,7 @@ mod tests {
     use linecarve_lines::image::Plane;
 
     #[test]
-    fn distances_grow_by_pixels_up_to_the_cut_off() {
+    fn distances_grow_up_to_the_maximum() {
         let mut distances = vec![24; 20 * 3];
         distances[20] = 0;
         chamfer_distance_transform(&mut distances, 20, 3);
@@ -290,35 +294,35 @@ mod tests {
     }
 
     #[test]
-    fn outlines_are_on_the_nearer_side_also_across_a_shadow() {
+    fn discontinuities_are_on_the_nearer_side_and_span_shadows() {
         let depth = Plane::new(6, 1, vec![2.0, 2.0, 0.0, 1.0, 1.0, 1.01]).unwrap();
-        assert_eq!(outlines(&depth), [[3, 0]]);
+        assert_eq!(discontinuities(&depth), [[3, 0]]);
         let wide = Plane::new(30, 1, [vec![2.0], vec![0.0; 28], vec![1.0]].concat()).unwrap();
-        assert!(outlines(&wide).is_empty());
+        assert!(discontinuities(&wide).is_empty());
     }
 
     #[test]
     fn a_shift_is_found() {
         let (width, height) = (60, 40);
         let mut distances = vec![24; width * height];
-        let outlines: Vec<_> = (5..35)
+        let discontinuities: Vec<_> = (5..35)
             .map(|i| Point2::new(f64::from(i + 7 * (i % 3)), f64::from(i)))
             .collect();
-        for outline in &outlines {
-            distances[(outline.y as usize + 3) * width + outline.x as usize - 4] = 0;
+        for discontinuity in &discontinuities {
+            distances[(discontinuity.y as usize + 3) * width + discontinuity.x as usize - 4] = 0;
         }
         chamfer_distance_transform(&mut distances, width, height);
-        let pairs = [OutlinePair {
-            outlines,
+        let pairs = [RegistrationPair {
+            discontinuities,
             width,
             height,
             distances,
         }];
         let center = Point2::new(29.5, 19.5);
         let as_read = mean_distance(&pairs, &center, 1.0, [0.0, 0.0]);
-        let moves =
+        let candidates =
             (-6..=6).flat_map(|x| (-6..=6).map(move |y| (1.0, [f64::from(x), f64::from(y)])));
-        let found = best(&pairs, &center, moves, as_read);
+        let found = best(&pairs, &center, candidates, as_read);
         assert_eq!(found, (0.0, 1.0, [-4.0, 3.0]));
     }
 }

@@ -1,14 +1,14 @@
-//! Keyframes that the user names.
+//! Keyframes given by a list or a fixed step.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use crate::{Frame, parse_stamp_ns};
 
-/// A time stamp names the frame nearest to it within this: programs print stamps with microseconds or fewer digits.
+/// Largest difference between a listed time stamp and its frame: programs print stamps in microseconds or coarser.
 const STAMP_TOLERANCE_NS: u64 = 1_000_000;
 
-/// Why a list of keyframes is refused.
+/// Why a list of keyframes is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyframeListError {
     /// The file cannot be read.
@@ -16,17 +16,17 @@ pub enum KeyframeListError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// A line names no frame.
-    #[error("{}, line {line}: {entry:?} is neither the name of a frame (such as {example:?}), nor an index below {count}, nor the time stamp of one in seconds", path.display())]
+    /// A line matches no frame.
+    #[error("{}, line {line}: {entry:?} is not a frame: give a frame name (such as {example:?}), an index below {count}, or a time stamp in seconds", path.display())]
     Unknown {
         /// The file.
         path: PathBuf,
-        /// Which line, counted from 1.
+        /// Line number, from 1.
         line: usize,
-        /// What stands there.
+        /// The line, truncated.
         entry: String,
         /// The name of the first frame.
         example: String,
@@ -34,26 +34,26 @@ pub enum KeyframeListError {
         count: usize,
     },
     /// The list is empty.
-    #[error("{}: the list of keyframes is empty", path.display())]
+    #[error("{}: the list of keyframes is empty: give one frame a line", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
     },
 }
 
-/// Every n-th frame, from the first. An `n` of 0 counts as 1.
+/// The indices of every `n`-th of `count` frames, from the first. An `n` of 0 counts as 1.
 pub fn every_nth(n: usize, count: usize) -> Vec<usize> {
     (0..count).step_by(n.max(1)).collect()
 }
 
-/// The frames that a text file names, one a line, in the order of the sequence and each once. Empty lines and what
-/// follows a `#` are passed over.
+/// Reads the frames listed in a text file, one a line; returns their indices in ascending order without repetition. Empty
+/// lines and `#` comments are ignored.
 ///
-/// A line, or its first word, is the name of a frame, the file name of its image, an index from 0, or a time stamp in
-/// seconds with a decimal point, in this order of precedence: keyframe trajectories of other programs serve as lists.
+/// A line, or its first word, is a frame name, an image file name, an index from 0, or a time stamp in seconds with a
+/// decimal point, in this order of precedence. Keyframe trajectories of other programs are therefore valid lists.
 ///
 /// # Errors
-/// When the file cannot be read, names a frame that is not there, or names none.
+/// If the file cannot be read, lists an unknown frame, or lists none.
 pub fn read_keyframe_list(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, KeyframeListError> {
     let bytes = std::fs::read(path).map_err(|source| KeyframeListError::Read {
         path: path.to_owned(),
@@ -61,7 +61,7 @@ pub fn read_keyframe_list(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, K
     })?;
     let text = String::from_utf8_lossy(&bytes);
     let text = text.trim_start_matches('\u{feff}');
-    let names = Names::new(frames);
+    let names = FrameLookup::new(frames);
     let mut chosen = Vec::new();
     for (index, line) in text.lines().enumerate() {
         let entry = line.split('#').next().unwrap_or_default().trim();
@@ -93,15 +93,15 @@ pub fn read_keyframe_list(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, K
     Ok(chosen)
 }
 
-/// What frames can be called by.
-struct Names<'a> {
+/// Lookup of frames by name, index and time.
+struct FrameLookup<'a> {
     by_name: HashMap<&'a str, usize>,
     /// Ascending.
     by_stamp: Vec<(i64, usize)>,
     count: usize,
 }
 
-impl<'a> Names<'a> {
+impl<'a> FrameLookup<'a> {
     fn new(frames: &'a [Frame]) -> Self {
         let mut by_name = HashMap::new();
         for (index, frame) in frames.iter().enumerate() {
@@ -177,13 +177,13 @@ mod tests {
     }
 
     #[test]
-    fn names_and_indices_come_in_the_order_of_the_sequence() {
+    fn frames_are_returned_in_sequence_order() {
         let list = "# chosen by hand\n7\r\n\nframe-000003 # table\n0\n1\n";
         assert_eq!(read(list.as_bytes()).unwrap(), [0, 1, 2]);
     }
 
     #[test]
-    fn what_names_no_frame_is_told_with_its_line() {
+    fn an_unknown_frame_is_reported_with_its_line() {
         let message = read(b"0\nframe-000001\n").unwrap_err().to_string();
         assert!(
             message.contains("list.txt, line 2") && message.contains("frame-000001"),
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn image_files_and_time_stamps_name_frames_too() {
+    fn image_files_and_time_stamps_are_accepted() {
         assert_eq!(read(b"rgb/frame-000003.png\nC:\\7.png").unwrap(), [1, 2]);
         // Seven digits and a pose, as other programs write keyframe trajectories.
         assert_eq!(read(b"1305031103.1753041 1 2 3 0 0 0 1").unwrap(), [2]);

@@ -1,8 +1,7 @@
-//! Which frames become keyframes, and how sharp a frame is.
+//! Keyframe selection.
 //!
-//! Frames are looked at one by one, as they would come from a camera: `KeyframeSelector` asks for each whether the camera has
-//! moved or turned far enough since the last keyframe; the sharpest of the few frames from there on wins. A list given
-//! by the user or every n-th frame take the place of that.
+//! `KeyframeSelector` processes frames one by one: after enough translation, rotation or loss of overlap since the last
+//! keyframe, the sharpest of the next few frames becomes a keyframe. Alternatives are every n-th frame and a list.
 
 mod list;
 mod options;

@@ -1,14 +1,14 @@
-//! How much of what one keyframe saw another frame sees.
+//! Overlap of the views of two frames, for a scene at one depth.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point2, Point3};
 
 use crate::ImageSize;
 
-/// Points of the grid that stands for the image, across and down.
+/// Columns and rows of the sample grid in the image.
 const GRID: (u32, u32) = (12, 9);
 
-/// The scene as keyframe selection knows it: everything at the median depth.
+/// A fronto-parallel plane at the median depth, as the scene model of keyframe selection.
 #[derive(Debug, Clone)]
 pub(super) struct PlanarScene {
     camera: Camera,
@@ -18,7 +18,7 @@ pub(super) struct PlanarScene {
 }
 
 impl PlanarScene {
-    /// A scene at `median_depth` (units of the poses) before a camera.
+    /// A plane at `median_depth` (in pose units).
     pub(super) fn new(camera: &Camera, size: ImageSize, median_depth: f64) -> Self {
         let position = |i: u32, count: u32, size: u32| {
             (f64::from(i) + 0.5) / f64::from(count) * f64::from(size) - 0.5
@@ -38,12 +38,12 @@ impl PlanarScene {
         }
     }
 
-    /// The depth of the scene in units of the poses.
+    /// Depth of the plane in pose units.
     pub(super) fn median_depth(&self) -> f64 {
         self.median_depth
     }
 
-    /// The share of what one frame sees that another has in its image, from 0 to 1.
+    /// The share of the sample points of one frame that project into another, from 0 to 1.
     pub(super) fn overlap(&self, other_from_this: &Isometry3<f64>) -> f64 {
         let (width, height) = (f64::from(self.size.width), f64::from(self.size.height));
         let is_seen = |point: &&Point3<f64>| {

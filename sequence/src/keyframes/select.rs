@@ -1,4 +1,4 @@
-//! Keyframes of a whole sequence.
+//! Keyframe selection over a whole sequence.
 
 use super::options::{KeyframeOptions, KeyframeOptionsError};
 use super::overlap::PlanarScene;
@@ -6,12 +6,13 @@ use super::selector::KeyframeSelector;
 use super::sharpness::sharpness;
 use crate::Sequence;
 
-/// The keyframes of a whole sequence, in its order. `median_depth` is that of the scene, in units of the poses. Images
-/// are read only for windows of more than one frame, and of those only the frames that are compared. `progress` is told
-/// how many frames have been looked at.
+/// Selects the keyframes of a sequence; returns ascending frame indices.
+///
+/// `median_depth` is the median scene depth in pose units. Images are loaded only to compare sharpness, thus not for a
+/// window of one frame. `progress` receives the number of processed frames.
 ///
 /// # Errors
-/// When an option is out of range.
+/// If an option is out of range.
 pub fn select_keyframes(
     sequence: &Sequence,
     options: &KeyframeOptions,

@@ -1,4 +1,4 @@
-//! The streaming decision: keyframes by motion, the sharpest of a few.
+//! Streaming keyframe selection by motion and sharpness.
 
 use std::collections::VecDeque;
 
@@ -7,12 +7,12 @@ use nalgebra::Isometry3;
 use super::options::{KeyframeOptions, KeyframeOptionsError};
 use super::overlap::PlanarScene;
 
-/// Candidates behind the first of a window are only those that have moved no further than this many times what makes a
-/// keyframe: a sharper image must not open a gap.
+/// Largest relative motion of later candidates in a window, in multiples of the threshold: a sharper image must not
+/// open a gap between keyframes.
 const MAX_MOTION: f64 = 1.5;
 
-/// Chooses keyframes from a stream of frames. The first frame is one, at once; the next is sought among the few frames
-/// from the first that has moved enough since, and so on.
+/// Selects keyframes from a stream of frames. The first frame is a keyframe. Each next keyframe is the sharpest frame of
+/// the window that starts at the first frame with enough motion.
 ///
 /// Memory: one window of poses and sharpness values.
 #[derive(Debug, Clone)]
@@ -20,7 +20,7 @@ pub(super) struct KeyframeSelector {
     options: KeyframeOptions,
     scene: PlanarScene,
     last_keyframe: Option<Isometry3<f64>>,
-    /// Frames since the last keyframe about which nothing is decided, at most a window.
+    /// Undecided frames since the last keyframe, at most one window.
     pending: VecDeque<Candidate>,
 }
 
@@ -28,15 +28,15 @@ pub(super) struct KeyframeSelector {
 struct Candidate {
     frame: usize,
     world_from_camera: Isometry3<f64>,
-    /// Measured at most once; the inner `None` is an image that cannot be read.
+    /// Measured at most once; the inner `None` marks an unreadable image.
     sharpness: Option<Option<f64>>,
 }
 
 impl KeyframeSelector {
-    /// A selector that has seen no frame.
+    /// A selector without frames.
     ///
     /// # Errors
-    /// When an option is out of range.
+    /// If an option is out of range.
     pub(super) fn new(
         options: &KeyframeOptions,
         scene: PlanarScene,
@@ -50,10 +50,10 @@ impl KeyframeSelector {
         })
     }
 
-    /// ImageSamples at the next frame; appends the keyframes that are thereby decided, which may be earlier frames.
+    /// Adds the next frame and appends the keyframes decided by it, which may be earlier frames.
     ///
-    /// `measure` gives the sharpness of a frame, `None` when its image cannot be read. It is asked only when frames are
-    /// to be compared. An unreadable frame is chosen only when its whole window is unreadable, so that the fault shows.
+    /// `measure` returns the sharpness of a frame, `None` if its image is unreadable. It is called only to compare frames.
+    /// An unreadable frame is chosen only if its whole window is unreadable, so that the caller sees the error.
     pub(super) fn push(
         &mut self,
         frame: usize,
@@ -69,7 +69,7 @@ impl KeyframeSelector {
         self.decide(false, measure, keyframes);
     }
 
-    /// The stream is over: appends the keyframes of windows that have begun.
+    /// Ends the stream: appends the keyframes of open windows.
     pub(super) fn finish(
         mut self,
         measure: &mut dyn FnMut(usize) -> Option<f64>,
@@ -98,7 +98,7 @@ impl KeyframeSelector {
             } else {
                 0
             };
-            // Those before it are passed over; those behind it may still become keyframes of their own.
+            // Earlier candidates are dropped; later ones may still become keyframes.
             if let Some(keyframe) = self.pending.drain(..=chosen).next_back() {
                 self.last_keyframe = Some(keyframe.world_from_camera);
                 keyframes.push(keyframe.frame);
@@ -106,12 +106,12 @@ impl KeyframeSelector {
         }
     }
 
-    /// How many frames from the front compete; `None` when there is none or more must be awaited.
+    /// Number of frames in the current window; `None` if there is none or it needs more frames.
     fn window(&self, is_end: bool) -> Option<usize> {
         if self.pending.is_empty() {
             return None;
         }
-        // Everything after the first frame is compared with it: it cannot wait for a sharper one.
+        // Later motion is relative to the first frame, which therefore cannot wait for a sharper one.
         let window = match self.last_keyframe {
             None => 1,
             Some(_) => self.options.sharpness_window,
@@ -129,7 +129,7 @@ impl KeyframeSelector {
         is_closed.then_some(1 + others)
     }
 
-    /// The position of the sharpest of the first `count` frames, of equal ones the earliest.
+    /// Index of the sharpest of the first `count` pending frames; the earliest of equal ones.
     fn sharpest(&mut self, count: usize, measure: &mut dyn FnMut(usize) -> Option<f64>) -> usize {
         let mut best = (0, f64::NEG_INFINITY);
         for (position, candidate) in self.pending.iter_mut().take(count).enumerate() {
@@ -144,13 +144,13 @@ impl KeyframeSelector {
         best.0
     }
 
-    /// How far a pose is from the last keyframe, 1 where it becomes the next; infinite when there is none yet.
+    /// Motion since the last keyframe relative to the thresholds: 1 at the threshold, infinite without a keyframe.
     fn motion(&self, world_from_camera: &Isometry3<f64>) -> f64 {
         let Some(last) = &self.last_keyframe else {
             return f64::INFINITY;
         };
         let camera_from_last = world_from_camera.inverse() * last;
-        // A threshold of 0 is passed by every frame.
+        // Every frame reaches a threshold of 0.
         let share = |value: f64, threshold: f64| {
             if threshold > 0.0 {
                 value / threshold
@@ -194,8 +194,9 @@ mod tests {
         )
     }
 
-    fn at(x: f64, turn_degrees: f64) -> Isometry3<f64> {
-        let rotation = UnitQuaternion::from_scaled_axis(Vector3::y() * turn_degrees.to_radians());
+    fn at(x: f64, rotation_degrees: f64) -> Isometry3<f64> {
+        let rotation =
+            UnitQuaternion::from_scaled_axis(Vector3::y() * rotation_degrees.to_radians());
         Isometry3::from_parts(Translation3::new(x, 0.0, 0.0), rotation)
     }
 
@@ -211,16 +212,16 @@ mod tests {
         }
     }
 
-    /// The keyframes of a path before a scene at depth 2, and the frames whose sharpness was asked for.
+    /// The keyframes of a path before a scene at depth 2, and the frames whose sharpness was measured.
     fn run(
         options: KeyframeOptions,
         poses: &[Isometry3<f64>],
         sharpness: &[Option<f64>],
     ) -> (Vec<usize>, Vec<usize>) {
         let mut selector = KeyframeSelector::new(&options, scene(2.0)).unwrap();
-        let (mut keyframes, mut asked) = (Vec::new(), Vec::new());
+        let (mut keyframes, mut measured) = (Vec::new(), Vec::new());
         let mut measure = |frame: usize| {
-            asked.push(frame);
+            measured.push(frame);
             sharpness.get(frame).copied().unwrap_or(Some(1.0))
         };
         for (frame, pose) in poses.iter().enumerate() {
@@ -228,24 +229,24 @@ mod tests {
             assert!(selector.pending.len() < options.sharpness_window.max(1));
         }
         selector.finish(&mut measure, &mut keyframes);
-        (keyframes, asked)
+        (keyframes, measured)
     }
 
     #[test]
-    fn without_a_window_the_first_frame_that_has_moved_is_taken_and_none_is_decoded() {
-        let (keyframes, asked) = run(options(0.5, 1), &along_x(0.25, 10), &[]);
+    fn a_window_of_one_measures_no_sharpness() {
+        let (keyframes, measured) = run(options(0.5, 1), &along_x(0.25, 10), &[]);
         assert_eq!(keyframes, [0, 2, 4, 6, 8]);
-        assert!(asked.is_empty());
+        assert!(measured.is_empty());
     }
 
     #[test]
-    fn turning_is_motion_too() {
+    fn rotation_makes_keyframes() {
         let poses: Vec<_> = (0..10).map(|i| at(0.0, 4.0 * f64::from(i))).collect();
         assert_eq!(run(options(1.0, 1), &poses, &[]).0, [0, 3, 6, 9]);
     }
 
     #[test]
-    fn losing_sight_is_motion_too() {
+    fn lost_overlap_makes_keyframes() {
         let options = KeyframeOptions {
             min_overlap: Some(0.75),
             ..options(100.0, 1)
@@ -258,14 +259,14 @@ mod tests {
     fn the_sharpest_of_a_window_wins_and_the_earliest_of_equals() {
         let mut sharpness = [Some(1.0); 12];
         sharpness[5] = Some(3.0);
-        // 4 is the first that has moved by 0.39, 5 is sharper; from there on all are equal.
-        let (keyframes, asked) = run(options(0.39, 2), &along_x(0.1, 12), &sharpness);
+        // Frame 4 is the first that moves by 0.39; frame 5 is sharper; all later ones are equal.
+        let (keyframes, measured) = run(options(0.39, 2), &along_x(0.1, 12), &sharpness);
         assert_eq!(keyframes, [0, 5, 9]);
-        assert_eq!(asked, [4, 5, 9, 10]);
+        assert_eq!(measured, [4, 5, 9, 10]);
     }
 
     #[test]
-    fn a_sharper_image_far_away_opens_no_gap() {
+    fn a_sharper_image_beyond_the_motion_limit_is_not_taken() {
         let sharpness = [Some(1.0), Some(1.0), Some(9.0)];
         assert_eq!(
             run(options(0.9, 3), &along_x(1.0, 3), &sharpness).0,
@@ -330,21 +331,21 @@ mod tests {
             sharpness in prop::collection::vec(prop::option::weighted(0.9, 0.1..2.0_f64), 80),
             window in 1_usize..6,
         ) {
-            let (mut x, mut turn) = (0.0, 0.0);
-            let poses: Vec<_> = steps.iter().map(|(dx, dt)| { x += dx; turn += dt; at(x, turn) }).collect();
-            let (keyframes, mut asked) = run(options(0.5, window), &poses, &sharpness);
+            let (mut x, mut rotation) = (0.0, 0.0);
+            let poses: Vec<_> = steps.iter().map(|(dx, dt)| { x += dx; rotation += dt; at(x, rotation) }).collect();
+            let (keyframes, mut measured) = run(options(0.5, window), &poses, &sharpness);
             prop_assert_eq!(keyframes[0], 0);
             prop_assert!(keyframes.windows(2).all(|pair| pair[0] < pair[1]));
-            let count = asked.len();
-            asked.dedup();
-            prop_assert_eq!(count, asked.len(), "measured twice");
+            let count = measured.len();
+            measured.dedup();
+            prop_assert_eq!(count, measured.len(), "measured twice");
             let motion = |from: usize, to: usize| {
                 let moved = (poses[to].translation.vector - poses[from].translation.vector).norm();
                 let turned = poses[to].rotation.angle_to(&poses[from].rotation).to_degrees();
                 (moved / 0.5).max(turned / 10.0)
             };
             for pair in keyframes.windows(2) {
-                // The first frame that had moved enough is the keyframe or at most a window before it.
+                // The first frame with enough motion is the keyframe, or at most one window before it.
                 let first = (pair[0] + 1..=pair[1]).find(|&i| motion(pair[0], i) >= 1.0 - 1e-9);
                 prop_assert!(first.is_some_and(|first| pair[1] - first < window), "{:?}", pair);
             }

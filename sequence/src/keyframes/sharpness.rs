@@ -1,22 +1,21 @@
-//! How sharp an image is.
+//! Image sharpness.
 
 use linecarve_lines::image::GrayImage;
 
-/// The share of pixels that are taken for the strongest edges.
+/// Share of pixels that count as strongest edges.
 const STRONGEST: f64 = 0.01;
 
-/// Slope of the strongest edges in grey levels a pixel: the gradient magnitude (Sobel) that one pixel in a hundred
-/// exceeds. Blur over a width of s pixels divides it by about s; noise and the amount of texture hardly enter.
+/// Sharpness as the 99th percentile of the Sobel gradient magnitude, in grey levels a pixel. Motion blur of s pixels
+/// divides it by about s; noise and the amount of texture have little influence.
 ///
-/// Only to be compared between images of the same scene. Images below 3 x 3 pixels give 0.
-///
-/// Chosen among the focus measures surveyed by S. Pertuz, D. Puig, M. A. Garcia, Analysis of Focus Measure Operators for
-/// Shape-from-Focus, Pattern Recognition, 2013: on a hand-held sequence with two stretches of motion blur, the drop of
-/// the median over these was 3.4 times its change between neighbouring images, against 2.8 for gradient energy
-/// (Tenengrad) and 1.8 for the variance of the Laplacian.
+/// Comparable only between images of the same scene. Images below 3 x 3 pixels give 0.
 ///
 /// # Complexity
 /// Linear in the number of pixels.
+///
+/// # Reference
+/// S. Pertuz, D. Puig, M. A. Garcia, Analysis of Focus Measure Operators for Shape-from-Focus, Pattern Recognition, 2013,
+/// surveys focus measures. *Differs from the paper:* a percentile replaces the gradient energy.
 pub(crate) fn sharpness(image: &GrayImage) -> f64 {
     let (width, height) = (image.width(), image.height());
     if width < 3 || height < 3 {
@@ -36,7 +35,7 @@ pub(crate) fn sharpness(image: &GrayImage) -> f64 {
     let rank = (squared.len() as f64 * (1.0 - STRONGEST)) as usize;
     let rank = rank.min(squared.len() - 1);
     let (_, &mut value, _) = squared.select_nth_unstable(rank);
-    // Sobel sums to eight times the slope.
+    // The Sobel response is eight times the slope.
     f64::from(value).sqrt() / 8.0
 }
 
@@ -69,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn small_and_flat_images_have_none() {
+    fn small_and_uniform_images_have_no_sharpness() {
         assert_eq!(sharpness(&Plane::new(2, 9, vec![0; 18]).unwrap()), 0.0);
         assert_eq!(sharpness(&Plane::new(0, 0, vec![]).unwrap()), 0.0);
         assert_eq!(sharpness(&Plane::new(3, 3, vec![7; 9]).unwrap()), 0.0);

@@ -13,7 +13,7 @@ use super::super::text::{TextFile, parse_stamp_ns, shorten};
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid, yaml};
 
-/// The reader.
+/// Reader of EuRoC.
 pub(in super::super) struct Euroc;
 
 const TRAJECTORIES: [&str; 3] = [
@@ -22,7 +22,7 @@ const TRAJECTORIES: [&str; 3] = [
     "mocap0/data.csv",
 ];
 
-/// The folder of the left camera, and the folder that holds it beside the other sensors.
+/// The folder of the left camera, and the folder of all sensors.
 struct CameraFolder {
     sensors: PathBuf,
     camera: PathBuf,
@@ -60,7 +60,7 @@ impl Layout for Euroc {
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         let folders = camera_folder(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
-            problem: "has no mav0/cam0".to_owned(),
+            problem: "has no mav0/cam0: give the folder that contains mav0".to_owned(),
         })?;
         let mut warnings = Vec::new();
         let frames = images(&folders.camera, &mut warnings)?;
@@ -68,7 +68,7 @@ impl Layout for Euroc {
             return Err(SequenceError::NoFrames {
                 folder: folders.camera,
                 reason: format!(
-                    "data/ holds no image that data.csv lists or whose name is a time stamp{}",
+                    "data/ has no image that is listed in data.csv or named by its time stamp{}",
                     warnings
                         .first()
                         .map_or_else(String::new, |warning| format!(" ({warning})"))
@@ -82,13 +82,13 @@ impl Layout for Euroc {
             .conventions
             .push("cam0: time stamps in nanoseconds, T_BS is body from camera".to_owned());
         if source == PoseSource::Layout {
-            own_poses(folder, &folders, &mut recording)?;
+            assign_body_poses(folder, &folders, &mut recording)?;
         }
         Ok(recording)
     }
 }
 
-/// Images by `data.csv`, or by their names where that is missing.
+/// The images listed in `data.csv`, or without that file all images named by a time stamp.
 fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFrame>, SequenceError> {
     let list = camera.join("data.csv");
     let data = Folder::list(&camera.join("data"))?;
@@ -100,7 +100,7 @@ fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFram
             let mut fields = row.fields();
             let stamp = fields.next().unwrap_or_default();
             let Some(stamp_ns) = parse_stamp_ns(stamp) else {
-                // A head line without the usual #.
+                // A head line without #.
                 if total == 0 {
                     continue;
                 }
@@ -113,7 +113,7 @@ fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFram
             let name = fields
                 .next()
                 .map_or_else(|| format!("{stamp}.png"), str::to_owned);
-            // Re-encoded copies keep the list of the original.
+            // Re-encoded copies keep the list with the original extensions.
             let stem = image_stem(&name).unwrap_or(&name);
             let found = if data.entry(&name).is_some() {
                 Some(name.clone())
@@ -135,13 +135,13 @@ fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFram
             }
         }
         warnings.push(Warning::statement(format!(
-            "{} is missing: the names of the images are taken for their time stamps",
+            "{} is missing: image names are used as time stamps",
             list.display()
         )));
     }
     warnings.extend(missing.into_warning(
         total,
-        "images that data.csv lists do not exist and were left out",
+        "images listed in data.csv do not exist and were skipped",
     ));
     let listed = poses::sort_and_dedup(listed, "data.csv", warnings);
     Ok(listed
@@ -157,8 +157,8 @@ fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFram
         .collect())
 }
 
-/// Poses of the body beside the cameras.
-fn own_poses(
+/// Assigns the body poses of the data set.
+fn assign_body_poses(
     folder: &Folder,
     folders: &CameraFolder,
     recording: &mut Recording,
@@ -176,7 +176,7 @@ fn own_poses(
         return Err(SequenceError::Content {
             path: folders.sensors.join(TRAJECTORIES[0]),
             problem: format!(
-                "is missing, and with it the poses: give a trajectory with --poses FILE{hint}"
+                "is missing, so there are no poses: give a trajectory with --poses FILE{hint}"
             ),
         });
     };
@@ -185,7 +185,7 @@ fn own_poses(
         recording.calibration.pose_convention.camera = PoseCamera::Body;
     }
     recording.conventions.push(format!(
-        "poses: {}, world from body, quaternion w first; the nearest within 0.02 s",
+        "poses: {}, world from body, quaternion w first; nearest within 0.02 s",
         path.display()
     ));
     Ok(())
@@ -217,7 +217,7 @@ pub(super) fn calibration(path: &Path) -> Result<Calibration, SequenceError> {
         .filter(|name| *name != "pinhole")
     {
         return Err(content(format!(
-            "camera_model {model} is not known: pinhole is (with distortion_model radial-tangential or equidistant)"
+            "camera_model {model} is not supported: use pinhole with distortion_model radial-tangential or equidistant"
         )));
     }
     let [fx, fy, cx, cy] = sensor.intrinsics;
@@ -230,7 +230,7 @@ pub(super) fn calibration(path: &Path) -> Result<Calibration, SequenceError> {
         .map_err(|error| content(error.to_string()))?;
     let size = match sensor.resolution {
         Some([width, height]) if width > 0 && height > 0 => Some(ImageSize { width, height }),
-        Some(_) => return Err(content("resolution: positive numbers expected".to_owned())),
+        Some(_) => return Err(content("resolution must be positive".to_owned())),
         None => None,
     };
     let mut calibration = Calibration::of_color(Some(CalibratedCamera::known(
@@ -251,7 +251,7 @@ pub(super) fn calibration(path: &Path) -> Result<Calibration, SequenceError> {
     Ok(calibration)
 }
 
-/// The distortion models of EuRoC and Kalibr by their names.
+/// The distortion model of EuRoC or Kalibr by its name.
 fn distortion(model: &str, coefficients: &[f64]) -> Result<Distortion, String> {
     let radial_tangential = [
         "radial-tangential",
@@ -274,8 +274,8 @@ fn distortion(model: &str, coefficients: &[f64]) -> Result<Distortion, String> {
         return Ok(Distortion::KannalaBrandt { k1, k2, k3, k4 });
     }
     Err(format!(
-        "distortion_model {model} with {} coefficients is not known: radial-tangential with 4 or 5, equidistant with 4, \
-         none are",
+        "distortion_model {model} with {} coefficients is not supported: use radial-tangential with 4 or 5, \
+         equidistant with 4, or none",
         coefficients.len()
     ))
 }

@@ -1,5 +1,4 @@
-//! Images that some list or their own names give a time or a number, without poses: what layouts with a trajectory file
-//! beside an image folder have in common.
+//! Image folders: lists images with times or numbers, without poses. Shared by layouts with a separate trajectory file.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +9,7 @@ use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, associate, poses};
 use super::tum;
 
-/// Folders of colour images, in the order of preference.
+/// Folders of colour images, in order of preference.
 pub(super) const COLOR_FOLDERS: [&str; 11] = [
     "rgb",
     "color",
@@ -36,19 +35,19 @@ const ASSOCIATIONS: [&str; 4] = [
     "associated.txt",
 ];
 
-/// Lists of the times of numbered images.
+/// Lists of image times.
 const TIMES: [&str; 3] = ["times.txt", "timestamps.txt", "timestamp.txt"];
 
-/// Images of a folder, in the order of time or number.
+/// Images of a folder, ordered by time or number.
 pub(super) struct Listing {
     pub(super) frames: Vec<RecordedFrame>,
-    /// Whether time stamps are times; otherwise they are numbers.
+    /// Whether time stamps are times rather than image numbers.
     pub(super) has_time: bool,
-    /// Where times come from, for the list of conventions.
+    /// Source of the times, for the conventions.
     pub(super) source: String,
 }
 
-/// The folder of colour images, `None` when there is none.
+/// The folder of colour images, if any.
 pub(super) fn color_folder(folder: &Folder) -> Option<PathBuf> {
     COLOR_FOLDERS
         .iter()
@@ -60,7 +59,7 @@ pub(super) fn color_folder(folder: &Folder) -> Option<PathBuf> {
         })
 }
 
-/// Lists the images of a folder: by a list of pairs, by `rgb.txt`, or by the files of its image folder.
+/// Lists the images of a folder from an association list, from `rgb.txt`, or from the files of its image folder.
 pub(super) fn list(folder: &Folder, warnings: &mut Vec<Warning>) -> Result<Listing, SequenceError> {
     if let Some(path) = folder.first_entry(&ASSOCIATIONS) {
         let frames = read_associations(&path, folder, warnings)?;
@@ -80,14 +79,14 @@ pub(super) fn list(folder: &Folder, warnings: &mut Vec<Warning>) -> Result<Listi
     let path = color_folder(folder).ok_or_else(|| SequenceError::Content {
         path: folder.path().to_owned(),
         problem: format!(
-            "has no images: they are looked for in {}, or there",
+            "has no images: put them into this folder or into one of {}",
             COLOR_FOLDERS.join("/, ")
         ),
     })?;
     from_files(folder, &path, warnings)
 }
 
-/// Lines `t_color color t_depth depth`, or depth first.
+/// Reads lines `time color time depth`, or depth first.
 fn read_associations(
     path: &Path,
     folder: &Folder,
@@ -101,7 +100,7 @@ fn read_associations(
         let fields: Vec<&str> = row.fields().collect();
         let [first_time, first, second_time, second] = fields[..] else {
             return Err(row.error(format!(
-                "'time image time image' expected, {} fields found",
+                "expected 'time image time image', found {} fields",
                 fields.len()
             )));
         };
@@ -132,13 +131,13 @@ fn read_associations(
     }
     warnings.extend(missing.into_warning(
         total,
-        "images that the list of associations names do not exist and were left out",
+        "images in the association list do not exist and were skipped",
     ));
     let rows = poses::sort_and_dedup(rows, "associations", warnings);
     Ok(rows.into_iter().map(|(_, frame)| frame).collect())
 }
 
-/// An image file with the time or number that its name is.
+/// An image file and its name without extension.
 struct NamedImage {
     stem: String,
     path: PathBuf,
@@ -161,13 +160,13 @@ fn images_in(path: &Path) -> Result<Vec<NamedImage>, SequenceError> {
     Ok(images)
 }
 
-/// The number that ends a name.
+/// The number at the end of a name.
 fn number_of(stem: &str) -> Option<u64> {
     let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
     stem[stem.len() - digits..].parse().ok()
 }
 
-/// Whether a name is a time: decimal seconds, or nanoseconds.
+/// The time in nanoseconds that a name encodes as decimal seconds or nanoseconds.
 fn stamp_of(stem: &str) -> Option<i64> {
     let stamp = parse_stamp(stem)?;
     let is_time = stamp.is_nanoseconds || (stem.contains('.') && stem.len() > 6);
@@ -202,7 +201,7 @@ fn from_files(
     let (stamps, source) = match (by_list, by_name()) {
         (Some(stamps), _) => (Some(stamps), "a list of times"),
         (None, Some(stamps)) => (Some(stamps), "the names of the images"),
-        (None, None) => (None, "none: time stamps are image numbers"),
+        (None, None) => (None, "none, time stamps are image numbers"),
     };
     let has_time = stamps.is_some();
     let stamps = stamps.unwrap_or_else(|| {
@@ -250,7 +249,7 @@ fn from_files(
     })
 }
 
-/// One time a line (the last field of it), in the order of the images.
+/// Reads one time a line (its first field), in the order of the images.
 fn read_times(path: &Path, images: &[NamedImage]) -> Result<Vec<i64>, SequenceError> {
     let file = TextFile::read(path)?;
     let mut stamps = Vec::new();
@@ -265,7 +264,7 @@ fn read_times(path: &Path, images: &[NamedImage]) -> Result<Vec<i64>, SequenceEr
         return Err(SequenceError::Content {
             path: path.to_owned(),
             problem: format!(
-                "has {} times for {} images: one for each is needed, in their order",
+                "has {} times for {} images: give one for each image, in the same order",
                 stamps.len(),
                 images.len()
             ),
@@ -274,7 +273,7 @@ fn read_times(path: &Path, images: &[NamedImage]) -> Result<Vec<i64>, SequenceEr
     Ok(stamps)
 }
 
-/// The depth image of each image: of the same name, of the same number, or nearest in time.
+/// The depth image of each colour image: by name, by number, or nearest in time.
 fn depths_of(
     images: &[NamedImage],
     stamps: &[i64],

@@ -1,4 +1,4 @@
-//! One file for each layout, and what several of them share.
+//! The readers of the layouts, one file each, and parts shared by several.
 
 pub(super) mod colmap;
 pub(super) mod euroc;

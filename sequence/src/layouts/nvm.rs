@@ -1,8 +1,9 @@
-//! VisualSFM: one file `*.nvm` with cameras, poses and points; images beside it.
+//! VisualSFM: one file `*.nvm` with cameras, poses and points, in the folder of the images.
 //!
 //! # Reference
-//! C. Wu, VisualSFM: A Visual Structure from Motion System, documentation of the N-View Match format. The lens is
-//! `undistorted = measured * (1 + d * |measured|^2)`, both relative to the principal point and in focal lengths.
+//! C. Wu, VisualSFM: A Visual Structure from Motion System, documentation of the N-View Match format. Distortion is
+//! `undistorted = measured * (1 + d * |measured|^2)`, both relative to the principal point and divided by the focal
+//! length.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +18,7 @@ use super::super::text::{TextFile, TextLine, parse_number, shorten};
 use super::super::{SequenceError, Warning, rigid};
 use crate::sparse_model::{ModelObservation, ModelPoint};
 
-/// The reader.
+/// Reader of VisualSFM.
 pub(in super::super) struct Nvm;
 
 fn is_model(name: &str) -> bool {
@@ -57,7 +58,7 @@ impl Layout for Nvm {
     fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
         let path = model_path(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
-            problem: "has no file *.nvm".to_owned(),
+            problem: "has no file *.nvm, or several: give the file itself".to_owned(),
         })?;
         let file = TextFile::read(&path)?;
         let mut parsed = parse(&file, &path)?;
@@ -77,20 +78,20 @@ impl Layout for Nvm {
         let mut recording = model.into_recording(&path, &roots)?;
         recording.warnings.extend(warnings);
         recording.conventions.push(format!(
-            "poses: {}, quaternion camera from world, w first, and camera centre; principal points in the middle of the \
-             images; measurements relative to the {} of the image",
+            "poses: {}, quaternion camera from world, w first, and camera centre; principal points at the image centres; \
+             measurements relative to the {} of the image",
             path.display(),
-            if are_relative { "middle" } else { "corner" }
+            if are_relative { "centre" } else { "corner" }
         ));
         Ok(recording)
     }
 }
 
-/// A camera as a line has it.
+/// A camera line.
 struct CameraLine {
     name: String,
     focal_px: f64,
-    /// Of measured coordinates.
+    /// Radial distortion coefficient of measured coordinates.
     radial: f64,
     world_from_camera: Isometry3<f64>,
 }
@@ -98,7 +99,7 @@ struct CameraLine {
 struct NvmModel {
     cameras: Vec<CameraLine>,
     points: Vec<ModelPoint>,
-    /// Principal point and aspect that the head fixes: `fx cx fy cy`.
+    /// Intrinsics fixed in the head, `fx cx fy cy`.
     fixed: Option<[f64; 4]>,
 }
 
@@ -110,26 +111,26 @@ fn parse(file: &TextFile, path: &Path) -> Result<NvmModel, SequenceError> {
     let mut rows = file.rows();
     let head = rows
         .next()
-        .ok_or_else(|| content("is empty: a first line NVM_V3 expected"))?;
+        .ok_or_else(|| content("is empty: expected NVM_V3 in the first line"))?;
     if !head.text().starts_with("NVM_V3") {
-        return Err(head.error("the head NVM_V3 of the N-View Match format expected".to_owned()));
+        return Err(head.error("expected the head NVM_V3 of the N-View Match format".to_owned()));
     }
     let fixed = match head.fields().nth(1) {
         Some("FixedK") => Some(head.numbers_from::<4>(2)?),
         _ => None,
     };
-    let cut_off = || content("ends before its model does (cut off?)");
-    let count_row = rows.next().ok_or_else(cut_off)?;
+    let truncated = || content("ends within the model (truncated?): copy the file again");
+    let count_row = rows.next().ok_or_else(truncated)?;
     let count = count_of(&count_row, "cameras")?;
     let mut cameras = Vec::new();
     for _ in 0..count {
-        let row = rows.next().ok_or_else(cut_off)?;
+        let row = rows.next().ok_or_else(truncated)?;
         cameras.push(camera_line(&row)?);
     }
     let mut points = Vec::new();
     if let Some(count_row) = rows.next() {
         for _ in 0..count_of(&count_row, "points")? {
-            let row = rows.next().ok_or_else(cut_off)?;
+            let row = rows.next().ok_or_else(truncated)?;
             points.push(point_line(&row, cameras.len())?);
         }
     }
@@ -147,10 +148,10 @@ fn count_of(row: &TextLine, what: &str) -> Result<usize, SequenceError> {
         .map_err(|_| row.error(format!("'{}' is not a number of {what}", shorten(field))))
 }
 
-/// `name f qw qx qy qz Cx Cy Cz d 0`; the name may hold blanks.
+/// Parses `name f qw qx qy qz Cx Cy Cz d 0`; the name may contain blanks.
 fn camera_line(row: &TextLine) -> Result<CameraLine, SequenceError> {
     let fields: Vec<&str> = row.text().split_whitespace().collect();
-    // Some writers leave out the closing 0.
+    // Some writers omit the final 0.
     let after_name = match row.text().split_once('\t') {
         Some((name, _)) => name.split_whitespace().count(),
         None if fields.len() >= 11 => fields.len() - 10,
@@ -160,7 +161,7 @@ fn camera_line(row: &TextLine) -> Result<CameraLine, SequenceError> {
     for (slot, at) in numbers.iter_mut().zip(after_name..) {
         let field = fields.get(at).ok_or_else(|| {
             row.error(format!(
-                "'name f qw qx qy qz Cx Cy Cz d 0' expected, {} fields found",
+                "expected 'name f qw qx qy qz Cx Cy Cz d 0', found {} fields",
                 fields.len()
             ))
         })?;
@@ -175,7 +176,7 @@ fn camera_line(row: &TextLine) -> Result<CameraLine, SequenceError> {
         .iter()
         .all(|value| value.is_finite())
     {
-        return Err(row.error("the camera holds numbers that are not finite".to_owned()));
+        return Err(row.error("the camera has numbers that are not finite".to_owned()));
     }
     Ok(CameraLine {
         name,
@@ -188,13 +189,13 @@ fn camera_line(row: &TextLine) -> Result<CameraLine, SequenceError> {
     })
 }
 
-/// `X Y Z R G B n (image feature x y)*`.
+/// Parses `X Y Z R G B n (image feature x y)*`.
 fn point_line(row: &TextLine, cameras: usize) -> Result<ModelPoint, SequenceError> {
     let [x, y, z, r, g, b, count] = row.numbers_from(0)?;
     let fields = row.fields().count() - 7;
     if !(count >= 0.0 && count.fract() == 0.0 && count * 4.0 == fields as f64) {
         return Err(row.error(format!(
-            "{count} measurements of 4 numbers are announced, {fields} numbers found"
+            "expected {count} measurements of 4 numbers, found {fields} numbers"
         )));
     }
     let mut rest = row.fields().skip(7);
@@ -208,7 +209,7 @@ fn point_line(row: &TextLine, cameras: usize) -> Result<ModelPoint, SequenceErro
             .filter(|&view| (view as usize) < cameras)
             .ok_or_else(|| {
                 row.error(format!(
-                    "'{}' is not an image below {cameras}",
+                    "'{}' is not an image index below {cameras}",
                     shorten(image)
                 ))
             })?;
@@ -229,13 +230,13 @@ fn point_line(row: &TextLine, cameras: usize) -> Result<ModelPoint, SequenceErro
     })
 }
 
-/// The middle of an image; the centre of its first pixel is (0, 0).
-fn middle(size: ImageSize) -> [f64; 2] {
+/// Centre of an image; the centre of its first pixel is (0, 0).
+fn image_center(size: ImageSize) -> [f64; 2] {
     [size.width, size.height].map(|length| (f64::from(length) - 1.0) / 2.0)
 }
 
-/// Turns measurements into pixels. The format has them relative to the middle of the image, COLMAP writes them relative
-/// to its corner: no negative number in a file of some points means the corner.
+/// Converts measurements to pixels; returns whether they are relative to the image centre. The format defines them so,
+/// but COLMAP writes them relative to the image corner: then no number is negative.
 fn measurements_to_pixels(
     parsed: &mut NvmModel,
     sizes: &[Option<ImageSize>],
@@ -250,7 +251,7 @@ fn measurements_to_pixels(
         .any(|value| value < -1.0);
     if !are_relative && !parsed.points.is_empty() {
         warnings.push(Warning::statement(
-            "no measurement is negative: they are taken as relative to the corner of the images, as COLMAP writes them",
+            "no measurement is negative: measurements are read as relative to the image corner, as COLMAP writes them",
         ));
     }
     for observation in parsed
@@ -258,8 +259,8 @@ fn measurements_to_pixels(
         .iter_mut()
         .flat_map(|point| &mut point.observations)
     {
-        let middle = sizes[observation.view as usize].map(middle);
-        observation.pixel = match (observation.pixel, middle) {
+        let center = sizes[observation.view as usize].map(image_center);
+        observation.pixel = match (observation.pixel, center) {
             (Some([x, y]), Some([mx, my])) if are_relative => Some([x + mx, y + my]),
             (Some([x, y]), _) if !are_relative => Some([x - 0.5, y - 0.5]),
             _ => None,
@@ -277,9 +278,9 @@ fn model_of(
     for (line, size) in parsed.cameras.into_iter().zip(sizes) {
         let content = |problem: String| SequenceError::Content {
             path: path.to_owned(),
-            problem: format!("the camera of {}: {problem}", line.name),
+            problem: format!("camera of {}: {problem}", line.name),
         };
-        let [mx, my] = size.map_or([0.0, 0.0], middle);
+        let [mx, my] = size.map_or([0.0, 0.0], image_center);
         let (fx, fy, cx, cy) = match parsed.fixed {
             Some([fx, cx, fy, cy]) => (fx, fy, cx, cy),
             None => (line.focal_px, line.focal_px, mx, my),
@@ -287,7 +288,7 @@ fn model_of(
         let camera = Camera::with_distortion(fx, fy, cx, cy, distortion(line.radial))
             .map_err(|error| content(error.to_string()))?;
         let known = CalibratedCamera::known(camera, *size, path.display().to_string());
-        // Most models come from one camera: equal ones are one.
+        // Equal cameras are merged.
         let at = model.cameras.iter().position(|other| *other == known);
         let camera = at.unwrap_or_else(|| {
             model.cameras.push(known);
@@ -304,7 +305,8 @@ fn model_of(
     Ok(model)
 }
 
-/// The lens the other way: of `u = m + d m^3` the first terms of the inverse series, `m = u - d u^3 + 3 d^2 u^5 - 12 d^3 u^7`.
+/// The inverse distortion: the first terms of the inverse series of `u = m + d m^3`,
+/// `m = u - d u^3 + 3 d^2 u^5 - 12 d^3 u^7`.
 fn distortion(d: f64) -> Distortion {
     if d == 0.0 {
         return Distortion::None;
@@ -323,7 +325,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lens_is_inverted() {
+    fn distortion_is_inverted() {
         let lens = distortion(0.08);
         let camera = Camera::with_distortion(1000.0, 1000.0, 0.0, 0.0, lens).unwrap();
         let measured = 0.3_f64;

@@ -13,7 +13,7 @@ use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid};
 
-/// The reader.
+/// Reader of Open3D and Redwood.
 pub(in super::super) struct Open3dLog;
 
 const TRAJECTORY: &str = "trajectory.log";
@@ -40,10 +40,13 @@ impl Layout for Open3dLog {
             PoseSource::Layout => Some(read_log(&trajectory_path(folder)?)?),
             PoseSource::External => None,
         };
-        let images_path = folder.first_entry(&IMAGE_FOLDERS).ok_or_else(|| SequenceError::Content {
-            path: folder.path().join(IMAGE_FOLDERS[0]),
-            problem: "is missing: the images of the trajectory are looked for in image/, color/ or rgb/".to_owned(),
-        })?;
+        let images_path =
+            folder
+                .first_entry(&IMAGE_FOLDERS)
+                .ok_or_else(|| SequenceError::Content {
+                    path: folder.path().join(IMAGE_FOLDERS[0]),
+                    problem: "is missing: put the images into image/, color/ or rgb/".to_owned(),
+                })?;
         let images = numbered_images(&images_path)?;
         let depths = match folder.entry(DEPTH_FOLDER) {
             Some(path) => numbered_images(&path)?,
@@ -64,7 +67,7 @@ impl Layout for Open3dLog {
     }
 }
 
-/// Files `*.log` other than the usual name.
+/// Files `*.log`.
 fn logs(folder: &Folder) -> impl Iterator<Item = &String> {
     folder.names().iter().filter(|name| name.ends_with(".log"))
 }
@@ -79,14 +82,14 @@ fn trajectory_path(folder: &Folder) -> Result<PathBuf, SequenceError> {
         _ => Err(SequenceError::Content {
             path: folder.path().join(TRAJECTORY),
             problem: format!(
-                "is missing, and of {} files *.log none can be preferred: rename the right one",
+                "is missing, and there are {} other files *.log: rename the right one",
                 all.len()
             ),
         }),
     }
 }
 
-/// Images by the number that ends their name.
+/// Images by the number at the end of their name.
 pub(super) fn numbered_images(
     path: &Path,
 ) -> Result<BTreeMap<u64, (String, PathBuf)>, SequenceError> {
@@ -106,8 +109,8 @@ pub(super) fn numbered_images(
     Ok(images)
 }
 
-/// Gives each image its entry: by number; by order when numbers do not fit but counts do. Without entries images have
-/// no poses.
+/// Assigns each image its trajectory entry by number, or in order if the numbers differ and the counts agree. Without a
+/// trajectory images have no poses.
 fn join(
     folder: &Folder,
     images: BTreeMap<u64, (String, PathBuf)>,
@@ -121,17 +124,17 @@ fn join(
         by_number.entry(entry.number).or_insert(at);
     }
     if by_number.len() < entries.len() {
-        // Some writers put the same number everywhere: then the place in the file is the number.
+        // Some writers repeat one number: number the entries instead.
         by_number = (0_u64..).zip(0..entries.len()).collect();
         warnings.push(Warning::statement(
-            "the numbers in the trajectory repeat: entry k of the file is taken for image k",
+            "the numbers in the trajectory repeat: entry k of the file is used for image k",
         ));
     }
     let fits = images.keys().all(|number| by_number.contains_key(number));
     let is_by_order = !fits && trajectory.is_some() && images.len() == entries.len();
     if is_by_order {
         warnings.push(Warning::statement(
-            "the numbers of images and trajectory differ, their counts agree: they are joined in order",
+            "the numbers of images and trajectory differ, but their counts agree: they are joined in order",
         ));
     }
     let (mut without_pose, mut not_finite, mut not_rigid, mut without_depth) = (
@@ -181,8 +184,8 @@ fn join(
         return Err(SequenceError::NoFrames {
             folder: folder.path().to_owned(),
             reason: format!(
-                "of {total} numbered images {} have no entry of their number in the trajectory ({} entries), {} a pose \
-                 that is not finite, {} one that is not a rigid motion",
+                "of {total} numbered images {} have no entry in the trajectory ({} entries), {} a pose that is not finite, \
+                 {} a pose that is not a rigid transform",
                 without_pose.count(),
                 entries.len(),
                 not_finite.count(),
@@ -193,12 +196,13 @@ fn join(
     let posed = total - without_pose.count();
     warnings.extend(without_pose.into_warning(
         total,
-        "images have no entry in the trajectory and were left out",
+        "images have no entry in the trajectory and were skipped",
     ));
-    warnings.extend(not_finite.into_warning(posed, "poses are not finite and were left out"));
-    warnings.extend(not_rigid.into_warning(posed, "poses are not rigid motions and were left out"));
+    warnings.extend(not_finite.into_warning(posed, "poses are not finite and were skipped"));
+    warnings
+        .extend(not_rigid.into_warning(posed, "poses are not rigid transforms and were skipped"));
     warnings.extend(
-        without_depth.into_warning(frames.len(), "frames have no depth image of their number"),
+        without_depth.into_warning(frames.len(), "frames have no depth image with their number"),
     );
     Ok(frames)
 }
@@ -211,7 +215,7 @@ struct IntrinsicFile {
     intrinsic_matrix: [f64; 9],
 }
 
-/// The one intrinsic JSON in the folder, or the camera that Open3D assumes.
+/// The camera of the intrinsics JSON in the folder, or Open3D's default.
 fn intrinsics(
     folder: &Folder,
     warnings: &mut Vec<Warning>,
@@ -234,7 +238,7 @@ fn intrinsics(
                     ),
                 });
             }
-            // Some other JSON file.
+            // An unrelated JSON file.
             Err(_) => {}
         }
     }
@@ -256,11 +260,12 @@ fn intrinsics(
             path: folder.path().to_owned(),
             problem: error.to_string(),
         })?;
-    let guess = "no camera JSON: the camera that Open3D assumes is taken (PrimeSense: f 525, c 319.5 239.5)";
-    Ok(CalibratedCamera::usual(
+    let warning = "no camera JSON: Open3D's default is assumed (PrimeSense: f 525, c 319.5 239.5); give the camera in \
+                   linecarve.toml";
+    Ok(CalibratedCamera::default_vga(
         camera,
         "default of Open3D (PrimeSense)",
-        guess.to_owned(),
+        warning.to_owned(),
     ))
 }
 
@@ -279,7 +284,7 @@ fn camera_of(
         (m[6], m[7])
     } else if is_zero([1, 3, 6, 7]) {
         warnings.push(Warning::statement(format!(
-            "{}: intrinsic_matrix is written row by row; Open3D writes it column by column",
+            "{}: intrinsic_matrix is read row by row, as its zeros show; Open3D writes it column by column",
             path.display()
         )));
         (m[2], m[5])

@@ -1,7 +1,7 @@
 //! OpenMVS: a scene in the interface format (`scene.mvs`) with cameras, poses, and points with visibility.
 //!
-//! The format writes the fields of each structure one after another, little-endian, lists as a count of 64 bits and their
-//! members, text as a list of bytes. Fields were added with the version that stands in the head.
+//! The format stores the fields of each structure in sequence, little-endian: lists as a 64-bit count and their items,
+//! text as a list of bytes. Later versions, given in the head, have more fields.
 
 use std::path::{Path, PathBuf};
 
@@ -15,16 +15,16 @@ use super::super::model::{ModelImage, StoredModel};
 use super::super::{SequenceError, rigid};
 use crate::sparse_model::{ModelObservation, ModelPoint};
 
-/// The reader.
+/// Reader of OpenMVS.
 pub(in super::super) struct OpenMvs;
 
-const USUAL: &str = "scene.mvs";
+const DEFAULT_NAME: &str = "scene.mvs";
 
-/// Marks something as absent.
-const NONE: u32 = u32::MAX;
+/// Marks an absent id.
+const NO_ID: u32 = u32::MAX;
 
-/// The newest version of the format that is known.
-const NEWEST: u32 = 7;
+/// The newest supported version of the format.
+const MAX_VERSION: u32 = 7;
 
 fn is_scene(name: &str) -> bool {
     name.to_ascii_lowercase().ends_with(".mvs")
@@ -34,7 +34,7 @@ fn scene_path(folder: &Folder) -> Option<PathBuf> {
     if let Some(name) = folder.file() {
         return Some(folder.path().join(name));
     }
-    folder.entry(USUAL).or_else(|| {
+    folder.entry(DEFAULT_NAME).or_else(|| {
         let mut scenes = folder.names().iter().filter(|name| is_scene(name));
         let only = scenes.next().filter(|_| scenes.next().is_none());
         only.map(|name| folder.path().join(name))
@@ -64,25 +64,25 @@ impl Layout for OpenMvs {
 
     fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
         let path = scene_path(folder).ok_or_else(|| SequenceError::Content {
-            path: folder.path().join(USUAL),
-            problem: "is missing".to_owned(),
+            path: folder.path().join(DEFAULT_NAME),
+            problem: "is missing: give the file *.mvs itself".to_owned(),
         })?;
         let bytes = read_file(&path)?;
         let model = read_scene(&path, &bytes)?;
-        // Names are relative to the folder of the scene.
+        // Image names are relative to the folder of the scene.
         let roots = [folder.path().to_owned(), folder.path().join("images")];
         let mut recording = model.into_recording(&path, &roots)?;
         recording.conventions.push(format!(
-            "poses: {}, rotation camera from world and camera centre; images are free of distortion",
+            "poses: {}, rotation camera from world and camera centre; images are undistorted",
             path.display()
         ));
         Ok(recording)
     }
 }
 
-/// A camera mounted on a platform.
+/// A camera on a platform.
 struct PlatformCamera {
-    /// `None` when it cannot be used; only images that refer to it are affected.
+    /// `Err` if unsupported; this affects only images that refer to it.
     camera: Result<CalibratedCamera, String>,
     camera_from_platform: [[f64; 3]; 3],
     center_in_platform: [f64; 3],
@@ -90,7 +90,7 @@ struct PlatformCamera {
 
 struct Platform {
     cameras: Vec<PlatformCamera>,
-    /// Rotation platform from world, and its centre in the world.
+    /// Rotation platform from world, and the platform centre in world coordinates.
     poses: Vec<([[f64; 3]; 3], [f64; 3])>,
 }
 
@@ -107,14 +107,14 @@ fn read_scene(path: &Path, bytes: &[u8]) -> Result<StoredModel, SequenceError> {
     let mut reader = ByteReader::new(path, bytes);
     if bytes.get(..4) != Some(b"MVSI") {
         return Err(reader.error(
-            "is not a scene in OpenMVS's interface format (it starts with MVSI); save it with --archive-type 0",
+            "is not a scene in OpenMVS's interface format, which starts with MVSI: save it with --archive-type 0",
         ));
     }
     reader.take(4)?;
     let version = reader.u32()?;
-    if version > NEWEST {
+    if version > MAX_VERSION {
         return Err(reader.error(format!(
-            "version {version} of the format is newer than {NEWEST}, the newest that is known"
+            "version {version} of the format is not supported; the newest supported is {MAX_VERSION}"
         )));
     }
     let _reserved = reader.u32()?;
@@ -164,32 +164,32 @@ fn camera(
 ) -> Result<CalibratedCamera, String> {
     if width == 0 || height == 0 {
         return Err(format!(
-            "the camera {name} has no image size, its focal length is a share of it: save the scene with a newer version"
+            "camera {name} has no image size, to which its focal length is relative: save the scene with a newer version"
         ));
     }
     if k[0][1].abs() > 1e-6 * k[0][0].abs() {
         return Err(format!(
-            "the camera {name} has a skew of {}, which no camera here has",
+            "camera {name} has a skew of {}, which is not supported",
             k[0][1]
         ));
     }
     let camera = Camera::pinhole(k[0][0], k[1][1], k[0][2], k[1][2])
-        .map_err(|error| format!("the camera {name}: {error}"))?;
+        .map_err(|error| format!("camera {name}: {error}"))?;
     Ok(CalibratedCamera::known(
         camera,
         Some(ImageSize { width, height }),
-        USUAL,
+        DEFAULT_NAME,
     ))
 }
 
-/// Adds the posed images; gives the view of each image, `None` for those without a pose.
+/// Adds the posed images; returns the view index of each image, `None` without a pose.
 fn read_images(
     reader: &mut ByteReader,
     version: u32,
     platforms: &[Platform],
     model: &mut StoredModel,
 ) -> Result<Vec<Option<u32>>, SequenceError> {
-    // Cameras by platform and place, as images name them.
+    // Camera indices by platform and camera id.
     let mut camera_of = std::collections::BTreeMap::new();
     let mut view_of = Vec::new();
     for _ in 0..reader.count("images", 20)? {
@@ -206,12 +206,12 @@ fn read_images(
             let scores = reader.count("scores of views", 24)?;
             reader.take(24 * scores)?;
         }
-        if pose_id == NONE {
+        if pose_id == NO_ID {
             view_of.push(None);
             continue;
         }
         let missing =
-            |what: &str, id: u32| format!("image {name} refers to {what} {id}, which is not there");
+            |what: &str, id: u32| format!("image {name} refers to the missing {what} {id}");
         let platform = platforms
             .get(platform_id as usize)
             .ok_or_else(|| reader.error(missing("platform", platform_id)))?;
@@ -256,14 +256,14 @@ fn read_images(
     Ok(view_of)
 }
 
-/// Outer from inner, of a rotation inner from outer and the centre of the inner frame in the outer one.
+/// The transform outer from inner, of the rotation inner from outer and the inner origin in outer coordinates.
 fn pose_from_centre(
     rotation: &[[f64; 3]; 3],
     centre: &[f64; 3],
 ) -> Result<Isometry3<f64>, rigid::RigidTransformError> {
     let r = rotation;
     let c = centre;
-    // The transposed rotation leads outwards.
+    // The transposed rotation is outer from inner.
     rigid::from_matrix(&[
         [r[0][0], r[1][0], r[2][0], c[0]],
         [r[0][1], r[1][1], r[2][1], c[1]],
@@ -280,7 +280,7 @@ fn read_vertices(
     for _ in 0..reader.count("points", 20)? {
         let [x, y, z] = [reader.f32()?, reader.f32()?, reader.f32()?].map(f64::from);
         let mut observations = Vec::new();
-        for _ in 0..reader.count("views of a point", 8)? {
+        for _ in 0..reader.count("observations of a point", 8)? {
             let image = reader.u32()?;
             let _confidence = reader.f32()?;
             match view_of.get(image as usize) {
@@ -291,7 +291,7 @@ fn read_vertices(
                 Some(None) => {}
                 None => {
                     return Err(reader.error(format!(
-                        "a point is seen by image {image} of {}",
+                        "a point is observed by image {image} of {}",
                         view_of.len()
                     )));
                 }
@@ -303,7 +303,7 @@ fn read_vertices(
             observations,
         });
     }
-    // Normals, then colours, blue first; either list may be empty or the file may end.
+    // Normals, then colours in order blue, green, red. Either list may be empty, or both absent.
     if reader.is_at_end() {
         return Ok(());
     }

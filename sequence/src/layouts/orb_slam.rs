@@ -1,5 +1,5 @@
-//! ORB-SLAM2 and ORB-SLAM3: a saved trajectory and a settings file beside a folder of images, with a dump of map points
-//! where there is one. The same reader takes any image folder with a trajectory beside it.
+//! ORB-SLAM2 and ORB-SLAM3: a saved trajectory, a settings file, images, and a dump of map points if there is one. Also
+//! reads any image folder with a trajectory file.
 
 use std::path::{Path, PathBuf};
 
@@ -14,13 +14,13 @@ use super::super::{SequenceError, rigid, yaml};
 use super::orb_trajectory::{ORB_TRAJECTORIES, orb_trajectory};
 use super::{euroc, images, point_dump};
 
-/// The reader of ORB-SLAM's own files.
+/// Reader of ORB-SLAM's files.
 pub(in super::super) struct OrbSlam;
 
-/// The reader of images with some trajectory beside them.
+/// Reader of images with any trajectory file.
 pub(in super::super) struct ImagesAndPoses;
 
-/// Usual names of trajectories.
+/// Usual trajectory file names.
 const TRAJECTORIES: [&str; 8] = [
     "poses.txt",
     "pose.txt",
@@ -48,7 +48,9 @@ impl Layout for OrbSlam {
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         let path = orb_trajectory(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().join(ORB_TRAJECTORIES[0]),
-            problem: "is missing: ORB-SLAM saves it at its end".to_owned(),
+            problem:
+                "is missing: ORB-SLAM saves it at shutdown; give a trajectory with --poses FILE"
+                    .to_owned(),
         });
         let path = match source {
             PoseSource::Layout => Some(path?),
@@ -77,17 +79,15 @@ impl Layout for ImagesAndPoses {
 
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         let path = match source {
-            PoseSource::Layout => {
-                Some(folder.first_entry(&TRAJECTORIES).ok_or_else(|| {
-                    SequenceError::Content {
-                        path: folder.path().to_owned(),
-                        problem: format!(
-                            "has no trajectory: one of {} is looked for, another is given with --poses FILE",
-                            TRAJECTORIES.join(", ")
-                        ),
-                    }
-                })?)
-            }
+            PoseSource::Layout => Some(folder.first_entry(&TRAJECTORIES).ok_or_else(|| {
+                SequenceError::Content {
+                    path: folder.path().to_owned(),
+                    problem: format!(
+                        "has no trajectory: name it one of {}, or give it with --poses FILE",
+                        TRAJECTORIES.join(", ")
+                    ),
+                }
+            })?),
             PoseSource::External => None,
         };
         read(folder, path)
@@ -100,7 +100,7 @@ fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, Seque
     if listing.frames.is_empty() {
         return Err(SequenceError::NoFrames {
             folder: folder.path().to_owned(),
-            reason: "there are no images".to_owned(),
+            reason: "there are no images in the image folder".to_owned(),
         });
     }
     let settings = settings(folder)?;
@@ -117,7 +117,7 @@ fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, Seque
             path.display(),
             format.name(),
             if format == PoseFileFormat::EurocCsv {
-                "body, taken for the camera as no file tells how it is mounted"
+                "body, used as camera poses since no file gives the extrinsics"
             } else {
                 "camera"
             }
@@ -127,7 +127,7 @@ fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, Seque
     Ok(recording)
 }
 
-/// The keys of settings files that are read: those of version 2 and, where they differ, of version 3.
+/// Keys of settings files of ORB-SLAM2 and ORB-SLAM3.
 #[derive(Deserialize, Default)]
 struct Settings {
     #[serde(rename = "Camera.type")]
@@ -158,12 +158,12 @@ struct Settings {
     height: Option<u32>,
     #[serde(rename = "DepthMapFactor", alias = "RGBD.DepthMapFactor")]
     depth_map_factor: Option<f64>,
-    /// Camera to inertial unit.
+    /// Extrinsics of the camera on the inertial unit.
     #[serde(rename = "IMU.T_b_c1", alias = "Tbc")]
     body_from_camera: Option<yaml::Matrix>,
 }
 
-/// The calibration of the one settings file in the folder; without a camera when there is none.
+/// The calibration of the settings file; without a camera if there is none.
 fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
     let mut found: Option<(PathBuf, Settings)> = None;
     for name in folder.names() {
@@ -172,7 +172,7 @@ fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
         }
         let path = folder.path().join(name);
         let file = TextFile::read(&path)?;
-        // Other programs keep YAML files too.
+        // An unrelated YAML file.
         if !(file.text().contains("Camera.fx") || file.text().contains("Camera1.fx")) {
             continue;
         }
@@ -180,7 +180,7 @@ fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
             return Err(SequenceError::Content {
                 path,
                 problem: format!(
-                    "is a second settings file beside {}: remove one, or give --calibration FILE",
+                    "is a second settings file besides {}: remove one, or give --calibration FILE",
                     other.display()
                 ),
             });
@@ -189,7 +189,7 @@ fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
         found = Some((path, settings));
     }
     let Some((path, settings)) = found else {
-        // The data of EuRoC bring their own.
+        // EuRoC data have their own calibration.
         let sensor = folder.path().join("mav0/cam0/sensor.yaml");
         return if sensor.is_file() {
             euroc::calibration(&sensor)
@@ -204,7 +204,7 @@ fn calibration(path: &Path, settings: &Settings) -> Result<Calibration, String> 
     let (Some(fx), Some(fy), Some(cx), Some(cy)) =
         (settings.fx, settings.fy, settings.cx, settings.cy)
     else {
-        return Err("needs fx, fy, cx and cy, as Camera.fx or Camera1.fx".to_owned());
+        return Err("fx, fy, cx or cy is missing: give them as Camera.fx or Camera1.fx".to_owned());
     };
     let s = settings;
     let distortion = match s.kind.as_deref().unwrap_or("PinHole") {
@@ -233,7 +233,7 @@ fn calibration(path: &Path, settings: &Settings) -> Result<Calibration, String> 
         },
         kind => {
             return Err(format!(
-                "Camera.type {kind} is not known: PinHole, Rectified and KannalaBrandt8 are"
+                "Camera.type {kind} is not supported: use PinHole, Rectified or KannalaBrandt8"
             ));
         }
     };

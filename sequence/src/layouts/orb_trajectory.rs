@@ -1,20 +1,20 @@
-//! The trajectory files of ORB-SLAM by their names.
+//! Trajectory files of ORB-SLAM.
 
 use std::path::PathBuf;
 
 use super::super::layout::Folder;
 
-/// What ORB-SLAM saves, keyframes first: their poses are the optimised ones.
+/// File names of ORB-SLAM, keyframes first, since only their poses are optimised.
 pub(super) const ORB_TRAJECTORIES: [&str; 3] = [
     "KeyFrameTrajectory.txt",
     "CameraTrajectory.txt",
     "FrameTrajectory.txt",
 ];
 
-/// The trajectory that a run of ORB-SLAM left in a folder.
+/// The ORB-SLAM trajectory of a folder, if any.
 pub(super) fn orb_trajectory(folder: &Folder) -> Option<PathBuf> {
     folder.first_entry(&ORB_TRAJECTORIES).or_else(|| {
-        // ORB-SLAM3 puts the name of the run into that of the file; kf is of keyframes.
+        // ORB-SLAM3: kf_RUN.txt has keyframes, f_RUN.txt all frames.
         ["kf_", "f_"].iter().find_map(|start| {
             folder
                 .names()

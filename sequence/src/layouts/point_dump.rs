@@ -1,7 +1,7 @@
-//! Map points that were dumped without what sees them: `x y z` a line or PLY, as many patches of ORB-SLAM write.
+//! Map points without observations, as written by patches of ORB-SLAM: `x y z` a line, or PLY.
 //!
-//! Which frame sees which point is guessed from where they fall: inside the image, and not clearly behind a nearer point in
-//! the same part of it. That is weaker than what a model knows, and said so.
+//! Observations are estimated by projection: a view observes a point that projects into its image and is not clearly
+//! behind a nearer point in the same image cell. A warning says so, since these are less reliable than feature tracks.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use super::super::{SequenceError, Warning};
 use crate::sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 use linecarve_mesh::read_geometry;
 
-/// Usual names of dumps.
+/// Usual file names.
 const NAMES: [&str; 9] = [
     "MapPoints.ply",
     "map_points.ply",
@@ -28,13 +28,13 @@ const NAMES: [&str; 9] = [
     "points.txt",
 ];
 
-/// An image is divided into so many parts along its longer side.
-const PARTS: u32 = 24;
+/// Number of visibility cells along the longer image side.
+const CELLS: u32 = 24;
 
-/// A point further than this times the nearest in its part of an image may be hidden there.
-const HIDDEN_BEYOND: f64 = 1.15;
+/// Depth relative to the nearest point of a cell beyond which a point counts as occluded.
+const MAX_RELATIVE_DEPTH: f64 = 1.15;
 
-/// Adds the points of a dump to a recording, when there is one.
+/// Adds the points of a dump, if any, to a recording.
 pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<(), SequenceError> {
     let Some(path) = folder.first_entry(&NAMES) else {
         return Ok(());
@@ -49,7 +49,7 @@ pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<()
         return Ok(());
     };
     let camera = color.camera.clone();
-    // Without a stated size the principal point lies in the middle.
+    // Without an image size the principal point is assumed at the centre.
     let size = color
         .size
         .map_or([2.0 * camera.cx() + 1.0, 2.0 * camera.cy() + 1.0], |size| {
@@ -76,10 +76,10 @@ pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<()
             })
             .collect(),
     };
-    guess_observations(&mut model, &camera, size);
+    estimate_observations(&mut model, &camera, size);
     recording.warnings.push(Warning::statement(format!(
-        "{}: {} points without the frames that see them; these are guessed by projection, which is weaker than a model's \
-         own tracks",
+        "{}: {} points without observations; these are estimated by projection, which is less reliable than feature \
+         tracks",
         path.display(),
         model.points.len()
     )));
@@ -87,7 +87,7 @@ pub(super) fn read_into(folder: &Folder, recording: &mut Recording) -> Result<()
     Ok(())
 }
 
-/// Lines `x y z` and what may follow.
+/// Reads a PLY file, or lines `x y z`; further fields are ignored.
 fn read(path: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<Point3<f64>>, SequenceError> {
     if path.extension().is_some_and(|end| end == "ply") {
         let shape = read_geometry(path).map_err(|error| SequenceError::Content {
@@ -111,15 +111,15 @@ fn read(path: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<Point3<f64>>, Se
             not_finite.add(format!("line {}", row.number()));
         }
     }
-    warnings.extend(not_finite.into_warning(total, "map points are not finite and were left out"));
+    warnings.extend(not_finite.into_warning(total, "map points are not finite and were skipped"));
     Ok(points)
 }
 
-/// For each view the points that fall into its image and are not clearly behind the nearest in their part of it.
-fn guess_observations(model: &mut SparseModel, camera: &Camera, [width, height]: [f64; 2]) {
-    let part = (width.max(height) / f64::from(PARTS)).max(1.0);
-    let columns = (width / part).ceil().max(1.0) as usize;
-    let rows = (height / part).ceil().max(1.0) as usize;
+/// Adds an observation for each point that projects into a view and is not occluded in its cell.
+fn estimate_observations(model: &mut SparseModel, camera: &Camera, [width, height]: [f64; 2]) {
+    let cell_px = (width.max(height) / f64::from(CELLS)).max(1.0);
+    let columns = (width / cell_px).ceil().max(1.0) as usize;
+    let rows = (height / cell_px).ceil().max(1.0) as usize;
     let mut nearest = vec![f64::INFINITY; columns * rows];
     let mut seen: Vec<(usize, usize, f64, [f64; 2])> = Vec::new();
     for (view, posed) in (0_u32..).zip(&model.views) {
@@ -138,13 +138,13 @@ fn guess_observations(model: &mut SparseModel, camera: &Camera, [width, height]:
             if !(x >= 0.0 && y >= 0.0 && x < width && y < height) {
                 continue;
             }
-            let cell = ((y / part) as usize).min(rows - 1) * columns
-                + ((x / part) as usize).min(columns - 1);
+            let cell = ((y / cell_px) as usize).min(rows - 1) * columns
+                + ((x / cell_px) as usize).min(columns - 1);
             nearest[cell] = nearest[cell].min(point_in_camera.z);
             seen.push((index, cell, point_in_camera.z, [pixel.x, pixel.y]));
         }
         for &(index, cell, depth, pixel) in &seen {
-            if depth <= HIDDEN_BEYOND * nearest[cell] {
+            if depth <= MAX_RELATIVE_DEPTH * nearest[cell] {
                 model.points[index].observations.push(ModelObservation {
                     view,
                     pixel: Some(pixel),
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_behind_others_or_the_camera_are_not_seen() {
+    fn points_behind_others_or_the_camera_are_not_observed() {
         let camera = Camera::pinhole(100.0, 100.0, 49.5, 49.5).unwrap();
         let point = |x: f64, y: f64, z: f64| ModelPoint {
             point_in_world: Point3::new(x, y, z),
@@ -181,7 +181,7 @@ mod tests {
                 point(9.0, 0.0, 1.0),
             ],
         };
-        guess_observations(&mut model, &camera, [100.0, 100.0]);
+        estimate_observations(&mut model, &camera, [100.0, 100.0]);
         let seen: Vec<bool> = model
             .points
             .iter()

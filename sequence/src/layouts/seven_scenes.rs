@@ -1,4 +1,4 @@
-//! 7-Scenes and its kin: `frame-NNNNNN.color.png`, `frame-NNNNNN.depth.png`, `frame-NNNNNN.pose.txt` in one folder.
+//! 7-Scenes and similar data sets: `frame-NNNNNN.color.png`, `frame-NNNNNN.depth.png`, `frame-NNNNNN.pose.txt` in one folder.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,10 +12,10 @@ use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
 
-/// The reader.
+/// Reader of 7-Scenes.
 pub(in super::super) struct SevenScenes;
 
-/// Name of the optional 3x3 matrix that TSDF-Fusion and 3DMatch add.
+/// Optional 3x3 intrinsic matrix of TSDF-Fusion and 3DMatch.
 const INTRINSICS: &str = "camera-intrinsics.txt";
 
 /// The files of one frame.
@@ -51,10 +51,10 @@ impl Layout for SevenScenes {
                 FilePart::Depth => &mut files.depth,
                 FilePart::Pose => &mut files.pose,
             };
-            // Names are sorted, so .jpg is taken before .png, whatever the file system's order.
+            // Names are sorted, so .jpg precedes .png on every file system.
             slot.get_or_insert_with(|| folder.path().join(name));
         }
-        let mut out = Collected::default();
+        let mut out = FrameCollector::default();
         let total = by_number.len();
         let has_depth = by_number.values().any(|files| files.depth.is_some());
         for ((number, frame), files) in by_number {
@@ -71,19 +71,19 @@ impl Layout for SevenScenes {
         let poses = total - out.pose_missing.count() - out.color_missing.count();
         warnings.extend(
             out.pose_missing
-                .into_warning(total, "frames have no pose and were left out"),
+                .into_warning(total, "frames have no pose and were skipped"),
         );
         warnings.extend(
             out.color_missing
-                .into_warning(total, "frames have no colour image and were left out"),
+                .into_warning(total, "frames have no colour image and were skipped"),
         );
         warnings.extend(
             out.not_finite
-                .into_warning(poses, "poses are not finite and were left out"),
+                .into_warning(poses, "poses are not finite and were skipped"),
         );
         warnings.extend(
             out.not_rigid
-                .into_warning(poses, "poses are not rigid motions and were left out"),
+                .into_warning(poses, "poses are not rigid transforms and were skipped"),
         );
         warnings.extend(
             out.depth_missing
@@ -97,7 +97,7 @@ impl Layout for SevenScenes {
 }
 
 #[derive(Default)]
-struct Collected {
+struct FrameCollector {
     frames: Vec<RecordedFrame>,
     pose_missing: WarningCounter,
     color_missing: WarningCounter,
@@ -107,7 +107,7 @@ struct Collected {
     first_problem: Option<String>,
 }
 
-impl Collected {
+impl FrameCollector {
     fn add(
         &mut self,
         frame: &str,
@@ -154,11 +154,11 @@ impl Collected {
         Ok(())
     }
 
-    /// What became of the frames when none is left.
+    /// Why no frame is usable.
     fn reason(&self, total: usize) -> String {
         let mut text = format!(
-            "of {total} frames {} have no colour image, {} no pose, {} a pose that is not finite, {} one that is not a \
-             rigid motion",
+            "of {total} frames {} have no colour image, {} no pose, {} a pose that is not finite, {} a pose that is not a \
+             rigid transform",
             self.color_missing.count(),
             self.pose_missing.count(),
             self.not_finite.count(),
@@ -194,7 +194,7 @@ fn part_of(name: &str) -> Option<(&str, u64, FilePart)> {
     Some((frame, number, part))
 }
 
-/// Four rows of four numbers; the inner error is about a pose that can be left out.
+/// Reads a 4x4 matrix. The inner error is an invalid pose, which is skipped.
 fn read_pose(
     path: &Path,
 ) -> Result<Result<Isometry3<f64>, rigid::RigidTransformError>, SequenceError> {
@@ -202,14 +202,14 @@ fn read_pose(
     Ok(rigid::from_matrix(&matrix))
 }
 
-/// `N` rows of `N` numbers.
+/// Reads `N` rows of `N` numbers.
 fn read_matrix<const N: usize>(path: &Path) -> Result<[[f64; N]; N], SequenceError> {
     let file = TextFile::read(path)?;
     let mut matrix = [[0.0; N]; N];
     let mut count = 0;
     for row in file.rows() {
         let Some(slot) = matrix.get_mut(count) else {
-            return Err(row.error(format!("a matrix of {N} rows expected, more found")));
+            return Err(row.error(format!("expected a matrix of {N} rows, found more")));
         };
         *slot = row.numbers()?;
         count += 1;
@@ -218,8 +218,8 @@ fn read_matrix<const N: usize>(path: &Path) -> Result<[[f64; N]; N], SequenceErr
         return Err(SequenceError::Content {
             path: path.to_owned(),
             problem: format!(
-                "a matrix of {N} rows of {N} numbers expected, {count} rows found (cut off?): copy the file again, \
-                 or remove it and the frame will be left out"
+                "expected a matrix of {N} rows of {N} numbers, found {count} rows (truncated?): copy the file again, or \
+                 remove it to skip the frame"
             ),
         });
     }
@@ -254,11 +254,11 @@ fn intrinsics(folder: &Folder) -> Result<Calibration, SequenceError> {
                     problem: error.to_string(),
                 }
             })?;
-            let guess = format!(
-                "no {INTRINSICS}: the depth camera of 7-Scenes is assumed for both images (f 585, c 320 240); its colour \
-                 images are not registered to depth, a linecarve.toml can tell both cameras"
+            let warning = format!(
+                "no {INTRINSICS}: the depth camera of 7-Scenes is assumed for both images (f 585, c 320 240), though its \
+                 depth is not registered to colour; give both cameras in linecarve.toml"
             );
-            CalibratedCamera::usual(camera, "default of 7-Scenes", guess)
+            CalibratedCamera::default_vga(camera, "default of 7-Scenes", warning)
         }
     };
     Ok(Calibration::of_color(Some(color)))

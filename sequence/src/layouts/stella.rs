@@ -1,6 +1,7 @@
-//! stella_vslam and OpenVSLAM: a map as MessagePack (`*.msg`), with keyframes, key points and landmarks; images beside it.
+//! stella_vslam and OpenVSLAM: a MessagePack map (`*.msg`) of keyframes, key points and landmarks, in the folder of the
+//! images.
 //!
-//! Poses there are camera from world, quaternions x y z w; key points are free of distortion.
+//! Stored poses are camera from world with quaternions x y z w; key points are undistorted.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, associate, rigid};
 use super::{images, tum};
 
-/// The reader.
+/// Reader of stella_vslam.
 pub(in super::super) struct Stella;
 
 fn is_map(name: &str) -> bool {
@@ -57,24 +58,24 @@ impl Layout for Stella {
     fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
         let path = map_path(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
-            problem: "has no map *.msg".to_owned(),
+            problem: "has no map *.msg, or several: give the file itself".to_owned(),
         })?;
         let bytes = read_file(&path)?;
         let map = decode(&path, &bytes)?;
         let (model, stamps) = model_of(&path, &map)?;
         let mut recording = model.into_recording(&path, &[])?;
-        // The map names no images: they are found by their times.
+        // The map has no image names, so drop the warning about missing images and associate images by time.
         let warning_count = recording.warnings.len();
         recording.warnings.truncate(warning_count.saturating_sub(1));
         if images::color_folder(folder).is_some() {
             attach_images(folder, &stamps, &mut recording)?;
         } else {
             recording.warnings.push(Warning::statement(
-                "there are no images beside the map; only its points can be used",
+                "there are no images in the folder of the map; only its points can be used",
             ));
         }
         recording.conventions.push(format!(
-            "poses: {}, camera from world, inverted; images belong to the keyframe within 0.02 s",
+            "poses: {}, camera from world, inverted; each image belongs to the nearest keyframe within 0.02 s",
             path.display()
         ));
         Ok(recording)
@@ -91,7 +92,7 @@ fn decode(path: &Path, bytes: &[u8]) -> Result<Value, SequenceError> {
     Ok(value)
 }
 
-/// A place in the map, for messages.
+/// A value of the map with its path, for messages.
 struct Node<'a> {
     value: &'a Value,
     name: String,
@@ -146,11 +147,11 @@ impl<'a> Node<'a> {
 }
 
 fn number(value: &Value) -> Option<f64> {
-    // Whole numbers are written as such.
+    // Integers are accepted as well.
     value.as_f64()
 }
 
-/// The model and the time of each keyframe in nanoseconds.
+/// The model, and the time of each keyframe in nanoseconds.
 fn model_of(path: &Path, map: &Value) -> Result<(StoredModel, Vec<i64>), SequenceError> {
     let root = Node {
         value: map,
@@ -173,7 +174,7 @@ fn build(root: &Node, path: &Path) -> Result<(StoredModel, Vec<i64>), String> {
     for (id, node) in root.need("landmarks")?.entries()? {
         let id: u64 = id
             .parse()
-            .map_err(|_| format!("{} is not the number of a landmark", node.name))?;
+            .map_err(|_| format!("{} is not a landmark number", node.name))?;
         points.add(id, Point3::from(node.need("pos_w")?.numbers::<3>()?), None);
     }
     let mut stamps = Vec::new();
@@ -183,7 +184,7 @@ fn build(root: &Node, path: &Path) -> Result<(StoredModel, Vec<i64>), String> {
             .value
             .as_str()
             .and_then(|name| camera_of.get(name))
-            .ok_or_else(|| format!("{} names a camera that is not there", camera_name.name))?;
+            .ok_or_else(|| format!("{} names an unknown camera", camera_name.name))?;
         let camera_from_world = rigid::from_translation_quaternion(
             node.need("trans_cw")?.numbers()?,
             node.need("rot_cw")?.numbers()?,
@@ -216,7 +217,7 @@ fn build(root: &Node, path: &Path) -> Result<(StoredModel, Vec<i64>), String> {
     Ok((model, stamps))
 }
 
-/// Key points with a landmark; -1 is none.
+/// Adds the key points with a landmark; -1 marks none.
 fn observations(
     keyframe: &Node,
     view: u32,
@@ -275,7 +276,7 @@ fn camera(node: &Node, path: &Path) -> Result<CalibratedCamera, String> {
         "fisheye" => Distortion::KannalaBrandt { k1, k2, k3, k4 },
         other => {
             return Err(format!(
-                "{} is of the model {other}: perspective and fisheye are read",
+                "{} has the model {other}: only perspective and fisheye are supported",
                 node.name
             ));
         }
@@ -301,7 +302,7 @@ fn camera(node: &Node, path: &Path) -> Result<CalibratedCamera, String> {
     ))
 }
 
-/// Makes frames of the keyframes whose image is found by its time.
+/// Adds a frame for each keyframe with an image of its time.
 fn attach_images(
     folder: &Folder,
     stamps: &[i64],
@@ -322,7 +323,7 @@ fn attach_images(
         .as_ref()
         .map(|model| model.views.as_slice())
         .unwrap_or_default();
-    // Views are sorted by time as the stamps are; keyframes of one time cannot be told apart.
+    // Views and stamps are both sorted by time; keyframes with equal times are ambiguous.
     let mut missing = WarningCounter::default();
     let mut frames = Vec::new();
     if views.len() == order.len() && listing.has_time {
@@ -343,12 +344,12 @@ fn attach_images(
         }
     } else {
         warnings.push(Warning::statement(
-            "the images have no times (names in seconds or nanoseconds, times.txt or rgb.txt): only points can be used",
+            "the images have no times: only points can be used; give times as image names, times.txt or rgb.txt",
         ));
     }
     warnings.extend(missing.into_warning(
         order.len(),
-        "keyframes have no image within 0.02 s and were left out",
+        "keyframes have no image within 0.02 s and were skipped",
     ));
     recording.has_time = true;
     recording.frames = frames;

@@ -1,7 +1,7 @@
-//! nerfstudio and instant-ngp: `transforms.json` with a pose, a camera and a file for each frame.
+//! nerfstudio and instant-ngp: `transforms.json` with pose, camera and image file of each frame.
 //!
-//! Camera axes there are those of OpenGL (x right, y up, z backward), poses world from camera; pixel coordinates have the
-//! corner of the first pixel at (0, 0), as in COLMAP, from whose models most of these files are made.
+//! Poses are world from camera with OpenGL axes (x right, y up, z backward). The corner of the first pixel is (0, 0), as
+//! in COLMAP.
 
 use std::path::{Path, PathBuf};
 
@@ -19,10 +19,10 @@ use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
 
-/// The reader.
+/// Reader of `transforms.json`.
 pub(in super::super) struct Transforms;
 
-/// The usual name, and the split of synthetic scenes.
+/// The usual name, and the training split of synthetic scenes.
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
 
 #[derive(Deserialize, Clone, Default)]
@@ -48,7 +48,7 @@ struct File {
     #[serde(flatten)]
     intrinsics: Intrinsics,
     frames: Vec<FrameEntry>,
-    /// Units of depth images in units of the poses.
+    /// Pose units per raw depth unit.
     depth_unit_scale_factor: Option<f64>,
 }
 
@@ -95,7 +95,7 @@ impl Layout for Transforms {
             serde_json::from_str(text.text()).map_err(|error| SequenceError::Line {
                 path: path.clone(),
                 line: error.line(),
-                problem: format!("is not a transforms.json: {error}"),
+                problem: format!("is not a valid transforms.json: {error}"),
             })?;
         read(folder, &path, &file)
     }
@@ -164,7 +164,7 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
         return Err(SequenceError::NoFrames {
             folder: folder.path().to_owned(),
             reason: format!(
-                "of {total} frames of {} {} have no image, {} no rigid motion",
+                "of {total} frames of {} {} have no image, {} no rigid transform as pose",
                 path.display(),
                 missing.count(),
                 not_rigid.count()
@@ -187,18 +187,19 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
     recording.has_time = false;
     recording
         .warnings
-        .extend(missing.into_warning(total, "images do not exist and were left out"));
+        .extend(missing.into_warning(total, "images do not exist and were skipped"));
     recording
         .warnings
-        .extend(not_rigid.into_warning(total, "poses are not rigid motions and were left out"));
+        .extend(not_rigid.into_warning(total, "poses are not rigid transforms and were skipped"));
     recording.conventions.push(format!(
-        "poses: {}, world from camera with axes y up, z backward; the corner of the first pixel is (0, 0) there",
+        "poses: {}, world from camera with axes y up, z backward; pixels are shifted by half a pixel, since its first \
+         pixel corner is (0, 0)",
         path.display()
     ));
     Ok(recording)
 }
 
-/// Files are named with or without an extension, and with backslashes by some.
+/// Path of an image; names may lack the extension or have backslashes.
 fn find_image(folder: &Path, name: &str) -> Option<PathBuf> {
     let name = name.replace('\\', "/");
     let plain = folder.join(name.trim_start_matches("./"));
@@ -214,7 +215,7 @@ fn find_image(folder: &Path, name: &str) -> Option<PathBuf> {
 fn pose(rows: &[Vec<f64>]) -> Result<Isometry3<f64>, String> {
     let has_shape = matches!(rows.len(), 3 | 4) && rows.iter().all(|row| row.len() == 4);
     if !has_shape {
-        return Err("has no matrix of 4 rows of 4 numbers".to_owned());
+        return Err("has no 4x4 matrix".to_owned());
     }
     let mut matrix = [
         [0.0, 0.0, 0.0, 0.0],
@@ -230,25 +231,25 @@ fn pose(rows: &[Vec<f64>]) -> Result<Isometry3<f64>, String> {
     Ok(pose)
 }
 
-/// The camera of a frame: its own values, else those of the whole file, else by the image.
+/// The camera of a frame: values of the frame, else of the file, else derived from the image size.
 fn camera(own: &Intrinsics, shared: &Intrinsics, image: &Path) -> Result<CalibratedCamera, String> {
     let pick = |of: fn(&Intrinsics) -> Option<f64>| of(own).or_else(|| of(shared));
-    let stated = match (pick(|i| i.w), pick(|i| i.h)) {
+    let given = match (pick(|i| i.w), pick(|i| i.h)) {
         (Some(w), Some(h)) if w >= 1.0 && h >= 1.0 && w < 1e6 && h < 1e6 => Some(ImageSize {
             width: w as u32,
             height: h as u32,
         }),
         (None, None) => None,
-        (w, h) => return Err(format!("an image size of {w:?} x {h:?} is not one")),
+        (w, h) => return Err(format!("the image size {w:?} x {h:?} is invalid")),
     };
-    let size = match stated {
+    let size = match given {
         Some(size) => size,
         None => image_size(image).map_err(|error| error.to_string())?,
     };
     let (width, height) = (f64::from(size.width), f64::from(size.height));
     let fx = pick(|i| i.fl_x)
         .or_else(|| pick(|i| i.camera_angle_x).map(|angle| 0.5 * width / (0.5 * angle).tan()))
-        .ok_or("has neither fl_x nor camera_angle_x")?;
+        .ok_or("fl_x and camera_angle_x are missing: give one of them")?;
     let fy = pick(|i| i.fl_y).unwrap_or(fx);
     let cx = pick(|i| i.cx).unwrap_or(0.5 * width) - 0.5;
     let cy = pick(|i| i.cy).unwrap_or(0.5 * height) - 0.5;
@@ -270,7 +271,9 @@ fn camera(own: &Intrinsics, shared: &Intrinsics, image: &Path) -> Result<Calibra
         "OPENCV_FISHEYE" => Distortion::KannalaBrandt { k1, k2, k3, k4 },
         "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "perspective" => {
             if k4 != 0.0 {
-                return Err(format!("camera_model {model} with k4 = {k4} is not known"));
+                return Err(format!(
+                    "camera_model {model} with k4 = {k4} is not supported: undistort the images"
+                ));
             }
             if [k1, k2, k3, p1, p2].iter().all(|value| *value == 0.0) {
                 Distortion::None
@@ -280,7 +283,7 @@ fn camera(own: &Intrinsics, shared: &Intrinsics, image: &Path) -> Result<Calibra
         }
         other => {
             return Err(format!(
-                "camera_model {other} is not known: OPENCV, OPENCV_FISHEYE and PINHOLE are"
+                "camera_model {other} is not supported: use OPENCV, OPENCV_FISHEYE or PINHOLE"
             ));
         }
     };

@@ -1,4 +1,4 @@
-//! TUM RGB-D: `rgb.txt` and `depth.txt` list images with time stamps, `groundtruth.txt` poses; stamps are matched.
+//! TUM RGB-D: image lists `rgb.txt` and `depth.txt`, poses in `groundtruth.txt`, associated by time.
 
 use std::path::{Path, PathBuf};
 
@@ -13,15 +13,14 @@ use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, associate};
 use super::orb_trajectory::orb_trajectory;
 
-/// The reader.
+/// Reader of TUM RGB-D.
 pub(in super::super) struct TumRgbd;
 
 pub(super) const IMAGES: &str = "rgb.txt";
 const DEPTHS: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
 
-/// Largest difference between the stamps of a colour image and of its pose or depth image, as in the tools of the
-/// data set.
+/// Largest time difference between a colour image and its pose or depth image, as in the tools of the data set.
 pub(super) const MAX_DIFFERENCE_NS: i64 = 20_000_000;
 
 impl Layout for TumRgbd {
@@ -34,7 +33,7 @@ impl Layout for TumRgbd {
     }
 
     fn recognises(&self, folder: &Folder) -> bool {
-        // Without ground truth the trajectory of a run may be what is there.
+        // Without ground truth a saved ORB-SLAM trajectory takes precedence.
         folder.entry(IMAGES).is_some()
             && (folder.entry(POSES).is_some() || orb_trajectory(folder).is_none())
     }
@@ -50,8 +49,8 @@ impl Layout for TumRgbd {
             PoseSource::Layout => {
                 let path = list(POSES).ok_or_else(|| SequenceError::Content {
                     path: folder.path().join(POSES),
-                    problem: "is missing: poses are read from it, one 'stamp tx ty tz qx qy qz qw' a line; a trajectory \
-                              of another name is given with --poses FILE"
+                    problem: "is missing: it has the poses, one 'stamp tx ty tz qx qy qz qw' a line; give a trajectory of another \
+                              name with --poses FILE"
                         .to_owned(),
                 })?;
                 Some(read_poses(&path, &mut warnings)?)
@@ -67,8 +66,8 @@ impl Layout for TumRgbd {
             return Err(SequenceError::NoFrames {
                 folder: folder.path().to_owned(),
                 reason: format!(
-                    "no image of {IMAGES} exists and has a finite pose in {POSES} within 0.02 s: check that both have \
-                     the same clock and unit{}",
+                    "no image of {IMAGES} exists and has a finite pose in {POSES} within 0.02 s: check that both have the same \
+                     clock and unit{}",
                     first_of(&warnings)
                 ),
             });
@@ -84,19 +83,18 @@ impl Layout for TumRgbd {
         if source == PoseSource::Layout {
             recording.other_quaternion = PoseFileFormat::Tum.other_quaternion_order();
             recording.conventions.push(
-                "poses: stamp tx ty tz qx qy qz qw, world from colour camera, unit metre"
-                    .to_owned(),
+                "poses: stamp tx ty tz qx qy qz qw, world from colour camera, in metres".to_owned(),
             );
         }
         recording.conventions.push(
-            "each colour image has the nearest pose and depth image within 0.02 s, none is used twice"
+            "each colour image is associated one-to-one with the nearest pose and depth image within 0.02 s"
                 .to_owned(),
         );
         Ok(recording)
     }
 }
 
-/// The images that the lists of a folder name, with their depth images, without poses.
+/// The listed images with their depth images, without poses.
 pub(super) fn list_frames(
     folder: &Folder,
     warnings: &mut Vec<Warning>,
@@ -115,16 +113,16 @@ fn first_of(warnings: &[Warning]) -> String {
         .map_or_else(String::new, |warning| format!(" ({warning})"))
 }
 
-/// Something with a time stamp.
+/// A value with its time in nanoseconds.
 type Stamped<T> = (i64, T);
 
-/// An image of a list.
+/// A listed image.
 struct ListedImage {
     name: String,
     path: PathBuf,
 }
 
-/// Lines `stamp file`. Files that do not exist are left out.
+/// Reads lines `stamp file`. Files that do not exist are skipped.
 fn read_list(
     path: &Path,
     folder: &Folder,
@@ -141,9 +139,9 @@ fn read_list(
         let (stamp, rest) = row
             .text()
             .split_once(|c: char| c.is_whitespace() || c == ',')
-            .ok_or_else(|| row.error("'stamp file' expected".to_owned()))?;
+            .ok_or_else(|| row.error("expected 'stamp file'".to_owned()))?;
         let Some(stamp_ns) = parse_stamp_ns(stamp) else {
-            // A head line without the usual #.
+            // A head line without #.
             if total == 0 && parse_number(stamp).is_none() {
                 continue;
             }
@@ -169,12 +167,12 @@ fn read_list(
     }
     warnings.extend(missing.into_warning(
         total,
-        &format!("files that {file_name} lists do not exist and were left out"),
+        &format!("files listed in {file_name} do not exist and were skipped"),
     ));
     Ok(sort_and_dedup(rows, &file_name, warnings))
 }
 
-/// Lines `stamp tx ty tz qx qy qz qw`; lines that are not finite or not a rotation are left out.
+/// Reads lines `stamp tx ty tz qx qy qz qw`; invalid poses are skipped.
 fn read_poses(
     path: &Path,
     warnings: &mut Vec<Warning>,
@@ -198,12 +196,13 @@ fn read_poses(
         .collect();
     warnings.extend(beyond.into_warning(
         total,
-        "time stamps are too large for seconds; their poses were left out",
+        "time stamps are too large for seconds; their poses were skipped",
     ));
     Ok(sort_and_dedup(rows, POSES, warnings))
 }
 
-/// Frames in the order of time: each image with its pose (none when there is no list of poses) and, when there is one, its depth image.
+/// Joins images, depth images and poses by time. Without a trajectory frames have no poses; with one, images without a
+/// pose are skipped.
 fn join(
     images: Vec<Stamped<ListedImage>>,
     depths: Vec<Stamped<ListedImage>>,
@@ -240,7 +239,7 @@ fn join(
         });
     }
     warnings.extend(
-        without_pose.into_warning(total, "images have no pose within 0.02 s and were left out"),
+        without_pose.into_warning(total, "images have no pose within 0.02 s and were skipped"),
     );
     warnings.extend(
         without_depth.into_warning(frames.len(), "frames have no depth image within 0.02 s"),
@@ -248,7 +247,7 @@ fn join(
     frames
 }
 
-/// The colour cameras of the data set by its three sensors, whose names the folders carry.
+/// The colour camera of the data set, by the sensor in the folder name.
 ///
 /// # Reference
 /// J. Sturm, N. Engelhard, F. Endres, W. Burgard, D. Cremers, A Benchmark for the Evaluation of RGB-D SLAM Systems,
@@ -274,11 +273,11 @@ fn intrinsics(folder: &Folder) -> Result<CalibratedCamera, CameraError> {
     } else if has("3") {
         (Camera::pinhole(535.4, 539.2, 320.1, 247.6)?, "3")
     } else {
-        return Ok(CalibratedCamera::usual(
+        return Ok(CalibratedCamera::default_vga(
             Camera::pinhole(525.0, 525.0, 319.5, 239.5)?,
             "default of the ROS driver",
-            "no calibration: the name of the folder has no freiburg1, 2 or 3, the default of the ROS driver is assumed \
-             (f 525, c 319.5 239.5); a linecarve.toml can tell the camera"
+            "no calibration, and no freiburg1, 2 or 3 in the folder name: the default of the ROS driver is assumed \
+             (f 525, c 319.5 239.5); give the camera in linecarve.toml"
                 .to_owned(),
         ));
     };
@@ -286,6 +285,6 @@ fn intrinsics(folder: &Folder) -> Result<CalibratedCamera, CameraError> {
         width: 640,
         height: 480,
     };
-    let source = format!("default of TUM freiburg{sensor}, by the name of the folder");
+    let source = format!("default of TUM freiburg{sensor}, by the folder name");
     Ok(CalibratedCamera::known(camera, Some(size), source))
 }

@@ -1,4 +1,4 @@
-//! Association of a trajectory with the images of a sequence.
+//! Association of a trajectory with the images of a sequence, by time, number or order.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,13 +11,13 @@ use super::super::warning::{WarningCounter, stamp_text};
 use super::super::{SequenceError, Warning, associate};
 use super::{PoseFile, PoseFileFormat, Poses, read_pose_file};
 
-/// Largest difference between the stamps of an image and of its pose.
+/// Largest time difference between an image and its pose.
 pub(in super::super) const MAX_DIFFERENCE_NS: i64 = 20_000_000;
 
-/// Something with a time stamp in nanoseconds.
+/// A value with its time in nanoseconds.
 type Stamped<T> = (i64, T);
 
-/// Sorts by stamp and keeps the first of each.
+/// Sorts by time and keeps the first value of each time.
 pub(in super::super) fn sort_and_dedup<T>(
     mut rows: Vec<Stamped<T>>,
     file: &str,
@@ -26,7 +26,7 @@ pub(in super::super) fn sort_and_dedup<T>(
     let total = rows.len();
     if rows.windows(2).any(|pair| pair[1].0 < pair[0].0) {
         warnings.push(Warning::statement(format!(
-            "{file}: time stamps do not ascend; they were sorted"
+            "{file}: time stamps do not ascend and were sorted"
         )));
     }
     rows.sort_by_key(|row| row.0);
@@ -40,15 +40,15 @@ pub(in super::super) fn sort_and_dedup<T>(
     });
     warnings.extend(repeated.into_warning(
         total,
-        &format!("time stamps in {file} stand there before; the first line of each counts"),
+        &format!("time stamps in {file} are repeated; the first line of each is used"),
     ));
     rows
 }
 
-/// Gives the frames of a recording the poses of a trajectory file, whose format is returned.
+/// Assigns the poses of a trajectory file to the frames of a recording. Returns the format of the file.
 ///
 /// # Errors
-/// When the file cannot be read, no frame gets a pose, or counts differ where poses go by order.
+/// If the file cannot be read, no frame gets a pose, or poses without stamps and frames differ in number.
 pub(in super::super) fn attach_file(
     recording: &mut Recording,
     path: &Path,
@@ -62,14 +62,14 @@ pub(in super::super) fn attach_file(
     Ok(format)
 }
 
-/// Gives each frame its pose of a trajectory; frames without one are left out and counted.
+/// Assigns each frame its pose; frames without one are skipped and counted.
 ///
-/// Stamped poses go to the frame nearest in time, within 0.02 s, each once. When the unit of the stamps as written
-/// leaves most frames without a pose, other units are tried and the one that serves the most is taken. Where frames
-/// have numbers in place of times, whole stamps are taken for numbers, and else poses and frames must agree in count.
+/// Stamped poses are associated one-to-one with the nearest frames within 0.02 s. If that leaves most frames without a
+/// pose, other units of the stamps are tried, and the unit that associates the most is used. If frames have numbers but
+/// no times, integer stamps count as numbers; otherwise poses are assigned in order.
 ///
 /// # Errors
-/// When no frame gets a pose, or counts differ where poses go by order.
+/// If no frame gets a pose, or poses assigned in order and frames differ in number.
 fn attach(
     frames: Vec<RecordedFrame>,
     has_time: bool,
@@ -123,8 +123,8 @@ fn attach(
         return Err(SequenceError::Content {
             path: path.to_owned(),
             problem: format!(
-                "not one of {total} images has a pose within 0.02 s, in whichever unit its stamps are read: check that \
-                 images and poses have the same clock{}",
+                "none of the {total} images has a pose within 0.02 s, in any unit of time: check that images and poses \
+                 have the same clock{}",
                 without_pose
                     .first()
                     .map_or_else(String::new, |name| format!(" (first image: {name})"))
@@ -133,7 +133,7 @@ fn attach(
     }
     warnings.extend(without_pose.into_warning(
         total,
-        &format!("images have no pose in {file} and were left out"),
+        &format!("images have no pose in {file} and were skipped"),
     ));
     Ok(kept)
 }
@@ -148,7 +148,7 @@ fn by_time(
 ) -> Posed {
     let mut order: Vec<usize> = (0..frames.len()).collect();
     order.sort_by_key(|&at| frames[at].timestamp_ns);
-    // Frames with one time compete for the pose; the first has it.
+    // Of frames with equal times only the first gets a pose.
     order.dedup_by_key(|&mut at| frames[at].timestamp_ns);
     let stamps: Vec<i64> = order.iter().map(|&at| frames[at].timestamp_ns).collect();
     let written = rows
@@ -173,11 +173,11 @@ fn by_time(
     if 2 * count < stamps.len() {
         for unit in TimeUnit::ALL.into_iter().filter(|unit| *unit != written) {
             let other = attempt(unit);
-            // A unit that shrinks all stamps to one moment serves a few frames by chance.
+            // A unit that maps all stamps to nearly one time associates a few frames by chance.
             if other.1 > 2 * count && 2 * other.1 >= stamps.len().min(rows.len()) {
                 (posed, count, notes) = other;
                 notes.push(Warning::statement(format!(
-                    "{file}: the stamps are taken for {}, which gives {count} images a pose",
+                    "{file}: the stamps are read as {}, which gives {count} images a pose",
                     unit.name()
                 )));
             }
@@ -208,8 +208,7 @@ fn in_order(poses: Posed, frames: &[RecordedFrame], path: &Path) -> Result<Posed
     Err(SequenceError::Content {
         path: path.to_owned(),
         problem: format!(
-            "holds {} poses that no time or number ties to the {} images: without stamps there must be one pose for \
-             each image, in their order",
+            "has {} poses for {} images: without stamps there must be one pose for each image, in the same order",
             poses.len(),
             frames.len()
         ),

@@ -1,4 +1,4 @@
-//! Trajectories of Open3D and Redwood: entries of five lines, three whole numbers and a 4x4 matrix.
+//! Trajectories of Open3D and Redwood: entries of three integers and a 4x4 matrix.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
 use super::{PoseFile, PoseFileFormat, Poses};
 
-/// An entry of a trajectory: its own number and its pose.
+/// An entry of a trajectory: its image number and its pose.
 pub(in super::super) struct LogEntry {
     pub(in super::super) number: u64,
     pub(in super::super) pose: Result<Isometry3<f64>, rigid::RigidTransformError>,
@@ -18,7 +18,7 @@ pub(in super::super) struct LogEntry {
 /// Reads the entries of a file.
 ///
 /// # Errors
-/// When the file cannot be read, is malformed or holds no entry.
+/// If the file cannot be read, is malformed or has no entry.
 pub(in super::super) fn read_log(path: &Path) -> Result<Vec<LogEntry>, SequenceError> {
     entries(&TextFile::read(path)?, path)
 }
@@ -34,7 +34,7 @@ pub(super) fn entries(file: &TextFile, path: &Path) -> Result<Vec<LogEntry>, Seq
             .filter(|_| head.fields().count() == 3)
             .ok_or_else(|| {
                 head.error(format!(
-                    "the head of entry {} expected: three whole numbers 'i i i+1', then four rows of a matrix",
+                    "expected the head of entry {}: three integers 'i i i+1', then a 4x4 matrix",
                     entries.len()
                 ))
             })?;
@@ -42,7 +42,7 @@ pub(super) fn entries(file: &TextFile, path: &Path) -> Result<Vec<LogEntry>, Seq
         for (r, slot) in matrix.iter_mut().enumerate() {
             let row = rows.next().ok_or_else(|| {
                 head.error(format!(
-                    "the matrix of this entry has {r} rows instead of 4 (cut off?)"
+                    "the matrix of this entry has {r} rows instead of 4 (truncated?)"
                 ))
             })?;
             *slot = row.numbers()?;
@@ -55,14 +55,14 @@ pub(super) fn entries(file: &TextFile, path: &Path) -> Result<Vec<LogEntry>, Seq
     if entries.is_empty() {
         return Err(SequenceError::Content {
             path: path.to_owned(),
-            problem: "holds no pose: entries of five lines expected, 'i i i+1' and a 4x4 matrix"
+            problem: "has no poses: expected entries of five lines, 'i i i+1' and a 4x4 matrix"
                 .to_owned(),
         });
     }
     Ok(entries)
 }
 
-/// Entries as a trajectory of numbered poses.
+/// Converts entries to a trajectory of numbered poses.
 pub(super) fn trajectory(entries: Vec<LogEntry>) -> PoseFile {
     let (mut not_finite, mut not_rigid) = (WarningCounter::default(), WarningCounter::default());
     let total = entries.len();
@@ -77,8 +77,9 @@ pub(super) fn trajectory(entries: Vec<LogEntry>) -> PoseFile {
         })
         .collect();
     let mut warnings = Vec::new();
-    warnings.extend(not_finite.into_warning(total, "poses are not finite and were left out"));
-    warnings.extend(not_rigid.into_warning(total, "poses are not rigid motions and were left out"));
+    warnings.extend(not_finite.into_warning(total, "poses are not finite and were skipped"));
+    warnings
+        .extend(not_rigid.into_warning(total, "poses are not rigid transforms and were skipped"));
     PoseFile {
         format: PoseFileFormat::Open3dLog,
         poses: Poses::Numbered(poses),

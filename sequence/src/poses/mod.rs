@@ -1,4 +1,4 @@
-//! Trajectories: poses in a file of their own, in whichever of the usual formats, and their association with images.
+//! Trajectory files in the usual formats, and their association with images.
 
 mod attach;
 mod log;
@@ -15,20 +15,20 @@ use super::Warning;
 use super::pose_convention::QuaternionOrder;
 use super::text::Stamp;
 
-/// The formats of trajectories.
+/// Formats of trajectory files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PoseFileFormat {
-    /// `stamp tx ty tz qx qy qz qw`: TUM, and ORB-SLAM's own files in seconds or nanoseconds.
+    /// `stamp tx ty tz qx qy qz qw`: TUM, and ORB-SLAM in seconds or nanoseconds.
     Tum,
-    /// `stamp, px, py, pz, qw, qx, qy, qz` and what may follow: ground truth of EuRoC, of the body.
+    /// `stamp, px, py, pz, qw, qx, qy, qz, ...`: EuRoC ground truth, of the body.
     EurocCsv,
-    /// Three rows of a matrix in a line, no stamp.
+    /// The first three rows of a 4x4 matrix in one line; no stamps.
     Kitti,
-    /// Four rows of a matrix in a line, no stamp.
+    /// A 4x4 matrix in one line; no stamps.
     Matrices,
-    /// `tx ty tz qx qy qz qw`, no stamp.
+    /// `tx ty tz qx qy qz qw`; no stamps.
     Unstamped,
-    /// Entries of five lines, `i i i+1` and four rows of a matrix: Open3D and Redwood.
+    /// Entries of five lines, `i i i+1` and a 4x4 matrix: Open3D and Redwood.
     Open3dLog,
 }
 
@@ -44,7 +44,7 @@ impl PoseFileFormat {
         }
     }
 
-    /// The order in which another reading of its quaternions may be tried; `None` when it has no quaternions.
+    /// The quaternion order to test as an alternative; `None` for formats with matrices.
     pub(super) fn other_quaternion_order(self) -> Option<QuaternionOrder> {
         match self {
             Self::Tum | Self::Unstamped => Some(QuaternionOrder::WFirst),
@@ -62,14 +62,14 @@ pub(super) struct PoseFile {
     pub(super) warnings: Vec<Warning>,
 }
 
-/// Poses and what tells the images that they belong to.
+/// Poses, with what associates them with images.
 #[derive(Debug)]
 pub(super) enum Poses {
-    /// By time; in the order of the file.
+    /// By time, in file order.
     Stamped(Vec<(Stamp, Isometry3<f64>)>),
-    /// By number of the image; in the order of the file. `None` where a pose cannot be used.
+    /// By image number, in file order. `None` for invalid poses.
     Numbered(Vec<(u64, Option<Isometry3<f64>>)>),
-    /// The k-th belongs to the k-th image. `None` where a pose cannot be used.
+    /// The k-th pose belongs to the k-th image. `None` for invalid poses.
     InOrder(Vec<Option<Isometry3<f64>>>),
 }
 

@@ -1,4 +1,4 @@
-//! Reading of trajectory files; the format is told by what stands in the lines.
+//! Reading of trajectory files; the format is detected from the first lines.
 
 use std::path::{Path, PathBuf};
 
@@ -10,20 +10,20 @@ use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid};
 use super::{PoseFile, PoseFileFormat, Poses, log};
 
-/// How the lines of a file are laid out.
+/// Column layout of a trajectory file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Columns {
     format: PoseFileFormat,
-    /// Fields of every line; `None` when lines may be longer.
+    /// Number of fields in each line; `None` if further fields may follow.
     count: Option<usize>,
-    /// Fields before the stamp or the first number of the pose, such as a running index.
+    /// Leading fields to skip, such as a running index.
     skipped: usize,
 }
 
 /// Reads a trajectory of any known format.
 ///
 /// # Errors
-/// When the file cannot be read, is of no known format, or a line is not of the format of the first.
+/// If the file cannot be read, has no known format, or its lines differ in format.
 pub(in super::super) fn read_pose_file(path: &Path) -> Result<PoseFile, SequenceError> {
     let file = TextFile::read(path)?;
     let columns = detect(&file, path)?;
@@ -33,7 +33,7 @@ pub(in super::super) fn read_pose_file(path: &Path) -> Result<PoseFile, Sequence
     read_rows(&file, path, columns)
 }
 
-/// Reads lines `stamp tx ty tz qx qy qz qw` and nothing else.
+/// Reads a trajectory in TUM format, `stamp tx ty tz qx qy qz qw`.
 pub(in super::super) fn read_stamped_quaternions(path: &Path) -> Result<PoseFile, SequenceError> {
     let file = TextFile::read(path)?;
     let columns = Columns {
@@ -44,7 +44,7 @@ pub(in super::super) fn read_stamped_quaternions(path: &Path) -> Result<PoseFile
     read_rows(&file, path, columns)
 }
 
-/// Files of a folder that look like trajectories, for a message that proposes them.
+/// Files of a folder that are trajectories, for suggestions in error messages.
 pub(in super::super) fn candidates(folder: &Folder) -> Vec<PathBuf> {
     const MAX_TRIED: usize = 40;
     const MAX_BYTES: u64 = 64 << 20;
@@ -65,19 +65,19 @@ pub(in super::super) fn candidates(folder: &Folder) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Whether a line is the head of a table: its first field is no number.
+/// Whether a line is a table head: its first field is not a number.
 fn is_head(row: &TextLine) -> bool {
     row.fields()
         .next()
         .is_some_and(|field| parse_number(field).is_none())
 }
 
-/// The format by the head line, when there is one, and the fields of the first rows.
+/// Detects the format from the head line, if any, and the fields of the first lines.
 fn detect(file: &TextFile, path: &Path) -> Result<Columns, SequenceError> {
     let unknown = |problem: String| SequenceError::Content {
         path: path.to_owned(),
         problem: format!(
-            "{problem}; trajectories are read as TUM (stamp tx ty tz qx qy qz qw), EuRoC (stamp, px, py, pz, qw, qx, qy, \
+            "{problem}; supported formats are TUM (stamp tx ty tz qx qy qz qw), EuRoC (stamp, px, py, pz, qw, qx, qy, \
              qz, ...), KITTI (12 numbers), 4x4 matrices (16 numbers), tx ty tz qx qy qz qw, or Open3D .log"
         ),
     };
@@ -90,7 +90,7 @@ fn detect(file: &TextFile, path: &Path) -> Result<Columns, SequenceError> {
         .collect();
     let first = rows
         .first()
-        .ok_or_else(|| unknown("holds no pose".to_owned()))?;
+        .ok_or_else(|| unknown("has no poses".to_owned()))?;
     let count = first.fields().count();
     let columns = |format, count, skipped| Columns {
         format,
@@ -123,13 +123,13 @@ fn detect(file: &TextFile, path: &Path) -> Result<Columns, SequenceError> {
             Ok(columns(PoseFileFormat::EurocCsv, None, 0))
         }
         _ => Err(first.error(format!(
-            "{count} fields: no known trajectory has such lines (TUM 8, EuRoC 8 or 17, KITTI 12, 4x4 matrices 16, \
+            "{count} fields match no known trajectory format (TUM 8, EuRoC 8 or 17, KITTI 12, 4x4 matrices 16, \
              tx ty tz qx qy qz qw 7, Open3D .log 3 and then 4)"
         ))),
     }
 }
 
-/// What the head line says about the place of w in quaternions; `None` when it says nothing.
+/// Whether w is the first quaternion component according to the head line; `None` if it does not say.
 fn w_comes_first(file: &TextFile) -> Option<bool> {
     let head = file
         .text()
@@ -142,7 +142,7 @@ fn w_comes_first(file: &TextFile) -> Option<bool> {
     Some(w < x)
 }
 
-/// Whether the first field counts lines.
+/// Whether the first field is a running index.
 fn is_running_index(rows: &[TextLine]) -> bool {
     let index = |row: &TextLine| {
         row.fields()
@@ -172,7 +172,7 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<PoseFile,
         if let Some(count) = columns.count
             && found != count
         {
-            return Err(row.error(format!("{count} numbers expected, {found} found")));
+            return Err(row.error(format!("expected {count} numbers, found {found}")));
         }
         let location = format!("line {}", row.number());
         let mut note = |problem: rigid::RigidTransformError, location: String| match problem {
@@ -201,8 +201,9 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<PoseFile,
         }
     }
     let mut warnings = Vec::new();
-    warnings.extend(not_finite.into_warning(total, "poses are not finite and were left out"));
-    warnings.extend(not_rigid.into_warning(total, "poses are not rigid motions and were left out"));
+    warnings.extend(not_finite.into_warning(total, "poses are not finite and were skipped"));
+    warnings
+        .extend(not_rigid.into_warning(total, "poses are not rigid transforms and were skipped"));
     let poses = if in_order.is_empty() {
         Poses::Stamped(stamped)
     } else {
@@ -210,7 +211,7 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<PoseFile,
     };
     if columns.skipped > 0 {
         warnings.push(Warning::statement(format!(
-            "{}: the first field of each line is taken for a running index",
+            "{}: the first field of each line is read as a running index",
             path.display()
         )));
     }
@@ -221,13 +222,13 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<PoseFile,
     })
 }
 
-/// The pose of a line; the inner error is about one that can be left out.
+/// The pose of a line. The inner error is an invalid pose, which is skipped.
 fn pose_of(
     row: &TextLine,
     columns: Columns,
 ) -> Result<Result<Isometry3<f64>, rigid::RigidTransformError>, SequenceError> {
     let skipped = columns.skipped;
-    let of_rows = |values: &[f64]| {
+    let from_rows = |values: &[f64]| {
         let mut rows = [
             [0.0, 0.0, 0.0, 0.0],
             [0.0; 4],
@@ -252,9 +253,9 @@ fn pose_of(
             let [tx, ty, tz, qx, qy, qz, qw] = row.numbers_from(skipped)?;
             rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
         }
-        PoseFileFormat::Kitti => of_rows(&row.numbers_from::<12>(skipped)?),
+        PoseFileFormat::Kitti => from_rows(&row.numbers_from::<12>(skipped)?),
         PoseFileFormat::Matrices | PoseFileFormat::Open3dLog => {
-            of_rows(&row.numbers_from::<16>(skipped)?)
+            from_rows(&row.numbers_from::<16>(skipped)?)
         }
     })
 }

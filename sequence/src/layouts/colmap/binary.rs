@@ -65,7 +65,7 @@ pub(super) fn read_points(path: &Path, model: &mut ModelBuilder) -> Result<(), S
         track.clear();
         for _ in 0..reader.count("observations of a point", 8)? {
             track.push(reader.u32()?);
-            let _place = reader.u32()?;
+            let _index = reader.u32()?;
         }
         model.add_point(id, Point3::new(x, y, z), color, track.drain(..));
     }

@@ -1,4 +1,4 @@
-//! A model under construction, whichever way its files are written.
+//! Builder of COLMAP models, shared by the text and the binary reader.
 
 use std::collections::BTreeMap;
 
@@ -8,19 +8,18 @@ use super::super::super::calibration::CalibratedCamera;
 use super::super::super::model::{ModelImage, PointBuilder, StoredModel};
 use super::super::super::rigid;
 
-/// What the files say, their ids resolved as far as they are known. Errors are the problem alone; the place is the reader's
-/// to name.
+/// Builds a model and resolves its ids. Error texts have no location; the readers add file and line or byte.
 #[derive(Debug, Default)]
 pub(super) struct ModelBuilder {
     model: StoredModel,
     points: PointBuilder,
     camera_of: BTreeMap<u32, u32>,
     view_of: BTreeMap<u32, u32>,
-    /// Pairs of point and image id.
+    /// Pairs of point id and image id.
     tracks: Vec<(u64, u32)>,
 }
 
-/// An image as either kind of file has it.
+/// An image record of either format.
 pub(super) struct ImageRecord {
     pub(super) id: u32,
     /// `qw qx qy qz tx ty tz`, camera from world.
@@ -30,17 +29,17 @@ pub(super) struct ImageRecord {
 }
 
 impl ModelBuilder {
-    /// Adds a camera; an id may stand there once.
+    /// Adds a camera. Ids must be unique.
     pub(super) fn add_camera(&mut self, id: u32, camera: CalibratedCamera) -> Result<(), String> {
         let index = self.model.cameras.len() as u32;
         if self.camera_of.insert(id, index).is_some() {
-            return Err(format!("camera {id} stands there before"));
+            return Err(format!("camera id {id} is repeated"));
         }
         self.model.cameras.push(camera);
         Ok(())
     }
 
-    /// Adds a point, and the ids of the images that its track names.
+    /// Adds a point and the image ids of its track.
     pub(super) fn add_point(
         &mut self,
         id: u64,
@@ -53,7 +52,7 @@ impl ModelBuilder {
             .extend(images.into_iter().map(|image| (id, image)));
     }
 
-    /// Adds an image, whose camera must be there; gives its number.
+    /// Adds an image and returns its view index. Its camera must exist.
     pub(super) fn add_image(&mut self, record: ImageRecord) -> Result<u32, String> {
         let ImageRecord {
             id,
@@ -64,12 +63,12 @@ impl ModelBuilder {
         let camera = *self
             .camera_of
             .get(&camera_id)
-            .ok_or_else(|| format!("there is no camera {camera_id} in the file of the cameras"))?;
+            .ok_or_else(|| format!("camera {camera_id} is not in the cameras file"))?;
         let camera_from_world = rigid::from_translation_quaternion([tx, ty, tz], [qx, qy, qz, qw])
             .map_err(|problem| format!("the pose of {name} {problem}"))?;
         let view = self.model.images.len() as u32;
         if self.view_of.insert(id, view).is_some() {
-            return Err(format!("image {id} stands there before"));
+            return Err(format!("image id {id} is repeated"));
         }
         self.model.images.push(ModelImage {
             name,
@@ -80,7 +79,7 @@ impl ModelBuilder {
         Ok(view)
     }
 
-    /// Notes where an image shows a point. COLMAP's first pixel has its centre at (0.5, 0.5).
+    /// Adds an observation. The centre of COLMAP's first pixel is (0.5, 0.5).
     pub(super) fn add_observation(&mut self, point: u64, view: u32, [x, y]: [f64; 2]) {
         self.points
             .add_observation(point, view, Some([x - 0.5, y - 0.5]));

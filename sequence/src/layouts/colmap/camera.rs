@@ -1,10 +1,10 @@
-//! The camera models of COLMAP.
+//! Camera models of COLMAP.
 
 use linecarve_lines::camera::{Camera, Distortion};
 
 use super::super::super::calibration::{CalibratedCamera, ImageSize};
 
-/// The models by their number in binary files: name and count of parameters.
+/// Name and parameter count of the models, indexed by their number in binary files.
 const MODELS: [(&str, usize); 12] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -20,18 +20,18 @@ const MODELS: [(&str, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 ];
 
-/// The models that are read.
-const READ: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, \
+/// The supported models.
+const SUPPORTED: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, \
                     RADIAL_FISHEYE and, with the last three coefficients zero, FULL_OPENCV";
 
-/// Name and count of parameters of a model by its number.
+/// Name and parameter count of a model by its number.
 pub(super) fn model_by_number(number: u32) -> Result<(&'static str, usize), String> {
     MODELS.get(number as usize).copied().ok_or_else(|| {
-        format!("camera model {number} is not known; {READ} are read: undistort the images with COLMAP's image_undistorter")
+        format!("camera model {number} is unknown; supported are {SUPPORTED}: undistort the images with COLMAP's image_undistorter")
     })
 }
 
-/// A camera of a model. COLMAP's first pixel has its centre at (0.5, 0.5).
+/// Builds a camera. The centre of COLMAP's first pixel is (0.5, 0.5).
 pub(super) fn camera(
     model: &str,
     width: u64,
@@ -41,13 +41,13 @@ pub(super) fn camera(
 ) -> Result<CalibratedCamera, String> {
     let Some((_, count)) = MODELS.iter().find(|(name, _)| *name == model) else {
         return Err(format!(
-            "camera model '{}' is not known; {READ} are read: undistort the images with COLMAP's image_undistorter",
+            "camera model '{}' is unknown; supported are {SUPPORTED}: undistort the images with COLMAP's image_undistorter",
             super::super::super::text::shorten(model)
         ));
     };
     if p.len() != *count {
         return Err(format!(
-            "camera model {model} takes {count} parameters, {} found",
+            "camera model {model} takes {count} parameters, found {}",
             p.len()
         ));
     }
@@ -71,15 +71,15 @@ pub(super) fn camera(
         }
         _ => {
             return Err(format!(
-                "camera model {model} is not read; {READ} are: undistort the images with COLMAP's image_undistorter"
+                "camera model {model} is not supported, only {SUPPORTED}: undistort the images with COLMAP's image_undistorter"
             ));
         }
     };
     let size = match (u32::try_from(width), u32::try_from(height)) {
         (Ok(width), Ok(height)) if width > 0 && height > 0 => ImageSize { width, height },
-        _ => return Err(format!("an image size of {width} x {height} is not one")),
+        _ => return Err(format!("the image size {width} x {height} is invalid")),
     };
-    // A lens without distortion is an ideal one.
+    // Zero distortion is a pinhole.
     let distortion = if distortion.coefficients().iter().all(|value| *value == 0.0)
         && matches!(distortion, Distortion::RadialTangential { .. })
     {

@@ -1,6 +1,6 @@
 //! COLMAP: `cameras`, `images` and `points3D` as text or binary, in the folder itself, in `colmap/` or in `sparse/`.
 //!
-//! `rigs` and `frames` of newer versions repeat what `images` says and are not read.
+//! `rigs` and `frames` of newer versions are redundant to `images` and are not read.
 
 mod binary;
 mod builder;
@@ -14,10 +14,10 @@ use super::super::layout::{Folder, Layout, PoseSource, Recording};
 use super::super::model::StoredModel;
 use builder::ModelBuilder;
 
-/// The reader.
+/// Reader of COLMAP.
 pub(in super::super) struct Colmap;
 
-/// Where a model lies under the folder of a sequence, in the order of preference.
+/// Folders of a model, relative to the sequence, in order of preference.
 const MODEL_FOLDERS: [&str; 8] = [
     "",
     "colmap",
@@ -29,7 +29,7 @@ const MODEL_FOLDERS: [&str; 8] = [
     "dense/sparse",
 ];
 
-/// The files of a model are of one kind.
+/// File format of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Binary,
@@ -46,7 +46,7 @@ impl Kind {
         }
     }
 
-    /// What reads cameras, points and images.
+    /// The readers of cameras, points and images.
     fn readers(self) -> [Reader; 3] {
         match self {
             Self::Binary => [
@@ -59,13 +59,13 @@ impl Kind {
     }
 }
 
-/// Reads `cameras`, `images` and, when it is there, `points3D` of a folder.
+/// Reads `cameras`, `images` and, if it exists, `points3D`.
 fn read_model(folder: &Path, kind: Kind) -> Result<StoredModel, SequenceError> {
     let file = |name: &str| folder.join(format!("{name}.{}", kind.extension()));
     let [read_cameras, read_points, read_images] = kind.readers();
     let mut model = ModelBuilder::default();
     read_cameras(&file("cameras"), &mut model)?;
-    // Before the images, which may then refer to points.
+    // Points come first, since images refer to them.
     let points = file("points3D");
     if points.is_file() {
         read_points(&points, &mut model)?;
@@ -75,7 +75,7 @@ fn read_model(folder: &Path, kind: Kind) -> Result<StoredModel, SequenceError> {
 }
 
 fn kind_of(folder: &Path) -> Option<Kind> {
-    // As COLMAP itself prefers.
+    // COLMAP prefers binary files as well.
     [Kind::Binary, Kind::Text].into_iter().find(|kind| {
         ["cameras", "images"].iter().all(|name| {
             folder
@@ -102,7 +102,7 @@ impl Layout for Colmap {
     }
 
     fn expected_files(&self) -> &'static str {
-        "cameras and images as .txt or .bin, there or in colmap/ or sparse/0/"
+        "cameras and images as .txt or .bin, in the folder, colmap/ or sparse/0/"
     }
 
     fn recognises(&self, folder: &Folder) -> bool {
@@ -116,14 +116,13 @@ impl Layout for Colmap {
     fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
         let (path, kind) = find_model(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
-            problem: "has no COLMAP model: cameras.txt and images.txt, or .bin, are looked for there, in colmap/ and in \
-                      sparse/0/"
+            problem: "has no COLMAP model: put cameras and images, as .txt or .bin, into this folder, colmap/ or sparse/0/"
                 .to_owned(),
         })?;
         let mut recording = into_recording(read_model(&path, kind)?, folder, &path)?;
         recording.conventions.push(format!(
-            "poses: COLMAP {} in {}, camera from world, inverted; pixels are moved by half a pixel, as the centre of the \
-             first one is (0.5, 0.5) there",
+            "poses: COLMAP {} in {}, camera from world, inverted; pixels are shifted by half a pixel, since COLMAP's first \
+             pixel centre is (0.5, 0.5)",
             match kind {
                 Kind::Binary => "binary",
                 Kind::Text => "text",
@@ -134,14 +133,14 @@ impl Layout for Colmap {
     }
 }
 
-/// Images lie in `images/` beside the model, in the folder itself, or where models are unpacked.
+/// Converts the model; looks for images in the usual folders beside and above it.
 fn into_recording(
     model: StoredModel,
     folder: &Folder,
     model_path: &Path,
 ) -> Result<Recording, SequenceError> {
     let mut roots = Vec::new();
-    // The model may be what was opened: then the images lie beside or above it.
+    // If the model folder itself is opened, images are beside or above it.
     let absolute = std::fs::canonicalize(model_path).ok();
     let above = absolute
         .iter()

@@ -9,7 +9,7 @@ use super::super::super::text::{TextFile, TextLine, parse_number, shorten};
 use super::builder::{ImageRecord, ModelBuilder};
 use super::camera::camera;
 
-fn whole<T: std::str::FromStr>(
+fn integer<T: std::str::FromStr>(
     row: &TextLine,
     field: Option<&str>,
     what: &str,
@@ -30,10 +30,10 @@ pub(super) fn read_cameras(path: &Path, model: &mut ModelBuilder) -> Result<(), 
     let mut is_empty = true;
     for row in file.rows() {
         let mut fields = row.fields();
-        let id: u32 = whole(&row, fields.next(), "a camera id")?;
+        let id: u32 = integer(&row, fields.next(), "a camera id")?;
         let name = fields.next().unwrap_or_default();
-        let width: u64 = whole(&row, fields.next(), "an image width")?;
-        let height: u64 = whole(&row, fields.next(), "an image height")?;
+        let width: u64 = integer(&row, fields.next(), "an image width")?;
+        let height: u64 = integer(&row, fields.next(), "an image height")?;
         let parameters = fields
             .map(|field| number(&row, field))
             .collect::<Result<Vec<f64>, _>>()?;
@@ -45,14 +45,14 @@ pub(super) fn read_cameras(path: &Path, model: &mut ModelBuilder) -> Result<(), 
     if is_empty {
         return Err(SequenceError::Content {
             path: path.to_owned(),
-            problem: "holds no camera: lines 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS...' expected"
+            problem: "has no camera: expected lines 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS...'"
                 .to_owned(),
         });
     }
     Ok(())
 }
 
-/// Two lines an image; the second, the image's points, may be empty.
+/// Reads two lines an image; the second has its observations and may be empty.
 pub(super) fn read_images(path: &Path, model: &mut ModelBuilder) -> Result<(), SequenceError> {
     let file = TextFile::read(path)?;
     let mut rows = file.lines();
@@ -60,22 +60,22 @@ pub(super) fn read_images(path: &Path, model: &mut ModelBuilder) -> Result<(), S
         if row.text().is_empty() || row.text().starts_with('#') {
             continue;
         }
-        // The name is the rest of the line and may hold blanks.
+        // The name is the rest of the line and may contain blanks.
         let mut rest = row.text();
         let mut next = || {
             let (field, after) = rest.split_once(char::is_whitespace).unwrap_or((rest, ""));
             rest = after.trim_start();
             Some(field).filter(|field| !field.is_empty())
         };
-        let id: u32 = whole(&row, next(), "an image id")?;
+        let id: u32 = integer(&row, next(), "an image id")?;
         let mut pose = [0.0; 7];
         for slot in &mut pose {
             *slot = number(&row, next().unwrap_or_default())?;
         }
-        let camera_id: u32 = whole(&row, next(), "a camera id")?;
+        let camera_id: u32 = integer(&row, next(), "a camera id")?;
         if rest.is_empty() {
             return Err(row.error(
-                "'IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME' expected, the name is missing"
+                "expected 'IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME', the name is missing"
                     .to_owned(),
             ));
         }
@@ -95,7 +95,7 @@ pub(super) fn read_images(path: &Path, model: &mut ModelBuilder) -> Result<(), S
     Ok(())
 }
 
-/// Triples `X Y POINT3D_ID`, the id -1 where no point is seen.
+/// Reads triples `X Y POINT3D_ID`; the id -1 marks a feature without a point.
 fn read_observations(
     row: &TextLine,
     view: u32,
@@ -105,13 +105,13 @@ fn read_observations(
     while let Some(x) = fields.next() {
         let (Some(y), Some(id)) = (fields.next(), fields.next()) else {
             return Err(
-                row.error("triples 'X Y POINT3D_ID' expected, the last is cut off".to_owned())
+                row.error("expected triples 'X Y POINT3D_ID', the last is incomplete".to_owned())
             );
         };
         if id == "-1" {
             continue;
         }
-        let id: u64 = whole(row, Some(id), "a point id")?;
+        let id: u64 = integer(row, Some(id), "a point id")?;
         model.add_observation(id, view, [number(row, x)?, number(row, y)?]);
     }
     Ok(())
@@ -121,7 +121,7 @@ pub(super) fn read_points(path: &Path, model: &mut ModelBuilder) -> Result<(), S
     let file = TextFile::read(path)?;
     let mut images = Vec::new();
     for row in file.rows() {
-        let id: u64 = whole(&row, row.fields().next(), "a point id")?;
+        let id: u64 = integer(&row, row.fields().next(), "a point id")?;
         let [x, y, z, r, g, b, _error] = row.numbers_from(1)?;
         let color = [r, g, b].map(|channel: f64| channel.clamp(0.0, 255.0) as u8);
         images.clear();
@@ -129,11 +129,11 @@ pub(super) fn read_points(path: &Path, model: &mut ModelBuilder) -> Result<(), S
         while let Some(image) = track.next() {
             if track.next().is_none() {
                 return Err(row.error(
-                    "pairs 'IMAGE_ID POINT2D_IDX' expected at the end, the last is cut off"
+                    "expected pairs 'IMAGE_ID POINT2D_IDX' at the end, the last is incomplete"
                         .to_owned(),
                 ));
             }
-            images.push(whole(&row, Some(image), "an image id")?);
+            images.push(integer(&row, Some(image), "an image id")?);
         }
         model.add_point(id, Point3::new(x, y, z), color, images.drain(..));
     }
