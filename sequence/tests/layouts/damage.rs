@@ -1,4 +1,4 @@
-//! Files with arbitrary damage are read or refused; nothing panics.
+//! Property tests: arbitrarily damaged files are read or refused, without a panic.
 
 use linecarve_sequence::{InspectOptions, inspect};
 use proptest::prelude::*;
@@ -26,7 +26,7 @@ fn damage(bytes: &mut Vec<u8>, kind: u8, at: &prop::sample::Index, with: &[u8]) 
             }
         }
         3 => {
-            // A number becomes what is none or far too large.
+            // Inserts an invalid or far too large number.
             let number = [
                 &b"nan"[..],
                 b"-inf",
@@ -72,7 +72,7 @@ proptest! {
                 let _ = sequence.load_gray(0);
                 let _ = sequence.load_depth(0);
             }
-            // A message says where.
+            // The message names the file.
             Err(message) => prop_assert!(message.contains(&*folder.path().to_string_lossy()), "{message}"),
         }
     }

@@ -1,4 +1,4 @@
-//! What is written for other programs reads back the same.
+//! Exported files are read back unchanged.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use super::writers::{
 };
 use super::{Writer, folder_with, open};
 
-/// Whether two sequences have the same poses, in the same order.
+/// Asserts that two sequences have the same poses, in the same order.
 pub(crate) fn assert_same(a: &Sequence, b: &Sequence, what: &str) {
     assert_eq!(a.frames().len(), b.frames().len(), "{what}");
     for (x, y) in a.frames().iter().zip(b.frames()) {
@@ -24,18 +24,18 @@ pub(crate) fn assert_same(a: &Sequence, b: &Sequence, what: &str) {
     }
 }
 
-/// Writes the poses as the program does: EuRoC's are of the body where its mounting is known.
+/// Writes the poses as the program does: EuRoC's are of the body if its extrinsics are known.
 pub(crate) fn write_as_read(sequence: &Sequence, format: TrajectoryFormat, path: &Path) {
     let mut images = posed_images(sequence);
-    if let (TrajectoryFormat::Euroc, Some(mounting)) = (format, sequence.body_from_color()) {
+    if let (TrajectoryFormat::Euroc, Some(body_from_color)) = (format, sequence.body_from_color()) {
         for image in &mut images {
-            image.world_from_camera *= mounting.inverse();
+            image.world_from_camera *= body_from_color.inverse();
         }
     }
     write_trajectory(path, format, &images).unwrap();
 }
 
-/// Demands that two maps, where there are any, have the same points and views, of which the poses and pixels agree.
+/// Asserts that two sparse models, if any, have the same views, points and observations.
 pub(crate) fn assert_same_map(a: Option<&SparseModel>, b: Option<&SparseModel>, what: &str) {
     let (Some(a), Some(b)) = (a, b) else {
         assert!(a.is_none() && b.is_none(), "{what}: {a:?} {b:?}");
@@ -63,8 +63,8 @@ pub(crate) fn assert_same_map(a: Option<&SparseModel>, b: Option<&SparseModel>, 
     }
 }
 
-/// The sequence with its poses as they are read from the file that they were written to.
-pub(crate) fn there_and_back(
+/// The sequence with its poses exported and read back.
+fn round_trip(
     sequence: &Sequence,
     layout: &str,
     format: TrajectoryFormat,
@@ -79,8 +79,8 @@ pub(crate) fn there_and_back(
     Sequence::open(sequence.folder(), &options).unwrap()
 }
 
-/// Layouts that take poses, with times, with numbers, and with neither.
-const TAKING: [(&str, Writer); 4] = [
+/// Layouts that accept external poses: with times, with numbers, and with neither.
+const ACCEPTING: [(&str, Writer); 4] = [
     ("euroc", write_euroc),
     ("orb-slam", write_orb_slam),
     ("images-and-poses", write_pose_list),
@@ -88,8 +88,8 @@ const TAKING: [(&str, Writer); 4] = [
 ];
 
 #[test]
-fn trajectories_come_back_in_every_format() {
-    for (name, write) in TAKING {
+fn trajectories_survive_a_round_trip_in_every_format() {
+    for (name, write) in ACCEPTING {
         let folder = folder_with(write);
         let sequence = open(folder.path()).unwrap();
         let path = folder.path().join("written.txt");
@@ -99,14 +99,14 @@ fn trajectories_come_back_in_every_format() {
             TrajectoryFormat::Kitti,
             TrajectoryFormat::Open3dLog,
         ] {
-            let back = there_and_back(&sequence, name, format, &path);
+            let back = round_trip(&sequence, name, format, &path);
             assert_same(&sequence, &back, &format!("{name}, {format:?}"));
         }
     }
 }
 
 #[test]
-fn maps_come_back_as_colmap_with_their_tracks() {
+fn sparse_models_survive_a_round_trip_as_colmap() {
     for write in [
         write_colmap_text as Writer,
         write_mvs,
@@ -133,7 +133,7 @@ fn maps_come_back_as_colmap_with_their_tracks() {
 }
 
 #[test]
-fn transforms_come_back() {
+fn transforms_survive_a_round_trip() {
     for write in [write_colmap_text as Writer, write_euroc, |folder: &Path| {
         write_seven_scenes(folder, 5);
     }] {
@@ -148,7 +148,7 @@ fn transforms_come_back() {
         assert_same(&sequence, &back, sequence.layout());
         let scale = |s: &Sequence| s.depth_calibration().map(|d| d.scale);
         assert_eq!(scale(&sequence), scale(&back));
-        // From a folder of its own the images are found just as well.
+        // Images are also found from another folder.
         let elsewhere = folder_with(|out| {
             write_transforms(&out.join("transforms.json"), &sequence).unwrap();
         });

@@ -1,4 +1,4 @@
-//! Bad input: an error that names file and remedy, or a warning with a count.
+//! Bad input gives an error that names file and remedy, or a warning with a count.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use super::support::{write_open3d, write_seven_scenes, write_tum};
 use super::{edit, folder_with, open, replace, replace_line, warnings};
 
 #[test]
-fn folders_that_hold_no_sequence_have_a_message_each() {
+fn each_kind_of_unusable_folder_has_its_message() {
     let folder = tempfile::tempdir().unwrap();
     let message = |path: &Path| open(path).unwrap_err();
-    assert!(message(&folder.path().join("nowhere")).contains("there is no folder"));
+    assert!(message(&folder.path().join("nowhere")).contains("does not exist"));
     assert!(message(folder.path()).contains("is empty"));
     std::fs::write(folder.path().join("notes.md"), "x").unwrap();
     assert!(message(&folder.path().join("notes.md")).contains("is a file"));
@@ -27,7 +27,7 @@ fn folders_that_hold_no_sequence_have_a_message_each() {
 }
 
 #[test]
-fn poses_that_are_not_finite_are_left_out_and_counted() {
+fn poses_that_are_not_finite_are_skipped_and_counted() {
     let folder = folder_with(|folder| write_seven_scenes(folder, 5));
     for i in [1, 3] {
         let path = folder.path().join(format!("frame-00000{i}.pose.txt"));
@@ -37,7 +37,7 @@ fn poses_that_are_not_finite_are_left_out_and_counted() {
     assert_eq!(sequence.frames().len(), 3);
     assert!(
         warnings(&sequence)
-            .contains("2 of 5 poses are not finite and were left out: frame-000001, frame-000003"),
+            .contains("2 of 5 poses are not finite and were skipped: frame-000001, frame-000003"),
         "{}",
         warnings(&sequence)
     );
@@ -60,11 +60,11 @@ fn poses_that_are_not_finite_are_left_out_and_counted() {
     replace_line(&folder.path().join("trajectory.log"), 12, "inf 0 0 0");
     let sequence = open(folder.path()).unwrap();
     assert_eq!(sequence.frames().len(), 4);
-    assert!(warnings(&sequence).contains("poses are not finite and were left out: 00002"));
+    assert!(warnings(&sequence).contains("poses are not finite and were skipped: 00002"));
 }
 
 #[test]
-fn no_finite_pose_at_all_is_an_error() {
+fn a_sequence_without_finite_poses_is_refused() {
     let folder = folder_with(|folder| write_seven_scenes(folder, 2));
     for i in 0..2 {
         replace_line(
@@ -75,7 +75,7 @@ fn no_finite_pose_at_all_is_an_error() {
     }
     let message = open(folder.path()).unwrap_err();
     assert!(
-        message.contains("no frame is left") && message.contains("2 a pose that is not finite"),
+        message.contains("no usable frame") && message.contains("2 a pose that is not finite"),
         "{message}"
     );
 }
@@ -87,17 +87,17 @@ fn malformed_lines_are_named() {
     for (text, message) in [
         (
             "1 0 0 0\n0 1 0\n0 0 1 0\n0 0 0 1\n",
-            "line 2: 4 numbers expected, 3 found",
+            "line 2: expected 4 numbers, found 3",
         ),
         (
             "1 0 0 0\n0 1 0 0\n0 0 x 0\n0 0 0 1\n",
             "line 3: 'x' is not a number",
         ),
-        ("1 0 0 0\n0 1 0 0\n", "2 rows found"),
-        ("", "0 rows found"),
+        ("1 0 0 0\n0 1 0 0\n", "found 2 rows"),
+        ("", "found 0 rows"),
         (
             "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n0 0 0 1\n",
-            "line 5: a matrix of 4 rows expected",
+            "line 5: expected a matrix of 4 rows",
         ),
     ] {
         std::fs::write(&pose, text).unwrap();
@@ -117,7 +117,7 @@ fn malformed_lines_are_named() {
     assert!(
         open(folder.path())
             .unwrap_err()
-            .contains("groundtruth.txt, line 3: 8 numbers expected, 4 found")
+            .contains("groundtruth.txt, line 3: expected 8 numbers, found 4")
     );
 
     let folder = folder_with(|folder| write_open3d(folder, 3, 1));
@@ -125,7 +125,7 @@ fn malformed_lines_are_named() {
     assert!(
         open(folder.path())
             .unwrap_err()
-            .contains("trajectory.log, line 6: the head of entry 1")
+            .contains("trajectory.log, line 6: expected the head of entry 1")
     );
     let folder = folder_with(|folder| write_open3d(folder, 3, 1));
     edit(&folder.path().join("trajectory.log"), |text| {
@@ -152,11 +152,11 @@ fn frames_without_image_pose_or_depth_are_counted() {
     assert_eq!(sequence.frames().len(), 4);
     let text = warnings(&sequence);
     assert!(
-        text.contains("1 of 6 frames have no colour image and were left out: frame-000001"),
+        text.contains("1 of 6 frames have no colour image and were skipped: frame-000001"),
         "{text}"
     );
     assert!(
-        text.contains("1 of 6 frames have no pose and were left out: frame-000002"),
+        text.contains("1 of 6 frames have no pose and were skipped: frame-000002"),
         "{text}"
     );
     assert!(
@@ -172,7 +172,7 @@ fn frames_without_image_pose_or_depth_are_counted() {
 }
 
 #[test]
-fn a_truncated_image_concerns_its_frame_only() {
+fn a_truncated_image_affects_only_its_frame() {
     let folder = folder_with(|folder| write_seven_scenes(folder, 3));
     for (name, keep) in [
         ("frame-000000.color.png", 20),
@@ -204,7 +204,7 @@ fn a_truncated_image_concerns_its_frame_only() {
 }
 
 #[test]
-fn when_no_image_can_be_read_there_is_no_sequence() {
+fn a_sequence_without_readable_images_is_refused() {
     let folder = folder_with(|folder| write_seven_scenes(folder, 2));
     for i in 0..2 {
         std::fs::write(
@@ -215,18 +215,18 @@ fn when_no_image_can_be_read_there_is_no_sequence() {
     }
     let message = open(folder.path()).unwrap_err();
     assert!(
-        message.contains("not one of 2 colour images can be read"),
+        message.contains("none of the 2 colour images can be read"),
         "{message}"
     );
 }
 
 #[test]
-fn sizes_that_do_not_fit_name_file_sizes_and_remedy() {
+fn size_mismatches_name_file_sizes_and_remedy() {
     let small = image::GrayImage::new(32, 24);
     let small_depth =
         image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(32, 24, image::Luma([900]));
 
-    // Registered depth of another size: no other frame would mend that.
+    // Registered depth of another size affects the whole sequence.
     let folder = folder_with(|folder| write_seven_scenes(folder, 2));
     small_depth
         .save(folder.path().join("frame-000000.depth.png"))
@@ -240,7 +240,7 @@ fn sizes_that_do_not_fit_name_file_sizes_and_remedy() {
     ] {
         assert!(message.contains(part), "{message}");
     }
-    // With a depth camera of its own the size is free, but one for all.
+    // With a separate depth camera any size is valid, but all images must have it.
     let camera = "[depth]\nfx = 30.0\nfy = 30.0\ncx = 15.5\ncy = 11.5\n";
     std::fs::write(folder.path().join("linecarve.toml"), camera).unwrap();
     let sequence = open(folder.path()).unwrap();
@@ -275,7 +275,7 @@ fn sizes_that_do_not_fit_name_file_sizes_and_remedy() {
         "{message}"
     );
 
-    // The default of the layout is for another size, and tells so.
+    // The default camera of the layout has another size.
     let folder = folder_with(|folder| write_tum(folder, 2));
     std::fs::remove_file(folder.path().join("linecarve.toml")).unwrap();
     let message = open(folder.path()).unwrap_err();

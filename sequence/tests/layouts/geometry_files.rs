@@ -1,4 +1,4 @@
-//! A small file of each format of meshes, lines and clouds; the fuzz target begins with them, too.
+//! A small file of each format of meshes, lines and clouds; also the seeds of the fuzz target.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! What each layout gives when its files are well.
+//! The layouts with depth, read from intact files.
 
 use std::path::Path;
 
@@ -33,7 +33,7 @@ fn every_layout_gives_the_same_sequence() {
         assert!((2.6..3.0).contains(&seen), "{name}: {seen}");
         assert_eq!(sequence.load_gray(2).unwrap().width(), 64);
         assert_eq!(sequence.load_color(2).unwrap().dimensions(), (64, 48));
-        // What the poses say agrees with what the images show; the inverse does not.
+        // Depth is consistent under the poses as read.
         let facts = inspect(
             &sequence,
             &InspectOptions {
@@ -49,7 +49,7 @@ fn every_layout_gives_the_same_sequence() {
 }
 
 #[test]
-fn inverse_poses_are_suspected() {
+fn inverse_poses_are_reported() {
     let folder = folder_with(|folder| write_seven_scenes(folder, 8));
     for (i, pose) in poses(8).iter().enumerate() {
         let matrix = pose.inverse().to_homogeneous();
@@ -78,7 +78,7 @@ fn inverse_poses_are_suspected() {
 }
 
 #[test]
-fn a_wrong_depth_scale_is_suspected() {
+fn a_wrong_depth_scale_is_reported() {
     let folder = folder_with(|folder| write_seven_scenes(folder, 8));
     std::fs::write(
         folder.path().join("linecarve.toml"),
@@ -120,7 +120,7 @@ fn one_frame_is_a_sequence() {
 }
 
 #[test]
-fn a_sequence_without_any_depth_says_so() {
+fn depth_is_optional() {
     let folder = folder_with(|folder| write_tum(folder, 3));
     std::fs::remove_file(folder.path().join("depth.txt")).unwrap();
     let sequence = open(folder.path()).unwrap();
@@ -218,7 +218,7 @@ fn lens_distortion_is_removed_on_loading() {
 }
 
 #[test]
-fn tum_files_of_many_hands_are_read() {
+fn tum_files_in_unusual_formats_are_read() {
     let folder = folder_with(|folder| write_tum(folder, 4));
     let path = |name: &str| folder.path().join(name);
     // A byte order mark, a head line without #, commas, CRLF, scientific notation, a repeated stamp, no order.
@@ -240,7 +240,7 @@ fn tum_files_of_many_hands_are_read() {
     assert_eq!(sequence.frames().len(), 4);
     let text = warnings(&sequence);
     assert!(
-        text.contains("1 of 5 time stamps in groundtruth.txt stand there before"),
+        text.contains("1 of 5 time stamps in groundtruth.txt are repeated"),
         "{text}"
     );
     assert!(text.contains("do not ascend"), "{text}");
@@ -251,7 +251,7 @@ fn tum_files_of_many_hands_are_read() {
         );
     }
 
-    // Images without a pose near in time are left out, and files that are not there.
+    // Images without a pose near in time, and missing files, are skipped.
     edit(&path("rgb.txt"), |text| {
         text.replace("1305031103.175304 rgb", "1305031103.775304 rgb")
     });
@@ -264,7 +264,7 @@ fn tum_files_of_many_hands_are_read() {
         "{text}"
     );
     assert!(
-        text.contains("1 of 4 files that rgb.txt lists do not exist"),
+        text.contains("1 of 4 files listed in rgb.txt do not exist"),
         "{text}"
     );
 
@@ -291,7 +291,7 @@ fn utf16_poses_are_read() {
 fn open3d_images_and_trajectory_are_joined_by_number_or_by_order() {
     let folder = folder_with(|folder| write_open3d(folder, 4, 1));
     let log = folder.path().join("trajectory.log");
-    // Images 0..3, entries 1..4: numbers do not fit, counts do.
+    // Images 0..3, entries 1..4: the numbers differ, the counts agree.
     edit(&log, |text| {
         let numbered = |(i, line): (usize, &str)| match i % 5 {
             0 => format!("{0} {0} {1}", i / 5 + 1, i / 5 + 2),
@@ -308,7 +308,7 @@ fn open3d_images_and_trajectory_are_joined_by_number_or_by_order() {
     assert!(warnings(&sequence).contains("joined in order"));
     assert!((sequence.frames()[3].world_from_camera.translation.vector.x - 0.3).abs() < 1e-6);
 
-    // One entry fewer: numbers decide, and the image without one is counted.
+    // With one entry fewer the numbers decide, and the image without an entry is counted.
     edit(&log, |text| {
         text.lines().take(15).collect::<Vec<_>>().join("\n")
     });

@@ -1,5 +1,5 @@
-//! Reading sequences: each layout, each kind of bad input, and whatever bytes a broken disk may bring.
-// Helpers of tests stand outside of test functions, where the lints would otherwise apply.
+//! Tests of readers, writers and inspection: each layout, each kind of bad input, damaged files, and recorded data.
+// The lint exempts test functions only, and helpers are outside of these.
 #![allow(clippy::unwrap_used)]
 
 mod damage;
@@ -9,7 +9,8 @@ mod geometry_files;
 mod layouts;
 mod models;
 mod mutated;
-mod real;
+mod recorded;
+mod recorded_export;
 mod support;
 mod writers;
 
@@ -52,7 +53,7 @@ pub(crate) fn replace(path: &Path, from: &str, to: &str) {
     });
 }
 
-/// Line `number`, from 1, becomes `to`.
+/// Replaces line `number`, from 1.
 pub(crate) fn replace_line(path: &Path, number: usize, to: &str) {
     edit(path, |text| {
         let mut lines: Vec<&str> = text.lines().collect();
@@ -61,13 +62,15 @@ pub(crate) fn replace_line(path: &Path, number: usize, to: &str) {
     });
 }
 
+/// Writes a sequence into a folder.
 pub(crate) type Writer = fn(&Path);
+/// Layouts with depth: name and writer.
 pub(crate) const LAYOUTS: [(&str, Writer); 3] = [
     ("7-scenes", |folder| write_seven_scenes(folder, 6)),
     ("tum-rgbd", |folder| write_tum(folder, 6)),
     ("open3d-log", |folder| write_open3d(folder, 11, 2)),
 ];
-/// Layouts of other systems: name, writer, whether they hold points.
+/// Layouts of models: name, writer, whether they have points.
 pub(crate) const MODELS: [(&str, Writer, bool); 9] = [
     ("colmap", write_colmap_text, true),
     ("colmap", write_colmap_binary, true),

@@ -1,4 +1,4 @@
-//! Layouts of SLAM systems and of structure from motion: the same poses and points out of each.
+//! Layouts of SLAM systems and of structure from motion: all give the same poses and points.
 
 use std::path::Path;
 
@@ -62,7 +62,7 @@ fn every_layout_gives_the_same_poses_and_points() {
 }
 
 #[test]
-fn a_model_file_is_a_sequence_by_itself_and_images_may_be_missing() {
+fn a_model_file_can_be_opened_without_images() {
     for (write, file) in [
         (write_mvs as fn(&Path), "scene.mvs"),
         (write_nvm, "model.nvm"),
@@ -89,7 +89,7 @@ fn a_model_file_is_a_sequence_by_itself_and_images_may_be_missing() {
 }
 
 #[test]
-fn the_layout_can_be_forced_and_others_are_named() {
+fn the_layout_can_be_given_and_alternatives_are_named() {
     let folder = folder_with(|folder| {
         write_colmap_text(folder);
         write_mvs(folder);
@@ -136,7 +136,7 @@ fn lines(line: impl Fn(usize, [f64; 3], [f64; 4]) -> String) -> String {
 }
 
 #[test]
-fn a_trajectory_may_come_from_elsewhere_in_any_format() {
+fn an_external_trajectory_may_have_any_format() {
     let tum = |scale: f64, decimals: usize| {
         lines(move |i, [x, y, z], [qx, qy, qz, qw]| {
             let stamp = stamp_ns(i) as f64 / scale;
@@ -144,7 +144,7 @@ fn a_trajectory_may_come_from_elsewhere_in_any_format() {
         })
     };
     let csv = lines(|i, [x, y, z], [qx, qy, qz, qw]| {
-        // Of the camera: the mounting is undone in the file.
+        // Body poses: the file inverts the extrinsics.
         let camera = nalgebra::Isometry3::from_parts(
             nalgebra::Translation3::new(x, y, z),
             nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(qw, qx, qy, qz)),
@@ -237,11 +237,14 @@ fn a_folder_of_images_and_a_trajectory_are_enough() {
     let error = Sequence::open(folder.path(), &options)
         .unwrap_err()
         .to_string();
-    assert!(error.contains("no file tells the camera"), "{error}");
+    assert!(
+        error.contains("no file gives the camera intrinsics"),
+        "{error}"
+    );
 }
 
 #[test]
-fn a_euroc_folder_without_poses_proposes_one() {
+fn a_euroc_folder_without_poses_suggests_a_trajectory() {
     let folder = folder_with(write_euroc);
     std::fs::rename(
         folder
@@ -324,12 +327,12 @@ fn images_of_a_second_camera_are_resampled_to_the_first() {
         .unwrap()
         .to_luma8();
     let loaded = sequence.load_gray(1).unwrap();
-    // A camera whose principal point lies 5 px further right saw everything 5 px further right.
+    // With the principal point 5 px further right, every point is 5 px further right.
     assert_eq!(loaded.get(20, 20), Some(&stored.get_pixel(25, 20).0[0]));
 }
 
 #[test]
-fn the_sidecar_turns_poses_around() {
+fn the_sidecar_sets_the_pose_convention() {
     let folder = folder_with(write_pose_list);
     let inverse: String = poses(FRAMES)
         .iter()
@@ -361,7 +364,7 @@ fn binary_models_name_the_byte() {
 }
 
 #[test]
-fn cut_models_are_refused() {
+fn truncated_models_are_refused() {
     for (write, file) in [
         (write_mvs as fn(&Path), "scene.mvs"),
         (write_nvm, "model.nvm"),
@@ -376,7 +379,7 @@ fn cut_models_are_refused() {
         if let Err(error) = open(folder.path()) {
             assert!(error.contains(file), "{file}: {error}");
         } else {
-            // A trajectory may end at any line.
+            // A truncated trajectory is valid.
             assert_eq!(file, "kf_run.txt");
         }
     }

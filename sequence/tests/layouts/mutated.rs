@@ -1,5 +1,5 @@
-//! Five hundred damaged copies of the files of each reader, the same every time: read or refused with a message that says
-//! where, never a panic, never much memory.
+//! Seeded damage: 500 damaged copies of the files of each reader are read or refused with a message that names the file,
+//! without a panic and with bounded memory.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use super::geometry_files::write_geometry_files;
 use super::writers::write_pose_list;
 use super::{LAYOUTS, MODELS, Writer, folder_with, open};
 
-/// Damaged copies of each layout; `LINECARVE_LONG_TESTS=1` asks for many more.
+/// Number of damaged copies for each layout; `LINECARVE_LONG_TESTS=1` gives many more.
 fn copies() -> usize {
     if std::env::var_os("LINECARVE_LONG_TESTS").is_some() {
         20_000
@@ -40,7 +40,7 @@ fn data_files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// One of the kinds of damage that files come to.
+/// Applies one kind of damage.
 fn mutate(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     let mut out = bytes.to_vec();
     let at = random.random_range(0..bytes.len().max(1));
@@ -56,7 +56,7 @@ fn mutate(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
             }
         }
         3 => {
-            // Huge counts, in binary files at any place.
+            // A huge count, at any offset of a binary file.
             let huge: [u8; 8] = [
                 u64::MAX.to_le_bytes(),
                 (u64::MAX >> 1).to_le_bytes(),
@@ -105,7 +105,7 @@ fn mutate(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     out
 }
 
-/// A number of a text becomes none, far too large, or negative.
+/// Makes a number of a text invalid, far too large, or negative.
 fn replace_number(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     let starts: Vec<usize> = (0..bytes.len())
         .filter(|&i| bytes[i].is_ascii_digit() && (i == 0 || !bytes[i - 1].is_ascii_digit()))
@@ -177,7 +177,7 @@ fn check(name: &str, write: Writer, seed: u64) {
     assert!(peak_memory_mb() < 1000.0, "{name}");
 }
 
-/// Peak memory of this process; 0 where the system does not tell.
+/// Peak memory of this process in MB; 0 if the system does not report it.
 fn peak_memory_mb() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     status
@@ -201,8 +201,8 @@ fn damaged_models_are_read_or_refused() {
     }
 }
 
-/// Damages one file and shows each copy to `read`, which gives the message of a refusal; that names `place`.
-fn check_file(path: &Path, place: &Path, seed: u64, read: impl Fn() -> Result<(), String>) {
+/// Damages one file and calls `read` for each copy. Error messages must contain `named`.
+fn check_file(path: &Path, named: &Path, seed: u64, read: impl Fn() -> Result<(), String>) {
     let whole = std::fs::read(path).unwrap();
     assert_eq!(read(), Ok(()), "{}", path.display());
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -211,8 +211,8 @@ fn check_file(path: &Path, place: &Path, seed: u64, read: impl Fn() -> Result<()
         std::fs::write(path, mutate(&whole, &mut random)).unwrap();
         if let Err(message) = read() {
             refused += 1;
-            let place = place.to_string_lossy();
-            assert!(message.contains(&*place), "{copy}: {message}");
+            let named = named.to_string_lossy();
+            assert!(message.contains(&*named), "{copy}: {message}");
         }
     }
     std::fs::write(path, whole).unwrap();
@@ -257,7 +257,7 @@ fn damaged_sidecars_are_read_or_refused() {
     let text = "[color]\nmodel = \"radial-tangential\"\nfx = 60.0\nfy = 60.0\ncx = 31.5\ncy = 23.5\ndistortion = [0.1, 0.0, 0.0, \
                 0.0]\n[depth]\nscale = 1000.0\n[poses]\ndirection = \"inverse\"\naxes = \"y-and-z-flipped\"\n";
     std::fs::write(&path, text).unwrap();
-    // Intrinsics that do not fit are told of the image that they do not fit.
+    // Intrinsics that do not fit give an error about the image.
     check_file(&path, folder.path(), 40, || open(folder.path()).map(|_| ()));
 }
 

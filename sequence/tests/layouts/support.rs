@@ -1,6 +1,6 @@
-//! Small sequences in each layout, written into a folder of a test.
+//! Writers of small sequences with depth, one for each layout.
 //!
-//! The scene is the inside of a box seen by a camera that moves sideways and forward: images with a few straight edges, exact depth.
+//! The scene is the inside of a box; the camera moves sideways and forward. Depth is exact.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// Width and height of the images.
 pub(crate) const SIZE: (u32, u32) = (64, 48);
-/// Focal length in pixels; the principal point is the middle of the image.
+/// Focal length in pixels; the principal point is the image centre.
 pub(crate) const FOCAL: f64 = 60.0;
 
 /// Poses of the frames, world from camera.
@@ -50,7 +50,7 @@ pub(crate) fn color_image(pose: &Isometry3<f64>) -> GrayImage {
     })
 }
 
-/// The point of the box that a pixel sees, and its depth z.
+/// The point of the box at a pixel, and its depth z.
 fn hit(pose: &Isometry3<f64>, x: u32, y: u32) -> (Vector3<f64>, f64) {
     let ray = Vector3::new(
         (f64::from(x) - f64::from(SIZE.0 - 1) / 2.0) / FOCAL,
@@ -99,7 +99,7 @@ pub(crate) fn sidecar() -> String {
     format!("[color]\nfx = {fx:.1}\nfy = {fy:.1}\ncx = {cx:.1}\ncy = {cy:.1}\n")
 }
 
-/// 7-Scenes.
+/// Writes 7-Scenes.
 pub(crate) fn write_seven_scenes(folder: &Path, count: usize) {
     for (i, pose) in poses(count).iter().enumerate() {
         let file = |part: &str| folder.join(format!("frame-{i:06}.{part}"));
@@ -112,7 +112,7 @@ pub(crate) fn write_seven_scenes(folder: &Path, count: usize) {
     std::fs::write(folder.join("camera-intrinsics.txt"), text).unwrap();
 }
 
-/// TUM RGB-D with a sidecar for the camera. Stamps of depth and poses are a few milliseconds late.
+/// Writes TUM RGB-D with a sidecar for the camera. Stamps of depth and poses are a few milliseconds late.
 pub(crate) fn write_tum(folder: &Path, count: usize) {
     for name in ["rgb", "depth"] {
         std::fs::create_dir_all(folder.join(name)).unwrap();
@@ -150,7 +150,7 @@ pub(crate) fn write_tum(folder: &Path, count: usize) {
     std::fs::write(folder.join("linecarve.toml"), sidecar()).unwrap();
 }
 
-/// Open3D with a trajectory of every frame and images of every `step`-th.
+/// Writes Open3D with a pose for each frame and an image for every `step`-th.
 pub(crate) fn write_open3d(folder: &Path, count: usize, step: usize) {
     for name in ["image", "depth"] {
         std::fs::create_dir_all(folder.join(name)).unwrap();

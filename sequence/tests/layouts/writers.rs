@@ -1,5 +1,5 @@
-//! Small sequences in the layouts of SLAM systems and of structure from motion: the scene of `support`, with points on its
-//! back wall.
+//! Writers of small sequences in the layouts of SLAM systems and structure from motion: the scene of `support`, with points
+//! on its back wall.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::support::{FOCAL, SIZE, color_image, depth_image, poses};
 /// Principal point; the centre of the first pixel is (0, 0).
 const CENTRE: [f64; 2] = [(SIZE.0 as f64 - 1.0) / 2.0, (SIZE.1 as f64 - 1.0) / 2.0];
 
-/// Number of frames that every writer writes.
+/// Number of frames of each sequence.
 pub(crate) const FRAMES: usize = 6;
 
 /// Time of a frame in nanoseconds.
@@ -33,7 +33,7 @@ pub(crate) fn points() -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Pixel and index of the points that a pose sees.
+/// Index and pixel of the points observed from a pose.
 fn seen(pose: &Isometry3<f64>) -> Vec<(usize, [f64; 2])> {
     points()
         .iter()
