@@ -186,7 +186,7 @@ impl StoredModel {
         }
         let total = self.images.len();
         let what = if frames.is_empty() {
-            "images of the model do not exist; only its points are used"
+            "images of the model do not exist; only its points can be used"
         } else {
             "images of the model do not exist and were skipped"
         };

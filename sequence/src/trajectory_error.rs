@@ -196,9 +196,9 @@ mod tests {
     }
 
     #[test]
-    fn bad_rows_and_hopeless_pairs_are_told() {
+    fn bad_lines_and_undetermined_alignments_are_refused() {
         let message = parse("1 2 3\n").unwrap_err().to_string();
-        assert!(message.contains("poses.tum line 1"), "{message}");
+        assert!(message.contains("poses.tum, line 1"), "{message}");
         let few = parse("1 0 0 0\n2 1 0 0\n").unwrap();
         assert!(
             few.similarity_to(&few)

@@ -1,4 +1,4 @@
-//! COLMAP models as binary files, little-endian.
+//! Binary files of COLMAP models, little-endian.
 
 use std::path::Path;
 

@@ -31,14 +31,14 @@ const MODEL_FOLDERS: [&str; 8] = [
 
 /// File format of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum ModelFormat {
     Binary,
     Text,
 }
 
 type Reader = fn(&Path, &mut ModelBuilder) -> Result<(), SequenceError>;
 
-impl Kind {
+impl ModelFormat {
     fn extension(self) -> &'static str {
         match self {
             Self::Binary => "bin",
@@ -60,9 +60,9 @@ impl Kind {
 }
 
 /// Reads `cameras`, `images` and, if it exists, `points3D`.
-fn read_model(folder: &Path, kind: Kind) -> Result<StoredModel, SequenceError> {
-    let file = |name: &str| folder.join(format!("{name}.{}", kind.extension()));
-    let [read_cameras, read_points, read_images] = kind.readers();
+fn read_model(folder: &Path, format: ModelFormat) -> Result<StoredModel, SequenceError> {
+    let file = |name: &str| folder.join(format!("{name}.{}", format.extension()));
+    let [read_cameras, read_points, read_images] = format.readers();
     let mut model = ModelBuilder::default();
     read_cameras(&file("cameras"), &mut model)?;
     // Points come first, since images refer to them.
@@ -74,25 +74,27 @@ fn read_model(folder: &Path, kind: Kind) -> Result<StoredModel, SequenceError> {
     Ok(model.finish())
 }
 
-fn kind_of(folder: &Path) -> Option<Kind> {
+fn format_of(folder: &Path) -> Option<ModelFormat> {
     // COLMAP prefers binary files as well.
-    [Kind::Binary, Kind::Text].into_iter().find(|kind| {
-        ["cameras", "images"].iter().all(|name| {
-            folder
-                .join(format!("{name}.{}", kind.extension()))
-                .is_file()
+    [ModelFormat::Binary, ModelFormat::Text]
+        .into_iter()
+        .find(|format| {
+            ["cameras", "images"].iter().all(|name| {
+                folder
+                    .join(format!("{name}.{}", format.extension()))
+                    .is_file()
+            })
         })
-    })
 }
 
-fn find_model(folder: &Folder) -> Option<(PathBuf, Kind)> {
+fn find_model(folder: &Folder) -> Option<(PathBuf, ModelFormat)> {
     MODEL_FOLDERS.iter().find_map(|name| {
         let path = if name.is_empty() {
             folder.path().to_owned()
         } else {
             folder.path().join(name)
         };
-        kind_of(&path).map(|kind| (path, kind))
+        format_of(&path).map(|format| (path, format))
     })
 }
 
@@ -114,18 +116,18 @@ impl Layout for Colmap {
     }
 
     fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
-        let (path, kind) = find_model(folder).ok_or_else(|| SequenceError::Content {
+        let (path, format) = find_model(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: "has no COLMAP model: put cameras and images, as .txt or .bin, into this folder, colmap/ or sparse/0/"
                 .to_owned(),
         })?;
-        let mut recording = into_recording(read_model(&path, kind)?, folder, &path)?;
+        let mut recording = into_recording(read_model(&path, format)?, folder, &path)?;
         recording.conventions.push(format!(
             "poses: COLMAP {} in {}, camera from world, inverted; pixels are shifted by half a pixel, since COLMAP's first \
              pixel centre is (0.5, 0.5)",
-            match kind {
-                Kind::Binary => "binary",
-                Kind::Text => "text",
+            match format {
+                ModelFormat::Binary => "binary",
+                ModelFormat::Text => "text",
             },
             path.display()
         ));

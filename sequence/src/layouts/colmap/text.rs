@@ -1,4 +1,4 @@
-//! COLMAP models as text.
+//! Text files of COLMAP models.
 
 use std::path::Path;
 
