@@ -42,12 +42,12 @@ fn results(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// Files that a run keeps to go on with.
-fn is_kept(name: &Path) -> bool {
+/// Files of a checkpoint.
+fn is_checkpoint(name: &Path) -> bool {
     name.starts_with(".linecarve")
 }
 
-fn kept(out: &Path) -> usize {
+fn stored(out: &Path) -> usize {
     std::fs::read_dir(out.join(".linecarve")).map_or(0, |entries| {
         entries
             .flatten()
@@ -56,31 +56,16 @@ fn kept(out: &Path) -> usize {
     })
 }
 
-/// Starts a run and ends it with `signal` once it has kept some keyframes; `None` when it was through before.
-fn ended(arguments: &[&str], out: &Path, after: usize, signal: &str) -> Option<Output> {
-    let mut run = Command::new(cargo_bin("linecarve"))
-        .args(arguments)
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    while kept(out) < after {
-        if run.try_wait().unwrap().is_some() {
-            return None;
-        }
-        std::thread::sleep(Duration::from_micros(200));
-    }
-    let id = run.id().to_string();
-    Command::new("kill").args([signal, &id]).status().unwrap();
-    let output = run.wait_with_output().unwrap();
-    (kept(out) > 0).then_some(output)
-}
-
-/// Resumes a run and compares what it ends with.
+/// Resumes a run, demands that keyframes were taken from it, and compares what it ends with.
 fn resume(sequence: &Path, out: &Path, more: &[&str], expected: &BTreeMap<PathBuf, Vec<u8>>) {
+    let stored = stored(out);
     let mut again = arguments(sequence, out, more);
     again.push("--resume");
-    expect_status(0, again);
+    let said = stderr(&expect_status(0, again));
+    if stored > 0 {
+        let resumed = format!("resumed: {stored} keyframe(s)");
+        assert!(said.contains(&resumed), "{resumed} is missing: {said}");
+    }
     let files = results(out);
     assert!(files.keys().eq(expected.keys()), "{:?}", files.keys());
     for (name, bytes) in &files {
@@ -88,48 +73,88 @@ fn resume(sequence: &Path, out: &Path, more: &[&str], expected: &BTreeMap<PathBu
     }
 }
 
-/// Ends runs at several moments and resumes them.
-fn check_resuming(frames: usize, more: &[&str], signals: &[&str]) {
+/// Ends runs at their first keyframe and resumes them: as they were left; without results, as a kill leaves them; and with a
+/// keyframe that is damaged.
+fn check_resuming(frames: usize, source: &[&str]) {
     let folder = small_sequence(frames, "tum");
     let sequence = folder.path().join("sequence");
     let whole = folder.path().join("whole");
-    expect_status(0, arguments(&sequence, &whole, more));
+    expect_status(0, arguments(&sequence, &whole, source));
     let expected = results(&whole);
-    assert!(!expected.keys().any(|name| is_kept(name)));
-    let mut resumed = 0;
-    for (trial, signal) in signals.iter().enumerate() {
-        let out = folder.path().join(format!("ended-{trial}"));
-        let begun = arguments(&sequence, &out, more);
-        let Some(output) = ended(&begun, &out, 2 * trial + 1, signal) else {
-            continue;
-        };
-        resumed += 1;
-        if *signal == "-INT" {
-            // What is done is saved, and the status says that it is not all.
-            assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-            assert!(stderr(&output).contains("--resume goes on"));
-            assert!(out.join("report.json").is_file() && out.join("mesh.ply").is_file());
+    assert!(!expected.keys().any(|name| is_checkpoint(name)));
+    let limited: Vec<&str> = source
+        .iter()
+        .copied()
+        .chain(["--memory-limit", "1M"])
+        .collect();
+    for case in ["interrupted", "killed", "damaged"] {
+        let out = folder.path().join(case);
+        let said = stderr(&expect_status(1, arguments(&sequence, &out, &limited)));
+        assert!(said.contains("after 1 of"), "{said}");
+        assert!(out.join("report.json").is_file() && out.join("mesh.ply").is_file());
+        assert!(stored(&out) > 0);
+        let first = out.join(".linecarve/000000.keyframe");
+        match case {
+            "killed" => {
+                for entry in std::fs::read_dir(&out).unwrap().flatten() {
+                    if entry.path().is_file() {
+                        std::fs::remove_file(entry.path()).unwrap();
+                    }
+                }
+                std::fs::remove_dir_all(out.join("keyframes")).unwrap();
+            }
+            "damaged" if stored(&out) > 1 => std::fs::remove_file(first).unwrap(),
+            _ => {}
         }
-        resume(&sequence, &out, more, &expected);
+        resume(&sequence, &out, source, &expected);
     }
-    println!("{resumed} of {} runs were ended on the way", signals.len());
 }
 
 #[test]
 fn runs_with_depth_images_go_on_to_the_same_bytes() {
-    check_resuming(10, &[], &["-KILL", "-KILL", "-KILL", "-INT"]);
+    check_resuming(10, &[]);
 }
 
 #[test]
 fn runs_with_depth_from_neighbours_go_on_to_the_same_bytes() {
-    let more = ["--depth", "semi-dense"];
-    check_resuming(12, &more, &["-KILL", "-KILL", "-INT"]);
+    check_resuming(14, &["--depth", "semi-dense"]);
 }
 
 #[test]
 fn runs_from_map_points_go_on_to_the_same_bytes() {
-    let more = ["--from", "map-points"];
-    check_resuming(10, &more, &["-KILL", "-INT"]);
+    check_resuming(10, &["--from", "map-points"]);
+}
+
+#[test]
+fn a_signal_ends_a_run_with_its_keyframes_saved() {
+    let folder = small_sequence(12, "tum");
+    let sequence = folder.path().join("sequence");
+    let whole = folder.path().join("whole");
+    expect_status(0, arguments(&sequence, &whole, &[]));
+    let expected = results(&whole);
+    let out = folder.path().join("out");
+    let mut run = Command::new(cargo_bin("linecarve"))
+        .args(arguments(&sequence, &out, &[]))
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Signals are handled from before the first keyframe is read; it is stored after that.
+    while stored(&out) == 0 {
+        assert!(
+            run.try_wait().unwrap().is_none(),
+            "the run is through without a keyframe"
+        );
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    let id = run.id().to_string();
+    Command::new("kill").args(["-INT", &id]).status().unwrap();
+    let output = run.wait_with_output().unwrap();
+    let said = stderr(&output);
+    // Eleven keyframes are still to be read when the signal comes.
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("--resume goes on"), "{said}");
+    resume(&sequence, &out, &[], &expected);
 }
 
 /// Runs the program so that no file can grow beyond some blocks, as on a disk that is full.
@@ -183,7 +208,7 @@ fn check_full_disk(
         "{said}"
     );
     for (name, bytes) in results(out) {
-        if is_kept(&name) {
+        if is_checkpoint(&name) {
             let is_named =
                 name.ends_with("run.txt") || name.extension().is_some_and(|e| e == "keyframe");
             assert!(is_named, "{} is left over", name.display());
@@ -264,7 +289,7 @@ fn a_memory_limit_ends_a_run_that_can_go_on() {
         ] {
             assert!(said.contains(part), "{said}");
         }
-        assert!(out.join("report.json").is_file() && kept(&out) > 0);
+        assert!(out.join("report.json").is_file() && stored(&out) > 0);
         resume(&sequence, &out, &more, &expected);
     }
     let said = stderr(&expect_status(
@@ -282,14 +307,12 @@ fn other_runs_and_no_runs_are_not_resumed() {
     let mut resumed = arguments(&sequence, &out, &["--resume"]);
     let said = stderr(&expect_status(2, &resumed));
     assert!(said.contains("leave out --resume"), "{said}");
-    let begun = arguments(&sequence, &out, &[]);
-    if ended(&begun, &out, 1, "-KILL").is_some() {
-        resumed[3] = "2";
-        let said = stderr(&expect_status(2, &resumed));
-        assert!(said.contains("was begun differently"), "{said}");
-        resumed[3] = "1";
-        resumed.extend(["--from", "map-points"]);
-        let said = stderr(&expect_status(2, &resumed));
-        assert!(said.contains("from map-points"), "{said}");
-    }
+    expect_status(1, arguments(&sequence, &out, &["--memory-limit", "1M"]));
+    resumed[3] = "2";
+    let said = stderr(&expect_status(2, &resumed));
+    assert!(said.contains("was begun differently"), "{said}");
+    resumed[3] = "1";
+    resumed.extend(["--from", "map-points"]);
+    let said = stderr(&expect_status(2, &resumed));
+    assert!(said.contains("from map-points"), "{said}");
 }

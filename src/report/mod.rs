@@ -179,6 +179,9 @@ pub struct TimingSummary {
     pub mean_milliseconds: StageTimes,
     /// Seconds from the start of the command to the report.
     pub seconds: f64,
+    /// Keyframes that were taken from an interrupted run (`--resume`) instead of being computed.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub resumed_keyframes: usize,
     /// Largest resident memory of the process in MB, where the system tells.
     pub peak_memory_mb: Option<f64>,
 }

@@ -63,6 +63,9 @@ impl SemiDenseFrontEnd {
         let number = due.task.keyframe;
         if let Some(finished) = Finished::load(self.checkpoint.as_ref(), number, self.is_with_first)
         {
+            if let Some(checkpoint) = &self.checkpoint {
+                checkpoint.count_reused();
+            }
             return Ok(finished.last);
         }
         let first = self.entry(number).first.as_ref();
