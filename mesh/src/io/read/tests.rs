@@ -224,7 +224,7 @@ fn unknown_missing_and_not_finite_are_refused_by_name() {
     assert!(message("a.blend", b"BLENDER").contains("PLY, OBJ, STL"));
     assert!(message("noextension", b"").contains("not known"));
     assert!(message("a.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").contains("vertex 0"));
-    assert!(message("a.obj", b"v 0 0 0\nf 1 2 9\n").contains("names vertex 1"));
+    assert!(message("a.obj", b"v 0 0 0\nf 1 2 9\n").contains("refers to vertex 1"));
     assert!(message("a.txt", b"1 2 inf\n").contains("not finite"));
     assert!(message("a.ply", b"").contains("empty"));
     let error = read_geometry(&PathBuf::from("nowhere.ply")).unwrap_err();
