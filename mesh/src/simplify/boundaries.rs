@@ -1,54 +1,63 @@
-//! Collapses at rims, which may move farther than the surface: no patch is laid over another, none loses its plane.
+//! Edge collapses at surface boundaries. Boundaries may move farther than the surface; checks here keep patches from
+//! overlapping and from leaving their plane.
 
 use nalgebra::Point3;
 
 use super::collapse::{Changed, Collapse, Reduction, Scratch};
-use super::extent::{Place, nearest_on_rim};
+use super::extent::{SurfaceDistance, nearest_on_boundary};
 use super::live::height;
 use super::samples::Sample;
 
-/// The triangles around a vertex of a rim take up less than a whole turn by so much (6 degrees).
-const LEAST_GAP_RAD: f64 = 0.1;
+/// Minimum angle of the gap between the two boundary edges at a boundary vertex (6 degrees).
+const MIN_GAP_RAD: f64 = 0.1;
 
-/// What of a triangle lies on a rim.
+/// Edges and corners of a triangle that lie on a boundary.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct OnRim {
-    /// The edge that starts at each corner.
+pub(super) struct BoundaryFlags {
+    /// One flag per edge, starting at each corner.
     pub(super) edges: [bool; 3],
     pub(super) corners: [bool; 3],
 }
 
 impl Reduction<'_> {
-    fn may_leave_rims(&self) -> bool {
+    fn may_move_boundaries(&self) -> bool {
         self.limits.beyond > self.limits.off
     }
 
-    /// Finds what of the changed triangles lies on rims; false when a rim comes to lie over its own surface at one of them.
-    pub(super) fn keeps_rims_apart(&self, collapse: &Collapse, scratch: &mut Scratch) -> bool {
+    /// Finds the boundary edges of the changed triangles. Returns false when the triangles around a boundary
+    /// vertex would overlap.
+    pub(super) fn keeps_boundaries_apart(
+        &self,
+        collapse: &Collapse,
+        scratch: &mut Scratch,
+    ) -> bool {
         let Collapse { kept, gone, .. } = *collapse;
-        scratch.rims.clear();
-        if !self.may_leave_rims() {
+        scratch.boundaries.clear();
+        if !self.may_move_boundaries() {
             return true;
         }
         let mesh = &self.mesh;
-        let is_on_rim = |v: u32| mesh.is_on_rim(v) || v == kept && mesh.is_on_rim(gone);
+        let is_on_boundary =
+            |v: u32| mesh.is_on_boundary(v) || v == kept && mesh.is_on_boundary(gone);
         for (triangle, ..) in &scratch.changed {
             let names = self.names_after(*triangle, collapse);
-            let corners = names.map(is_on_rim);
+            let corners = names.map(is_on_boundary);
             let edges = [0, 1, 2].map(|k| {
                 let next = (k + 1) % 3;
-                corners[k] && corners[next] && self.is_rim_after(names[k], names[next], collapse)
+                corners[k]
+                    && corners[next]
+                    && self.is_boundary_after(names[k], names[next], collapse)
             });
-            scratch.rims.push(OnRim { edges, corners });
+            scratch.boundaries.push(BoundaryFlags { edges, corners });
         }
-        if !(mesh.is_on_rim(kept) || mesh.is_on_rim(gone)) {
+        if !(mesh.is_on_boundary(kept) || mesh.is_on_boundary(gone)) {
             return true;
         }
         scratch.around.clear();
         scratch.around.push(kept);
         for (triangle, ..) in &scratch.changed {
             for vertex in self.names_after(*triangle, collapse) {
-                if mesh.is_on_rim(vertex) && !scratch.around.contains(&vertex) {
+                if mesh.is_on_boundary(vertex) && !scratch.around.contains(&vertex) {
                     scratch.around.push(vertex);
                 }
             }
@@ -62,24 +71,24 @@ impl Reduction<'_> {
         corners.map(|c| if c == collapse.gone { collapse.kept } else { c })
     }
 
-    fn is_rim_after(&self, a: u32, b: u32, collapse: &Collapse) -> bool {
+    fn is_boundary_after(&self, a: u32, b: u32, collapse: &Collapse) -> bool {
         let Collapse { kept, gone, .. } = *collapse;
         let other = match (a == kept, b == kept) {
             (true, _) => b,
             (_, true) => a,
-            _ => return self.mesh.is_rim(a, b),
+            _ => return self.mesh.is_boundary_edge(a, b),
         };
         let count = |v: u32| self.mesh.with_edge(v, other).count();
         match (count(kept), count(gone)) {
-            // Two edges become one, and the triangle between them is gone.
+            // The two edges become one, and the triangle between them disappears.
             (1.., 1..) => count(kept) + count(gone) == 3,
             (some, none) => some + none == 1,
         }
     }
 
-    /// Whether the triangles around a vertex of a rim leave room for the gap between its two rims.
+    /// Whether the triangles around a boundary vertex leave a gap between its two boundary edges.
     fn leaves_gap(&self, vertex: u32, collapse: &Collapse) -> bool {
-        let Collapse { kept, gone, place } = *collapse;
+        let Collapse { kept, gone, target } = *collapse;
         let angle = |names: [u32; 3], points: [Point3<f64>; 3]| {
             let Some(k) = names.iter().position(|name| *name == vertex) else {
                 return 0.0;
@@ -105,26 +114,28 @@ impl Reduction<'_> {
             }
             let moved = [0, 1, 2].map(|k| {
                 let is_moved = names[k] == kept || names[k] == gone;
-                if is_moved { place } else { points[k] }
+                if is_moved { target } else { points[k] }
             });
             after += angle(self.names_after(triangle, collapse), moved);
         }
-        after <= before || after <= std::f64::consts::TAU - LEAST_GAP_RAD
+        after <= before || after <= std::f64::consts::TAU - MIN_GAP_RAD
     }
 
-    /// Which of the changed triangles goes on to a sample beyond its rim; `u32::MAX` when none does.
+    /// The changed triangle whose patch continues to a sample beyond the boundary; `u32::MAX` when there is none.
     pub(super) fn covered_beyond(
         &self,
         sample: &Sample,
         changed: &[Changed],
-        rims: &[OnRim],
+        boundaries: &[BoundaryFlags],
     ) -> u32 {
         let limits = self.limits;
         let mut best = ((limits.beyond * limits.beyond).next_up(), u32::MAX);
-        for (index, ((_, corners, normal), on_rim)) in changed.iter().zip(rims).enumerate() {
-            if on_rim.corners == [false; 3]
+        for (index, ((_, corners, normal), on_boundary)) in
+            changed.iter().zip(boundaries).enumerate()
+        {
+            if on_boundary.corners == [false; 3]
                 || sample.facing.dot(normal) < 0.0
-                // The plane of a sliver means nothing.
+                // The plane of a sliver is undefined.
                 || height(corners) < limits.off
             {
                 continue;
@@ -133,7 +144,7 @@ impl Reduction<'_> {
             if off * off > limits.off * limits.off * normal.norm_squared() {
                 continue;
             }
-            if let Some(nearest) = nearest_on_rim(&sample.point, corners, on_rim) {
+            if let Some(nearest) = nearest_on_boundary(&sample.point, corners, on_boundary) {
                 let squared = (nearest - sample.point).norm_squared();
                 if squared < best.0 {
                     best = (squared, index as u32);
@@ -143,16 +154,16 @@ impl Reduction<'_> {
         best.1
     }
 
-    /// Whether a changed triangle may cover a place beyond a rim of the original: only from the patch whose rim it is, or next to
-    /// it, so that two patches never cover the same place.
+    /// Whether a changed triangle may cover a position beyond the original boundary: only from the patch at that
+    /// boundary or its neighbourhood, so that two patches never cover the same position.
     pub(super) fn may_cover(
         &self,
         triangle: u32,
-        place: &Place,
+        to_surface: &SurfaceDistance,
         collapse: &Collapse,
         scratch: &Scratch,
     ) -> bool {
-        let owner = self.samples.owner[self.samples.inside[place.triangle as usize] as usize];
+        let owner = self.samples.owner[self.samples.inside[to_surface.triangle as usize] as usize];
         let is_concerned = scratch.gone.contains(&owner)
             || scratch
                 .changed

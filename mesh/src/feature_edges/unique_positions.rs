@@ -1,25 +1,25 @@
-//! Vertices by the place where they lie.
+//! Unique positions of vertices.
 
 use std::cmp::Ordering;
 
 use nalgebra::Point3;
 
-/// Vertices by the place where they lie: those with equal coordinates share one.
+/// Maps vertices to unique positions: vertices with equal coordinates share one.
 ///
-/// Places are numbered from 0 in ascending order of x, then y, then z, so that an order of places is one of positions.
-pub(crate) struct Places {
+/// Positions are numbered from 0 in ascending order of x, then y, then z.
+pub(crate) struct UniquePositions {
     of_vertex: Vec<u32>,
-    /// Number of vertices at each place.
+    /// Number of vertices at each position.
     counts: Vec<u32>,
 }
 
-impl Places {
-    /// Of vertices in any order. Those that are not finite have places, too.
+impl UniquePositions {
+    /// Indexes vertices, including those that are not finite.
     ///
     /// # Complexity
     /// O(n log n).
     pub(crate) fn new(positions: &[Point3<f64>]) -> Self {
-        // Adding zero turns -0 into 0, which lies at the same place.
+        // Adding zero turns -0 into 0, which is the same position.
         let at = |vertex: u32| positions[vertex as usize].coords.map(|value| value + 0.0);
         let compare = |a: u32, b: u32| -> Ordering {
             let (a, b) = (at(a), at(b));
@@ -39,12 +39,12 @@ impl Places {
         Self { of_vertex, counts }
     }
 
-    /// The place of a vertex.
+    /// The number of a vertex's position.
     pub(crate) fn of(&self, vertex: u32) -> u32 {
         self.of_vertex[vertex as usize]
     }
 
-    /// Whether another vertex lies at the same place.
+    /// Whether another vertex has the same position.
     pub(crate) fn is_shared(&self, vertex: u32) -> bool {
         self.counts[self.of(vertex) as usize] > 1
     }
@@ -57,14 +57,14 @@ mod tests {
     #[test]
     fn equal_coordinates_are_one_place_and_places_ascend() {
         let at = |x, y, z| Point3::new(x, y, z);
-        let places = Places::new(&[
+        let unique = UniquePositions::new(&[
             at(1.0, 0.0, 0.0),
             at(0.0, 5.0, 0.0),
             at(1.0, -0.0, 0.0),
             at(0.0, 5.0, -1.0),
             at(f64::NAN, 0.0, 0.0),
         ]);
-        assert_eq!([0, 1, 2, 3, 4].map(|v| places.of(v)), [2, 1, 2, 0, 3]);
-        assert!(places.is_shared(0) && places.is_shared(2) && !places.is_shared(1));
+        assert_eq!([0, 1, 2, 3, 4].map(|v| unique.of(v)), [2, 1, 2, 0, 3]);
+        assert!(unique.is_shared(0) && unique.is_shared(2) && !unique.is_shared(1));
     }
 }

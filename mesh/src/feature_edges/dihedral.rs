@@ -1,23 +1,23 @@
-//! How far a surface turns at an edge.
+//! The dihedral angle at an edge, measured between normals: 0 where the surface is flat.
 
 use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::Vector3;
 
-/// Where more triangles meet at an edge than this, it is one without a look at their angles.
-const MOST_SIDES: usize = 16;
+/// Edges with more triangles are always creases; their angles are not evaluated.
+const MAX_SIDES: usize = 16;
 
-/// A triangle beside an edge.
+/// A triangle at an edge.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Side {
     /// Twice its area along its normal.
     pub(super) doubled_area: Vector3<f64>,
-    /// Whether it runs through the edge from the first end to the second.
+    /// Whether its orientation runs along the edge from the first end to the second.
     pub(super) is_forward: bool,
 }
 
 impl Side {
-    /// Square to the edge and to the way from it into the triangle, the same for either orientation.
+    /// The normal of the triangle with a consistent orientation relative to the edge.
     fn across(&self) -> Vector3<f64> {
         if self.is_forward {
             self.doubled_area
@@ -27,17 +27,17 @@ impl Side {
     }
 }
 
-/// How far the surface turns at an edge of a length between the triangles beside it, in radians: 0 where it goes on straight, and where
-/// triangles are too thin to say, or stand out of each other's plane by less than a height.
+/// The angle between the normals of the triangles at an edge of the given length, in radians. It is 0 where the
+/// triangles are too thin to have a normal, or stand out of each other's plane by less than `min_height`.
 ///
-/// Where more than two triangles meet, each goes on in the one that it turns to least of those that run through the edge the other way,
-/// and the largest turn counts.
+/// Where more than two triangles meet, each continues in the oppositely oriented one at the smallest angle, and the
+/// largest of these angles counts.
 ///
-/// The sides that say nothing are taken out of the list.
-pub(super) fn turn(sides: &mut Vec<Side>, length: f64, min_height: f64) -> f64 {
-    // Thinner triangles turn for no reason. Also false for what is not a number.
+/// Triangles that are too thin are removed from `sides`.
+pub(super) fn dihedral_angle(sides: &mut Vec<Side>, length: f64, min_height: f64) -> f64 {
+    // Normals of thinner triangles are noise. Also false for NaN.
     sides.retain(|side| side.doubled_area.norm() > min_height * length);
-    if sides.len() > MOST_SIDES {
+    if sides.len() > MAX_SIDES {
         return std::f64::consts::PI;
     }
     let is_pair = sides.len() == 2;
@@ -56,13 +56,13 @@ pub(super) fn turn(sides: &mut Vec<Side>, length: f64, min_height: f64) -> f64 {
 
 fn between(side: &Side, other: &Side, length: f64, min_height: f64) -> f64 {
     let (a, b) = (side.across(), -other.across());
-    let turn = a.cross(&b).norm().atan2(a.dot(&b));
-    // How far either side stands out of the plane of the other.
+    let angle = a.cross(&b).norm().atan2(a.dot(&b));
+    // Height of either triangle above the plane of the other.
     let height = a.norm().min(b.norm()) / length;
-    if height * turn.min(FRAC_PI_2).sin() < min_height {
+    if height * angle.min(FRAC_PI_2).sin() < min_height {
         0.0
     } else {
-        turn
+        angle
     }
 }
 
@@ -81,7 +81,7 @@ mod tests {
     }
 
     fn degrees(sides: &[Side]) -> f64 {
-        turn(&mut sides.to_vec(), 1.0, 0.001).to_degrees()
+        dihedral_angle(&mut sides.to_vec(), 1.0, 0.001).to_degrees()
     }
 
     #[test]
