@@ -1,17 +1,14 @@
-//! ORB features of an image. The one module that speaks the types of `kornia-imgproc`.
+//! ORB features of an image.
 
-use kornia_image::{Image, ImageError, ImageSize};
-use kornia_imgproc::features::{fast_detect_rows_u8_serial, suppress_direct_standalone};
-use kornia_imgproc::filter::gaussian_blur_u8;
-use kornia_imgproc::interpolation::InterpolationMode;
-use kornia_imgproc::resize::resize_fast_u8;
 use linecarve_lines::image::GrayImage;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::describe::{REACH_PX, describe, direction};
 use super::descriptor::Descriptor;
+use super::fast::{FastCorner, fast_corners, strongest};
 use super::options::MapPointOptions;
+use super::pyramid::{resize, smooth};
 use super::spread::{Corner, spread};
 
 /// Corners whose patch would leave a level are not described; a level needs room for one inside this border.
@@ -23,8 +20,11 @@ const MIN_SIDE_PX: usize = 2 * BORDER_PX + 8;
 /// Corners are spread over a level without this border.
 const SPREAD_BORDER_PX: u32 = 16;
 
-/// Pixels of the ring around a corner that follow each other and are all brighter, or all darker.
-const ARC_PX: usize = 9;
+/// A level with fewer corners than this is searched again with a lower threshold.
+const MIN_CORNERS: usize = 10;
+
+/// A weaker corner must be further than this from all others, in rows or in columns.
+const WEAK_CORNER_GAP_PX: usize = 3;
 
 /// Features of an image, the finest pyramid level first.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -62,9 +62,6 @@ struct LevelFeatures {
 
 /// Finds ORB features.
 ///
-/// Levels, corners and their smoothing are the work of `kornia-imgproc`; they are spread and described here, with the result
-/// of its `OrbDetector`, which takes three times as long: it calls a function for each rounding of a coordinate.
-///
 /// The same image gives the same features, for any number of threads. An image without corners, or one too small for a
 /// corner with its patch (below 48 pixels), has none.
 ///
@@ -89,16 +86,13 @@ impl FeatureDetector {
         if levels == 0 {
             return Features::default();
         }
-        let pyramid = self
-            .pyramid(image, levels)
-            .expect("levels have room for a corner");
+        let pyramid = self.pyramid(image, levels);
         let wanted = self.features_per_level(levels);
         let described: Vec<LevelFeatures> = pyramid
             .par_iter()
             .zip(wanted)
             .map(|(level, wanted)| self.describe_level(level, wanted))
-            .collect::<Result<_, _>>()
-            .expect("levels have room for a corner");
+            .collect();
 
         let mut features = Features::default();
         for (octave, found) in described.into_iter().enumerate() {
@@ -120,23 +114,19 @@ impl FeatureDetector {
         features
     }
 
-    /// The image and what is made of it by shrinking it, each level from the one before.
-    fn pyramid(&self, image: &GrayImage, levels: usize) -> Result<Vec<Image<u8, 1>>, ImageError> {
-        let size_px = |level| ImageSize {
-            width: self.level_side(image.width(), level),
-            height: self.level_side(image.height(), level),
-        };
-        let mut pyramid = vec![Image::from_size_slice(size_px(0), image.samples())?];
+    /// The image and its reductions, each from the level before.
+    fn pyramid(&self, image: &GrayImage, levels: usize) -> Vec<GrayImage> {
+        let mut pyramid = vec![image.clone()];
         for level in 1..levels {
-            let mut smaller = Image::from_size_val(size_px(level), 0)?;
-            resize_fast_u8(
+            let side = |side| self.level_side(side, level);
+            let smaller = resize(
                 &pyramid[level - 1],
-                &mut smaller,
-                InterpolationMode::Bilinear,
-            )?;
+                side(image.width()),
+                side(image.height()),
+            );
             pyramid.push(smaller);
         }
-        Ok(pyramid)
+        pyramid
     }
 
     /// As many on each level as its side has of the sum of all sides.
@@ -155,11 +145,7 @@ impl FeatureDetector {
     }
 
     /// Finds and describes about as many corners of a level.
-    fn describe_level(
-        &self,
-        level: &Image<u8, 1>,
-        wanted: usize,
-    ) -> Result<LevelFeatures, ImageError> {
+    fn describe_level(&self, level: &GrayImage, wanted: usize) -> LevelFeatures {
         let (width, height) = (level.width() as u32, level.height() as u32);
         let mut corners = spread(
             &self.corners(level, wanted),
@@ -172,35 +158,28 @@ impl FeatureDetector {
             (border..=width - border).contains(&corner.column)
                 && (border..=height - border).contains(&corner.row)
         });
-        let mut smoothed = Image::from_size_val(level.size(), 0)?;
-        gaussian_blur_u8(level, &mut smoothed, (7, 7), (2.0, 2.0))?;
         let stride = level.width();
         let angles_rad: Vec<f32> = corners
             .iter()
-            .map(|corner| direction(level.as_slice(), stride, *corner))
+            .map(|corner| direction(level.samples(), stride, *corner))
             .collect();
-        let descriptors = describe(smoothed.as_slice(), stride, &corners, &angles_rad);
-        Ok(LevelFeatures {
+        let descriptors = describe(&smooth(level), stride, &corners, &angles_rad);
+        LevelFeatures {
             corners,
             angles_rad,
             descriptors,
-        })
+        }
     }
 
     /// Corners of a level, the strongest first: at most twenty times as many as wanted.
-    fn corners(&self, level: &Image<u8, 1>, wanted: usize) -> Vec<Corner> {
-        let threshold = f32::from(self.options.corner_threshold) / 255.0;
-        let above = |threshold| {
-            let rows = 0..level.height();
-            fast_detect_rows_u8_serial(level, threshold, ARC_PX, REACH_PX, rows)
-        };
-        let mut corners = above(threshold);
-        // A level with hardly any corner gets weaker ones where it has none.
-        if corners.len() < 10 {
-            for weaker in above(threshold * 0.4) {
-                let [row, column] = weaker.0;
-                let is_near = |other: &([usize; 2], f32)| {
-                    other.0[0].abs_diff(row) <= 3 && other.0[1].abs_diff(column) <= 3
+    fn corners(&self, level: &GrayImage, wanted: usize) -> Vec<Corner> {
+        let threshold = self.options.corner_threshold;
+        let mut corners = fast_corners(level, threshold, REACH_PX);
+        if corners.len() < MIN_CORNERS {
+            for weaker in fast_corners(level, lower_threshold(threshold), REACH_PX) {
+                let is_near = |other: &FastCorner| {
+                    other.row.abs_diff(weaker.row) <= WEAK_CORNER_GAP_PX
+                        && other.column.abs_diff(weaker.column) <= WEAK_CORNER_GAP_PX
                 };
                 if !corners.iter().any(is_near) {
                     corners.push(weaker);
@@ -208,11 +187,11 @@ impl FeatureDetector {
             }
         }
         let most = wanted.saturating_mul(20).max(512);
-        suppress_direct_standalone(corners, most, level.width(), level.height(), 1)
+        strongest(corners, most)
             .into_iter()
-            .map(|([row, column], _)| Corner {
-                column: column as u32,
-                row: row as u32,
+            .map(|corner| Corner {
+                column: corner.column as u32,
+                row: corner.row as u32,
             })
             .collect()
     }
@@ -231,33 +210,19 @@ impl FeatureDetector {
     }
 }
 
+/// Two fifths of a threshold, rounded, at least 1.
+fn lower_threshold(threshold: u8) -> u8 {
+    ((4 * u16::from(threshold) + 5) / 10).max(1) as u8
+}
+
 #[cfg(test)]
 mod tests {
+    use kornia_image::{Image, ImageSize};
     use kornia_imgproc::features::OrbDetector;
     use linecarve_lines::image::Plane;
-    use rand::{RngExt, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
 
     use super::*;
-
-    /// Bright and dark squares at random places.
-    fn squares(width: usize, height: usize) -> GrayImage {
-        let mut random = ChaCha8Rng::seed_from_u64(5);
-        let mut image = Plane::new(width, height, vec![90_u8; width * height]).unwrap();
-        for _ in 0..width * height / 300 {
-            let (x, y) = (
-                random.random_range(0..width),
-                random.random_range(0..height),
-            );
-            let (side, value) = (random.random_range(4..20), random.random_range(0..=255));
-            for row in y..(y + side).min(height) {
-                for column in x..(x + side).min(width) {
-                    image.samples_mut()[row * width + column] = value;
-                }
-            }
-        }
-        image
-    }
+    use crate::tests::{room_images, squares};
 
     fn bits(features: &Features) -> Vec<(u32, u32, u32, Descriptor)> {
         (0..features.len())
@@ -279,13 +244,15 @@ mod tests {
             let samples = image.samples().iter().map(|grey| 100 + grey / 24).collect();
             Plane::new(image.width(), image.height(), samples).unwrap()
         };
-        for image in [
+        let mut images = room_images();
+        images.extend([
             squares(640, 480),
             squares(701, 103),
             squares(90, 400),
             squares(1500, 1100),
             weak(&squares(320, 240)),
-        ] {
+        ]);
+        for image in images {
             let (width, height) = (image.width(), image.height());
             let library = OrbDetector {
                 n_keypoints: options.features,

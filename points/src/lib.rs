@@ -12,6 +12,7 @@ mod create;
 mod describe;
 mod descriptor;
 mod epipolar;
+mod fast;
 mod features;
 mod grid;
 mod keyframe;
@@ -21,6 +22,7 @@ mod observe;
 mod options;
 mod point;
 mod pose_correction;
+mod pyramid;
 mod refine;
 mod spread;
 mod triangulate;
@@ -39,3 +41,6 @@ pub use pose_correction::{
     PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
 };
 pub use triangulate::{Observation, RefinedPoint, parallax_cosine, refine_point, triangulate_rays};
+
+#[cfg(test)]
+mod tests;
