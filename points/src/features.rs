@@ -29,15 +29,15 @@ const WEAK_CORNER_GAP_PX: usize = 3;
 /// Features of an image, the finest pyramid level first.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Features {
-    /// Places in the image, in pixels; the centre of the top-left pixel is (0, 0).
+    /// Positions in pixels; the centre of the top-left pixel is (0, 0).
     pub pixels: Vec<[f32; 2]>,
     /// Pyramid level of each.
     pub octaves: Vec<u8>,
-    /// Direction of each, from +x towards +y.
+    /// Orientation of each, from +x towards +y.
     pub angles_rad: Vec<f32>,
-    /// What each looks like.
+    /// Descriptor of each.
     pub descriptors: Vec<Descriptor>,
-    /// Grey value at each.
+    /// Grey value of the image at each.
     pub grey: Vec<u8>,
 }
 
@@ -47,7 +47,7 @@ impl Features {
         self.pixels.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no features.
     pub fn is_empty(&self) -> bool {
         self.pixels.is_empty()
     }
@@ -62,8 +62,8 @@ struct LevelFeatures {
 
 /// Finds ORB features.
 ///
-/// The same image gives the same features, for any number of threads. An image without corners, or one too small for a
-/// corner with its patch (below 48 pixels), has none.
+/// FAST-9 corners of each pyramid level are spread over the level and described by ORB. The same image gives the same features
+/// for any number of threads. An image without corners, or with a side below 48 pixels, has no features.
 ///
 /// # Reference
 /// Rublee, Rabaud, Konolige, Bradski, "ORB: an efficient alternative to SIFT or SURF", ICCV 2011; spread over the image as
@@ -96,13 +96,13 @@ impl FeatureDetector {
 
         let mut features = Features::default();
         for (octave, found) in described.into_iter().enumerate() {
-            // Levels are resampled about the image's corner, which lies at (-0.5, -0.5).
-            let place = |at: u32, side: usize| {
+            // Levels are scaled about the corner of the image, at (-0.5, -0.5).
+            let in_image = |at: u32, side: usize| {
                 let scale = side as f64 / self.level_side(side, octave) as f64;
                 ((f64::from(at) + 0.5) * scale - 0.5) as f32
             };
             for corner in &found.corners {
-                let pixel = [place(corner.column, width), place(corner.row, height)];
+                let pixel = [in_image(corner.column, width), in_image(corner.row, height)];
                 let grey = image.get(pixel[0].round() as usize, pixel[1].round() as usize);
                 features.pixels.push(pixel);
                 features.grey.push(grey.copied().unwrap_or(0));
@@ -129,7 +129,7 @@ impl FeatureDetector {
         pyramid
     }
 
-    /// As many on each level as its side has of the sum of all sides.
+    /// Features per level, in proportion to the side of the level.
     fn features_per_level(&self, levels: usize) -> Vec<usize> {
         let shrink = 1.0 / self.options.scale_factor as f32;
         let features = self.options.features;
@@ -144,7 +144,7 @@ impl FeatureDetector {
         wanted
     }
 
-    /// Finds and describes about as many corners of a level.
+    /// Finds and describes about `wanted` corners of a level.
     fn describe_level(&self, level: &GrayImage, wanted: usize) -> LevelFeatures {
         let (width, height) = (level.width() as u32, level.height() as u32);
         let mut corners = spread(
@@ -196,14 +196,14 @@ impl FeatureDetector {
             .collect()
     }
 
-    /// Number of levels with room for a corner and its patch.
+    /// Number of levels with room for a patch.
     fn levels(&self, width: usize, height: usize) -> usize {
         (0..self.options.levels)
             .take_while(|&level| self.level_side(width.min(height), level) >= MIN_SIDE_PX)
             .count()
     }
 
-    /// Length of a side at a pyramid level.
+    /// Length of a side of the image at a pyramid level.
     fn level_side(&self, side: usize, level: usize) -> usize {
         let inverse = f64::from(self.options.scale_factor as f32).powi(-(level as i32));
         (side as f64 * inverse).round_ties_even() as usize
@@ -234,7 +234,7 @@ mod tests {
             .collect()
     }
 
-    /// The detector of `kornia-imgproc`, whose features these are, step by step.
+    /// The ORB detector of `kornia-imgproc` is an independent implementation of the same features.
     #[test]
     fn features_are_those_of_the_library() {
         let options = MapPointOptions::default();
@@ -272,7 +272,7 @@ mod tests {
             let descriptors = expected.descriptors.iter().map(Descriptor::from_bytes);
             assert_eq!(found.descriptors, descriptors.collect::<Vec<_>>());
             for (i, [x, y]) in expected.keypoints_xy.into_iter().enumerate() {
-                // The library's places are off by up to half a pixel of the level, and by its rounded size.
+                // The positions of the library are off by up to half a pixel of the level and by its rounded size.
                 let near = 1.5 * options.scale(found.octaves[i]) as f32;
                 let [column, row] = found.pixels[i];
                 assert!((column - x).abs() < near && (row - y).abs() < near);
@@ -308,10 +308,10 @@ mod tests {
         }
     }
 
-    /// A blob whose centre is known must be found at its place from every level: levels are shifted against each other
-    /// by up to one and a half pixels when pixel centres are mistaken for corners.
+    /// Features of an image and of its mirror image must agree at every level: levels shift against each other by up to one and a
+    /// half pixels when pixel centres are mistaken for pixel corners.
     #[test]
-    fn places_have_no_offset_between_levels() {
+    fn positions_have_no_offset_between_levels() {
         let image = squares(640, 480);
         let mirrored: Vec<u8> = (0..480)
             .flat_map(|y| image.row(y).iter().rev().copied())
@@ -321,19 +321,19 @@ mod tests {
         let (one, other) = (detector.detect(&image), detector.detect(&mirrored));
         for octave in [0, 3, 7] {
             // Each feature of the image against the nearest of its mirror image, turned back.
-            let places = |features: &Features| -> Vec<[f32; 2]> {
+            let positions = |features: &Features| -> Vec<[f32; 2]> {
                 let of_level = features.pixels.iter().zip(&features.octaves);
                 of_level
                     .filter(|(_, o)| **o == octave)
                     .map(|(p, _)| *p)
                     .collect()
             };
-            let turned: Vec<_> = places(&other)
+            let turned: Vec<_> = positions(&other)
                 .into_iter()
                 .map(|[x, y]| [639.0 - x, y])
                 .collect();
             let scale = 1.2_f32.powi(i32::from(octave));
-            let mut offsets: Vec<f32> = places(&one)
+            let mut offsets: Vec<f32> = positions(&one)
                 .into_iter()
                 .filter_map(|[x, y]| {
                     turned

@@ -6,7 +6,7 @@ use linecarve_lines::image::{GrayImage, Plane};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Bright and dark squares at random places.
+/// Bright and dark squares at random positions.
 pub(crate) fn squares(width: usize, height: usize) -> GrayImage {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let mut image = Plane::new(width, height, vec![90_u8; width * height]).unwrap();

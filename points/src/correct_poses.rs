@@ -1,28 +1,28 @@
-//! Poses of keyframes brought into agreement with the points that they see.
+//! Pose correction of the map's keyframes: motion-only, local and over all keyframes.
 
 use super::changes::MapChange;
 use super::map::PointMap;
 use super::point::{MapObservation, MapPointId};
-use super::triangulate::CHI2_PIXEL;
+use crate::pose_correction::CHI2_PIXEL;
 use crate::pose_correction::{
     CorrectedPose, KnownPoint, PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
 };
 
-/// Keyframes that are moved together after the last has come: equations of six unknowns each are solved as one dense system.
-pub(super) const BLOCK: usize = 100;
+/// Keyframes of one bundle adjustment over all: its normal equations are dense, with six unknowns per keyframe.
+pub(super) const BLOCK_KEYFRAMES: usize = 100;
 
-/// How often all are moved: each time without the sightings that did not fit the last time.
+/// Passes over all keyframes. Each drops the observations that did not fit in the pass before.
 const ROUNDS: usize = 3;
 
 impl PointMap {
-    /// Whether the pose of a keyframe has been brought into agreement with its points.
+    /// Whether the pose of a keyframe was corrected: enough points support it.
     pub fn is_corrected(&self, keyframe: u32) -> bool {
         self.keyframes[keyframe as usize].pose_sigma_px <= self.options.pose_sigma_px
     }
 
-    /// Corrects the pose of a new keyframe by points that are known: looked for about where the motion since the last
-    /// corrected keyframe has them, else about where the given pose has them. Without enough of them the pose stays.
-    pub(super) fn correct_new(&mut self, keyframe: u32) {
+    /// Corrects the pose of a new keyframe against known points. The search starts from the given motion since the last
+    /// corrected keyframe, then from the given pose. With too few inliers the given pose stays.
+    pub(super) fn correct_new_pose(&mut self, keyframe: u32) {
         let latest = (0..keyframe).rev().find(|&other| self.is_corrected(other));
         let given = self.keyframes[keyframe as usize].pose;
         if let Some(latest) = latest {
@@ -37,15 +37,15 @@ impl PointMap {
         }
     }
 
-    /// Returns whether enough points agree.
+    /// Returns whether there are enough inliers.
     fn correct_from(&mut self, keyframe: u32, start: CorrectedPose) -> bool {
         self.keyframes[keyframe as usize].pose = start;
-        let winners = self.search(keyframe).winners;
+        let matches = self.search_by_projection(keyframe).matches;
         let view = &self.keyframes[keyframe as usize];
         let mut depths = Vec::new();
         let mut known = Vec::new();
-        for (feature, winner) in winners.iter().enumerate() {
-            let Some(point) = winner.and_then(|(_, id)| self.point(id)) else {
+        for (feature, matched) in matches.iter().enumerate() {
+            let Some(point) = matched.and_then(|(_, id)| self.point(id)) else {
                 continue;
             };
             let octave = view.features.octaves[feature];
@@ -64,9 +64,9 @@ impl PointMap {
         let depth = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
         let mut pose = start;
         let prior = self.prior(depth);
-        let agreeing = correct_pose(&self.camera, &mut pose, &prior, &known);
-        // Half of them at least: points of a wrong pose agree with something by chance.
-        if agreeing < self.correction.min_points || 2 * agreeing < known.len() {
+        let inliers = correct_pose(&self.camera, &mut pose, &prior, &known);
+        // At least half: under a wrong pose some points match by chance.
+        if inliers < self.correction.min_points || 2 * inliers < known.len() {
             return false;
         }
         let view = &mut self.keyframes[keyframe as usize];
@@ -79,8 +79,8 @@ impl PointMap {
         PosePrior::in_pixels(self.correction.sigma_px, self.camera.mean_focal_px(), depth)
     }
 
-    /// Moves a new keyframe, those that share most points with it, and the points that they see.
-    pub(super) fn adjust_around(&mut self, keyframe: u32) {
+    /// Local bundle adjustment: a new keyframe, those that share most points with it, and their points.
+    pub(super) fn adjust_local(&mut self, keyframe: u32) {
         let Some(depth) = self.median_depth_in(keyframe) else {
             return;
         };
@@ -99,30 +99,29 @@ impl PointMap {
         self.adjust_together(&window, depth);
     }
 
-    /// Moves all corrected keyframes and their points together: what later keyframes saw moves earlier ones as well. Sightings
-    /// that do not fit then are dropped. To be called after the last keyframe; what that changes is then in
-    /// [`changes`](Self::changes).
+    /// Bundle adjustment of all corrected keyframes and their points, after the last keyframe. Observations that do not fit are
+    /// dropped. [`changes`](Self::changes) then holds the changes.
     ///
     /// # Complexity
-    /// As [`adjust_bundle`] on blocks of a hundred keyframes, each of which overlaps half of the one before it.
+    /// That of [`adjust_bundle`] on blocks of a hundred keyframes; successive blocks overlap by half.
     pub fn adjust_all(&mut self) {
         self.changes.clear();
         let Some(depth) = self.median_depth().filter(|_| self.correction.enabled) else {
             return;
         };
         if self.correction.lens {
-            self.find_lens();
+            self.estimate_lens();
         }
         for _ in 0..ROUNDS {
             let corrected = self.corrected_keyframes();
             let mut start = 0;
             while start < corrected.len() {
-                let end = (start + BLOCK).min(corrected.len());
+                let end = (start + BLOCK_KEYFRAMES).min(corrected.len());
                 self.adjust_together(&corrected[start..end], depth);
                 if end == corrected.len() {
                     break;
                 }
-                start += BLOCK / 2;
+                start += BLOCK_KEYFRAMES / 2;
             }
             self.refine_dirty();
         }
@@ -139,17 +138,17 @@ impl PointMap {
         let mut lens = self.lens.clone();
         let prior = self.prior(depth);
         adjust_bundle(&mut lens, false, &mut poses, window, &prior, &mut tracks);
-        self.take(window, &poses, &ids, &tracks);
+        self.apply_adjustment(window, &poses, &ids, &tracks);
     }
 
-    /// Keyframes that agree with their points.
+    /// Numbers of the corrected keyframes.
     pub(super) fn corrected_keyframes(&self) -> Vec<u32> {
         (0..self.keyframes.len() as u32)
             .filter(|&keyframe| self.is_corrected(keyframe))
             .collect()
     }
 
-    /// The points that keyframes see, with all their sightings; `None` when they are too few.
+    /// The points observed in some keyframes, with all their observations; `None` when there are too few.
     pub(super) fn tracks_of(&self, window: &[u32]) -> Option<(Vec<MapPointId>, Vec<Track>)> {
         let mut ids: Vec<MapPointId> = window
             .iter()
@@ -164,10 +163,10 @@ impl PointMap {
         }
         let points = ids.iter().filter_map(|&id| self.point(id));
         let tracks = points.map(|point| {
-            let sights = point.observations.iter().map(|s| self.track_sight(s));
+            let observations = point.observations.iter().map(|s| self.track_observation(s));
             Track {
                 point_in_world: point.point_in_world,
-                observations: sights.collect(),
+                observations: observations.collect(),
             }
         });
         let tracks = tracks.collect();
@@ -178,8 +177,8 @@ impl PointMap {
         self.keyframes.iter().map(|k| k.pose).collect()
     }
 
-    /// Takes over what an adjustment has found.
-    pub(super) fn take(
+    /// Takes over the poses and points of an adjustment.
+    pub(super) fn apply_adjustment(
         &mut self,
         window: &[u32],
         poses: &[CorrectedPose],
@@ -196,24 +195,24 @@ impl PointMap {
             self.keyframes[free as usize].pose = poses[free as usize];
         }
         for &free in window {
-            if self.agreeing(free) >= self.correction.min_points {
+            if self.count_inliers(free) >= self.correction.min_points {
                 self.keyframes[free as usize].pose_sigma_px = self.options.pose_sigma_px;
             }
         }
     }
 
-    fn track_sight(&self, sighting: &MapObservation) -> TrackObservation {
-        let view = &self.keyframes[sighting.keyframe as usize];
-        let octave = view.features.octaves[sighting.feature as usize];
+    fn track_observation(&self, observation: &MapObservation) -> TrackObservation {
+        let view = &self.keyframes[observation.keyframe as usize];
+        let octave = view.features.octaves[observation.feature as usize];
         TrackObservation {
-            camera: sighting.keyframe,
-            pixel: view.raw_pixel(sighting.feature),
+            camera: observation.keyframe,
+            pixel: view.raw_pixel(observation.feature),
             sigma_px: self.options.sigma_px(octave, self.options.pose_sigma_px),
         }
     }
 
-    /// Points of a keyframe whose projections fit its pixels as well as under a corrected pose.
-    fn agreeing(&self, keyframe: u32) -> usize {
+    /// Points of a keyframe whose reprojection error is below the 95 % bound of a corrected pose.
+    fn count_inliers(&self, keyframe: u32) -> usize {
         let view = &self.keyframes[keyframe as usize];
         let seen = view.points.iter().enumerate();
         seen.filter(|(feature, id)| {
@@ -221,16 +220,17 @@ impl PointMap {
                 return false;
             };
             let feature = *feature as u32;
-            let sight = self.track_sight(&MapObservation { keyframe, feature });
+            let observation = self.track_observation(&MapObservation { keyframe, feature });
             let in_camera = view.camera_from_world() * point.point_in_world;
             self.lens.camera().project(&in_camera).is_some_and(|pixel| {
-                (pixel - sight.pixel).norm_squared() < CHI2_PIXEL * sight.sigma_px * sight.sigma_px
+                (pixel - observation.pixel).norm_squared()
+                    < CHI2_PIXEL * observation.sigma_px * observation.sigma_px
             })
         })
         .count()
     }
 
-    /// Tells of keyframes that are not where they were.
+    /// Publishes camera centres that moved beyond the tolerance.
     pub(super) fn publish_centers(&mut self) {
         let tolerance_px = self.correction.move_px;
         let focal_px = self.camera.mean_focal_px();
@@ -238,7 +238,7 @@ impl PointMap {
             let view = &self.keyframes[number];
             let center = view.center();
             match view.published_center {
-                // A new keyframe is added where it is.
+                // The consumer adds a new keyframe at its centre.
                 None => self.keyframes[number].published_center = Some(center),
                 Some(published) if published != center => {
                     let depth = self.median_depth_in(number as u32).unwrap_or(0.0);

@@ -1,25 +1,25 @@
-//! What one pixel says about the camera and the point behind it.
+//! Reprojection error of one observation and its derivatives.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Matrix2x3, Matrix2x6, Point2, Point3, Vector2};
 
-/// 95 % of squared errors of a pixel are below this, in variances: chi-squared of two degrees of freedom.
-pub(super) const CHI2_PIXEL: f64 = 5.99;
+/// 95 % bound of the squared reprojection error in variances: chi-squared with two degrees of freedom.
+pub(crate) const CHI2_PIXEL: f64 = 5.99;
 
-/// What a pixel costs whose point is behind the camera, in variances.
-const BEHIND: f64 = 1e6;
+/// Cost of an observation whose point is behind the camera, in variances.
+const BEHIND_CAMERA_CHI2: f64 = 1e6;
 
-/// A pixel against the projection of a point, in standard deviations.
+/// Reprojection error in standard deviations and its derivatives.
 pub(super) struct Linearized {
     pub(super) residual: Vector2<f64>,
-    /// By turn and shift of the points in the camera.
+    /// By rotation and translation of points in the camera frame.
     pub(super) by_pose: Matrix2x6<f64>,
-    /// By the point in the world.
+    /// By the point in the world frame.
     pub(super) by_point: Matrix2x3<f64>,
     pub(super) chi2: f64,
 }
 
-/// `None` when the point is not in front of the camera.
+/// Linearises a reprojection error; `None` when the point is not in front of the camera.
 pub(super) fn linearize(
     camera: &Camera,
     camera_from_world: &Isometry3<f64>,
@@ -47,7 +47,7 @@ pub(super) fn linearize(
     })
 }
 
-/// Squared error of a pixel in variances; large when the point is not in front of the camera.
+/// Squared reprojection error in variances; large when the point is not in front of the camera.
 pub(super) fn chi2(
     camera: &Camera,
     camera_from_world: &Isometry3<f64>,
@@ -57,13 +57,12 @@ pub(super) fn chi2(
 ) -> f64 {
     camera
         .project(&(camera_from_world * point_in_world))
-        .map_or(BEHIND, |projected| {
+        .map_or(BEHIND_CAMERA_CHI2, |projected| {
             (projected - pixel).norm_squared() / (sigma_px * sigma_px)
         })
 }
 
-/// Cost of a squared error under Cauchy's kernel of a squared width, and the weight of its square: wrong matches pull less
-/// the further off they are.
+/// Cauchy's robust kernel: cost and weight of a squared error.
 pub(super) fn cauchy(chi2: f64, squared_width: f64) -> (f64, f64) {
     let share = chi2 / squared_width;
     (squared_width * share.ln_1p(), 1.0 / (1.0 + share))
