@@ -1,15 +1,9 @@
 //! Bad input is normal input: each fault ends in an error that names file and remedy, or in a warning and a result.
 
-mod program;
-
 use std::path::{Path, PathBuf};
 
+use crate::program::{expect_status, small_sequence, stderr, text};
 use linecarve::{Options, Reconstruction};
-use program::{expect_status, small_sequence, stderr};
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("temporary paths are UTF-8")
-}
 
 /// Reconstructs every frame of a sequence and gives the exit status demanded and what was said.
 fn reconstruct(status: i32, sequence: &Path, out: &Path) -> String {

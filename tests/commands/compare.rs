@@ -1,17 +1,9 @@
 //! Both surfaces from the same keyframes, end to end.
 
-#![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
-
-mod program;
-
 use std::path::Path;
 
-use program::{contents, expect_status, linecarve, small_sequence, stderr};
+use crate::program::{contents, expect_status, linecarve, small_sequence, stderr, text};
 use serde_json::Value;
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("temporary paths are UTF-8")
-}
 
 fn comparison(out: &Path) -> Value {
     let bytes = std::fs::read(out.join("compare.json")).expect("compare.json is written");

@@ -1,13 +1,9 @@
 //! `linecarve convert`: trajectories, maps, meshes and lines in other formats.
-#![allow(clippy::unwrap_used)]
-
-mod program;
-
 use std::path::Path;
 
+use crate::program::{data, expect_status, small_sequence, stderr};
 use linecarve_mesh::read_geometry;
 use linecarve_sequence::{OpenOptions, Sequence};
-use program::{data, expect_status, small_sequence, stderr};
 
 fn convert(status: i32, input: &Path, out: &Path) -> String {
     let arguments = [Path::new("convert"), input, Path::new("--out"), out];

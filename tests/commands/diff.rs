@@ -1,12 +1,10 @@
 //! `linecarve diff` as its users meet it: exit status, reports, and the golden mesh of the sample.
 
-mod program;
-
 use std::path::{Path, PathBuf};
 
+use crate::program::{expect_status, linecarve, stderr, text};
 use linecarve_mesh::{TriangleMesh, read_geometry, write_glb, write_mesh_obj, write_mesh_ply};
 use nalgebra::Vector3;
-use program::{expect_status, stderr};
 
 /// Set to write the golden mesh anew in place of comparing with it.
 const BLESS: &str = "LINECARVE_BLESS";
@@ -17,10 +15,6 @@ fn project(path: &str) -> PathBuf {
 
 fn golden() -> PathBuf {
     project("assets/golden/room.ply")
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("paths of the tests are UTF-8")
 }
 
 fn room() -> TriangleMesh {
@@ -56,11 +50,11 @@ fn the_sample_gives_its_golden_mesh() {
         return;
     }
     // The same code gives the same bytes; the tolerance is for processors whose mathematics round otherwise.
-    let output = program::linecarve(["diff", text(&golden()), text(&mesh), "--tolerance", "1e-6"]);
+    let output = linecarve(["diff", text(&golden()), text(&mesh), "--tolerance", "1e-6"]);
     assert_eq!(
         output.status.code(),
         Some(0),
-        "{}\n{}\nIf the change is meant, write the golden mesh anew: {BLESS}=1 cargo test --test diff",
+        "{}\n{}\nIf the change is meant, write the golden mesh anew: {BLESS}=1 cargo test --test commands golden",
         String::from_utf8_lossy(&output.stdout),
         stderr(&output)
     );

@@ -1,21 +1,15 @@
 //! `linecarve evaluate` as its users meet it: the sample against its own ground truth, files of every format, bad input.
 
-mod program;
-
 use std::path::{Path, PathBuf};
 
+use crate::program::{expect_status, linecarve, stderr, text};
 use linecarve_mesh::{LineSet, Shape, read_geometry, write_lines_obj, write_mesh_ply};
 use nalgebra::{Point3, Similarity3, Vector3};
-use program::{expect_status, linecarve, stderr};
 
 fn sample(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("assets/room")
         .join(name)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("paths of the tests are UTF-8")
 }
 
 /// Runs `evaluate --json` and gives the object.

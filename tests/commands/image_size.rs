@@ -1,12 +1,10 @@
 //! Large images are computed on at a fraction of their size; sequences with depth images are left alone.
 
-mod program;
-
 use std::path::Path;
 
+use crate::program::{expect_status, stderr};
 use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::Point3;
-use program::{expect_status, stderr};
 use tempfile::TempDir;
 
 fn sample() -> &'static Path {

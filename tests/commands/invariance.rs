@@ -1,15 +1,11 @@
 //! The unit of the poses means nothing: the sample in other units gives the same surface in those units.
 
-#![allow(clippy::unwrap_used)] // Helpers of tests fail like tests.
-
-mod program;
-
 use std::fmt::Write as _;
 use std::path::Path;
 
+use crate::program::expect_status;
 use linecarve_mesh::{TriangleMesh, read_geometry};
 use nalgebra::Point3;
-use program::expect_status;
 
 /// Raw units of depth per metre in the sample.
 const DEPTH_SCALE: f64 = 5000.0;

@@ -1,14 +1,8 @@
 //! Surfaces from map points end to end: what comes out, that it repeats, that no depth is needed, and why there is none.
 
-mod program;
-
 use std::path::Path;
 
-use program::{contents, expect_status, stderr};
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("temporary paths are UTF-8")
-}
+use crate::program::{contents, expect_status, stderr, text};
 
 /// The sample without its depth images, every fourth frame.
 fn sample_without_depth(folder: &Path) {

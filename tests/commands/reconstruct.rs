@@ -1,14 +1,8 @@
 //! The main job end to end on a rendered sequence: what comes out, that it repeats, and how good it is.
 
-mod program;
-
 use std::path::Path;
 
-use program::{contents, expect_status, small_sequence};
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("temporary paths are UTF-8")
-}
+use crate::program::{contents, data, expect_status, small_sequence, text};
 
 fn reconstruct(sequence: &Path, out: &Path, threads: &str) {
     expect_status(
@@ -125,18 +119,11 @@ fn layouts_of_one_scene_agree() {
 }
 
 #[test]
+#[ignore = "needs LINECARVE_DATA"]
 fn real_sequences_run_to_the_end() {
-    let Some(data) = std::env::var_os("LINECARVE_DATA") else {
-        println!("skipped: LINECARVE_DATA names no folder of real sequences");
-        return;
-    };
     // Least numbers of triangles after the first eight keyframes, about half of what is seen.
     for (name, least) in [("seven-scenes", 8000), ("livingroom-synthetic", 4000)] {
-        let sequence = Path::new(&data).join(name);
-        if !sequence.is_dir() {
-            println!("skipped: {} does not exist", sequence.display());
-            continue;
-        }
+        let sequence = data(name);
         let out = tempfile::tempdir().unwrap();
         expect_status(
             0,

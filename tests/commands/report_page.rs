@@ -1,38 +1,26 @@
 //! The page of a run in a browser, and its server.
 //!
-//! Browser tests look for Chromium (`LINECARVE_CHROMIUM`, else the usual names on the path) and say so when they skip.
-
-#![allow(clippy::print_stdout, reason = "skipped tests say so")]
-#![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
-
-mod program;
+//! Browser tests are ignored by default. They need Chromium: `LINECARVE_CHROMIUM`, or one of the usual names on the path.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use program::{expect_status, linecarve, small_sequence, stderr};
+use crate::program::{expect_status, linecarve, small_sequence, stderr, text};
 use serde_json::Value;
 
-fn text(path: &Path) -> &str {
-    path.to_str().expect("temporary paths are UTF-8")
-}
-
-/// A headless browser, when there is one.
-fn chromium() -> Option<PathBuf> {
+/// A headless browser.
+fn chromium() -> PathBuf {
     if let Some(path) = std::env::var_os("LINECARVE_CHROMIUM") {
-        return Some(PathBuf::from(path));
+        return PathBuf::from(path);
     }
-    let path = std::env::var_os("PATH")?;
-    let found = ["chromium", "chromium-browser", "google-chrome"]
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    ["chromium", "chromium-browser", "google-chrome"]
         .iter()
         .flat_map(|name| std::env::split_paths(&path).map(move |folder| folder.join(name)))
-        .find(|candidate| candidate.is_file());
-    if found.is_none() {
-        println!("skipped: no chromium on the path (LINECARVE_CHROMIUM names one)");
-    }
-    found
+        .find(|candidate| candidate.is_file())
+        .expect("chromium must be on the path, or LINECARVE_CHROMIUM must name it")
 }
 
 /// Runs the browser on an address to its end; its standard output.
@@ -91,8 +79,9 @@ fn reconstructed(frames: usize) -> tempfile::TempDir {
 }
 
 #[test]
+#[ignore = "needs chromium"]
 fn the_page_shows_the_surface_of_every_keyframe() {
-    let Some(chromium) = chromium() else { return };
+    let chromium = chromium();
     let folder = reconstructed(5);
     let out = folder.path().join("out");
     let address = format!("file://{}", out.join("report.html").display());
@@ -276,8 +265,9 @@ fn a_folder_without_a_page_is_refused() {
 }
 
 #[test]
+#[ignore = "needs chromium"]
 fn the_page_works_through_the_server() {
-    let Some(chromium) = chromium() else { return };
+    let chromium = chromium();
     let folder = reconstructed(3);
     let viewer = Viewer::start(&folder.path().join("out"));
     let found = self_test(&chromium, &format!("http://{}/", viewer.host));
@@ -331,15 +321,28 @@ fn colmap_model(folder: &Path) {
     }
 }
 
-#[test]
-fn a_model_without_images_has_a_page() {
+fn reconstructed_model() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let (model, out) = (folder.path().join("model"), folder.path().join("out"));
     colmap_model(&model);
     let arguments = ["reconstruct", text(&model), "--from", "map-points"];
     let to = ["--no-picture", "--quiet", "--out", text(&out)];
     expect_status(0, arguments.iter().chain(&to));
-    let Some(chromium) = chromium() else { return };
+    folder
+}
+
+#[test]
+fn a_model_without_images_has_a_page() {
+    let folder = reconstructed_model();
+    assert!(folder.path().join("out/report.html").is_file());
+}
+
+#[test]
+#[ignore = "needs chromium"]
+fn the_page_of_a_model_shows_its_surface() {
+    let chromium = chromium();
+    let folder = reconstructed_model();
+    let out = folder.path().join("out");
     let address = format!("file://{}", out.join("report.html").display());
     let found = self_test(&chromium, &address);
     assert_eq!(found["errors"], serde_json::json!([]), "{found}");

@@ -7,15 +7,13 @@
     reason = "what the tests share is part of them"
 )]
 
-mod program;
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
+use crate::program::{contents, expect_status, small_sequence, stderr};
 use assert_cmd::cargo::cargo_bin;
-use program::{contents, expect_status, small_sequence, stderr};
 
 fn arguments<'a>(sequence: &'a Path, out: &'a Path, more: &[&'a str]) -> Vec<&'a str> {
     let text = |path: &'a Path| path.to_str().unwrap();

@@ -1,16 +1,14 @@
 //! The sample that the project ships, against the analytic surface that it was rendered from.
 
-mod program;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use crate::program::expect_status;
 use linecarve_mesh::feature_edges::CREASE_COLOR;
 use linecarve_mesh::raycast::RayScene;
 use linecarve_mesh::{LineSet, TriangleMesh, read_geometry};
 use linecarve_synth::{Scene, SceneKind};
 use nalgebra::{Isometry3, Point3, Vector3};
-use program::expect_status;
 
 /// Along segments a sample is taken this often, in metres.
 const STEP_M: f64 = 0.01;
@@ -137,13 +135,13 @@ fn the_surface_follows_the_room() {
         .unwrap()
         .into_lines();
     demand_edges_of(&mesh, &edges);
-    println!("{}", demand_table(&mesh, &ends(&edges)));
+    demand_table(&mesh, &ends(&edges));
     let colors = edges.colors.clone().expect("kinds are told by colours");
     let mut creases = edges;
     creases
         .lines
         .retain(|line| colors[line[0] as usize] == CREASE_COLOR);
-    println!("{}", demand_creases(&creases));
+    demand_creases(&creases);
 }
 
 /// Every line joins two vertices that a triangle joins, and none is there twice.
@@ -201,7 +199,7 @@ fn ends(lines: &LineSet) -> Vec<[Point3<f64>; 2]> {
 }
 
 /// The outline of the table's top is among the edges, as far as the mesh has edges there at all.
-fn demand_table(mesh: &TriangleMesh, edges: &[[Point3<f64>; 2]]) -> String {
+fn demand_table(mesh: &TriangleMesh, edges: &[[Point3<f64>; 2]]) {
     let of_mesh: Vec<_> = mesh
         .triangles
         .iter()
@@ -214,13 +212,10 @@ fn demand_table(mesh: &TriangleMesh, edges: &[[Point3<f64>; 2]]) -> String {
     // The front is one edge nearly from end to end; at the other sides the mesh has none along a third.
     assert!(found[0] > 0.8 && found_mean > 0.6, "{found:.3?}");
     assert!(found_mean > 0.85 * there_mean, "{found:.3?} of {there:.3?}");
-    format!(
-        "the sides of the table: found along {found:.2?} of each, the mesh has edges on {there:.2?}"
-    )
 }
 
 /// Creases lie where the truth has some, within the noise of the mesh: where the rectangles of the scene end.
-fn demand_creases(creases: &LineSet) -> String {
+fn demand_creases(creases: &LineSet) {
     const NOISE_M: f64 = 0.01;
     let room = Scene::new(SceneKind::Room).mesh();
     let mut uses = BTreeMap::new();
@@ -238,5 +233,4 @@ fn demand_creases(creases: &LineSet) -> String {
     let is_near = |point: &&Point3<f64>| borders.iter().any(|line| apart(point, line) < NOISE_M);
     let share = samples.iter().filter(is_near).count() as f64 / samples.len() as f64;
     assert!(share > 0.35, "{share:.3}");
-    format!("{share:.2} of the creases within 1 cm of a border of the truth")
 }

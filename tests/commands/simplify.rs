@@ -1,16 +1,11 @@
 //! `linecarve simplify` end to end: the edges that it keeps, as a file.
-// Helpers of tests stand outside of test functions, where the lints would otherwise apply.
-#![allow(clippy::unwrap_used)]
-
-mod program;
-
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
 
+use crate::program::{expect_status, stderr};
 use linecarve_mesh::feature_edges::{BOUNDARY_COLOR, CREASE_COLOR};
 use linecarve_mesh::{LineSet, read_geometry};
-use program::{expect_status, stderr};
 
 /// A trough of two walls of n by n squares that stand upright on each other.
 fn trough(n: u32) -> String {

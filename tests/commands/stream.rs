@@ -1,12 +1,8 @@
 //! Streaming: the surface of a live session is that of a run over the recording, whatever happened on the way.
 
-#![allow(clippy::unwrap_used, reason = "what the tests share is part of them")]
-
-mod program;
-
 use std::path::Path;
 
-use program::{expect_status, small_sequence, stream, triangles_after};
+use crate::program::{expect_status, small_sequence, stream, triangles_after};
 use serde_json::{Value, json};
 
 const FRAMES: usize = 5;

@@ -1,14 +1,12 @@
 //! Poses that are wrong by pixels are brought back by the images before depth is estimated from them; exact ones stay.
 
-mod program;
-
 use std::path::Path;
 
+use crate::program::{distort, expect_status, stderr};
 use linecarve::Options;
 use linecarve::front_end::{ImagePoses, correct_poses};
 use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use program::{bend, expect_status, stderr};
 use tempfile::TempDir;
 
 const KEYFRAMES: usize = 10;
@@ -174,7 +172,7 @@ fn a_lens_that_the_calibration_leaves_out_is_found_and_taken_out() {
     let folder = sample_of(16, |_, pose| pose);
     let mut sequence = open(&folder);
     for frame in sequence.frames() {
-        bend(&frame.color, sequence.color_camera(), -0.09);
+        distort(&frame.color, sequence.color_camera(), -0.09);
     }
     assert!(!sequence.has_known_distortion());
     let frames: Vec<usize> = (0..16).collect();

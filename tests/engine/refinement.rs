@@ -1,11 +1,10 @@
 //! Keyframes whose depth comes from neighbours are in the map as soon as three of these have come, and what they leave when the last
 //! have is nothing.
 
-mod program;
-
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use crate::program::{contents, expect_status, small_sequence};
 use linecarve::Options;
 use linecarve::front_end::{
     Arrival, DepthSource, FrontEnd, Keyframe, SemiDenseSource, SemiDenseStage, group_size,
@@ -14,7 +13,6 @@ use linecarve::front_end::{
 use linecarve::map::Map;
 use linecarve_mesh::{LineSet, TriangleMesh};
 use linecarve_sequence::{OpenOptions, Sequence};
-use program::{contents, expect_status, small_sequence};
 
 const FRAMES: usize = 12;
 /// About that of the boxes, in metres.

@@ -1,16 +1,12 @@
 //! Streaming without depth images: the surface of a session is in the end that of a run over the recording.
 
-#![allow(clippy::unwrap_used, reason = "what the tests share is part of them")]
-
-mod program;
-
 use std::path::{Path, PathBuf};
 
+use crate::program::{distort, expect_status, stream, triangles_after};
 use base64::Engine;
 use linecarve::Options;
 use linecarve::stream::{Message, Reply, Session};
 use linecarve_lines::camera::Camera;
-use program::{bend, expect_status, stream, triangles_after};
 use serde_json::{Value, json};
 
 /// More than the keyframes that one waits for, so that some are finished while messages come.
@@ -48,7 +44,7 @@ impl Recording {
                 let name = line.split_whitespace().nth(1).unwrap();
                 std::fs::copy(sample.join(name), sequence.join(name)).unwrap();
                 if k1 != 0.0 {
-                    bend(&sequence.join(name), &pinhole, k1);
+                    distort(&sequence.join(name), &pinhole, k1);
                 }
                 sequence.join(name)
             })
