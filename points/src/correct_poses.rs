@@ -1,7 +1,7 @@
 //! Pose correction of the map's keyframes: motion-only, local and over all keyframes.
 
 use super::changes::MapChange;
-use super::map::PointMap;
+use super::map::{PointMap, median};
 use super::point::{MapObservation, MapPointId};
 use crate::pose_correction::CHI2_PIXEL;
 use crate::pose_correction::{
@@ -60,8 +60,9 @@ impl PointMap {
         if known.len() < self.correction.min_points {
             return false;
         }
-        let middle = depths.len() / 2;
-        let depth = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let Some(depth) = median(depths) else {
+            return false;
+        };
         let mut pose = start;
         let prior = self.prior(depth);
         let inliers = correct_pose(&self.camera, &mut pose, &prior, &known);

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point2, Point3, Unit, Vector3};
 
 use super::epipolar::{FeatureMatch, TwoViewGeometry, match_along_epipolar_lines};
 use super::keyframe::MapKeyframe;
-use super::map::PointMap;
+use super::map::{PointMap, median};
 use super::point::{MapObservation, MapPoint, MapPointId};
 use super::triangulate::{parallax_cosine, triangulate_rays};
 use crate::pose_correction::CHI2_PIXEL;
@@ -99,15 +99,14 @@ impl PointMap {
     /// Median depth of the points observed in a keyframe.
     pub(super) fn median_depth_in(&self, keyframe: u32) -> Option<f64> {
         let view = &self.keyframes[keyframe as usize];
-        let mut depths: Vec<f64> = view
+        let depths: Vec<f64> = view
             .points
             .iter()
             .flatten()
             .filter_map(|id| self.point(*id))
             .map(|point| (view.camera_from_world() * point.point_in_world).z)
             .collect();
-        let middle = depths.len() / 2;
-        (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+        median(depths)
     }
 
     /// Triangulates a match. `None` when the rays do not meet in front of both cameras, when parallax is too small or the

@@ -13,8 +13,8 @@ impl PointMap {
         &self.lens
     }
 
-    /// Estimates distortion together with the poses of all corrected keyframes, while one bundle adjustment can hold them. Distortion
-    /// that displaces pixels by less than the pose error is not significant and is discarded.
+    /// Estimates distortion together with the poses of all corrected keyframes, while one bundle adjustment can hold them.
+    /// Distortion that displaces pixels by less than the pose error is not significant and is discarded.
     ///
     /// # Complexity
     /// That of [`adjust_bundle`].

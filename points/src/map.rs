@@ -206,7 +206,7 @@ impl PointMap {
 
     /// Median depth of the established points in the keyframes that observe them; `None` without points.
     pub fn median_depth(&self) -> Option<f64> {
-        let mut depths: Vec<f64> = self
+        let depths: Vec<f64> = self
             .established()
             .flat_map(|(_, point)| {
                 point.observations.iter().map(|observation| {
@@ -215,8 +215,7 @@ impl PointMap {
                 })
             })
             .collect();
-        let middle = depths.len() / 2;
-        (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+        median(depths)
     }
 
     /// Reprojection errors of the established points.
@@ -238,14 +237,11 @@ impl PointMap {
             return MapQuality::default();
         }
         let squares: f64 = distances.iter().map(|distance| distance * distance).sum();
-        let median = *distances
-            .select_nth_unstable_by(observations / 2, f64::total_cmp)
-            .1;
         MapQuality {
             points,
             observations: observations,
             reprojection_rms_px: (squares / observations as f64).sqrt(),
-            reprojection_median_px: median,
+            reprojection_median_px: median(distances).unwrap_or(0.0),
         }
     }
 
@@ -330,6 +326,12 @@ impl PointMap {
     pub(super) fn center(&self, keyframe: u32) -> Point3<f64> {
         self.keyframes[keyframe as usize].center()
     }
+}
+
+/// Median, the larger of two middle values; `None` of no values.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Bad input is normal input: each fault ends in an error that names file and remedy, or in a warning and a result.
+//! Bad input ends in an error that names file and remedy, or in a warning and a result.
 
 use std::path::{Path, PathBuf};
 

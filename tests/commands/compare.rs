@@ -1,4 +1,4 @@
-//! Both surfaces from the same keyframes, end to end.
+//! `linecarve compare`: both surfaces from the same keyframes.
 
 use std::path::Path;
 

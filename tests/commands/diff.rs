@@ -1,4 +1,4 @@
-//! `linecarve diff` as its users meet it: exit status, reports, and the golden mesh of the sample.
+//! `linecarve diff`: exit status, reports and the golden mesh of the sample.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `linecarve evaluate` as its users meet it: the sample against its own ground truth, files of every format, bad input.
+//! `linecarve evaluate`: the sample against its own ground truth, files of every format, bad input.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Large images are computed on at a fraction of their size; sequences with depth images are left alone.
+//! Reduction of large images; sequences with depth images keep their size.
 
 use std::path::Path;
 

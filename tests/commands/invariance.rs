@@ -1,4 +1,4 @@
-//! The unit of the poses means nothing: the sample in other units gives the same surface in those units.
+//! Independence of the unit of the poses: the sample in other units gives the same surface in those units.
 
 use std::fmt::Write as _;
 use std::path::Path;

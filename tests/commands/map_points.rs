@@ -1,4 +1,4 @@
-//! Surfaces from map points end to end: what comes out, that it repeats, that no depth is needed, and why there is none.
+//! Reconstruction from map points: outputs, determinism, images without depth, reasons for an empty surface.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! The main job end to end on a rendered sequence: what comes out, that it repeats, and how good it is.
+//! Reconstruction of a rendered sequence: outputs, determinism and accuracy.
 
 use std::path::Path;
 

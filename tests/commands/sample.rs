@@ -1,4 +1,4 @@
-//! The sample that the project ships, against the analytic surface that it was rendered from.
+//! The sample of the project against the analytic surface from which it was rendered.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

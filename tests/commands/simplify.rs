@@ -1,4 +1,4 @@
-//! `linecarve simplify` end to end: the edges that it keeps, as a file.
+//! `linecarve simplify`: remaining feature edges as a file.
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Streaming: the surface of a live session is that of a run over the recording, whatever happened on the way.
+//! Streaming: the surface of a live session equals that of a run over the recording.
 
 use std::path::Path;
 

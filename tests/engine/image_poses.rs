@@ -1,4 +1,4 @@
-//! Poses that are wrong by pixels are brought back by the images before depth is estimated from them; exact ones stay.
+//! Pose correction from images before depth is estimated: wrong poses are corrected, exact poses stay.
 
 use std::path::Path;
 

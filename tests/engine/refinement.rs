@@ -1,5 +1,4 @@
-//! Keyframes whose depth comes from neighbours are in the map as soon as three of these have come, and what they leave when the last
-//! have is nothing.
+//! Provisional depth: keyframes enter the map early, and final depth replaces provisional depth without residue.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Streaming without depth images: the surface of a session is in the end that of a run over the recording.
+//! Streaming without depth images: the final surface of a session equals that of a run over the recording.
 
 use std::path::{Path, PathBuf};
 
