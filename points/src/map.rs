@@ -239,7 +239,7 @@ impl PointMap {
         let squares: f64 = distances.iter().map(|distance| distance * distance).sum();
         MapQuality {
             points,
-            observations: observations,
+            observations,
             reprojection_rms_px: (squares / observations as f64).sqrt(),
             reprojection_median_px: median(distances).unwrap_or(0.0),
         }

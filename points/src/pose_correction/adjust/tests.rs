@@ -75,7 +75,7 @@ fn scene(cameras: u32, pose_px: f64, pixel: f64, wrong: Option<usize>) -> Scene 
         if observations.len() >= 2 {
             tracks.push(Track {
                 point_in_world: start,
-                observations: observations,
+                observations,
             });
             points.push(point);
         }
