@@ -30,9 +30,9 @@
 //! # Ok::<(), linecarve_carving::carver::EventError>(())
 //! ```
 
+mod affected;
 mod check;
 mod commit;
-mod concerned;
 mod events;
 mod ids;
 mod points;
@@ -51,7 +51,9 @@ use nalgebra::Point3;
 use crate::labels::{Cut, Labels, Votes};
 use crate::surface::{ExportOptions, Facets, Hull, IndexedMesh, Triangle};
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
-use crate::visibility::{Crossings, Evidence, Rays, RewalkScratch, SheetScratch, Sheets, Views};
+use crate::visibility::{
+    Cells, ObservationTable, RayVisibility, SegmentVisibility, Views, Visibility,
+};
 
 use points::Points;
 
@@ -84,17 +86,11 @@ pub struct Carver {
     tetrahedra: Tetrahedralization,
     points: Points,
     views: Views,
-    rays: Rays,
-    /// Lists of rays, and the weight of each cell by rays and sheets together.
-    crossings: Crossings,
-    evidence: Evidence,
-    sheets: Sheets,
-    /// Lists of sheets.
-    meetings: Crossings,
+    rays: RayVisibility,
+    segments: SegmentVisibility,
+    cells: Cells,
     facets: Facets,
     changes: Changes,
-    scratch: RewalkScratch,
-    sheet_scratch: SheetScratch,
 }
 
 impl Default for Carver {
@@ -106,7 +102,7 @@ impl Default for Carver {
 impl Carver {
     /// Nothing seen yet.
     pub fn new(options: CarverOptions) -> Self {
-        let (labels, watched, softness) = match options.labels {
+        let (labels, threshold, softness) = match options.labels {
             Labels::Votes(votes) => (Labeling::Votes(votes), votes.threshold.get(), None),
             Labels::Cut(cut) => {
                 let labels = Labeling::Cut(Box::new(Cut::new(cut)));
@@ -118,15 +114,11 @@ impl Carver {
             tetrahedra: Tetrahedralization::new(),
             points: Points::default(),
             views: Views::default(),
-            rays: Rays::default(),
-            crossings: Crossings::new(watched),
-            evidence: Evidence::new(softness),
-            sheets: Sheets::default(),
-            meetings: Crossings::new(u64::MAX),
+            rays: RayVisibility::new(softness),
+            segments: SegmentVisibility::new(softness),
+            cells: Cells::new(threshold, softness.is_some()),
             facets: Facets::new(options.hull),
             changes: Changes::new(),
-            scratch: RewalkScratch::default(),
-            sheet_scratch: SheetScratch::default(),
         }
     }
 
@@ -158,38 +150,43 @@ impl Carver {
 
     /// Number of observations.
     pub fn ray_count(&self) -> usize {
-        self.rays.len()
+        self.rays.table().len()
     }
 
     /// Number of segments seen by views, each view counted.
     pub fn segment_count(&self) -> usize {
-        self.sheets.len()
+        self.segments.table().len()
     }
 
     /// Weight with which a view sees the segment between two points; `None` if it does not.
     pub fn segment(&self, view: ViewId, ends: [PointId; 2]) -> Option<u32> {
-        self.sheets
+        let segments = self.segments.table();
+        segments
             .find(view.0, ordered(ends))
-            .map(|sheet| self.sheets.get(sheet).weight)
+            .map(|segment| segments.weight(segment))
     }
 
     /// All segments seen by views with their weights, in no particular order; of the two points the older first.
     pub fn segments(&self) -> impl Iterator<Item = (ViewId, [PointId; 2], u32)> + '_ {
-        self.sheets.all().map(|sheet| {
-            let sheet = self.sheets.get(sheet);
-            (ViewId(sheet.view), sheet.points.map(PointId), sheet.weight)
+        let segments = self.segments.table();
+        segments.all().map(|segment| {
+            (
+                ViewId(segments.view(segment)),
+                segments.points(segment).map(PointId),
+                segments.weight(segment),
+            )
         })
     }
 
     /// Number of entries in the crossing lists: pairs of a ray and a cell that it crosses, ghost cells included, or runs
     /// in the boundary of.
     pub fn crossing_count(&self) -> u64 {
-        self.crossings.total()
+        self.rays.crossings().total()
     }
 
     /// Bytes of the crossing lists, the largest part of the memory.
     pub fn crossing_bytes(&self) -> usize {
-        self.crossings.bytes()
+        self.rays.crossings().bytes() + self.cells.weight_bytes()
     }
 
     /// Position of a point; `None` if it was removed or never added.
@@ -220,26 +217,22 @@ impl Carver {
 
     /// Weight of an observation; `None` if there is none.
     pub fn observation(&self, view: ViewId, point: PointId) -> Option<u32> {
-        self.rays
-            .find(view.0, point.0)
-            .map(|ray| self.rays.weight(ray))
+        let rays = self.rays.table();
+        rays.find(view.0, [point.0]).map(|ray| rays.weight(ray))
     }
 
     /// The views that see a point, in no particular order; none if it was removed or never added.
     pub fn views_of(&self, point: PointId) -> impl Iterator<Item = ViewId> + '_ {
-        self.rays
-            .of_point(point.0)
-            .map(|ray| ViewId(self.rays.view(ray)))
+        let rays = self.rays.table();
+        rays.of_point(point.0).map(|ray| ViewId(rays.view(ray)))
     }
 
     /// All observations with their weights, by view; within a view in no particular order.
     pub fn observations(&self) -> impl Iterator<Item = (ViewId, PointId, u32)> + '_ {
-        self.rays.all().map(|ray| {
-            (
-                ViewId(self.rays.view(ray)),
-                PointId(self.rays.point(ray)),
-                self.rays.weight(ray),
-            )
+        let rays = self.rays.table();
+        rays.all().map(|ray| {
+            let [point] = rays.points(ray);
+            (ViewId(rays.view(ray)), PointId(point), rays.weight(ray))
         })
     }
 
@@ -268,7 +261,7 @@ impl Carver {
     ///
     /// For ids that were never given out.
     pub fn weight(&self, cell: CellId) -> u64 {
-        self.crossings.weight(cell)
+        self.cells.weight(cell)
     }
 
     /// The observations whose rays cross a cell, in no particular order.
@@ -277,10 +270,17 @@ impl Carver {
     ///
     /// For ids that were never given out.
     pub fn rays_across(&self, cell: CellId) -> impl Iterator<Item = (ViewId, PointId)> + '_ {
-        self.crossings
-            .rays(cell)
-            .filter(move |&ray| !self.rays.is_degenerate(ray) || self.crosses(ray, cell))
-            .map(|ray| (ViewId(self.rays.view(ray)), PointId(self.rays.point(ray))))
+        let rays = self.rays.table();
+        let listed = self.rays.crossings().of(cell);
+        listed
+            .filter(move |&ray| {
+                !rays.is_degenerate(ray)
+                    || self.rays.crosses(&self.tetrahedra, &self.views, ray, cell)
+            })
+            .map(|ray| {
+                let [point] = rays.points(ray);
+                (ViewId(rays.view(ray)), PointId(point))
+            })
     }
 
     /// Number of surface triangles.

@@ -49,7 +49,7 @@ impl Carver {
                 corners.sort_unstable_by(|a, b| lexicographic(a, b));
                 CarvedCell {
                     corners,
-                    weight: self.crossings.weight(cell),
+                    weight: self.cells.weight(cell),
                     is_free: self.facets.is_free(cell),
                 }
             })

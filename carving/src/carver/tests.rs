@@ -186,19 +186,22 @@ impl Follower {
 /// A violation with the geometry of its witness.
 fn describe(carver: &Carver, violation: CarverViolation) -> String {
     if let CarverViolation::Weight { cell, .. } = violation {
-        let listed: Vec<_> = (carver.crossings.rays(cell))
+        let rays = carver.rays.table();
+        let listed: Vec<_> = (carver.rays.crossings().of(cell))
             .map(|r| {
-                let (view, point) = (carver.rays.view(r), carver.rays.point(r));
+                let (view, [point]) = (rays.view(r), rays.points(r));
                 let at = (carver.views.center(view), carver.point(PointId(point)));
-                let weight = carver.rays.weight(r);
+                let crosses = carver
+                    .rays
+                    .crosses(&carver.tetrahedra, &carver.views, r, cell);
                 (
                     r,
                     view,
                     point,
-                    weight,
+                    rays.weight(r),
                     at,
-                    carver.crosses(r, cell),
-                    carver.rays.is_degenerate(r),
+                    crosses,
+                    rays.is_degenerate(r),
                 )
             })
             .collect();
@@ -218,10 +221,8 @@ fn describe(carver: &Carver, violation: CarverViolation) -> String {
         .filter(|v| !v.is_ghost())
         .map(|v| t.coordinates(v))
         .collect();
-    let ray = carver
-        .rays
-        .find(view.0, point.0)
-        .map(|r| carver.rays.is_degenerate(r));
+    let rays = carver.rays.table();
+    let ray = rays.find(view.0, [point.0]).map(|r| rays.is_degenerate(r));
     let (center, target) = (carver.view(view), carver.point(point));
     let at = carver.views.viewpoint(view.0);
     format!("{violation}: {corners:?}, {center:?} ({at:?}) -> {target:?}, degenerate {ray:?}")
@@ -324,7 +325,10 @@ fn run(seed: u64, steps: usize) {
         follower.follow(&carver, &report.surface);
     }
     assert_eq!((carver.ray_count(), carver.crossing_count()), (0, 0));
-    assert_eq!((carver.segment_count(), carver.meetings.total()), (0, 0));
+    assert_eq!(
+        (carver.segment_count(), carver.segments.crossings().total()),
+        (0, 0)
+    );
     assert_eq!(carver.triangle_count(), 0);
 }
 
@@ -393,7 +397,7 @@ fn moves_that_destroy_most_cells_lead_to_the_state_built_from_scratch() {
             points.push(point);
         }
         transaction.commit().unwrap();
-        assert!(carver.crossings.total() / 2 > 1 << 14);
+        assert!(carver.rays.crossings().total() / 2 > 1 << 14);
         let moves: Vec<Event> = (points
             .iter()
             .step_by(5)

@@ -8,16 +8,17 @@ use super::events::{Event, EventError};
 use super::ids::{PointId, ViewId};
 use super::{Carver, ordered};
 use crate::tetrahedralization::accept;
-use crate::visibility::Rays;
+use crate::visibility::rays::Rays;
+use crate::visibility::{ObservationTable, Visibility};
 
 /// Largest number of points of a carver.
 const MAX_POINTS: usize = 1 << 26;
 /// Largest number of observations of a carver.
 const MAX_RAYS: usize = (u32::MAX - 1) as usize;
 
-/// What a transaction makes of a point or a view that existed before.
+/// The pending change of a point or view that existed before the transaction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Fate {
+pub(super) enum PendingChange {
     Removed,
     Moved([f64; 3]),
 }
@@ -29,19 +30,47 @@ pub(super) struct Plan {
     pub(super) new_points: Vec<Option<[f64; 3]>>,
     /// New views in order of their ids; `None` if removed again.
     pub(super) new_views: Vec<Option<[f64; 3]>>,
-    pub(super) points: FxHashMap<u32, Fate>,
-    pub(super) views: FxHashMap<u32, Fate>,
+    pub(super) points: FxHashMap<u32, PendingChange>,
+    pub(super) views: FxHashMap<u32, PendingChange>,
     /// New standard deviations, of points old and new.
     pub(super) sigmas: FxHashMap<u32, Option<f64>>,
-    /// Final weight of each observation `(view, point)` touched, `None` if there is none any more. Ends that are
-    /// removed after all take precedence.
-    pub(super) observations: FxHashMap<(u32, u32), Option<u32>>,
-    /// The keys of `observations` in the order of first mention.
-    pub(super) order: Vec<(u32, u32)>,
-    /// Final weight of each segment `(view, points)` touched, likewise.
-    pub(super) segments: FxHashMap<(u32, [u32; 2]), Option<u32>>,
-    /// The keys of `segments` in the order of first mention.
-    pub(super) segment_order: Vec<(u32, [u32; 2])>,
+    pub(super) rays: PlannedWeights<1>,
+    pub(super) segments: PlannedWeights<2>,
+}
+
+/// The net effect of a transaction's events on the observations of one kind, each by one view of `N` points.
+#[derive(Clone, Debug, Default)]
+pub(super) struct PlannedWeights<const N: usize> {
+    /// Final weight of each observation mentioned, `None` if it is removed. It is removed as well when its view or one of
+    /// its points is.
+    weights: FxHashMap<(u32, [u32; N]), Option<u32>>,
+    /// The observations mentioned, in order.
+    order: Vec<(u32, [u32; N])>,
+}
+
+impl<const N: usize> PlannedWeights<N> {
+    fn set(&mut self, view: u32, points: [u32; N], weight: Option<u32>) {
+        let key = (view, points);
+        if self.weights.insert(key, weight).is_none() {
+            self.order.push(key);
+        }
+    }
+
+    /// Final weight of an observation that is mentioned.
+    pub(super) fn get(&self, view: u32, points: [u32; N]) -> Option<Option<u32>> {
+        self.weights.get(&(view, points)).copied()
+    }
+
+    /// The observations mentioned with their final weights, in order of first mention.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (u32, [u32; N], Option<u32>)> + '_ {
+        let weighted =
+            |&(view, points): &(u32, [u32; N])| (view, points, self.weights[&(view, points)]);
+        self.order.iter().map(weighted)
+    }
+
+    fn len(&self) -> usize {
+        self.order.len()
+    }
 }
 
 /// A set of changes to a [`Carver`] that take effect together on [`commit`](Self::commit); dropped without, it leaves the
@@ -74,7 +103,7 @@ impl<'a> Transaction<'a> {
             Some(new) => matches!(self.plan.new_points.get(new), Some(Some(_))),
             None => {
                 self.carver.points.get(point.0).is_some()
-                    && self.plan.points.get(&point.0) != Some(&Fate::Removed)
+                    && self.plan.points.get(&point.0) != Some(&PendingChange::Removed)
             }
         };
         exists
@@ -88,7 +117,7 @@ impl<'a> Transaction<'a> {
             Some(new) => matches!(self.plan.new_views.get(new), Some(Some(_))),
             None => {
                 self.carver.views.is_alive(view.0)
-                    && self.plan.views.get(&view.0) != Some(&Fate::Removed)
+                    && self.plan.views.get(&view.0) != Some(&PendingChange::Removed)
             }
         };
         exists.then_some(()).ok_or(EventError::UnknownView { view })
@@ -96,18 +125,11 @@ impl<'a> Transaction<'a> {
 
     /// Current weight of an observation whose ends exist.
     fn weight(&self, view: ViewId, point: PointId) -> Option<u32> {
-        match self.plan.observations.get(&(view.0, point.0)) {
-            Some(weight) => *weight,
+        match self.plan.rays.get(view.0, [point.0]) {
+            Some(weight) => weight,
             // A new view has seen nothing before.
             None if view >= self.carver.next_view() => None,
             None => self.carver.observation(view, point),
-        }
-    }
-
-    fn set_weight(&mut self, view: ViewId, point: PointId, weight: Option<u32>) {
-        let key = (view.0, point.0);
-        if self.plan.observations.insert(key, weight).is_none() {
-            self.plan.order.push(key);
         }
     }
 
@@ -175,14 +197,14 @@ impl<'a> Transaction<'a> {
         if weight == 0 {
             return Err(EventError::ZeroWeight { view, point });
         }
-        if self.carver.rays.len() + self.plan.order.len() >= MAX_RAYS {
+        if self.carver.rays.table().len() + self.plan.rays.len() >= MAX_RAYS {
             return Err(EventError::Full);
         }
         let before = self.weight(view, point).unwrap_or(0);
         let weight = before
             .checked_add(weight)
             .ok_or(EventError::WeightOverflow { view, point })?;
-        self.set_weight(view, point, Some(weight));
+        self.plan.rays.set(view.0, [point.0], Some(weight));
         Ok(())
     }
 
@@ -196,7 +218,7 @@ impl<'a> Transaction<'a> {
         match (view.0 as usize).checked_sub(self.carver.views.capacity()) {
             Some(new) => self.plan.new_views[new] = None,
             None => {
-                self.plan.views.insert(view.0, Fate::Removed);
+                self.plan.views.insert(view.0, PendingChange::Removed);
             }
         }
         Ok(())
@@ -212,7 +234,7 @@ impl<'a> Transaction<'a> {
         match (point.0 as usize).checked_sub(self.carver.points.capacity()) {
             Some(new) => self.plan.new_points[new] = None,
             None => {
-                self.plan.points.insert(point.0, Fate::Removed);
+                self.plan.points.insert(point.0, PendingChange::Removed);
             }
         }
         Ok(())
@@ -229,14 +251,14 @@ impl<'a> Transaction<'a> {
         if self.weight(view, point).is_none() {
             return Err(EventError::UnknownObservation { view, point });
         }
-        self.set_weight(view, point, None);
+        self.plan.rays.set(view.0, [point.0], None);
         Ok(())
     }
 
     /// Current weight of a segment whose view and ends exist.
     fn segment_weight(&self, view: ViewId, ends: [PointId; 2]) -> Option<u32> {
-        match self.plan.segments.get(&(view.0, ordered(ends))) {
-            Some(weight) => *weight,
+        match self.plan.segments.get(view.0, ordered(ends)) {
+            Some(weight) => weight,
             None => self.carver.segment(view, ends),
         }
     }
@@ -244,13 +266,6 @@ impl<'a> Transaction<'a> {
     fn require_segment(&self, view: ViewId, ends: [PointId; 2]) -> Result<(), EventError> {
         self.require_view(view)?;
         ends.into_iter().try_for_each(|end| self.require_point(end))
-    }
-
-    fn set_segment(&mut self, view: ViewId, ends: [PointId; 2], weight: Option<u32>) {
-        let key = (view.0, ordered(ends));
-        if self.plan.segments.insert(key, weight).is_none() {
-            self.plan.segment_order.push(key);
-        }
     }
 
     /// Lets a view see the whole segment between two points: every cell whose open interior meets the triangle between
@@ -270,13 +285,13 @@ impl<'a> Transaction<'a> {
         weight: u32,
     ) -> Result<(), EventError> {
         self.require_segment(view, ends)?;
-        if self.carver.sheets.len() + self.plan.segment_order.len() >= MAX_RAYS {
+        if self.carver.segments.table().len() + self.plan.segments.len() >= MAX_RAYS {
             return Err(EventError::Full);
         }
         let before = self.segment_weight(view, ends).unwrap_or(0);
         match before.checked_add(weight) {
             Some(sum) if weight > 0 => {
-                self.set_segment(view, ends, Some(sum));
+                self.plan.segments.set(view.0, ordered(ends), Some(sum));
                 Ok(())
             }
             _ => Err(EventError::SegmentWeight { view, ends }),
@@ -293,7 +308,7 @@ impl<'a> Transaction<'a> {
         if self.segment_weight(view, ends).is_none() {
             return Err(EventError::UnknownSegment { view, ends });
         }
-        self.set_segment(view, ends, None);
+        self.plan.segments.set(view.0, ordered(ends), None);
         Ok(())
     }
 
@@ -308,7 +323,7 @@ impl<'a> Transaction<'a> {
         match (view.0 as usize).checked_sub(self.carver.views.capacity()) {
             Some(new) => self.plan.new_views[new] = Some(center),
             None => {
-                self.plan.views.insert(view.0, Fate::Moved(center));
+                self.plan.views.insert(view.0, PendingChange::Moved(center));
             }
         }
         Ok(())
@@ -325,7 +340,9 @@ impl<'a> Transaction<'a> {
         match (point.0 as usize).checked_sub(self.carver.points.capacity()) {
             Some(new) => self.plan.new_points[new] = Some(position),
             None => {
-                self.plan.points.insert(point.0, Fate::Moved(position));
+                self.plan
+                    .points
+                    .insert(point.0, PendingChange::Moved(position));
             }
         }
         Ok(())

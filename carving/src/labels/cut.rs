@@ -104,7 +104,7 @@ impl Cut {
 
     /// Sets the terminal of a cell and the capacities of the arcs into it.
     fn settle(&mut self, tetrahedra: &Tetrahedralization, cell: CellId, sums: &CellEvidence) {
-        let mut granted = sums.free as i64 - sums.matter as i64;
+        let mut granted = sums.free as i64 - sums.occupied as i64;
         for facet in 0..4 {
             let (other, back) = tetrahedra.neighbor(cell, facet);
             if tetrahedra.is_ghost(other) {

@@ -104,7 +104,8 @@ impl CutOptions {
         Softness {
             relative_sigma: within(self.relative_sigma, 1.0),
             behind_sigmas: within(self.behind_sigmas, 100.0),
-            tie: (within(self.matter_weight, Self::MAX_MATTER) * UNIT as f64).round() as u64,
+            anchor_weight: (within(self.matter_weight, Self::MAX_MATTER) * UNIT as f64).round()
+                as u64,
         }
     }
 

@@ -240,9 +240,9 @@ pub(super) fn relate_seen_cell(
         let [p, q, r] = facet.map(|k| cell[k]);
         let plane = FacetPlane::new([p, q, r]);
         let mut sides = Sides::default();
-        for (place, corner) in triangle.corners.into_iter().enumerate() {
+        for (k, corner) in triangle.corners.into_iter().enumerate() {
             if corner == p || corner == q || corner == r {
-                is_generic &= place != 0;
+                is_generic &= k != 0;
                 sides.add(0.0);
             } else {
                 let side = plane.side(corner);

@@ -19,7 +19,7 @@ const SURE_BOUNDS: std::ops::Range<f64> = 1e-200..1e250;
 
 /// The triangle between a centre and two ends.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::visibility) struct Triangle<'a> {
+pub(in crate::visibility::segments) struct Triangle<'a> {
     /// Centre and ends.
     pub(super) corners: [&'a [f64; 3]; 3],
     ends: [[f64; 3]; 2],
@@ -34,7 +34,7 @@ pub(in crate::visibility) struct Triangle<'a> {
 
 /// A point as a triangle sees it.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in crate::visibility) struct Seen {
+pub(in crate::visibility::segments) struct Seen {
     /// Side of the plane; its sign is exact.
     pub(super) above: f64,
     height: f64,
@@ -52,7 +52,7 @@ fn sure(value: f64, bound: f64) -> Option<f64> {
 }
 
 impl<'a> Triangle<'a> {
-    pub(in crate::visibility) fn new(corners: [&'a [f64; 3]; 3]) -> Self {
+    pub(in crate::visibility::segments) fn new(corners: [&'a [f64; 3]; 3]) -> Self {
         let [center, a, b] = corners;
         let ends = [minus(a, center), minus(b, center)];
         let normal = cross(&ends[0], &ends[1]);
@@ -71,7 +71,7 @@ impl<'a> Triangle<'a> {
     }
 
     /// A point as the triangle sees it.
-    pub(in crate::visibility) fn see(&self, point: &[f64; 3]) -> Seen {
+    pub(in crate::visibility::segments) fn see(&self, point: &[f64; 3]) -> Seen {
         let [center, a, b] = self.corners;
         let t = minus(point, center);
         let reach = larger(largest(&t), self.size);

@@ -1,8 +1,6 @@
-//! The table of rays, listed per view and per point.
+//! The table of rays, listed by view and by point.
 
-/// An observation as the crossing lists know it. Ids of removed rays are given out again.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub(crate) struct RayId(pub(crate) u32);
+use super::super::{ObservationId, ObservationTable};
 
 const NONE: u32 = u32::MAX;
 const HALF: u32 = 1 << 31;
@@ -24,7 +22,7 @@ struct Links {
     of_view: [u32; 2],
 }
 
-/// Rays with their view, point, vertex and weight.
+/// Rays with their view, point, vertex, standard deviation and weight.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rays {
     hot: Vec<Hot>,
@@ -32,15 +30,21 @@ pub(crate) struct Rays {
     first_of_point: Vec<u32>,
     first_of_view: Vec<u32>,
     free: Vec<u32>,
+    /// Standard deviation of the point of each ray; empty unless asked for.
+    sigmas: Vec<Option<f64>>,
+    has_sigmas: bool,
 }
 
 impl Rays {
     /// Number of views that ids can tell apart.
     pub(crate) const MAX_VIEWS: usize = (HALF - 1) as usize;
 
-    /// Number of rays.
-    pub(crate) fn len(&self) -> usize {
-        self.hot.len() - self.free.len()
+    /// No rays. Standard deviations are kept where asked for.
+    pub(super) fn new(has_sigmas: bool) -> Self {
+        Self {
+            has_sigmas,
+            ..Self::default()
+        }
     }
 
     /// Length of an array indexed by ray.
@@ -48,39 +52,21 @@ impl Rays {
         self.hot.len()
     }
 
-    /// The view of a ray.
-    #[inline]
-    pub(crate) fn view(&self, ray: RayId) -> u32 {
-        self.hot[ray.0 as usize].view & !HALF
-    }
-
-    /// The point of a ray.
-    #[inline]
-    pub(crate) fn point(&self, ray: RayId) -> u32 {
-        self.links[ray.0 as usize].point
-    }
-
     /// The vertex at which a ray ends.
     #[inline]
-    pub(crate) fn vertex(&self, ray: RayId) -> u32 {
+    pub(crate) fn vertex(&self, ray: ObservationId) -> u32 {
         self.hot[ray.0 as usize].vertex
-    }
-
-    /// The weight of a ray.
-    #[inline]
-    pub(crate) fn weight(&self, ray: RayId) -> u32 {
-        self.hot[ray.0 as usize].weight
     }
 
     /// Whether the ray may meet an edge or a vertex, or run inside a facet.
     ///
     /// While it is false, the ray passes between the cells that list it through the interior of facets only.
     #[inline]
-    pub(crate) fn is_degenerate(&self, ray: RayId) -> bool {
+    pub(crate) fn is_degenerate(&self, ray: ObservationId) -> bool {
         self.hot[ray.0 as usize].view & HALF != 0
     }
 
-    pub(crate) fn set_degenerate(&mut self, ray: RayId, degenerate: bool) {
+    pub(crate) fn set_degenerate(&mut self, ray: ObservationId, degenerate: bool) {
         let view = &mut self.hot[ray.0 as usize].view;
         *view = if degenerate {
             *view | HALF
@@ -88,17 +74,77 @@ impl Rays {
             *view & !HALF
         };
     }
+}
 
-    pub(crate) fn set_vertex(&mut self, ray: RayId, vertex: u32) {
-        self.hot[ray.0 as usize].vertex = vertex;
+impl ObservationTable<1> for Rays {
+    fn len(&self) -> usize {
+        self.hot.len() - self.free.len()
     }
 
-    pub(crate) fn set_weight(&mut self, ray: RayId, weight: u32) {
-        self.hot[ray.0 as usize].weight = weight;
+    /// All rays, view by view.
+    fn all(&self) -> impl Iterator<Item = ObservationId> + '_ {
+        (0..self.first_of_view.len() as u32).flat_map(|view| self.of_view(view))
     }
 
-    /// Adds a ray. The vertex is that of the point.
-    pub(crate) fn add(&mut self, view: u32, point: u32, vertex: u32, weight: u32) -> RayId {
+    /// The rays to a point, latest first.
+    fn of_point(&self, point: u32) -> impl Iterator<Item = ObservationId> + '_ {
+        let mut next = self
+            .first_of_point
+            .get(point as usize)
+            .copied()
+            .unwrap_or(NONE);
+        std::iter::from_fn(move || {
+            let ray = next;
+            next = self.links.get(ray as usize)?.of_point[1];
+            Some(ObservationId(ray))
+        })
+    }
+
+    /// The rays from a view, latest first.
+    fn of_view(&self, view: u32) -> impl Iterator<Item = ObservationId> + '_ {
+        let mut next = self
+            .first_of_view
+            .get(view as usize)
+            .copied()
+            .unwrap_or(NONE);
+        std::iter::from_fn(move || {
+            let ray = next;
+            next = self.links.get(ray as usize)?.of_view[1];
+            Some(ObservationId(ray))
+        })
+    }
+
+    /// Linear in the number of rays to the point.
+    fn find(&self, view: u32, [point]: [u32; 1]) -> Option<ObservationId> {
+        self.of_point(point).find(|&ray| self.view(ray) == view)
+    }
+
+    #[inline]
+    fn view(&self, ray: ObservationId) -> u32 {
+        self.hot[ray.0 as usize].view & !HALF
+    }
+
+    #[inline]
+    fn points(&self, ray: ObservationId) -> [u32; 1] {
+        [self.links[ray.0 as usize].point]
+    }
+
+    #[inline]
+    fn vertices(&self, ray: ObservationId) -> [u32; 1] {
+        [self.vertex(ray)]
+    }
+
+    #[inline]
+    fn sigmas(&self, ray: ObservationId) -> [Option<f64>; 1] {
+        [self.sigmas.get(ray.0 as usize).copied().flatten()]
+    }
+
+    #[inline]
+    fn weight(&self, ray: ObservationId) -> u32 {
+        self.hot[ray.0 as usize].weight
+    }
+
+    fn insert(&mut self, view: u32, [point]: [u32; 1], weight: u32) -> ObservationId {
         let grow = |firsts: &mut Vec<u32>, index: u32| {
             if firsts.len() <= index as usize {
                 firsts.resize(index as usize + 1, NONE);
@@ -108,7 +154,7 @@ impl Rays {
         grow(&mut self.first_of_view, view);
         let hot = Hot {
             view,
-            vertex,
+            vertex: NONE,
             weight,
         };
         let links = Links {
@@ -133,11 +179,10 @@ impl Rays {
         }
         self.first_of_point[point as usize] = ray;
         self.first_of_view[view as usize] = ray;
-        RayId(ray)
+        ObservationId(ray)
     }
 
-    /// Removes a ray.
-    pub(crate) fn remove(&mut self, ray: RayId) {
+    fn remove(&mut self, ray: ObservationId) {
         let view = self.view(ray);
         let Links {
             point,
@@ -161,42 +206,17 @@ impl Rays {
         self.free.push(ray.0);
     }
 
-    /// The rays to a point, latest first.
-    pub(crate) fn of_point(&self, point: u32) -> impl Iterator<Item = RayId> + '_ {
-        let mut next = self
-            .first_of_point
-            .get(point as usize)
-            .copied()
-            .unwrap_or(NONE);
-        std::iter::from_fn(move || {
-            let ray = next;
-            next = self.links.get(ray as usize)?.of_point[1];
-            Some(RayId(ray))
-        })
+    fn set_ends(&mut self, ray: ObservationId, [vertex]: [u32; 1], [sigma]: [Option<f64>; 1]) {
+        self.hot[ray.0 as usize].vertex = vertex;
+        if self.has_sigmas {
+            self.sigmas
+                .resize(self.hot.len().max(self.sigmas.len()), None);
+            self.sigmas[ray.0 as usize] = sigma;
+        }
     }
 
-    /// The rays from a view, latest first.
-    pub(crate) fn of_view(&self, view: u32) -> impl Iterator<Item = RayId> + '_ {
-        let mut next = self
-            .first_of_view
-            .get(view as usize)
-            .copied()
-            .unwrap_or(NONE);
-        std::iter::from_fn(move || {
-            let ray = next;
-            next = self.links.get(ray as usize)?.of_view[1];
-            Some(RayId(ray))
-        })
-    }
-
-    /// The ray from a view to a point; linear in the number of rays to the point.
-    pub(crate) fn find(&self, view: u32, point: u32) -> Option<RayId> {
-        self.of_point(point).find(|&ray| self.view(ray) == view)
-    }
-
-    /// All rays in use, view by view.
-    pub(crate) fn all(&self) -> impl Iterator<Item = RayId> + '_ {
-        (0..self.first_of_view.len() as u32).flat_map(|view| self.of_view(view))
+    fn set_weight(&mut self, ray: ObservationId, weight: u32) {
+        self.hot[ray.0 as usize].weight = weight;
     }
 }
 
@@ -207,16 +227,16 @@ mod tests {
     #[test]
     fn rays_are_found_by_view_and_by_point() {
         let mut rays = Rays::default();
-        let ids: Vec<RayId> = (0..12).map(|i| rays.add(i % 3, i / 3, i / 3, 1)).collect();
+        let ids: Vec<ObservationId> = (0..12).map(|i| rays.insert(i % 3, [i / 3], 1)).collect();
         assert_eq!(rays.of_view(1).count(), 4);
         assert_eq!(rays.of_point(2).count(), 3);
-        assert_eq!(rays.find(2, 1), Some(ids[5]));
+        assert_eq!(rays.find(2, [1]), Some(ids[5]));
         rays.remove(ids[5]);
         rays.remove(ids[0]);
-        assert_eq!(rays.find(2, 1), None);
+        assert_eq!(rays.find(2, [1]), None);
         assert_eq!((rays.of_view(2).count(), rays.of_point(1).count()), (3, 2));
         assert_eq!((rays.len(), rays.all().count()), (10, 10));
-        assert_eq!(rays.add(0, 7, 9, 4), ids[0]);
+        assert_eq!(rays.insert(0, [7], 4), ids[0]);
         rays.set_degenerate(ids[0], true);
         assert_eq!((rays.view(ids[0]), rays.is_degenerate(ids[0])), (0, true));
     }
