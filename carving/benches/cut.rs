@@ -8,14 +8,13 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve_carving::carver::{Carver, CarverOptions, PointId};
-use linecarve_carving::labels::{CutOptions, Labels};
+use linecarve_carving::{Carver, CarverOptions, CutOptions, Labels, PointId};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 #[allow(dead_code)] // Rooms of the other benches and tests.
-#[path = "../tests/rooms/mod.rs"]
+#[path = "../tests/all/helpers/rooms.rs"]
 mod rooms;
 
 /// With [`NEW_POINTS`] of each, 50,000 points.

@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-use linecarve_carving::carver::{
-    Carver, CarverOptions, CommitReport, EventError, PointId, Snapshot, Transaction, ViewId,
+use linecarve_carving::internals::Snapshot;
+use linecarve_carving::{
+    Carver, CarverOptions, CommitReport, CutOptions, ExportOptions, Hull, IndexedMesh, Labels,
+    PointId, Transaction, TransactionError, ViewId, Votes,
 };
-use linecarve_carving::labels::{CutOptions, Labels, Votes};
-use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -132,7 +132,7 @@ impl Names {
 
     /// Adds the events of a line to a transaction.
     fn enter(&mut self, transaction: &mut Transaction<'_>, line: &Line) -> Result<(), String> {
-        let refused = |what: String| move |error: EventError| format!("{what}: {error}");
+        let refused = |what: String| move |error: TransactionError| format!("{what}: {error}");
         match (line.keyframe, line.camera) {
             (Some(keyframe), Some([x, y, z])) => {
                 if self.views.contains_key(&keyframe) {

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-use linecarve_carving::tetrahedralization::{Changes, Insertion, Tetrahedralization, VertexId};
+use linecarve_carving::{Changes, Insertion, Tetrahedralization, VertexId};
 use nalgebra::Point3;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use linecarve_carving::carver::Carver;
+use linecarve_carving::Carver;
 use nalgebra::{Point3, Vector3};
 
 use crate::commands::output::{OutputFolder, surface_part};

@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use linecarve_carving::carver::{Carver, CarverOptions, EventError};
-use linecarve_carving::surface::{ExportOptions, Hull, SurfaceDelta, Triangle};
-use linecarve_carving::tetrahedralization::VertexId;
+use linecarve_carving::VertexId;
+use linecarve_carving::{Carver, CarverOptions, TransactionError};
+use linecarve_carving::{ExportOptions, Hull, SurfaceDelta, Triangle};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::cluster::ClusterOptionsError;
 use linecarve_lines::depth::SensorNoise;
@@ -36,7 +36,7 @@ pub enum BackEndError {
         /// Number of the keyframe.
         keyframe: usize,
         /// Why.
-        source: EventError,
+        source: TransactionError,
     },
 }
 

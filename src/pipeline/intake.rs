@@ -1,7 +1,7 @@
 //! Where the measurements of keyframes go: to landmarks, and to the points of the carver.
 
-use linecarve_carving::carver::{Carver, EventError, PointId, Transaction, ViewId};
-use linecarve_carving::tetrahedralization::IncidentCells;
+use linecarve_carving::IncidentCells;
+use linecarve_carving::{Carver, PointId, Transaction, TransactionError, ViewId};
 use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
@@ -122,7 +122,7 @@ impl Intake {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurement: &Measurement,
-    ) -> Result<u32, EventError> {
+    ) -> Result<u32, TransactionError> {
         let landmark = match self.landmarks.observe(measurement) {
             Observed::New(landmark) => {
                 let point = transaction.add_point(measurement.point_in_world)?;
@@ -142,7 +142,7 @@ impl Intake {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let mut last: Option<(u32, Measurement)> = None;
         for measurement in measurements {
             let landmark = self.take(transaction, &measurement)?;
@@ -181,7 +181,7 @@ impl Intake {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         for measurement in measurements {
             self.take(transaction, &measurement)?;
         }
@@ -194,7 +194,7 @@ impl Intake {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let before = std::mem::take(&mut self.seen);
         self.take_singly(transaction, measurements)?;
         let landmarks = &self.landmarks;
@@ -210,7 +210,7 @@ impl Intake {
         transaction: &mut Transaction<'_>,
         surface: &KeyframeSurface<'_>,
         options: &SurfacePointOptions,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.vertex_of.resize(self.points.len(), NONE);
         for place in 0..self.seen.len() {
             let landmark = self.seen[place];
@@ -299,7 +299,7 @@ impl Intake {
     pub(super) fn settle(
         &mut self,
         transaction: &mut Transaction<'_>,
-    ) -> Result<(usize, usize), EventError> {
+    ) -> Result<(usize, usize), TransactionError> {
         let (mut moved, mut removed) = (0, 0);
         for &landmark in self.contradicted.iter().chain(&self.seen) {
             let point = self.points[landmark as usize];
@@ -330,7 +330,7 @@ impl Intake {
         transaction: &mut Transaction<'_>,
         view: ViewId,
         center: &Point3<f64>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.observed.clear();
         for &landmark in &self.seen {
             let point = self.points[landmark as usize];
@@ -359,7 +359,7 @@ impl Intake {
         view: ViewId,
         center: &Point3<f64>,
         weights: [u32; 2],
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let pairs = [&mut self.stretches, &mut self.edges];
         for ((pairs, triangles), weight) in pairs.into_iter().zip(&mut self.triangles).zip(weights)
         {

@@ -3,7 +3,7 @@
 use std::num::NonZeroU64;
 
 use clap::ValueEnum;
-use linecarve_carving::labels::{CutOptions, Labels, Votes};
+use linecarve_carving::{CutOptions, Labels, Votes};
 use serde::{Deserialize, Serialize};
 
 use super::options::CarvingOptions;

@@ -3,8 +3,8 @@
 
 use std::time::{Duration, Instant};
 
-use linecarve_carving::carver::{Carver, CarverOptions, EventError, PointId, ViewId};
-use linecarve_carving::surface::{ExportOptions, Hull};
+use linecarve_carving::{Carver, CarverOptions, PointId, TransactionError, ViewId};
+use linecarve_carving::{ExportOptions, Hull};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
@@ -75,7 +75,7 @@ pub enum PointBackEndError {
         /// Number of the keyframe.
         keyframe: usize,
         /// Why.
-        source: EventError,
+        source: TransactionError,
     },
 }
 
@@ -238,7 +238,7 @@ impl PointBackEnd {
     }
 
     /// Lets the carver follow what has changed in the map.
-    fn follow(&mut self, update: &mut PointUpdate) -> Result<(), EventError> {
+    fn follow(&mut self, update: &mut PointUpdate) -> Result<(), TransactionError> {
         let mut transaction = self.carver.transaction();
         for new in &self.map.keyframes()[self.views.len()..] {
             self.views.push(transaction.add_view(new.center())?);

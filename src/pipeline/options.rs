@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use linecarve_carving::labels::CutOptionsError;
+use linecarve_carving::CutOptionsError;
 use linecarve_lines::ExtractOptions;
 use linecarve_lines::baselines::{
     DecoupledOptions, LineDetectorOptions, MatchedOptions, MethodOptions, PointCloudOptions,

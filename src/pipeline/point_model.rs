@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use linecarve_carving::carver::{Carver, EventError, PointId, Transaction};
+use linecarve_carving::{Carver, PointId, Transaction, TransactionError};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
@@ -53,7 +53,7 @@ pub enum PointModelError {
         /// Its name.
         name: String,
         /// Why.
-        source: EventError,
+        source: TransactionError,
     },
     /// The carver refuses a point.
     #[error("point {point} of the model cannot be used: {source}")]
@@ -61,7 +61,7 @@ pub enum PointModelError {
         /// Index of the point.
         point: usize,
         /// Why.
-        source: EventError,
+        source: TransactionError,
     },
     /// The carver refuses what a view adds.
     #[error("view {name} of the model cannot be carved: {source}")]
@@ -69,7 +69,7 @@ pub enum PointModelError {
         /// Name of the view.
         name: String,
         /// Why.
-        source: EventError,
+        source: TransactionError,
     },
 }
 

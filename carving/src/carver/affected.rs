@@ -1,7 +1,7 @@
 //! Which existing observations a transaction affects, and whether its final state is valid.
 
 use super::Carver;
-use super::events::EventError;
+use super::error::TransactionError;
 use super::ids::{PointId, ViewId};
 use super::transaction::{PendingChange, Plan, PlannedWeights};
 use crate::visibility::{ObservationId, ObservationTable, Visibility};
@@ -107,7 +107,7 @@ impl Plan {
         &self,
         carver: &Carver,
         affected: &[ObservationId],
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let check = |view: u32, point: u32| {
             let ends = (
                 self.final_view(carver, view),
@@ -116,7 +116,7 @@ impl Plan {
             match ends {
                 (Some(center), Some(position)) if center == position => {
                     let (view, point) = (ViewId(view), PointId(point));
-                    Err(EventError::ZeroLengthRay { view, point })
+                    Err(TransactionError::ZeroLengthRay { view, point })
                 }
                 _ => Ok(()),
             }

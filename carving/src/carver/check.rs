@@ -6,7 +6,7 @@ use super::ids::{PointId, ViewId};
 use super::{Carver, Labeling};
 use crate::flow::FlowViolation;
 use crate::surface::SurfaceViolation;
-use crate::tetrahedralization::{CellId, Violation};
+use crate::tetrahedralization::{CellId, TetrahedralizationViolation};
 use crate::visibility::{Contribution, ListError, ObservationTable, Visibility};
 
 /// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
@@ -14,7 +14,7 @@ use crate::visibility::{Contribution, ListError, ObservationTable, Visibility};
 pub enum CarverViolation {
     /// The tetrahedralisation is broken.
     #[error(transparent)]
-    Tetrahedra(#[from] Violation),
+    Tetrahedra(#[from] TetrahedralizationViolation),
     /// The surface is broken.
     #[error(transparent)]
     Surface(#[from] SurfaceViolation),

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
 use super::affected::Affected;
-use super::events::EventError;
+use super::error::TransactionError;
 use super::points::Points;
 use super::transaction::{PendingChange, Plan, PlannedWeights, Transaction};
 use super::{Carver, Labeling};
@@ -24,6 +24,7 @@ const MANY_ENTRIES: u64 = 1 << 14;
 
 /// What a transaction did.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CommitReport {
     /// The change of the surface.
     pub surface: SurfaceDelta,
@@ -39,6 +40,7 @@ pub struct CommitReport {
 
 /// Time spent by a commit, by part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CommitTimes {
     /// Inserting, removing and moving vertices.
     pub tetrahedra: Duration,
@@ -49,7 +51,7 @@ pub struct CommitTimes {
 }
 
 /// Makes the changes of a transaction, or none.
-pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, EventError> {
+pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, TransactionError> {
     let Transaction { carver, mut plan } = transaction;
     plan.drop_idle_changes(carver);
     let affected = plan.affected(carver);
@@ -58,7 +60,7 @@ pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, Event
         .tetrahedra
         .has_room_for(plan.points.len() + plan.new_points.len())
     {
-        return Err(EventError::Full);
+        return Err(TransactionError::Full);
     }
     Ok(carver.make(&plan, affected))
 }

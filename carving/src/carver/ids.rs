@@ -2,8 +2,10 @@
 
 /// A point of a [`Carver`](super::Carver); given once, never to another point.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PointId(pub u32);
 
 /// A view of a [`Carver`](super::Carver); given once, never to another view.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ViewId(pub u32);

@@ -10,8 +10,8 @@
 //! A view in the middle of a cube of eight points sees the corners one by one and carves the cube free.
 //!
 //! ```
-//! use linecarve_carving::carver::{Carver, CarverOptions};
-//! use linecarve_carving::surface::{ExportOptions, Hull};
+//! use linecarve_carving::{Carver, CarverOptions};
+//! use linecarve_carving::{ExportOptions, Hull};
 //! use nalgebra::Point3;
 //!
 //! let mut carver = Carver::new(CarverOptions { hull: Hull::Keep, ..Default::default() });
@@ -27,22 +27,24 @@
 //!
 //! let mesh = carver.mesh(&ExportOptions::default());
 //! assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (8, 12));
-//! # Ok::<(), linecarve_carving::carver::EventError>(())
+//! # Ok::<(), linecarve_carving::TransactionError>(())
 //! ```
 
 mod affected;
 mod check;
 mod commit;
-mod events;
+mod error;
 mod ids;
 mod points;
+#[cfg(any(test, feature = "internals"))]
 mod snapshot;
 mod transaction;
 
 pub use check::CarverViolation;
 pub use commit::{CommitReport, CommitTimes};
-pub use events::{Event, EventError};
+pub use error::TransactionError;
 pub use ids::{PointId, ViewId};
+#[cfg(any(test, feature = "internals"))]
 pub use snapshot::{CarvedCell, Snapshot};
 pub use transaction::Transaction;
 
@@ -59,6 +61,11 @@ use points::Points;
 
 /// Settings of a [`Carver`], fixed for its life.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct CarverOptions {
     /// Which cells are free; by default those that a ray crosses.
     pub labels: Labels,
@@ -345,22 +352,6 @@ impl Carver {
         Transaction::new(self)
     }
 
-    /// Applies a sequence of events as one transaction.
-    ///
-    /// Ids of points and views added by the sequence follow those given before: the first point is
-    /// [`next_point`](Self::next_point), the first view [`next_view`](Self::next_view), and so on upwards.
-    ///
-    /// # Errors
-    ///
-    /// The first [`EventError`]; the state is unchanged.
-    pub fn apply(&mut self, events: &[Event]) -> Result<CommitReport, EventError> {
-        let mut transaction = self.transaction();
-        for &event in events {
-            transaction.push(event)?;
-        }
-        transaction.commit()
-    }
-
     /// The id of the next point to be added.
     pub fn next_point(&self) -> PointId {
         PointId(self.points.capacity() as u32)
@@ -369,44 +360,6 @@ impl Carver {
     /// The id of the next view to be added.
     pub fn next_view(&self) -> ViewId {
         ViewId(self.views.capacity() as u32)
-    }
-
-    /// Adds one point; see [`Transaction::add_point`].
-    ///
-    /// # Errors
-    ///
-    /// [`EventError`]; the state is unchanged.
-    pub fn add_point(&mut self, position: Point3<f64>) -> Result<PointId, EventError> {
-        let mut transaction = self.transaction();
-        let point = transaction.add_point(position)?;
-        transaction.commit().map(|_| point)
-    }
-
-    /// Adds one view; see [`Transaction::add_view`].
-    ///
-    /// # Errors
-    ///
-    /// [`EventError`]; the state is unchanged.
-    pub fn add_view(&mut self, center: Point3<f64>) -> Result<ViewId, EventError> {
-        let mut transaction = self.transaction();
-        let view = transaction.add_view(center)?;
-        transaction.commit().map(|_| view)
-    }
-
-    /// Adds one observation; see [`Transaction::add_observation`].
-    ///
-    /// # Errors
-    ///
-    /// [`EventError`]; the state is unchanged.
-    pub fn add_observation(
-        &mut self,
-        view: ViewId,
-        point: PointId,
-        weight: u32,
-    ) -> Result<CommitReport, EventError> {
-        let mut transaction = self.transaction();
-        transaction.add_observation(view, point, weight)?;
-        transaction.commit()
     }
 }
 

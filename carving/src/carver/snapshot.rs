@@ -88,7 +88,7 @@ mod rebuild {
         transaction: &mut Transaction<'_>,
         source: &Carver,
         reverse: bool,
-    ) -> Result<(), crate::carver::EventError> {
+    ) -> Result<(), crate::carver::TransactionError> {
         let mut views = vec![ViewId(0); source.next_view().0 as usize];
         for view in in_order(source.views().collect(), reverse) {
             let center = Point3::from(*source.views.center(view.0));

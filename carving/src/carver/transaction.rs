@@ -4,10 +4,10 @@ use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
 use super::commit::CommitReport;
-use super::events::{Event, EventError};
+use super::error::TransactionError;
 use super::ids::{PointId, ViewId};
 use super::{Carver, ordered};
-use crate::tetrahedralization::accept;
+use crate::tetrahedralization::accept_position;
 use crate::visibility::rays::Rays;
 use crate::visibility::{ObservationTable, Visibility};
 
@@ -23,7 +23,7 @@ pub(super) enum PendingChange {
     Moved([f64; 3]),
 }
 
-/// The net effect of a transaction's events.
+/// The net effect of the changes of a transaction.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Plan {
     /// New points in order of their ids; `None` if removed again.
@@ -38,7 +38,7 @@ pub(super) struct Plan {
     pub(super) segments: PlannedWeights<2>,
 }
 
-/// The net effect of a transaction's events on the observations of one kind, each by one view of `N` points.
+/// The net effect of a transaction on the observations of one kind, each by one view of `N` points.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PlannedWeights<const N: usize> {
     /// Final weight of each observation mentioned, `None` if it is removed. It is removed as well when its view or one of
@@ -97,7 +97,7 @@ impl<'a> Transaction<'a> {
         self.carver
     }
 
-    fn require_point(&self, point: PointId) -> Result<(), EventError> {
+    fn require_point(&self, point: PointId) -> Result<(), TransactionError> {
         let old = self.carver.points.capacity();
         let exists = match (point.0 as usize).checked_sub(old) {
             Some(new) => matches!(self.plan.new_points.get(new), Some(Some(_))),
@@ -108,10 +108,10 @@ impl<'a> Transaction<'a> {
         };
         exists
             .then_some(())
-            .ok_or(EventError::UnknownPoint { point })
+            .ok_or(TransactionError::UnknownPoint { point })
     }
 
-    fn require_view(&self, view: ViewId) -> Result<(), EventError> {
+    fn require_view(&self, view: ViewId) -> Result<(), TransactionError> {
         let old = self.carver.views.capacity();
         let exists = match (view.0 as usize).checked_sub(old) {
             Some(new) => matches!(self.plan.new_views.get(new), Some(Some(_))),
@@ -120,7 +120,9 @@ impl<'a> Transaction<'a> {
                     && self.plan.views.get(&view.0) != Some(&PendingChange::Removed)
             }
         };
-        exists.then_some(()).ok_or(EventError::UnknownView { view })
+        exists
+            .then_some(())
+            .ok_or(TransactionError::UnknownView { view })
     }
 
     /// Current weight of an observation whose ends exist.
@@ -137,12 +139,12 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::Position`] when the centre is NaN or out of range; [`EventError::Full`].
-    pub fn add_view(&mut self, center: Point3<f64>) -> Result<ViewId, EventError> {
-        let center = accept(&center)?;
+    /// [`TransactionError::Position`] when the centre is NaN or out of range; [`TransactionError::Full`].
+    pub fn add_view(&mut self, center: Point3<f64>) -> Result<ViewId, TransactionError> {
+        let center = accept_position(&center)?;
         let id = self.carver.views.capacity() + self.plan.new_views.len();
         if id >= Rays::MAX_VIEWS {
-            return Err(EventError::Full);
+            return Err(TransactionError::Full);
         }
         self.plan.new_views.push(Some(center));
         Ok(ViewId(id as u32))
@@ -152,13 +154,13 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::Position`] when the position is NaN or out of range; [`EventError::Full`].
-    pub fn add_point(&mut self, position: Point3<f64>) -> Result<PointId, EventError> {
-        let position = accept(&position)?;
+    /// [`TransactionError::Position`] when the position is NaN or out of range; [`TransactionError::Full`].
+    pub fn add_point(&mut self, position: Point3<f64>) -> Result<PointId, TransactionError> {
+        let position = accept_position(&position)?;
         let id = self.carver.points.capacity() + self.plan.new_points.len();
         let alive = self.carver.points.len() + self.plan.new_points.len();
         if id >= u32::MAX as usize || alive >= MAX_POINTS {
-            return Err(EventError::Full);
+            return Err(TransactionError::Full);
         }
         self.plan.new_points.push(Some(position));
         Ok(PointId(id as u32))
@@ -169,13 +171,17 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownPoint`]; [`EventError::Sigma`] when the value is negative, NaN or infinite.
-    pub fn set_sigma(&mut self, point: PointId, sigma: Option<f64>) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownPoint`]; [`TransactionError::Sigma`] when the value is negative, NaN or infinite.
+    pub fn set_sigma(
+        &mut self,
+        point: PointId,
+        sigma: Option<f64>,
+    ) -> Result<(), TransactionError> {
         self.require_point(point)?;
         if let Some(sigma) = sigma
             && !(sigma.is_finite() && sigma >= 0.0)
         {
-            return Err(EventError::Sigma { point, sigma });
+            return Err(TransactionError::Sigma { point, sigma });
         }
         self.plan.sigmas.insert(point.0, sigma);
         Ok(())
@@ -185,25 +191,25 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError`] when the view or point does not exist, the weight is zero or the sum exceeds 32 bits.
+    /// [`TransactionError`] when the view or point does not exist, the weight is zero or the sum exceeds 32 bits.
     pub fn add_observation(
         &mut self,
         view: ViewId,
         point: PointId,
         weight: u32,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.require_view(view)?;
         self.require_point(point)?;
         if weight == 0 {
-            return Err(EventError::ZeroWeight { view, point });
+            return Err(TransactionError::ZeroWeight { view, point });
         }
         if self.carver.rays.table().len() + self.plan.rays.len() >= MAX_RAYS {
-            return Err(EventError::Full);
+            return Err(TransactionError::Full);
         }
         let before = self.weight(view, point).unwrap_or(0);
         let weight = before
             .checked_add(weight)
-            .ok_or(EventError::WeightOverflow { view, point })?;
+            .ok_or(TransactionError::WeightOverflow { view, point })?;
         self.plan.rays.set(view.0, [point.0], Some(weight));
         Ok(())
     }
@@ -212,8 +218,8 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownView`].
-    pub fn remove_view(&mut self, view: ViewId) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownView`].
+    pub fn remove_view(&mut self, view: ViewId) -> Result<(), TransactionError> {
         self.require_view(view)?;
         match (view.0 as usize).checked_sub(self.carver.views.capacity()) {
             Some(new) => self.plan.new_views[new] = None,
@@ -228,8 +234,8 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownPoint`].
-    pub fn remove_point(&mut self, point: PointId) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownPoint`].
+    pub fn remove_point(&mut self, point: PointId) -> Result<(), TransactionError> {
         self.require_point(point)?;
         match (point.0 as usize).checked_sub(self.carver.points.capacity()) {
             Some(new) => self.plan.new_points[new] = None,
@@ -244,12 +250,16 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError`] when view, point or observation does not exist.
-    pub fn remove_observation(&mut self, view: ViewId, point: PointId) -> Result<(), EventError> {
+    /// [`TransactionError`] when view, point or observation does not exist.
+    pub fn remove_observation(
+        &mut self,
+        view: ViewId,
+        point: PointId,
+    ) -> Result<(), TransactionError> {
         self.require_view(view)?;
         self.require_point(point)?;
         if self.weight(view, point).is_none() {
-            return Err(EventError::UnknownObservation { view, point });
+            return Err(TransactionError::UnknownObservation { view, point });
         }
         self.plan.rays.set(view.0, [point.0], None);
         Ok(())
@@ -263,7 +273,7 @@ impl<'a> Transaction<'a> {
         }
     }
 
-    fn require_segment(&self, view: ViewId, ends: [PointId; 2]) -> Result<(), EventError> {
+    fn require_segment(&self, view: ViewId, ends: [PointId; 2]) -> Result<(), TransactionError> {
         self.require_view(view)?;
         ends.into_iter().try_for_each(|end| self.require_point(end))
     }
@@ -277,16 +287,16 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError`] when view or points do not exist, the weight is zero or the sum exceeds 32 bits.
+    /// [`TransactionError`] when view or points do not exist, the weight is zero or the sum exceeds 32 bits.
     pub fn add_segment(
         &mut self,
         view: ViewId,
         ends: [PointId; 2],
         weight: u32,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.require_segment(view, ends)?;
         if self.carver.segments.table().len() + self.plan.segments.len() >= MAX_RAYS {
-            return Err(EventError::Full);
+            return Err(TransactionError::Full);
         }
         let before = self.segment_weight(view, ends).unwrap_or(0);
         match before.checked_add(weight) {
@@ -294,7 +304,7 @@ impl<'a> Transaction<'a> {
                 self.plan.segments.set(view.0, ordered(ends), Some(sum));
                 Ok(())
             }
-            _ => Err(EventError::SegmentWeight { view, ends }),
+            _ => Err(TransactionError::SegmentWeight { view, ends }),
         }
     }
 
@@ -302,11 +312,15 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError`] when view, points or the segment do not exist.
-    pub fn remove_segment(&mut self, view: ViewId, ends: [PointId; 2]) -> Result<(), EventError> {
+    /// [`TransactionError`] when view, points or the segment do not exist.
+    pub fn remove_segment(
+        &mut self,
+        view: ViewId,
+        ends: [PointId; 2],
+    ) -> Result<(), TransactionError> {
         self.require_segment(view, ends)?;
         if self.segment_weight(view, ends).is_none() {
-            return Err(EventError::UnknownSegment { view, ends });
+            return Err(TransactionError::UnknownSegment { view, ends });
         }
         self.plan.segments.set(view.0, ordered(ends), None);
         Ok(())
@@ -316,10 +330,10 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownView`]; [`EventError::Position`] when the centre is NaN or out of range.
-    pub fn move_view(&mut self, view: ViewId, center: Point3<f64>) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownView`]; [`TransactionError::Position`] when the centre is NaN or out of range.
+    pub fn move_view(&mut self, view: ViewId, center: Point3<f64>) -> Result<(), TransactionError> {
         self.require_view(view)?;
-        let center = accept(&center)?;
+        let center = accept_position(&center)?;
         match (view.0 as usize).checked_sub(self.carver.views.capacity()) {
             Some(new) => self.plan.new_views[new] = Some(center),
             None => {
@@ -333,10 +347,14 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownPoint`]; [`EventError::Position`] when the position is NaN or out of range.
-    pub fn move_point(&mut self, point: PointId, position: Point3<f64>) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownPoint`]; [`TransactionError::Position`] when the position is NaN or out of range.
+    pub fn move_point(
+        &mut self,
+        point: PointId,
+        position: Point3<f64>,
+    ) -> Result<(), TransactionError> {
         self.require_point(point)?;
-        let position = accept(&position)?;
+        let position = accept_position(&position)?;
         match (point.0 as usize).checked_sub(self.carver.points.capacity()) {
             Some(new) => self.plan.new_points[new] = Some(position),
             None => {
@@ -348,42 +366,17 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Adds one event.
-    ///
-    /// # Errors
-    ///
-    /// Those of the method that the event names; the transaction stays as it was.
-    pub fn push(&mut self, event: Event) -> Result<(), EventError> {
-        match event {
-            Event::AddView { center } => self.add_view(center).map(|_| ()),
-            Event::AddPoint { position } => self.add_point(position).map(|_| ()),
-            Event::SetSigma { point, sigma } => self.set_sigma(point, sigma),
-            Event::AddObservation {
-                view,
-                point,
-                weight,
-            } => self.add_observation(view, point, weight),
-            Event::RemoveView { view } => self.remove_view(view),
-            Event::RemovePoint { point } => self.remove_point(point),
-            Event::RemoveObservation { view, point } => self.remove_observation(view, point),
-            Event::MoveView { view, center } => self.move_view(view, center),
-            Event::MovePoint { point, position } => self.move_point(point, position),
-            Event::AddSegment { view, ends, weight } => self.add_segment(view, ends, weight),
-            Event::RemoveSegment { view, ends } => self.remove_segment(view, ends),
-        }
-    }
-
     /// Makes the changes.
     ///
     /// # Errors
     ///
-    /// [`EventError::ZeroLengthRay`] when a view would see a point at its very centre; nothing is changed.
+    /// [`TransactionError::ZeroLengthRay`] when a view would see a point at its very centre; nothing is changed.
     ///
     /// # Complexity
     ///
     /// Per ray that is new, or whose point or view moved: the cells that it crosses. Per cell replaced: the rays across
     /// it. Independent of the rest of the map, apart from one test per view.
-    pub fn commit(self) -> Result<CommitReport, EventError> {
+    pub fn commit(self) -> Result<CommitReport, TransactionError> {
         super::commit::commit(self)
     }
 }

@@ -25,6 +25,11 @@ use crate::visibility::{Softness, UNIT};
 /// 28(8), 2009, sections 4.1 and 4.2. *Differs from the paper:* each point has its own deviation; costs are integers, in
 /// 256ths of a ray; a facet that a ray meets at its edge or corner costs nothing for this ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct CutOptions {
     /// Standard deviation of points without one of their own, as a share of the ray's length.
     pub relative_sigma: f64,

@@ -14,6 +14,11 @@ pub use votes::Votes;
 
 /// How cells are labelled.
 #[derive(Clone, Copy, PartialEq, Debug)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "snake_case")
+)]
 pub enum Labels {
     /// Each cell by the weight of the rays across it.
     Votes(Votes),

@@ -11,6 +11,11 @@ use std::num::NonZeroU64;
 /// D. Lovi, N. Birkbeck, D. Cobzas, M. Jagersand, "Incremental free-space carving for real-time 3D reconstruction",
 /// 3DPVT 2010.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct Votes {
     /// Smallest total weight of a free cell.
     pub threshold: NonZeroU64,

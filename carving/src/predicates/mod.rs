@@ -24,7 +24,9 @@ mod insphere;
 mod neighbor_spheres;
 mod orient;
 
-pub use insphere::{in_sphere, in_sphere_perturbed};
+#[cfg(any(test, feature = "internals"))]
+pub use insphere::in_sphere;
+pub use insphere::in_sphere_perturbed;
 pub(crate) use neighbor_spheres::{FacetNormals, determinant_error, lifted_row, widen};
 pub(crate) use orient::orient3d_from_differences;
 pub use orient::{are_collinear, orient3d};

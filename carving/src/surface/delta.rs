@@ -10,6 +10,7 @@ pub type Triangle = [VertexId; 3];
 /// To follow the surface: take `removed` out, replace the positions of `moved`, put `added` in. A vertex id that is not a
 /// corner of the surface any more may be given to another vertex later.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SurfaceDelta {
     /// Triangles that are new, in lexicographic order.
     pub added: Vec<Triangle>,

@@ -11,6 +11,11 @@ use super::repair::split_into_manifold;
 
 /// Filters and repair of an exported surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct ExportOptions {
     /// Triangles with an edge longer than this are left out; `None` keeps all.
     pub longest_edge: Option<f64>,
@@ -29,6 +34,7 @@ pub struct ExportOptions {
 /// and are sorted. Equal surfaces thus have equal meshes, whatever
 /// led to them. There are no unused vertices.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct IndexedMesh {
     /// Positions.
     pub vertices: Vec<Point3<f64>>,

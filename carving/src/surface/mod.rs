@@ -18,6 +18,11 @@ pub(crate) use facets::{Facets, triangle};
 
 /// What becomes of facets between a free cell and the outside of the hull.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "snake_case")
+)]
 pub enum Hull {
     /// They are not part of the surface: nothing was observed there, free space merely ends with the points. The
     /// surface has borders.

@@ -6,7 +6,7 @@ use super::Tetrahedralization;
 use super::changes::Changes;
 use super::ids::{CellId, GHOST, NO_CELL, VertexId};
 use super::low_dimension::Span;
-use super::point::{PointError, accept};
+use super::point::{PointError, accept_position};
 
 /// Outcome of an insertion.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -48,7 +48,7 @@ impl Tetrahedralization {
         changes: &mut Changes,
     ) -> Result<Insertion, PointError> {
         changes.clear();
-        let position = accept(&point)?;
+        let position = accept_position(&point)?;
         if !self.storage.has_room_for(1) {
             return Err(PointError::Full);
         }

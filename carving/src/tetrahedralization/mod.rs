@@ -26,7 +26,7 @@
 //! # Example
 //!
 //! ```
-//! use linecarve_carving::tetrahedralization::{Changes, Tetrahedralization};
+//! use linecarve_carving::{Changes, Tetrahedralization};
 //! use nalgebra::Point3;
 //!
 //! let mut tetrahedra = Tetrahedralization::new();
@@ -37,7 +37,7 @@
 //! }
 //! assert_eq!(tetrahedra.dimension(), 3);
 //! assert!(tetrahedra.check().is_ok());
-//! # Ok::<(), linecarve_carving::tetrahedralization::PointError>(())
+//! # Ok::<(), linecarve_carving::PointError>(())
 //! ```
 
 mod batch;
@@ -59,14 +59,14 @@ mod storage;
 
 pub use batch::BatchError;
 pub use changes::Changes;
-pub use check::Violation;
+pub use check::TetrahedralizationViolation;
 pub use edit::Edit;
 pub use ids::{CellId, VertexId};
 pub use incident::IncidentCells;
 pub use insert::Insertion;
 pub use locate::Location;
 pub use move_vertex::{Move, MoveError};
-pub use point::{MAX_COORDINATE, MIN_COORDINATE, PointError, accept};
+pub use point::{MAX_COORDINATE, MIN_COORDINATE, PointError, accept_position};
 
 pub use remove::UnknownVertex;
 pub(crate) use spatial_order::{hilbert_rank, spatial_order};

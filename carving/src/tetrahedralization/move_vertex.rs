@@ -7,7 +7,7 @@ use super::Tetrahedralization;
 use super::changes::Changes;
 use super::ids::{GHOST, NO_CELL, VertexId};
 use super::incident::IncidentCells;
-use super::point::{PointError, accept};
+use super::point::{PointError, accept_position};
 use super::remove::UnknownVertex;
 use crate::predicates::orient3d;
 
@@ -65,7 +65,7 @@ impl Tetrahedralization {
         vertex: VertexId,
         point: &Point3<f64>,
     ) -> Result<[f64; 3], MoveError> {
-        let position = accept(point)?;
+        let position = accept_position(point)?;
         if !self.is_vertex(vertex) {
             return Err(UnknownVertex { vertex }.into());
         }

@@ -4,7 +4,7 @@
 //! that they can be located again when it is destroyed; only those in the open interior count for it.
 
 use crate::predicates::orient3d;
-use crate::tetrahedralization::{CellId, Location, Tetrahedralization, accept};
+use crate::tetrahedralization::{CellId, Location, Tetrahedralization, accept_position};
 
 const NONE: u32 = u32::MAX;
 
@@ -130,7 +130,7 @@ impl OccupiedAnchors {
 
 /// Whether a position is in the open interior of a finite cell, computed from the rule alone.
 pub(super) fn is_inside(tetrahedra: &Tetrahedralization, cell: CellId, position: [f64; 3]) -> bool {
-    let Ok(position) = accept(&position.into()) else {
+    let Ok(position) = accept_position(&position.into()) else {
         return false;
     };
     let vertices = tetrahedra.cell_vertices(cell);

@@ -36,8 +36,10 @@ mod views;
 pub(crate) use cells::Cells;
 pub(crate) use evidence::{CellEvidence, Evidence};
 pub(crate) use rays::RayVisibility;
+#[cfg(feature = "internals")]
 pub use segment_cell::{crosses_cell, crosses_ghost};
 pub(crate) use segments::SegmentVisibility;
+#[cfg(feature = "internals")]
 pub use segments::triangle_meets_cell;
 pub(crate) use softness::{Softness, UNIT};
 pub(crate) use views::Views;

@@ -27,6 +27,7 @@ mod table;
 mod triangle_cell;
 
 pub(crate) use table::VisibilityTriangles;
+#[cfg(feature = "internals")]
 pub use triangle_cell::triangle_meets_cell;
 
 use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};

@@ -1,15 +1,10 @@
 //! Exported meshes: repair, filters, parts of the surface.
 
-#![allow(clippy::unwrap_used)] // Helpers of tests fail like tests.
-
-mod carvings;
-
+use linecarve_carving::{ExportOptions, Hull, IncidentCells, IndexedMesh, Triangle};
+use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet};
 
-use carvings::random_carving;
-use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh, Triangle};
-use linecarve_carving::tetrahedralization::IncidentCells;
-use nalgebra::Point3;
+use crate::helpers::carvings::random_carving;
 
 /// Triangles by undirected edge.
 fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {

@@ -3,22 +3,18 @@
 //!
 //! `LINECARVE_LONG_TESTS=1` runs many more cases.
 
-// The lint's exemption of tests does not reach the helpers of an integration test.
-#![allow(clippy::unwrap_used)]
-
-mod points;
-
 use std::collections::HashSet;
 
-use linecarve_carving::tetrahedralization::{
+use linecarve_carving::{
     CellId, Changes, IncidentCells, Insertion, Location, Move, PointError, Tetrahedralization,
     VertexId,
 };
 use nalgebra::Point3;
-use points::{Family, families, long_mode};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+use crate::helpers::points::{self, Family, families, long_mode};
 
 /// Cells, ghosts included, by positions of corners; equal for equal triangulations however numbered.
 fn canonical(t: &Tetrahedralization) -> Vec<[Option<[u64; 3]>; 4]> {

@@ -1,7 +1,6 @@
 //! A carving that several tests look at.
 
-use linecarve_carving::carver::{Carver, CarverOptions, PointId};
-use linecarve_carving::surface::Hull;
+use linecarve_carving::{Carver, CarverOptions, Hull, PointId};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

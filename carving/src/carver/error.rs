@@ -1,93 +1,13 @@
-//! What may happen to a carver, and why it may be refused.
+//! Why a transaction is refused.
 
-use nalgebra::Point3;
 use thiserror::Error;
 
 use super::ids::{PointId, ViewId};
 use crate::tetrahedralization::PointError;
 
-/// One change of the state.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Event {
-    /// A view with its centre; it is given the next view id.
-    AddView {
-        /// The centre.
-        center: Point3<f64>,
-    },
-    /// A point; it is given the next point id. Any number of points may have the same position.
-    AddPoint {
-        /// The position.
-        position: Point3<f64>,
-    },
-    /// A point is known this well; see [`Transaction::set_sigma`](super::Transaction::set_sigma).
-    SetSigma {
-        /// The point.
-        point: PointId,
-        /// Standard deviation in units of the coordinates; `None`: unknown.
-        sigma: Option<f64>,
-    },
-    /// A view sees a point. Seen again, the weights add up.
-    AddObservation {
-        /// Who sees.
-        view: ViewId,
-        /// What is seen.
-        point: PointId,
-        /// At least 1.
-        weight: u32,
-    },
-    /// A view ceases to exist with all its observations.
-    RemoveView {
-        /// The view.
-        view: ViewId,
-    },
-    /// A point ceases to exist with all its observations.
-    RemovePoint {
-        /// The point.
-        point: PointId,
-    },
-    /// An observation ceases to exist, whatever its weight.
-    RemoveObservation {
-        /// Who saw.
-        view: ViewId,
-        /// What was seen.
-        point: PointId,
-    },
-    /// A view is elsewhere; its observations stay.
-    MoveView {
-        /// The view.
-        view: ViewId,
-        /// The new centre.
-        center: Point3<f64>,
-    },
-    /// A point is elsewhere; its observations stay.
-    MovePoint {
-        /// The point.
-        point: PointId,
-        /// The new position.
-        position: Point3<f64>,
-    },
-    /// A view sees the whole segment between two points: the triangle between its centre and the segment is free of
-    /// matter. Seen again, the weights add up. The rays to the end points are events of their own.
-    AddSegment {
-        /// Who sees.
-        view: ViewId,
-        /// The points at the ends of the segment, in any order.
-        ends: [PointId; 2],
-        /// At least 1.
-        weight: u32,
-    },
-    /// A view does not see a segment any more, whatever its weight.
-    RemoveSegment {
-        /// Who saw.
-        view: ViewId,
-        /// The points at the ends of the segment, in any order.
-        ends: [PointId; 2],
-    },
-}
-
-/// Why an event, or the transaction it belongs to, was refused. The state is unchanged.
+/// Why a transaction, or a change that was to be part of it, is refused. The carver is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum EventError {
+pub enum TransactionError {
     /// The point was removed or never added.
     #[error("there is no point {}; it was removed or never added", point.0)]
     UnknownPoint {
