@@ -246,6 +246,7 @@ fn sample_events() -> String {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut text = String::new();
     let mut known = 0u64;
+    let mut removed = Vec::new();
     for keyframe in 0..40u64 {
         let angle = keyframe as f64 / 40.0 * std::f64::consts::TAU;
         let camera = [1.5 * angle.cos(), 1.0 * angle.sin(), 0.2];
@@ -256,7 +257,9 @@ fn sample_events() -> String {
                 (known + i, 3.0 * p[0], 2.0 * p[1], 1.5 * p[2])
             })
             .collect();
-        let observations: Vec<u64> = (0..known).filter(|id| id % 4 == keyframe % 4).collect();
+        let observations: Vec<u64> = (0..known)
+            .filter(|id| id % 4 == keyframe % 4 && !removed.contains(id))
+            .collect();
         let line = serde_json::json!({
             "keyframe": keyframe,
             "camera": camera,
@@ -266,10 +269,9 @@ fn sample_events() -> String {
         text += &format!("{line}\n");
         known += 50;
         if keyframe % 10 == 9 {
-            text += &format!(
-                "{}\n",
-                serde_json::json!({"remove_points": [known - 7, known - 90]})
-            );
+            let gone = [known - 7, known - 90];
+            removed.extend(gone);
+            text += &format!("{}\n", serde_json::json!({"remove_points": gone}));
             let line = serde_json::json!({"move_views": [[keyframe - 4, 0.1, 0.2, 0.3]]});
             text += &format!("{line}\n");
         }
