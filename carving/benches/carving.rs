@@ -70,11 +70,11 @@ fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
         }
     }
     for (keyframe, seen) in keyframes.iter_mut().zip(&seen_by_view) {
-        let place = |number: usize| views_of_point[number].0;
+        let position = |number: usize| views_of_point[number].0;
         keyframe
             .segments
             .extend(seen.iter().enumerate().filter_map(|(k, &a)| {
-                let is_near = |b: &&usize| (place(**b) - place(a)).norm() < LONGEST_M;
+                let is_near = |b: &&usize| (position(**b) - position(a)).norm() < LONGEST_M;
                 let b = seen[k + 1..].iter().find(is_near)?;
                 Some([a, *b])
             }));

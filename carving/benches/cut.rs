@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p linecarve-carving --bench cut`. A camera walks down a corridor and never looks back, so that the map grows
 //! while the neighbourhood of a keyframe stays the same: what it costs should too. With `RAYON_NUM_THREADS=1` the time is that of
-//! one thread. Where the system tells it (Linux), it is time on the processor, which other work on the machine does not add to.
+//! one thread. On Linux it is processor time, so that other work on the machine does not count.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -78,7 +78,7 @@ fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>) {
     black_box(transaction.commit().expect("no ray is of zero length"));
 }
 
-/// Time that this process has been on a processor; `None` where the system does not tell.
+/// Time that this process has been on a processor; `None` where the system does not report it.
 fn processor_time() -> Option<Duration> {
     /// Of the kernel's interface, whatever the clock of the machine.
     const TICKS_A_SECOND: f64 = 100.0;

@@ -219,14 +219,14 @@ fn replay(carver: &mut Carver, text: &str, name: &str) -> Result<Totals, String>
         if content.trim().is_empty() {
             continue;
         }
-        let place = |error: String| format!("{name}:{}: {error}", index + 1);
-        let line: Line = serde_json::from_str(content).map_err(|e| place(e.to_string()))?;
+        let located = |error: String| format!("{name}:{}: {error}", index + 1);
+        let line: Line = serde_json::from_str(content).map_err(|e| located(e.to_string()))?;
         let start = Instant::now();
         let mut transaction = carver.transaction();
-        names.enter(&mut transaction, &line).map_err(place)?;
+        names.enter(&mut transaction, &line).map_err(located)?;
         let report = transaction
             .commit()
-            .map_err(|error| place(error.to_string()))?;
+            .map_err(|error| located(error.to_string()))?;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         if line.keyframe.is_some() {
             totals.keyframe_ms.push(milliseconds);
@@ -323,7 +323,7 @@ fn check(carver: &Carver) -> Result<(), String> {
     Ok(())
 }
 
-/// High-water mark of resident memory, where the system tells.
+/// High-water mark of resident memory, where the system reports it.
 fn peak_rss_mb() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status

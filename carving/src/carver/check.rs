@@ -1,4 +1,4 @@
-//! Recomputes everything.
+//! Verifies the state against the rules, without any walk or list.
 
 use thiserror::Error;
 
@@ -25,7 +25,7 @@ pub enum CarverViolation {
         point: PointId,
     },
     /// A ray crosses a cell that does not list it, or the reverse.
-    #[error("{cell:?} lists the ray of view {} and point {}: {listed}; that is wrong", view.0, point.0)]
+    #[error("{cell:?} has a wrong list of rays; it lists that of view {} to point {}: {listed}", view.0, point.0)]
     Crossing {
         /// The cell.
         cell: CellId,
@@ -39,14 +39,14 @@ pub enum CarverViolation {
     /// The flow behind the labels is broken.
     #[error(transparent)]
     Flow(#[from] FlowViolation),
-    /// What the rays say about a cell is not what is on record, or the flow network says otherwise.
+    /// The evidence of a cell on record, or the capacities of the flow network, differ from that of the observations.
     #[error("the evidence or the capacities of {cell:?} are wrong")]
     Evidence {
         /// The cell.
         cell: CellId,
     },
     /// A cell does not list a segment whose triangle meets it, lists one repeatedly, or one that was removed.
-    #[error("{cell:?} lists a segment: {listed}; that is wrong")]
+    #[error("{cell:?} has a wrong list of segments; it lists the segment: {listed}")]
     Segment {
         /// The cell.
         cell: CellId,
@@ -59,8 +59,8 @@ pub enum CarverViolation {
         /// The point.
         point: PointId,
     },
-    /// The weight of a cell is not the sum over its rays.
-    #[error("{cell:?} has weight {recorded} on record, its rays have {found}")]
+    /// The weight of a cell is not the sum over its observations.
+    #[error("{cell:?} has weight {recorded} on record, its observations have {found}")]
     Weight {
         /// The cell.
         cell: CellId,
@@ -74,7 +74,7 @@ pub enum CarverViolation {
 impl Carver {
     /// Verifies tetrahedra, crossing lists, labels and surface; meant for tests.
     ///
-    /// Every ray is tested against every cell, exactly and without any walk.
+    /// Every observation is tested against every cell, exactly and without any walk.
     ///
     /// # Errors
     ///
@@ -82,7 +82,7 @@ impl Carver {
     ///
     /// # Complexity
     ///
-    /// Rays times cells.
+    /// Observations times cells.
     pub fn check(&self) -> Result<(), CarverViolation> {
         self.tetrahedra.check()?;
         for point in self.points() {

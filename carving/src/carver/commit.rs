@@ -1,4 +1,4 @@
-//! Making the changes of a transaction.
+//! Commits a transaction.
 
 use std::time::{Duration, Instant};
 
@@ -22,19 +22,19 @@ use crate::visibility::{
 /// Number of list entries below which the lists are never built again as a whole.
 const MANY_ENTRIES: u64 = 1 << 14;
 
-/// What a transaction did.
+/// The effect of a transaction.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CommitReport {
     /// The change of the surface.
     pub surface: SurfaceDelta,
-    /// New points whose position was taken; they share the vertex there.
+    /// Number of new points at the position of another point; they share its vertex.
     pub duplicates: usize,
     /// Cells destroyed, ghost cells included.
     pub destroyed_cells: usize,
     /// Cells created, ghost cells included.
     pub created_cells: usize,
-    /// Where the time went.
+    /// Time spent, by part.
     pub times: CommitTimes,
 }
 
@@ -44,13 +44,13 @@ pub struct CommitReport {
 pub struct CommitTimes {
     /// Inserting, removing and moving vertices.
     pub tetrahedra: Duration,
-    /// Walking rays.
+    /// Visibility: walking rays and segments.
     pub carving: Duration,
     /// Labels and surface.
     pub surface: Duration,
 }
 
-/// Makes the changes of a transaction, or none.
+/// Commits a transaction, or refuses it as a whole.
 pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, TransactionError> {
     let Transaction { carver, mut plan } = transaction;
     plan.drop_idle_changes(carver);
@@ -141,7 +141,7 @@ impl Carver {
         (space, &mut self.rays, &mut self.segments)
     }
 
-    /// Makes changes that have been found valid.
+    /// Makes the changes of a valid transaction.
     fn make(&mut self, plan: &Plan, affected: Affected) -> CommitReport {
         let mut report = CommitReport::default();
         let start = Instant::now();
@@ -239,7 +239,7 @@ impl Carver {
             }
         }
         for center in &plan.new_views {
-            // The id is used up even if the view was removed again.
+            // The id is used even if the view was removed again.
             let view = self.views.add(center.unwrap_or_default());
             if center.is_none() {
                 self.views.remove(view);

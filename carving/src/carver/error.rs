@@ -39,9 +39,9 @@ pub enum TransactionError {
         /// The points given.
         ends: [PointId; 2],
     },
-    /// A segment with a weight of zero, or with a sum of weights that 32 bits do not hold.
+    /// The weight of a segment is zero, or its sum exceeds 32 bits.
     #[error(
-        "the segment of points {} and {} seen by view {} has a weight of 0, or of more than {} in sum",
+        "the weight of the segment of points {} and {} in view {} must be from 1 to {}",
         ends[0].0, ends[1].0, view.0, u32::MAX
     )]
     SegmentWeight {
@@ -62,7 +62,7 @@ pub enum TransactionError {
         sigma: f64,
     },
     /// A weight of zero.
-    #[error("the observation of point {} by view {} has weight 0; leave it out", point.0, view.0)]
+    #[error("the observation of point {} by view {} has weight 0; expected at least 1", point.0, view.0)]
     ZeroWeight {
         /// The view.
         view: ViewId,
@@ -77,7 +77,7 @@ pub enum TransactionError {
         /// The point.
         point: PointId,
     },
-    /// After all events of the transaction a view sees a point that is at its very centre: a ray of no length.
+    /// After the transaction a point would be at the centre of a view that sees it: a ray of length zero.
     #[error("point {} is at the centre of view {}, which sees it; drop the observation or the point", point.0, view.0)]
     ZeroLengthRay {
         /// The view.

@@ -1,34 +1,4 @@
-//! Points, views and observations in; free space and its surface out.
-//!
-//! [`Carver`] holds points with positions, views with centres, and observations, each of a point by a view with a weight.
-//! All of them may be added, moved and removed at any time. After any sequence of changes the tetrahedra, labels and
-//! surface are identical to those built from scratch from the final state in any order; nothing is forgotten and nothing
-//! depends on history.
-//!
-//! # Example
-//!
-//! A view in the middle of a cube of eight points sees the corners one by one and carves the cube free.
-//!
-//! ```
-//! use linecarve_carving::{Carver, CarverOptions};
-//! use linecarve_carving::{ExportOptions, Hull};
-//! use nalgebra::Point3;
-//!
-//! let mut carver = Carver::new(CarverOptions { hull: Hull::Keep, ..Default::default() });
-//! let mut keyframe = carver.transaction();
-//! let view = keyframe.add_view(Point3::new(0.5, 0.4, 0.45))?;
-//! for corner in 0..8 {
-//!     let corner = Point3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64);
-//!     let point = keyframe.add_point(corner)?;
-//!     keyframe.add_observation(view, point, 1)?;
-//! }
-//! let report = keyframe.commit()?;
-//! assert_eq!(report.surface.added.len(), 12);
-//!
-//! let mesh = carver.mesh(&ExportOptions::default());
-//! assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (8, 12));
-//! # Ok::<(), linecarve_carving::TransactionError>(())
-//! ```
+//! The state, transactions that change it, and its checks.
 
 mod affected;
 mod check;
@@ -59,7 +29,7 @@ use crate::visibility::{
 
 use points::Points;
 
-/// Settings of a [`Carver`], fixed for its life.
+/// Options of a [`Carver`], fixed for its life.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -67,26 +37,29 @@ use points::Points;
     serde(default, deny_unknown_fields)
 )]
 pub struct CarverOptions {
-    /// Which cells are free; by default those that a ray crosses.
+    /// How cells are labelled; by default a cell is free when a ray crosses it.
     pub labels: Labels,
     /// Whether facets between free cells and the outside of the hull are part of the surface.
     pub hull: Hull,
 }
 
-/// Labels with what they remember.
+/// Labels and their state.
 #[derive(Clone, Debug)]
 enum Labeling {
     Votes(Votes),
     Cut(Box<Cut>),
 }
 
-/// A tetrahedralisation carved by rays; see the [module](self).
+/// A tetrahedralisation carved by rays and segments; the [crate](crate) page has an example.
 ///
-/// Ids of points and views are given once and never again. Points at equal positions share a vertex and keep rays of
-/// their own.
+/// The state consists of points with positions, views with centres, observations (a view and a point) and segments (a view
+/// and two points), the last two with integer weights. A [`Transaction`] changes it. After any sequence of changes
+/// tetrahedra, labels and surface are identical to those built from scratch from the final state in any order.
 ///
-/// *What it does not do:* with [`Labels::Votes`] it does not judge points (a wrong point carves what is in front of it); and
-/// it knows free and occupied only: what no ray crosses is occupied, seen or not.
+/// Ids of points and views are never given out twice. Points at equal positions share a vertex and keep rays of their own.
+///
+/// *Non-guarantees:* [`Labels::Votes`] does not reject wrong points: a wrong point carves the space before it. Labels are free
+/// and occupied only; unobserved space is occupied.
 #[derive(Clone, Debug)]
 pub struct Carver {
     labels: Labeling,
@@ -107,7 +80,7 @@ impl Default for Carver {
 }
 
 impl Carver {
-    /// Nothing seen yet.
+    /// An empty carver.
     pub fn new(options: CarverOptions) -> Self {
         let (labels, threshold, softness) = match options.labels {
             Labels::Votes(votes) => (Labeling::Votes(votes), votes.threshold.get(), None),
@@ -129,7 +102,7 @@ impl Carver {
         }
     }
 
-    /// The settings.
+    /// The options.
     pub fn options(&self) -> CarverOptions {
         CarverOptions {
             labels: match &self.labels {
@@ -145,7 +118,7 @@ impl Carver {
         &self.tetrahedra
     }
 
-    /// Number of points, those that share a vertex counted each.
+    /// Number of points; points that share a vertex count each.
     pub fn point_count(&self) -> usize {
         self.points.len()
     }
@@ -160,7 +133,7 @@ impl Carver {
         self.rays.table().len()
     }
 
-    /// Number of segments seen by views, each view counted.
+    /// Number of pairs of a segment and a view that sees it.
     pub fn segment_count(&self) -> usize {
         self.segments.table().len()
     }
@@ -173,7 +146,7 @@ impl Carver {
             .map(|segment| segments.weight(segment))
     }
 
-    /// All segments seen by views with their weights, in no particular order; of the two points the older first.
+    /// All segments with their views and weights, in no particular order; of the two points the smaller id comes first.
     pub fn segments(&self) -> impl Iterator<Item = (ViewId, [PointId; 2], u32)> + '_ {
         let segments = self.segments.table();
         segments.all().map(|segment| {
@@ -185,13 +158,13 @@ impl Carver {
         })
     }
 
-    /// Number of entries in the crossing lists: pairs of a ray and a cell that it crosses, ghost cells included, or runs
-    /// in the boundary of.
+    /// Number of entries in the crossing lists: pairs of a ray and a cell, finite or ghost, that it crosses or in whose
+    /// boundary it runs.
     pub fn crossing_count(&self) -> u64 {
         self.rays.crossings().total()
     }
 
-    /// Bytes of the crossing lists, the largest part of the memory.
+    /// Bytes of the crossing lists of rays and of the weights, the largest part of the memory.
     pub fn crossing_bytes(&self) -> usize {
         self.rays.crossings().bytes() + self.cells.weight_bytes()
     }
@@ -210,7 +183,7 @@ impl Carver {
             .map(|record| VertexId::from_index(record.vertex as usize))
     }
 
-    /// Standard deviation of a point along its rays, where it was given one.
+    /// Standard deviation of a point along its rays, where it was set.
     pub fn sigma(&self, point: PointId) -> Option<f64> {
         self.points.sigma(point.0)
     }
@@ -262,7 +235,8 @@ impl Carver {
         self.facets.is_free(cell)
     }
 
-    /// Total weight of the rays across a cell and of the segments whose triangles meet it. For a ghost cell: of those that enter the hull through its facet.
+    /// Total weight of the rays that cross a cell and of the segments whose triangles meet it, except segments that cross it
+    /// themselves. For a ghost cell: of the rays that enter the hull through its facet.
     ///
     /// # Panics
     ///
@@ -303,8 +277,7 @@ impl Carver {
             .map(|(cell, facet)| crate::surface::triangle(&self.tetrahedra, cell, facet))
     }
 
-    /// Appends the surface triangles with a corner at `vertex`, as [`triangles`](Self::triangles) gives them, each once and
-    /// in no particular order.
+    /// Appends the [`triangles`](Self::triangles) with a corner at `vertex`, each once and in no particular order.
     ///
     /// # Complexity
     ///
@@ -332,13 +305,13 @@ impl Carver {
         self.mesh_where(options, |_| true).0
     }
 
-    /// The same of those triangles alone that `is_wanted`, which is given them as [`triangles`](Self::triangles) gives them,
-    /// says to keep. The others count as part of their component, and are left out before anything is repaired. Beside the mesh the vertex of
-    /// [`tetrahedra`](Self::tetrahedra) that each of its vertices is a copy of, `None` for midpoints of split edges.
+    /// The same for the [`triangles`](Self::triangles) that satisfy `is_wanted`. The others count for the size of their
+    /// component and are left out before repair. Also returns for each vertex of the mesh the vertex of
+    /// [`tetrahedra`](Self::tetrahedra) that it copies, `None` for midpoints of split edges.
     ///
     /// # Complexity
     ///
-    /// As [`mesh`](Self::mesh); asks once a triangle.
+    /// As [`mesh`](Self::mesh), and one call of `is_wanted` for each triangle.
     pub fn mesh_where(
         &self,
         options: &ExportOptions,
@@ -347,7 +320,7 @@ impl Carver {
         crate::surface::extract(&self.tetrahedra, &self.facets, options, is_wanted)
     }
 
-    /// Begins a set of changes that take effect together.
+    /// Begins a transaction: changes that take effect together.
     pub fn transaction(&mut self) -> Transaction<'_> {
         Transaction::new(self)
     }
@@ -363,7 +336,7 @@ impl Carver {
     }
 }
 
-/// The points of a segment as keys hold them.
+/// The points of a segment, the smaller id first.
 fn ordered(ends: [PointId; 2]) -> [u32; 2] {
     let [a, b] = ends.map(|end| end.0);
     [a.min(b), a.max(b)]

@@ -76,8 +76,8 @@ impl<const N: usize> PlannedWeights<N> {
 /// A set of changes to a [`Carver`] that take effect together on [`commit`](Self::commit); dropped without, it leaves the
 /// carver as it was.
 ///
-/// Every event is checked against the state that the events before it would lead to, and its effect on cells, labels and
-/// surface is computed once for all: a ray is walked again once however many points around it move.
+/// Every change is checked against the state after the changes before it. The effect on cells, labels and surface is computed
+/// once for all of them: a ray is walked again once, however many points around it move.
 #[derive(Debug)]
 pub struct Transaction<'a> {
     pub(super) carver: &'a mut Carver,
@@ -166,8 +166,8 @@ impl<'a> Transaction<'a> {
         Ok(PointId(id as u32))
     }
 
-    /// Says how well a point is known: the standard deviation of its position along the rays to it, in units of the
-    /// coordinates; `None`, as for new points, leaves it to the labels to assume one. Votes do not ask for it.
+    /// Sets the standard deviation of a point along the rays to it, in units of the coordinates. Without one (`None`, the value
+    /// of new points) [`CutOptions::relative_sigma`](crate::CutOptions::relative_sigma) applies. Votes ignore it.
     ///
     /// # Errors
     ///
@@ -187,7 +187,7 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Lets a view see a point. If it does already, the weights add up.
+    /// Adds an observation of a point by a view. Weights of repeated observations add up.
     ///
     /// # Errors
     ///
@@ -214,7 +214,7 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Removes a view with all its observations.
+    /// Removes a view with all its observations and segments.
     ///
     /// # Errors
     ///
@@ -230,7 +230,7 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Removes a point with all its observations.
+    /// Removes a point with all its observations and segments.
     ///
     /// # Errors
     ///
@@ -278,12 +278,11 @@ impl<'a> Transaction<'a> {
         ends.into_iter().try_for_each(|end| self.require_point(end))
     }
 
-    /// Lets a view see the whole segment between two points: every cell whose open interior meets the triangle between
-    /// the centre and the segment gains the weight, but for cells through whose open interior the segment itself runs: those
-    /// are free in front of it and matter behind. If the view sees it already, the weights add up.
+    /// Adds a segment between two points, all of which a view sees. Every cell whose open interior meets the triangle between
+    /// the centre and the segment gains the weight, except cells whose open interior the segment itself crosses: those are
+    /// free before it and occupied behind it. Weights of repeated segments add up.
     ///
-    /// A triangle without area, whether its ends are one point or the centre is in line with them, gains nothing
-    /// and meets nothing; what lies along it is for rays, which are not implied by the segment.
+    /// A triangle without area meets no cell. The rays to the ends are not implied by the segment.
     ///
     /// # Errors
     ///
@@ -308,7 +307,7 @@ impl<'a> Transaction<'a> {
         }
     }
 
-    /// Lets a view no longer see a segment, whatever its weight.
+    /// Removes a segment from a view, whatever its weight.
     ///
     /// # Errors
     ///
@@ -326,7 +325,7 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Moves a view; its observations stay.
+    /// Moves a view; its observations and segments stay.
     ///
     /// # Errors
     ///
@@ -343,7 +342,7 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Moves a point; its observations stay.
+    /// Moves a point; its observations and segments stay.
     ///
     /// # Errors
     ///
@@ -366,7 +365,7 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Makes the changes.
+    /// Makes the changes; see [`CommitReport`].
     ///
     /// # Errors
     ///

@@ -1,7 +1,7 @@
 //! Labels: which cells are free.
 //!
-//! A labelling reads what the rays say and decides; the surface reads the labels. [`Votes`] decides for every cell by
-//! itself, [`CutOptions`] for all together: the labels are those of the cheapest surface.
+//! [`Votes`] labels each cell by its own weight. With [`CutOptions`] all cells are labelled together, by the surface of least
+//! cost.
 
 mod cut;
 mod cut_options;

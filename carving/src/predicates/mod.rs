@@ -2,10 +2,9 @@
 //!
 //! Each predicate first evaluates its determinant in plain floating point and compares it with a
 //! bound on the rounding error taken from the largest coordinate differences (a *semi-static
-//! filter*); only where the sign is in doubt does it ask the adaptive exact arithmetic of the
-//! `robust` crate. The sign of every result is therefore exact for coordinates that
-//! [`accept`](crate::tetrahedralization::accept) lets through, see
-//! [`MAX_COORDINATE`](crate::tetrahedralization::MAX_COORDINATE).
+//! filter*); where the sign is in doubt, the adaptive exact arithmetic of the `robust` crate decides. The
+//! sign of every result is therefore exact for coordinates in the range of
+//! [`accept_position`](crate::tetrahedralization::accept_position).
 //!
 //! # Sign convention
 //!

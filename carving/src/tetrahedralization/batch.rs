@@ -115,7 +115,7 @@ fn in_spatial_order(
 ) {
     let order = spatial_order(points);
     let mut positions = Vec::with_capacity(FETCHED_AHEAD.min(points.len()));
-    // Every place is filled below, as the order is a permutation.
+    // Every entry is filled below, as the order is a permutation.
     outcomes.resize(points.len(), Insertion::Duplicate(VertexId::GHOST));
     for indices in order.chunks(FETCHED_AHEAD) {
         positions.clear();

@@ -18,7 +18,7 @@ pub enum TetrahedralizationViolation {
         /// Its corners.
         vertices: [VertexId; 4],
     },
-    /// The neighbour across a facet does not look back, is dead, or has other corners there.
+    /// The neighbour across a facet does not refer to it, is dead, or has other corners there.
     #[error("facet {facet} of {cell:?} and its neighbour do not match")]
     Adjacency {
         /// The cell.
@@ -59,7 +59,7 @@ pub enum TetrahedralizationViolation {
         /// The cell.
         cell: CellId,
     },
-    /// The vertices of a state below dimension three are inconsistent, or cells exist beside them.
+    /// The vertices of a state below dimension three are inconsistent, or cells exist nevertheless.
     #[error("the state of dimension {dimension} is inconsistent")]
     LowDimension {
         /// The dimension.

@@ -27,7 +27,7 @@ impl Insertion {
 }
 
 impl Tetrahedralization {
-    /// Adds a point; `changes` is cleared and lists what became of the cells.
+    /// Adds a point; `changes` is cleared and lists the cells destroyed and created.
     ///
     /// The search starts at `hint`, by default at the latest change; a hint that is no longer a cell is ignored. The
     /// point that makes the first four non-coplanar creates all cells at once.

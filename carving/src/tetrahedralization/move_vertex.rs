@@ -38,7 +38,7 @@ impl Tetrahedralization {
     ///
     /// Where all cells stay Delaunay only the position changes and the cells around the vertex are listed as
     /// [`reshaped`](Changes::reshaped). Otherwise the vertex is removed and inserted again. The result is the
-    /// same as that of building anew. Destroyed cells that had the vertex as a corner refer to it by its id, which
+    /// same as that of building it again. Destroyed cells that had the vertex as a corner refer to it by its id, which
     /// now stands for the new position.
     ///
     /// # Errors

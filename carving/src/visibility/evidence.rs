@@ -1,8 +1,8 @@
 //! What observations contribute to cut labels, summed for each cell.
 //!
-//! A ray says that its centre is in free space, that the space before its point is free, the surer the further from
-//! it, and that the space a little behind it is occupied. Each of these is a rounded number of one ray and one cell, a
-//! function of their geometry alone:
+//! A ray is evidence that the space at its centre is free, that the space before its point is free, with less weight near
+//! the point, and that the space behind the point is occupied. Each contribution is a rounded number, a function of the
+//! geometry of one ray and one cell:
 //!
 //! * for a cell that the ray crosses and leaves, towards the centre, through the open interior of a facet: the
 //!   [cost](super::softness) of that facet. A ray that leaves through an edge or a vertex contributes nothing;

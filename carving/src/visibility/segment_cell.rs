@@ -1,4 +1,4 @@
-//! Which cells a segment crosses or touches, decided exactly on plain points.
+//! Which cells a line segment crosses or touches, exact.
 //!
 //! The interior of a tetrahedron is where four linear functions, one per facet, are positive. Along the segment from
 //! the target (t = 0) to the centre (t = 1) each is linear in t, so its signs at both ends say whether it is entered,
@@ -32,7 +32,7 @@ impl<'a> SegmentInCell<'a> {
         let at = |end: &[f64; 3]| {
             FACET.map(|facet| {
                 let [a, b, c] = facet.map(|k| cell[k]);
-                // A corner is in the plane; the exact predicate would say the same, slowly.
+                // A corner is in the plane; the exact predicate has the same sign but is slow.
                 if a == end || b == end || c == end {
                     0.0
                 } else {

@@ -378,7 +378,7 @@ fn a_vertex_joined_to_all_others_can_be_removed_and_moved() {
 
 #[test]
 fn the_apex_of_a_pyramid_takes_the_dimension_with_it() {
-    let mut t = build(&points::sheet(5));
+    let mut t = build(&points::plane(5));
     assert_eq!((t.dimension(), t.cells().count()), (2, 0));
     let mut changes = Changes::new();
     let apex = t
@@ -407,7 +407,7 @@ fn the_apex_of_a_pyramid_takes_the_dimension_with_it() {
 
 #[test]
 fn refused_input_changes_nothing() {
-    let mut t = build(&points::sheet(3));
+    let mut t = build(&points::plane(3));
     let mut changes = Changes::new();
     t.insert(Point3::new(0.5, 0.5, 1.0), None, &mut changes)
         .unwrap();

@@ -36,7 +36,7 @@ pub(crate) struct Rays {
 }
 
 impl Rays {
-    /// Number of views that ids can tell apart.
+    /// Largest number of views.
     pub(crate) const MAX_VIEWS: usize = (HALF - 1) as usize;
 
     /// No rays. Standard deviations are kept where asked for.

@@ -18,7 +18,7 @@ use super::table::Rays;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Degenerate;
 
-/// A ray about to enter `cell` through its facet `back`, whose corners turn counter-clockwise for those who stand at
+/// A ray about to enter `cell` through its facet `back`, whose corners are in counter-clockwise order seen from
 /// the ray's vertex: the ray passes all three edges on the positive side.
 pub(super) struct Front {
     pub(super) cell: CellId,

@@ -9,7 +9,9 @@ use super::super::{CellEvidence, Cells, ObservationId, Softness, Space, Views};
 use super::SegmentVisibility;
 use super::evidence::{ANCHORS, Frame, SegmentEvidence};
 use super::table::VisibilityTriangle;
-use super::triangle_cell::{Contact, Seen, Triangle, relate_cell, relate_ghost, relate_seen_cell};
+use super::triangle_cell::{
+    Contact, RelativePoint, Triangle, relate_cell, relate_ghost, relate_prepared_cell,
+};
 
 /// Reused memory of searches.
 #[derive(Clone, Debug, Default)]
@@ -22,7 +24,7 @@ pub(super) struct SearchScratch {
     /// For each cell the number of the search that reached it last.
     reached: Vec<u32>,
     /// For each vertex the number of the search that computed its sides last, and the sides.
-    sides: Vec<(u32, Seen)>,
+    sides: Vec<(u32, RelativePoint)>,
     search: u32,
     pub(super) around: IncidentCells,
 }
@@ -35,11 +37,11 @@ impl SearchScratch {
         let cells = tetrahedra.cell_capacity().max(self.reached.len());
         self.reached.resize(cells, 0);
         let vertices = tetrahedra.vertex_capacity().max(self.sides.len());
-        self.sides.resize(vertices, (0, Seen::default()));
+        self.sides.resize(vertices, (0, RelativePoint::default()));
         self.search = self.search.wrapping_add(1);
         if self.search == 0 {
             self.reached.fill(0);
-            self.sides.fill((0, Seen::default()));
+            self.sides.fill((0, RelativePoint::default()));
             self.search = 1;
         }
     }
@@ -154,11 +156,11 @@ impl SegmentVisibility {
             for (vertex, corner) in vertices.iter().zip(corners) {
                 let known = &mut sides[vertex.index()];
                 if known.0 != search {
-                    *known = (search, triangle.see(corner));
+                    *known = (search, triangle.relative(corner));
                 }
             }
-            let seen = vertices.map(|vertex| &sides[vertex.index()].1);
-            let relation = relate_seen_cell(triangle, corners, seen);
+            let relative = vertices.map(|vertex| &sides[vertex.index()].1);
+            let relation = relate_prepared_cell(triangle, corners, relative);
             is_generic &= relation.is_generic;
             match relation.contact {
                 Contact::Apart => continue,
