@@ -4,7 +4,7 @@ use thiserror::Error;
 
 use super::network::{Network, NodeId, Tree, parent};
 
-/// The first property of a [`Network`] found broken, with its witness. Any occurrence is a defect of this crate.
+/// The first property of the flow network found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum FlowViolation {
     /// The slot at the other end is not joined to this one.

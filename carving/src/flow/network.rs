@@ -67,7 +67,7 @@ impl Node {
     }
 }
 
-/// A flow network of nodes with four slots each; see the [module](super).
+/// A flow network of nodes with four slots each.
 ///
 /// Capacities and terminals are at most 2^60 in size, and so must be the sum of all terminals of one sign. About 120
 /// bytes a node.
