@@ -3,11 +3,12 @@
 use super::super::{ObservationId, ObservationTable};
 
 const NONE: u32 = u32::MAX;
-const HALF: u32 = 1 << 31;
+/// The bit of `RayRecord::view` that marks degenerate rays.
+const DEGENERATE: u32 = 1 << 31;
 
 /// What walks need of a ray: 12 bytes.
 #[derive(Clone, Copy, Debug)]
-struct Hot {
+struct RayRecord {
     /// The view; the highest bit is set while the ray may meet an edge or a vertex on its way.
     view: u32,
     vertex: u32,
@@ -25,7 +26,7 @@ struct Links {
 /// Rays with their view, point, vertex, standard deviation and weight.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rays {
-    hot: Vec<Hot>,
+    records: Vec<RayRecord>,
     links: Vec<Links>,
     first_of_point: Vec<u32>,
     first_of_view: Vec<u32>,
@@ -37,7 +38,7 @@ pub(crate) struct Rays {
 
 impl Rays {
     /// Largest number of views.
-    pub(crate) const MAX_VIEWS: usize = (HALF - 1) as usize;
+    pub(crate) const MAX_VIEWS: usize = (DEGENERATE - 1) as usize;
 
     /// No rays. Standard deviations are kept where asked for.
     pub(super) fn new(has_sigmas: bool) -> Self {
@@ -49,13 +50,13 @@ impl Rays {
 
     /// Length of an array indexed by ray.
     pub(crate) fn capacity(&self) -> usize {
-        self.hot.len()
+        self.records.len()
     }
 
     /// The vertex at which a ray ends.
     #[inline]
     pub(crate) fn vertex(&self, ray: ObservationId) -> u32 {
-        self.hot[ray.0 as usize].vertex
+        self.records[ray.0 as usize].vertex
     }
 
     /// Whether the ray may meet an edge or a vertex, or run inside a facet.
@@ -63,22 +64,22 @@ impl Rays {
     /// While it is false, the ray passes between the cells that list it through the interior of facets only.
     #[inline]
     pub(crate) fn is_degenerate(&self, ray: ObservationId) -> bool {
-        self.hot[ray.0 as usize].view & HALF != 0
+        self.records[ray.0 as usize].view & DEGENERATE != 0
     }
 
     pub(crate) fn set_degenerate(&mut self, ray: ObservationId, degenerate: bool) {
-        let view = &mut self.hot[ray.0 as usize].view;
+        let view = &mut self.records[ray.0 as usize].view;
         *view = if degenerate {
-            *view | HALF
+            *view | DEGENERATE
         } else {
-            *view & !HALF
+            *view & !DEGENERATE
         };
     }
 }
 
 impl ObservationTable<1> for Rays {
     fn len(&self) -> usize {
-        self.hot.len() - self.free.len()
+        self.records.len() - self.free.len()
     }
 
     /// All rays, view by view.
@@ -121,7 +122,7 @@ impl ObservationTable<1> for Rays {
 
     #[inline]
     fn view(&self, ray: ObservationId) -> u32 {
-        self.hot[ray.0 as usize].view & !HALF
+        self.records[ray.0 as usize].view & !DEGENERATE
     }
 
     #[inline]
@@ -141,7 +142,7 @@ impl ObservationTable<1> for Rays {
 
     #[inline]
     fn weight(&self, ray: ObservationId) -> u32 {
-        self.hot[ray.0 as usize].weight
+        self.records[ray.0 as usize].weight
     }
 
     fn insert(&mut self, view: u32, [point]: [u32; 1], weight: u32) -> ObservationId {
@@ -152,7 +153,7 @@ impl ObservationTable<1> for Rays {
         };
         grow(&mut self.first_of_point, point);
         grow(&mut self.first_of_view, view);
-        let hot = Hot {
+        let record = RayRecord {
             view,
             vertex: NONE,
             weight,
@@ -163,13 +164,13 @@ impl ObservationTable<1> for Rays {
             of_view: [NONE, self.first_of_view[view as usize]],
         };
         let ray = if let Some(slot) = self.free.pop() {
-            self.hot[slot as usize] = hot;
+            self.records[slot as usize] = record;
             self.links[slot as usize] = links;
             slot
         } else {
-            self.hot.push(hot);
+            self.records.push(record);
             self.links.push(links);
-            (self.hot.len() - 1) as u32
+            (self.records.len() - 1) as u32
         };
         if links.of_point[1] != NONE {
             self.links[links.of_point[1] as usize].of_point[0] = ray;
@@ -207,16 +208,16 @@ impl ObservationTable<1> for Rays {
     }
 
     fn set_ends(&mut self, ray: ObservationId, [vertex]: [u32; 1], [sigma]: [Option<f64>; 1]) {
-        self.hot[ray.0 as usize].vertex = vertex;
+        self.records[ray.0 as usize].vertex = vertex;
         if self.has_sigmas {
             self.sigmas
-                .resize(self.hot.len().max(self.sigmas.len()), None);
+                .resize(self.records.len().max(self.sigmas.len()), None);
             self.sigmas[ray.0 as usize] = sigma;
         }
     }
 
     fn set_weight(&mut self, ray: ObservationId, weight: u32) {
-        self.hot[ray.0 as usize].weight = weight;
+        self.records[ray.0 as usize].weight = weight;
     }
 }
 
