@@ -9,7 +9,7 @@ use super::ids::{PointId, ViewId};
 use super::{Carver, ordered};
 use crate::tetrahedralization::accept_position;
 use crate::visibility::rays::Rays;
-use crate::visibility::{ObservationTable, Visibility};
+use crate::visibility::{ObservationTable, SegmentVisibility, Visibility};
 
 /// Largest number of points of a carver.
 const MAX_POINTS: usize = 1 << 26;
@@ -294,7 +294,9 @@ impl<'a> Transaction<'a> {
         weight: u32,
     ) -> Result<(), TransactionError> {
         self.require_segment(view, ends)?;
-        if self.carver.segments.table().len() + self.plan.segments.len() >= MAX_RAYS {
+        if self.carver.segments.table().len() + self.plan.segments.len()
+            >= SegmentVisibility::MAX_SEGMENTS
+        {
             return Err(TransactionError::Full);
         }
         let before = self.segment_weight(view, ends).unwrap_or(0);

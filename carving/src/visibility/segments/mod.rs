@@ -52,6 +52,9 @@ pub(crate) struct SegmentVisibility {
 }
 
 impl SegmentVisibility {
+    /// Largest number of segments: anchors are numbered with 32 bits.
+    pub(crate) const MAX_SEGMENTS: usize = (u32::MAX - 1) as usize / evidence::ANCHORS;
+
     /// No segments; with evidence where a softness is given.
     pub(crate) fn new(softness: Option<Softness>) -> Self {
         Self {
