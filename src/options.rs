@@ -1,6 +1,6 @@
 //! The parameters of every stage. Users set the few of [`crate::configuration::Configuration`].
 
-use linecarve_carving::labels::CutOptionsError;
+use linecarve_carving::CutOptionsError;
 use linecarve_lines::ExtractOptions;
 use linecarve_lines::cluster::ClusterOptions;
 use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;

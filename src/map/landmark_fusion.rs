@@ -1,6 +1,6 @@
 //! Where the measurements of keyframes go: to landmarks, and to the points of the carver.
 
-use linecarve_carving::carver::{EventError, PointId, Transaction, ViewId};
+use linecarve_carving::{PointId, Transaction, TransactionError, ViewId};
 use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
@@ -111,7 +111,7 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurement: &Measurement,
-    ) -> Result<u32, EventError> {
+    ) -> Result<u32, TransactionError> {
         let landmark = match self.landmarks.observe(measurement) {
             Observed::New(landmark) => {
                 let point = transaction.add_point(measurement.point_in_world)?;
@@ -131,7 +131,7 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let mut last: Option<u32> = None;
         for measurement in measurements {
             let landmark = self.take(transaction, &measurement)?;
@@ -149,7 +149,7 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         for measurement in measurements {
             self.take(transaction, &measurement)?;
         }
@@ -162,7 +162,7 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let before = std::mem::take(&mut self.seen);
         self.take_singly(transaction, measurements)?;
         let landmarks = &self.landmarks;
@@ -178,7 +178,7 @@ impl LandmarkFusion {
         transaction: &mut Transaction<'_>,
         surface: &KeyframeSurface<'_>,
         options: &SurfacePointOptions,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.vertex_of.resize(self.points.len(), NONE);
         for place in 0..self.seen.len() {
             let landmark = self.seen[place];
@@ -258,7 +258,7 @@ impl LandmarkFusion {
     pub(super) fn settle(
         &mut self,
         transaction: &mut Transaction<'_>,
-    ) -> Result<(usize, usize), EventError> {
+    ) -> Result<(usize, usize), TransactionError> {
         let (mut moved, mut removed) = (0, 0);
         for &landmark in self.contradicted.iter().chain(&self.seen) {
             let point = self.points[landmark as usize];
@@ -289,7 +289,7 @@ impl LandmarkFusion {
         transaction: &mut Transaction<'_>,
         view: ViewId,
         center: &Point3<f64>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.observed.clear();
         for &landmark in &self.seen {
             let point = self.points[landmark as usize];
@@ -318,7 +318,7 @@ impl LandmarkFusion {
         view: ViewId,
         center: &Point3<f64>,
         weight: u32,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         if weight == 0 {
             return Ok(());
         }
@@ -343,7 +343,7 @@ impl LandmarkFusion {
 
 #[cfg(test)]
 mod tests {
-    use linecarve_carving::carver::Carver;
+    use linecarve_carving::Carver;
     use nalgebra::Unit;
 
     use super::*;

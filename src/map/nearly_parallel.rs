@@ -1,6 +1,6 @@
 //! What runs beside something that the map has, and tells nothing new.
 
-use linecarve_carving::carver::{Carver, ViewId};
+use linecarve_carving::{Carver, ViewId};
 use nalgebra::{Point3, Vector3};
 
 /// Whether a place lies nearer than `reach` to a stretch between two others.

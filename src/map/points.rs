@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use linecarve_carving::carver::{Carver, EventError, PointId, ViewId};
+use linecarve_carving::{Carver, PointId, TransactionError, ViewId};
 use linecarve_points::{MapChange, PointMap};
 use linecarve_sequence::Sequence;
 
@@ -80,7 +80,11 @@ impl FeatureMap {
     }
 
     /// Applies what has changed in the points to the carver.
-    fn follow(&mut self, carver: &mut Carver, update: &mut MapUpdate) -> Result<(), EventError> {
+    fn follow(
+        &mut self,
+        carver: &mut Carver,
+        update: &mut MapUpdate,
+    ) -> Result<(), TransactionError> {
         let mut transaction = carver.transaction();
         for new in &self.map.keyframes()[self.views.len()..] {
             self.views.push(transaction.add_view(new.center())?);

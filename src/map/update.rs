@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use linecarve_carving::surface::SurfaceDelta;
+use linecarve_carving::SurfaceDelta;
 
 /// What one keyframe did to the map.
 #[derive(Debug, Clone, Default)]

@@ -1,7 +1,7 @@
 //! Which point of the map lies at a vertex of the tetrahedralisation.
 
-use linecarve_carving::carver::{Carver, PointId, ViewId};
-use linecarve_carving::tetrahedralization::VertexId;
+use linecarve_carving::VertexId;
+use linecarve_carving::{Carver, PointId, ViewId};
 
 /// No landmark at a vertex.
 const NONE: u32 = u32::MAX;

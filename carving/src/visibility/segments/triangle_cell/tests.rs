@@ -79,7 +79,7 @@ proptest! {
             let touches = polygon.iter().any(|corner| at(function, corner) == 0);
             prop_assert!(relation.touched[facet] || !touches, "{facet}");
         }
-        let crosses = crate::visibility::crosses_cell(ends[1], ends[2], corners);
+        let crosses = crate::visibility::segment_cell::crosses_cell(ends[1], ends[2], corners);
         prop_assert!(relation.is_at_segment || !crosses);
         // What is in general position has no touch but at shared ends.
         if relation.is_generic && !meets && !polygon.is_empty() {

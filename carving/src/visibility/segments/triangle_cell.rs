@@ -2,9 +2,9 @@
 //!
 //! In the plane of the triangle the cell is a convex polygon, whose corners are the cell's own corners in the plane and
 //! the points where edges of the cell pierce it. Two convex polygons are apart when, and only when, a line along an edge of
-//! one of them parts them. A line along an edge of the polygon belongs to a facet of the cell, a line along an edge of the
+//! one of them separates them. A line along an edge of the polygon belongs to a facet of the cell, a line along an edge of the
 //! triangle to two of its corners, so each test is the sign of an orientation: no point is ever computed. Most signs come from
-//! numbers that the triangle has for each corner once ([`sides`]).
+//! numbers computed once for each corner ([`sides`]).
 
 mod sides;
 
@@ -12,7 +12,7 @@ use crate::predicates::orient3d;
 use crate::tetrahedralization::Tetrahedralization;
 
 use sides::FacetPlane;
-pub(super) use sides::{Seen, Triangle};
+pub(super) use sides::{RelativePoint, Triangle};
 
 const FACET: [[usize; 3]; 4] = Tetrahedralization::FACET;
 
@@ -21,7 +21,7 @@ const FACET: [[usize; 3]; 4] = Tetrahedralization::FACET;
 pub(super) enum Contact {
     /// Nothing.
     Apart,
-    /// At most something on the boundary of the cell. May be reported of cells that are apart but near.
+    /// At most a part of the boundary of the cell. Also reported for some cells that are apart but near.
     Touches,
     /// A part of the triangle lies in the open interior.
     Meets,
@@ -31,7 +31,7 @@ pub(super) enum Contact {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Relation {
     pub(super) contact: Contact,
-    /// Nothing is in a special position that might touch, but for corners that the triangle's ends share with the cell.
+    /// No special position that might touch, except corners shared by the ends of the triangle and the cell.
     pub(super) is_generic: bool,
     /// Whether three corners of the cell lie in the plane of the triangle.
     pub(super) is_coplanar: bool,
@@ -52,7 +52,7 @@ const APART: Relation = Relation {
 /// The edge of the triangle opposite its centre.
 const SEGMENT: usize = 1;
 
-/// Orders of signs on one line of separation.
+/// The signs that occur on one line of separation.
 #[derive(Default)]
 struct Sides {
     negative: bool,
@@ -72,7 +72,7 @@ impl Sides {
 struct Section<'a, const N: usize> {
     triangle: &'a Triangle<'a>,
     corners: [&'a [f64; 3]; N],
-    seen: [&'a Seen; N],
+    relative: [&'a RelativePoint; N],
     above: [f64; N],
     is_generic: bool,
     /// Edges of the cell that pierce the plane, as [`bit`]s.
@@ -87,19 +87,23 @@ fn bit(k: usize, l: usize) -> u16 {
 }
 
 impl<'a, const N: usize> Section<'a, N> {
-    fn new(triangle: &'a Triangle<'a>, corners: [&'a [f64; 3]; N], seen: [&'a Seen; N]) -> Self {
+    fn new(
+        triangle: &'a Triangle<'a>,
+        corners: [&'a [f64; 3]; N],
+        relative: [&'a RelativePoint; N],
+    ) -> Self {
         let [_, a, b] = triangle.corners;
         let mut is_generic = true;
         let mut above = [0.0; N];
         for k in 0..N {
-            above[k] = seen[k].above;
-            // An end of the triangle in its plane is nothing special.
+            above[k] = relative[k].above;
+            // An end of the triangle lies in its plane: no special position.
             is_generic &= above[k] != 0.0 || corners[k] == a || corners[k] == b;
         }
         Self {
             triangle,
             corners,
-            seen,
+            relative,
             above,
             is_generic,
             pierced: 0,
@@ -113,21 +117,21 @@ impl<'a, const N: usize> Section<'a, N> {
 
     /// On which sides of the line through corners `i` and `i + 1` of the triangle the section lies; positive is the side of
     /// the triangle.
-    fn beyond_edge(&mut self, i: usize) -> Sides {
+    fn edge_sides(&mut self, i: usize) -> Sides {
         let mut sides = Sides::default();
         for k in 0..N {
             if self.above[k] == 0.0 {
-                let Some(side) = self.beside_edge(i, k) else {
+                let Some(side) = self.corner_side(i, k) else {
                     continue;
                 };
                 sides.add(side);
             } else if self.above[k] > 0.0 {
                 for l in 0..N {
                     if self.above[l] < 0.0 {
-                        let high = (self.corners[k], self.seen[k]);
-                        let side = self
-                            .triangle
-                            .pierced(i, high, (self.corners[l], self.seen[l]));
+                        let high = (self.corners[k], self.relative[k]);
+                        let side =
+                            self.triangle
+                                .pierced(i, high, (self.corners[l], self.relative[l]));
                         self.is_generic &= side != 0.0;
                         self.pierced |= bit(k, l);
                         if side < 0.0 {
@@ -141,25 +145,28 @@ impl<'a, const N: usize> Section<'a, N> {
         sides
     }
 
-    /// The side of that line on which corner `k` lies, which is in the plane; `None` when all are.
-    fn beside_edge(&mut self, i: usize, k: usize) -> Option<f64> {
+    /// The side of that line on which corner `k`, which is in the plane, lies; `None` when all corners are in the plane.
+    fn corner_side(&mut self, i: usize, k: usize) -> Option<f64> {
         let apex = self.above.iter().position(|above| *above != 0.0)?;
         let (u, v) = (self.triangle.corners[i], self.triangle.corners[(i + 1) % 3]);
         let t = self.corners[k];
         if t == u || t == v {
             return Some(0.0);
         }
-        let side = self.triangle.beside(i, self.seen[k]).unwrap_or_else(|| {
-            // The turn of u, v, t as seen from a corner off the plane.
-            let turn = orient3d(u, v, t, self.corners[apex]);
-            if self.above[apex] > 0.0 { turn } else { -turn }
-        });
+        let side = self
+            .triangle
+            .edge_side(i, self.relative[k])
+            .unwrap_or_else(|| {
+                // The orientation of u, v, t seen from a corner off the plane.
+                let turn = orient3d(u, v, t, self.corners[apex]);
+                if self.above[apex] > 0.0 { turn } else { -turn }
+            });
         self.is_generic &= side != 0.0;
         Some(side)
     }
 
-    /// Whether the triangle may touch the facet with these corners: neither its plane nor a line along one of its edges parts
-    /// them.
+    /// Whether the triangle may touch the facet with these corners: neither its plane nor a line along one of its edges
+    /// separates them.
     fn may_touch(&self, facet: [usize; 3]) -> bool {
         if facet.iter().any(|&k| self.above[k] == 0.0) {
             return true;
@@ -175,8 +182,8 @@ impl<'a, const N: usize> Section<'a, N> {
         self.pierced & !(first | second | third) != 0
     }
 
-    /// Tests the plane and the three edges of the triangle. `None` when one of them parts the two. Otherwise also whether the
-    /// segment may run through the section: not when all of it lies strictly on the triangle's side.
+    /// Tests the plane and the three edges of the triangle. `None` when one of them separates the two. Otherwise the contact,
+    /// and whether the segment may cross the section: not when all of it lies strictly on the side of the triangle.
     fn contact(&mut self) -> Option<(Contact, bool)> {
         let mut sides = Sides::default();
         for side in self.above {
@@ -189,7 +196,7 @@ impl<'a, const N: usize> Section<'a, N> {
         let mut meets = pierced;
         let mut is_at_segment = true;
         for edge in 0..3 {
-            let sides = self.beyond_edge(edge);
+            let sides = self.edge_sides(edge);
             if sides.negative && !sides.zero && !sides.positive {
                 return None;
             }
@@ -209,25 +216,24 @@ impl<'a, const N: usize> Section<'a, N> {
 
 /// How a closed triangle, whose corners are not on one line, and a positively oriented cell meet.
 pub(super) fn relate_cell(triangle: &Triangle<'_>, cell: [&[f64; 3]; 4]) -> Relation {
-    let seen = cell.map(|corner| triangle.see(corner));
-    relate_seen_cell(triangle, cell, seen.each_ref())
+    let relative = cell.map(|corner| triangle.relative(corner));
+    relate_prepared_cell(triangle, cell, relative.each_ref())
 }
 
-/// The same when the triangle has [seen](Triangle::see) the corners.
-pub(super) fn relate_seen_cell(
+/// The same with the [relative coordinates](Triangle::relative) of the corners.
+pub(super) fn relate_prepared_cell(
     triangle: &Triangle<'_>,
     cell: [&[f64; 3]; 4],
-    seen: [&Seen; 4],
+    relative: [&RelativePoint; 4],
 ) -> Relation {
-    let mut section = Section::new(triangle, cell, seen);
+    let mut section = Section::new(triangle, cell, relative);
     let Some((mut contact, is_at_segment)) = section.contact() else {
         return APART;
     };
     let mut is_generic = section.is_generic;
     let touched = FACET.map(|facet| section.may_touch(facet));
     if is_generic && section.is_pierced() {
-        // The triangle goes on on both sides of an edge of the cell. Where a corner of it lies in the plane of a facet besides, the
-        // interior on either side is met or not regardless.
+        // The triangle extends to both sides of an edge of the cell, so it meets the interior, wherever its corners lie.
         return Relation {
             contact: Contact::Meets,
             is_generic,
@@ -240,9 +246,9 @@ pub(super) fn relate_seen_cell(
         let [p, q, r] = facet.map(|k| cell[k]);
         let plane = FacetPlane::new([p, q, r]);
         let mut sides = Sides::default();
-        for (place, corner) in triangle.corners.into_iter().enumerate() {
+        for (k, corner) in triangle.corners.into_iter().enumerate() {
             if corner == p || corner == q || corner == r {
-                is_generic &= place != 0;
+                is_generic &= k != 0;
                 sides.add(0.0);
             } else {
                 let side = plane.side(corner);
@@ -266,16 +272,16 @@ pub(super) fn relate_seen_cell(
     }
 }
 
-/// Whether the triangle may enter the hull through the facet of a ghost cell: its centre is strictly outside, and plane and
-/// edges of the triangle do not part it from the facet.
+/// Whether the triangle may enter the hull through the facet of a ghost cell: its centre is strictly outside, and neither its
+/// plane nor its edges separate it from the facet.
 pub(super) fn relate_ghost(triangle: &Triangle<'_>, facet: [&[f64; 3]; 3]) -> Relation {
     let [p, q, r] = facet;
     let outside = orient3d(p, q, r, triangle.corners[0]);
     if outside < 0.0 {
         return APART;
     }
-    let seen = facet.map(|corner| triangle.see(corner));
-    let mut section = Section::new(triangle, facet, seen.each_ref());
+    let relative = facet.map(|corner| triangle.relative(corner));
+    let mut section = Section::new(triangle, facet, relative.each_ref());
     if section.contact().is_none() {
         return APART;
     }

@@ -3,22 +3,18 @@
 //!
 //! `LINECARVE_LONG_TESTS=1` runs many more cases.
 
-// The lint's exemption of tests does not reach the helpers of an integration test.
-#![allow(clippy::unwrap_used)]
-
-mod points;
-
 use std::collections::HashSet;
 
-use linecarve_carving::tetrahedralization::{
+use linecarve_carving::{
     CellId, Changes, IncidentCells, Insertion, Location, Move, PointError, Tetrahedralization,
     VertexId,
 };
 use nalgebra::Point3;
-use points::{Family, families, long_mode};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+use crate::helpers::points::{self, Family, families, long_mode};
 
 /// Cells, ghosts included, by positions of corners; equal for equal triangulations however numbered.
 fn canonical(t: &Tetrahedralization) -> Vec<[Option<[u64; 3]>; 4]> {
@@ -382,7 +378,7 @@ fn a_vertex_joined_to_all_others_can_be_removed_and_moved() {
 
 #[test]
 fn the_apex_of_a_pyramid_takes_the_dimension_with_it() {
-    let mut t = build(&points::sheet(5));
+    let mut t = build(&points::plane(5));
     assert_eq!((t.dimension(), t.cells().count()), (2, 0));
     let mut changes = Changes::new();
     let apex = t
@@ -411,7 +407,7 @@ fn the_apex_of_a_pyramid_takes_the_dimension_with_it() {
 
 #[test]
 fn refused_input_changes_nothing() {
-    let mut t = build(&points::sheet(3));
+    let mut t = build(&points::plane(3));
     let mut changes = Changes::new();
     t.insert(Point3::new(0.5, 0.5, 1.0), None, &mut changes)
         .unwrap();

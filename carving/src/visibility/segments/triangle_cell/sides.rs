@@ -1,9 +1,9 @@
-//! On which sides of a triangle's plane and edges points lie, in floating point where that is sure.
+//! On which sides of the plane and edges of a triangle points lie, in floating point where rounding cannot change the sign.
 //!
 //! Relative to the triangle's centre, with its ends at `a` and `b` and `n = a x b`, a point `t` has the height `n t` over the plane.
 //! Over the planes upright on the edges it has `(a x t) n`, `n n` less both others, and `(t x b) n`. All four are linear in `t`. Where a
-//! line between two points pierces the plane, its side of an edge is the sign of a product of their heights and these; whatever rounding
-//! leaves in doubt is asked of the exact orientation. Bounds hold for numbers that are neither huge nor tiny; others are in doubt.
+//! line between two points pierces the plane, its side of an edge is the sign of a product of their heights and these. Where rounding may
+//! change a sign, and for huge and tiny numbers, the exact orientation decides.
 
 use crate::predicates::{UNIT_ROUNDOFF, larger, orient3d};
 use crate::vectors::{cross, dot, minus};
@@ -15,11 +15,11 @@ const ACROSS_BOUND: f64 = 1024.0 * UNIT_ROUNDOFF;
 /// Of points with `r` and `s`: heights are at most `6 m^2 r`, the others `36 m^3 r`, so that 9936 roundings of `m^5 r s`.
 const PIERCED_BOUND: f64 = 16384.0 * UNIT_ROUNDOFF;
 /// Bounds within which no product has lost digits to underflow, or overflowed.
-const SURE_BOUNDS: std::ops::Range<f64> = 1e-200..1e250;
+const CERTAIN_BOUNDS: std::ops::Range<f64> = 1e-200..1e250;
 
 /// The triangle between a centre and two ends.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::visibility) struct Triangle<'a> {
+pub(in crate::visibility::segments) struct Triangle<'a> {
     /// Centre and ends.
     pub(super) corners: [&'a [f64; 3]; 3],
     ends: [[f64; 3]; 2],
@@ -32,9 +32,9 @@ pub(in crate::visibility) struct Triangle<'a> {
     pierced_bound: f64,
 }
 
-/// A point as a triangle sees it.
+/// A point relative to a triangle.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in crate::visibility) struct Seen {
+pub(in crate::visibility::segments) struct RelativePoint {
     /// Side of the plane; its sign is exact.
     pub(super) above: f64,
     height: f64,
@@ -46,13 +46,13 @@ fn largest(a: &[f64; 3]) -> f64 {
     larger(larger(a[0].abs(), a[1].abs()), a[2].abs())
 }
 
-/// A value that is farther from zero than its error may be.
-fn sure(value: f64, bound: f64) -> Option<f64> {
-    (value.abs() > bound && SURE_BOUNDS.contains(&bound)).then_some(value)
+/// A value whose sign is certain: it exceeds its error bound.
+fn certain(value: f64, bound: f64) -> Option<f64> {
+    (value.abs() > bound && CERTAIN_BOUNDS.contains(&bound)).then_some(value)
 }
 
 impl<'a> Triangle<'a> {
-    pub(in crate::visibility) fn new(corners: [&'a [f64; 3]; 3]) -> Self {
+    pub(in crate::visibility::segments) fn new(corners: [&'a [f64; 3]; 3]) -> Self {
         let [center, a, b] = corners;
         let ends = [minus(a, center), minus(b, center)];
         let normal = cross(&ends[0], &ends[1]);
@@ -70,23 +70,23 @@ impl<'a> Triangle<'a> {
         }
     }
 
-    /// A point as the triangle sees it.
-    pub(in crate::visibility) fn see(&self, point: &[f64; 3]) -> Seen {
+    /// A point relative to the triangle.
+    pub(in crate::visibility::segments) fn relative(&self, point: &[f64; 3]) -> RelativePoint {
         let [center, a, b] = self.corners;
         let t = minus(point, center);
         let reach = larger(largest(&t), self.size);
         let height = dot(&self.normal, &t);
         let first = dot(&cross(&self.ends[0], &t), &self.normal);
         let last = dot(&cross(&t, &self.ends[1]), &self.normal);
-        let above = sure(height, self.height_bound * reach).unwrap_or_else(|| {
-            // An end is in the plane; the exact predicate would say the same, slowly.
+        let above = certain(height, self.height_bound * reach).unwrap_or_else(|| {
+            // An end is in the plane; the exact predicate has the same sign but is slow.
             if point == a || point == b {
                 0.0
             } else {
                 orient3d(center, a, b, point)
             }
         });
-        Seen {
+        RelativePoint {
             above,
             height,
             across: [first, self.squared - first - last, last],
@@ -94,21 +94,22 @@ impl<'a> Triangle<'a> {
         }
     }
 
-    /// Side of the edge from corner `i` to the next of a point in the plane, if it is sure; positive is the side of the triangle.
-    pub(super) fn beside(&self, i: usize, seen: &Seen) -> Option<f64> {
-        sure(seen.across[i], self.across_bound * seen.reach)
+    /// Side of a point in the plane with respect to the edge from corner `i` to the next, if it is certain; positive is the side
+    /// of the triangle.
+    pub(super) fn edge_side(&self, i: usize, relative: &RelativePoint) -> Option<f64> {
+        certain(relative.across[i], self.across_bound * relative.reach)
     }
 
-    /// Side of the edge from corner `i` to the next on which the line between a point above the plane and one below pierces it.
+    /// Side of the edge from corner `i` to the next on which the line from a point above the plane to one below pierces the plane.
     pub(super) fn pierced(
         &self,
         i: usize,
-        (above, high): (&[f64; 3], &Seen),
-        (below, low): (&[f64; 3], &Seen),
+        (above, high): (&[f64; 3], &RelativePoint),
+        (below, low): (&[f64; 3], &RelativePoint),
     ) -> f64 {
         let side = high.height * low.across[i] - low.height * high.across[i];
         let bound = self.pierced_bound * high.reach * low.reach;
-        sure(side, bound).unwrap_or_else(|| {
+        certain(side, bound).unwrap_or_else(|| {
             let (u, v) = (self.corners[i], self.corners[(i + 1) % 3]);
             orient3d(below, above, u, v)
         })
@@ -140,7 +141,7 @@ impl<'a> FacetPlane<'a> {
     pub(super) fn side(&self, point: &[f64; 3]) -> f64 {
         let [p, q, r] = self.corners;
         let t = minus(point, p);
-        sure(dot(&self.normal, &t), self.bound * largest(&t))
+        certain(dot(&self.normal, &t), self.bound * largest(&t))
             .unwrap_or_else(|| orient3d(p, q, r, point))
     }
 }
@@ -155,7 +156,7 @@ mod tests {
         i8::from(value > 0.0) - i8::from(value < 0.0)
     }
 
-    /// Points of a small grid, far from zero and moved by a few units in the last place, so that all cases lie close together.
+    /// Points of a small grid, far from zero and moved by a few units in the last place, so that all cases are close together.
     fn point() -> impl Strategy<Value = [f64; 3]> {
         let moved = (0_i32..=3, -2_i64..=2).prop_map(|(whole, ulps)| {
             let value = 1000.0 + f64::from(whole);
@@ -175,22 +176,22 @@ mod tests {
         ) {
             let [c, a, b] = &corners;
             let triangle = Triangle::new([c, a, b]);
-            let (seen_p, seen_q) = (triangle.see(&p), triangle.see(&q));
-            prop_assert_eq!(sign(seen_p.above), sign(orient3d(c, a, b, &p)));
+            let (relative_p, relative_q) = (triangle.relative(&p), triangle.relative(&q));
+            prop_assert_eq!(sign(relative_p.above), sign(orient3d(c, a, b, &p)));
             let plane = FacetPlane::new([c, a, b]);
             prop_assert_eq!(sign(plane.side(&p)), sign(orient3d(c, a, b, &p)));
-            if seen_p.above > 0.0 && seen_q.above < 0.0 {
+            if relative_p.above > 0.0 && relative_q.above < 0.0 {
                 for i in 0..3 {
                     let (u, v) = (&corners[i], &corners[(i + 1) % 3]);
-                    let side = triangle.pierced(i, (&p, &seen_p), (&q, &seen_q));
+                    let side = triangle.pierced(i, (&p, &relative_p), (&q, &relative_q));
                     prop_assert_eq!(sign(side), sign(orient3d(&q, &p, u, v)));
                 }
             }
-            if seen_p.above == 0.0 && seen_q.above != 0.0 {
+            if relative_p.above == 0.0 && relative_q.above != 0.0 {
                 for i in 0..3 {
                     let (u, v) = (&corners[i], &corners[(i + 1) % 3]);
-                    let turn = orient3d(u, v, &p, &q) * seen_q.above.signum();
-                    if let Some(side) = triangle.beside(i, &seen_p) {
+                    let turn = orient3d(u, v, &p, &q) * relative_q.above.signum();
+                    if let Some(side) = triangle.edge_side(i, &relative_p) {
                         prop_assert_eq!(sign(side), sign(turn));
                     }
                 }
@@ -199,14 +200,14 @@ mod tests {
     }
 
     #[test]
-    fn almost_everything_is_sure_and_tiny_and_huge_numbers_are_not() {
+    fn most_signs_are_certain_and_those_of_tiny_and_huge_numbers_are_not() {
         let at = |scale: f64| {
             let corners = [[0.0, 0.0, 2.0], [-0.1, 0.0, 0.0], [0.1, 0.02, 0.0]];
             let [c, a, b] = corners.map(|p| p.map(|x| x * scale));
             let triangle = Triangle::new([&c, &a, &b]);
-            let seen = triangle.see(&[0.01 * scale, 0.03 * scale, 0.5 * scale]);
-            sure(seen.height, triangle.height_bound * seen.reach).is_some()
-                && triangle.beside(1, &seen).is_some()
+            let relative = triangle.relative(&[0.01 * scale, 0.03 * scale, 0.5 * scale]);
+            certain(relative.height, triangle.height_bound * relative.reach).is_some()
+                && triangle.edge_side(1, &relative).is_some()
         };
         assert!(at(1.0) && at(1e-6) && at(1e7));
         assert!(!at(1e-70) && !at(1e120));

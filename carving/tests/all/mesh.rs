@@ -1,15 +1,10 @@
 //! Exported meshes: repair, filters, parts of the surface.
 
-#![allow(clippy::unwrap_used)] // Helpers of tests fail like tests.
-
-mod carvings;
-
+use linecarve_carving::{ExportOptions, Hull, IncidentCells, IndexedMesh, Triangle};
+use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet};
 
-use carvings::random_carving;
-use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh, Triangle};
-use linecarve_carving::tetrahedralization::IncidentCells;
-use nalgebra::Point3;
+use crate::helpers::carvings::random_carving;
 
 /// Triangles by undirected edge.
 fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {
@@ -23,7 +18,7 @@ fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {
     edges
 }
 
-/// The surface of a carving with its pinched places, and without.
+/// The surface of a carving with its non-manifold vertices, and repaired.
 fn plain_and_repaired(seed: u64, is_hull_dropped: bool) -> [IndexedMesh; 2] {
     let hull = if is_hull_dropped {
         Hull::Drop
@@ -108,15 +103,15 @@ fn repaired_meshes_are_manifold_and_cover_the_same_surface() {
     assert!(split > 0, "no case needed repair");
 }
 
-/// A line that is known by the places of its ends is found again on a repaired surface: repair copies vertices and halves edges, but moves
+/// A line that is known by the positions of its ends is found again on a repaired surface: repair copies vertices and halves edges, but moves
 /// nothing and fills nothing.
 #[test]
 fn repair_keeps_every_edge_where_it_was() {
-    type Place = [u64; 3];
-    let place = |p: &Point3<f64>| -> Place { [p.x, p.y, p.z].map(f64::to_bits) };
-    let places = |mesh: &IndexedMesh| -> BTreeSet<[Place; 2]> {
+    type Bits = [u64; 3];
+    let bits = |p: &Point3<f64>| -> Bits { [p.x, p.y, p.z].map(f64::to_bits) };
+    let segments = |mesh: &IndexedMesh| -> BTreeSet<[Bits; 2]> {
         let ends = edges(mesh).into_keys().map(|(a, b)| {
-            let mut ends = [a, b].map(|v| place(&mesh.vertices[v as usize]));
+            let mut ends = [a, b].map(|v| bits(&mesh.vertices[v as usize]));
             ends.sort_unstable();
             ends
         });
@@ -126,15 +121,15 @@ fn repair_keeps_every_edge_where_it_was() {
     let mut halved = 0;
     for seed in 0..40 {
         let [plain, repaired] = plain_and_repaired(seed, seed % 2 == 0);
-        let (before, after) = (places(&plain), places(&repaired));
-        let known: BTreeSet<Place> = plain.vertices.iter().map(place).collect();
+        let (before, after) = (segments(&plain), segments(&repaired));
+        let known: BTreeSet<Bits> = plain.vertices.iter().map(bits).collect();
         for (a, b) in edges(&plain).into_keys() {
             let [p, q] = [a, b].map(|v| plain.vertices[v as usize]);
-            let sorted = |x: Place, y: Place| [x.min(y), x.max(y)];
-            let middle = place(&nalgebra::center(&p, &q));
-            let is_whole = after.contains(&sorted(place(&p), place(&q)));
-            let is_halved = after.contains(&sorted(place(&p), middle))
-                && after.contains(&sorted(middle, place(&q)));
+            let sorted = |x: Bits, y: Bits| [x.min(y), x.max(y)];
+            let middle = bits(&nalgebra::center(&p, &q));
+            let is_whole = after.contains(&sorted(bits(&p), bits(&q)));
+            let is_halved = after.contains(&sorted(bits(&p), middle))
+                && after.contains(&sorted(middle, bits(&q)));
             assert!(is_whole || is_halved, "seed {seed}: {p} {q}");
             halved += usize::from(!is_whole);
         }

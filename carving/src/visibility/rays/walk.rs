@@ -7,16 +7,18 @@
 use crate::predicates::orient3d;
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 
-use super::beam::{Beam, Corner};
-use super::rays::{RayId, Rays};
-use super::segment::{Exit, Relation, crosses_ghost, exit, relate};
-use super::views::{Viewpoint, Views};
+use super::super::segment_cell::{Exit, Relation, crosses_ghost, exit, relate};
+use super::super::views::{Viewpoint, Views};
+use super::super::{ObservationId, ObservationTable, Softness};
+use super::evidence::RayEvidence;
+use super::line::{Corner, ShearedLine};
+use super::table::Rays;
 
 /// The ray meets an edge or a vertex on its way, or runs inside a facet.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Degenerate;
 
-/// A ray about to enter `cell` through its facet `back`, whose corners turn counter-clockwise for those who stand at
+/// A ray about to enter `cell` through its facet `back`, whose corners are in counter-clockwise order seen from
 /// the ray's vertex: the ray passes all three edges on the positive side.
 pub(super) struct Front {
     pub(super) cell: CellId,
@@ -34,13 +36,13 @@ enum Departure {
 
 /// Reused memory of walks.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct WalkScratch {
+pub(super) struct WalkScratch {
     /// Cells that the ray of the latest walk crosses.
-    pub(crate) cells: Vec<CellId>,
-    /// Where it leaves each of them.
-    pub(crate) exits: Vec<Exit>,
-    /// Cells that it does not cross, while a part of it runs in their boundary; of ghost cells, in their hull facet.
-    pub(crate) beside: Vec<CellId>,
+    pub(super) cells: Vec<CellId>,
+    /// The exit from each of them.
+    pub(super) exits: Vec<Exit>,
+    /// Cells that it does not cross but in whose boundary a part of it runs; for ghost cells, in their hull facet.
+    pub(super) alongside: Vec<CellId>,
     queue: Vec<CellId>,
     /// Per cell the number of the wide walk that saw it last.
     seen: Vec<u32>,
@@ -64,43 +66,58 @@ impl WalkScratch {
     }
 }
 
-/// What walks look at.
+/// The state that walks read.
 #[derive(Clone, Copy)]
-pub(crate) struct Walker<'a> {
-    pub(crate) tetrahedra: &'a Tetrahedralization,
-    pub(crate) views: &'a Views,
-    pub(crate) rays: &'a Rays,
+pub(super) struct Walker<'a> {
+    pub(super) tetrahedra: &'a Tetrahedralization,
+    pub(super) views: &'a Views,
+    pub(super) rays: &'a Rays,
 }
 
 impl<'a> Walker<'a> {
     #[inline(always)]
-    fn corner(&self, beam: &Beam, vertex: VertexId) -> Corner {
-        beam.corner(vertex.index() as u32, self.tetrahedra.coordinates(vertex))
+    fn corner(&self, line: &ShearedLine, vertex: VertexId) -> Corner {
+        line.corner(vertex.index() as u32, self.tetrahedra.coordinates(vertex))
     }
 
-    /// The side on which the beam passes the edge from `a` to `b`.
+    /// The side on which the line passes the edge from `a` to `b`.
     #[inline(always)]
-    fn side(&self, beam: &Beam, a: &Corner, b: &Corner) -> f64 {
-        beam.side(a, b, |vertex| {
+    fn side(&self, line: &ShearedLine, a: &Corner, b: &Corner) -> f64 {
+        line.side(a, b, |vertex| {
             self.tetrahedra
                 .coordinates(VertexId::from_index(vertex as usize))
         })
     }
 
+    /// The evidence of a ray; `None` without softness.
     #[inline]
-    pub(super) fn target(&self, ray: RayId) -> VertexId {
+    pub(super) fn evidence(
+        &self,
+        ray: ObservationId,
+        softness: Option<Softness>,
+    ) -> Option<RayEvidence<'a>> {
+        let softness = softness?;
+        let center = self.views.center(self.rays.view(ray));
+        let target = self.tetrahedra.coordinates(self.target(ray));
+        let [sigma] = self.rays.sigmas(ray);
+        let weight = self.rays.weight(ray);
+        Some(RayEvidence::new([center, target], sigma, weight, softness))
+    }
+
+    #[inline]
+    pub(super) fn target(&self, ray: ObservationId) -> VertexId {
         VertexId::from_index(self.rays.vertex(ray) as usize)
     }
 
     #[inline]
-    pub(super) fn beam(&self, ray: RayId) -> Beam {
+    pub(super) fn line(&self, ray: ObservationId) -> ShearedLine {
         let center = self.views.center(self.rays.view(ray));
-        Beam::new(center, self.tetrahedra.coordinates(self.target(ray)))
+        ShearedLine::new(center, self.tetrahedra.coordinates(self.target(ray)))
     }
 
     /// The cell in which the ray ends, if it ends inside one; `Err` when the centre is on the boundary of cells.
     #[inline]
-    pub(super) fn last_cell(&self, ray: RayId) -> Result<Option<CellId>, Degenerate> {
+    pub(super) fn last_cell(&self, ray: ObservationId) -> Result<Option<CellId>, Degenerate> {
         match self.views.viewpoint(self.rays.view(ray)) {
             Viewpoint::Inside(cell) => Ok(Some(cell)),
             Viewpoint::Outside(_) => Ok(None),
@@ -112,16 +129,16 @@ impl<'a> Walker<'a> {
     ///
     /// `None` also when it passes through the facet's boundary.
     #[inline]
-    pub(super) fn pierces(&self, beam: &Beam, inner: CellId, facet: usize) -> Option<Front> {
+    pub(super) fn pierces(&self, line: &ShearedLine, inner: CellId, facet: usize) -> Option<Front> {
         let vertices = self.tetrahedra.cell_vertices(inner);
         let [i, j, k] = Tetrahedralization::FACET[facet];
-        let a = self.corner(beam, vertices[i]);
-        let b = self.corner(beam, vertices[j]);
-        if self.side(beam, &a, &b) <= 0.0 {
+        let a = self.corner(line, vertices[i]);
+        let b = self.corner(line, vertices[j]);
+        if self.side(line, &a, &b) <= 0.0 {
             return None;
         }
-        let c = self.corner(beam, vertices[k]);
-        if self.side(beam, &b, &c) <= 0.0 || self.side(beam, &c, &a) <= 0.0 {
+        let c = self.corner(line, vertices[k]);
+        if self.side(line, &b, &c) <= 0.0 || self.side(line, &c, &a) <= 0.0 {
             return None;
         }
         let (cell, back) = self.tetrahedra.neighbor(inner, facet);
@@ -132,12 +149,12 @@ impl<'a> Walker<'a> {
         })
     }
 
-    /// Appends to the cells, and where it leaves each, those from `front` on, up to the last that satisfies `within`, the last of the ray, or the
-    /// ghost cell by which the ray leaves the hull.
+    /// Appends the cells from `front` on, with the exit from each, up to the last that satisfies `within`, the last cell of
+    /// the ray, or the ghost cell through which the ray leaves the hull.
     #[inline]
     pub(super) fn follow(
         &self,
-        beam: &Beam,
+        line: &ShearedLine,
         front: Front,
         last: Option<CellId>,
         within: impl Fn(CellId) -> bool,
@@ -166,10 +183,10 @@ impl<'a> Walker<'a> {
             //      / v \   x in abv  new corner v part the triangle in three.
             //     /     \
             //    a-------b
-            let v = self.corner(beam, vertices[back]);
-            let side = self.side(beam, &a, &v);
+            let v = self.corner(line, vertices[back]);
+            let side = self.side(line, &a, &v);
             let leaves_b = if side < 0.0 {
-                let side = self.side(beam, &b, &v);
+                let side = self.side(line, &b, &v);
                 if side == 0.0 {
                     return Err(Degenerate);
                 }
@@ -179,7 +196,7 @@ impl<'a> Walker<'a> {
                 if side == 0.0 {
                     return Err(Degenerate);
                 }
-                let side = self.side(beam, &c, &v);
+                let side = self.side(line, &c, &v);
                 if side == 0.0 {
                     return Err(Degenerate);
                 }
@@ -202,7 +219,7 @@ impl<'a> Walker<'a> {
     /// A visibility walk among the cells around the vertex: leave a cell by a facet that has the centre strictly beyond
     /// it. It ends because no cycle of cells lies in front of each other (see
     /// [`locate`](Tetrahedralization::locate)).
-    fn depart(&self, beam: &Beam, target: VertexId) -> Result<Departure, Degenerate> {
+    fn depart(&self, line: &ShearedLine, target: VertexId) -> Result<Departure, Degenerate> {
         let tetrahedra = self.tetrahedra;
         let mut cell = tetrahedra
             .cell_of(target)
@@ -218,14 +235,14 @@ impl<'a> Walker<'a> {
             }
             let slot = slot_of(&vertices, target.index() as u32);
             let facet = Tetrahedralization::FACET[slot];
-            let corners = facet.map(|k| self.corner(beam, vertices[k]));
+            let corners = facet.map(|k| self.corner(line, vertices[k]));
             let mut on_plane = false;
             for i in 0..3 {
                 let opposite = facet[(i + 2) % 3];
                 if opposite == entered {
                     continue;
                 }
-                let side = self.side(beam, &corners[i], &corners[(i + 1) % 3]);
+                let side = self.side(line, &corners[i], &corners[(i + 1) % 3]);
                 if side < 0.0 {
                     (cell, entered) = tetrahedra.neighbor(cell, opposite);
                     continue 'around;
@@ -245,16 +262,16 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Appends to the cells, and where it leaves each, those that satisfy `within`, from the ray's vertex until the first that does not.
+    /// Appends the cells from the ray's vertex on, with the exit from each, up to the last that satisfies `within`.
     pub(super) fn follow_from_vertex(
         &self,
-        beam: &Beam,
-        ray: RayId,
+        line: &ShearedLine,
+        ray: ObservationId,
         last: Option<CellId>,
         within: impl Fn(CellId) -> bool,
         (cells, exits): (&mut Vec<CellId>, &mut Vec<Exit>),
     ) -> Result<(), Degenerate> {
-        match self.depart(beam, self.target(ray))? {
+        match self.depart(line, self.target(ray))? {
             Departure::Away(ghost) => {
                 self.ghosts_in_sight(ray, ghost, within, cells);
                 exits.resize(cells.len(), Exit::Elsewhere);
@@ -272,7 +289,7 @@ impl<'a> Walker<'a> {
                 let vertices = self.tetrahedra.cell_vertices(cell);
                 let target = self.rays.vertex(ray);
                 exits.push(Exit::Through(slot_of(&vertices, target)));
-                self.follow(beam, front, last, within, (cells, exits))
+                self.follow(line, front, last, within, (cells, exits))
             }
         }
     }
@@ -283,7 +300,7 @@ impl<'a> Walker<'a> {
     /// The facets of a convex cone that are seen from a point outside follow each other around the apex.
     fn ghosts_in_sight(
         &self,
-        ray: RayId,
+        ray: ObservationId,
         start: CellId,
         within: impl Fn(CellId) -> bool,
         cells: &mut Vec<CellId>,
@@ -302,7 +319,7 @@ impl<'a> Walker<'a> {
             let (mut cell, mut exit) = (start, first_exit);
             loop {
                 let vertices = tetrahedra.cell_vertices(cell);
-                // The corner that the next ghost cell shares beside the target.
+                // The corner that the next ghost cell shares besides the target.
                 let shared = (0..3)
                     .map(|k| vertices[k])
                     .find(|&v| v != target && v != vertices[exit]);
@@ -325,16 +342,16 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Fills `scratch.cells` with all cells that the ray crosses, `scratch.beside` with those that it runs beside; the
-    /// result tells whether it may be degenerate.
+    /// Fills `scratch.cells` with all cells that the ray crosses and `scratch.alongside` with those in whose boundary it
+    /// runs. Returns whether the ray may be degenerate.
     ///
     /// # Complexity
     ///
     /// Linear in the number of cells crossed; for degenerate rays in that of cells touched.
-    pub(crate) fn walk(&self, ray: RayId, scratch: &mut WalkScratch) -> bool {
+    pub(super) fn walk(&self, ray: ObservationId, scratch: &mut WalkScratch) -> bool {
         scratch.cells.clear();
         scratch.exits.clear();
-        scratch.beside.clear();
+        scratch.alongside.clear();
         let strict = self.walk_strict(ray, (&mut scratch.cells, &mut scratch.exits));
         if strict == Err(Degenerate) {
             scratch.cells.clear();
@@ -344,21 +361,25 @@ impl<'a> Walker<'a> {
         strict == Err(Degenerate)
     }
 
-    /// Appends to the cells, and where it leaves each, those that the ray crosses; gives up, with part of them appended, where it is degenerate.
+    /// Appends the cells that the ray crosses, with the exit from each.
+    ///
+    /// # Errors
+    ///
+    /// For a degenerate ray; a part of the cells is then appended.
     pub(super) fn walk_strict(
         &self,
-        ray: RayId,
+        ray: ObservationId,
         steps: (&mut Vec<CellId>, &mut Vec<Exit>),
     ) -> Result<(), Degenerate> {
         let last = self.last_cell(ray)?;
-        self.follow_from_vertex(&self.beam(ray), ray, last, |_| true, steps)
+        self.follow_from_vertex(&self.line(ray), ray, last, |_| true, steps)
     }
 
-    /// All cells that a ray in any position crosses or runs beside.
+    /// Finds all cells that a ray in any position crosses, or in whose boundary it runs.
     ///
     /// The cells that contain a given point of the ray are connected through facets that contain it, so the finite cells
     /// that the closed segment touches are all found from one of them.
-    fn walk_wide(&self, ray: RayId, scratch: &mut WalkScratch) {
+    fn walk_wide(&self, ray: ObservationId, scratch: &mut WalkScratch) {
         let tetrahedra = self.tetrahedra;
         let target = self.target(ray);
         let center = self.views.center(self.rays.view(ray));
@@ -390,11 +411,11 @@ impl<'a> Walker<'a> {
                     scratch.exits.push(exit(center, end, corners));
                 }
                 Relation::RunsInBoundary { facets } => {
-                    scratch.beside.push(cell);
+                    scratch.alongside.push(cell);
                     for facet in (0..4).filter(|&facet| facets[facet]) {
                         let (other, _) = tetrahedra.neighbor(cell, facet);
                         if tetrahedra.is_ghost(other) {
-                            scratch.beside.push(other);
+                            scratch.alongside.push(other);
                         }
                     }
                 }

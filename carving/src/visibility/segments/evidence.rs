@@ -1,58 +1,61 @@
-//! What a segment seen by a view says about a cell: the rays to all of its points, together one ray.
+//! The evidence of a segment seen by a view about one cell: that of the rays to all of its points, together one ray.
 //!
-//! Between the rays to the two ends lie the rays to all points between. A facet that the triangle of centre and ends
-//! cuts is pierced by a part of them; that part of the weight it costs to be matter behind the facet, less near the
-//! segment, as for [single rays](super::softness). The deviation at a point of the segment lies between those of the ends,
-//! in proportion. Where the triangle is cut across from side to side the parts add up to the weight of one ray. Rays that end
-//! inside a cell do not speak of it: a part of it is free, the rest is not.
+//! Between the rays to the two ends lie the rays to all points between. A facet that the visibility triangle cuts is
+//! pierced by a part of them; that part of the weight is the cost of an occupied cell behind the facet, reduced near the
+//! segment as for [single rays](super::super::softness). The standard deviation is interpolated along the segment. Where
+//! the triangle is cut from side to side the parts add up to the weight of one ray. Rays that end inside a cell contribute
+//! nothing to it: a part of the cell is free, the rest is not.
 //!
-//! As behind the point of a ray there is matter behind the segment, at a few places that together weigh what one ray's does.
+//! As behind the point of a ray, space is expected to be occupied behind the segment: at a few anchors, whose weights add
+//! up to that of one ray.
 //!
-//! All is a function of positions, deviations and weight of one segment and one cell; ends and corners are put in order by
+//! Everything is a function of positions, deviations and weight of one segment and one cell; ends and corners are sorted by
 //! position first.
 
 use crate::predicates::{are_collinear, orient3d};
 use crate::tetrahedralization::Tetrahedralization;
 use crate::vectors::{cross, dot, minus};
 
-use super::evidence::CellEvidence;
-use super::segment::crosses_cell;
-use super::softness::{LEAST_BEHIND, MANY, MAX_WEIGHT, Softness, UNIT, in_order, precedes, soft};
+use super::super::CellEvidence;
+use super::super::segment_cell::crosses_cell;
+use super::super::softness::{
+    LEAST_BEHIND, MAX_WEIGHT, SATURATED_SIGMAS, Softness, UNIT, falloff, in_order, precedes,
+};
 
 /// A segment seen by a view, as evidence.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct SheetSight<'a> {
-    pub(crate) center: &'a [f64; 3],
-    pub(crate) ends: [&'a [f64; 3]; 2],
+pub(super) struct SegmentEvidence<'a> {
+    pub(super) center: &'a [f64; 3],
+    pub(super) ends: [&'a [f64; 3]; 2],
     /// Standard deviations of the ends along the rays to them.
-    pub(crate) sigmas: [Option<f64>; 2],
-    pub(crate) weight: u32,
+    pub(super) sigmas: [Option<f64>; 2],
+    pub(super) weight: u32,
 }
 
-/// Rays over which the part of a facet is averaged.
+/// Number of rays over which the part of a facet is averaged.
 const RAYS: usize = 4;
 
-/// Places behind a segment that are tied to matter.
-pub(super) const PLACES: usize = 4;
+/// Number of anchors behind a segment.
+pub(super) const ANCHORS: usize = 4;
 
 /// The triangle as a frame of its plane: the centre is the origin, the ends are the axes.
-pub(crate) struct Frame {
+pub(super) struct Frame {
     ends: [[f64; 3]; 2],
     sigmas: [f64; 2],
     normal: [f64; 3],
     squared: f64,
-    /// The share of the way to the segment up to which all of it is many deviations away.
+    /// Share of the distance to the segment up to which the evidence has its full amount.
     clear: f64,
 }
 
-/// A corner of a cell in a frame.
-struct Place {
+/// A corner of a cell in frame coordinates.
+struct FrameCorner {
     height: f64,
     along: [f64; 2],
 }
 
 /// Where an edge of a facet cuts the plane, if it does.
-fn cut(p: &Place, q: &Place) -> Option<[f64; 2]> {
+fn cut(p: &FrameCorner, q: &FrameCorner) -> Option<[f64; 2]> {
     if (p.height > 0.0) == (q.height > 0.0) {
         return None;
     }
@@ -62,9 +65,9 @@ fn cut(p: &Place, q: &Place) -> Option<[f64; 2]> {
 
 impl Frame {
     /// A point relative to the centre by its height over the plane, up to a factor, and its two coordinates along the ends.
-    fn place(&self, point: &[f64; 3]) -> Place {
+    fn corner(&self, point: &[f64; 3]) -> FrameCorner {
         let [a, b] = &self.ends;
-        Place {
+        FrameCorner {
             height: dot(&self.normal, point),
             along: [
                 dot(&self.normal, &cross(point, b)) / self.squared,
@@ -73,24 +76,24 @@ impl Frame {
         }
     }
 
-    /// Mean of what the rays between two places in the triangle say, times their part of all rays; those left out that
-    /// end between two shares of the way along the segment.
+    /// Mean evidence of the rays between two positions in the triangle, times their part of all rays. Rays that end between
+    /// the two `silent` shares along the segment are left out.
     fn part(&self, from: [f64; 2], to: [f64; 2], silent: Option<[f64; 2]>) -> f64 {
-        // The share of the way from the first end to the second at which the ray through a place ends.
+        // The share along the segment at which the ray through a position ends.
         let share = |[u, v]: [f64; 2]| v / (u + v);
         let (first, last) = (share(from), share(to));
         let (first, last) = (first.min(last), first.max(last));
-        let said = |first: f64, last: f64| self.said(from, to, [first, last]);
+        let between = |first: f64, last: f64| self.part_between(from, to, [first, last]);
         match silent {
-            Some([low, high]) => said(first, last.min(low)) + said(first.max(high), last),
-            None => said(first, last),
+            Some([low, high]) => between(first, last.min(low)) + between(first.max(high), last),
+            None => between(first, last),
         }
     }
 
-    /// The same of the rays that end between two shares; they meet the line between the two places.
-    fn said(&self, from: [f64; 2], to: [f64; 2], [first, last]: [f64; 2]) -> f64 {
+    /// The same for the rays that end between two shares; they meet the line between the two positions.
+    fn part_between(&self, from: [f64; 2], to: [f64; 2], [first, last]: [f64; 2]) -> f64 {
         let part = last - first;
-        // Also for what is not a number, at the centre.
+        // NaN at the centre.
         if part.is_nan() || part <= 0.0 {
             return 0.0;
         }
@@ -99,21 +102,21 @@ impl Frame {
         }
         let step = [to[0] - from[0], to[1] - from[1]];
         let turn = from[0] * step[1] - from[1] * step[0];
-        let said: f64 = (0..RAYS)
+        let sum: f64 = (0..RAYS)
             .map(|k| {
                 let t = first + part * (k as f64 + 0.5) / RAYS as f64;
-                // How far from the centre, as a share of the ray, it meets the line between the two places.
+                // The share along the ray, from the centre, at which it meets the line between the two positions.
                 let reach = (turn / ((1.0 - t) * step[1] - t * step[0])).clamp(0.0, 1.0);
                 let [a, b] = &self.ends;
                 let target: [f64; 3] = std::array::from_fn(|k| a[k] + t * (b[k] - a[k]));
                 let sigma = self.sigmas[0] + t * (self.sigmas[1] - self.sigmas[0]);
-                soft((1.0 - reach) * dot(&target, &target).sqrt() / sigma)
+                falloff((1.0 - reach) * dot(&target, &target).sqrt() / sigma)
             })
             .sum();
-        said / RAYS as f64 * part
+        sum / RAYS as f64 * part
     }
 
-    /// The part of the segment that lies in a cell, as shares of the way along it; corners relative to the centre.
+    /// The part of the segment inside a cell, as shares along it; corners are relative to the centre.
     fn inside(&self, cell: &[[f64; 3]; 4]) -> Option<[f64; 2]> {
         let (mut low, mut high) = (0.0_f64, 1.0_f64);
         for (opposite, facet) in Tetrahedralization::FACET.iter().enumerate() {
@@ -133,7 +136,7 @@ impl Frame {
     }
 }
 
-/// The part of the way between two places that lies in the triangle between the origin and (1, 0) and (0, 1).
+/// The part of a line segment inside the triangle of the origin, (1, 0) and (0, 1).
 fn clipped(from: [f64; 2], to: [f64; 2]) -> Option<[[f64; 2]; 2]> {
     let (mut low, mut high) = (0.0_f64, 1.0_f64);
     let inside = |[u, v]: [f64; 2]| [u, v, 1.0 - u - v];
@@ -149,7 +152,7 @@ fn clipped(from: [f64; 2], to: [f64; 2]) -> Option<[[f64; 2]; 2]> {
     (low < high).then(|| [at(low), at(high)])
 }
 
-/// Corners in an order that depends on their positions alone.
+/// Indices of the corners, sorted by position.
 fn by_position(corners: [&[f64; 3]; 4]) -> [usize; 4] {
     let mut order = [0, 1, 2, 3];
     for (first, second) in [(0, 1), (2, 3), (0, 2), (1, 3), (1, 2)] {
@@ -160,9 +163,9 @@ fn by_position(corners: [&[f64; 3]; 4]) -> [usize; 4] {
     order
 }
 
-impl SheetSight<'_> {
+impl SegmentEvidence<'_> {
     /// The triangle in its plane, with the deviations at its ends.
-    pub(crate) fn frame(&self, softness: &Softness) -> Frame {
+    pub(super) fn frame(&self, softness: &Softness) -> Frame {
         let sigma = |k: usize| {
             self.sigmas[k].unwrap_or_else(|| {
                 let ray = minus(self.ends[k], self.center);
@@ -180,8 +183,8 @@ impl SheetSight<'_> {
         let sigmas = order.map(sigma);
         let along = minus(&ends[1], &ends[0]);
         let nearest = (squared / dot(&along, &along)).sqrt();
-        // A little less, for rounding.
-        let clear = 1.0 - 1.000_001 * MANY * sigmas[0].max(sigmas[1]) / nearest;
+        // Slightly less, for rounding.
+        let clear = 1.0 - 1.000_001 * SATURATED_SIGMAS * sigmas[0].max(sigmas[1]) / nearest;
         Frame {
             ends,
             sigmas,
@@ -191,30 +194,30 @@ impl SheetSight<'_> {
         }
     }
 
-    /// Whether the triangle has an area; without one it says nothing.
-    pub(crate) fn has_area(&self) -> bool {
+    /// Whether the triangle has an area; without one it contributes nothing.
+    pub(super) fn has_area(&self) -> bool {
         let [a, b] = self.ends;
         !are_collinear(self.center, a, b)
     }
 
-    /// Whether a part of the segment runs through the open interior of a positively oriented cell: it is free in front and
-    /// matter behind, and the sheet does not say which of them it is as a whole.
-    pub(crate) fn ends_in(&self, cell: [&[f64; 3]; 4]) -> bool {
+    /// Whether the segment crosses the open interior of a positively oriented cell, which is then free before the segment and
+    /// occupied behind it.
+    pub(super) fn ends_in(&self, cell: [&[f64; 3]; 4]) -> bool {
         let [a, b] = self.ends;
         crosses_cell(a, b, cell)
     }
 
-    /// Weight of the tie of one place; together they weigh what the tie of one ray does.
-    pub(super) fn tie(&self, softness: &Softness) -> u64 {
-        let each = (softness.tie + PLACES as u64 / 2) / PLACES as u64;
+    /// Weight of one anchor; together they weigh as much as the anchor of one ray.
+    pub(super) fn anchor_weight(&self, softness: &Softness) -> u64 {
+        let each = (softness.anchor_weight + ANCHORS as u64 / 2) / ANCHORS as u64;
         u64::from(self.weight.min(MAX_WEIGHT)) * each
     }
 
-    /// Where matter is expected: one of [`PLACES`] behind the segment as seen from the centre, evenly along it; with the
-    /// [frame](Self::frame) of this sheet.
-    pub(super) fn behind(&self, frame: &Frame, softness: &Softness, place: usize) -> [f64; 3] {
+    /// Position of one of the [`ANCHORS`], which lie evenly along the segment and behind it as seen from the centre; with the
+    /// [frame](Self::frame) of this segment.
+    pub(super) fn anchor(&self, frame: &Frame, softness: &Softness, index: usize) -> [f64; 3] {
         let Frame { ends, sigmas, .. } = frame;
-        let t = (place as f64 + 0.5) / PLACES as f64;
+        let t = (index as f64 + 0.5) / ANCHORS as f64;
         let target: [f64; 3] = std::array::from_fn(|k| ends[0][k] + t * (ends[1][k] - ends[0][k]));
         let sigma = sigmas[0] + t * (sigmas[1] - sigmas[0]);
         let length = dot(&target, &target).sqrt();
@@ -222,20 +225,20 @@ impl SheetSight<'_> {
         std::array::from_fn(|k| self.center[k] + share * target[k])
     }
 
-    /// What it says about a finite cell that it meets; with the [frame](Self::frame) of this sheet, and whether it
-    /// [ends in](Self::ends_in) the cell.
-    pub(crate) fn passage(
+    /// What the segment contributes to a finite cell that its triangle meets; with the [frame](Self::frame) of this segment,
+    /// and whether it [ends in](Self::ends_in) the cell.
+    pub(super) fn passage(
         &self,
         frame: &Frame,
         cell: [&[f64; 3]; 4],
         ends_in: bool,
     ) -> CellEvidence {
-        let mut said = CellEvidence::default();
+        let mut contribution = CellEvidence::default();
         let weight = u64::from(self.weight.min(MAX_WEIGHT)) * UNIT;
         let relative = cell.map(|corner| minus(corner, self.center));
         let silent = ends_in.then(|| frame.inside(&relative)).flatten();
         let order = by_position(cell);
-        let places = relative.map(|corner| frame.place(&corner));
+        let in_frame = relative.map(|corner| frame.corner(&corner));
         let mut is_center_inside = true;
         for (facet, corners) in Tetrahedralization::FACET.iter().enumerate() {
             let [p, q, r] = corners.map(|k| cell[k]);
@@ -248,19 +251,19 @@ impl SheetSight<'_> {
             let [p, q, r] = std::array::from_fn(|_| corners.next().unwrap_or(facet));
             let mut cuts = [(p, q), (q, r), (p, r)]
                 .into_iter()
-                .filter_map(|(i, j)| cut(&places[i], &places[j]));
+                .filter_map(|(i, j)| cut(&in_frame[i], &in_frame[j]));
             if let (Some(from), Some(to)) = (cuts.next(), cuts.next())
                 && let Some([from, to]) = clipped(from, to)
             {
                 let part = frame.part(from, to, silent);
-                said.entered[facet] = (weight as f64 * part).round() as u64;
+                contribution.entered[facet] = (weight as f64 * part).round() as u64;
             }
         }
         if is_center_inside {
             let part = silent.map_or(1.0, |[low, high]| 1.0 - (high - low));
-            said.free = (weight as f64 * part).round() as u64;
+            contribution.free = (weight as f64 * part).round() as u64;
         }
-        said
+        contribution
     }
 }
 
@@ -271,7 +274,7 @@ mod tests {
     const SOFTNESS: Softness = Softness {
         relative_sigma: 0.01,
         behind_sigmas: 2.0,
-        tie: UNIT,
+        anchor_weight: UNIT,
     };
 
     /// A cell with its facet towards the centre at a height above the segment, cut from side to side, and the corner
@@ -289,15 +292,15 @@ mod tests {
         } else {
             [cell[1], cell[0], cell[2], cell[3]]
         };
-        let sight = SheetSight {
+        let segment = SegmentEvidence {
             center: &[0.0, 0.0, 10.0],
             ends: if flip { [&b, &a] } else { [&a, &b] },
             sigmas: [Some(sigma); 2],
             weight: 3,
         };
         let cell = cell.each_ref();
-        sight
-            .passage(&sight.frame(&SOFTNESS), cell, sight.ends_in(cell))
+        segment
+            .passage(&segment.frame(&SOFTNESS), cell, segment.ends_in(cell))
             .entered
     }
 
@@ -316,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_that_holds_the_segment_is_not_spoken_of() {
+    fn a_cell_that_holds_the_segment_gets_no_evidence() {
         assert_eq!(cost(5.0, -20.0, 0.1, false), [0; 4]);
         // A quarter of the segment inside: the rays to the rest cross the cell.
         let (a, b) = ([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
@@ -327,7 +330,7 @@ mod tests {
             [0.0, 0.0, -5.0],
         ];
         let shifted = cell.map(|[x, y, z]| [x + 2.75, y, z]);
-        let sight = SheetSight {
+        let segment = SegmentEvidence {
             center: &[0.0, 0.0, 10.0],
             ends: [&a, &b],
             sigmas: [Some(0.1); 2],
@@ -335,49 +338,49 @@ mod tests {
         };
         let corners = shifted.each_ref();
         let inside = {
-            let frame = sight.frame(&SOFTNESS);
-            frame.inside(&shifted.map(|corner| minus(&corner, sight.center)))
+            let frame = segment.frame(&SOFTNESS);
+            frame.inside(&shifted.map(|corner| minus(&corner, segment.center)))
         };
         let [low, high] = inside.expect("it ends in the cell");
         assert!((low - 0.75).abs() < 1e-12 && high == 1.0, "{low} {high}");
-        assert!(sight.ends_in(corners));
-        let said: u64 = sight
-            .passage(&sight.frame(&SOFTNESS), corners, true)
+        assert!(segment.ends_in(corners));
+        let sum: u64 = segment
+            .passage(&segment.frame(&SOFTNESS), corners, true)
             .entered
             .iter()
             .sum();
         let crossing = 1000.0 * UNIT as f64 * low;
-        assert!(said > 0 && said as f64 <= crossing, "{said} {crossing}");
+        assert!(sum > 0 && sum as f64 <= crossing, "{sum} {crossing}");
     }
 
     #[test]
-    fn places_behind_lie_behind_the_segment_and_weigh_as_one_ray() {
+    fn anchors_lie_behind_the_segment_and_weigh_as_one_ray() {
         let (a, b) = ([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
-        let sight = SheetSight {
+        let segment = SegmentEvidence {
             center: &[0.0, 0.0, 10.0],
             ends: [&a, &b],
             sigmas: [Some(0.25), Some(0.25)],
             weight: 3,
         };
-        let frame = sight.frame(&SOFTNESS);
-        for (place, x) in [-0.75, -0.25, 0.25, 0.75].into_iter().enumerate() {
-            let place = sight.behind(&frame, &SOFTNESS, place);
+        let frame = segment.frame(&SOFTNESS);
+        for (index, x) in [-0.75, -0.25, 0.25, 0.75].into_iter().enumerate() {
+            let anchor = segment.anchor(&frame, &SOFTNESS, index);
             // Two deviations further from the centre than the segment.
             let beyond = x * x + 100.0;
             let share = 1.0 + 0.5 / f64::sqrt(beyond);
-            assert!((place[0] - x * share).abs() < 1e-12, "{place:?}");
+            assert!((anchor[0] - x * share).abs() < 1e-12, "{anchor:?}");
             assert!(
-                (place[2] - (10.0 - 10.0 * share)).abs() < 1e-12,
-                "{place:?}"
+                (anchor[2] - (10.0 - 10.0 * share)).abs() < 1e-12,
+                "{anchor:?}"
             );
         }
-        assert_eq!(sight.tie(&SOFTNESS) * PLACES as u64, 3 * UNIT);
+        assert_eq!(segment.anchor_weight(&SOFTNESS) * ANCHORS as u64, 3 * UNIT);
     }
 
     #[test]
     fn parts_of_a_facet_add_up() {
         let (center, a, b) = ([0.3, 0.2, 10.0], [-1.0, 0.1, 0.0], [1.0, -0.2, 0.5]);
-        let sight = SheetSight {
+        let segment = SegmentEvidence {
             center: &center,
             ends: [&a, &b],
             sigmas: [Some(0.3), None],
@@ -395,8 +398,8 @@ mod tests {
                 [q, p, r, &apex]
             };
             // The facet opposite the apex.
-            sight
-                .passage(&sight.frame(&SOFTNESS), cell, sight.ends_in(cell))
+            segment
+                .passage(&segment.frame(&SOFTNESS), cell, segment.ends_in(cell))
                 .entered[3]
         };
         let [p, q, r] = &wide;
@@ -419,15 +422,19 @@ mod tests {
         if orient3d(corners[0], corners[1], corners[2], corners[3]) < 0.0 {
             corners.swap(0, 1);
         }
-        let sight = SheetSight {
+        let segment = SegmentEvidence {
             center: &[0.0, 0.0, 10.0],
             ends: [&[-1.0, 0.0, 0.0], &[1.0, 0.0, 0.0]],
             sigmas: [None; 2],
             weight: 2,
         };
-        let said = sight.passage(&sight.frame(&SOFTNESS), corners, true);
+        let contribution = segment.passage(&segment.frame(&SOFTNESS), corners, true);
         assert_eq!(
-            (said.free, said.entered, said.matter),
+            (
+                contribution.free,
+                contribution.entered,
+                contribution.occupied
+            ),
             (2 * UNIT, [0; 4], 0)
         );
     }

@@ -1,12 +1,11 @@
 //! A carving that several tests look at.
 
-use linecarve_carving::carver::{Carver, CarverOptions, PointId};
-use linecarve_carving::surface::Hull;
+use linecarve_carving::{Carver, CarverOptions, Hull, PointId};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Free points in a cube, seen from several places: a carving with caves and bridges.
+/// Free points in a cube, seen by several views: a carving with caves and bridges.
 pub(crate) fn random_carving(seed: u64, hull: Hull) -> Carver {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut carver = Carver::new(CarverOptions {

@@ -1,8 +1,8 @@
-//! On which side of an edge a ray passes.
+//! On which side of an edge the line of a ray passes.
 
 use crate::predicates::orient3d;
 
-/// Error bound of [`Beam::side`], relative to the product of the two corners' largest coordinate differences.
+/// Error bound of [`ShearedLine::side`], relative to the product of the two corners' largest coordinate differences.
 ///
 /// With unit roundoff `u`, a difference `w` of coordinates carries `u |w|`, the slope `s` of the shear, at most 1,
 /// `3u |s|`, so a sheared coordinate `w_x - s w_z` carries at most `8u m` where `m = max |w|`, and is at most `2m`
@@ -26,26 +26,26 @@ fn larger(a: f64, b: f64) -> f64 {
 /// The shear is that of S. Woop, C. Benthin, I. Wald, "Watertight ray/triangle intersection", Journal of Computer
 /// Graphics Techniques 2(1), 2013. *Differs from the paper:* an error bound, and exact arithmetic beyond it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Beam {
+pub(super) struct ShearedLine {
     center: [f64; 3],
     target: [f64; 3],
     first: [f64; 3],
     second: [f64; 3],
 }
 
-/// A point seen along a [`Beam`].
+/// A point seen along a [`ShearedLine`].
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Corner {
-    pub(crate) vertex: u32,
+pub(super) struct Corner {
+    pub(super) vertex: u32,
     first: f64,
     second: f64,
     largest: f64,
 }
 
-impl Beam {
+impl ShearedLine {
     /// The line from `center` to `target`, which differ.
     #[inline]
-    pub(crate) fn new(center: &[f64; 3], target: &[f64; 3]) -> Self {
+    pub(super) fn new(center: &[f64; 3], target: &[f64; 3]) -> Self {
         let d: [f64; 3] = std::array::from_fn(|k| target[k] - center[k]);
         let size = d.map(f64::abs);
         // Two rows perpendicular to d whose cross product points along +d.
@@ -84,7 +84,7 @@ impl Beam {
 
     /// A vertex as seen along the line.
     #[inline(always)]
-    pub(crate) fn corner(&self, vertex: u32, position: &[f64; 3]) -> Corner {
+    pub(super) fn corner(&self, vertex: u32, position: &[f64; 3]) -> Corner {
         let w: [f64; 3] = std::array::from_fn(|k| position[k] - self.center[k]);
         let along = |row: &[f64; 3]| row[0] * w[0] + row[1] * w[1] + row[2] * w[2];
         Corner {
@@ -101,7 +101,7 @@ impl Beam {
     /// A line from its target to its centre pierces a triangle from the side on which it turns counter-clockwise
     /// when the sides of its three directed edges are all positive, and from the other side when all are negative.
     #[inline(always)]
-    pub(crate) fn side<'p>(
+    pub(super) fn side<'p>(
         &self,
         a: &Corner,
         b: &Corner,
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn place(p: [i32; 3], far: bool) -> [f64; 3] {
+    fn scaled(p: [i32; 3], far: bool) -> [f64; 3] {
         p.map(|c| f64::from(c) / 1024.0 + if far { 1e7 } else { 0.0 })
     }
 
@@ -141,11 +141,11 @@ mod tests {
             ]),
             far in any::<bool>(),
         ) {
-            let [center, target, a, b] = p.map(|p| place(p, far));
+            let [center, target, a, b] = p.map(|p| scaled(p, far));
             prop_assume!(center != target);
-            let beam = Beam::new(&center, &target);
+            let line = ShearedLine::new(&center, &target);
             let position = |vertex| if vertex == 0 { &a } else { &b };
-            let side = beam.side(&beam.corner(0, &a), &beam.corner(1, &b), position);
+            let side = line.side(&line.corner(0, &a), &line.corner(1, &b), position);
             let exact = robust::orient3d(
                 robust::Coord3D { x: center[0], y: center[1], z: center[2] },
                 robust::Coord3D { x: target[0], y: target[1], z: target[2] },
@@ -165,9 +165,9 @@ mod tests {
             prop_assume!(center != target);
             let at = |t: f64| -> [f64; 3] { std::array::from_fn(|k| center[k] + t * (target[k] - center[k])) };
             let (a, b) = (at(t[0]), at(t[1]));
-            let beam = Beam::new(&center, &target);
+            let line = ShearedLine::new(&center, &target);
             let position = |vertex| if vertex == 0 { &a } else { &b };
-            let side = beam.side(&beam.corner(0, &a), &beam.corner(1, &b), position);
+            let side = line.side(&line.corner(0, &a), &line.corner(1, &b), position);
             prop_assert_eq!(
                 side.partial_cmp(&0.0),
                 orient3d(&center, &target, &a, &b).partial_cmp(&0.0)

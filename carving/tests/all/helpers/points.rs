@@ -16,7 +16,7 @@ pub(crate) fn long_mode() -> bool {
 }
 
 /// An `n` by `n` grid in a plane.
-pub(crate) fn sheet(n: i32) -> Vec<Point3<f64>> {
+pub(crate) fn plane(n: i32) -> Vec<Point3<f64>> {
     (0..n * n)
         .map(|i| Point3::new(f64::from(i % n), f64::from(i / n), 0.0))
         .collect()
@@ -60,7 +60,7 @@ pub(crate) fn families(seed: u64) -> Vec<Family> {
         (0..60).map(|_| small(rng, 2)).collect(),
     );
     add(
-        "coplanar sheets",
+        "coplanar points",
         (0..120)
             .map(|_| {
                 let mut p = small(rng, 6);

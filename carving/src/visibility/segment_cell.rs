@@ -1,4 +1,4 @@
-//! Which cells a segment crosses or touches, decided exactly on plain points.
+//! Which cells a line segment crosses or touches, exact.
 //!
 //! The interior of a tetrahedron is where four linear functions, one per facet, are positive. Along the segment from
 //! the target (t = 0) to the centre (t = 1) each is linear in t, so its signs at both ends say whether it is entered,
@@ -19,7 +19,7 @@ const EDGE: [[[usize; 2]; 4]; 4] = [
 ];
 
 /// A segment relative to one cell: signs at both ends of the four facet functions.
-struct Passage<'a> {
+struct SegmentInCell<'a> {
     center: &'a [f64; 3],
     target: &'a [f64; 3],
     cell: [&'a [f64; 3]; 4],
@@ -27,12 +27,12 @@ struct Passage<'a> {
     at_center: [f64; 4],
 }
 
-impl<'a> Passage<'a> {
+impl<'a> SegmentInCell<'a> {
     fn new(center: &'a [f64; 3], target: &'a [f64; 3], cell: [&'a [f64; 3]; 4]) -> Self {
         let at = |end: &[f64; 3]| {
             FACET.map(|facet| {
                 let [a, b, c] = facet.map(|k| cell[k]);
-                // A corner is in the plane; the exact predicate would say the same, slowly.
+                // A corner is in the plane; the exact predicate has the same sign but is slow.
                 if a == end || b == end || c == end {
                     0.0
                 } else {
@@ -100,7 +100,7 @@ impl<'a> Passage<'a> {
 
 /// Whether the open segment between `center` and `target` meets the open interior of a positively oriented cell.
 pub fn crosses_cell(center: &[f64; 3], target: &[f64; 3], cell: [&[f64; 3]; 4]) -> bool {
-    Passage::new(center, target, cell).meets_interior()
+    SegmentInCell::new(center, target, cell).meets_interior()
 }
 
 /// Whether `center` is strictly outside the hull facet (`orient3d(facet, center) > 0`) and the closed segment to
@@ -131,13 +131,13 @@ pub(crate) enum Exit {
 
 /// Where a ray leaves a positively oriented cell that it crosses.
 pub(super) fn exit(center: &[f64; 3], target: &[f64; 3], cell: [&[f64; 3]; 4]) -> Exit {
-    let passage = Passage::new(center, target, cell);
-    if passage.at_center.iter().all(|&side| side >= 0.0) {
+    let segment = SegmentInCell::new(center, target, cell);
+    if segment.at_center.iter().all(|&side| side >= 0.0) {
         return Exit::AtCenter;
     }
     let is_pierced = |i: usize| {
-        let opposite_sides = passage.at_center[i] < 0.0 && passage.at_target[i] > 0.0;
-        opposite_sides && (0..4).all(|j| j == i || passage.order(i, j) < 0.0)
+        let opposite_sides = segment.at_center[i] < 0.0 && segment.at_target[i] > 0.0;
+        opposite_sides && (0..4).all(|j| j == i || segment.order(i, j) < 0.0)
     };
     (0..4)
         .find(|&i| is_pierced(i))
@@ -162,14 +162,14 @@ pub(super) enum Relation {
 
 /// How the closed segment and a positively oriented closed cell meet.
 pub(super) fn relate(center: &[f64; 3], target: &[f64; 3], cell: [&[f64; 3]; 4]) -> Relation {
-    let passage = Passage::new(center, target, cell);
-    if !passage.touches() {
+    let segment = SegmentInCell::new(center, target, cell);
+    if !segment.touches() {
         Relation::Apart
-    } else if passage.meets_interior() {
+    } else if segment.meets_interior() {
         Relation::Crosses
-    } else if passage.overlaps() {
+    } else if segment.overlaps() {
         // The segment is in the plane of such a facet, which has nothing but the facet in common with the cell.
-        let is_flat = |i: usize| passage.at_target[i] == 0.0 && passage.at_center[i] == 0.0;
+        let is_flat = |i: usize| segment.at_target[i] == 0.0 && segment.at_center[i] == 0.0;
         let facets = [is_flat(0), is_flat(1), is_flat(2), is_flat(3)];
         Relation::RunsInBoundary { facets }
     } else {
