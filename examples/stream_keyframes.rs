@@ -1,0 +1,35 @@
+//! Feeds three keyframes of the sample sequence to a streaming session, as a running SLAM system would.
+
+#![allow(clippy::print_stdout, reason = "examples print their result")]
+
+use std::error::Error;
+use std::path::Path;
+
+use linecarve::Options;
+use linecarve::stream::{PoseParts, Reply, Session};
+use linecarve_sequence::{OpenOptions, Sequence};
+use serde_json::{from_value, json};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
+    let sequence = Sequence::open(&folder, &OpenOptions::default())?;
+    let mut session = Session::new(Options::default())?;
+    let camera = json!({"fx": 525.0, "fy": 525.0, "cx": 319.5, "cy": 239.5});
+    let calibration = json!({"color": camera, "depth": {"scale": 5000.0}});
+    session.handle(&from_value(json!({"type": "start", "calibration": calibration}))?)?;
+    for (id, frame) in sequence.frames().iter().take(3).enumerate() {
+        let message = json!({
+            "type": "keyframe",
+            "id": id,
+            "world_from_camera": PoseParts::from(&frame.world_from_camera),
+            "color": {"path": frame.color},
+            "depth": {"path": frame.depth},
+        });
+        if let Some(Reply::Surface { triangles, .. }) = session.handle(&from_value(message)?)? {
+            println!("keyframe {id}: {triangles} triangles");
+        }
+    }
+    let summary = session.finish().summary;
+    println!("{} vertices at the end", summary.mesh.positions.len());
+    Ok(())
+}
