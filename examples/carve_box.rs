@@ -4,8 +4,7 @@
 
 use std::error::Error;
 
-use linecarve_carving::carver::{Carver, CarverOptions};
-use linecarve_carving::surface::{ExportOptions, Hull};
+use linecarve_carving::{Carver, CarverOptions, ExportOptions, Hull};
 use nalgebra::Point3;
 
 fn main() -> Result<(), Box<dyn Error>> {

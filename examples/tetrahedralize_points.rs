@@ -4,7 +4,7 @@
 
 use std::error::Error;
 
-use linecarve_carving::tetrahedralization::Tetrahedralization;
+use linecarve_carving::Tetrahedralization;
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
