@@ -16,7 +16,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut session = Session::new(Options::default())?;
     let camera = json!({"fx": 525.0, "fy": 525.0, "cx": 319.5, "cy": 239.5});
     let calibration = json!({"color": camera, "depth": {"scale": 5000.0}});
-    session.handle(&from_value(json!({"type": "start", "calibration": calibration}))?)?;
+    let start = json!({"type": "start", "calibration": calibration});
+    session.handle(&from_value(start)?)?;
     for (id, frame) in sequence.frames().iter().take(3).enumerate() {
         let message = json!({
             "type": "keyframe",
