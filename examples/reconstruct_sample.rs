@@ -11,17 +11,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut input = Input::from(Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room"));
     input.selection.max_keyframes = Some(4);
     let mut reconstruction = Reconstruction::open(input, Options::default())?;
+    let mut points = 0;
     while let Some(update) = reconstruction.advance()? {
-        println!(
-            "keyframe {}: {} new points, {} triangles added or removed",
-            update.number,
-            update.map.new_points,
-            update.map.changed_triangles()
-        );
+        points += update.map.new_points;
     }
     let mesh = reconstruction.surface();
     println!(
-        "{} segments; {} vertices, {} triangles",
+        "{} keyframes: {points} points, {} segments; {} vertices, {} triangles",
+        reconstruction.numbers().len(),
         reconstruction.segments().lines.len(),
         mesh.positions.len(),
         mesh.triangles.len()

@@ -14,10 +14,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
     let sequence = Sequence::open(&folder, &OpenOptions::default())?;
     let mut session = Session::new(Options::default())?;
-    let camera = json!({"fx": 525.0, "fy": 525.0, "cx": 319.5, "cy": 239.5});
-    let calibration = json!({"color": camera, "depth": {"scale": 5000.0}});
+    let color = json!({"fx": 525.0, "fy": 525.0, "cx": 319.5, "cy": 239.5});
+    let calibration = json!({"color": color, "depth": {"scale": 5000.0}});
     let start = json!({"type": "start", "calibration": calibration});
     session.handle(&from_value(start)?)?;
+    let (mut added, mut removed) = (0, 0);
     for (id, frame) in sequence.frames().iter().take(3).enumerate() {
         let message = json!({
             "type": "keyframe",
@@ -26,11 +27,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             "color": {"path": frame.color},
             "depth": {"path": frame.depth},
         });
-        if let Some(Reply::Surface { triangles, .. }) = session.handle(&from_value(message)?)? {
-            println!("keyframe {id}: {triangles} triangles");
+        if let Some(Reply::Surface { change, .. }) = session.handle(&from_value(message)?)? {
+            added += change.added.len();
+            removed += change.removed.len();
         }
     }
-    let summary = session.finish().summary;
-    println!("{} vertices at the end", summary.mesh.positions.len());
+    let mesh = session.finish().summary.mesh;
+    println!("{added} triangles added, {removed} removed");
+    println!("{} triangles at the end", mesh.triangles.len());
     Ok(())
 }
