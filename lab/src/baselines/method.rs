@@ -60,6 +60,20 @@ pub struct Findings {
 }
 
 impl Findings {
+    /// Whether there is neither a segment nor a point.
+    pub fn is_empty(&self) -> bool {
+        self.segments.is_empty() && self.points.is_empty()
+    }
+
+    /// Time of the stages that a condition on their names selects.
+    pub fn time_of(&self, is_selected: impl Fn(&str) -> bool) -> Duration {
+        let stages = self.stages.iter();
+        stages
+            .filter(|(stage, _)| is_selected(stage))
+            .map(|(_, time)| *time)
+            .sum()
+    }
+
     /// Adds to the time of a stage.
     pub(super) fn spend(&mut self, stage: &'static str, duration: Duration) {
         match self.stages.iter_mut().find(|(name, _)| *name == stage) {
