@@ -30,7 +30,7 @@ pub(super) struct Measurement {
     pub(super) keyframes: usize,
     /// From opening the sequence to the final surface.
     pub(super) seconds: f64,
-    /// Processor time of all stages.
+    /// Sum of the times of all stages.
     pub(super) milliseconds_per_keyframe: f64,
     pub(super) peak_memory_mb: Option<f64>,
     pub(super) vertices: usize,
