@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use linecarve::cli::{DepthArg, KeyframeArgs, SequenceArgs};
+use linecarve::cli::{DepthArg, KeyframeArgs, LinesArgs, SequenceArgs};
 use linecarve_lab::baselines::Method;
 
 /// Measures Linecarve: line methods, ablation, benchmarks.
@@ -35,7 +35,7 @@ pub(crate) enum Command {
     /// Every line method on a sequence, against a ground truth and against the images.
     Tables(TablesArgs),
     /// Lines or points of a sequence by one method: segments, clusters or `points.ply`, and `report.json`.
-    Lines(LinesArgs),
+    Lines(LineMethodArgs),
     /// The contribution of each part of the reconstruction: F, vertices and time, with and without it.
     Ablation(AblationArgs),
     /// Time, memory and F of the reconstruction beside those of rivals.
@@ -78,10 +78,10 @@ pub(crate) struct TablesArgs {
 
 /// Arguments of `lines`.
 #[derive(Debug, Args)]
-pub(crate) struct LinesArgs {
+pub(crate) struct LineMethodArgs {
     /// The options of `linecarve lines`.
     #[command(flatten)]
-    pub(crate) lines: linecarve::cli::LinesArgs,
+    pub(crate) lines: LinesArgs,
 
     /// The method.
     #[arg(long, value_enum, default_value_t = MethodChoice::EdgeAided)]

@@ -10,8 +10,8 @@ use linecarve::run::{Progress, Verbosity};
 use linecarve_mesh::{Shape, read_geometry};
 use serde::Serialize;
 
-use super::measure::{Run, f_scores, ground_truth, observe, score};
 use super::published::publish;
+use super::scored_run::{Run, f_scores, ground_truth, observe, score};
 use crate::cli::AblationArgs;
 
 /// Sets options.

@@ -16,10 +16,10 @@ use linecarve_lines::image::GrayImage;
 
 use super::lines_output::{Output, nothing};
 use super::start_threads;
-use crate::cli::{LinesArgs, MethodChoice};
+use crate::cli::{LineMethodArgs, MethodChoice};
 
 pub(super) fn run(
-    args: LinesArgs,
+    args: LineMethodArgs,
     threads: Option<usize>,
     verbosity: Verbosity,
 ) -> anyhow::Result<Outcome> {

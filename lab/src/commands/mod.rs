@@ -6,7 +6,9 @@ mod lines;
 mod lines_output;
 mod measure;
 mod published;
+mod results;
 mod rivals;
+mod scored_run;
 mod tables;
 
 use anyhow::Context;

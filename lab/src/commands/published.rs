@@ -43,15 +43,16 @@ pub(super) fn write_section(path: &Path, name: &str, section: &str) -> anyhow::R
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// The command line, with `$LINECARVE_DATA` for the folder of the recordings.
+/// The command line, with paths relative to the working folder and `$LINECARVE_DATA` for the folder of the recordings.
 fn command() -> String {
     let data = std::env::var("LINECARVE_DATA").unwrap_or_default();
+    let here = std::env::current_dir().unwrap_or_default();
     let mut words = vec!["linecarve-lab".to_owned()];
-    for argument in std::env::args().skip(1) {
-        let argument = match data.is_empty() {
-            true => argument,
-            false => argument.replace(data.trim_end_matches('/'), "$LINECARVE_DATA"),
-        };
+    for mut argument in std::env::args().skip(1) {
+        if !data.is_empty() {
+            argument = argument.replace(data.trim_end_matches('/'), "$LINECARVE_DATA");
+        }
+        argument = argument.replace(&format!("{}/", here.display()), "");
         words.push(match argument.contains([' ', ';']) {
             true => format!("'{argument}'"),
             false => argument,

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use linecarve_mesh::{Shape, read_geometry};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
-use super::measure::{f_scores, score};
+use super::results::ResultRow;
+use super::scored_run::{f_scores, score};
 
 /// A file of rivals.
 #[derive(Debug, Default, Deserialize)]
@@ -34,21 +35,6 @@ pub(super) struct Rival {
     f: Option<[f64; 3]>,
     /// Origin of the quoted figures.
     source: Option<String>,
-}
-
-/// A row of the table of results.
-#[derive(Debug, Clone, Serialize)]
-pub(super) struct ResultRow {
-    pub(super) sequence: String,
-    pub(super) method: String,
-    pub(super) keyframes: Option<usize>,
-    pub(super) f: Vec<f64>,
-    pub(super) vertices: Option<usize>,
-    pub(super) milliseconds_per_keyframe: Option<f64>,
-    pub(super) seconds: Option<f64>,
-    pub(super) peak_memory_mb: Option<f64>,
-    /// Origin of quoted figures.
-    pub(super) source: Option<String>,
 }
 
 /// Reads a file of rivals.
