@@ -333,8 +333,11 @@ impl Recording {
         Ok(())
     }
 
-    /// Corrects poses, and the lens, where the images contradict them.
-    fn correct_poses(&mut self, verbosity: Verbosity) -> Result<(), RecordingError> {
+    /// Corrects the poses of the keyframes, and the lens, where the images contradict them.
+    ///
+    /// # Errors
+    /// When an image cannot be read, or the estimated lens is no camera.
+    pub fn correct_poses(&mut self, verbosity: Verbosity) -> Result<(), RecordingError> {
         let mut progress = Progress::start("poses", self.keyframes.len(), verbosity);
         let corrected = correct_poses(&self.sequence, &self.keyframes, &self.options, || {
             progress.step(|| "comparing poses with images".to_owned());

@@ -8,7 +8,7 @@ use crate::run::Verbosity;
 use linecarve_sequence::{OpenOptions, Sequence};
 
 /// What is to be reconstructed from which source.
-pub(super) fn input(
+pub fn input(
     args: &SequenceArgs,
     selection: &KeyframeArgs,
     depth: DepthArg,
@@ -48,7 +48,10 @@ fn open_options(args: &SequenceArgs) -> OpenOptions {
 }
 
 /// The parameters of all stages: those of the configuration, with the flags on top.
-pub(super) fn parameters(stages: &StageArgs, selection: &KeyframeArgs) -> anyhow::Result<Options> {
+///
+/// # Errors
+/// When the configuration cannot be read; the text names file and key.
+pub fn parameters(stages: &StageArgs, selection: &KeyframeArgs) -> anyhow::Result<Options> {
     let mut options = match &stages.config {
         Some(path) => Configuration::read(path)?.options(),
         None => Options::default(),

@@ -7,7 +7,7 @@ mod evaluate;
 
 mod heat_map;
 mod info;
-mod input;
+pub mod input;
 mod lines;
 mod observed;
 mod reconstruct;

@@ -5,8 +5,8 @@
 //! ```
 //!
 //! SEQUENCE is a folder in the 7-Scenes layout with its depth camera's poses, or one with an Open3D `trajectory.log`.
-//! Keyframes are taken every 0.15 units or 10 degrees. It is a measuring harness; the program itself reads sequences
-//! with all their traps.
+//! Keyframes are chosen every 0.15 units or 10 degrees. The harness uses the library `linecarve-lines` alone and reads sequences
+//! with a small reader of its own.
 
 #[path = "../../../lines/tests/support/sequence.rs"]
 mod sequence;

@@ -2,10 +2,10 @@
 //!
 //! `cargo run --release -p linecarve-lab --example semi_dense -- SEQUENCE [--out DIR] [--step N] [--translation LENGTH] [--no-confirm] [--k1 K1]`
 //!
-//! The depth images serve as the reference alone. Each keyframe is estimated from the best of those around it, then
-//! confirmed by theirs. The reference at an edge is the near side of a jump, as everywhere in the library; a second set of
-//! figures takes the nearest value within 2 pixels, which forgives what lies on the wrong side of an outline. Images of a sequence
-//! that comes as that of a pinhole lose the radial distortion `--k1`.
+//! The depth images serve only as reference. Depth is estimated from neighbouring keyframes and checked against their depth
+//! maps. The reference at an edge is the near side of a depth jump, as in the library; a second set of figures uses the
+//! nearest value within 2 pixels, so that a pixel on the wrong side of an outline is no error. `--k1` is a radial distortion
+//! that is removed from images that the sequence gives as those of a pinhole.
 
 #![allow(clippy::print_stdout, reason = "the figures are the output")]
 
@@ -127,7 +127,7 @@ impl Tally {
     }
 }
 
-/// What takes the distortion out of images like that of `first`; the camera of the sequence becomes theirs.
+/// The map that undistorts images of the size of `first`; the sequence gets the camera of the undistorted images.
 fn undistort(
     sequence: &mut Sequence,
     first: &sequence::View,

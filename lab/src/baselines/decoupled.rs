@@ -1,4 +1,4 @@
-//! The decoupled baseline: straight segments of the image first, then a line through the depths along each.
+//! The decoupled baseline: segments are detected in the image first, then a line is fitted to the depths along each.
 
 use std::time::Instant;
 
@@ -8,26 +8,23 @@ use rand_chacha::ChaCha8Rng;
 
 use super::image_segments::ImageSegments;
 use super::line_detection::{LineDetectorOptions, LineSegment2d};
-use super::method::{
-    Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
-};
+use super::method::{Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe};
 use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 use linecarve_lines::edges::EdgeOptions;
 use linecarve_lines::fit::DepthModel;
 
 /// Settings of [`Decoupled`].
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DecoupledOptions {
-    /// Segments of the image that are shorter are left out.
+    /// Shorter image segments are left out.
     pub minimum_length_px: f64,
-    /// The quantity that is a line along a segment.
+    /// The quantity that is fitted as linear along a segment.
     pub depth_model: DepthModel,
     /// A depth is an inlier within this share of the line's depth.
     pub depth_tolerance: f64,
     /// Least share of the pixels along a segment with a depth, and with one that is an inlier.
     pub minimum_inlier_share: f64,
-    /// Segments nearer than this to the view ray of one of their ends are not trusted.
+    /// Smallest angle between a segment and the view rays of its ends; segments below it are left out.
     pub minimum_view_angle_rad: f64,
     /// Seed of the samples.
     pub seed: u64,
@@ -80,16 +77,16 @@ struct Sample {
     value: f64,
 }
 
-/// Segments detected in the image by [`LineDetector`](super::LineDetector); the depth of each pixel along a segment as it lies under the pixel;
-/// a line through them by RANSAC, as many tries as there are depths; least squares over the inliers. The ends are those
-/// of the image segment, at the depth of the line.
+/// The decoupled baseline. [`LineDetector`](super::LineDetector) finds segments in the image. RANSAC fits a line to the depths
+/// of the nearest pixels along each segment, with one iteration for each depth, and least squares refines it over the inliers.
+/// The 3D ends are those of the image segment at the depth of the line.
 ///
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
 /// section IV: the "decoupled" method of its tables.
 ///
-/// *Differs from the paper*: inverse depth by default instead of depth; RANSAC chooses by the same quantity as the fit,
-/// which the public code does not; its samples are seeded, so that runs repeat.
+/// *Differs from the paper*: the default is inverse depth instead of depth; RANSAC and the fit use the same quantity, which
+/// those of the public code do not; samples are seeded, so that runs repeat.
 #[derive(Debug, Clone)]
 pub struct Decoupled {
     options: DecoupledOptions,
@@ -140,7 +137,7 @@ impl Decoupled {
             return None;
         }
         let mut line = self.sample_line(rng)?;
-        // Twice: the inliers of the refined line are not quite those of the sampled one.
+        // Twice, as the inliers of the refined line differ from those of the sampled one.
         for _ in 0..2 {
             line = self.least_squares(line)?;
         }
@@ -180,14 +177,14 @@ impl Decoupled {
         fitted > 0.0 && (sample.value - fitted).abs() <= self.options.depth_tolerance * fitted
     }
 
-    /// The line through two samples that most samples agree with.
+    /// The line through two samples that has most inliers.
     fn sample_line(&self, rng: &mut ChaCha8Rng) -> Option<[f64; 2]> {
         let count = self.samples.len();
         let mut best = None;
         for _ in 0..count {
             let a = self.samples[rng.random_range(0..count)];
             let b = self.samples[rng.random_range(0..count)];
-            // Two neighbouring depths say nothing about the slope.
+            // Two neighbouring depths do not determine the slope.
             if (a.share - b.share).abs() < 0.1 {
                 continue;
             }
@@ -245,7 +242,7 @@ impl Decoupled {
     }
 }
 
-/// The depth under a position.
+/// The depth of the pixel nearest to a position.
 fn nearest(depth: &InverseDepthMap, pixel: &Point2<f64>) -> Option<InverseDepth> {
     let (x, y) = (pixel.x.round(), pixel.y.round());
     (x >= 0.0 && y >= 0.0)
@@ -258,11 +255,15 @@ impl LineMethod for Decoupled {
         Method::Decoupled
     }
 
-    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
-        let depth = keyframe.demand_depth(self.method())?;
+    fn process(
+        &mut self,
+        keyframe: &PosedKeyframe<'_>,
+        findings: &mut Findings,
+    ) -> Result<(), MethodError> {
+        let depth = keyframe.require_depth(self.method())?;
         let segments = self.segments.find(keyframe.image, findings);
         let start = Instant::now();
-        // A stream for each keyframe: what is sampled in one does not depend on what came before it.
+        // A stream for each keyframe: its samples do not depend on earlier keyframes.
         let mut rng = ChaCha8Rng::seed_from_u64(self.options.seed);
         rng.set_stream(u64::from(keyframe.number));
         for segment in &segments {
@@ -279,7 +280,7 @@ impl LineMethod for Decoupled {
                 });
             }
         }
-        findings.spend("fit", start.elapsed());
+        findings.add_time("fit", start.elapsed());
         Ok(())
     }
 }

@@ -1,8 +1,6 @@
 //! Edge-aided fitting behind the trait of the baselines.
 
-use super::method::{
-    Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
-};
+use super::method::{Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe};
 use linecarve_lines::{ExtractOptions, SegmentExtractor};
 
 /// [`SegmentExtractor`] as a [`LineMethod`]: the segments of each keyframe, not clustered.
@@ -28,14 +26,18 @@ impl LineMethod for EdgeAided {
         Method::EdgeAided
     }
 
-    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
-        let depth = keyframe.demand_depth(self.method())?;
+    fn process(
+        &mut self,
+        keyframe: &PosedKeyframe<'_>,
+        findings: &mut Findings,
+    ) -> Result<(), MethodError> {
+        let depth = keyframe.require_depth(self.method())?;
         let extraction =
             self.extractor
                 .extract(keyframe.image, depth, keyframe.camera, keyframe.number)?;
-        findings.spend("edges", extraction.durations.edges);
-        findings.spend("edge depth", extraction.durations.edge_depth);
-        findings.spend("fit", extraction.durations.fit);
+        findings.add_time("edges", extraction.durations.edges);
+        findings.add_time("edge depth", extraction.durations.edge_depth);
+        findings.add_time("fit", extraction.durations.fit);
         findings
             .segments
             .extend(extraction.segments.iter().map(|segment| FoundSegment {

@@ -1,4 +1,4 @@
-//! The straight segments of an image, on which the decoupled and the matched baseline build.
+//! Straight segments of an image, the input of the decoupled and the matched baseline.
 
 use std::time::Instant;
 
@@ -8,7 +8,7 @@ use linecarve_lines::ExtractError;
 use linecarve_lines::edges::{EdgeChains, EdgeDetector, EdgeOptions};
 use linecarve_lines::image::GrayImage;
 
-/// Edges and the segments on them, with memory that is kept from one image to the next.
+/// Edge and segment detection with buffers that are reused from one image to the next.
 #[derive(Debug, Clone)]
 pub(super) struct ImageSegments {
     edges: EdgeDetector,
@@ -38,8 +38,8 @@ impl ImageSegments {
         self.edges.detect_into(image, &mut self.chains);
         let edges = start.elapsed();
         let segments = self.detector.detect(image, &self.chains);
-        findings.spend("edges", edges);
-        findings.spend("segments", start.elapsed() - edges);
+        findings.add_time("edges", edges);
+        findings.add_time("segments", start.elapsed() - edges);
         segments
     }
 }

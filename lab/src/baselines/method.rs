@@ -1,4 +1,4 @@
-//! The trait of all methods, what goes in and what comes out.
+//! The trait of all methods, their input and their results.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
 use linecarve_lines::{ExtractError, ExtractOptions};
 
-/// A keyframe as every method sees it.
+/// A keyframe, the input of every method.
 #[derive(Debug, Clone, Copy)]
 pub struct PosedKeyframe<'a> {
     /// Its number, counted from 0 in the order of processing.
@@ -30,25 +30,25 @@ pub struct PosedKeyframe<'a> {
     pub world_from_camera: Isometry3<f64>,
 }
 
-/// A 3D line segment and where it comes from.
+/// A 3D line segment with the keyframe that it was measured in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FoundSegment {
     /// The ends in the world, in units of the poses.
     pub ends_in_world: [Point3<f64>; 2],
-    /// The one keyframe that it was measured in; `None` when several were needed.
+    /// The keyframe; `None` when the segment was measured in several.
     pub keyframe: Option<u32>,
 }
 
 /// A 3D point with the brightness of its pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FoundPoint {
-    /// Its place in the world, in units of the poses.
+    /// Position in the world, in units of the poses.
     pub point_in_world: Point3<f64>,
     /// Grey level of its pixel.
     pub gray: u8,
 }
 
-/// What a method has found so far, and how long its stages took.
+/// The results of a method so far, and the times of its stages.
 #[derive(Debug, Clone, Default)]
 pub struct Findings {
     /// Line segments in the order of finding.
@@ -60,8 +60,22 @@ pub struct Findings {
 }
 
 impl Findings {
+    /// Whether there is neither a segment nor a point.
+    pub fn is_empty(&self) -> bool {
+        self.segments.is_empty() && self.points.is_empty()
+    }
+
+    /// Time of the stages that a condition on their names selects.
+    pub fn time_of(&self, is_selected: impl Fn(&str) -> bool) -> Duration {
+        let stages = self.stages.iter();
+        stages
+            .filter(|(stage, _)| is_selected(stage))
+            .map(|(_, time)| *time)
+            .sum()
+    }
+
     /// Adds to the time of a stage.
-    pub(super) fn spend(&mut self, stage: &'static str, duration: Duration) {
+    pub(super) fn add_time(&mut self, stage: &'static str, duration: Duration) {
         match self.stages.iter_mut().find(|(name, _)| *name == stage) {
             Some((_, sum)) => *sum += duration,
             None => self.stages.push((stage, duration)),
@@ -190,9 +204,6 @@ impl Method {
     }
 }
 
-/// Whether a keyframe could be used.
-pub type Taken = Result<(), MethodError>;
-
 /// A way from posed keyframes to 3D line segments or points.
 ///
 /// Deterministic: the same keyframes in the same order give the same findings, for any number of threads.
@@ -200,28 +211,36 @@ pub trait LineMethod: Send {
     /// Which method this is.
     fn method(&self) -> Method;
 
-    /// Takes in the next keyframe and appends what it yields by itself.
+    /// Adds the next keyframe and appends the results that it gives alone.
     ///
     /// # Errors
     /// When the keyframe lacks something that the method needs. The method can go on with the next keyframe.
-    fn add(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
+    fn add(
+        &mut self,
+        keyframe: &PosedKeyframe<'_>,
+        findings: &mut Findings,
+    ) -> Result<(), MethodError> {
         keyframe.check()?;
-        self.take(keyframe, findings)
+        self.process(keyframe, findings)
     }
 
-    /// [`LineMethod::add`] of a keyframe whose camera and pose have been checked: what a method implements, and nobody else calls.
+    /// The method's part of [`LineMethod::add`], which checks camera and pose first.
     ///
     /// # Errors
     /// When the keyframe lacks something that the method needs.
-    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken;
+    fn process(
+        &mut self,
+        keyframe: &PosedKeyframe<'_>,
+        findings: &mut Findings,
+    ) -> Result<(), MethodError>;
 
-    /// Appends what only all keyframes together yield. Adds nothing when it is called again.
+    /// Appends the results that need all keyframes. A second call appends nothing.
     fn finish(&mut self, _findings: &mut Findings) {}
 }
 
 impl PosedKeyframe<'_> {
-    /// Refuses what no method can work with.
-    fn check(&self) -> Taken {
+    /// Checks that the camera is a pinhole and the pose finite.
+    fn check(&self) -> Result<(), MethodError> {
         let keyframe = self.number;
         if !self.camera.is_pinhole() {
             return Err(MethodError::Distorted { keyframe });
@@ -234,7 +253,7 @@ impl PosedKeyframe<'_> {
     }
 
     /// The depth map, of the size of the image.
-    pub(super) fn demand_depth(&self, method: Method) -> Result<&InverseDepthMap, MethodError> {
+    pub(super) fn require_depth(&self, method: Method) -> Result<&InverseDepthMap, MethodError> {
         let keyframe = self.number;
         let depth = self
             .depth

@@ -1,7 +1,7 @@
-//! Other ways to 3D line segments and points, against which edge-aided fitting is measured.
+//! Baseline methods for 3D line segments and points, against which edge-aided fitting is measured.
 //!
-//! All of them, edge-aided fitting included, stand behind one trait, [`LineMethod`]: keyframes go in one after another,
-//! [`Findings`] come out. [`Method::build`] makes any of them.
+//! All of them, and edge-aided fitting itself, implement one trait, [`LineMethod`], which takes keyframes one after another and
+//! appends to [`Findings`]. [`Method::build`] makes any of them.
 //!
 //! | method | what it does | depth |
 //! |---|---|---|
@@ -11,7 +11,7 @@
 //! | [`PointCloud`] | every pixel with a strong gradient and a depth | needed |
 //!
 //! The two line baselines share [`LineDetector`], which finds straight segments on the edge chains that edge-aided fitting
-//! starts from, so that a comparison is about depth and not about edges.
+//! starts from, so that methods differ in their use of depth, not in their edges.
 
 mod decoupled;
 mod edge_aided;
@@ -27,6 +27,6 @@ pub use line_detection::{LineDetector, LineDetectorOptions, LineSegment2d};
 pub use matched::{Matched, MatchedOptions};
 pub use method::{
     Findings, FoundPoint, FoundSegment, LineMethod, Method, MethodError, MethodOptions,
-    PosedKeyframe, Taken,
+    PosedKeyframe,
 };
 pub use points::{PointCloud, PointCloudOptions};

@@ -4,12 +4,11 @@ use std::time::Instant;
 
 use nalgebra::Point2;
 
-use super::method::{Findings, FoundPoint, LineMethod, Method, MethodError, PosedKeyframe, Taken};
+use super::method::{Findings, FoundPoint, LineMethod, Method, MethodError, PosedKeyframe};
 use linecarve_lines::image::sobel;
 
 /// Settings of [`PointCloud`].
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointCloudOptions {
     /// Least gradient of a pixel in grey levels per pixel; 0 takes every pixel with a depth.
     pub minimum_gradient: f64,
@@ -25,7 +24,7 @@ impl Default for PointCloudOptions {
 }
 
 /// Every pixel with a strong gradient and a depth as a point in the world: the semi-dense cloud that the paper starts
-/// from. Points are not fused: a place that ten keyframes see has ten points.
+/// from. Points are not fused: a surface point that ten keyframes see appears ten times.
 ///
 /// # Reference
 /// R. Mur-Artal, J. D. Tardos, Probabilistic Semi-Dense Mapping from Highly Accurate Feature-Based Monocular SLAM, RSS 2015.
@@ -57,8 +56,12 @@ impl LineMethod for PointCloud {
         Method::Points
     }
 
-    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
-        let depth = keyframe.demand_depth(self.method())?;
+    fn process(
+        &mut self,
+        keyframe: &PosedKeyframe<'_>,
+        findings: &mut Findings,
+    ) -> Result<(), MethodError> {
+        let depth = keyframe.require_depth(self.method())?;
         let start = Instant::now();
         // The Sobel weights sum to 8 per unit of slope.
         let least = 64.0 * self.options.minimum_gradient * self.options.minimum_gradient;
@@ -77,7 +80,7 @@ impl LineMethod for PointCloud {
                 gray: keyframe.image.row(y)[x],
             });
         }
-        findings.spend("points", start.elapsed());
+        findings.add_time("points", start.elapsed());
         Ok(())
     }
 }

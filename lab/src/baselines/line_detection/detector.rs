@@ -1,4 +1,4 @@
-//! Straight segments along edge chains, those that noise would produce left out.
+//! Straight segments along edge chains, validated against noise.
 
 use std::ops::Range;
 
@@ -13,11 +13,11 @@ use linecarve_lines::image::{GrayImage, sobel};
 /// A straight segment in an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LineSegment2d {
-    /// Its ends: the first and last pixel, put on the line.
+    /// Its ends: the first and last pixel, projected onto the line.
     pub ends_px: [Point2<f64>; 2],
     /// Its pixels, as positions in [`EdgeChains::pixels`]; outliers between the ends are among them.
     pub pixels: Range<u32>,
-    /// The chain that it lies on.
+    /// The chain of its pixels.
     pub chain: u32,
 }
 
@@ -35,9 +35,9 @@ impl LineSegment2d {
 
 /// Finds straight segments in images by EDLines.
 ///
-/// A line is fitted to the first pixels of a chain, slid along until they lie on it, then extended pixel by pixel while pixels
-/// lie within the line error. Neighbouring pieces of one line can be joined. A segment is kept when so many of its pixels
-/// have a gradient across it that noise would hardly produce one like it in the whole image.
+/// A window moves along a chain until its pixels lie on a line; the segment is then extended pixel by pixel while pixels lie
+/// within the line error. Neighbouring pieces of one line can be joined. A segment is kept when so many of its pixels
+/// have a gradient perpendicular to it that an image of noise is expected to contain less than one such segment.
 ///
 /// # Complexity
 /// Linear in the number of chain pixels.
@@ -47,16 +47,16 @@ impl LineSegment2d {
 /// Letters, 2011: line extraction, validation. Joining is that of a later library.
 ///
 /// *Differs from the paper*: the line is refitted while it grows, so that the direction of the first pixels is not
-/// extrapolated; pixels count at the crest of the gradient, which can be switched off.
+/// extrapolated; pixels are located with sub-pixel precision at the maximum of the gradient, which can be switched off.
 #[derive(Debug, Clone, Default)]
 pub struct LineDetector {
     options: LineDetectorOptions,
     significance: Significance,
-    /// Segments of the chain under work, as ranges of positions in it.
+    /// Segments of the current chain, as ranges of positions in it.
     pieces: Vec<Range<usize>>,
 }
 
-/// One chain and where its pixels are taken to lie.
+/// One chain with the positions of its pixels.
 struct Chain<'a> {
     pixels: &'a [[u16; 2]],
     positions: &'a [[f32; 2]],
@@ -97,11 +97,6 @@ impl LineDetector {
         })
     }
 
-    /// The settings.
-    pub fn options(&self) -> &LineDetectorOptions {
-        &self.options
-    }
-
     /// The segments on the edges of an image, in the order of the chains. `image` is the image that the chains were drawn
     /// on, before smoothing: smoothing aligns the gradients of noise.
     pub fn detect(&mut self, image: &GrayImage, chains: &EdgeChains) -> Vec<LineSegment2d> {
@@ -136,7 +131,7 @@ impl LineDetector {
         segments
     }
 
-    /// Cuts a chain into straight pieces.
+    /// Splits a chain into straight segments.
     fn split(&mut self, chain: &Chain<'_>, least: usize) {
         self.pieces.clear();
         let mut start = 0;
@@ -168,7 +163,7 @@ impl LineDetector {
         None
     }
 
-    /// The end of the segment that begins with a window: one behind its last inlier.
+    /// The end of the segment that begins with a window: one after its last inlier.
     fn grow(&self, chain: &Chain<'_>, begin: usize, least: usize) -> usize {
         let origin = chain.at(begin);
         let mut end = begin + least;
@@ -190,14 +185,14 @@ impl LineDetector {
             end = position + 1;
             if sums.n >= refit_at {
                 line = sums.line(towards(end)).unwrap_or(line);
-                // Every eighth more pixels: the cost per pixel stays constant.
+                // Refitting after every eighth more pixels keeps the cost per pixel constant.
                 refit_at = sums.n * 1.125;
             }
         }
         end
     }
 
-    /// Joins neighbouring pieces of one line.
+    /// Joins neighbouring segments of one line.
     fn join(&mut self, chain: &Chain<'_>) {
         if self.options.join_error_px <= 0.0 {
             return;
@@ -225,7 +220,7 @@ impl LineDetector {
         self.pieces.truncate(joined + 1);
     }
 
-    /// Whether noise would hardly produce a segment like this one.
+    /// Whether a segment is unlikely in noise.
     fn is_meaningful(
         &mut self,
         image: &GrayImage,
@@ -238,7 +233,7 @@ impl LineDetector {
         };
         let normal = Vector2::new(-along.y, along.x);
         let least_cosine = self.options.alignment_rad.cos();
-        // One side of an edge is the brighter one; which it is, the majority says.
+        // One side of an edge is brighter; the majority of pixels decides which.
         let mut aligned = [0_usize; 2];
         for &[x, y] in &chain.pixels[piece.clone()] {
             let (gx, gy) = sobel(image, usize::from(x), usize::from(y));
@@ -253,7 +248,7 @@ impl LineDetector {
     }
 }
 
-/// The first and last pixel of a piece, put on the line through all of its pixels.
+/// The first and last pixel of a segment, projected onto the line through all of its pixels.
 fn ends(chain: &Chain<'_>, piece: &Range<usize>) -> Option<[Point2<f64>; 2]> {
     let origin = chain.at(piece.start);
     let sums = chain.sums(piece.clone(), origin);

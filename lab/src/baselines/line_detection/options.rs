@@ -3,12 +3,11 @@
 use thiserror::Error;
 
 /// Settings of [`LineDetector`](super::LineDetector).
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineDetectorOptions {
     /// Largest distance of a pixel from its line, and largest root mean square distance of the first pixels of a segment.
     pub line_error_px: f64,
-    /// This many pixels in a row beside the line end a segment.
+    /// This many consecutive outliers end a segment.
     pub outliers_in_a_row: usize,
     /// Segments of one chain with at most this gap between them are joined ...
     pub join_gap_px: f64,
@@ -20,15 +19,13 @@ pub struct LineDetectorOptions {
     pub alignment_rad: f64,
     /// Expected number of false segments in an image of noise.
     pub false_alarms: f64,
-    /// Pixels count at the crest of the gradient instead of at their centre.
+    /// Pixels are located at the maximum of the gradient instead of at their centre.
     pub subpixel: bool,
 }
 
 impl Default for LineDetectorOptions {
-    /// The values of Akinlar & Topal: 1 pixel, the first pixel beside the line ends it, 22.5 degrees, one false alarm. Bridging
-    /// outliers and joining pieces, as later libraries do, cost the decoupled method accuracy: with 5 outliers and 1.3 px its
-    /// end points lie 13.2 and 4.9 mm from the surface of the kitchen of 7-Scenes and of a synthetic living room, without
-    /// joining 12.6 and 4.35 mm.
+    /// The values of Akinlar & Topal: 1 pixel, the first outlier ends a segment, 22.5 degrees, one false alarm. Bridging
+    /// outliers and joining segments, as later libraries do, cost the decoupled method accuracy (`docs/ablation.md`).
     fn default() -> Self {
         Self {
             line_error_px: 1.0,

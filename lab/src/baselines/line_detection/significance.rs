@@ -1,6 +1,6 @@
-//! The Helmholtz principle: what noise would hardly produce is seen.
+//! The Helmholtz principle: a segment counts when noise is unlikely to produce it.
 
-/// How many segments as good as a given one are expected in noise.
+/// Expected number of segments in noise that are at least as good as a given one.
 ///
 /// # Reference
 /// A. Desolneux, L. Moisan, J.-M. Morel, Meaningful Alignments, International Journal of Computer Vision, 2000.
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(least, 13);
         assert!(significance.ln_false_alarms(least, least) <= 0.0);
         assert!(significance.ln_false_alarms(least - 1, least - 1) > 0.0);
-        // Half of a long segment is meaningful, an eighth is what noise has.
+        // Half of the pixels aligned is meaningful for a long segment; an eighth is expected in noise.
         assert!(significance.ln_false_alarms(100, 50) < 0.0);
         assert!(significance.ln_false_alarms(100, 13) > 0.0);
     }

@@ -1,4 +1,4 @@
-//! Which parts of a line are seen by enough views.
+//! The parts of a line that enough views see.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,14 +7,14 @@ use super::line::Line;
 use super::options::MatchedOptions;
 use super::view::View;
 
-/// Where a view begins or ceases to see the line.
+/// A position where a view begins or ceases to see the line.
 struct Change {
     position: f64,
     view: u32,
     begins: bool,
 }
 
-/// The parts of a line that at least the minimum number of views see, each as long as a segment in the image must be.
+/// The parts of a line that at least the minimum number of views see and that are long enough in the image.
 pub(super) fn cut(
     views: &[View],
     members: &[Member],
@@ -48,14 +48,14 @@ pub(super) fn cut(
     let Some((_, reference)) = longest else {
         return Vec::new();
     };
-    // At one position beginnings come first: parts that touch are one.
+    // Beginnings come before ends at the same position: parts that touch become one.
     changes.sort_by(|x, y| {
         x.position
             .total_cmp(&y.position)
             .then(y.begins.cmp(&x.begins))
             .then(x.view.cmp(&y.view))
     });
-    // How many segments of each view lie over the current position; a view with two counts once.
+    // Number of segments of each view over the current position; a view with two counts once.
     let mut open: Vec<(u32, u32)> = Vec::new();
     let mut start = None;
     let mut parts = Vec::new();

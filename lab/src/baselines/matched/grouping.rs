@@ -1,4 +1,4 @@
-//! Segments of several views whose places in space agree.
+//! Groups of segments of several views whose 3D hypotheses agree.
 
 use nalgebra::{Point3, Vector3};
 
@@ -14,14 +14,14 @@ pub(super) struct Member {
     pub(super) segment: u32,
 }
 
-/// Where each segment of each view is believed to lie.
+/// The 3D hypothesis of each segment of each view.
 #[derive(Debug, Clone)]
 pub(super) struct Hypotheses {
     /// Number of the first segment of each view among all.
     starts: Vec<u32>,
     members: Vec<Member>,
     distances: Vec<Option<[f64; 2]>>,
-    /// The median distance of each view's segments, at most that of the scene: beyond it sigma_p grows no more.
+    /// The median distance of each view's segments, at most that of the scene: sigma_p is constant beyond it.
     cutoffs: Vec<f64>,
 }
 
@@ -56,41 +56,45 @@ impl Hypotheses {
         self.starts[member.view as usize] + member.segment
     }
 
-    /// Where a segment lies.
+    /// The 3D ends of a segment; `None` without a hypothesis.
     pub(super) fn ends(&self, views: &[View], member: Member) -> Option<[Point3<f64>; 2]> {
         let distances = self.distances[self.number(member) as usize]?;
-        Some(views[member.view as usize].place(member.segment, distances))
+        Some(views[member.view as usize].ends_at(member.segment, distances))
     }
 }
 
-/// A placed segment as the similarity needs it.
-struct Placed {
+/// A segment in space, with the terms of the similarity.
+struct SpatialSegment {
     ends: [Point3<f64>; 2],
     direction: Vector3<f64>,
     /// Twice the variance of each end.
     spread: [f64; 2],
 }
 
-fn placed(views: &[View], hypotheses: &Hypotheses, member: Member) -> Option<Placed> {
+fn spatial_segment(
+    views: &[View],
+    hypotheses: &Hypotheses,
+    member: Member,
+) -> Option<SpatialSegment> {
     let distances = hypotheses.distances[hypotheses.number(member) as usize]?;
     let view = &views[member.view as usize];
-    let ends = view.place(member.segment, distances);
+    let ends = view.ends_at(member.segment, distances);
     let cutoff = hypotheses.cutoffs[member.view as usize];
-    Some(Placed {
+    Some(SpatialSegment {
         ends,
         direction: (ends[1] - ends[0]).try_normalize(0.0)?,
         spread: distances.map(|d| 2.0 * (view.sigma * d.min(cutoff)).powi(2)),
     })
 }
 
-/// How well two placed segments lie on one line, 0 to 1.
-fn similarity(a: &Placed, b: &Placed, options: &MatchedOptions) -> f64 {
+/// Similarity of two segments in space, 0 to 1: 1 on one line.
+fn similarity(a: &SpatialSegment, b: &SpatialSegment, options: &MatchedOptions) -> f64 {
     let angle = a.direction.dot(&b.direction).abs().min(1.0).acos();
     let mut exponent = angle * angle / (2.0 * options.angle_sigma_rad.powi(2));
     for (line, other) in [(a, b), (b, a)] {
         for end in 0..2 {
-            let off = (other.ends[end] - line.ends[0]).cross(&line.direction);
-            exponent = exponent.max(off.norm_squared() / other.spread[end]);
+            let offset = (other.ends[end] - line.ends[0]).cross(&line.direction);
+            exponent = exponent.max(offset.norm_squared() / other.spread[end]);
         }
     }
     (-exponent).exp()
@@ -110,7 +114,7 @@ pub(super) fn group(
 ) -> Vec<Vec<Member>> {
     let mut edges = Vec::new();
     for (number, &member) in hypotheses.members.iter().enumerate() {
-        let Some(own) = placed(views, hypotheses, member) else {
+        let Some(own) = spatial_segment(views, hypotheses, member) else {
             continue;
         };
         for found in matches[member.view as usize].of(member.segment as usize) {
@@ -118,7 +122,7 @@ pub(super) fn group(
                 view: found.view,
                 segment: found.segment,
             };
-            let Some(target) = placed(views, hypotheses, other) else {
+            let Some(target) = spatial_segment(views, hypotheses, other) else {
                 continue;
             };
             let affinity = similarity(&own, &target, options);
@@ -144,14 +148,14 @@ fn collect(
     options: &MatchedOptions,
 ) -> Vec<Vec<Member>> {
     let count = hypotheses.members.len();
-    let mut place: Vec<Option<u32>> = vec![None; count];
+    let mut index_of_root: Vec<Option<u32>> = vec![None; count];
     let mut found: Vec<Vec<Member>> = Vec::new();
     for number in 0..count {
         let root = groups.root(number as u32) as usize;
         if (groups.sizes[root] as usize) < options.minimum_views {
             continue;
         }
-        let index = *place[root].get_or_insert_with(|| {
+        let index = *index_of_root[root].get_or_insert_with(|| {
             found.push(Vec::new());
             found.len() as u32 - 1
         });
@@ -165,14 +169,14 @@ fn collect(
     found
 }
 
-/// Disjoint sets with what each allows.
+/// Disjoint sets with the largest dissimilarity that each allows.
 struct Groups {
     parents: Vec<u32>,
     sizes: Vec<u32>,
     allowances: Vec<f64>,
 }
 
-/// How much a small group may tolerate, over its size.
+/// Allowance of a group, divided by its size.
 const ALLOWANCE: f64 = 3.0;
 
 impl Groups {

@@ -1,4 +1,4 @@
-//! The line of a group: through its members in space, then refined on their images.
+//! The 3D line of a group: fitted to its members in space, then refined on their images.
 
 use nalgebra::{Matrix3, Matrix4, Point3, SymmetricEigen, Vector3, Vector4};
 
@@ -6,7 +6,7 @@ use super::grouping::{Hypotheses, Member};
 use super::options::MatchedOptions;
 use super::view::View;
 
-/// An infinite line by two of its points; their distance is the extent of what it was fitted to.
+/// An infinite line through two points; their distance is the extent of the segments that it was fitted to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Line {
     pub(super) points: [Point3<f64>; 2],
@@ -48,8 +48,8 @@ pub(super) fn fit(views: &[View], hypotheses: &Hypotheses, members: &[Member]) -
     (length.is_finite() && length > 0.0).then_some(line)
 }
 
-/// Moves a line so that it falls on the members' segments in their images: the distances of both ends of each segment from
-/// the projected line, in pixels, by Levenberg-Marquardt with Huber's weights over the four degrees of freedom of a line.
+/// Refines a line by Levenberg-Marquardt with Huber weights over its four degrees of freedom. Residuals are the distances in
+/// pixels of both ends of each member's image segment from the projected line.
 pub(super) fn refine(
     views: &[View],
     members: &[Member],
@@ -88,7 +88,7 @@ pub(super) fn refine(
     line
 }
 
-/// The normal equations at a line. Parameters: each of its two points across it, in two directions.
+/// The normal equations at a line. Parameters: each of its two points perpendicular to it, in two directions.
 struct System {
     across: [Vector3<f64>; 2],
     matrix: Matrix4<f64>,

@@ -69,9 +69,9 @@ pub(super) fn match_view(
                 else {
                     continue;
                 };
-                let place = best.partition_point(|found| found.overlap >= overlap);
+                let rank = best.partition_point(|found| found.overlap >= overlap);
                 best.insert(
-                    place,
+                    rank,
                     Match {
                         view: other,
                         segment: candidate as u32,
@@ -93,10 +93,10 @@ fn homogeneous(pixel: &Point2<f64>) -> Vector3<f64> {
     Vector3::new(pixel.x, pixel.y, 1.0)
 }
 
-/// Intersection over union, along the line of a segment, of the segment and of what two epipolar lines cut out of it;
-/// `None` when an epipolar line does not cut the line, or everything lies within a pixel.
+/// Intersection over union of a segment and the interval between two epipolar lines on its line; `None` when an epipolar line is
+/// parallel to it, or everything lies within a pixel.
 fn overlap(lines: &[Vector3<f64>; 2], ends: &[Point2<f64>; 2], length_px: f64) -> Option<f64> {
-    // Where an epipolar line meets the segment, as a share from its first end to its second.
+    // Intersection with an epipolar line, as a share from the first end to the second.
     let share = |line: &Vector3<f64>| {
         let at = |end: &Point2<f64>| line.x * end.x + line.y * end.y + line.z;
         let (first, second) = (at(&ends[0]), at(&ends[1]));
@@ -113,7 +113,7 @@ fn overlap(lines: &[Vector3<f64>; 2], ends: &[Point2<f64>; 2], length_px: f64) -
 }
 
 /// The distances of the ends of a segment of `view` when it is matched with a segment of `other`; `None` when one of the two
-/// segments would lie behind its camera, or along its view rays.
+/// segments lies behind its camera or along its view rays.
 fn triangulate(
     view: &View,
     segment: usize,
@@ -131,7 +131,7 @@ fn triangulate(
     };
     let found = distances(&own.rays, &target.normal, &baseline)?;
     distances(&target.rays, &own.normal, &-baseline)?;
-    // Seen sideways, or its depth is a matter of chance.
+    // The depth of a segment along the view rays is not determined.
     let along = own.rays[1] * found[1] - own.rays[0] * found[0];
     let middle = own.rays[1] + own.rays[0];
     let cosine = along.dot(&middle).abs() / (along.norm() * middle.norm());
@@ -150,7 +150,7 @@ mod tests {
         assert_eq!(overlap(&[at(0.0), at(10.0)], &ends, 10.0), Some(1.0));
         assert_eq!(overlap(&[at(15.0), at(5.0)], &ends, 10.0), Some(5.0 / 15.0));
         assert_eq!(overlap(&[at(11.0), at(15.0)], &ends, 10.0), None);
-        // An epipolar line along the segment meets it nowhere in particular.
+        // An epipolar line parallel to the segment has no intersection.
         let along = Vector3::new(0.0, 1.0, 0.0);
         assert_eq!(overlap(&[along, at(5.0)], &ends, 10.0), None);
     }

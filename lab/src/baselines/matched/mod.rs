@@ -18,9 +18,7 @@ use self::matching::{ViewMatches, match_view};
 use self::view::View;
 use super::image_segments::ImageSegments;
 use super::line_detection::LineDetectorOptions;
-use super::method::{
-    Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe, Taken,
-};
+use super::method::{Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe};
 use linecarve_lines::edges::EdgeOptions;
 
 pub use options::MatchedOptions;
@@ -29,14 +27,14 @@ pub use options::MatchedOptions;
 ///
 /// 1. Every view finds straight segments in its image.
 /// 2. A segment is matched with those segments of each neighbouring view that overlap it between its epipolar lines; a match
-///    gives the segment a place in space.
-/// 3. A match is scored by how well the matches with *other* views put the segment at the same place: each view adds its
-///    best similarity in depth and angle. The best match of a segment, when good enough, is its hypothesis.
+///    gives the segment a position in space.
+/// 3. The score of a match is the agreement with matches in *other* views: each view adds its best similarity in depth and
+///    angle. The best match of a segment, when its score suffices, is the segment's hypothesis.
 /// 4. Segments whose hypotheses agree are grouped over views; a group of at least three views gives a line.
-/// 5. The line is refined on the images, and cut to where at least three views see it.
+/// 5. The line is refined on the images and cut to the parts that at least three views see.
 ///
 /// # Complexity
-/// For v views with n neighbours and s segments each, O(v n s²) epipolar tests; everything else is small beside that. Memory
+/// For v views with n neighbours and s segments each, O(v n s²) epipolar tests; this dominates. Memory
 /// is linear in the number of matches. The work on views and on groups is spread over threads.
 ///
 /// # Reference
@@ -44,7 +42,7 @@ pub use options::MatchedOptions;
 /// Understanding, 2017 (Line3D++).
 ///
 /// *Differs from the paper*: segments come from [`LineDetector`](super::LineDetector) instead of LSD; neighbours are chosen by their poses instead
-/// of by shared points, which are not asked for; every ordered pair of neighbours is matched, so that the result does
+/// of by shared points; every ordered pair of neighbours is matched, so that the result does
 /// not depend on the order of views; groups are merged by dissimilarity, as Felzenszwalb & Huttenlocher define it; diffusion and
 /// collinear neighbours, which are off by default there too, are left out.
 #[derive(Debug, Clone)]
@@ -78,7 +76,11 @@ impl LineMethod for Matched {
         Method::Matched
     }
 
-    fn take(&mut self, keyframe: &PosedKeyframe<'_>, findings: &mut Findings) -> Taken {
+    fn process(
+        &mut self,
+        keyframe: &PosedKeyframe<'_>,
+        findings: &mut Findings,
+    ) -> Result<(), MethodError> {
         let segments = self.segments.find(keyframe.image, findings);
         self.views
             .push(View::new(keyframe, &segments, &self.options));
@@ -120,10 +122,10 @@ impl LineMethod for Matched {
                 ends_in_world: ends,
                 keyframe: None,
             }));
-        findings.spend("match", matched);
-        findings.spend("score", scored - matched);
-        findings.spend("group", grouped - scored);
-        findings.spend("refine", start.elapsed() - grouped);
+        findings.add_time("match", matched);
+        findings.add_time("score", scored - matched);
+        findings.add_time("group", grouped - scored);
+        findings.add_time("refine", start.elapsed() - grouped);
     }
 }
 

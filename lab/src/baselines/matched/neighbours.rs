@@ -1,12 +1,12 @@
-//! Which views are matched with which.
+//! The choice of views to match with each view.
 
 use super::options::MatchedOptions;
 use super::view::View;
 
 /// The neighbours of each view, best first.
 ///
-/// Views that are near and look the same way see the same lines. Distance counts in units of the usual distance to the
-/// nearest view, angle between optical axes in units of the usual angle to it, so that nothing depends on the unit of the poses.
+/// Near views of similar direction see the same lines. Distance is measured in units of the median distance to the nearest view,
+/// and the angle between optical axes in units of the median angle to it, so that the unit of the poses does not matter.
 ///
 /// *Differs from the paper*, which ranks views by the sparse points that they share.
 pub(super) fn choose(views: &[View], options: &MatchedOptions) -> Vec<Vec<u32>> {
@@ -23,7 +23,7 @@ pub(super) fn choose(views: &[View], options: &MatchedOptions) -> Vec<Vec<u32>> 
     let Some(step) = median(nearest.iter().map(|n| n.0)) else {
         return vec![Vec::new(); views.len()];
     };
-    // Below a degree angles say nothing about what is in view.
+    // Angles below a degree do not change what is in view.
     let turn = median(nearest.iter().map(|n| n.1))
         .unwrap_or(0.0)
         .max(1.0_f64.to_radians());
@@ -46,7 +46,7 @@ pub(super) fn choose(views: &[View], options: &MatchedOptions) -> Vec<Vec<u32>> 
         .collect()
 }
 
-/// The upper median, `None` of nothing.
+/// The upper median; `None` of an empty set.
 pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect();
     let middle = values.len() / 2;

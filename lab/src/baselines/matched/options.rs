@@ -3,14 +3,13 @@
 use crate::baselines::method::{Method, MethodError};
 
 /// Settings of [`Matched`](super::Matched).
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatchedOptions {
     /// Shortest segment of an image, as a share of the image's diagonal.
     pub minimum_length_share: f64,
-    /// Of more segments in an image than this the longest are taken.
+    /// Largest number of segments in an image; the longest are used.
     pub maximum_segments: usize,
-    /// Views that a view is matched with.
+    /// Number of views that a view is matched with.
     pub neighbours: usize,
     /// Views nearer than this are no neighbours: a share of the usual distance between neighbouring views.
     pub minimum_baseline_share: f64,
@@ -20,19 +19,19 @@ pub struct MatchedOptions {
     pub minimum_overlap: f64,
     /// Matches of a segment in one neighbouring view: those with the largest overlap.
     pub matches_per_view: usize,
-    /// sigma_p: standard deviation of a position across the view, in pixels.
+    /// sigma_p: standard deviation of a position in the image, in pixels.
     pub position_sigma_px: f64,
     /// sigma_a: standard deviation of a direction in space.
     pub angle_sigma_rad: f64,
-    /// Similarities below this count as none.
+    /// Smaller similarities count as 0.
     pub minimum_similarity: f64,
-    /// Least score of the match that a segment is placed by.
+    /// Least score of a match that becomes the hypothesis of its segment.
     pub minimum_score: f64,
-    /// Least similarity of two segments that may be of one line.
+    /// Least similarity of two segments of one line.
     pub minimum_affinity: f64,
-    /// Views that must see a line, and every piece of it.
+    /// Least number of views that see a line, and every part of it.
     pub minimum_views: usize,
-    /// Matches that put a segment nearer than this to the view ray are not trusted.
+    /// Smallest angle between a segment and its view ray; matches below it are left out.
     pub minimum_view_angle_rad: f64,
     /// Iterations of the refinement of a line on the images; 0 leaves the lines as they are grouped.
     pub refine_iterations: usize,
@@ -106,7 +105,7 @@ impl MatchedOptions {
                 return refuse(name, 0.0);
             }
         }
-        // A line through fewer views has no third that could contradict it.
+        // With fewer views no third could contradict a line.
         if self.minimum_views < 3 {
             return refuse("minimum_views", self.minimum_views as f64);
         }

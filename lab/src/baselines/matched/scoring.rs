@@ -1,4 +1,4 @@
-//! Scores of matches: how well other views put a segment at the same place.
+//! Scores of matches: agreement with the matches of other views.
 
 use nalgebra::Vector3;
 
@@ -27,7 +27,7 @@ pub(super) fn score(
         let matches = all.of(segment);
         directions.clear();
         directions.extend(matches.iter().map(|found| {
-            let [a, b] = view.place(segment as u32, found.distances);
+            let [a, b] = view.ends_at(segment as u32, found.distances);
             (b - a).normalize()
         }));
         let from = kept.len();
@@ -68,7 +68,7 @@ fn support(
 ) -> f64 {
     let found = &matches[own];
     let other = &views[found.view as usize];
-    let ends = view.place(segment as u32, found.distances);
+    let ends = view.ends_at(segment as u32, found.distances);
     // Twice the variance along the rays: the mean of what both views allow.
     let spread = [0, 1].map(|end| {
         (view.sigma * found.distances[end]).powi(2) + other.sigma_at(&ends[end]).powi(2)

@@ -26,7 +26,7 @@ pub(super) struct View {
     pub(super) axis: Vector3<f64>,
     pub(super) camera_from_world: Isometry3<f64>,
     pub(super) camera: Camera,
-    /// Length that sigma_p stands for at distance 1.
+    /// sigma_p as a length at distance 1.
     pub(super) sigma: f64,
     /// Shortest segment of the image in pixels.
     pub(super) minimum_length_px: f64,
@@ -75,7 +75,7 @@ impl View {
     }
 
     /// The ends of a segment at distances along their rays.
-    pub(super) fn place(&self, segment: u32, distances: [f64; 2]) -> [Point3<f64>; 2] {
+    pub(super) fn ends_at(&self, segment: u32, distances: [f64; 2]) -> [Point3<f64>; 2] {
         let rays = &self.segments[segment as usize].rays;
         [
             self.center + rays[0] * distances[0],
@@ -83,7 +83,7 @@ impl View {
         ]
     }
 
-    /// Length that sigma_p stands for at a point.
+    /// sigma_p as a length at a point.
     pub(super) fn sigma_at(&self, point: &Point3<f64>) -> f64 {
         self.sigma * (point - self.center).norm()
     }

@@ -1,0 +1,208 @@
+//! The command line: names, options and help texts.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use linecarve::cli::{DepthArg, KeyframeArgs, LinesArgs, SequenceArgs};
+use linecarve_lab::baselines::Method;
+
+/// Measures Linecarve: line methods, ablation, benchmarks.
+///
+/// Exit status: 0 done, 1 ran but the result is empty, 2 bad usage or input.
+#[derive(Debug, Parser)]
+#[command(name = "linecarve-lab", version, max_term_width = 110)]
+pub(crate) struct Cli {
+    /// The command.
+    #[command(subcommand)]
+    pub(crate) command: Command,
+
+    /// More lines on standard error.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(crate) verbose: u8,
+
+    /// Nothing on standard error but errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+
+    /// Worker threads. Default: one per core for `tables` and `lines`, one for everything that reports times.
+    #[arg(long, global = true, value_name = "N")]
+    pub(crate) threads: Option<usize>,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Every line method on a sequence, against a ground truth and against the images.
+    Tables(TablesArgs),
+    /// Lines or points of a sequence by one method: segments, clusters or `points.ply`, and `report.json`.
+    Lines(LineMethodArgs),
+    /// The contribution of each part of the reconstruction: F, vertices and time, with and without it.
+    Ablation(AblationArgs),
+    /// Time, memory and F of the reconstruction beside those of rivals.
+    Benchmarks(BenchmarksArgs),
+    /// One run of the reconstruction as JSON: what `benchmarks` starts for each sequence, in a process of its own.
+    Measure(MeasureArgs),
+}
+
+/// Arguments of `tables`.
+#[derive(Debug, Args)]
+pub(crate) struct TablesArgs {
+    /// The sequence.
+    #[command(flatten)]
+    pub(crate) input: SequenceArgs,
+
+    /// Mesh of the true surface, in the frame of the poses.
+    #[arg(long, value_name = "MESH")]
+    pub(crate) ground_truth: PathBuf,
+
+    /// The keyframes.
+    #[command(flatten)]
+    pub(crate) selection: KeyframeArgs,
+
+    /// Source of depth; by default every source that the sequence offers, one after the other.
+    #[arg(long, value_enum, default_value_t = DepthArg::Auto)]
+    pub(crate) depth: DepthArg,
+
+    /// TOML file with parameters (docs/configuration.md).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+
+    /// Also write the lines of every method to this folder, as OBJ.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) save: Option<PathBuf>,
+
+    /// One JSON object on standard output in place of text.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Arguments of `lines`.
+#[derive(Debug, Args)]
+pub(crate) struct LineMethodArgs {
+    /// The options of `linecarve lines`.
+    #[command(flatten)]
+    pub(crate) lines: LinesArgs,
+
+    /// The method.
+    #[arg(long, value_enum, default_value_t = MethodChoice::EdgeAided)]
+    pub(crate) method: MethodChoice,
+}
+
+/// Line methods.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MethodChoice {
+    /// Segments grown along edge chains in image and depth together, as `linecarve lines`.
+    EdgeAided,
+    /// Segments detected in the image (EDLines), then a line through the depths along each by RANSAC.
+    Decoupled,
+    /// Segments detected in the images and matched between keyframes (Line3D++); uses no depth.
+    Matched,
+    /// No lines: every pixel with a strong gradient and a depth, as `points.ply`.
+    Points,
+}
+
+impl From<MethodChoice> for Method {
+    fn from(choice: MethodChoice) -> Self {
+        match choice {
+            MethodChoice::EdgeAided => Self::EdgeAided,
+            MethodChoice::Decoupled => Self::Decoupled,
+            MethodChoice::Matched => Self::Matched,
+            MethodChoice::Points => Self::Points,
+        }
+    }
+}
+
+/// Arguments of `ablation`.
+#[derive(Debug, Args)]
+pub(crate) struct AblationArgs {
+    /// Folders of sequences.
+    #[arg(required = true)]
+    pub(crate) sequences: Vec<PathBuf>,
+
+    /// Mesh of the true surface; default: ground-truth-observed.ply or ground-truth.ply in the folder.
+    #[arg(long, value_name = "MESH")]
+    pub(crate) ground_truth: Option<PathBuf>,
+
+    /// The keyframes.
+    #[command(flatten)]
+    pub(crate) selection: KeyframeArgs,
+
+    /// Only the rows whose name contains this text.
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    pub(crate) only: String,
+
+    /// Where the table goes.
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
+}
+
+/// Arguments of `benchmarks`.
+#[derive(Debug, Args)]
+pub(crate) struct BenchmarksArgs {
+    /// Folders of sequences, each with its ground truth. Default: the sample and, with LINECARVE_DATA set, the recordings
+    /// `seven-scenes` and `livingroom-synthetic` below it with keyframes at 0.15 m or 10 degrees.
+    pub(crate) sequences: Vec<PathBuf>,
+
+    /// The keyframes of the folders given.
+    #[command(flatten)]
+    pub(crate) selection: KeyframeArgs,
+
+    /// A rival's mesh of the only sequence given, and its time.
+    #[arg(long, value_name = "NAME=MESH,SECONDS", requires = "sequences")]
+    pub(crate) rival: Vec<String>,
+
+    /// TOML file of rivals, see docs/lab.md.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) rivals: Option<PathBuf>,
+
+    /// Also write the table between the markers of this file.
+    #[arg(long, value_name = "README.md")]
+    pub(crate) readme: Option<PathBuf>,
+
+    /// Where the table goes.
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
+}
+
+/// Where a published table goes.
+#[derive(Debug, Args)]
+pub(crate) struct OutputArgs {
+    /// Write the table with commit, machine, command and date between the markers of this Markdown file.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) write: Option<PathBuf>,
+
+    /// Date in place of today's.
+    #[arg(long, value_name = "YYYY-MM-DD")]
+    pub(crate) date: Option<String>,
+
+    /// The rows as JSON on standard output in place of the table.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Arguments of `measure`.
+#[derive(Debug, Args)]
+pub(crate) struct MeasureArgs {
+    /// Folder of the sequence.
+    pub(crate) sequence: PathBuf,
+
+    /// Mesh of the true surface; default: ground-truth-observed.ply or ground-truth.ply in the folder.
+    #[arg(long, value_name = "MESH")]
+    pub(crate) ground_truth: Option<PathBuf>,
+
+    /// The keyframes.
+    #[command(flatten)]
+    pub(crate) selection: KeyframeArgs,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,23 @@
+//! The `linecarve-lab` program: parses the command line, runs a command, turns its outcome into an exit status.
+
+mod cli;
+mod commands;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use linecarve::commands::Outcome;
+
+fn main() -> ExitCode {
+    match commands::run(cli::Cli::parse()) {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Negative(reason)) => {
+            eprintln!("linecarve-lab: {reason}");
+            ExitCode::from(1)
+        }
+        Err(error) => {
+            eprintln!("linecarve-lab: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
