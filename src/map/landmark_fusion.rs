@@ -4,9 +4,9 @@ use linecarve_carving::carver::{EventError, PointId, Transaction, ViewId};
 use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
-use super::landmarks::{Landmarks, Measurement, Observed, Settled};
+use super::landmarks::{Association, LandmarkUpdate, Landmarks, Measurement};
 use super::nearly_parallel::{SegmentViews, is_near_segment};
-use super::surface_points::{KeyframeSurface, SurfacePointOptions, Verdict};
+use super::surface_points::{KeyframeSurface, SurfaceCheck, SurfacePointOptions};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
 
@@ -34,7 +34,7 @@ pub(super) struct LandmarkFusion {
     contradicted: Vec<u32>,
     /// Pairs of landmarks that end a sub-segment which it sees.
     sub_segments: Vec<[u32; 2]>,
-    verdicts: Vec<(u32, Verdict)>,
+    checks: Vec<(u32, SurfaceCheck)>,
     /// Vertex of each landmark in the triangulation, [`NONE`] without one.
     vertex_of: Vec<u32>,
     vertices: Vec<ImageVertex>,
@@ -56,7 +56,7 @@ impl LandmarkFusion {
             provisional: Vec::new(),
             contradicted: Vec::new(),
             sub_segments: Vec::new(),
-            verdicts: Vec::new(),
+            checks: Vec::new(),
             vertex_of: Vec::new(),
             vertices: Vec::new(),
             landmark_of: Vec::new(),
@@ -84,7 +84,7 @@ impl LandmarkFusion {
         self.provisional.extend(views);
     }
 
-    /// Landmarks that the last call of [`LandmarkFusion::observe`] gave a ray to, increasing.
+    /// Landmarks that the last call of [`LandmarkFusion::add_observations`] gave a ray to, increasing.
     pub(super) fn observed(&self) -> &[u32] {
         &self.observed
     }
@@ -95,11 +95,11 @@ impl LandmarkFusion {
     }
 
     /// Begins a keyframe.
-    pub(super) fn begin(&mut self) {
+    pub(super) fn begin_keyframe(&mut self) {
         self.seen.clear();
         self.contradicted.clear();
         self.sub_segments.clear();
-        self.verdicts.clear();
+        self.checks.clear();
         self.vertices.clear();
         for landmark in self.landmark_of.drain(..).filter(|it| *it != NONE) {
             self.vertex_of[landmark as usize] = NONE;
@@ -107,34 +107,34 @@ impl LandmarkFusion {
     }
 
     /// Joins a measurement to its landmark, which is returned.
-    fn take(
+    fn add_measurement(
         &mut self,
         transaction: &mut Transaction<'_>,
         measurement: &Measurement,
     ) -> Result<u32, EventError> {
-        let landmark = match self.landmarks.observe(measurement) {
-            Observed::New(landmark) => {
+        let landmark = match self.landmarks.associate(measurement) {
+            Association::New(landmark) => {
                 let point = transaction.add_point(measurement.point_in_world)?;
                 let sigma = self.sigma_factor * measurement.sigma;
                 transaction.set_sigma(point, Some(sigma))?;
                 self.points.push(point);
                 landmark
             }
-            Observed::Again(landmark) => landmark,
+            Association::Existing(landmark) => landmark,
         };
         self.seen.push(landmark);
         Ok(landmark)
     }
 
     /// Takes the points along a segment, in their order.
-    pub(super) fn take_segment(
+    pub(super) fn add_segment_points(
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
     ) -> Result<(), EventError> {
         let mut last: Option<u32> = None;
         for measurement in measurements {
-            let landmark = self.take(transaction, &measurement)?;
+            let landmark = self.add_measurement(transaction, &measurement)?;
             if let Some(last) = last.filter(|last| *last != landmark) {
                 self.sub_segments
                     .push([last.min(landmark), last.max(landmark)]);
@@ -145,26 +145,26 @@ impl LandmarkFusion {
     }
 
     /// Takes points that are on no segment.
-    pub(super) fn take_singly(
+    pub(super) fn add_points(
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
     ) -> Result<(), EventError> {
         for measurement in measurements {
-            self.take(transaction, &measurement)?;
+            self.add_measurement(transaction, &measurement)?;
         }
         Ok(())
     }
 
     /// Takes single points, after those of segments and surface are settled. As seen only those remain listed that were not
     /// before.
-    pub(super) fn take_points(
+    pub(super) fn add_corrections(
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
     ) -> Result<(), EventError> {
         let before = std::mem::take(&mut self.seen);
-        self.take_singly(transaction, measurements)?;
+        self.add_points(transaction, measurements)?;
         let landmarks = &self.landmarks;
         self.seen.retain(|landmark| {
             before.binary_search(landmark).is_err() && landmarks.is_in_use(*landmark)
@@ -173,7 +173,7 @@ impl LandmarkFusion {
     }
 
     /// Asks the keyframe's surface about all landmarks in its reach and takes the points that they lack.
-    pub(super) fn take_surface(
+    pub(super) fn fuse_surface(
         &mut self,
         transaction: &mut Transaction<'_>,
         surface: &KeyframeSurface<'_>,
@@ -189,30 +189,29 @@ impl LandmarkFusion {
             }
         }
         let everything = [f64::NEG_INFINITY, f64::INFINITY].map(|all| Point3::new(all, all, all));
-        let reach = surface.reach().unwrap_or(everything);
-        for (landmark, position) in self.landmarks.within(reach) {
+        let bounds = surface.bounds().unwrap_or(everything);
+        for (landmark, position) in self.landmarks.within(bounds) {
             if self.vertex_of[landmark as usize] == NONE {
-                match surface.judge(&position) {
-                    Verdict::Silent => {}
-                    verdict => self.verdicts.push((landmark, verdict)),
+                match surface.check(&position) {
+                    SurfaceCheck::Unknown => {}
+                    check => self.checks.push((landmark, check)),
                 }
             }
         }
         // Oldest first, whatever the shape of the index.
-        self.verdicts
-            .sort_unstable_by_key(|(landmark, _)| *landmark);
-        for place in 0..self.verdicts.len() {
-            let (landmark, verdict) = self.verdicts[place];
-            if let Verdict::Confirmed {
+        self.checks.sort_unstable_by_key(|(landmark, _)| *landmark);
+        for place in 0..self.checks.len() {
+            let (landmark, check) = self.checks[place];
+            if let SurfaceCheck::Confirmed {
                 vertex,
                 measurement,
-            } = verdict
+            } = check
             {
-                self.landmarks.confirm(landmark, &measurement);
+                self.landmarks.add_measurement(landmark, &measurement);
                 self.seen.push(landmark);
                 self.add_vertex(landmark, vertex);
             } else {
-                self.landmarks.contradict(landmark);
+                self.landmarks.add_contradiction(landmark);
                 self.contradicted.push(landmark);
             }
         }
@@ -225,7 +224,7 @@ impl LandmarkFusion {
         let missing = surface.refine(&self.vertices, &lines, &options.refine);
         for missing in &missing {
             let landmark = match missing {
-                Some(measurement) => self.take(transaction, measurement)?,
+                Some(measurement) => self.add_measurement(transaction, measurement)?,
                 None => NONE,
             };
             self.landmark_of.push(landmark);
@@ -242,33 +241,33 @@ impl LandmarkFusion {
     }
 
     /// Notes the colours of all landmarks that the keyframe sees, once each.
-    pub(super) fn paint(&mut self, keyframe: &LineKeyframe, surface: &KeyframeSurface<'_>) {
+    pub(super) fn add_colors(&mut self, keyframe: &LineKeyframe, surface: &KeyframeSurface<'_>) {
         self.seen.sort_unstable();
         self.seen.dedup();
         for &landmark in &self.seen {
             let vertex = surface.vertex(&self.landmarks.position(landmark));
             if let Some(color) = vertex.and_then(|vertex| keyframe.colors.at(&vertex.pixel)) {
-                self.landmarks.paint(landmark, color);
+                self.landmarks.add_color(landmark, color);
             }
         }
     }
 
     /// Settles the landmarks that the keyframe concerns; returns how many points moved and how many were removed. Those are
     /// no longer listed as seen.
-    pub(super) fn settle(
+    pub(super) fn update_landmarks(
         &mut self,
         transaction: &mut Transaction<'_>,
     ) -> Result<(usize, usize), EventError> {
         let (mut moved, mut removed) = (0, 0);
         for &landmark in self.contradicted.iter().chain(&self.seen) {
             let point = self.points[landmark as usize];
-            match self.landmarks.settle(landmark) {
-                Settled::Stays => {}
-                Settled::Moved(position) => {
+            match self.landmarks.update(landmark) {
+                LandmarkUpdate::Unchanged => {}
+                LandmarkUpdate::Moved(position) => {
                     transaction.move_point(point, position)?;
                     moved += 1;
                 }
-                Settled::GivenUp => {
+                LandmarkUpdate::Removed => {
                     transaction.remove_point(point)?;
                     removed += 1;
                 }
@@ -284,7 +283,7 @@ impl LandmarkFusion {
     ///
     /// # Complexity
     /// The landmarks seen, times the views that see them.
-    pub(super) fn observe(
+    pub(super) fn add_observations(
         &mut self,
         transaction: &mut Transaction<'_>,
         view: ViewId,
@@ -312,7 +311,7 @@ impl LandmarkFusion {
 
     /// Adds the sub-segments that a view with this centre sees as segment observations of this weight; with 0 none. Those that
     /// a nearly parallel view sees already are left out.
-    pub(super) fn observe_segments(
+    pub(super) fn add_segment_observations(
         &mut self,
         transaction: &mut Transaction<'_>,
         view: ViewId,
@@ -331,7 +330,7 @@ impl LandmarkFusion {
             let ends = pair.map(|landmark| (landmark, self.landmarks.position(landmark)));
             if self
                 .segment_views
-                .note(transaction.before(), view, center, ends)
+                .insert_unless_known(transaction.before(), view, center, ends)
             {
                 let ends = pair.map(|landmark| self.points[landmark as usize]);
                 transaction.add_segment(view, ends, weight)?;
@@ -363,11 +362,13 @@ mod tests {
             });
             let mut transaction = carver.transaction();
             let view = transaction.add_view(center).unwrap();
-            fusion.begin();
+            fusion.begin_keyframe();
             fusion
-                .take_segment(&mut transaction, measured.into_iter())
+                .add_segment_points(&mut transaction, measured.into_iter())
                 .unwrap();
-            fusion.observe(&mut transaction, view, &center).unwrap();
+            fusion
+                .add_observations(&mut transaction, view, &center)
+                .unwrap();
             transaction.commit().unwrap();
             fusion.observed().to_vec()
         };

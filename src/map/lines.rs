@@ -13,12 +13,12 @@ use nalgebra::Point3;
 use super::depth_validation::{DepthValidation, FacetStatus};
 use super::error::MapError;
 use super::landmark_fusion::LandmarkFusion;
-use super::provisional::{ProvisionalKeyframes, ProvisionalSetting};
+use super::provisional::{ProvisionalContext, ProvisionalKeyframes};
 use super::segment_map::SegmentMap;
 use super::segment_points::{edge_measurements, measurements};
 use super::surface_points::KeyframeSurface;
 use super::update::MapUpdate;
-use super::vertex_points::{Observers, VertexPoints};
+use super::vertex_landmarks::{VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
 
@@ -41,7 +41,7 @@ pub(super) struct LineMap {
     segments: SegmentMap,
     landmarks: LandmarkFusion,
     provisional: ProvisionalKeyframes,
-    vertices: VertexPoints,
+    vertices: VertexLandmarks,
     validation: DepthValidation,
 }
 
@@ -62,7 +62,7 @@ impl LineMap {
             segments: SegmentMap::new(options.cluster, median_depth)?,
             landmarks: LandmarkFusion::new(options),
             provisional: ProvisionalKeyframes::default(),
-            vertices: VertexPoints::default(),
+            vertices: VertexLandmarks::default(),
             validation: DepthValidation::new(
                 options.surface.least_measured_share,
                 camera,
@@ -86,7 +86,7 @@ impl LineMap {
             keyframe: keyframe.frame,
             source,
         };
-        let setting = ProvisionalSetting {
+        let context = ProvisionalContext {
             options,
             camera: &self.camera,
             noise: &self.noise,
@@ -95,10 +95,10 @@ impl LineMap {
         };
         let mut transaction = carver.transaction();
         self.provisional
-            .add(keyframe, setting, &mut transaction)
+            .add(keyframe, context, &mut transaction)
             .map_err(refused)?;
         let report = transaction.commit().map_err(refused)?;
-        self.follow(carver, &report.surface);
+        self.update_validation(carver, &report.surface);
         let mut update = MapUpdate::default();
         update.deltas.push(report.surface);
         update.times.carving = start.elapsed();
@@ -109,7 +109,7 @@ impl LineMap {
     ///
     /// # Errors
     /// As [`push_provisional`](Self::push_provisional).
-    pub(super) fn withdraw_provisional(
+    pub(super) fn remove_provisional(
         &mut self,
         carver: &mut Carver,
         last: usize,
@@ -121,18 +121,18 @@ impl LineMap {
         let mut transaction = carver.transaction();
         for frame in self.provisional.frames() {
             self.provisional
-                .withdraw(frame, &mut transaction)
+                .remove(frame, &mut transaction)
                 .map_err(refused(frame))?;
         }
         let report = transaction.commit().map_err(refused(last))?;
-        self.follow(carver, &report.surface);
+        self.update_validation(carver, &report.surface);
         Ok(())
     }
 
     /// Updates what is known about triangles after a commit without a keyframe of dense depth.
-    fn follow(&mut self, carver: &Carver, delta: &SurfaceDelta) {
-        let observers = Observers::new(carver, self.landmarks.points(), &self.vertices);
-        self.validation.follow(observers, delta, &[]);
+    fn update_validation(&mut self, carver: &Carver, delta: &SurfaceDelta) {
+        let views = VertexViews::new(carver, self.landmarks.points(), &self.vertices);
+        self.validation.update(views, delta, &[]);
     }
 
     /// Number of segments of keyframes whose depth will still be refined.
@@ -181,11 +181,10 @@ impl LineMap {
         let landmarks = &mut self.landmarks;
         landmarks.ignore_views(self.provisional.views());
         let mut transaction = carver.transaction();
-        self.provisional
-            .withdraw(keyframe.frame, &mut transaction)?;
+        self.provisional.remove(keyframe.frame, &mut transaction)?;
         let view = transaction.add_view(center)?;
         let known = landmarks.points().len();
-        landmarks.begin();
+        landmarks.begin_keyframe();
         for segment in &keyframe.segments {
             let along = measurements(
                 segment,
@@ -194,10 +193,10 @@ impl LineMap {
                 &self.noise,
                 &options.segment_points,
             );
-            landmarks.take_segment(&mut transaction, along)?;
+            landmarks.add_segment_points(&mut transaction, along)?;
         }
         let single = edge_measurements(&keyframe.edge_points, &self.camera, pose, &self.noise);
-        landmarks.take_singly(&mut transaction, single)?;
+        landmarks.add_points(&mut transaction, single)?;
         let surface = KeyframeSurface::new(
             &keyframe.surface,
             &self.camera,
@@ -205,12 +204,13 @@ impl LineMap {
             &options.surface_points,
         );
         if keyframe.surface.known_count() > 0 {
-            landmarks.take_surface(&mut transaction, &surface, &options.surface_points)?;
+            landmarks.fuse_surface(&mut transaction, &surface, &options.surface_points)?;
         }
-        landmarks.paint(keyframe, &surface);
-        (update.moved_points, update.removed_points) = landmarks.settle(&mut transaction)?;
-        landmarks.observe(&mut transaction, view, &center)?;
-        landmarks.observe_segments(
+        landmarks.add_colors(keyframe, &surface);
+        (update.moved_points, update.removed_points) =
+            landmarks.update_landmarks(&mut transaction)?;
+        landmarks.add_observations(&mut transaction, view, &center)?;
+        landmarks.add_segment_observations(
             &mut transaction,
             view,
             &center,
@@ -224,32 +224,32 @@ impl LineMap {
 
         let affected = landmarks.contradicted().iter().chain(landmarks.seen());
         self.vertices
-            .note(carver, landmarks.points(), affected.copied());
-        let contradictions = self.validation.push(
-            Observers::new(carver, landmarks.points(), &self.vertices),
+            .update(carver, landmarks.points(), affected.copied());
+        let conflicts = self.validation.push(
+            VertexViews::new(carver, landmarks.points(), &self.vertices),
             &report.surface,
             landmarks.observed(),
             pose,
             &keyframe.surface,
         );
         update.deltas.push(report.surface);
-        if !contradictions.is_empty() {
+        if !conflicts.is_empty() {
             // Measurements behind the surface carved so far become points.
             let known = landmarks.points().len();
             let mut transaction = carver.transaction();
-            let measured = contradictions
+            let measured = conflicts
                 .iter()
-                .filter_map(|pixel| surface.measured_at(pixel));
-            landmarks.take_points(&mut transaction, measured)?;
-            landmarks.paint(keyframe, &surface);
-            landmarks.observe(&mut transaction, view, &center)?;
+                .filter_map(|pixel| surface.measurement_at(pixel));
+            landmarks.add_corrections(&mut transaction, measured)?;
+            landmarks.add_colors(keyframe, &surface);
+            landmarks.add_observations(&mut transaction, view, &center)?;
             update.count_points(landmarks, known);
             let report = transaction.commit()?;
             self.vertices
-                .note(carver, landmarks.points(), landmarks.seen().iter().copied());
-            let observers = Observers::new(carver, landmarks.points(), &self.vertices);
+                .update(carver, landmarks.points(), landmarks.seen().iter().copied());
+            let views = VertexViews::new(carver, landmarks.points(), &self.vertices);
             self.validation
-                .follow(observers, &report.surface, landmarks.observed());
+                .update(views, &report.surface, landmarks.observed());
             update.deltas.push(report.surface);
         }
         update.times.validation = start.elapsed() - carved;

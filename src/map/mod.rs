@@ -17,7 +17,7 @@ mod segment_map;
 mod segment_points;
 mod surface_points;
 mod update;
-mod vertex_points;
+mod vertex_landmarks;
 
 use std::time::Instant;
 
@@ -202,7 +202,7 @@ impl Map {
     pub fn finish(&mut self) -> Result<(), MapError> {
         let last = self.keyframes;
         match &mut self.contents {
-            Contents::Lines(lines) => lines.withdraw_provisional(&mut self.carver, last),
+            Contents::Lines(lines) => lines.remove_provisional(&mut self.carver, last),
             Contents::Features(features) => features.finish(&mut self.carver, last),
             Contents::Segments(_) | Contents::Model(_) => Ok(()),
         }

@@ -53,7 +53,7 @@ pub(super) struct ModelMap {
     model: SparseModel,
     counts: ModelCounts,
     /// Points that each view sees, ascending; view by view.
-    seen: Vec<Vec<u32>>,
+    points_of_view: Vec<Vec<u32>>,
     points: Vec<Option<PointId>>,
     median_depth: Option<f64>,
 }
@@ -66,7 +66,7 @@ impl ModelMap {
     /// When an observation names a view that does not exist.
     pub(super) fn new(model: SparseModel, options: &PointModelOptions) -> Result<Self, MapError> {
         let mut counts = ModelCounts::default();
-        let mut seen = vec![Vec::new(); model.views.len()];
+        let mut points_of_view = vec![Vec::new(); model.views.len()];
         let mut depths = Vec::new();
         let mut views = Vec::new();
         for (index, point) in model.points.iter().enumerate() {
@@ -81,9 +81,9 @@ impl ModelMap {
                     views: model.views.len(),
                 });
             }
-            if choose(&model, point, options, &mut views, &mut depths, &mut counts) {
+            if select_point(&model, point, options, &mut views, &mut depths, &mut counts) {
                 for view in &views {
-                    seen[*view as usize].push(index as u32);
+                    points_of_view[*view as usize].push(index as u32);
                 }
             }
         }
@@ -92,7 +92,7 @@ impl ModelMap {
             (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1);
         Ok(Self {
             counts,
-            seen,
+            points_of_view,
             points: vec![None; model.points.len()],
             median_depth,
             model,
@@ -113,13 +113,13 @@ impl ModelMap {
         let last = views.end.saturating_sub(1);
         let mut transaction = carver.transaction();
         for view in views {
-            let seen = &self.seen[view];
+            let points_of_view = &self.points_of_view[view];
             let points = &mut self.points;
             add_view(
                 &mut transaction,
                 &self.model,
                 view,
-                seen,
+                points_of_view,
                 points,
                 &mut update,
             )?;
@@ -139,7 +139,8 @@ impl ModelMap {
 
     /// The view that sees most of the points that are carved, of equals the first; `None` without views.
     pub(super) fn richest_view(&self) -> Option<usize> {
-        (0..self.seen.len()).max_by_key(|&view| (self.seen[view].len(), std::cmp::Reverse(view)))
+        (0..self.points_of_view.len())
+            .max_by_key(|&view| (self.points_of_view[view].len(), std::cmp::Reverse(view)))
     }
 
     /// The model.
@@ -171,7 +172,7 @@ impl ModelMap {
 }
 
 /// Whether a point is to be carved; then `views` holds who counts as seeing it, and `depths` gains its depths.
-fn choose(
+fn select_point(
     model: &SparseModel,
     point: &ModelPoint,
     options: &PointModelOptions,
@@ -180,15 +181,15 @@ fn choose(
     counts: &mut ModelCounts,
 ) -> bool {
     views.clear();
-    let place = point.point_in_world;
-    if !place.iter().all(|x| x.is_finite()) {
+    let position = point.point_in_world;
+    if !position.iter().all(|x| x.is_finite()) {
         counts.not_finite += 1;
         return false;
     }
     let depths_before = depths.len();
     for observation in &point.observations {
         let view = &model.views[observation.view as usize];
-        let in_camera = view.world_from_camera.inverse_transform_point(&place);
+        let in_camera = view.world_from_camera.inverse_transform_point(&position);
         let is_right = in_camera.z > 0.0
             && match (&view.camera, observation.pixel) {
                 (Some(camera), Some([x, y])) => camera.project(&in_camera).is_some_and(|pixel| {
@@ -211,20 +212,20 @@ fn choose(
             Point3::from(pose.translation.vector)
         })
         .collect();
-    let is_chosen = if views.len() < options.min_views {
+    let is_selected = if views.len() < options.min_views {
         counts.too_few_views += 1;
         false
-    } else if parallax_cosine(&centers, &place) > options.parallax_degrees.to_radians().cos() {
+    } else if parallax_cosine(&centers, &position) > options.parallax_degrees.to_radians().cos() {
         counts.too_little_parallax += 1;
         false
     } else {
         counts.carved += 1;
         true
     };
-    if !is_chosen {
+    if !is_selected {
         depths.truncate(depths_before);
     }
-    is_chosen
+    is_selected
 }
 
 /// Adds a view, those of its points that are new, and its observations.
@@ -232,7 +233,7 @@ fn add_view(
     transaction: &mut Transaction<'_>,
     model: &SparseModel,
     view: usize,
-    seen: &[u32],
+    points_of_view: &[u32],
     points: &mut [Option<PointId>],
     update: &mut MapUpdate,
 ) -> Result<(), MapError> {
@@ -243,7 +244,7 @@ fn add_view(
     };
     let center = Point3::from(record.world_from_camera.translation.vector);
     let id = transaction.add_view(center).map_err(refused)?;
-    for &index in seen {
+    for &index in points_of_view {
         let slot = &mut points[index as usize];
         let point = match *slot {
             Some(point) => {
@@ -252,9 +253,9 @@ fn add_view(
             }
             None => {
                 update.new_points += 1;
-                let place = model.points[index as usize].point_in_world;
+                let position = model.points[index as usize].point_in_world;
                 let point = transaction
-                    .add_point(place)
+                    .add_point(position)
                     .map_err(|source| MapError::Point {
                         point: index as usize,
                         source,

@@ -58,7 +58,7 @@ impl FeatureMap {
             ..MapUpdate::default()
         };
         update.times.matching = start.elapsed();
-        self.follow(carver, &mut update)
+        self.apply_changes(carver, &mut update)
             .map_err(|source| MapError::Keyframe {
                 keyframe: number,
                 source,
@@ -75,12 +75,16 @@ impl FeatureMap {
     pub(super) fn finish(&mut self, carver: &mut Carver, count: usize) -> Result<(), MapError> {
         let keyframe = count.saturating_sub(1);
         self.map.adjust_all();
-        self.follow(carver, &mut MapUpdate::default())
+        self.apply_changes(carver, &mut MapUpdate::default())
             .map_err(|source| MapError::Keyframe { keyframe, source })
     }
 
     /// Applies what has changed in the points to the carver.
-    fn follow(&mut self, carver: &mut Carver, update: &mut MapUpdate) -> Result<(), EventError> {
+    fn apply_changes(
+        &mut self,
+        carver: &mut Carver,
+        update: &mut MapUpdate,
+    ) -> Result<(), EventError> {
         let mut transaction = carver.transaction();
         for new in &self.map.keyframes()[self.views.len()..] {
             self.views.push(transaction.add_view(new.center())?);

@@ -37,7 +37,7 @@ struct Provisional {
 
 /// What provisional keyframes are made with.
 #[derive(Clone, Copy)]
-pub(super) struct ProvisionalSetting<'a> {
+pub(super) struct ProvisionalContext<'a> {
     pub(super) options: &'a Options,
     pub(super) camera: &'a Camera,
     pub(super) noise: &'a SensorNoise,
@@ -48,25 +48,25 @@ pub(super) struct ProvisionalSetting<'a> {
 
 impl Provisional {
     /// Makes points of measurements; those that are of landmarks are noted in `seen` instead.
-    fn take(
+    fn add_points(
         &mut self,
         measurements: impl Iterator<Item = Measurement>,
         keyframe: &LineKeyframe,
-        setting: ProvisionalSetting<'_>,
+        context: ProvisionalContext<'_>,
         transaction: &mut Transaction<'_>,
         seen: &mut Vec<u32>,
     ) -> Result<(), EventError> {
         let camera_from_world = keyframe.world_from_camera.inverse();
         for measurement in measurements {
-            if let Some(landmark) = setting.landmarks.find(&measurement) {
+            if let Some(landmark) = context.landmarks.find(&measurement) {
                 seen.push(landmark);
                 continue;
             }
             let point = transaction.add_point(measurement.point_in_world)?;
-            let sigma = setting.options.carving.cut.sigma_factor * measurement.sigma;
+            let sigma = context.options.carving.cut.sigma_factor * measurement.sigma;
             transaction.set_sigma(point, Some(sigma))?;
             transaction.add_observation(self.view, point, 1)?;
-            let pixel = setting
+            let pixel = context
                 .camera
                 .project(&(camera_from_world * measurement.point_in_world));
             let color = pixel.and_then(|pixel| keyframe.colors.at(&pixel));
@@ -84,10 +84,10 @@ impl ProvisionalKeyframes {
     pub(super) fn add(
         &mut self,
         keyframe: &LineKeyframe,
-        setting: ProvisionalSetting<'_>,
+        context: ProvisionalContext<'_>,
         transaction: &mut Transaction<'_>,
     ) -> Result<(), EventError> {
-        self.withdraw(keyframe.frame, transaction)?;
+        self.remove(keyframe.frame, transaction)?;
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let mut provisional = Provisional {
             view: transaction.add_view(center)?,
@@ -98,24 +98,24 @@ impl ProvisionalKeyframes {
         for segment in &keyframe.segments {
             let along = measurements(
                 segment,
-                setting.camera,
+                context.camera,
                 &keyframe.world_from_camera,
-                setting.noise,
-                &setting.options.segment_points,
+                context.noise,
+                &context.options.segment_points,
             );
-            provisional.take(along, keyframe, setting, transaction, &mut seen)?;
+            provisional.add_points(along, keyframe, context, transaction, &mut seen)?;
         }
         let single = edge_measurements(
             &keyframe.edge_points,
-            setting.camera,
+            context.camera,
             &keyframe.world_from_camera,
-            setting.noise,
+            context.noise,
         );
-        provisional.take(single, keyframe, setting, transaction, &mut seen)?;
+        provisional.add_points(single, keyframe, context, transaction, &mut seen)?;
         seen.sort_unstable();
         seen.dedup();
         for landmark in seen {
-            let point = setting.points[landmark as usize];
+            let point = context.points[landmark as usize];
             transaction.add_observation(provisional.view, point, 1)?;
         }
         self.keyframes.insert(keyframe.frame, provisional);
@@ -126,7 +126,7 @@ impl ProvisionalKeyframes {
     ///
     /// # Errors
     /// Never, as long as nobody else removes its points.
-    pub(super) fn withdraw(
+    pub(super) fn remove(
         &mut self,
         frame: usize,
         transaction: &mut Transaction<'_>,

@@ -50,9 +50,9 @@ pub(super) struct KeyframeSurface<'a> {
 
 /// What a keyframe says about a point of the map.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Verdict {
+pub(super) enum SurfaceCheck {
     /// Nothing: the point is outside the image, behind the surface, or where no surface was measured.
-    Silent,
+    Unknown,
     /// It measured the surface right there.
     Confirmed {
         /// Where the point is seen, with its own inverse depth.
@@ -92,33 +92,33 @@ impl<'a> KeyframeSurface<'a> {
     }
 
     /// What the keyframe says about a point of the map.
-    pub(super) fn judge(&self, point_in_world: &Point3<f64>) -> Verdict {
+    pub(super) fn check(&self, point_in_world: &Point3<f64>) -> SurfaceCheck {
         let Some(vertex) = self.vertex(point_in_world) else {
-            return Verdict::Silent;
+            return SurfaceCheck::Unknown;
         };
         let Some(sample) = self.samples.near(&vertex.pixel) else {
-            return Verdict::Silent;
+            return SurfaceCheck::Unknown;
         };
         let bound = self.agreement_sigmas * f64::from(sample.sigma);
         let nearer = vertex.rho - f64::from(sample.rho);
         if nearer > bound {
-            return Verdict::Contradicted;
+            return SurfaceCheck::Contradicted;
         }
         if nearer < -bound {
-            return Verdict::Silent;
+            return SurfaceCheck::Unknown;
         }
         match self.measurement(&vertex.pixel, sample.rho.into(), sample.sigma.into()) {
-            Some(measurement) => Verdict::Confirmed {
+            Some(measurement) => SurfaceCheck::Confirmed {
                 vertex,
                 measurement,
             },
-            None => Verdict::Silent,
+            None => SurfaceCheck::Unknown,
         }
     }
 
-    /// The corners of a box of the world outside of which [`KeyframeSurface::judge`] says nothing: it holds the pyramid from
+    /// The corners of a box of the world outside of which [`KeyframeSurface::check`] says nothing: it holds the pyramid from
     /// the camera to beyond the farthest sample. `None` when there is no such box, as a sample may lie at infinity.
-    pub(super) fn reach(&self) -> Option<[Point3<f64>; 2]> {
+    pub(super) fn bounds(&self) -> Option<[Point3<f64>; 2]> {
         let step = f64::from(self.samples.step_px());
         let (columns, rows) = (self.samples.columns(), self.samples.rows());
         let nearest = (0..rows)
@@ -154,7 +154,10 @@ impl<'a> KeyframeSurface<'a> {
 
     /// Where a point of the world is seen, and how many standard deviations the surface that was measured there lies behind
     /// it; negative when it lies before it. `None` where nothing was measured.
-    pub(super) fn deviation(&self, point_in_world: &Point3<f64>) -> Option<(Point2<f64>, f64)> {
+    pub(super) fn depth_deviation(
+        &self,
+        point_in_world: &Point3<f64>,
+    ) -> Option<(Point2<f64>, f64)> {
         let vertex = self.vertex(point_in_world)?;
         let sample = self.samples.near(&vertex.pixel)?;
         let nearer = vertex.rho - f64::from(sample.rho);
@@ -163,8 +166,8 @@ impl<'a> KeyframeSurface<'a> {
 
     /// Whether a point of the world lies before the surface that was measured where it is seen, on it or behind it; `None` where
     /// nothing was measured.
-    pub(super) fn side(&self, point_in_world: &Point3<f64>) -> Option<Ordering> {
-        let (_, sigmas) = self.deviation(point_in_world)?;
+    pub(super) fn compare_depth(&self, point_in_world: &Point3<f64>) -> Option<Ordering> {
+        let (_, sigmas) = self.depth_deviation(point_in_world)?;
         Some(if sigmas > self.agreement_sigmas {
             Ordering::Less
         } else if sigmas < -self.agreement_sigmas {
@@ -175,7 +178,7 @@ impl<'a> KeyframeSurface<'a> {
     }
 
     /// The surface at a pixel.
-    pub(super) fn measured_at(&self, pixel: &Point2<f64>) -> Option<Measurement> {
+    pub(super) fn measurement_at(&self, pixel: &Point2<f64>) -> Option<Measurement> {
         let sample = self.samples.near(pixel)?;
         self.measurement(pixel, sample.rho.into(), sample.sigma.into())
     }
@@ -235,11 +238,11 @@ mod tests {
         let (samples, camera, pose) = wall();
         let options = SurfacePointOptions::default();
         let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);
-        let judge = |x: f64, z: f64| surface.judge(&Point3::new(1.0 + x, 2.0, 3.0 + z));
-        let Verdict::Confirmed {
+        let check = |x: f64, z: f64| surface.check(&Point3::new(1.0 + x, 2.0, 3.0 + z));
+        let SurfaceCheck::Confirmed {
             vertex,
             measurement,
-        } = judge(0.1, 2.005)
+        } = check(0.1, 2.005)
         else {
             panic!("the point lies on the wall");
         };
@@ -247,16 +250,16 @@ mod tests {
         assert!((measurement.point_in_world.z - 5.0).abs() < 1e-6);
         // 0.001 / 0.25 along z, and a little more along the ray.
         assert!((measurement.sigma - 0.004).abs() < 1e-5);
-        assert!(matches!(judge(0.0, 1.9), Verdict::Contradicted));
-        assert!(matches!(judge(0.0, 2.1), Verdict::Silent));
-        assert!(matches!(judge(0.0, -2.0), Verdict::Silent));
-        assert!(matches!(judge(5.0, 2.0), Verdict::Silent));
-        assert!(matches!(judge(f64::NAN, 2.0), Verdict::Silent));
-        // What is judged is within reach, and little else.
-        let [low, high] = surface.reach().unwrap();
+        assert!(matches!(check(0.0, 1.9), SurfaceCheck::Contradicted));
+        assert!(matches!(check(0.0, 2.1), SurfaceCheck::Unknown));
+        assert!(matches!(check(0.0, -2.0), SurfaceCheck::Unknown));
+        assert!(matches!(check(5.0, 2.0), SurfaceCheck::Unknown));
+        assert!(matches!(check(f64::NAN, 2.0), SurfaceCheck::Unknown));
+        // What is judged is within bounds, and little else.
+        let [low, high] = surface.bounds().unwrap();
         assert!(low.z <= 3.0 && high.z > 5.01 && high.z < 5.1);
         for (x, bound) in [(-1.05, low.x), (1.05, high.x)] {
-            assert!(matches!(judge(x, 2.0), Verdict::Confirmed { .. }));
+            assert!(matches!(check(x, 2.0), SurfaceCheck::Confirmed { .. }));
             assert!((1.0 + x - bound).abs() < 0.3 && (bound - 1.0).abs() > 1.15);
         }
     }

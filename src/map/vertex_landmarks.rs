@@ -8,14 +8,14 @@ const NONE: u32 = u32::MAX;
 
 /// The landmark, and so the point, at each vertex. Of several at one place the one noted last.
 #[derive(Debug, Clone, Default)]
-pub(super) struct VertexPoints {
+pub(super) struct VertexLandmarks {
     landmarks: Vec<u32>,
 }
 
-impl VertexPoints {
+impl VertexLandmarks {
     /// Notes where landmarks lie now; `points` gives the carver's id of each landmark. Those that were removed are
     /// passed over: their vertices are no longer corners of anything.
-    pub(super) fn note(
+    pub(super) fn update(
         &mut self,
         carver: &Carver,
         points: &[PointId],
@@ -41,18 +41,18 @@ impl VertexPoints {
 
 /// Who sees what: the map as [`DepthValidation`](super::depth_validation::DepthValidation) asks it.
 #[derive(Clone, Copy)]
-pub(super) struct Observers<'a> {
+pub(super) struct VertexViews<'a> {
     carver: &'a Carver,
     points: &'a [PointId],
-    vertices: &'a VertexPoints,
+    vertices: &'a VertexLandmarks,
 }
 
-impl<'a> Observers<'a> {
+impl<'a> VertexViews<'a> {
     /// `points` gives the carver's id of each landmark.
     pub(super) fn new(
         carver: &'a Carver,
         points: &'a [PointId],
-        vertices: &'a VertexPoints,
+        vertices: &'a VertexLandmarks,
     ) -> Self {
         Self {
             carver,
