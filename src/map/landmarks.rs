@@ -1,9 +1,9 @@
-//! Points of the map: what several keyframes measure at one place is one point that all of them see.
+//! Landmarks: 3D points fused from the measurements of several keyframes.
 //!
-//! A segment's end points are measurements anew in every keyframe, each time with an error. Carved one by one they form a
-//! noisy shell: rays to the points at its back cut away the cells between those at its front. Joined, they are fewer
-//! and calmer, and each has the rays of all its keyframes. A landmark lies at the mean of its measurements, and where
-//! more keyframes look through it than see it, it is given up.
+//! Every keyframe measures the end points of a segment anew, with noise. Carved individually they form a noisy shell, and
+//! rays to its back carve the cells at its front. Fused landmarks are fewer and more accurate, and each has the rays of all
+//! its keyframes. A landmark lies at the mean of its measurements. It is removed when more keyframes contradict than measure
+//! it.
 
 use nalgebra::{Point3, Unit, Vector3};
 use rstar::primitives::GeomWithData;
@@ -34,10 +34,10 @@ impl Default for LandmarkOptions {
     }
 }
 
-/// One measurements point.
+/// A point measured by a keyframe.
 #[derive(Debug, Clone, Copy)]
 pub struct Measurement {
-    /// Where it was measurements.
+    /// Measured position.
     pub point_in_world: Point3<f64>,
     /// Direction from the camera to the point.
     pub direction: Unit<Vector3<f64>>,
@@ -202,7 +202,7 @@ impl Landmarks {
         (count > 0).then(|| [r, g, b].map(|sum| ((sum + count / 2) / count) as u8))
     }
 
-    /// Notes that a keyframe measurements a surface behind a landmark, where it should have seen it.
+    /// Counts a keyframe that measured a surface behind a landmark.
     ///
     /// # Panics
     /// When the index is out of range.
@@ -210,10 +210,9 @@ impl Landmarks {
         self.records[id as usize].contradictions += 1;
     }
 
-    /// Moves a landmark to the mean of its measurements, or gives it up when more keyframes add_contradiction it than measurements it.
+    /// Moves a landmark to the mean of its measurements, or removes it when more keyframes contradict than measured it.
     ///
-    /// It moves with its 2nd, 4th, 8th... measurement only, and only when that is worth it: between them the mean
-    /// hardly changes.
+    /// It moves only with its 2nd, 4th, 8th... measurement, as the mean changes little between them.
     ///
     /// # Panics
     /// When the index is out of range.

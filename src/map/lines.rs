@@ -22,11 +22,11 @@ use super::vertex_landmarks::{VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
 
-/// Colour of vertices that no keyframe gives a colour: a middle grey.
-const UNSEEN: [u8; 3] = [128; 3];
+/// Colour of vertices without an observed colour: middle grey.
+const DEFAULT_COLOR: [u8; 3] = [128; 3];
 
 impl MapUpdate {
-    /// Counts what the current keyframe sees, of which the landmarks from number `known` on are new.
+    /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
     fn count_points(&mut self, landmarks: &LandmarkFusion, known: usize) {
         let new_points = landmarks.points().len() - known;
         self.new_points += new_points;
@@ -34,7 +34,7 @@ impl MapUpdate {
     }
 }
 
-/// Segments and clusters, landmarks with their points, and which triangles were measured.
+/// Segments, clusters, landmarks and depth validation.
 pub(super) struct LineMap {
     camera: Camera,
     noise: SensorNoise,
@@ -71,10 +71,10 @@ impl LineMap {
         })
     }
 
-    /// Adds a keyframe whose depth will still be refined.
+    /// Adds a provisional keyframe.
     ///
     /// # Errors
-    /// When the carver refuses its position or one of its points.
+    /// When the carver rejects its position or one of its points.
     pub(super) fn push_provisional(
         &mut self,
         carver: &mut Carver,
@@ -82,7 +82,7 @@ impl LineMap {
         keyframe: &LineKeyframe,
     ) -> Result<MapUpdate, MapError> {
         let start = Instant::now();
-        let refused = |source| MapError::Keyframe {
+        let rejected = |source| MapError::Keyframe {
             keyframe: keyframe.frame,
             source,
         };
@@ -96,8 +96,8 @@ impl LineMap {
         let mut transaction = carver.transaction();
         self.provisional
             .add(keyframe, context, &mut transaction)
-            .map_err(refused)?;
-        let report = transaction.commit().map_err(refused)?;
+            .map_err(rejected)?;
+        let report = transaction.commit().map_err(rejected)?;
         self.update_validation(carver, &report.surface);
         let mut update = MapUpdate::default();
         update.deltas.push(report.surface);
@@ -105,7 +105,7 @@ impl LineMap {
         Ok(update)
     }
 
-    /// Removes all keyframes whose final depth has not come and will not; `last` is the number that a fault is reported with.
+    /// Removes all provisional keyframes; errors name keyframe `last`.
     ///
     /// # Errors
     /// As [`push_provisional`](Self::push_provisional).
@@ -117,25 +117,25 @@ impl LineMap {
         if self.provisional.is_empty() {
             return Ok(());
         }
-        let refused = |keyframe| move |source| MapError::Keyframe { keyframe, source };
+        let rejected = |keyframe| move |source| MapError::Keyframe { keyframe, source };
         let mut transaction = carver.transaction();
         for frame in self.provisional.frames() {
             self.provisional
                 .remove(frame, &mut transaction)
-                .map_err(refused(frame))?;
+                .map_err(rejected(frame))?;
         }
-        let report = transaction.commit().map_err(refused(last))?;
+        let report = transaction.commit().map_err(rejected(last))?;
         self.update_validation(carver, &report.surface);
         Ok(())
     }
 
-    /// Updates what is known about triangles after a commit without a keyframe of dense depth.
+    /// Updates depth validation after a commit without a new view.
     fn update_validation(&mut self, carver: &Carver, delta: &SurfaceDelta) {
         let views = VertexViews::new(carver, self.landmarks.points(), &self.vertices);
         self.validation.update(views, delta, &[]);
     }
 
-    /// Number of segments of keyframes whose depth will still be refined.
+    /// Number of segments of provisional keyframes.
     pub(super) fn provisional_segment_count(&self) -> usize {
         self.provisional.segment_count()
     }
@@ -148,7 +148,7 @@ impl LineMap {
     /// Adds keyframe `number`.
     ///
     /// # Errors
-    /// When the carver refuses its position or one of its points.
+    /// When the carver rejects its position or one of its points.
     pub(super) fn push(
         &mut self,
         carver: &mut Carver,
@@ -234,7 +234,7 @@ impl LineMap {
         );
         update.deltas.push(report.surface);
         if !conflicts.is_empty() {
-            // Measurements behind the surface carved so far become points.
+            // Measurements behind the carved surface become points.
             let known = landmarks.points().len();
             let mut transaction = carver.transaction();
             let measured = conflicts
@@ -256,20 +256,20 @@ impl LineMap {
         Ok(())
     }
 
-    /// The surface without triangles that depth contradicts or, where depth is not dense, that have an edge longer than
-    /// `options.longest_edge`.
+    /// The surface without triangles that depth contradicts and, where depth is not dense, without those that have an edge
+    /// longer than `options.longest_edge`.
     pub(super) fn surface(&self, carver: &Carver, options: &ExportOptions) -> TriangleMesh {
         let export = ExportOptions {
             longest_edge: None,
             ..*options
         };
-        let is_wanted = |triangle: Triangle| match self.validation.status(&triangle) {
+        let is_exported = |triangle: Triangle| match self.validation.status(&triangle) {
             FacetStatus::Measured => true,
             FacetStatus::NotMeasured => false,
             FacetStatus::Unobserved => (options.longest_edge)
                 .is_none_or(|longest| carver.has_edges_within(&triangle, longest)),
         };
-        let (mesh, origins) = carver.mesh_where(&export, is_wanted);
+        let (mesh, origins) = carver.mesh_where(&export, is_exported);
         TriangleMesh {
             positions: mesh.vertices,
             triangles: mesh.triangles,
@@ -277,14 +277,14 @@ impl LineMap {
         }
     }
 
-    /// Colours of copies of vertices; `None` when no keyframe had any.
+    /// Colours of the exported vertices, by their vertices in the triangulation; `None` when none has a colour.
     fn colors(&self, carver: &Carver, origins: &[Option<VertexId>]) -> Option<Vec<[u8; 3]>> {
         let provisional = self.provisional.colors(carver);
         let colors: Vec<Option<[u8; 3]>> = origins
             .iter()
             .map(|vertex| {
                 let vertex = (*vertex)?;
-                // A vertex id may have belonged to a landmark before.
+                // Vertex ids are reused: this one may have belonged to a landmark.
                 if let Some(color) = provisional.get(&vertex) {
                     return Some(*color);
                 }
@@ -294,7 +294,7 @@ impl LineMap {
             .collect();
         let has_any = colors.iter().any(Option::is_some);
         has_any.then(|| {
-            let color = |color: Option<[u8; 3]>| color.unwrap_or(UNSEEN);
+            let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
             colors.into_iter().map(color).collect()
         })
     }

@@ -1,20 +1,19 @@
-//! Which point of the map lies at a vertex of the tetrahedralisation.
+//! The landmark at each vertex of the tetrahedralisation.
 
 use linecarve_carving::carver::{Carver, PointId, ViewId};
 use linecarve_carving::tetrahedralization::VertexId;
 
-/// No landmark at a vertex.
+/// Marks a vertex without landmark.
 const NONE: u32 = u32::MAX;
 
-/// The landmark, and so the point, at each vertex. Of several at one place the one noted last.
+/// The landmark at each vertex. Of several at one position, the one updated last.
 #[derive(Debug, Clone, Default)]
 pub(super) struct VertexLandmarks {
     landmarks: Vec<u32>,
 }
 
 impl VertexLandmarks {
-    /// Notes where landmarks lie now; `points` gives the carver's id of each landmark. Those that were removed are
-    /// passed over: their vertices are no longer corners of anything.
+    /// Updates the vertices of landmarks; `points` gives the carver's id of each. Removed landmarks are skipped.
     pub(super) fn update(
         &mut self,
         carver: &Carver,
@@ -39,7 +38,7 @@ impl VertexLandmarks {
     }
 }
 
-/// Who sees what: the map as [`DepthValidation`](super::depth_validation::DepthValidation) asks it.
+/// The views that observe each vertex, for [`DepthValidation`](super::depth_validation::DepthValidation).
 #[derive(Clone, Copy)]
 pub(super) struct VertexViews<'a> {
     carver: &'a Carver,
@@ -66,12 +65,12 @@ impl<'a> VertexViews<'a> {
         self.carver
     }
 
-    /// The vertex of a landmark; `None` when it was given up.
+    /// The vertex of a landmark; `None` when it was removed.
     pub(super) fn vertex(&self, landmark: u32) -> Option<VertexId> {
         self.carver.vertex_of(self.points[landmark as usize])
     }
 
-    /// The views that see the point at a vertex.
+    /// The views that observe a vertex.
     pub(super) fn views(&self, vertex: VertexId) -> impl Iterator<Item = ViewId> + '_ {
         self.vertices
             .landmark(vertex)

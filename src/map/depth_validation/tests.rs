@@ -89,8 +89,8 @@ impl Room {
         self.validation.update(map, &report.surface, &[]);
     }
 
-    /// What is known about each triangle, by the positions of its corners. What is said of samples where another view agrees
-    /// depends on who is asked first, and does not count.
+    /// Evidence of each triangle, by the positions of its corners. Contradictions of agreed samples depend on the order of
+    /// views and are left out.
     fn evidence(&self) -> BTreeMap<Vec<[u64; 3]>, FacetEvidence> {
         let counted = |evidence: &FacetEvidence| FacetEvidence {
             contradicted: evidence.contradicted & !evidence.agreed,
