@@ -80,13 +80,13 @@ impl Mapper {
         let keyframe = match arrival {
             Arrival::Provisional {
                 mut keyframe,
-                awaited,
+                delay_keyframes,
             } => {
                 keyframe.translate(&-self.origin);
                 let mut times = keyframe.times();
                 let update = self.map.push_provisional(&keyframe)?;
                 times.carve += milliseconds(update.times.carving);
-                self.provisional.insert(number, (awaited, times));
+                self.provisional.insert(number, (delay_keyframes, times));
                 return Ok(Taken::Provisional);
             }
             Arrival::Final(keyframe) => keyframe,

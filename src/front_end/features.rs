@@ -11,7 +11,7 @@ use super::keyframe::{FeatureKeyframe, Keyframe};
 use super::{Arrival, Arrivals, Group};
 use crate::run::{Checkpoint, StageTimes, milliseconds};
 
-/// Turns frames of a sequence into keyframes with features. No depth is needed.
+/// Detects ORB features in frames of a sequence. Needs no depth.
 #[derive(Debug, Clone, Copy)]
 pub struct FeatureFrontEnd {
     options: MapPointOptions,
@@ -23,7 +23,7 @@ impl FeatureFrontEnd {
         Self { options }
     }
 
-    /// Reads one frame and finds its features.
+    /// Loads one frame and detects its features.
     ///
     /// # Errors
     /// When the image cannot be read.

@@ -1,4 +1,4 @@
-//! Segments of a keyframe with depth from its depth image. Independent of every other keyframe.
+//! Keyframes with depth from depth images, each independent of the others.
 
 use std::time::Instant;
 
@@ -13,8 +13,7 @@ use super::keyframe::{Keyframe, LineKeyframe};
 use super::{Arrival, Arrivals, Group};
 use crate::run::{Checkpoint, StageTimes, milliseconds};
 
-/// Turns frames of a sequence into keyframes with segments. Owns memory that is reused from one to the next: one front
-/// end a thread.
+/// Extracts segments from frames. Reuses memory, so each thread has its own.
 #[derive(Clone)]
 pub struct SensorFrontEnd {
     sensor: DepthSensor,
@@ -51,10 +50,10 @@ impl SensorFrontEnd {
         frames.map_init(|| self.clone(), prepare).collect()
     }
 
-    /// Reads one frame and finds its segments; `keyframe` is the number that they carry.
+    /// Loads one frame and extracts its segments, which carry the number `keyframe`.
     ///
     /// # Errors
-    /// When an image cannot be read, or depth and colour do not fit together.
+    /// When an image cannot be read, or depth and colour are incompatible.
     pub fn process(
         &mut self,
         sequence: &Sequence,

@@ -351,7 +351,7 @@ impl ImageMap {
         let (members, frames) = (&self.members, self.live.sequence().frames());
         let place = |frame: usize| members.binary_search_by_key(&frame, |member| member.frame);
         front_end
-            .move_to(|frame| place(frame).ok().map(|_| frames[frame].world_from_camera))
+            .set_poses(|frame| place(frame).ok().map(|_| frames[frame].world_from_camera))
             .map_err(|source| SessionError::FrontEnd {
                 id: members.last().map_or(0, |member| member.id),
                 source,
