@@ -12,7 +12,7 @@ use crate::run::Verbosity;
 use crate::sinks::OutputFolder;
 use crate::sinks::SurfaceFiles;
 use crate::sinks::final_mesh_edges;
-use crate::stream::{Ending, Message, Reply, Session, Summary};
+use crate::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
 
 /// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.
 const LONGEST_MESSAGE: u64 = 1 << 28;
@@ -48,7 +48,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
             break;
         }
     }
-    let Ending { last, summary } = session.finish();
+    let SessionEnd { last, summary } = session.finish();
     match last {
         Ok(Some(reply)) => replies.send(&reply)?,
         Ok(None) => {}
@@ -136,7 +136,7 @@ impl Replies {
 /// Writes what there is at the end.
 fn write_results(
     args: &StreamArgs,
-    summary: Summary,
+    summary: SessionSummary,
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
     let edges = final_mesh_edges(&summary.mesh, &summary.clusters, None)?;
