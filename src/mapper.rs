@@ -105,7 +105,7 @@ impl Mapper {
         times.cluster = milliseconds(update.times.clustering);
         times.points = milliseconds(update.times.matching);
         times.carve = milliseconds(update.times.carving);
-        times.support = milliseconds(update.times.validation);
+        times.validation = milliseconds(update.times.validation);
         let mut awaited = None;
         if let Some((keyframes, earlier)) = self.provisional.remove(&number) {
             times.add(&earlier);

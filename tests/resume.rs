@@ -107,7 +107,7 @@ fn check_resuming(frames: usize, more: &[&str], signals: &[&str]) {
         if *signal == "-INT" {
             // What is done is saved, and the status says that it is not all.
             assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-            assert!(stderr(&output).contains("--resume goes on"));
+            assert!(stderr(&output).contains("continue with --resume"));
             assert!(out.join("report.json").is_file() && out.join("mesh.ply").is_file());
         }
         resume(&sequence, &out, more, &expected);
@@ -260,7 +260,7 @@ fn a_memory_limit_ends_a_run_that_can_go_on() {
         for part in [
             "after 1 of 8 keyframes",
             "MB, more than the 1 MB of --memory-limit",
-            "--resume with a higher --memory-limit goes on",
+            "continue with --resume and a higher --memory-limit",
         ] {
             assert!(said.contains(part), "{said}");
         }
@@ -286,7 +286,7 @@ fn other_runs_and_no_runs_are_not_resumed() {
     if ended(&begun, &out, 1, "-KILL").is_some() {
         resumed[3] = "2";
         let said = stderr(&expect_status(2, &resumed));
-        assert!(said.contains("was begun differently"), "{said}");
+        assert!(said.contains("was started with other inputs"), "{said}");
         resumed[3] = "1";
         resumed.extend(["--from", "map-points"]);
         let said = stderr(&expect_status(2, &resumed));

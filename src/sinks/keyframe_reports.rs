@@ -51,7 +51,7 @@ impl Sink for KeyframeReports {
 
     fn skipped(&mut self, _number: usize, fault: &FrontEndError) {
         if let Some(progress) = &mut self.progress {
-            progress.say(Verbosity::Verbose, &format!("left out: {fault}"));
+            progress.print(Verbosity::Verbose, &format!("left out: {fault}"));
             progress.step(String::new);
         }
         self.skipped.push(fault.to_string());

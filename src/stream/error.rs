@@ -17,10 +17,10 @@ pub enum SessionError {
     #[error("a message of type `start` with the calibration must come first")]
     NotStarted,
     /// `start` is sent a second time.
-    #[error("the session has started already; begin another for other cameras")]
+    #[error("the session has started already; start another session for other cameras")]
     StartedTwice,
     /// The calibration is invalid, or does not fit the first image.
-    #[error("the calibration is refused: {0}")]
+    #[error("the calibration cannot be used: {0}")]
     Calibration(#[from] SequenceError),
     /// A length or position in `start` is invalid.
     #[error("`{key}` is {value}: {expected}")]
@@ -33,13 +33,13 @@ pub enum SessionError {
         expected: &'static str,
     },
     /// A keyframe with this id exists already.
-    #[error("there is a keyframe {id} already; each needs an id of its own")]
+    #[error("keyframe {id} exists already; ids must be unique")]
     KeyframeTwice {
         /// The id.
         id: u64,
     },
     /// There is no keyframe with this id.
-    #[error("there is no keyframe {id}: it was refused, removed or never sent")]
+    #[error("there is no keyframe {id}: it was rejected, removed or never sent")]
     UnknownKeyframe {
         /// The id.
         id: u64,
@@ -61,7 +61,7 @@ pub enum SessionError {
         source: base64::DecodeError,
     },
     /// Image data cannot be stored in a temporary file.
-    #[error("an image of keyframe {id} cannot be put into {}: {source}", folder.display())]
+    #[error("an image of keyframe {id} cannot be stored in {}: {source}", folder.display())]
     Spool {
         /// The id.
         id: u64,
@@ -72,8 +72,8 @@ pub enum SessionError {
     },
     /// The first keyframe has no depth, from which the length scale is measured.
     #[error(
-        "keyframe {id} has no depth, and the session none yet: the first keyframe needs a depth image, or `start` the \
-         key \"depth_source\": \"semi-dense\" for depth from the images alone"
+        "keyframe {id} has no depth: the first keyframe needs a depth image, or `start` needs \"depth_source\": \"semi-dense\" \
+         for depth from the images alone"
     )]
     FirstWithoutDepth {
         /// The id.
