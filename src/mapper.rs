@@ -23,7 +23,7 @@ pub struct KeyframeUpdate {
     /// What it did to the map.
     pub map: MapUpdate,
     /// Keyframes that were read between this one and its first, provisional appearance in the map.
-    pub awaited: Option<usize>,
+    pub delay_keyframes: Option<usize>,
     /// The surface after the keyframe in the frame of computation, when a sink asks for it.
     pub surface: Option<TriangleMesh>,
     /// Processor time of all stages so far.
@@ -106,10 +106,10 @@ impl Mapper {
         times.points = milliseconds(update.times.matching);
         times.carve = milliseconds(update.times.carving);
         times.validation = milliseconds(update.times.validation);
-        let mut awaited = None;
+        let mut delay_keyframes = None;
         if let Some((keyframes, earlier)) = self.provisional.remove(&number) {
             times.add(&earlier);
-            awaited = Some(keyframes);
+            delay_keyframes = Some(keyframes);
         }
         let surface = wants_surface.then(|| {
             let start = Instant::now();
@@ -124,7 +124,7 @@ impl Mapper {
             order,
             keyframe,
             map: update,
-            awaited,
+            delay_keyframes,
             surface,
             times,
         })))

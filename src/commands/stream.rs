@@ -48,8 +48,11 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
             break;
         }
     }
-    let SessionEnd { last, summary } = session.finish();
-    match last {
+    let SessionEnd {
+        last_change,
+        summary,
+    } = session.finish();
+    match last_change {
         Ok(Some(reply)) => replies.send(&reply)?,
         Ok(None) => {}
         Err(error) => replies.refuse(number, error.to_string(), verbosity)?,

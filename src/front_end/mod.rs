@@ -19,6 +19,9 @@ mod sensor;
 use linecarve_lines::ExtractError;
 use linecarve_lines::ExtractOptions;
 use linecarve_sequence::Sequence;
+use rayon::prelude::*;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use crate::run::Checkpoint;
 
@@ -123,6 +126,23 @@ impl FrontEnd {
             }
         }
     }
+}
+
+/// Prepares keyframes that do not depend on each other in parallel, each thread with its own copy of `worker`.
+fn prepare_independent<W: Clone + Send + Sync, T: Serialize + DeserializeOwned>(
+    worker: &W,
+    group: Group<'_>,
+    checkpoint: Option<&Checkpoint>,
+    process: impl Fn(&mut W, usize, usize) -> Result<T, FrontEndError> + Sync,
+    into_keyframe: impl Fn(T) -> Keyframe + Sync,
+) -> Arrivals {
+    let prepare = |worker: &mut W, (index, frame): (usize, &usize)| {
+        let number = group.first + index;
+        let keyframe = Checkpoint::load_or(checkpoint, number, || process(worker, number, *frame));
+        (number, Arrival::Final(keyframe.map(&into_keyframe)))
+    };
+    let frames = group.frames.par_iter().enumerate();
+    frames.map_init(|| worker.clone(), prepare).collect()
 }
 
 /// Sends all `frames` through a front end in groups of `group` keyframes, and each arrival to `consume` in order. One group

@@ -5,12 +5,11 @@ use std::time::Instant;
 use linecarve_lines::depth::DepthSensor;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use linecarve_sequence::Sequence;
-use rayon::prelude::*;
 
 use super::colors::KeyframeColors;
 use super::error::FrontEndError;
 use super::keyframe::{Keyframe, LineKeyframe};
-use super::{Arrival, Arrivals, Group};
+use super::{Arrivals, Group, prepare_independent};
 use crate::run::{Checkpoint, StageTimes, milliseconds};
 
 /// Extracts segments from frames. Reuses memory, so each thread has its own.
@@ -38,16 +37,13 @@ impl SensorFrontEnd {
         group: Group<'_>,
         checkpoint: Option<&Checkpoint>,
     ) -> Arrivals {
-        let prepare = |front_end: &mut Self, (number, frame): (usize, &usize)| {
-            let number = group.first + number;
-            let keyframe = Checkpoint::load_or(checkpoint, number, || {
-                front_end.process(sequence, *frame, number as u32)
-            });
-            let keyframe = keyframe.map(|keyframe| Keyframe::Lines(Box::new(keyframe)));
-            (number, Arrival::Final(keyframe))
-        };
-        let frames = group.frames.par_iter().enumerate();
-        frames.map_init(|| self.clone(), prepare).collect()
+        prepare_independent(
+            self,
+            group,
+            checkpoint,
+            |front_end, number, frame| front_end.process(sequence, frame, number as u32),
+            |keyframe| Keyframe::Lines(Box::new(keyframe)),
+        )
     }
 
     /// Loads one frame and extracts its segments, which carry the number `keyframe`.

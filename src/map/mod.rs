@@ -43,7 +43,7 @@ pub use model::{ModelCounts, PointModelOptions};
 pub use segment_map::SegmentMap;
 pub use segment_points::{SegmentPointOptions, measurements};
 pub use surface_points::SurfacePointOptions;
-pub use update::{FeatureCounts, MapTimes, MapUpdate};
+pub use update::{MapTimes, MapUpdate};
 
 /// Segments, points and free space of the keyframes so far.
 ///

@@ -7,7 +7,7 @@ use linecarve_points::{MapChange, PointMap};
 use linecarve_sequence::Sequence;
 
 use super::error::MapError;
-use super::update::{FeatureCounts, MapUpdate};
+use super::update::MapUpdate;
 use crate::front_end::{FeatureKeyframe, empty_point_map};
 use crate::options::Options;
 
@@ -48,13 +48,7 @@ impl FeatureMap {
             .push(&keyframe.world_from_camera, keyframe.features.clone());
         let mut update = MapUpdate {
             observed_again: counts.observed_again,
-            features: Some(FeatureCounts {
-                features: counts.features,
-                observed_again: counts.observed_again,
-                created: counts.created,
-                removed: counts.removed,
-                established: counts.established,
-            }),
+            features: Some(counts),
             ..MapUpdate::default()
         };
         update.times.matching = start.elapsed();

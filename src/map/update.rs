@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use linecarve_carving::surface::SurfaceDelta;
+use linecarve_points::PointCounts;
 
 /// Changes of the map by one keyframe.
 #[derive(Debug, Clone, Default)]
@@ -18,26 +19,11 @@ pub struct MapUpdate {
     /// Clusters of segments in the map.
     pub clusters: usize,
     /// Counts of features, when the map is made of them.
-    pub features: Option<FeatureCounts>,
+    pub features: Option<PointCounts>,
     /// Changes of the carved surface, to be applied in order.
     pub deltas: Vec<SurfaceDelta>,
     /// Processor time of the stages.
     pub times: MapTimes,
-}
-
-/// Counts of the features of a keyframe.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct FeatureCounts {
-    /// Features in the image.
-    pub features: usize,
-    /// Features matched with existing points.
-    pub observed_again: usize,
-    /// Points triangulated from this keyframe. They are carved once enough keyframes observe them.
-    pub created: usize,
-    /// Points removed.
-    pub removed: usize,
-    /// Carved points in the map.
-    pub established: usize,
 }
 
 /// Processor time of the stages of the map.

@@ -88,8 +88,8 @@ pub struct KeyframeReport {
     /// Number of triangles added and removed.
     pub changed_triangles: usize,
     /// With depth from neighbours: number of later keyframes until this one was in the surface.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub awaited: Option<usize>,
+    #[serde(rename = "awaited", skip_serializing_if = "Option::is_none")]
+    pub delay_keyframes: Option<usize>,
     /// Number of provisional segments in the surface.
     #[serde(skip_serializing_if = "is_zero")]
     pub provisional_segments: usize,

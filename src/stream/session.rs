@@ -63,7 +63,7 @@ pub struct SessionSummary {
 #[derive(Debug)]
 pub struct SessionEnd {
     /// The last change of the surface, if any; or the error of the pending estimates, which leaves the surface unchanged.
-    pub last: Result<Option<Reply>, SessionError>,
+    pub last_change: Result<Option<Reply>, SessionError>,
     /// The result.
     pub summary: SessionSummary,
 }
@@ -234,13 +234,13 @@ impl Session {
             Some(map) => map.finish(&self.options),
             None => Ok(false),
         };
-        let last = match outcome {
+        let last_change = match outcome {
             Ok(true) => Ok(self.surface(arrived)),
             Ok(false) => Ok(None),
             Err(error) => Err(error),
         };
         SessionEnd {
-            last,
+            last_change,
             summary: self.summary(),
         }
     }

@@ -199,10 +199,10 @@ impl SemiDenseFrontEnd {
                 });
         }
         let provisional = self.provisional_keyframes(&tasks(false));
-        let finished = self.map_in_parallel(&tasks(true), |this, extractor, due| {
+        let finals = self.map_in_parallel(&tasks(true), |this, extractor, due| {
             this.final_keyframe(due, extractor)
         });
-        let (mut provisional, mut finished) = (provisional.into_iter(), finished.into_iter());
+        let (mut provisional, mut finals) = (provisional.into_iter(), finals.into_iter());
         let mut arrivals = Vec::new();
         for step in steps {
             let fault = step.fault.map(|(number, fault)| (number, Err(fault)));
@@ -210,7 +210,7 @@ impl SemiDenseFrontEnd {
             for due in step.due {
                 let number = due.task.keyframe;
                 let arrival = if due.task.is_final {
-                    finished
+                    finals
                         .next()
                         .map(|keyframe| Arrival::Final(keyframe.map(boxed)))
                 } else {

@@ -26,8 +26,8 @@ impl CheckpointEntry {
         keyframe: usize,
         emits_provisional: bool,
     ) -> Option<Self> {
-        let finished: Self = checkpoint?.load(keyframe)?;
-        (finished.emits_provisional || !emits_provisional).then_some(finished)
+        let entry: Self = checkpoint?.load(keyframe)?;
+        (entry.emits_provisional || !emits_provisional).then_some(entry)
     }
 }
 
