@@ -29,8 +29,10 @@ mod reconstruction;
 mod recording;
 pub mod report;
 pub mod run;
+mod server;
 pub mod sinks;
 pub mod stream;
+mod text;
 
 pub use mapper::KeyframeUpdate;
 pub use options::Options;

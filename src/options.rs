@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use linecarve_carving::labels::CutOptionsError;
+use linecarve_carving::CutOptionsError;
 use linecarve_lines::ExtractOptions;
 use linecarve_lines::cluster::ClusterOptions;
 use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;

@@ -387,7 +387,7 @@ impl Recording {
         let source = match self.source {
             Source::Lines => "lines",
             Source::Segments => "segments",
-            Source::MapPoints => "map points",
+            Source::MapPoints => "map-points",
             Source::Model => "model",
         };
         let mut text = format!(

@@ -5,15 +5,15 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve_carving::carver::{Carver, CarverOptions, Event, PointId, ViewId};
-use linecarve_carving::labels::{CutOptions, Labels};
-use linecarve_carving::surface::ExportOptions;
+use linecarve_carving::{
+    Carver, CarverOptions, CutOptions, ExportOptions, Labels, PointId, ViewId,
+};
 use nalgebra::{Point3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 #[allow(dead_code)] // The noise of the other bench and the tests.
-#[path = "../tests/rooms/mod.rs"]
+#[path = "../tests/all/helpers/rooms.rs"]
 mod rooms;
 
 /// What a keyframe brings.
@@ -70,11 +70,11 @@ fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
         }
     }
     for (keyframe, seen) in keyframes.iter_mut().zip(&seen_by_view) {
-        let place = |number: usize| views_of_point[number].0;
+        let position = |number: usize| views_of_point[number].0;
         keyframe
             .segments
             .extend(seen.iter().enumerate().filter_map(|(k, &a)| {
-                let is_near = |b: &&usize| (place(**b) - place(a)).norm() < LONGEST_M;
+                let is_near = |b: &&usize| (position(**b) - position(a)).norm() < LONGEST_M;
                 let b = seen[k + 1..].iter().find(is_near)?;
                 Some([a, *b])
             }));
@@ -203,7 +203,9 @@ fn moves(criterion: &mut Criterion) {
             bencher.iter(|| {
                 aside = !aside;
                 let center = center + Vector3::x() * if aside { 0.02 } else { 0.0 };
-                carver.apply(&[Event::MoveView { view, center }])
+                let mut transaction = carver.transaction();
+                transaction.move_view(view, center)?;
+                transaction.commit()
             });
         });
         let chosen: Vec<(PointId, Point3<f64>)> = (ids.iter().step_by(100))
@@ -214,13 +216,11 @@ fn moves(criterion: &mut Criterion) {
             bencher.iter(|| {
                 aside = !aside;
                 let step = Vector3::new(0.01, 0.008, 0.006) * if aside { 1.0 } else { 0.0 };
-                let events: Vec<Event> = (chosen.iter())
-                    .map(|&(point, position)| Event::MovePoint {
-                        point,
-                        position: position + step,
-                    })
-                    .collect();
-                carver.apply(&events)
+                let mut transaction = carver.transaction();
+                for &(point, position) in &chosen {
+                    transaction.move_point(point, position + step)?;
+                }
+                transaction.commit()
             });
         });
     }

@@ -2,20 +2,19 @@
 //!
 //! `cargo bench -p linecarve-carving --bench cut`. A camera walks down a corridor and never looks back, so that the map grows
 //! while the neighbourhood of a keyframe stays the same: what it costs should too. With `RAYON_NUM_THREADS=1` the time is that of
-//! one thread. Where the system tells it (Linux), it is time on the processor, which other work on the machine does not add to.
+//! one thread. On Linux it is processor time, so that other work on the machine does not count.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve_carving::carver::{Carver, CarverOptions, PointId};
-use linecarve_carving::labels::{CutOptions, Labels};
+use linecarve_carving::{Carver, CarverOptions, CutOptions, Labels, PointId};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 #[allow(dead_code)] // Rooms of the other benches and tests.
-#[path = "../tests/rooms/mod.rs"]
+#[path = "../tests/all/helpers/rooms.rs"]
 mod rooms;
 
 /// With [`NEW_POINTS`] of each, 50,000 points.
@@ -79,7 +78,7 @@ fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>) {
     black_box(transaction.commit().expect("no ray is of zero length"));
 }
 
-/// Time that this process has been on a processor; `None` where the system does not tell.
+/// Time that this process has been on a processor; `None` where the system does not report it.
 fn processor_time() -> Option<Duration> {
     /// Of the kernel's interface, whatever the clock of the machine.
     const TICKS_A_SECOND: f64 = 100.0;

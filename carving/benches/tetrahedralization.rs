@@ -6,7 +6,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve_carving::tetrahedralization::{Changes, Tetrahedralization, VertexId};
+use linecarve_carving::{Changes, Tetrahedralization, VertexId};
 use nalgebra::{Point3, Vector3};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};

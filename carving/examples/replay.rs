@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-use linecarve_carving::carver::{
-    Carver, CarverOptions, CommitReport, EventError, PointId, Snapshot, Transaction, ViewId,
+use linecarve_carving::internals::Snapshot;
+use linecarve_carving::{
+    Carver, CarverOptions, CommitReport, CutOptions, ExportOptions, Hull, IndexedMesh, Labels,
+    PointId, Transaction, TransactionError, ViewId, Votes,
 };
-use linecarve_carving::labels::{CutOptions, Labels, Votes};
-use linecarve_carving::surface::{ExportOptions, Hull, IndexedMesh};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -132,7 +132,7 @@ impl Names {
 
     /// Adds the events of a line to a transaction.
     fn enter(&mut self, transaction: &mut Transaction<'_>, line: &Line) -> Result<(), String> {
-        let refused = |what: String| move |error: EventError| format!("{what}: {error}");
+        let refused = |what: String| move |error: TransactionError| format!("{what}: {error}");
         match (line.keyframe, line.camera) {
             (Some(keyframe), Some([x, y, z])) => {
                 if self.views.contains_key(&keyframe) {
@@ -219,14 +219,14 @@ fn replay(carver: &mut Carver, text: &str, name: &str) -> Result<Totals, String>
         if content.trim().is_empty() {
             continue;
         }
-        let place = |error: String| format!("{name}:{}: {error}", index + 1);
-        let line: Line = serde_json::from_str(content).map_err(|e| place(e.to_string()))?;
+        let located = |error: String| format!("{name}:{}: {error}", index + 1);
+        let line: Line = serde_json::from_str(content).map_err(|e| located(e.to_string()))?;
         let start = Instant::now();
         let mut transaction = carver.transaction();
-        names.enter(&mut transaction, &line).map_err(place)?;
+        names.enter(&mut transaction, &line).map_err(located)?;
         let report = transaction
             .commit()
-            .map_err(|error| place(error.to_string()))?;
+            .map_err(|error| located(error.to_string()))?;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         if line.keyframe.is_some() {
             totals.keyframe_ms.push(milliseconds);
@@ -246,6 +246,7 @@ fn sample_events() -> String {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut text = String::new();
     let mut known = 0u64;
+    let mut removed = Vec::new();
     for keyframe in 0..40u64 {
         let angle = keyframe as f64 / 40.0 * std::f64::consts::TAU;
         let camera = [1.5 * angle.cos(), 1.0 * angle.sin(), 0.2];
@@ -256,7 +257,9 @@ fn sample_events() -> String {
                 (known + i, 3.0 * p[0], 2.0 * p[1], 1.5 * p[2])
             })
             .collect();
-        let observations: Vec<u64> = (0..known).filter(|id| id % 4 == keyframe % 4).collect();
+        let observations: Vec<u64> = (0..known)
+            .filter(|id| id % 4 == keyframe % 4 && !removed.contains(id))
+            .collect();
         let line = serde_json::json!({
             "keyframe": keyframe,
             "camera": camera,
@@ -266,10 +269,9 @@ fn sample_events() -> String {
         text += &format!("{line}\n");
         known += 50;
         if keyframe % 10 == 9 {
-            text += &format!(
-                "{}\n",
-                serde_json::json!({"remove_points": [known - 7, known - 90]})
-            );
+            let gone = [known - 7, known - 90];
+            removed.extend(gone);
+            text += &format!("{}\n", serde_json::json!({"remove_points": gone}));
             let line = serde_json::json!({"move_views": [[keyframe - 4, 0.1, 0.2, 0.3]]});
             text += &format!("{line}\n");
         }
@@ -321,7 +323,7 @@ fn check(carver: &Carver) -> Result<(), String> {
     Ok(())
 }
 
-/// High-water mark of resident memory, where the system tells.
+/// High-water mark of resident memory, where the system reports it.
 fn peak_rss_mb() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-use linecarve_carving::tetrahedralization::{Changes, Insertion, Tetrahedralization, VertexId};
+use linecarve_carving::{Changes, Insertion, Tetrahedralization, VertexId};
 use nalgebra::Point3;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -237,7 +237,7 @@ fn write_cells(path: &Path, cells: &[[usize; 4]]) -> std::io::Result<()> {
     file.flush()
 }
 
-/// High-water mark of resident memory, where the system tells.
+/// High-water mark of resident memory, where the system reports it.
 fn peak_rss_mb() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status

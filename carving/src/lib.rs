@@ -1,14 +1,48 @@
-//! Exact incremental Delaunay tetrahedralisation and free-space carving.
-//!
-//! [`Carver`](carver::Carver) turns points, and the views that see them, into a labelled tetrahedralisation and the
-//! surface between free and occupied space, and keeps all of it up to date while points and views are added, moved and
-//! removed. [`Tetrahedralization`](tetrahedralization::Tetrahedralization) is the kernel below, of use by itself.
+#![doc = include_str!("../README.md")]
+#![cfg_attr(
+    not(feature = "internals"),
+    allow(
+        unreachable_pub,
+        dead_code,
+        reason = "exported by the feature `internals`"
+    )
+)]
 
-pub mod carver;
-pub mod flow;
-pub mod labels;
-pub mod predicates;
-pub mod surface;
-pub mod tetrahedralization;
+mod carver;
+mod flow;
+mod labels;
+mod predicates;
+mod surface;
+mod tetrahedralization;
 mod vectors;
-pub mod visibility;
+mod visibility;
+
+pub use carver::{
+    Carver, CarverOptions, CarverViolation, CommitReport, CommitTimes, PointId, Transaction,
+    TransactionError, ViewId,
+};
+pub use flow::FlowViolation;
+pub use labels::{CutOptions, CutOptionsError, Labels, Votes};
+pub use surface::{ExportOptions, Hull, IndexedMesh, SurfaceDelta, SurfaceViolation, Triangle};
+pub use tetrahedralization::{
+    BatchError, CellId, Changes, Edit, IncidentCells, Insertion, Location, MAX_COORDINATE,
+    MIN_COORDINATE, Move, MoveError, PointError, Tetrahedralization, TetrahedralizationViolation,
+    UnknownVertex, VertexId, accept_position,
+};
+
+/// Parts of the implementation, for experiments and for the tests of this crate. They may change in any release.
+#[cfg(feature = "internals")]
+pub mod internals {
+    pub use crate::carver::{CarvedCell, Snapshot};
+    pub use crate::visibility::{crosses_cell, crosses_ghost, triangle_meets_cell};
+
+    /// Signs of determinants of coordinates.
+    pub mod predicates {
+        pub use crate::predicates::{are_collinear, in_sphere, in_sphere_perturbed, orient3d};
+    }
+
+    /// Maximum flow and minimum cut on graphs whose nodes have at most four neighbours.
+    pub mod flow {
+        pub use crate::flow::{FlowViolation, Network, NodeId};
+    }
+}

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Atomic writing of files.
 
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -7,19 +7,19 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source} (check that the folder exists, is writable and has space left)", path.display())]
 pub struct WriteError {
-    /// The file that was to be written.
+    /// The file.
     pub path: PathBuf,
-    /// What the operating system said.
+    /// Error of the operating system.
     pub source: std::io::Error,
 }
 
-/// How the names of files begin that are being written.
+/// Prefix of the names of unfinished files.
 const UNFINISHED: &str = ".linecarve-unfinished-";
 
-/// Writes a file beside `path`, then renames it into place, so that readers see the old file or the whole new one.
+/// Writes a temporary file beside `path` and renames it, so that readers see either the old or the complete new file.
 ///
 /// # Errors
-/// When the folder does not exist, is not writable, or the disk is full; `path` is then as it was before.
+/// When the folder does not exist or is not writable, or the disk is full. An existing file at `path` is unchanged.
 pub fn write_atomically(
     path: &Path,
     fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
@@ -47,11 +47,11 @@ pub fn write_atomically(
     })
 }
 
-/// Removes what a process that was killed in [`write_atomically`] left in a folder. A file that another process is writing
-/// there at this time would go as well.
+/// Removes the unfinished files in a folder that a killed process left in [`write_atomically`], including those that
+/// a running process is writing.
 ///
 /// # Errors
-/// When the folder cannot be read or a file not removed.
+/// When the folder cannot be read or a file cannot be removed.
 pub fn remove_unfinished(folder: &Path) -> std::io::Result<()> {
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
@@ -62,7 +62,7 @@ pub fn remove_unfinished(folder: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Temporary files are private to their owner; results are for everyone whom the folder admits.
+/// Temporary files are private to their owner; results are readable by all.
 #[cfg(unix)]
 fn set_usual_permissions(file: &std::fs::File) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt;

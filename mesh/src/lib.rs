@@ -1,4 +1,4 @@
-//! Triangle meshes, line sets and point clouds: their files, and everything that is asked of them.
+#![doc = include_str!("../README.md")]
 
 pub mod diff;
 pub mod evaluate;

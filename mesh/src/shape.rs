@@ -1,4 +1,4 @@
-//! What a geometry file holds, whatever its format.
+//! Content of a geometry file in any format.
 
 use nalgebra::{Matrix4, Point3};
 
@@ -6,36 +6,36 @@ use super::types::{
     GeometryError, LineSet, TriangleMesh, bounds, diagonal, validate, validate_indices,
 };
 
-/// What the elements of a [`Shape`] make it.
+/// Kind of a [`Shape`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ShapeKind {
-    /// It has triangles, and lines perhaps.
+    /// Triangles, and perhaps lines.
     Mesh,
-    /// It has lines and no triangle.
+    /// Lines without triangles.
     Lines,
-    /// It has points alone.
+    /// Points only.
     Cloud,
-    /// It has nothing at all.
+    /// Nothing.
     Empty,
 }
 
 /// Points, and triangles and lines between them: the common form of meshes, line sets and point clouds.
 ///
-/// Frame and unit are those of the file, for glTF of this program those of the poses.
+/// Frame and unit are those of the file; for glTF written by this program, those of the poses.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Shape {
-    /// The points, in the order of the file; also those that no element uses.
+    /// Points in file order, including those without elements.
     pub positions: Vec<Point3<f64>>,
-    /// Indices into `positions`, three a triangle; longer polygons were cut into fans.
+    /// Indices into `positions`, three per triangle. Polygons are triangulated as fans.
     pub triangles: Vec<[u32; 3]>,
-    /// Indices into `positions`, two a line; polylines were cut into their parts.
+    /// Indices into `positions`, two per line. Polylines are split.
     pub lines: Vec<[u32; 2]>,
-    /// sRGB colour of each point, when the file has them; then as long as `positions`.
+    /// sRGB colour of each point, if the file has colours.
     pub colors: Option<Vec<[u8; 3]>>,
 }
 
 impl Shape {
-    /// What the elements make it.
+    /// Kind of the shape.
     pub fn kind(&self) -> ShapeKind {
         if !self.triangles.is_empty() {
             ShapeKind::Mesh
@@ -48,24 +48,24 @@ impl Shape {
         }
     }
 
-    /// Smallest and largest coordinates of all points, `None` of nothing.
+    /// Smallest and largest coordinates; `None` without points.
     pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {
         bounds(&self.positions)
     }
 
-    /// Length of the diagonal of the bounding box; 0 of nothing.
+    /// Length of the bounding box diagonal; 0 without points.
     pub fn diagonal(&self) -> f64 {
         diagonal(&self.positions)
     }
 
-    /// Moves every point by an affine map.
+    /// Applies an affine transform to every point.
     pub fn transform(&mut self, target_from_shape: &Matrix4<f64>) {
         for position in &mut self.positions {
             *position = target_from_shape.transform_point(position);
         }
     }
 
-    /// Points and triangles alone.
+    /// Converts to a mesh without lines.
     pub fn into_mesh(self) -> TriangleMesh {
         TriangleMesh {
             positions: self.positions,
@@ -74,7 +74,7 @@ impl Shape {
         }
     }
 
-    /// Points and lines alone.
+    /// Converts to a line set without triangles.
     pub fn into_lines(self) -> LineSet {
         LineSet {
             points: self.positions,
@@ -83,17 +83,16 @@ impl Shape {
         }
     }
 
-    /// Checks what everything that computes with the shape relies on.
+    /// Checks that coordinates are finite and indices in range.
     ///
     /// # Errors
-    /// The first point that is not finite, the first element that names a point which is not there, or a wrong number of
-    /// colours.
+    /// The first non-finite point, the first index out of range, or a wrong number of colours.
     pub fn validate(&self) -> Result<(), GeometryError> {
         validate(&self.positions, &self.triangles, self.colors.as_deref())?;
         validate_indices(self.positions.len(), &self.lines)
     }
 
-    /// Appends another shape. Colours are kept where both have them, or the other one has no points.
+    /// Appends another shape. Colours are kept if both shapes have them or the other has no points.
     pub fn append(&mut self, other: Self) {
         let first = self.positions.len() as u32;
         self.colors = match (self.colors.take(), other.colors) {

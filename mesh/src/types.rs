@@ -2,51 +2,50 @@
 
 use nalgebra::{Point3, Vector3};
 
-/// A triangle mesh. Frame and unit are those of the poses; triangles are counter-clockwise seen from the side that is
-/// free of matter.
+/// A triangle mesh. Frame and unit are those of the poses. Triangles are counter-clockwise as seen from free space.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TriangleMesh {
     /// Vertex positions.
     pub positions: Vec<Point3<f64>>,
-    /// Indices into `positions`, three a triangle.
+    /// Indices into `positions`, three per triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// sRGB colour of each vertex, when known; then as long as `positions`.
+    /// sRGB colour of each vertex, if known.
     pub colors: Option<Vec<[u8; 3]>>,
 }
 
-/// A set of straight lines between points.
+/// A set of straight line segments.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct LineSet {
     /// End points.
     pub points: Vec<Point3<f64>>,
-    /// Indices into `points`, two a line.
+    /// Indices into `points`, two per line.
     pub lines: Vec<[u32; 2]>,
-    /// sRGB colour of each point, when known; then as long as `points`.
+    /// sRGB colour of each point, if known.
     pub colors: Option<Vec<[u8; 3]>>,
 }
 
-/// What makes a mesh or line set impossible to write.
+/// Why a mesh or line set is not valid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GeometryError {
     /// A coordinate is infinite or not a number.
     #[error("vertex {index} is not finite: {position:?}")]
     NotFinite {
-        /// Which vertex, counted from 0.
+        /// Index of the vertex, from 0.
         index: usize,
-        /// Where it lies.
+        /// Its coordinates.
         position: [f64; 3],
     },
-    /// An element names a vertex that is not there.
-    #[error("element {element} names vertex {vertex}, there are {count}")]
+    /// An element refers to a vertex that does not exist.
+    #[error("element {element} refers to vertex {vertex}, but there are {count}")]
     OutOfRange {
-        /// Which triangle or line, counted from 0.
+        /// Index of the triangle or line, from 0.
         element: usize,
-        /// The vertex that it names.
+        /// The vertex index.
         vertex: u32,
         /// Number of vertices.
         count: usize,
     },
-    /// Not one colour for each vertex.
+    /// The numbers of colours and vertices differ.
     #[error("{colors} colours for {vertices} vertices")]
     Colors {
         /// Number of colours.
@@ -57,25 +56,25 @@ pub enum GeometryError {
 }
 
 impl TriangleMesh {
-    /// Whether there is no triangle.
+    /// Whether the mesh has no triangles.
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
 
-    /// Checks what every writer relies on.
+    /// Checks that coordinates are finite and indices in range.
     ///
     /// # Errors
-    /// The first fault found.
+    /// The first fault.
     pub fn validate(&self) -> Result<(), GeometryError> {
         validate(&self.positions, &self.triangles, self.colors.as_deref())
     }
 
-    /// Length of the diagonal of the bounding box of its vertices; 0 of nothing.
+    /// Length of the bounding box diagonal of the vertices; 0 without vertices.
     pub fn diagonal(&self) -> f64 {
         diagonal(&self.positions)
     }
 
-    /// Moves every vertex.
+    /// Translates every vertex.
     pub fn translate(&mut self, shift: &Vector3<f64>) {
         for position in &mut self.positions {
             *position += shift;
@@ -84,7 +83,7 @@ impl TriangleMesh {
 }
 
 impl LineSet {
-    /// A line set of separate segments, each with two points of its own.
+    /// A line set of separate segments with two points each.
     pub fn from_segments(segments: impl IntoIterator<Item = [Point3<f64>; 2]>) -> Self {
         let points: Vec<_> = segments.into_iter().flatten().collect();
         let lines = (0..points.len() as u32 / 2)
@@ -97,20 +96,20 @@ impl LineSet {
         }
     }
 
-    /// Whether there is no line.
+    /// Whether the set has no lines.
     pub fn is_empty(&self) -> bool {
         self.lines.is_empty()
     }
 
-    /// Checks what every writer relies on.
+    /// Checks that coordinates are finite and indices in range.
     ///
     /// # Errors
-    /// The first fault found.
+    /// The first fault.
     pub fn validate(&self) -> Result<(), GeometryError> {
         validate(&self.points, &self.lines, self.colors.as_deref())
     }
 
-    /// Moves every point.
+    /// Translates every point.
     pub fn translate(&mut self, shift: &Vector3<f64>) {
         for point in &mut self.points {
             *point += shift;
@@ -125,7 +124,7 @@ pub(super) fn validate<const N: usize>(
 ) -> Result<(), GeometryError> {
     let count = points.len();
     for (index, point) in points.iter().enumerate() {
-        // The comparison is false for what is not a number; larger values would become infinite as f32.
+        // False for NaN; larger values would overflow `f32`.
         let storable = |coordinate: &f64| coordinate.abs() <= f64::from(f32::MAX);
         if !point.coords.iter().all(storable) {
             let position = point.coords.into();
@@ -142,7 +141,7 @@ pub(super) fn validate<const N: usize>(
     }
 }
 
-/// That every element names one of `count` vertices.
+/// Checks that every element refers to one of `count` vertices.
 pub(super) fn validate_indices<const N: usize>(
     count: usize,
     elements: &[[u32; N]],
@@ -159,7 +158,7 @@ pub(super) fn validate_indices<const N: usize>(
     Ok(())
 }
 
-/// Smallest and largest coordinates, `None` of nothing.
+/// Smallest and largest coordinates; `None` without points.
 pub(super) fn bounds(points: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>)> {
     let first = *points.first()?;
     Some(points.iter().fold((first, first), |(low, high), point| {
@@ -167,7 +166,7 @@ pub(super) fn bounds(points: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>
     }))
 }
 
-/// Length of the diagonal of the bounding box; 0 of nothing.
+/// Length of the bounding box diagonal; 0 without points.
 pub(super) fn diagonal(points: &[Point3<f64>]) -> f64 {
     bounds(points).map_or(0.0, |(low, high)| (high - low).norm())
 }

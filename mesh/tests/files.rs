@@ -5,13 +5,13 @@
 use std::path::{Path, PathBuf};
 
 use linecarve_mesh::{
-    Geometry, GlbPart, LineSet, TriangleMesh, write_glb, write_lines_obj, write_lines_ply,
-    write_mesh_obj, write_mesh_ply,
+    Geometry, GlbPart, LineSet, Shape, TriangleMesh, read_geometry, write_glb, write_lines_obj,
+    write_lines_ply, write_mesh_obj, write_mesh_ply,
 };
 use nalgebra::{Point3, Vector3};
 
-/// A tetrahedron of a given size around a place.
-fn tetrahedron(place: Point3<f64>, size: f64, is_colored: bool) -> TriangleMesh {
+/// A tetrahedron of a given size with one corner at `corner`.
+fn tetrahedron(corner: Point3<f64>, size: f64, is_colored: bool) -> TriangleMesh {
     let corners = [
         [0.0, 0.0, 0.0],
         [1.0, 0.0, 0.0],
@@ -19,14 +19,14 @@ fn tetrahedron(place: Point3<f64>, size: f64, is_colored: bool) -> TriangleMesh 
         [0.0, 0.0, 1.0],
     ];
     TriangleMesh {
-        positions: corners.map(|c| place + Vector3::from(c) * size).to_vec(),
+        positions: corners.map(|c| corner + Vector3::from(c) * size).to_vec(),
         triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
         colors: is_colored.then(|| vec![[255, 0, 0], [0, 255, 0], [0, 0, 255], [90, 90, 90]]),
     }
 }
 
-fn edges(place: Point3<f64>, size: f64, is_colored: bool) -> LineSet {
-    let mesh = tetrahedron(place, size, is_colored);
+fn edges(corner: Point3<f64>, size: f64, is_colored: bool) -> LineSet {
+    let mesh = tetrahedron(corner, size, is_colored);
     LineSet {
         points: mesh.positions,
         lines: vec![[0, 1], [0, 2], [0, 3], [1, 2]],
@@ -34,7 +34,7 @@ fn edges(place: Point3<f64>, size: f64, is_colored: bool) -> LineSet {
     }
 }
 
-/// The kinds of geometry that a run may have to write.
+/// The kinds of geometry that a run may write.
 fn cases() -> Vec<(&'static str, TriangleMesh, LineSet)> {
     let origin = Point3::origin();
     let utm = Point3::new(431_250.25, 5_412_300.5, 412.0);
@@ -185,38 +185,103 @@ fn a_glb_gives_back_what_went_in() {
     }
 }
 
+/// Everything that the writer stores, as the reader of another project finds it.
 #[test]
-fn an_obj_gives_back_what_went_in() {
+fn tobj_reads_every_kind_of_obj() {
     let folder = tempfile::tempdir().unwrap();
     write_all(folder.path());
     for (name, mesh, lines) in cases() {
-        for (kind, points, elements, key) in [
-            ("mesh", &mesh.positions, mesh.triangles.as_flattened(), "f"),
-            ("lines", &lines.points, lines.lines.as_flattened(), "l"),
+        for (kind, points, elements, width, colors) in [
+            (
+                "mesh",
+                &mesh.positions,
+                mesh.triangles.as_flattened(),
+                3,
+                &mesh.colors,
+            ),
+            (
+                "lines",
+                &lines.points,
+                lines.lines.as_flattened(),
+                2,
+                &lines.colors,
+            ),
         ] {
-            let text =
-                std::fs::read_to_string(folder.path().join(format!("{name}-{kind}.obj"))).unwrap();
-            let (mut vertices, mut indices) = (Vec::new(), Vec::new());
-            for line in text.lines() {
-                let mut words = line.split(' ');
-                let word = words.next().unwrap();
-                if word == "v" {
-                    let numbers: Vec<f64> = words.map(|word| word.parse().unwrap()).collect();
-                    assert!(numbers.len() == 3 || numbers.len() == 6);
-                    vertices.push(Point3::new(numbers[0], numbers[1], numbers[2]));
-                } else if word == key {
-                    indices.extend(words.map(|word| word.parse::<u32>().unwrap() - 1));
-                } else {
-                    assert_eq!(word, "#", "{line}");
-                }
+            let path = folder.path().join(format!("{name}-{kind}.obj"));
+            let (models, _) = tobj::load_obj(&path, &tobj::LoadOptions::default()).unwrap();
+            let at = |element: usize| format!("{name}, {kind}, element {element}");
+            if elements.is_empty() {
+                // A file without elements has no model.
+                let read: usize = models.iter().map(|model| model.mesh.indices.len()).sum();
+                assert_eq!(read, 0, "{name}, {kind}");
+                continue;
             }
-            assert_eq!(indices, elements, "{name}");
-            assert_eq!(vertices.len(), points.len());
-            for (read, point) in vertices.iter().zip(points) {
-                assert!((read - point).norm() < 1e-5, "{name}: {read} {point}");
+            assert_eq!(models.len(), 1, "{name}, {kind}");
+            let read = &models[0].mesh;
+            assert_eq!(read.indices.len(), elements.len(), "{name}, {kind}");
+            // tobj leaves out the arities where all faces are triangles.
+            assert!(read.face_arities.iter().all(|arity| *arity == width));
+            assert_eq!(read.face_arities.is_empty(), width == 3, "{name}, {kind}");
+            assert_eq!(!read.vertex_color.is_empty(), colors.is_some());
+            for (corner, (&found, &expected)) in read.indices.iter().zip(elements).enumerate() {
+                let position = Point3::from_slice(&read.positions[3 * found as usize..][..3]);
+                let distance = (position - points[expected as usize]).norm();
+                assert!(distance < 1e-5, "{}: {distance}", at(corner));
+                if let Some(colors) = colors {
+                    let stored = &read.vertex_color[3 * found as usize..][..3];
+                    let stored: Vec<u8> =
+                        stored.iter().map(|c| (c * 255.0).round() as u8).collect();
+                    assert_eq!(stored, colors[expected as usize], "{}", at(corner));
+                }
             }
         }
     }
+}
+
+#[test]
+fn every_format_gives_back_the_same_shape() {
+    let folder = tempfile::tempdir().unwrap();
+    write_all(folder.path());
+    for (name, mesh, lines) in cases() {
+        for kind in ["mesh", "lines"] {
+            let expected = match kind {
+                "mesh" => Shape::from(mesh.clone()),
+                _ => Shape::from(lines.clone()),
+            };
+            for format in ["obj", "ply"] {
+                let path = folder.path().join(format!("{name}-{kind}.{format}"));
+                let read = read_geometry(&path).unwrap();
+                let about = path.display();
+                assert_eq!(read.triangles, expected.triangles, "{about}");
+                assert_eq!(read.lines, expected.lines, "{about}");
+                assert_eq!(read.positions.len(), expected.positions.len(), "{about}");
+                for (found, point) in read.positions.iter().zip(&expected.positions) {
+                    assert!((found - point).norm() < 1e-5, "{about}");
+                }
+                if !expected.positions.is_empty() {
+                    assert_eq!(read.colors, expected.colors, "{about}");
+                }
+            }
+        }
+        let read = read_geometry(&folder.path().join(format!("{name}.glb"))).unwrap();
+        assert_eq!(read.triangles, mesh.triangles, "{name}.glb");
+        assert_eq!(read.lines.len(), lines.lines.len(), "{name}.glb");
+    }
+    let empty = read_geometry(&folder.path().join("no-part.glb")).unwrap();
+    assert_eq!(empty, Shape::default());
+}
+
+/// The JSON document of a mesh with colours and lines without, byte for byte. `far-glb.json` was written by the
+/// `gltf-json` crate.
+#[test]
+fn the_document_of_a_glb_keeps_its_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    write_all(folder.path());
+    let bytes = std::fs::read(folder.path().join("far.glb")).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let document = std::str::from_utf8(&bytes[20..20 + length]).unwrap();
+    let expected = include_str!("far-glb.json");
+    assert_eq!(document.trim_end(), expected.trim_end());
 }
 
 /// A minimal reader of binary little-endian PLY: positions, then the elements' indices.

@@ -1,4 +1,4 @@
-//! What a keyframe changes in the points that are carved.
+//! Changes of the established points, for a consumer that follows the map.
 
 use nalgebra::Point3;
 
@@ -6,53 +6,53 @@ use super::map::PointMap;
 use super::options::MapPointOptions;
 use super::point::{MapPoint, MapPointId, Published};
 
-/// A change of the points that are carved. Changes are to be applied in their order.
+/// A change of the established points or of a keyframe. Apply changes in their order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MapChange {
-    /// A point is new.
+    /// A new point, without observations yet.
     AddPoint {
-        /// Which.
+        /// The point.
         point: MapPointId,
-        /// Where.
+        /// Its position.
         point_in_world: Point3<f64>,
     },
-    /// A point is elsewhere.
+    /// A point has moved.
     MovePoint {
-        /// Which.
+        /// The point.
         point: MapPointId,
-        /// Where now.
+        /// Its new position.
         point_in_world: Point3<f64>,
     },
-    /// A keyframe is elsewhere.
+    /// The camera centre of a keyframe has moved.
     MoveKeyframe {
-        /// Its number in the map.
+        /// Number of the keyframe in the map.
         keyframe: u32,
-        /// Where its camera is now.
+        /// The new camera centre in the world.
         center: Point3<f64>,
     },
-    /// A point is gone, with all who saw it.
+    /// A point is removed with all its observations.
     RemovePoint {
-        /// Which.
+        /// The point.
         point: MapPointId,
     },
-    /// A keyframe sees a point.
+    /// A keyframe observes a point.
     AddObservation {
         /// Number of the keyframe.
         keyframe: u32,
-        /// Which point.
+        /// The point.
         point: MapPointId,
     },
-    /// A keyframe does not see a point after all.
+    /// An observation is withdrawn.
     RemoveObservation {
         /// Number of the keyframe.
         keyframe: u32,
-        /// Which point.
+        /// The point.
         point: MapPointId,
     },
 }
 
 impl PointMap {
-    /// Tells what is different from what has been told of the points touched.
+    /// Collects the differences between the touched points and their published state.
     pub(super) fn publish(&mut self) {
         self.changes.clear();
         self.publish_centers();
@@ -77,7 +77,7 @@ fn publish_point(
     point: &mut MapPoint,
     changes: &mut Vec<MapChange>,
 ) {
-    let sees = |keyframe| MapChange::AddObservation {
+    let observed_by = |keyframe| MapChange::AddObservation {
         keyframe,
         point: id,
     };
@@ -93,7 +93,7 @@ fn publish_point(
                 point_in_world: point.point_in_world,
             });
             let keyframes: Vec<u32> = point.observations.iter().map(|s| s.keyframe).collect();
-            changes.extend(keyframes.iter().copied().map(sees));
+            changes.extend(keyframes.iter().copied().map(observed_by));
             point.published = Some(Published {
                 point_in_world: point.point_in_world,
                 keyframes,
@@ -101,18 +101,18 @@ fn publish_point(
         }
         (Some(published), true) => {
             let step = point.point_in_world - published.point_in_world;
-            // Mahalanobis length of the step: in deviations of the point as it is known now.
-            let is_off = point.covariance.try_inverse().is_none_or(|information| {
+            // Mahalanobis length of the step under the current covariance.
+            let has_moved = point.covariance.try_inverse().is_none_or(|information| {
                 step.dot(&(information * step)) > options.move_sigmas * options.move_sigmas
             });
-            if is_off && step.norm_squared() > 0.0 {
+            if has_moved && step.norm_squared() > 0.0 {
                 published.point_in_world = point.point_in_world;
                 changes.push(MapChange::MovePoint {
                     point: id,
                     point_in_world: point.point_in_world,
                 });
             }
-            // Two ascending lists side by side.
+            // Merge of two ascending lists.
             let mut old = published.keyframes.iter().copied().peekable();
             for now in point.observations.iter().map(|s| s.keyframe) {
                 while let Some(gone) = old.next_if(|&keyframe| keyframe < now) {
@@ -122,7 +122,7 @@ fn publish_point(
                     });
                 }
                 if old.next_if_eq(&now).is_none() {
-                    changes.push(sees(now));
+                    changes.push(observed_by(now));
                 }
             }
             for gone in old {

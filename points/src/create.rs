@@ -1,20 +1,21 @@
-//! New points.
+//! Triangulation of new points.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Matrix3, Point2, Point3, Unit, Vector3};
 
 use super::epipolar::{FeatureMatch, TwoViewGeometry, match_along_epipolar_lines};
 use super::keyframe::MapKeyframe;
-use super::map::PointMap;
+use super::map::{PointMap, median};
 use super::point::{MapObservation, MapPoint, MapPointId};
-use super::triangulate::{CHI2_PIXEL, parallax_cosine, triangulate_rays};
+use super::triangulate::{parallax_cosine, triangulate_rays};
+use crate::pose_correction::CHI2_PIXEL;
 
-/// Two keyframes nearer than this share of the depth of their points see no parallax worth a search, as in ORB-SLAM2.
+/// Smallest baseline of two keyframes as a share of the median depth, as in ORB-SLAM2.
 const MIN_BASELINE_SHARE: f64 = 0.01;
 
 impl PointMap {
-    /// Makes points of features that are none yet; returns how many.
-    pub(super) fn create(&mut self, keyframe: u32) -> usize {
+    /// Triangulates features that have no point yet; returns the number of new points.
+    pub(super) fn create_points(&mut self, keyframe: u32) -> usize {
         let neighbors = self.neighbors(keyframe);
         let depth = self.median_depth_in(keyframe);
         let mut pairs = Vec::new();
@@ -50,7 +51,7 @@ impl PointMap {
                 if let Some(mut id) = self.triangulate(keyframe, neighbor, pair) {
                     created += 1;
                     for &further in neighbors.iter().filter(|&&k| k != neighbor) {
-                        id = self.extend(id, further);
+                        id = self.extend_track(id, further);
                     }
                 }
             }
@@ -58,12 +59,12 @@ impl PointMap {
         created
     }
 
-    /// How many points of a keyframe each older one sees.
+    /// Covisibility: the number of points that each older keyframe shares with a keyframe.
     pub(super) fn shared_points(&self, keyframe: u32) -> Vec<u32> {
         let mut shared = vec![0_u32; keyframe as usize];
         for id in self.keyframes[keyframe as usize].points.iter().flatten() {
-            for sighting in self.point(*id).iter().flat_map(|point| &point.observations) {
-                if let Some(count) = shared.get_mut(sighting.keyframe as usize) {
+            for observation in self.point(*id).iter().flat_map(|point| &point.observations) {
+                if let Some(count) = shared.get_mut(observation.keyframe as usize) {
                     *count += 1;
                 }
             }
@@ -71,14 +72,14 @@ impl PointMap {
         shared
     }
 
-    /// Older keyframes to match a new one with: those that share most points with it, then the latest ones.
+    /// Older keyframes to match with a new one: those that share most points, then the latest.
     fn neighbors(&self, keyframe: u32) -> Vec<u32> {
         let shared = self.shared_points(keyframe);
         let view = &self.keyframes[keyframe as usize];
         let ahead = view.pose.world_from_camera() * Vector3::z();
         let mut neighbors: Vec<u32> = (0..keyframe)
             .filter(|&other| {
-                // Keyframes that share nothing, look elsewhere or see nothing are no help.
+                // Without shared points the viewing directions must be within 60 degrees.
                 let other_view = &self.keyframes[other as usize];
                 !other_view.features.is_empty()
                     && (shared[other as usize] > 0
@@ -95,42 +96,41 @@ impl PointMap {
         neighbors
     }
 
-    /// Median depth of the points that a keyframe sees.
+    /// Median depth of the points observed in a keyframe.
     pub(super) fn median_depth_in(&self, keyframe: u32) -> Option<f64> {
         let view = &self.keyframes[keyframe as usize];
-        let mut depths: Vec<f64> = view
+        let depths: Vec<f64> = view
             .points
             .iter()
             .flatten()
             .filter_map(|id| self.point(*id))
             .map(|point| (view.camera_from_world() * point.point_in_world).z)
             .collect();
-        let middle = depths.len() / 2;
-        (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+        median(depths)
     }
 
-    /// Makes a point of a pair of features; `None` when they do not meet, meet behind a camera, or under too little
-    /// parallax, or when one of them became a point meanwhile.
+    /// Triangulates a match. `None` when the rays do not meet in front of both cameras, when parallax is too small or the
+    /// reprojection error too large, or when a feature has got a point meanwhile.
     fn triangulate(
         &mut self,
         keyframe: u32,
         neighbor: u32,
         pair: &FeatureMatch,
     ) -> Option<MapPointId> {
-        let sightings = [(neighbor, pair.second), (keyframe, pair.first)]
+        let observations = [(neighbor, pair.second), (keyframe, pair.first)]
             .map(|(keyframe, feature)| MapObservation { keyframe, feature });
-        let views = sightings.map(|s| &self.keyframes[s.keyframe as usize]);
-        for (view, sighting) in views.iter().zip(&sightings) {
-            if view.points[sighting.feature as usize].is_some() {
+        let views = observations.map(|s| &self.keyframes[s.keyframe as usize]);
+        for (view, observation) in views.iter().zip(&observations) {
+            if view.points[observation.feature as usize].is_some() {
                 return None;
             }
         }
         let rays = [0, 1].map(|i| {
-            let pixel = views[i].pixel(sightings[i].feature);
+            let pixel = views[i].pixel(observations[i].feature);
             (views[i].center(), direction(&self.camera, views[i], &pixel))
         });
         let start = triangulate_rays(&rays)?;
-        let refined = self.fit(&sightings, start)?;
+        let refined = self.fit(&observations, start)?;
         let point_in_world = refined.point_in_world;
         let centers = views.map(MapKeyframe::center);
         if parallax_cosine(&centers, &point_in_world)
@@ -138,9 +138,9 @@ impl PointMap {
         {
             return None;
         }
-        let fits = sightings
+        let fits = observations
             .iter()
-            .all(|sighting| self.chi2(sighting, &point_in_world) < CHI2_PIXEL);
+            .all(|observation| self.chi2(observation, &point_in_world) < CHI2_PIXEL);
         if !fits {
             return None;
         }
@@ -148,10 +148,10 @@ impl PointMap {
         Some(self.insert(MapPoint {
             point_in_world,
             covariance: refined.covariance,
-            observations: sightings.to_vec(),
+            observations: observations.to_vec(),
             descriptor,
             viewing: mean_direction(&centers, &point_in_world),
-            born: keyframe,
+            created_by: keyframe,
             visible: 1,
             found: 1,
             is_established: false,
@@ -160,7 +160,7 @@ impl PointMap {
     }
 }
 
-/// The direction in the world in which a pinhole camera sees a pixel.
+/// Viewing ray of a pixel of a pinhole camera, in the world.
 fn direction(camera: &Camera, view: &MapKeyframe, pixel: &Point2<f64>) -> Unit<Vector3<f64>> {
     let plane = Vector3::new(
         (pixel.x - camera.cx()) / camera.fx(),
@@ -170,7 +170,7 @@ fn direction(camera: &Camera, view: &MapKeyframe, pixel: &Point2<f64>) -> Unit<V
     Unit::new_normalize(view.pose.world_from_camera() * plane)
 }
 
-/// Unit mean of the directions from several places to a point; zero when they cancel out.
+/// Unit mean of the directions from camera centres to a point; zero when they cancel out.
 pub(super) fn mean_direction(centers: &[Point3<f64>], point: &Point3<f64>) -> Vector3<f64> {
     let sum: Vector3<f64> = centers
         .iter()
@@ -179,7 +179,7 @@ pub(super) fn mean_direction(centers: &[Point3<f64>], point: &Point3<f64>) -> Ve
     sum.try_normalize(0.0).unwrap_or_default()
 }
 
-/// The largest standard deviation in any direction: root of the largest eigenvalue.
+/// The largest standard deviation in any direction: square root of the largest eigenvalue.
 pub(super) fn largest_sigma(covariance: &Matrix3<f64>) -> f64 {
     covariance.symmetric_eigenvalues().max().max(0.0).sqrt()
 }

@@ -1,29 +1,29 @@
-//! What a corner looks like: its direction and its binary descriptor.
+//! Orientation and binary descriptor of a corner.
 
 use super::descriptor::Descriptor;
 use super::spread::Corner;
 
-/// Pixels of a level around a corner that its description may look at.
+/// Reach of orientation and descriptor around a corner.
 pub(super) const REACH_PX: usize = 19;
 
-/// Side of the patch that the description of a corner may look at.
+/// Side of the patch within reach.
 const PATCH_PX: usize = 2 * REACH_PX + 1;
 
-/// Length of a row of the copy of a patch: a power of two.
+/// Row stride of the copy of a patch: a power of two.
 const PATCH_ROW: usize = 64;
 
-/// Radius of the disc whose grey values give the direction.
+/// Radius of the disc whose intensity centroid gives the orientation.
 const DISC_PX: usize = 15;
 
-/// Pixels of a row of the disc, and one more for a round number.
+/// Pixels of a row of the disc, padded to a multiple of 16.
 const DISC_ROW: usize = 2 * DISC_PX + 2;
 
-/// Half the width of the disc in the row of the centre, the next, and so on. It is the same in rows as in columns, which a
-/// circle rounded row by row is not.
+/// Half widths of the disc's rows from the centre outwards. The disc is symmetric in rows and columns, unlike a circle rounded
+/// row by row.
 const DISC_HALF_WIDTHS: [usize; DISC_PX + 1] =
     [15, 15, 15, 15, 14, 14, 14, 13, 13, 12, 11, 10, 9, 8, 6, 3];
 
-/// All bits of the pixels that are in the disc, row by row from the centre.
+/// Bit masks of the pixels in the disc, row by row from the centre.
 const DISC: [[i16; DISC_ROW]; DISC_PX + 1] = {
     let mut disc = [[0; DISC_ROW]; DISC_PX + 1];
     let mut row = 0;
@@ -38,7 +38,7 @@ const DISC: [[i16; DISC_ROW]; DISC_PX + 1] = {
     disc
 };
 
-/// The direction of the centre of mass of the grey values around a corner, from +x towards +y.
+/// Orientation of a corner: direction of the intensity centroid, from +x towards +y.
 ///
 /// # Panics
 /// When the corner lies within [`REACH_PX`] of the level's border.
@@ -50,8 +50,7 @@ pub(super) fn direction(level: &[u8], stride: usize, corner: Corner) -> f32 {
             .first_chunk::<DISC_ROW>()
             .expect("the disc lies in the level")
     };
-    // Columns side by side, for the compiler to take several at once. 16 bits hold the sums: at most 31 grey values, and
-    // 255 (1 + 2 + ... + 15).
+    // One sum per column, for vector instructions. 16 bits hold them: at most 31 grey values, and 255 (1 + 2 + ... + 15).
     let mut sums = [0_i16; DISC_ROW];
     let mut down = [0_i16; DISC_ROW];
     for ((sum, pixel), inside) in sums.iter_mut().zip(pixels(row)).zip(&DISC[0]) {
@@ -73,8 +72,7 @@ pub(super) fn direction(level: &[u8], stride: usize, corner: Corner) -> f32 {
     (down as f32).atan2(right as f32)
 }
 
-/// Descriptors of corners of a smoothed level: which of two pixels is darker, for 256 pairs about a corner that turn with
-/// its direction.
+/// ORB descriptors of corners of a smoothed level: intensity comparisons of 256 pixel pairs, rotated by the orientation.
 ///
 /// # Panics
 /// When a corner lies within [`REACH_PX`] of the level's border.
@@ -101,30 +99,30 @@ pub(super) fn describe(
     corners.iter().zip(directions_rad).map(of_corner).collect()
 }
 
-/// Rows of a length known beforehand make places cheap, and surely inside.
+/// The fixed row stride makes indices cheap and always in range.
 fn describe_patch(patch: &[u8; PATCH_ROW * PATCH_ROW], direction_rad: f32) -> Descriptor {
     let (sine, cosine) = (direction_rad.sin(), direction_rad.cos());
-    let mut places = [0_u16; 512];
+    let mut indices = [0_u16; 512];
     let centre = (REACH_PX * PATCH_ROW + REACH_PX) as i32;
-    for ((place, x), y) in places.iter_mut().zip(&PAIRS_X).zip(&PAIRS_Y) {
+    for ((index, x), y) in indices.iter_mut().zip(&PAIRS_X).zip(&PAIRS_Y) {
         let row = nearest(sine * x + cosine * y);
         let column = nearest(cosine * x - sine * y);
-        *place = (row * PATCH_ROW as i32 + column + centre) as u16;
+        *index = (row * PATCH_ROW as i32 + column + centre) as u16;
     }
-    let grey = |place: u16| patch[usize::from(place) % patch.len()];
+    let grey = |index: u16| patch[usize::from(index) % patch.len()];
     let mut words = [0; 4];
-    for (word, places) in words.iter_mut().zip(places.chunks_exact(128)) {
-        for pair in places.chunks_exact(2).rev() {
+    for (word, indices) in words.iter_mut().zip(indices.chunks_exact(128)) {
+        for pair in indices.chunks_exact(2).rev() {
             *word = *word << 1 | u64::from(grey(pair[0]) < grey(pair[1]));
         }
     }
     Descriptor(words)
 }
 
-/// The nearest integer, of two the even one, of a number below 2^22.
+/// The nearest integer, ties to even, of a number below 2^22 in magnitude.
 ///
-/// `f32::round_ties_even` is a call of a function on processors of which nothing but SSE2 is assumed, and most of the time
-/// of a descriptor. A sum of 2^23 and more is rounded to integers by the addition.
+/// With SSE2 alone `f32::round_ties_even` is a function call, which dominated the time of a descriptor. Here the addition
+/// rounds: an `f32` of 2^23 and more has no fraction.
 fn nearest(value: f32) -> i32 {
     const SHIFT: f32 = 12_582_912.0;
     (value + SHIFT).to_bits() as i32 - SHIFT.to_bits() as i32
@@ -135,16 +133,15 @@ const PAIRS_Y: [f32; 512] = coordinates(1);
 
 const fn coordinates(axis: usize) -> [f32; 512] {
     let mut coordinates = [0.0; 512];
-    let mut place = 0;
-    while place < 512 {
-        coordinates[place] = PAIRS[2 * place + axis] as f32;
-        place += 1;
+    let mut pixel = 0;
+    while pixel < 512 {
+        coordinates[pixel] = PAIRS[2 * pixel + axis] as f32;
+        pixel += 1;
     }
     coordinates
 }
 
-/// x and y of one pixel and of the other, for each pair: those which Rublee et al. learned to say most and to depend least
-/// on each other (`bit_pattern_31_` of their program).
+/// x and y of both pixels of each pair: the learned pattern of Rublee et al. (`bit_pattern_31_` of their program).
 const PAIRS: [i8; 1024] = [
     8, -3, 9, 5, 4, 2, 7, -12, -11, 9, -8, 2, 7, -12, 12, -13, 2, -13, 2, 12, 1, -7, 1, 6, -2, -10,
     -2, -4, -13, -13, -11, -8, -13, -3, -12, -9, 10, 4, 11, 9, -13, -8, -8, -9, -11, 7, -9, 12, 7,

@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-/// 256 bits; what differs between two is counted.
+/// A 256-bit descriptor, compared by Hamming distance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Descriptor(pub [u64; 4]);
 
 impl Descriptor {
-    /// From 32 bytes, the first in the lowest bits.
+    /// A descriptor from 32 bytes, the first in the lowest bits.
     pub fn from_bytes(bytes: &[u8; 32]) -> Self {
         let mut words = [0; 4];
         for (word, chunk) in words.iter_mut().zip(bytes.chunks_exact(8)) {
@@ -19,13 +19,13 @@ impl Descriptor {
         Self(words)
     }
 
-    /// Number of bits that differ.
+    /// Hamming distance: the number of different bits.
     pub fn distance(&self, other: &Self) -> u32 {
         let [a, b, c, d] = [0, 1, 2, 3].map(|word| (self.0[word] ^ other.0[word]).count_ones());
         a + b + c + d
     }
 
-    /// The one of several whose median distance to the others is smallest, of equals the first; `None` of nothing.
+    /// The descriptor with the smallest median distance to the others, the first of equals; `None` of an empty list.
     ///
     /// # Complexity
     /// Quadratic in their number.

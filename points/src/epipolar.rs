@@ -1,4 +1,4 @@
-//! Features of two keyframes matched along the epipolar lines that their poses give.
+//! Matching of features along epipolar lines of known poses.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Matrix3, Vector2, Vector3};
@@ -7,39 +7,39 @@ use super::features::Features;
 use super::grid::FeatureGrid;
 use super::options::MapPointOptions;
 
-/// 95 % of the distances from an epipolar line are below this, in standard deviations: one degree of freedom.
+/// 95 % bound of the distance from an epipolar line in standard deviations: one degree of freedom.
 const LINE_SIGMAS: f64 = 1.96;
 
-/// A point nearer than this share of the baseline is seen under more than some 60 degrees; no descriptor stands that.
+/// Smallest depth in baselines. Nearer points have more than about 60 degrees of parallax, too much for a descriptor.
 const NEAREST_BASELINES: f64 = 0.7;
 
-/// Pyramid levels by which a feature may be off from what its distance says. Corners are found at neighbouring levels too.
+/// Tolerance of the pyramid level predicted from depth. Corners are also found at neighbouring levels.
 pub(super) const LEVEL_TOLERANCE: f64 = 2.0;
 
-/// The coarsest level of a feature's partner is at most this many above its own.
+/// A match is at most this many levels coarser.
 const COARSEST_LEVELS: usize = 4;
 
-/// Candidates nearer to the best one than this, in pixels of its level, are the same corner and do not compete with it.
+/// Candidates within this distance of the best, in pixels of its level, are the same corner and do not compete with it.
 const SAME_CORNER_PX: f32 = 3.0;
 
-/// Two features that may be one point.
+/// Two features that may observe the same point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FeatureMatch {
     /// Feature of the first keyframe.
     pub first: u32,
     /// Feature of the second.
     pub second: u32,
-    /// Bits in which they differ.
+    /// Hamming distance of their descriptors.
     pub distance: u32,
 }
 
-/// Pixels of a second pinhole camera from those of a first.
+/// Maps pixels of one view of a pinhole camera to another view.
 #[derive(Debug, Clone, Copy)]
 pub struct TwoViewGeometry {
-    /// Turns a homogeneous pixel into that of a point at infinity.
-    turn: Matrix3<f64>,
-    /// What unit inverse depth adds.
-    shift: Vector3<f64>,
+    /// Homography of the plane at infinity.
+    infinity: Matrix3<f64>,
+    /// Homogeneous pixel of the first centre, the epipole: added per unit of inverse depth.
+    epipole: Vector3<f64>,
     baseline: f64,
 }
 
@@ -66,24 +66,24 @@ impl TwoViewGeometry {
         let second_from_first = second_from_world * first_from_world.inverse();
         let rotation = second_from_first.rotation.to_rotation_matrix();
         Self {
-            turn: k * rotation.matrix() * k_inverse,
-            shift: k * second_from_first.translation.vector,
+            infinity: k * rotation.matrix() * k_inverse,
+            epipole: k * second_from_first.translation.vector,
             baseline: second_from_first.translation.vector.norm(),
         }
     }
 
-    /// Distance of the two centres.
+    /// Distance of the camera centres.
     pub fn baseline(&self) -> f64 {
         self.baseline
     }
 
-    /// The direction in the second image of a direction at a pixel of the first, as if all were far away.
+    /// Maps a direction at a pixel of the first image to the second, by the homography of the plane at infinity.
     pub fn transfer_angle(&self, pixel: [f32; 2], angle_rad: f32) -> f32 {
         let pixel = Vector3::new(f64::from(pixel[0]), f64::from(pixel[1]), 1.0);
         let angle = f64::from(angle_rad);
-        let at = self.turn * pixel;
-        // Derivative of the homography along the direction, times the positive square of the depth.
-        let along = self.turn * Vector3::new(angle.cos(), angle.sin(), 0.0);
+        let at = self.infinity * pixel;
+        // Derivative of the homography along the direction, times the squared depth.
+        let along = self.infinity * Vector3::new(angle.cos(), angle.sin(), 0.0);
         let direction = along.xy() * at.z - at.xy() * along.z;
         direction.y.atan2(direction.x) as f32
     }
@@ -91,31 +91,31 @@ impl TwoViewGeometry {
     /// The epipolar line of a pixel of the first image.
     fn line(&self, pixel: [f32; 2]) -> Option<EpipolarLine> {
         let pixel = Vector3::new(f64::from(pixel[0]), f64::from(pixel[1]), 1.0);
-        let far = self.turn * pixel;
-        let line = far.cross(&self.shift);
+        let far = self.infinity * pixel;
+        let line = far.cross(&self.epipole);
         let length = line.xy().norm();
-        // No line where the epipole is, or without a baseline.
-        (length > 1e-9 * far.norm() * self.shift.norm()).then(|| EpipolarLine {
+        // Undefined at the epipole and without a baseline.
+        (length > 1e-9 * far.norm() * self.epipole.norm()).then(|| EpipolarLine {
             line: line / length,
             far,
-            shift: self.shift,
+            epipole: self.epipole,
             max_rho: 1.0 / (NEAREST_BASELINES * self.baseline),
         })
     }
 }
 
-/// Where the second image can show the point behind a pixel of the first.
+/// Possible positions in the second image of the point at a pixel of the first.
 struct EpipolarLine {
     line: Vector3<f64>,
     far: Vector3<f64>,
-    shift: Vector3<f64>,
+    epipole: Vector3<f64>,
     max_rho: f64,
 }
 
 impl EpipolarLine {
-    /// The box between the projections of infinity and of the nearest point; everything when one of them has none.
+    /// Bounding box of the line between infinity and the smallest depth; unbounded when one end is behind the camera.
     fn bounds(&self, margin: f64) -> ([f32; 2], [f32; 2]) {
-        let near = self.far + self.shift * self.max_rho;
+        let near = self.far + self.epipole * self.max_rho;
         if !(self.far.z > 1e-6 && near.z > 1e-6) {
             return ([f32::NEG_INFINITY; 2], [f32::INFINITY; 2]);
         }
@@ -129,29 +129,30 @@ impl EpipolarLine {
         (self.line.x * f64::from(pixel[0]) + self.line.y * f64::from(pixel[1]) + self.line.z).abs()
     }
 
-    /// Depth in the second camera as a share of that in the first, for the point on the line nearest to a pixel; `None`
-    /// when it is behind one of them.
+    /// Ratio of the depths in the second and the first camera, of the point whose projection is nearest to a pixel; `None`
+    /// behind a camera.
     fn depth_ratio(&self, pixel: [f32; 2]) -> Option<f64> {
         let pixel = Vector2::new(f64::from(pixel[0]), f64::from(pixel[1]));
-        let moved = self.shift.xy() - pixel * self.shift.z;
+        let moved = self.epipole.xy() - pixel * self.epipole.z;
         let still = pixel * self.far.z - self.far.xy();
-        // Along the axis on which depth moves the projection more.
+        // The axis along which depth moves the projection more.
         let axis = usize::from(moved.y.abs() > moved.x.abs());
         let rho = (still[axis] / moved[axis]).clamp(0.0, self.max_rho);
-        let ratio = self.far.z + rho * self.shift.z;
+        let ratio = self.far.z + rho * self.epipole.z;
         (ratio > 0.0).then_some(ratio)
     }
 }
 
-/// Pairs of features that the epipolar geometry, their directions, sizes and descriptors allow, each feature in one pair at
-/// most; by the first, ascending. Only features for which `is_free` holds take part.
+/// Matches of features that agree with the epipolar geometry and in orientation, scale and descriptor. Each feature has at most
+/// one match; matches are sorted by the first feature. Only features that pass the filters `is_free_in_first` and
+/// `is_free_in_second` take part.
 ///
-/// A feature is paired with its best candidate within a band around its epipolar line, when that is clearly better than
-/// the second best which is not the same corner; of several features with the same best candidate the best is.
+/// A feature is matched with the best candidate in a band around its epipolar line, when it passes the ratio test against the
+/// second best. Of several features with the same best candidate the one with the smallest distance is matched.
 ///
 /// # Complexity
-/// Per feature: the features in the grid cells along its line.
-#[allow(clippy::too_many_arguments)] // two images of three parts each
+/// Linear, per feature, in the features of the grid cells along its line.
+#[allow(clippy::too_many_arguments)] // three arguments per image
 pub fn match_along_epipolar_lines(
     geometry: &TwoViewGeometry,
     options: &MapPointOptions,
@@ -167,7 +168,7 @@ pub fn match_along_epipolar_lines(
     let level = options.scale_factor.ln();
     let bands = bands(options, first, second);
     let mut candidates: Vec<(u32, u32)> = Vec::new();
-    // The best feature of the first keyframe for each of the second.
+    // The best feature of the first image for each of the second.
     let mut best: Vec<Option<FeatureMatch>> = vec![None; second.len()];
     for index in (0..first.len()).filter(|&index| is_free_in_first(index)) {
         let pixel = first.pixels[index];
@@ -176,7 +177,7 @@ pub fn match_along_epipolar_lines(
         };
         let octave = first.octaves[index];
         let bands_here = &bands[usize::from(octave)];
-        // The coarsest level that the size of the patch allows bounds the band.
+        // The coarsest admissible level bounds the width of the band.
         let widest = bands_here[usize::from(octave) + COARSEST_LEVELS];
         let (low, high) = line.bounds(widest);
         let expected_angle = geometry.transfer_angle(pixel, first.angles_rad[index]);
@@ -206,7 +207,7 @@ pub fn match_along_epipolar_lines(
             let distance = first.descriptors[index].distance(&second.descriptors[other_index]);
             candidates.push((distance, other));
         });
-        let chosen = clear_best(&candidates, second, options, options.ratio);
+        let chosen = ratio_test(&candidates, second, options, options.ratio);
         if let Some((distance, other)) = chosen
             && distance <= options.new_descriptor_distance
         {
@@ -224,7 +225,7 @@ pub fn match_along_epipolar_lines(
     pairs.sort_unstable_by_key(|pair| pair.first);
 }
 
-/// Half the width of the band around an epipolar line, by the levels of the two features.
+/// Half widths of the band around an epipolar line, by the levels of both features.
 fn bands(options: &MapPointOptions, first: &Features, second: &Features) -> Vec<Vec<f64>> {
     let octaves = first.octaves.iter().chain(&second.octaves);
     let coarsest = octaves.copied().max().unwrap_or(0);
@@ -239,9 +240,9 @@ fn bands(options: &MapPointOptions, first: &Features, second: &Features) -> Vec<
         .collect()
 }
 
-/// The best of some candidates (distance, feature) when it is clearly better than the second best; candidates at the same
-/// place are the same corner seen at another level.
-pub(super) fn clear_best(
+/// Ratio test: the best of some candidates (distance, feature) when it is clearly better than the second best that is another
+/// corner.
+pub(super) fn ratio_test(
     candidates: &[(u32, u32)],
     features: &Features,
     options: &MapPointOptions,
@@ -263,7 +264,7 @@ pub(super) fn clear_best(
         .then_some((distance, feature))
 }
 
-/// The angle between two directions, 0 to pi.
+/// Angle between two directions, from 0 to pi.
 pub(super) fn angle_between(a: f32, b: f32) -> f32 {
     use std::f32::consts::{PI, TAU};
     let turn = (a - b).rem_euclid(TAU);

@@ -1,17 +1,14 @@
-//! ORB features of an image. The one module that speaks the types of `kornia-imgproc`.
+//! ORB features of an image.
 
-use kornia_image::{Image, ImageError, ImageSize};
-use kornia_imgproc::features::{fast_detect_rows_u8_serial, suppress_direct_standalone};
-use kornia_imgproc::filter::gaussian_blur_u8;
-use kornia_imgproc::interpolation::InterpolationMode;
-use kornia_imgproc::resize::resize_fast_u8;
 use linecarve_lines::image::GrayImage;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::describe::{REACH_PX, describe, direction};
 use super::descriptor::Descriptor;
+use super::fast::{FastCorner, fast_corners, strongest};
 use super::options::MapPointOptions;
+use super::pyramid::{resize, smooth};
 use super::spread::{Corner, spread};
 
 /// Corners whose patch would leave a level are not described; a level needs room for one inside this border.
@@ -23,21 +20,24 @@ const MIN_SIDE_PX: usize = 2 * BORDER_PX + 8;
 /// Corners are spread over a level without this border.
 const SPREAD_BORDER_PX: u32 = 16;
 
-/// Pixels of the ring around a corner that follow each other and are all brighter, or all darker.
-const ARC_PX: usize = 9;
+/// A level with fewer corners than this is searched again with a lower threshold.
+const MIN_CORNERS: usize = 10;
+
+/// A weaker corner must be further than this from all others, in rows or in columns.
+const WEAK_CORNER_GAP_PX: usize = 3;
 
 /// Features of an image, the finest pyramid level first.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Features {
-    /// Places in the image, in pixels; the centre of the top-left pixel is (0, 0).
+    /// Positions in pixels; the centre of the top-left pixel is (0, 0).
     pub pixels: Vec<[f32; 2]>,
     /// Pyramid level of each.
     pub octaves: Vec<u8>,
-    /// Direction of each, from +x towards +y.
+    /// Orientation of each, from +x towards +y.
     pub angles_rad: Vec<f32>,
-    /// What each looks like.
+    /// Descriptor of each.
     pub descriptors: Vec<Descriptor>,
-    /// Grey value at each.
+    /// Grey value of the image at each.
     pub grey: Vec<u8>,
 }
 
@@ -47,7 +47,7 @@ impl Features {
         self.pixels.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no features.
     pub fn is_empty(&self) -> bool {
         self.pixels.is_empty()
     }
@@ -62,11 +62,8 @@ struct LevelFeatures {
 
 /// Finds ORB features.
 ///
-/// Levels, corners and their smoothing are the work of `kornia-imgproc`; they are spread and described here, with the result
-/// of its `OrbDetector`, which takes three times as long: it calls a function for each rounding of a coordinate.
-///
-/// The same image gives the same features, for any number of threads. An image without corners, or one too small for a
-/// corner with its patch (below 48 pixels), has none.
+/// FAST-9 corners of each pyramid level are spread over the level and described by ORB. The same image gives the same features
+/// for any number of threads. An image without corners, or with a side below 48 pixels, has no features.
 ///
 /// # Reference
 /// Rublee, Rabaud, Konolige, Bradski, "ORB: an efficient alternative to SIFT or SURF", ICCV 2011; spread over the image as
@@ -89,26 +86,23 @@ impl FeatureDetector {
         if levels == 0 {
             return Features::default();
         }
-        let pyramid = self
-            .pyramid(image, levels)
-            .expect("levels have room for a corner");
+        let pyramid = self.pyramid(image, levels);
         let wanted = self.features_per_level(levels);
         let described: Vec<LevelFeatures> = pyramid
             .par_iter()
             .zip(wanted)
             .map(|(level, wanted)| self.describe_level(level, wanted))
-            .collect::<Result<_, _>>()
-            .expect("levels have room for a corner");
+            .collect();
 
         let mut features = Features::default();
         for (octave, found) in described.into_iter().enumerate() {
-            // Levels are resampled about the image's corner, which lies at (-0.5, -0.5).
-            let place = |at: u32, side: usize| {
+            // Levels are scaled about the corner of the image, at (-0.5, -0.5).
+            let in_image = |at: u32, side: usize| {
                 let scale = side as f64 / self.level_side(side, octave) as f64;
                 ((f64::from(at) + 0.5) * scale - 0.5) as f32
             };
             for corner in &found.corners {
-                let pixel = [place(corner.column, width), place(corner.row, height)];
+                let pixel = [in_image(corner.column, width), in_image(corner.row, height)];
                 let grey = image.get(pixel[0].round() as usize, pixel[1].round() as usize);
                 features.pixels.push(pixel);
                 features.grey.push(grey.copied().unwrap_or(0));
@@ -120,26 +114,22 @@ impl FeatureDetector {
         features
     }
 
-    /// The image and what is made of it by shrinking it, each level from the one before.
-    fn pyramid(&self, image: &GrayImage, levels: usize) -> Result<Vec<Image<u8, 1>>, ImageError> {
-        let size_px = |level| ImageSize {
-            width: self.level_side(image.width(), level),
-            height: self.level_side(image.height(), level),
-        };
-        let mut pyramid = vec![Image::from_size_slice(size_px(0), image.samples())?];
+    /// The image and its reductions, each from the level before.
+    fn pyramid(&self, image: &GrayImage, levels: usize) -> Vec<GrayImage> {
+        let mut pyramid = vec![image.clone()];
         for level in 1..levels {
-            let mut smaller = Image::from_size_val(size_px(level), 0)?;
-            resize_fast_u8(
+            let side = |side| self.level_side(side, level);
+            let smaller = resize(
                 &pyramid[level - 1],
-                &mut smaller,
-                InterpolationMode::Bilinear,
-            )?;
+                side(image.width()),
+                side(image.height()),
+            );
             pyramid.push(smaller);
         }
-        Ok(pyramid)
+        pyramid
     }
 
-    /// As many on each level as its side has of the sum of all sides.
+    /// Features per level, in proportion to the side of the level.
     fn features_per_level(&self, levels: usize) -> Vec<usize> {
         let shrink = 1.0 / self.options.scale_factor as f32;
         let features = self.options.features;
@@ -154,12 +144,8 @@ impl FeatureDetector {
         wanted
     }
 
-    /// Finds and describes about as many corners of a level.
-    fn describe_level(
-        &self,
-        level: &Image<u8, 1>,
-        wanted: usize,
-    ) -> Result<LevelFeatures, ImageError> {
+    /// Finds and describes about `wanted` corners of a level.
+    fn describe_level(&self, level: &GrayImage, wanted: usize) -> LevelFeatures {
         let (width, height) = (level.width() as u32, level.height() as u32);
         let mut corners = spread(
             &self.corners(level, wanted),
@@ -172,35 +158,28 @@ impl FeatureDetector {
             (border..=width - border).contains(&corner.column)
                 && (border..=height - border).contains(&corner.row)
         });
-        let mut smoothed = Image::from_size_val(level.size(), 0)?;
-        gaussian_blur_u8(level, &mut smoothed, (7, 7), (2.0, 2.0))?;
         let stride = level.width();
         let angles_rad: Vec<f32> = corners
             .iter()
-            .map(|corner| direction(level.as_slice(), stride, *corner))
+            .map(|corner| direction(level.samples(), stride, *corner))
             .collect();
-        let descriptors = describe(smoothed.as_slice(), stride, &corners, &angles_rad);
-        Ok(LevelFeatures {
+        let descriptors = describe(&smooth(level), stride, &corners, &angles_rad);
+        LevelFeatures {
             corners,
             angles_rad,
             descriptors,
-        })
+        }
     }
 
     /// Corners of a level, the strongest first: at most twenty times as many as wanted.
-    fn corners(&self, level: &Image<u8, 1>, wanted: usize) -> Vec<Corner> {
-        let threshold = f32::from(self.options.corner_threshold) / 255.0;
-        let above = |threshold| {
-            let rows = 0..level.height();
-            fast_detect_rows_u8_serial(level, threshold, ARC_PX, REACH_PX, rows)
-        };
-        let mut corners = above(threshold);
-        // A level with hardly any corner gets weaker ones where it has none.
-        if corners.len() < 10 {
-            for weaker in above(threshold * 0.4) {
-                let [row, column] = weaker.0;
-                let is_near = |other: &([usize; 2], f32)| {
-                    other.0[0].abs_diff(row) <= 3 && other.0[1].abs_diff(column) <= 3
+    fn corners(&self, level: &GrayImage, wanted: usize) -> Vec<Corner> {
+        let threshold = self.options.corner_threshold;
+        let mut corners = fast_corners(level, threshold, REACH_PX);
+        if corners.len() < MIN_CORNERS {
+            for weaker in fast_corners(level, lower_threshold(threshold), REACH_PX) {
+                let is_near = |other: &FastCorner| {
+                    other.row.abs_diff(weaker.row) <= WEAK_CORNER_GAP_PX
+                        && other.column.abs_diff(weaker.column) <= WEAK_CORNER_GAP_PX
                 };
                 if !corners.iter().any(is_near) {
                     corners.push(weaker);
@@ -208,56 +187,42 @@ impl FeatureDetector {
             }
         }
         let most = wanted.saturating_mul(20).max(512);
-        suppress_direct_standalone(corners, most, level.width(), level.height(), 1)
+        strongest(corners, most)
             .into_iter()
-            .map(|([row, column], _)| Corner {
-                column: column as u32,
-                row: row as u32,
+            .map(|corner| Corner {
+                column: corner.column as u32,
+                row: corner.row as u32,
             })
             .collect()
     }
 
-    /// Number of levels with room for a corner and its patch.
+    /// Number of levels with room for a patch.
     fn levels(&self, width: usize, height: usize) -> usize {
         (0..self.options.levels)
             .take_while(|&level| self.level_side(width.min(height), level) >= MIN_SIDE_PX)
             .count()
     }
 
-    /// Length of a side at a pyramid level.
+    /// Length of a side of the image at a pyramid level.
     fn level_side(&self, side: usize, level: usize) -> usize {
         let inverse = f64::from(self.options.scale_factor as f32).powi(-(level as i32));
         (side as f64 * inverse).round_ties_even() as usize
     }
 }
 
+/// Two fifths of a threshold, rounded, at least 1.
+fn lower_threshold(threshold: u8) -> u8 {
+    ((4 * u16::from(threshold) + 5) / 10).max(1) as u8
+}
+
 #[cfg(test)]
 mod tests {
+    use kornia_image::{Image, ImageSize};
     use kornia_imgproc::features::OrbDetector;
     use linecarve_lines::image::Plane;
-    use rand::{RngExt, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
 
     use super::*;
-
-    /// Bright and dark squares at random places.
-    fn squares(width: usize, height: usize) -> GrayImage {
-        let mut random = ChaCha8Rng::seed_from_u64(5);
-        let mut image = Plane::new(width, height, vec![90_u8; width * height]).unwrap();
-        for _ in 0..width * height / 300 {
-            let (x, y) = (
-                random.random_range(0..width),
-                random.random_range(0..height),
-            );
-            let (side, value) = (random.random_range(4..20), random.random_range(0..=255));
-            for row in y..(y + side).min(height) {
-                for column in x..(x + side).min(width) {
-                    image.samples_mut()[row * width + column] = value;
-                }
-            }
-        }
-        image
-    }
+    use crate::tests::{room_images, squares};
 
     fn bits(features: &Features) -> Vec<(u32, u32, u32, Descriptor)> {
         (0..features.len())
@@ -269,7 +234,7 @@ mod tests {
             .collect()
     }
 
-    /// The detector of `kornia-imgproc`, whose features these are, step by step.
+    /// The ORB detector of `kornia-imgproc` is an independent implementation of the same features.
     #[test]
     fn features_are_those_of_the_library() {
         let options = MapPointOptions::default();
@@ -279,13 +244,15 @@ mod tests {
             let samples = image.samples().iter().map(|grey| 100 + grey / 24).collect();
             Plane::new(image.width(), image.height(), samples).unwrap()
         };
-        for image in [
+        let mut images = room_images();
+        images.extend([
             squares(640, 480),
             squares(701, 103),
             squares(90, 400),
             squares(1500, 1100),
             weak(&squares(320, 240)),
-        ] {
+        ]);
+        for image in images {
             let (width, height) = (image.width(), image.height());
             let library = OrbDetector {
                 n_keypoints: options.features,
@@ -305,7 +272,7 @@ mod tests {
             let descriptors = expected.descriptors.iter().map(Descriptor::from_bytes);
             assert_eq!(found.descriptors, descriptors.collect::<Vec<_>>());
             for (i, [x, y]) in expected.keypoints_xy.into_iter().enumerate() {
-                // The library's places are off by up to half a pixel of the level, and by its rounded size.
+                // The positions of the library are off by up to half a pixel of the level and by its rounded size.
                 let near = 1.5 * options.scale(found.octaves[i]) as f32;
                 let [column, row] = found.pixels[i];
                 assert!((column - x).abs() < near && (row - y).abs() < near);
@@ -341,10 +308,10 @@ mod tests {
         }
     }
 
-    /// A blob whose centre is known must be found at its place from every level: levels are shifted against each other
-    /// by up to one and a half pixels when pixel centres are mistaken for corners.
+    /// Features of an image and of its mirror image must agree at every level: levels shift against each other by up to one and a
+    /// half pixels when pixel centres are mistaken for pixel corners.
     #[test]
-    fn places_have_no_offset_between_levels() {
+    fn positions_have_no_offset_between_levels() {
         let image = squares(640, 480);
         let mirrored: Vec<u8> = (0..480)
             .flat_map(|y| image.row(y).iter().rev().copied())
@@ -354,19 +321,19 @@ mod tests {
         let (one, other) = (detector.detect(&image), detector.detect(&mirrored));
         for octave in [0, 3, 7] {
             // Each feature of the image against the nearest of its mirror image, turned back.
-            let places = |features: &Features| -> Vec<[f32; 2]> {
+            let positions = |features: &Features| -> Vec<[f32; 2]> {
                 let of_level = features.pixels.iter().zip(&features.octaves);
                 of_level
                     .filter(|(_, o)| **o == octave)
                     .map(|(p, _)| *p)
                     .collect()
             };
-            let turned: Vec<_> = places(&other)
+            let turned: Vec<_> = positions(&other)
                 .into_iter()
                 .map(|[x, y]| [639.0 - x, y])
                 .collect();
             let scale = 1.2_f32.powi(i32::from(octave));
-            let mut offsets: Vec<f32> = places(&one)
+            let mut offsets: Vec<f32> = positions(&one)
                 .into_iter()
                 .filter_map(|[x, y]| {
                     turned

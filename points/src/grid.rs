@@ -1,26 +1,26 @@
-//! Features by their place in the image.
+//! Grid index of features by image position.
 
-/// Side of a cell in pixels: some 7 of 2000 features in a 640x480 image.
+/// Side of a cell: about 7 of 2000 features in a 640x480 image.
 const CELL_PX: f32 = 32.0;
 
-/// Cells along a side at most; images of any size have a bounded grid.
+/// Largest number of cells along a side, which bounds the grid for images of any size.
 const MAX_CELLS: usize = 512;
 
-/// Features by their place in the image: flat lists of a regular grid.
+/// Features of an image in the cells of a regular grid.
 #[derive(Debug, Clone, Default)]
 pub struct FeatureGrid {
     origin: [f32; 2],
     cell: [f32; 2],
     columns: usize,
     rows: usize,
-    /// Where the list of each cell begins, row by row; one more at the end.
+    /// Start of each cell's list, row by row, and the end of the last.
     starts: Vec<u32>,
     /// Indices of features, ascending in each cell.
     entries: Vec<u32>,
 }
 
 impl FeatureGrid {
-    /// Sorts finite pixels into cells.
+    /// A grid of features at finite pixels.
     pub fn new(pixels: &[[f32; 2]]) -> Self {
         let fold = |start: f32, pick: fn(f32, f32) -> f32, axis: usize| {
             pixels.iter().map(|p| p[axis]).fold(start, pick)
@@ -70,9 +70,9 @@ impl FeatureGrid {
         along(1, self.rows) * self.columns + along(0, self.columns)
     }
 
-    /// Cells that an interval meets along an axis, `None` when it is beside the grid or not a number.
+    /// First and last cell that an interval overlaps along an axis; `None` outside the grid or when not a number.
     fn span(&self, axis: usize, count: usize, low: f32, high: f32) -> Option<(usize, usize)> {
-        // Without features there are no cells, and no sides to divide by.
+        // A grid without features has no cells.
         if count == 0 {
             return None;
         }
@@ -84,7 +84,7 @@ impl FeatureGrid {
         Some((first.max(0.0) as usize, (last as usize).min(count - 1)))
     }
 
-    /// Visits every feature in the box between two corners, and some beside it.
+    /// Visits every feature in the box between two corners, and some outside near it.
     pub fn near_box(&self, low: [f32; 2], high: [f32; 2], mut visit: impl FnMut(u32)) {
         let Some((left, right)) = self.span(0, self.columns, low[0], high[0]) else {
             return;
@@ -97,8 +97,8 @@ impl FeatureGrid {
         }
     }
 
-    /// Visits every feature that is at most `band` from the line `a x + b y + c = 0` (of `a^2 + b^2 = 1`) and in the box
-    /// between two corners, and some beside them.
+    /// Visits every feature in the box between two corners that is at most `band` from the line `a x + b y + c = 0`, with
+    /// `a^2 + b^2 = 1`, and some outside near both.
     pub fn near_line(
         &self,
         [a, b, c]: [f32; 3],
@@ -113,7 +113,7 @@ impl FeatureGrid {
         let Some((top, bottom)) = self.span(1, self.rows, low[1], high[1]) else {
             return;
         };
-        // Row by row: the interval of x in which the band meets the row.
+        // Per row of cells: the interval of x in which the band overlaps the row.
         for row in top..=bottom {
             let y = self.origin[1] + row as f32 * self.cell[1];
             let (mut first, mut last) = (left, right);
@@ -135,7 +135,7 @@ impl FeatureGrid {
                     None => continue,
                 }
             } else {
-                // Level: the band has one height everywhere.
+                // A nearly horizontal line.
                 let middle = -c / b;
                 let slack = band + (a / b).abs() * self.columns as f32 * self.cell[0];
                 if y > middle + slack || y + self.cell[1] < middle - slack {
@@ -193,12 +193,12 @@ mod tests {
     }
 
     #[test]
-    fn one_place_and_no_place() {
+    fn one_position_and_none() {
         let grid = FeatureGrid::new(&[[7.0, 7.0]; 3]);
         let mut seen = Vec::new();
         grid.near_box([6.0, 6.0], [8.0, 8.0], |entry| seen.push(entry));
         assert_eq!(seen, [0, 1, 2]);
-        grid.near_box([f32::NAN, 6.0], [8.0, 8.0], |_| panic!("not a place"));
+        grid.near_box([f32::NAN, 6.0], [8.0, 8.0], |_| panic!("not a position"));
         // None beside the origin, none around it.
         for low in [0.0, -1.0, 1.0] {
             let (grid, corners) = (FeatureGrid::new(&[]), ([low; 2], [1e9; 2]));

@@ -1,4 +1,4 @@
-//! A keyframe of the map of points.
+//! A keyframe of the map.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point2, Point3};
@@ -8,22 +8,22 @@ use super::grid::FeatureGrid;
 use super::point::MapPointId;
 use crate::pose_correction::CorrectedPose;
 
-/// A keyframe of the map of points.
+/// A keyframe of a [`PointMap`](super::PointMap).
 #[derive(Debug, Clone)]
 pub struct MapKeyframe {
-    /// Pose of the camera, as given and as corrected.
+    /// Given and corrected pose of the camera.
     pub pose: CorrectedPose,
-    /// What is in the image.
+    /// Features of the image, without lens distortion.
     pub features: Features,
-    /// Where they are in the image as it is; empty when that is where [`Features::pixels`] has them.
+    /// Pixels of the features with distortion; empty when [`Features::pixels`] are these.
     raw_pixels: Vec<[f32; 2]>,
-    /// The same by place.
+    /// Index of the features by position.
     pub(super) grid: FeatureGrid,
-    /// Which point each feature is.
+    /// Point of each feature.
     pub(super) points: Vec<Option<MapPointId>>,
-    /// Standard deviation that the error of the pose adds to projections, as far as it is known.
+    /// Standard deviation of projections by the error of the pose.
     pub(super) pose_sigma_px: f64,
-    /// Where the carver has the camera; `None` before it was told.
+    /// Published camera centre; `None` before the first publication.
     pub(super) published_center: Option<Point3<f64>>,
 }
 
@@ -44,23 +44,23 @@ impl MapKeyframe {
         }
     }
 
-    /// Where the camera is.
+    /// The corrected camera centre.
     pub fn center(&self) -> Point3<f64> {
         self.pose.center()
     }
 
-    /// Inverse of the pose of the camera.
+    /// Inverse of the corrected pose.
     pub fn camera_from_world(&self) -> &Isometry3<f64> {
         self.pose.camera_from_world()
     }
 
-    /// Which point each feature is, in the order of the features.
+    /// Point of each feature, in the order of the features.
     pub fn points(&self) -> &[Option<MapPointId>] {
         &self.points
     }
 
-    /// Puts features to where a pinhole has them, from where `camera` has them in the image.
-    pub(super) fn straighten(&mut self, camera: &Camera, pinhole: &Camera) {
+    /// Undistorts the features: from pixels of `camera` to pixels of `pinhole`.
+    pub(super) fn undistort(&mut self, camera: &Camera, pinhole: &Camera) {
         if camera == pinhole {
             return;
         }
@@ -68,17 +68,17 @@ impl MapKeyframe {
             self.raw_pixels.clone_from(&self.features.pixels);
         }
         for (pixel, raw) in self.features.pixels.iter_mut().zip(&self.raw_pixels) {
-            let straight = camera
+            let undistorted = camera
                 .unproject(&Point2::from(*raw).cast())
                 .ok()
                 .and_then(|direction| pinhole.project(&Point3::from(direction)));
-            // Beyond what the lens model tells it stays.
-            *pixel = straight.map_or(*raw, |p| [p.x as f32, p.y as f32]);
+            // Pixels outside the range of the lens model stay.
+            *pixel = undistorted.map_or(*raw, |p| [p.x as f32, p.y as f32]);
         }
         self.grid = FeatureGrid::new(&self.features.pixels);
     }
 
-    /// Where a feature is in the image as it is.
+    /// Pixel of a feature with distortion.
     pub(super) fn raw_pixel(&self, feature: u32) -> Point2<f64> {
         self.raw_pixels
             .get(feature as usize)

@@ -1,26 +1,22 @@
-//! Map points: sparse points, the views that see them, and where.
-//!
-//! A [`SparseModel`] is what structure from motion and feature-based SLAM leave behind, whether it was read from their files or
-//! made here; it can be carved without a look at the images.
-//!
-//! A [`PointMap`] makes such points from images with known poses, one keyframe after another: ORB [`Features`], matched under
-//! the poses, triangulated, seen again, refined and culled. What a keyframe changes comes out as [`MapChange`]s.
+#![doc = include_str!("../README.md")]
 
 mod changes;
-mod correct;
+mod correct_poses;
 mod create;
 mod describe;
 mod descriptor;
 mod epipolar;
+mod estimate_lens;
+mod fast;
 mod features;
 mod grid;
 mod keyframe;
-mod lens;
 mod map;
 mod observe;
 mod options;
 mod point;
 mod pose_correction;
+mod pyramid;
 mod refine;
 mod spread;
 mod triangulate;
@@ -39,3 +35,6 @@ pub use pose_correction::{
     PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
 };
 pub use triangulate::{Observation, RefinedPoint, parallax_cosine, refine_point, triangulate_rays};
+
+#[cfg(test)]
+mod tests;

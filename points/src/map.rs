@@ -1,94 +1,92 @@
-//! The map of points, one keyframe after another.
+//! The incremental map of points.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point3};
 
 use super::changes::MapChange;
+use super::estimate_lens::LENS_KEYFRAMES;
 use super::features::Features;
 use super::keyframe::MapKeyframe;
-use super::lens::LOOK_AT;
 use super::options::{MapPointOptions, PointOptionsError};
 use super::point::{MapObservation, MapPoint, MapPointId};
 use crate::pose_correction::{CorrectedLens, PoseCorrectionOptions};
 use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 
-/// Points that several keyframes see, found in their images under known poses.
+/// Map points of keyframes with known poses, built keyframe by keyframe.
 ///
-/// Each keyframe is taken through the same steps, after those of local mapping in ORB-SLAM2: points whose projection falls
-/// on a feature like them are seen again; features that are no point yet are matched with those of the keyframes that share
-/// most points, and triangulated; points touched are refined, wrong sightings dropped; points that too few keyframes see
-/// are given up.
+/// [`push`](Self::push) follows the local mapping of ORB-SLAM2. Known points are matched with features near their projections.
+/// Features without a point are matched along epipolar lines with the keyframes that share most points, and triangulated.
+/// Affected points are refined and outliers dropped. Points with too few observations are culled.
 ///
-/// Poses are corrected by the points, each within what it may be wrong by, unless that is switched off; then only points move.
-/// The same keyframes give the same map.
+/// Poses are corrected by the points within their uncertainty, unless pose correction is off. The same keyframes give the same
+/// map.
 ///
 /// # Complexity
-/// A keyframe costs a projection of every living point; what else it costs depends on the points in view. Memory: some
-/// 100 kB a keyframe of 2000 features, for its descriptors.
+/// A keyframe projects every point of the map; all other work depends on the points in view. Memory: about 100 kB per keyframe
+/// of 2000 features.
 ///
 /// # Reference
 /// R. Mur-Artal, J. D. Tardos, "ORB-SLAM2: an open-source SLAM system for monocular, stereo and RGB-D cameras", IEEE
-/// Transactions on Robotics 33(5), 2017, and "ORB-SLAM", 31(5), 2015, section VI. *Differs:* poses are given, so features
-/// are matched along whole epipolar lines, not within words of a vocabulary, and directions are compared with what the
-/// poses say, not with a histogram; a sighting must agree within the deviation of point, feature and pose together; a
-/// point's position must be known to a share of its distance.
+/// Transactions on Robotics 33(5), 2017, and "ORB-SLAM", 31(5), 2015, section VI. *Differs:* poses are given, so matching uses
+/// whole epipolar lines in place of a vocabulary, and predicted orientations in place of a histogram. An inlier must agree
+/// within the joint uncertainty of point, feature and pose. The relative uncertainty of a point is bounded.
 #[derive(Debug, Clone)]
 pub struct PointMap {
     pub(super) options: MapPointOptions,
     pub(super) correction: PoseCorrectionOptions,
-    /// The pinhole in whose pixels the features of keyframes are.
+    /// The pinhole camera of undistorted features.
     pub(super) camera: Camera,
-    /// The camera of the images.
+    /// The camera of the images, with distortion.
     pub(super) lens: CorrectedLens,
     /// Width and height of the images.
     pub(super) size: [f64; 2],
     pub(super) keyframes: Vec<MapKeyframe>,
-    /// By id; what is gone leaves `None`.
+    /// Points by id; `None` after removal.
     pub(super) points: Vec<Option<Box<MapPoint>>>,
-    /// Ids of the points there are, ascending.
+    /// Ids of the existing points, ascending.
     pub(super) living: Vec<MapPointId>,
-    /// Those of them that may yet be given up.
+    /// Young points that may still be culled.
     pub(super) on_probation: Vec<MapPointId>,
     /// Points to be refined.
     pub(super) dirty: Vec<MapPointId>,
-    /// Points of which something may have to be told.
+    /// Points that may differ from their published state.
     pub(super) touched: Vec<MapPointId>,
-    /// Points that were told of and are gone.
+    /// Published points that were removed.
     pub(super) withdrawn: Vec<MapPointId>,
     pub(super) changes: Vec<MapChange>,
 }
 
-/// What a keyframe did to the map.
+/// Effect of one keyframe on the map.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PointCounts {
-    /// Features in the image.
+    /// Features of the image.
     pub features: usize,
-    /// Points that were seen again.
+    /// Known points observed again.
     pub observed_again: usize,
-    /// Points that are new, good or not.
+    /// New points.
     pub created: usize,
-    /// Points that were given up.
+    /// Culled points.
     pub removed: usize,
-    /// Points that are carved, after this keyframe.
+    /// Established points after this keyframe.
     pub established: usize,
 }
 
-/// How well points and pixels agree.
+/// Reprojection errors of the established points.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MapQuality {
-    /// Points that are carved.
+    /// Established points.
     pub points: usize,
-    /// Sightings of them.
+    /// Observations of these points.
     pub observations: usize,
-    /// Root of the mean squared distance of their projections from their features, in pixels of the image.
+    /// Root mean square of their reprojection errors.
     pub reprojection_rms_px: f64,
-    /// Median of those distances.
+    /// Median of their reprojection errors.
     pub reprojection_median_px: f64,
 }
 
 impl PointMap {
-    /// An empty map for images of `camera`, a pinhole, of `width` by `height` pixels. Poses are corrected as `correction` says;
-    /// [`PoseCorrectionOptions::off`] takes them as they are.
+    /// An empty map for images of `width` by `height` pixels of a pinhole `camera`. [`PoseCorrectionOptions::off`] keeps poses as
+    /// given.
     ///
     /// # Errors
     /// When an option is out of range.
@@ -118,9 +116,9 @@ impl PointMap {
         })
     }
 
-    /// Adds a keyframe; what that changes is then in [`changes`](Self::changes).
+    /// Adds a keyframe. [`changes`](Self::changes) then holds the changes of established points.
     ///
-    /// A pose that is not finite sees nothing: the keyframe is counted, and no point refers to it.
+    /// A keyframe whose pose is not finite is counted but has no observations.
     pub fn push(
         &mut self,
         world_from_camera: &Isometry3<f64>,
@@ -144,27 +142,27 @@ impl PointMap {
             self.options.pose_sigma_px
         };
         let mut new = MapKeyframe::new(*world_from_camera, features, pose_sigma_px);
-        new.straighten(self.lens.camera(), &self.camera);
+        new.undistort(self.lens.camera(), &self.camera);
         self.keyframes.push(new);
         if is_finite {
             if self.correction.enabled {
-                self.correct_new(number);
+                self.correct_new_pose(number);
             }
-            counts.observed_again = self.observe(number);
+            counts.observed_again = self.match_known_points(number);
             self.refine_dirty();
-            counts.created = self.create(number);
+            counts.created = self.create_points(number);
             self.refine_dirty();
             if self.correction.enabled {
                 let was_known = self.is_corrected(number);
-                self.adjust_around(number);
+                self.adjust_local(number);
                 self.refine_dirty();
                 if !was_known && self.is_corrected(number) {
-                    // What was matched under a poor pose is matched again under a good one.
-                    counts.created += self.create(number);
+                    // Match again under the corrected pose.
+                    counts.created += self.create_points(number);
                     self.refine_dirty();
                 }
-                if self.correction.lens && LOOK_AT.contains(&self.keyframes.len()) {
-                    self.find_lens();
+                if self.correction.lens && LENS_KEYFRAMES.contains(&self.keyframes.len()) {
+                    self.estimate_lens();
                 }
             }
         }
@@ -178,27 +176,27 @@ impl PointMap {
         counts
     }
 
-    /// How points are made.
+    /// The options of the map.
     pub fn options(&self) -> &MapPointOptions {
         &self.options
     }
 
-    /// What the last keyframe changed in the points that are carved, in the order of application.
+    /// Changes by the last keyframe or adjustment, in their order.
     pub fn changes(&self) -> &[MapChange] {
         &self.changes
     }
 
-    /// The keyframes in their order.
+    /// The keyframes, in order.
     pub fn keyframes(&self) -> &[MapKeyframe] {
         &self.keyframes
     }
 
-    /// A point; `None` when it is gone.
+    /// A point; `None` after its removal.
     pub fn point(&self, id: MapPointId) -> Option<&MapPoint> {
         self.points.get(id.0 as usize)?.as_deref()
     }
 
-    /// The points that are carved, by id.
+    /// The established points, by id.
     pub fn established(&self) -> impl Iterator<Item = (MapPointId, &MapPoint)> {
         self.living
             .iter()
@@ -206,48 +204,44 @@ impl PointMap {
             .filter(|(_, point)| point.is_established)
     }
 
-    /// Median depth of the points that are carved in the keyframes that see them; `None` without one.
+    /// Median depth of the established points in the keyframes that observe them; `None` without points.
     pub fn median_depth(&self) -> Option<f64> {
-        let mut depths: Vec<f64> = self
+        let depths: Vec<f64> = self
             .established()
             .flat_map(|(_, point)| {
-                point.observations.iter().map(|sighting| {
-                    let keyframe = &self.keyframes[sighting.keyframe as usize];
+                point.observations.iter().map(|observation| {
+                    let keyframe = &self.keyframes[observation.keyframe as usize];
                     (keyframe.camera_from_world() * point.point_in_world).z
                 })
             })
             .collect();
-        let middle = depths.len() / 2;
-        (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+        median(depths)
     }
 
-    /// How well points and pixels agree.
+    /// Reprojection errors of the established points.
     pub fn quality(&self) -> MapQuality {
         let mut distances = Vec::new();
         let mut points = 0;
         for (_, point) in self.established() {
             points += 1;
-            distances.extend(point.observations.iter().filter_map(|sighting| {
-                let keyframe = &self.keyframes[sighting.keyframe as usize];
+            distances.extend(point.observations.iter().filter_map(|observation| {
+                let keyframe = &self.keyframes[observation.keyframe as usize];
                 let pixel = self
                     .camera
                     .project(&(keyframe.camera_from_world() * point.point_in_world))?;
-                Some((pixel - keyframe.pixel(sighting.feature)).norm())
+                Some((pixel - keyframe.pixel(observation.feature)).norm())
             }));
         }
-        let sightings = distances.len();
-        if sightings == 0 {
+        let observations = distances.len();
+        if observations == 0 {
             return MapQuality::default();
         }
         let squares: f64 = distances.iter().map(|distance| distance * distance).sum();
-        let median = *distances
-            .select_nth_unstable_by(sightings / 2, f64::total_cmp)
-            .1;
         MapQuality {
             points,
-            observations: sightings,
-            reprojection_rms_px: (squares / sightings as f64).sqrt(),
-            reprojection_median_px: median,
+            observations,
+            reprojection_rms_px: (squares / observations as f64).sqrt(),
+            reprojection_median_px: median(distances).unwrap_or(0.0),
         }
     }
 
@@ -289,11 +283,11 @@ impl PointMap {
         SparseModel { views, points }
     }
 
-    /// Adds a point that no feature is yet.
+    /// Adds a point and assigns its features.
     pub(super) fn insert(&mut self, point: MapPoint) -> MapPointId {
         let id = MapPointId(self.points.len() as u32);
-        for sighting in &point.observations {
-            self.assign(*sighting, Some(id));
+        for observation in &point.observations {
+            self.assign(*observation, Some(id));
         }
         self.points.push(Some(Box::new(point)));
         self.living.push(id);
@@ -302,36 +296,42 @@ impl PointMap {
         id
     }
 
-    /// Removes a point from the map and from its features.
+    /// Removes a point and unassigns its features.
     pub(super) fn remove(&mut self, id: MapPointId) {
         let Some(point) = self.points[id.0 as usize].take() else {
             return;
         };
-        for sighting in &point.observations {
-            self.assign(*sighting, None);
+        for observation in &point.observations {
+            self.assign(*observation, None);
         }
         if point.published.is_some() {
             self.withdrawn.push(id);
         }
     }
 
-    /// Lets a keyframe see a point that it does not see yet.
-    pub(super) fn add_sighting(&mut self, id: MapPointId, sighting: MapObservation) {
+    /// Adds an observation to a point.
+    pub(super) fn add_observation(&mut self, id: MapPointId, observation: MapObservation) {
         if let Some(point) = self.points[id.0 as usize].as_deref_mut() {
-            point.add_sighting(sighting);
-            self.assign(sighting, Some(id));
+            point.add_observation(observation);
+            self.assign(observation, Some(id));
             self.dirty.push(id);
         }
     }
 
-    pub(super) fn assign(&mut self, sighting: MapObservation, point: Option<MapPointId>) {
-        let keyframe = &mut self.keyframes[sighting.keyframe as usize];
-        keyframe.points[sighting.feature as usize] = point;
+    pub(super) fn assign(&mut self, observation: MapObservation, point: Option<MapPointId>) {
+        let keyframe = &mut self.keyframes[observation.keyframe as usize];
+        keyframe.points[observation.feature as usize] = point;
     }
 
     pub(super) fn center(&self, keyframe: u32) -> Point3<f64> {
         self.keyframes[keyframe as usize].center()
     }
+}
+
+/// Median, the larger of two middle values; `None` of no values.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]

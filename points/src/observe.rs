@@ -1,46 +1,46 @@
-//! Points that a keyframe sees again.
+//! Matching of known points with a keyframe, by projection.
 
 use nalgebra::{Matrix2, Point2};
 
-use super::epipolar::{LEVEL_TOLERANCE, TwoViewGeometry, angle_between, clear_best};
+use super::epipolar::{LEVEL_TOLERANCE, TwoViewGeometry, angle_between, ratio_test};
 use super::map::PointMap;
 use super::point::{MapObservation, MapPoint, MapPointId};
-use super::triangulate::CHI2_PIXEL;
+use crate::pose_correction::CHI2_PIXEL;
 
-/// The best candidate for a known point must be below this share of the second best, as in ORB-SLAM2.
+/// Ratio test of known points, as in ORB-SLAM2.
 const KNOWN_RATIO: f64 = 0.9;
 
-/// A point is looked for when it is seen within 60 degrees of the mean direction from which it was.
+/// Largest deviation from the mean viewing direction: 60 degrees.
 const VIEWING_COSINE: f64 = 0.5;
 
-/// Half the side of the window in which a badly known point is looked for, at most.
+/// Largest half side of the search window of an uncertain point.
 const WIDEST_SEARCH_PX: f64 = 40.0;
 
-/// Where and how a keyframe should see a point.
+/// Predicted observation of a point in a keyframe.
 struct Prediction {
     pixel: Point2<f64>,
-    /// Covariance of the pixel from that of the point.
-    spread: Matrix2<f64>,
+    /// Covariance of the pixel by that of the point.
+    covariance: Matrix2<f64>,
     octave: f64,
     angle_rad: f32,
 }
 
-/// What a search for known points found.
-pub(super) struct Found {
-    /// Points that should be seen.
+/// Matches of known points with the features of a keyframe.
+pub(super) struct ProjectionMatches {
+    /// Points predicted to be visible.
     expected: Vec<MapPointId>,
-    /// The point that each feature is, and the bits in which they differ.
-    pub(super) winners: Vec<Option<(u32, MapPointId)>>,
-    /// Points that another one beat to a feature.
-    losers: Vec<(MapPointId, u32)>,
+    /// Per feature: descriptor distance and point of its best match.
+    pub(super) matches: Vec<Option<(u32, MapPointId)>>,
+    /// Points whose feature has a better match: candidates for merging.
+    duplicates: Vec<(MapPointId, u32)>,
 }
 
 impl PointMap {
-    /// Looks for the points that a new keyframe sees.
-    pub(super) fn search(&self, keyframe: u32) -> Found {
+    /// Matches the points of the map with a new keyframe.
+    pub(super) fn search_by_projection(&self, keyframe: u32) -> ProjectionMatches {
         let count = self.keyframes[keyframe as usize].features.len();
-        let mut winners: Vec<Option<(u32, MapPointId)>> = vec![None; count];
-        let mut losers: Vec<(MapPointId, u32)> = Vec::new();
+        let mut matches: Vec<Option<(u32, MapPointId)>> = vec![None; count];
+        let mut duplicates: Vec<(MapPointId, u32)> = Vec::new();
         let mut expected = Vec::new();
         for &id in &self.living {
             let Some(point) = self.point(id) else {
@@ -50,63 +50,63 @@ impl PointMap {
                 continue;
             };
             expected.push(id);
-            let Some((distance, feature)) = self.find(point, &prediction, keyframe) else {
+            let Some((distance, feature)) = self.find_match(point, &prediction, keyframe) else {
                 continue;
             };
-            let slot = &mut winners[feature as usize];
+            let slot = &mut matches[feature as usize];
             match slot {
-                Some((best, winner)) if *best <= distance => losers.push((id, feature)),
-                Some((_, winner)) => {
-                    losers.push((*winner, feature));
+                Some((best, matched)) if *best <= distance => duplicates.push((id, feature)),
+                Some((_, matched)) => {
+                    duplicates.push((*matched, feature));
                     *slot = Some((distance, id));
                 }
                 None => *slot = Some((distance, id)),
             }
         }
-        Found {
+        ProjectionMatches {
             expected,
-            winners,
-            losers,
+            matches,
+            duplicates,
         }
     }
 
-    /// Finds the points that a new keyframe sees; returns how many.
-    pub(super) fn observe(&mut self, keyframe: u32) -> usize {
-        let Found {
+    /// Adds the observations of known points in a new keyframe; returns their number.
+    pub(super) fn match_known_points(&mut self, keyframe: u32) -> usize {
+        let ProjectionMatches {
             expected,
-            winners,
-            mut losers,
-        } = self.search(keyframe);
+            matches,
+            mut duplicates,
+        } = self.search_by_projection(keyframe);
         for id in expected {
             if let Some(point) = self.points[id.0 as usize].as_deref_mut() {
                 point.visible += 1;
             }
         }
         let mut observed = 0;
-        for (feature, winner) in winners.iter().enumerate() {
-            let Some((_, id)) = *winner else { continue };
+        for (feature, matched) in matches.iter().enumerate() {
+            let Some((_, id)) = *matched else { continue };
             let feature = feature as u32;
-            self.add_sighting(id, MapObservation { keyframe, feature });
+            self.add_observation(id, MapObservation { keyframe, feature });
             if let Some(point) = self.points[id.0 as usize].as_deref_mut() {
                 point.found += 1;
             }
             observed += 1;
         }
-        // Two points that one feature could be are perhaps one point.
-        losers.sort_unstable();
-        for (loser, feature) in losers {
-            if let Some((_, winner)) = winners[feature as usize] {
-                self.merge(loser, winner);
+        // Two points that match the same feature may be the same point.
+        duplicates.sort_unstable();
+        for (duplicate, feature) in duplicates {
+            if let Some((_, matched)) = matches[feature as usize] {
+                self.merge(duplicate, matched);
             }
         }
         observed
     }
 
-    /// Where a keyframe should see a point; `None` when it should not.
+    /// Predicted observation of a point; `None` when it is not visible.
     fn predict(&self, point: &MapPoint, keyframe: u32) -> Option<Prediction> {
         let view = &self.keyframes[keyframe as usize];
         let in_camera = view.camera_from_world() * point.point_in_world;
-        // The cheap tests first: this runs for every point of the map.
+        // Cheap tests first: this runs for every point of the map.
         let pixel = self.camera.project(&in_camera)?;
         let [width, height] = self.size;
         let is_inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width && pixel.y < height;
@@ -139,7 +139,7 @@ impl PointMap {
         let jacobian = by_point * rotation.matrix();
         Some(Prediction {
             pixel,
-            spread: jacobian * point.covariance * jacobian.transpose(),
+            covariance: jacobian * point.covariance * jacobian.transpose(),
             octave,
             angle_rad: geometry.transfer_angle(
                 first.features.pixels[feature],
@@ -148,14 +148,19 @@ impl PointMap {
         })
     }
 
-    /// The feature of a keyframe that a point clearly is, and the bits in which they differ.
-    fn find(&self, point: &MapPoint, prediction: &Prediction, keyframe: u32) -> Option<(u32, u32)> {
+    /// Descriptor distance and feature of the best match that passes the ratio test.
+    fn find_match(
+        &self,
+        point: &MapPoint,
+        prediction: &Prediction,
+        keyframe: u32,
+    ) -> Option<(u32, u32)> {
         let view = &self.keyframes[keyframe as usize];
         let features = &view.features;
         let coarsest = (prediction.octave + LEVEL_TOLERANCE).clamp(0.0, 15.0) as u8;
         let widest = self.options.sigma_px(coarsest, view.pose_sigma_px);
         let reach = |axis: usize| {
-            let variance = prediction.spread[(axis, axis)] + widest * widest;
+            let variance = prediction.covariance[(axis, axis)] + widest * widest;
             (CHI2_PIXEL * variance).sqrt().min(WIDEST_SEARCH_PX)
         };
         let (x, y) = (prediction.pixel.x, prediction.pixel.y);
@@ -172,9 +177,9 @@ impl PointMap {
                 return;
             }
             let sigma = self.options.sigma_px(octave, view.pose_sigma_px);
-            let spread = prediction.spread + Matrix2::identity() * (sigma * sigma);
+            let covariance = prediction.covariance + Matrix2::identity() * (sigma * sigma);
             let error = view.pixel(feature) - prediction.pixel;
-            let is_near = spread
+            let is_near = covariance
                 .try_inverse()
                 .is_some_and(|information| error.dot(&(information * error)) < CHI2_PIXEL);
             if is_near && error.amax() <= WIDEST_SEARCH_PX {
@@ -182,26 +187,26 @@ impl PointMap {
                 candidates.push((distance, feature));
             }
         });
-        clear_best(&candidates, features, &self.options, KNOWN_RATIO)
+        ratio_test(&candidates, features, &self.options, KNOWN_RATIO)
             .filter(|(distance, _)| *distance <= self.options.known_descriptor_distance)
     }
 
-    /// Looks for a point in an older keyframe that does not see it yet. A feature that is another point joins the two,
-    /// when one position fits all their pixels. Returns the id of the point, which joining may change.
-    pub(super) fn extend(&mut self, id: MapPointId, keyframe: u32) -> MapPointId {
+    /// Matches a point with an older keyframe that does not observe it yet. When the feature has another point, merges the two if
+    /// one position fits all observations. Returns the id of the point, which a merger may change.
+    pub(super) fn extend_track(&mut self, id: MapPointId, keyframe: u32) -> MapPointId {
         let found = self.point(id).and_then(|point| {
             if point.observation_in(keyframe).is_some() {
                 return None;
             }
             let prediction = self.predict(point, keyframe)?;
-            self.find(point, &prediction, keyframe)
+            self.find_match(point, &prediction, keyframe)
         });
         let Some((_, feature)) = found else {
             return id;
         };
         match self.keyframes[keyframe as usize].points[feature as usize] {
             None => {
-                self.add_sighting(id, MapObservation { keyframe, feature });
+                self.add_observation(id, MapObservation { keyframe, feature });
                 id
             }
             Some(other) => {
@@ -214,7 +219,7 @@ impl PointMap {
         }
     }
 
-    /// Makes one point of two when one position fits the pixels of both: `lost` becomes `kept`. Returns whether it did.
+    /// Merges `lost` into `kept` when one position fits the observations of both. Returns whether it did.
     pub(super) fn merge(&mut self, lost: MapPointId, kept: MapPointId) -> bool {
         let (Some(from), Some(into)) = (self.point(lost), self.point(kept)) else {
             return false;
@@ -223,7 +228,7 @@ impl PointMap {
             .observations
             .iter()
             .copied()
-            .filter(|sighting| into.observation_in(sighting.keyframe).is_none())
+            .filter(|observation| into.observation_in(observation.keyframe).is_none())
             .collect();
         let together: Vec<MapObservation> =
             into.observations.iter().chain(&added).copied().collect();
@@ -232,13 +237,13 @@ impl PointMap {
         };
         let all_fit = together
             .iter()
-            .all(|sighting| self.chi2(sighting, &refined.point_in_world) < CHI2_PIXEL);
+            .all(|observation| self.chi2(observation, &refined.point_in_world) < CHI2_PIXEL);
         if !all_fit {
             return false;
         }
         self.remove(lost);
-        for sighting in added {
-            self.add_sighting(kept, sighting);
+        for observation in added {
+            self.add_observation(kept, observation);
         }
         true
     }

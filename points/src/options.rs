@@ -1,42 +1,42 @@
-//! How map points are made.
+//! Options of features and map points.
 
 use serde::{Deserialize, Serialize};
 
-/// How map points are made. Lengths are in pixels, or shares of a distance: nothing is in units of the map.
+/// Options of features and map points. Lengths are in pixels or relative; no option depends on the unit of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MapPointOptions {
-    /// Features asked for in an image; about as many are found where there is enough texture.
+    /// Number of features to detect per image, where there is enough texture.
     pub features: usize,
     /// Levels of the image pyramid.
     pub levels: usize,
-    /// Size of a level after that of the next.
+    /// Ratio of the sizes of successive pyramid levels.
     pub scale_factor: f64,
-    /// A corner's ring differs from its centre by this many grey levels.
+    /// FAST threshold in grey levels.
     pub corner_threshold: u8,
-    /// Standard deviation of a feature's position at the finest level; it grows with the level's pixels.
+    /// Standard deviation of feature positions at the finest level; it scales with the pixels of a level.
     pub feature_sigma_px: f64,
-    /// Standard deviation that the errors of calibration, and of poses once they are corrected, add to every projection.
+    /// Standard deviation of projections by errors of calibration and of corrected poses.
     pub pose_sigma_px: f64,
-    /// Keyframes with which a new one is matched: those that share most points, then the latest.
+    /// Number of keyframes to match with a new one: those that share most points, then the latest.
     pub neighbors: usize,
-    /// Bits in which the descriptors of one point may differ when it is new ...
+    /// Largest descriptor distance, in bits, of matches that create a point.
     pub new_descriptor_distance: u32,
-    /// ... and when it is seen again, where its place is known.
+    /// Largest descriptor distance, in bits, of matches with a known point.
     pub known_descriptor_distance: u32,
-    /// The best candidate is taken when its distance is below this share of the second best's.
+    /// Ratio test: largest ratio of the best to the second-best descriptor distance.
     pub ratio: f64,
-    /// Difference of a feature's direction from what the poses say.
+    /// Largest deviation of the orientation of a feature from its prediction.
     pub rotation_degrees: f64,
-    /// Smallest angle between the rays of a point: some two of them must differ by more.
+    /// Smallest parallax: the largest angle between two rays of a point must exceed it.
     pub parallax_degrees: f64,
-    /// A point is kept when this many keyframes see it.
+    /// Smallest number of observations of an established point.
     pub min_views: usize,
-    /// A point that is not is given up after this many further keyframes.
+    /// Number of keyframes after which a point with fewer observations is culled.
     pub probation: usize,
-    /// Largest standard deviation of a point's position, as a share of its distance from the nearest keyframe that sees it.
+    /// Largest standard deviation of a point relative to its distance from the nearest observing keyframe.
     pub max_relative_sigma: f64,
-    /// The carved place of a point follows once it is off by this many standard deviations.
+    /// A point is published again when it has moved by more than this many standard deviations.
     pub move_sigmas: f64,
 }
 
@@ -82,7 +82,7 @@ impl MapPointOptions {
     /// Checks the ranges.
     ///
     /// # Errors
-    /// The first value out of range.
+    /// The first option out of range.
     pub fn validate(&self) -> Result<(), PointOptionsError> {
         let within = |key, value: f64, low: f64, high: f64, expected| {
             if value >= low && value <= high {
@@ -145,12 +145,12 @@ impl MapPointOptions {
         within("move_sigmas", self.move_sigmas, 0.0, 1e6, "0 or more")
     }
 
-    /// Standard deviation of a projection from a feature of a pyramid level, with that of the pose.
+    /// Standard deviation of a reprojection error, by feature and pose.
     pub(super) fn sigma_px(&self, octave: u8, pose_sigma_px: f64) -> f64 {
         (self.feature_sigma_px * self.scale(octave)).hypot(pose_sigma_px)
     }
 
-    /// Pixels of the image to a pixel of a pyramid level.
+    /// Size of a pixel of a pyramid level in pixels of the image.
     pub(super) fn scale(&self, octave: u8) -> f64 {
         self.scale_factor.powi(i32::from(octave))
     }

@@ -1,73 +1,74 @@
-//! A point of the map.
+//! Points of the map.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::descriptor::Descriptor;
 
-/// A point of a [`PointMap`](super::PointMap). Never given again, also when the point is removed.
+/// Id of a point of a [`PointMap`](super::PointMap). Ids are not reused after a removal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MapPointId(pub u32);
 
-/// A feature that is a point.
+/// An observation of a map point: a feature of a keyframe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct MapObservation {
     /// Number of the keyframe in the map.
     pub keyframe: u32,
-    /// Which of its features.
+    /// Index of the feature in the keyframe.
     pub feature: u32,
 }
 
 /// A point of the map.
 #[derive(Debug, Clone)]
 pub struct MapPoint {
-    /// Where it is.
+    /// Position of the point.
     pub point_in_world: Point3<f64>,
-    /// How well that is known.
+    /// Covariance of the position.
     pub covariance: Matrix3<f64>,
-    /// Who sees it, by keyframe; each keyframe once.
+    /// Observations by ascending keyframe, at most one per keyframe.
     pub observations: Vec<MapObservation>,
-    /// What it looks like.
+    /// Descriptor that represents the observations.
     pub descriptor: Descriptor,
-    /// Mean direction from its keyframes to it.
+    /// Mean viewing direction: from the observing keyframes to the point.
     pub(super) viewing: Vector3<f64>,
-    /// The keyframe that made it.
-    pub(super) born: u32,
-    /// Keyframes in which it should be seen, and was.
+    /// Number of the keyframe that created the point.
+    pub(super) created_by: u32,
+    /// Number of keyframes in which the point was predicted to be visible.
     pub(super) visible: u32,
+    /// Number of keyframes in which it was matched.
     pub(super) found: u32,
-    /// Whether it is good enough to be carved.
+    /// Whether the point is established.
     pub(super) is_established: bool,
-    /// What has been told of it.
+    /// Published state; `None` when not published.
     pub(super) published: Option<Published>,
 }
 
-/// What the carver knows of a point.
+/// Published state of a point.
 #[derive(Debug, Clone)]
 pub(super) struct Published {
     pub(super) point_in_world: Point3<f64>,
-    /// Keyframes, ascending.
+    /// Observing keyframes, ascending.
     pub(super) keyframes: Vec<u32>,
 }
 
 impl MapPoint {
-    /// Whether the point is part of the map that is carved: seen often enough, under enough parallax, and well known.
+    /// Whether the point is established: it has enough observations and parallax, and a small relative uncertainty.
     pub fn is_established(&self) -> bool {
         self.is_established
     }
 
-    /// The feature of a keyframe that is this point.
+    /// The observation in a keyframe.
     pub fn observation_in(&self, keyframe: u32) -> Option<MapObservation> {
         let at = self
             .observations
-            .binary_search_by_key(&keyframe, |sighting| sighting.keyframe);
+            .binary_search_by_key(&keyframe, |observation| observation.keyframe);
         at.ok().map(|index| self.observations[index])
     }
 
-    /// Adds a sighting in a keyframe that has none yet.
-    pub(super) fn add_sighting(&mut self, sighting: MapObservation) {
+    /// Adds an observation in a keyframe that has none yet.
+    pub(super) fn add_observation(&mut self, observation: MapObservation) {
         let at = self
             .observations
-            .partition_point(|other| other.keyframe < sighting.keyframe);
-        self.observations.insert(at, sighting);
+            .partition_point(|other| other.keyframe < observation.keyframe);
+        self.observations.insert(at, observation);
     }
 }

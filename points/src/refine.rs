@@ -1,4 +1,4 @@
-//! Points brought to where their sightings have them, and points given up.
+//! Refinement and culling of points.
 
 use nalgebra::Point3;
 
@@ -6,40 +6,42 @@ use super::create::{largest_sigma, mean_direction};
 use super::descriptor::Descriptor;
 use super::map::PointMap;
 use super::point::{MapObservation, MapPointId};
-use super::triangulate::{CHI2_PIXEL, Observation, RefinedPoint, parallax_cosine, refine_point};
+use super::triangulate::{Observation, RefinedPoint, parallax_cosine, refine_point};
+use crate::pose_correction::CHI2_PIXEL;
 
-/// A young point must be found in this share of the keyframes that should see it, as in ORB-SLAM2.
+/// Smallest share of the keyframes predicted to see a young point that match it, as in ORB-SLAM2.
 const MIN_FOUND_SHARE: f64 = 0.25;
 
 impl PointMap {
-    /// A sighting as the refinement takes it.
-    fn sight(&self, sighting: &MapObservation) -> Observation {
-        let keyframe = &self.keyframes[sighting.keyframe as usize];
-        let octave = keyframe.features.octaves[sighting.feature as usize];
+    /// An observation with pose, pixel and deviation.
+    fn observation(&self, observation: &MapObservation) -> Observation {
+        let keyframe = &self.keyframes[observation.keyframe as usize];
+        let octave = keyframe.features.octaves[observation.feature as usize];
         Observation {
             camera_from_world: *keyframe.camera_from_world(),
-            pixel: keyframe.pixel(sighting.feature),
+            pixel: keyframe.pixel(observation.feature),
             sigma_px: self.options.sigma_px(octave, keyframe.pose_sigma_px),
         }
     }
 
-    /// Squared error of a sighting in variances; infinite behind the camera.
-    pub(super) fn chi2(&self, sighting: &MapObservation, point: &Point3<f64>) -> f64 {
-        let chi2 = self.sight(sighting).chi2(&self.camera, point);
+    /// Squared reprojection error in variances; infinite behind the camera.
+    pub(super) fn chi2(&self, observation: &MapObservation, point: &Point3<f64>) -> f64 {
+        let chi2 = self.observation(observation).chi2(&self.camera, point);
         chi2.unwrap_or(f64::INFINITY)
     }
 
-    /// The point that fits some sightings best.
+    /// The point with the smallest reprojection errors.
     pub(super) fn fit(
         &self,
-        sightings: &[MapObservation],
+        observations: &[MapObservation],
         start: Point3<f64>,
     ) -> Option<RefinedPoint> {
-        let sights: Vec<Observation> = sightings.iter().map(|s| self.sight(s)).collect();
-        refine_point(&self.camera, &sights, start)
+        let observations: Vec<Observation> =
+            observations.iter().map(|s| self.observation(s)).collect();
+        refine_point(&self.camera, &observations, start)
     }
 
-    /// Refines every point whose sightings changed, drops sightings that do not fit, and judges the point anew.
+    /// Refines every point whose observations changed, drops outliers and updates whether the point is established.
     pub(super) fn refine_dirty(&mut self) {
         let mut dirty = std::mem::take(&mut self.dirty);
         dirty.sort_unstable();
@@ -54,29 +56,32 @@ impl PointMap {
         self.dirty = dirty;
     }
 
-    /// `None` when nothing is left of the point.
+    /// `None` when fewer than two observations are left.
     fn refine(&mut self, id: MapPointId) -> Option<()> {
         let point = self.point(id)?;
-        let mut sightings = point.observations.clone();
-        let mut refined = self.fit(&sightings, point.point_in_world)?;
-        // The worst goes first: it may be what spoils the others.
+        let mut observations = point.observations.clone();
+        let mut refined = self.fit(&observations, point.point_in_world)?;
+        // Drop the worst outlier first: it may cause the other errors.
         loop {
-            let errors = sightings
+            let errors = observations
                 .iter()
-                .map(|sighting| self.chi2(sighting, &refined.point_in_world));
+                .map(|observation| self.chi2(observation, &refined.point_in_world));
             let (worst, error) = errors.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
             if error < CHI2_PIXEL {
                 break;
             }
-            let gone = sightings.remove(worst);
+            let gone = observations.remove(worst);
             self.assign(gone, None);
-            if sightings.len() < 2 {
+            if observations.len() < 2 {
                 break;
             }
-            refined = self.fit(&sightings, refined.point_in_world)?;
+            refined = self.fit(&observations, refined.point_in_world)?;
         }
-        let centers: Vec<Point3<f64>> = sightings.iter().map(|s| self.center(s.keyframe)).collect();
-        let descriptors: Vec<Descriptor> = sightings
+        let centers: Vec<Point3<f64>> = observations
+            .iter()
+            .map(|s| self.center(s.keyframe))
+            .collect();
+        let descriptors: Vec<Descriptor> = observations
             .iter()
             .map(|s| self.keyframes[s.keyframe as usize].features.descriptors[s.feature as usize])
             .collect();
@@ -86,13 +91,13 @@ impl PointMap {
             .map(|center| (at - center).norm())
             .fold(f64::INFINITY, f64::min);
         let options = &self.options;
-        let is_established = sightings.len() >= options.min_views
+        let is_established = observations.len() >= options.min_views
             && parallax_cosine(&centers, &at) < options.parallax_degrees.to_radians().cos()
             && largest_sigma(&refined.covariance) < options.max_relative_sigma * nearest;
-        let is_left = sightings.len() >= 2;
+        let is_left = observations.len() >= 2;
 
         let point = self.points[id.0 as usize].as_deref_mut()?;
-        point.observations = sightings;
+        point.observations = observations;
         point.point_in_world = at;
         point.covariance = refined.covariance;
         point.viewing = mean_direction(&centers, &at);
@@ -101,14 +106,14 @@ impl PointMap {
         is_left.then_some(())
     }
 
-    /// Gives up young points that too few keyframes see, and ends the probation of those that enough do.
+    /// Culls young points with too few observations and ends the probation of the others.
     pub(super) fn cull(&mut self, keyframe: u32) {
         let mut on_probation = std::mem::take(&mut self.on_probation);
         on_probation.retain(|&id| {
             let Some(point) = self.point(id) else {
                 return false;
             };
-            let age = (keyframe - point.born) as usize;
+            let age = (keyframe - point.created_by) as usize;
             let is_rarely_found =
                 f64::from(point.found) < MIN_FOUND_SHARE * f64::from(point.visible);
             let is_lonely =

@@ -1,4 +1,4 @@
-//! Corners spread over an image.
+//! Even distribution of corners over an image.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ pub(super) struct Corner {
 struct Cell {
     columns: Range<u32>,
     rows: Range<u32>,
-    /// Places in the tree's list of corners; never none.
+    /// Range in the tree's list of corners; never empty.
     corners: Range<usize>,
 }
 
@@ -24,19 +24,18 @@ impl Cell {
     }
 }
 
-/// Cells that tile a level, without those that hold no corner.
+/// Cells that tile a level, without empty ones.
 struct Quadtree {
-    /// Those of a cell stand together, the stronger first.
+    /// Corners grouped by cell, strongest first.
     corners: Vec<Corner>,
     cells: Vec<Cell>,
     quadrants: [Vec<Corner>; 4],
 }
 
-/// About `wanted` corners, spread over the level: the level is divided into quarters until there are as many cells with
-/// corners, and the strongest corner of each cell is taken. The stronger must come first.
+/// Selects about `wanted` corners evenly over a level: quadtree cells are divided until there are as many cells as wanted
+/// corners, and the strongest corner of each cell is selected. `corners` must be sorted, strongest first.
 ///
-/// Four times as many as wanted may come when a division of all cells goes beyond. The order of the result depends on the
-/// corners alone.
+/// The result may be up to four times as long as `wanted`.
 ///
 /// # Reference
 /// Mur-Artal and Tardos, "ORB-SLAM2", T-RO 2017: `DistributeOctTree` of its program, with the order of `OrbDetector` in
@@ -60,7 +59,7 @@ pub(super) fn spread(
         if tree.cells.len() == before {
             break;
         }
-        // Dividing all of them again would give too many: the fullest are divided until there are enough.
+        // Dividing all cells again would give too many: divide the fullest first until there are enough.
         if before + 3 * divisible.len() > wanted {
             while tree.cells.len() < wanted && !divided.is_empty() {
                 let before = tree.cells.len();
@@ -82,7 +81,7 @@ pub(super) fn spread(
 }
 
 impl Quadtree {
-    /// Cells about as wide as high.
+    /// The roughly square root cells.
     fn new(corners: &[Corner], columns: Range<u32>, rows: Range<u32>) -> Self {
         let (width, height) = (columns.len() as f32, rows.len() as f32);
         let count = (width / height).round().max(1.0) as u32;
@@ -116,7 +115,7 @@ impl Quadtree {
         }
     }
 
-    /// Divides these cells, one after another, until there are `enough`; says which new ones can be divided again.
+    /// Divides cells in order until there are `enough`; returns the new cells that are divisible.
     fn divide(&mut self, cells: &[usize], enough: usize) -> Vec<usize> {
         let old = self.cells.len();
         let mut divided = Vec::with_capacity(cells.len());
@@ -139,7 +138,7 @@ impl Quadtree {
             .collect()
     }
 
-    /// Adds the quarters of a cell that hold corners.
+    /// Adds the non-empty quarters of a cell.
     fn quarter(&mut self, cell: usize) {
         let Cell {
             columns,

@@ -1,51 +1,50 @@
-//! Where rays meet, and the point that fits all its pixels best.
+//! Triangulation and refinement of one point.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Unit, Vector3};
 
-/// 95 % of the squared errors of a projection are below this, in variances: chi-squared of two degrees of freedom.
-pub(super) const CHI2_PIXEL: f64 = 5.99;
+use crate::pose_correction::CHI2_PIXEL;
 
-/// Steps of the refinement at most. Three or four do; more only when the start was poor.
+/// Largest number of refinement steps. Three or four suffice unless the start is poor.
 const MAX_STEPS: usize = 12;
 
-/// A step below this share of the standard deviation is the last.
+/// A step below this share of the standard deviation ends the refinement.
 const LAST_STEP_SIGMAS: f64 = 1e-3;
 
-/// A pixel at which a camera sees a point.
+/// Pixel of a point in a camera of known pose.
 #[derive(Debug, Clone, Copy)]
 pub struct Observation {
     /// `point_in_camera = camera_from_world * point_in_world`.
     pub camera_from_world: Isometry3<f64>,
-    /// Where.
+    /// Observed pixel.
     pub pixel: Point2<f64>,
     /// Standard deviation of the pixel, along x and y alike.
     pub sigma_px: f64,
 }
 
 impl Observation {
-    /// Squared distance of a point's projection from the pixel, in variances; `None` when the point is not in front.
+    /// Squared reprojection error in variances; `None` when the point is not in front of the camera.
     pub fn chi2(&self, camera: &Camera, point_in_world: &Point3<f64>) -> Option<f64> {
         let pixel = camera.project(&(self.camera_from_world * point_in_world))?;
         Some((pixel - self.pixel).norm_squared() / (self.sigma_px * self.sigma_px))
     }
 }
 
-/// A point that fits its pixels.
+/// A refined point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RefinedPoint {
-    /// Where it is.
+    /// Position of the point.
     pub point_in_world: Point3<f64>,
-    /// How well that is known, from the pixels' deviations.
+    /// Covariance of the position, from the deviations of the pixels.
     pub covariance: Matrix3<f64>,
 }
 
-/// The point nearest to two or more rays from `origin` along `direction`, in the sense of least squares of the distances;
-/// `None` when they are parallel or something is not finite.
+/// The point with the least squared distances to two or more rays (origin, direction); `None` when the rays are parallel or not
+/// finite.
 ///
-/// It may lie behind an origin.
+/// The point may lie behind an origin.
 pub fn triangulate_rays(rays: &[(Point3<f64>, Unit<Vector3<f64>>)]) -> Option<Point3<f64>> {
-    // Relative to the first origin, so that a scene far from zero loses nothing.
+    // Relative to the first origin, for precision far from zero.
     let base = rays.first()?.0;
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
@@ -59,10 +58,10 @@ pub fn triangulate_rays(rays: &[(Point3<f64>, Unit<Vector3<f64>>)]) -> Option<Po
     point.iter().all(|x| x.is_finite()).then_some(point)
 }
 
-/// Cosine of the largest angle between rays to a point from several places; 1 for fewer than two.
+/// Cosine of the largest angle between the rays from camera centres to a point; 1 for fewer than two.
 ///
 /// # Complexity
-/// Quadratic in their number.
+/// Quadratic in the number of centres.
 pub fn parallax_cosine(centers: &[Point3<f64>], point: &Point3<f64>) -> f64 {
     let mut smallest = 1.0_f64;
     for (index, center) in centers.iter().enumerate() {
@@ -74,21 +73,20 @@ pub fn parallax_cosine(centers: &[Point3<f64>], point: &Point3<f64>) -> f64 {
     smallest
 }
 
-/// Moves a point to where its projections fit the pixels best: Levenberg-Marquardt with Huber weights, by which a pixel
-/// beyond the 95 % bound counts by its distance only.
+/// Minimises the reprojection errors of a point by Levenberg-Marquardt with Huber weights beyond the 95 % bound.
 ///
-/// `None` when the point is not in front of all cameras, or the pixels do not determine it.
+/// `None` when the point is not in front of all cameras or the pixels do not determine it.
 ///
 /// # Complexity
-/// Linear in the number of pixels.
+/// Linear in the number of observations.
 pub fn refine_point(
     camera: &Camera,
-    sights: &[Observation],
+    observations: &[Observation],
     start: Point3<f64>,
 ) -> Option<RefinedPoint> {
     let mut point = start;
     let mut damping = 1e-4;
-    let mut current = linearize(camera, sights, &point)?;
+    let mut current = linearize(camera, observations, &point)?;
     for _ in 0..MAX_STEPS {
         let mut damped = current.normal;
         for axis in 0..3 {
@@ -96,7 +94,7 @@ pub fn refine_point(
         }
         let step = -(damped.try_inverse()? * current.gradient);
         let candidate = point + step;
-        match linearize(camera, sights, &candidate) {
+        match linearize(camera, observations, &candidate) {
             Some(next) if next.cost <= current.cost => {
                 point = candidate;
                 let length = step.dot(&(current.normal * step));
@@ -106,7 +104,7 @@ pub fn refine_point(
                     break;
                 }
             }
-            // Behind a camera, or uphill; what is not a number ends here too.
+            // Behind a camera, not descending, or not finite.
             _ => {
                 damping *= 10.0;
                 if damping.is_nan() || damping > 1e8 {
@@ -125,24 +123,28 @@ pub fn refine_point(
 }
 
 /// Cost, gradient and normal matrix at a point.
-struct Linearized {
+struct NormalEquations {
     cost: f64,
     gradient: Vector3<f64>,
     normal: Matrix3<f64>,
 }
 
-fn linearize(camera: &Camera, sights: &[Observation], point: &Point3<f64>) -> Option<Linearized> {
-    let mut sum = Linearized {
+fn linearize(
+    camera: &Camera,
+    observations: &[Observation],
+    point: &Point3<f64>,
+) -> Option<NormalEquations> {
+    let mut sum = NormalEquations {
         cost: 0.0,
         gradient: Vector3::zeros(),
         normal: Matrix3::zeros(),
     };
-    for sight in sights {
+    for observation in observations {
         let (pixel, by_point_in_camera) =
-            camera.project_with_jacobian(&(sight.camera_from_world * point))?;
-        let rotation = sight.camera_from_world.rotation.to_rotation_matrix();
-        let jacobian = by_point_in_camera * rotation.matrix() / sight.sigma_px;
-        let residual = (pixel - sight.pixel) / sight.sigma_px;
+            camera.project_with_jacobian(&(observation.camera_from_world * point))?;
+        let rotation = observation.camera_from_world.rotation.to_rotation_matrix();
+        let jacobian = by_point_in_camera * rotation.matrix() / observation.sigma_px;
+        let residual = (pixel - observation.pixel) / observation.sigma_px;
         let chi2 = residual.norm_squared();
         let weight = if chi2 <= CHI2_PIXEL {
             sum.cost += chi2;
@@ -170,7 +172,7 @@ mod tests {
     }
 
     /// A camera at `x` that looks along +z, turned a little.
-    fn sight(x: f64, turn: f64, point: &Point3<f64>, error: [f64; 2]) -> Observation {
+    fn observation(x: f64, turn: f64, point: &Point3<f64>, error: [f64; 2]) -> Observation {
         let world_from_camera = Isometry3::from_parts(
             nalgebra::Translation3::new(x, 0.1 * x, 0.0),
             UnitQuaternion::from_euler_angles(0.3 * turn, turn, -turn),
@@ -192,27 +194,27 @@ mod tests {
             start in [-0.5_f64..0.5, -0.5_f64..0.5, -0.5_f64..0.5],
         ) {
             let point = Point3::from(at);
-            let sights: Vec<_> = [0.0, 0.4, 1.1].iter().map(|&x| sight(x, turn * x, &point, [0.0; 2])).collect();
-            let refined = refine_point(&camera(), &sights, point + Vector3::from(start)).unwrap();
+            let observations: Vec<_> = [0.0, 0.4, 1.1].iter().map(|&x| observation(x, turn * x, &point, [0.0; 2])).collect();
+            let refined = refine_point(&camera(), &observations, point + Vector3::from(start)).unwrap();
             prop_assert!((refined.point_in_world - point).norm() < 1e-6, "{refined:?}");
-            let rays: Vec<_> = sights.iter().map(|sight| {
-                let world_from_camera = sight.camera_from_world.inverse();
-                let direction = world_from_camera * camera().unproject(&sight.pixel).unwrap();
+            let rays: Vec<_> = observations.iter().map(|observation| {
+                let world_from_camera = observation.camera_from_world.inverse();
+                let direction = world_from_camera * camera().unproject(&observation.pixel).unwrap();
                 (Point3::from(world_from_camera.translation.vector), Unit::new_normalize(direction))
             }).collect();
             prop_assert!((triangulate_rays(&rays).unwrap() - point).norm() < 1e-9);
         }
     }
 
-    /// The error of a point seen from two places grows with the square of its depth: z^2 / (f b) pixels' deviations.
+    /// The depth error of a stereo pair is z^2 / (f b) times the pixel error.
     #[test]
     fn the_covariance_is_that_of_stereo() {
         let point = Point3::new(0.05, 0.0, 4.0);
-        let sights: Vec<_> = [0.0, 0.1]
+        let observations: Vec<_> = [0.0, 0.1]
             .iter()
-            .map(|&x| sight(x, 0.0, &point, [0.0; 2]))
+            .map(|&x| observation(x, 0.0, &point, [0.0; 2]))
             .collect();
-        let refined = refine_point(&camera(), &sights, point).unwrap();
+        let refined = refine_point(&camera(), &observations, point).unwrap();
         let expected = 16.0 / (500.0 * 0.1) * 2.0_f64.sqrt();
         let found = refined.covariance[(2, 2)].sqrt();
         assert!(
@@ -224,13 +226,13 @@ mod tests {
     #[test]
     fn one_wrong_pixel_of_six_moves_the_point_little() {
         let point = Point3::new(0.3, -0.2, 3.0);
-        let mut sights: Vec<_> = (0..6)
-            .map(|i| sight(0.2 * f64::from(i), 0.0, &point, [0.0; 2]))
+        let mut observations: Vec<_> = (0..6)
+            .map(|i| observation(0.2 * f64::from(i), 0.0, &point, [0.0; 2]))
             .collect();
-        sights[2].pixel.x += 60.0;
-        let refined = refine_point(&camera(), &sights, point).unwrap();
+        observations[2].pixel.x += 60.0;
+        let refined = refine_point(&camera(), &observations, point).unwrap();
         assert!((refined.point_in_world - point).norm() < 0.1, "{refined:?}");
-        let chi2: Vec<_> = sights
+        let chi2: Vec<_> = observations
             .iter()
             .map(|s| s.chi2(&camera(), &refined.point_in_world).unwrap())
             .collect();
@@ -246,7 +248,7 @@ mod tests {
     #[test]
     fn what_determines_nothing_gives_nothing() {
         let point = Point3::new(0.0, 0.0, 3.0);
-        let same = sight(0.0, 0.0, &point, [0.0; 2]);
+        let same = observation(0.0, 0.0, &point, [0.0; 2]);
         assert!(
             refine_point(&camera(), &[same, same], point)
                 .is_none_or(|r| !r.covariance[(2, 2)].is_finite() || r.covariance[(2, 2)] > 1e6)

@@ -1,22 +1,19 @@
 //! `linecarve evaluate`: how near a reconstruction lies to a ground truth.
 
-use std::fmt::Write;
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
-use nalgebra::{Point3, Similarity3};
+use nalgebra::Similarity3;
 
-use crate::cli::{AlignBy, DepthArg, EvaluateArgs, SequenceArgs};
+use crate::cli::{AlignBy, EvaluateArgs};
 use crate::commands::Outcome;
 use crate::commands::heat_map::{Colored, write_heat_map};
-use crate::commands::input::{input, keyframe_options};
-use crate::options::Options;
-use crate::recording::{Recording, Source};
-use crate::run::{Progress, Verbosity};
+use crate::commands::observed::observe;
+use crate::run::Verbosity;
 use crate::sinks::{print_object, print_text};
+use crate::text::evaluation_text;
 use linecarve_mesh::evaluate::{
-    Alignment, DistanceStatistics, Evaluation, EvaluationOptions, NearestPointIndex, ObservedShape,
-    ObservedShapeBuilder, ObservedShapeOptions, ShapeSummary, evaluate_observed,
+    Alignment, Evaluation, EvaluationOptions, NearestPointIndex, evaluate_observed,
 };
 use linecarve_mesh::{Shape, ShapeKind, read_geometry};
 use linecarve_sequence::Trajectory;
@@ -61,7 +58,7 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
     if args.json {
         print_object(&evaluation)?;
     } else {
-        print_text(&in_words(&evaluation))?;
+        print_text(&evaluation_text(&evaluation))?;
     }
     if verbosity > Verbosity::Quiet {
         for warning in &evaluation.warnings {
@@ -107,75 +104,6 @@ fn alignment(args: &EvaluateArgs) -> anyhow::Result<Alignment> {
     })
 }
 
-/// Asks the keyframes of a sequence what of the shape they looked at.
-fn observe(
-    shape: &Shape,
-    folder: &Path,
-    args: &EvaluateArgs,
-    verbosity: Verbosity,
-) -> anyhow::Result<ObservedShape> {
-    let sequence = SequenceArgs {
-        sequence: folder.to_owned(),
-        calibration: args.calibration.clone(),
-        layout: None,
-        poses: None,
-    };
-    let selection = &args.selection;
-    let input = input(
-        &sequence,
-        selection,
-        DepthArg::Sensor,
-        Source::Lines,
-        verbosity,
-    );
-    let mut options = Options::default();
-    keyframe_options(selection, &mut options);
-    let recording = Recording::open(&input, options).with_context(|| {
-        format!(
-            "--observed {}: depth images say what was looked at",
-            folder.display()
-        )
-    })?;
-    let (sequence, keyframes) = (&recording.sequence, recording.keyframes.clone());
-    let (Some(calibration), Some(median_depth)) =
-        (sequence.depth_calibration(), recording.median_depth)
-    else {
-        bail!("--observed {}: there are no depth images", folder.display());
-    };
-    let frames = sequence.frames();
-    let mut options = ObservedShapeOptions::at_depth(median_depth);
-    options.max_depth = args.far.unwrap_or(options.max_depth);
-    if let Some(behind) = args.behind {
-        options.max_distance_behind = behind;
-        options.max_edge_length = behind / 5.0;
-    }
-    let world_from_depth =
-        |frame: usize| frames[frame].world_from_camera * calibration.color_from_depth;
-    let eyes: Vec<Point3<f64>> = keyframes
-        .iter()
-        .map(|frame| Point3::from(world_from_depth(*frame).translation.vector))
-        .collect();
-    let mut observer = ObservedShapeBuilder::new(shape, &eyes, &options)?;
-    let mut progress = Progress::start("keyframes", keyframes.len(), verbosity);
-    for frame in keyframes {
-        match sequence.load_depth(frame) {
-            Ok(Some(depth)) => {
-                observer.add_view(&calibration.camera, &world_from_depth(frame), &depth);
-            }
-            Ok(None) => {}
-            Err(error) if error.is_limited_to_frame() => {
-                if verbosity > Verbosity::Quiet {
-                    eprintln!("warning: {error}; the frame is left out");
-                }
-            }
-            Err(error) => return Err(error.into()),
-        }
-        progress.step(String::new);
-    }
-    progress.finish();
-    Ok(observer.finish())
-}
-
 fn heat_map(
     path: &Path,
     shape: &Shape,
@@ -197,119 +125,4 @@ fn heat_map(
         shape: moved,
     };
     write_heat_map(path, [part], largest)
-}
-
-fn in_words(evaluation: &Evaluation) -> String {
-    let mut text = String::new();
-    // Writing to a string does not fail.
-    let _ = describe(evaluation, &mut text);
-    text
-}
-
-fn describe(evaluation: &Evaluation, out: &mut String) -> std::fmt::Result {
-    writeln!(out, "shape         {}", shape_in_words(&evaluation.shape))?;
-    writeln!(
-        out,
-        "ground truth  {}",
-        shape_in_words(&evaluation.ground_truth)
-    )?;
-    let alignment = &evaluation.alignment;
-    write!(
-        out,
-        "alignment     {}, scale {:.6}",
-        alignment.method, alignment.scale
-    )?;
-    if let (Some(pairs), Some(rms)) = (alignment.pairs, alignment.rms) {
-        write!(
-            out,
-            ", rms {rms:.5} of {pairs} pairs drawn apart from the scored points"
-        )?;
-    }
-    writeln!(out)?;
-    match evaluation.region {
-        Some([low, high]) => writeln!(
-            out,
-            "region        {} to {}; {} of {} points outside",
-            point(low),
-            point(high),
-            evaluation.outside_region,
-            evaluation.drawn
-        )?,
-        None => writeln!(out, "region        everywhere")?,
-    }
-    if let Some(observed) = evaluation.observed {
-        writeln!(
-            out,
-            "observed      {:.1} % by {} keyframes; the rest does not count",
-            100.0 * observed.share,
-            observed.keyframes
-        )?;
-    }
-    writeln!(out)?;
-    writeln!(
-        out,
-        "distance           mean    median       rms      90 %      95 %   largest    points"
-    )?;
-    let ends = if evaluation.shape.kind == "lines" {
-        "end points"
-    } else {
-        "vertices"
-    };
-    for (name, statistics) in [
-        ("accuracy", &evaluation.accuracy),
-        ("completeness", &evaluation.completeness),
-        (ends, &evaluation.vertices),
-    ] {
-        write_statistics(name, statistics.as_ref(), out)?;
-    }
-    writeln!(out)?;
-    writeln!(
-        out,
-        "threshold     precision    recall         F   of {ends}"
-    )?;
-    for at in &evaluation.at {
-        let share =
-            |value: Option<f64>| value.map_or("        -".to_owned(), |v| format!("{v:9.4}"));
-        writeln!(
-            out,
-            "{:<12}  {} {} {}  {}",
-            at.threshold,
-            share(Some(at.precision)),
-            share(at.recall),
-            share(at.f),
-            share(Some(at.vertex_precision))
-        )?;
-    }
-    Ok(())
-}
-
-fn write_statistics(
-    name: &str,
-    statistics: Option<&DistanceStatistics>,
-    out: &mut String,
-) -> std::fmt::Result {
-    match statistics {
-        Some(s) => writeln!(
-            out,
-            "{name:<12}  {:9.5} {:9.5} {:9.5} {:9.5} {:9.5} {:9.5} {:9}",
-            s.mean, s.median, s.rms, s.p90, s.p95, s.max, s.count
-        ),
-        None => writeln!(out, "{name:<12}          -"),
-    }
-}
-
-fn shape_in_words(facts: &ShapeSummary) -> String {
-    let mut text = format!("{}, {} vertices", facts.kind, facts.vertices);
-    if facts.triangles > 0 {
-        let _ = write!(text, ", {} triangles", facts.triangles);
-    }
-    if facts.lines > 0 {
-        let _ = write!(text, ", {} lines", facts.lines);
-    }
-    let _ = write!(text, ", {:.4} from corner to corner", facts.diagonal);
-    text
-}
-
-fn point([x, y, z]: [f64; 3]) -> String {
-    format!("({x:.3}, {y:.3}, {z:.3})")
 }

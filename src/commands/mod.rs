@@ -9,6 +9,7 @@ mod heat_map;
 mod info;
 mod input;
 mod lines;
+mod observed;
 mod reconstruct;
 mod render;
 mod simplify;

@@ -78,6 +78,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         run.run(CancelToken::watch(args.memory_limit)?, &mut sinks)?
     };
     log.finish_progress();
+    log.set_resumed(checkpoint.as_ref().map_or(0, Checkpoint::reused));
 
     let formats = args.stages.formats();
     let settings = ResultSettings {

@@ -9,8 +9,8 @@
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-use linecarve_carving::surface::{SurfaceDelta, Triangle};
-use linecarve_carving::tetrahedralization::IncidentCells;
+use linecarve_carving::IncidentCells;
+use linecarve_carving::{SurfaceDelta, Triangle};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::SurfaceSamples;
 use nalgebra::{Isometry3, Point2, Point3};

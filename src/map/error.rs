@@ -1,6 +1,6 @@
 //! Errors of the map.
 
-use linecarve_carving::carver::EventError;
+use linecarve_carving::TransactionError;
 use linecarve_lines::cluster::ClusterOptionsError;
 use linecarve_points::PointOptionsError;
 
@@ -19,7 +19,7 @@ pub enum MapError {
         /// Number of the keyframe.
         keyframe: usize,
         /// The cause.
-        source: EventError,
+        source: TransactionError,
     },
     /// A point of a model names a view that does not exist.
     #[error("point {point} of the model is seen by view {view}, but there are {views} views")]
@@ -37,7 +37,7 @@ pub enum MapError {
         /// Its name.
         name: String,
         /// The cause.
-        source: EventError,
+        source: TransactionError,
     },
     /// The carver rejects a point of a model.
     #[error("point {point} of the model cannot be used: {source}")]
@@ -45,7 +45,7 @@ pub enum MapError {
         /// Index of the point.
         point: usize,
         /// The cause.
-        source: EventError,
+        source: TransactionError,
     },
     /// The keyframe comes from a front end of another kind than the map.
     #[error("the keyframe does not match the kind of this map")]

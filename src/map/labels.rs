@@ -2,7 +2,7 @@
 
 use std::num::NonZeroU64;
 
-use linecarve_carving::labels::{CutOptions, Labels, Votes};
+use linecarve_carving::{CutOptions, Labels, Votes};
 use serde::{Deserialize, Serialize};
 
 use crate::options::CarvingOptions;

@@ -1,6 +1,6 @@
 //! Fuses the measurements of a keyframe into landmarks and points of the carver.
 
-use linecarve_carving::carver::{EventError, PointId, Transaction, ViewId};
+use linecarve_carving::{PointId, Transaction, TransactionError, ViewId};
 use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
@@ -111,7 +111,7 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurement: &Measurement,
-    ) -> Result<u32, EventError> {
+    ) -> Result<u32, TransactionError> {
         let landmark = match self.landmarks.associate(measurement) {
             Association::New(landmark) => {
                 let point = transaction.add_point(measurement.point_in_world)?;
@@ -131,7 +131,7 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let mut last: Option<u32> = None;
         for measurement in measurements {
             let landmark = self.add_measurement(transaction, &measurement)?;
@@ -149,7 +149,7 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         for measurement in measurements {
             self.add_measurement(transaction, &measurement)?;
         }
@@ -162,7 +162,7 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let before = std::mem::take(&mut self.seen);
         self.add_points(transaction, measurements)?;
         let landmarks = &self.landmarks;
@@ -178,7 +178,7 @@ impl LandmarkFusion {
         transaction: &mut Transaction<'_>,
         surface: &KeyframeSurface<'_>,
         options: &SurfacePointOptions,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.vertex_of.resize(self.points.len(), NONE);
         for index in 0..self.seen.len() {
             let landmark = self.seen[index];
@@ -257,7 +257,7 @@ impl LandmarkFusion {
     pub(super) fn update_landmarks(
         &mut self,
         transaction: &mut Transaction<'_>,
-    ) -> Result<(usize, usize), EventError> {
+    ) -> Result<(usize, usize), TransactionError> {
         let (mut moved, mut removed) = (0, 0);
         for &landmark in self.contradicted.iter().chain(&self.seen) {
             let point = self.points[landmark as usize];
@@ -287,7 +287,7 @@ impl LandmarkFusion {
         transaction: &mut Transaction<'_>,
         view: ViewId,
         center: &Point3<f64>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.observed.clear();
         for &landmark in &self.seen {
             let point = self.points[landmark as usize];
@@ -316,7 +316,7 @@ impl LandmarkFusion {
         view: ViewId,
         center: &Point3<f64>,
         weight: u32,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         if weight == 0 {
             return Ok(());
         }
@@ -341,7 +341,7 @@ impl LandmarkFusion {
 
 #[cfg(test)]
 mod tests {
-    use linecarve_carving::carver::Carver;
+    use linecarve_carving::Carver;
     use nalgebra::Unit;
 
     use super::*;

@@ -2,9 +2,9 @@
 
 use std::time::Instant;
 
-use linecarve_carving::carver::{Carver, EventError};
-use linecarve_carving::surface::{ExportOptions, SurfaceDelta, Triangle};
-use linecarve_carving::tetrahedralization::VertexId;
+use linecarve_carving::VertexId;
+use linecarve_carving::{Carver, TransactionError};
+use linecarve_carving::{ExportOptions, SurfaceDelta, Triangle};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
 use linecarve_mesh::TriangleMesh;
@@ -174,7 +174,7 @@ impl LineMap {
         options: &Options,
         keyframe: &LineKeyframe,
         update: &mut MapUpdate,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let start = Instant::now();
         let pose = &keyframe.world_from_camera;
         let center = Point3::from(pose.translation.vector);

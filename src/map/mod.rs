@@ -21,8 +21,8 @@ mod vertex_landmarks;
 
 use std::time::Instant;
 
-use linecarve_carving::carver::{Carver, CarverOptions};
-use linecarve_carving::surface::{ExportOptions, Hull};
+use linecarve_carving::{Carver, CarverOptions};
+use linecarve_carving::{ExportOptions, Hull};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
 use linecarve_mesh::TriangleMesh;

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use linecarve_carving::carver::{Carver, PointId, Transaction};
+use linecarve_carving::{Carver, PointId, Transaction};
 use linecarve_points::parallax_cosine;
 use linecarve_sequence::{ModelPoint, SparseModel};
 use nalgebra::Point3;

@@ -1,6 +1,6 @@
 //! Redundant visibility: rays and visibility triangles that are nearly parallel to existing ones.
 
-use linecarve_carving::carver::{Carver, ViewId};
+use linecarve_carving::{Carver, ViewId};
 use nalgebra::{Point3, Vector3};
 
 /// Whether a point is closer than `distance` to the segment between two others.

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use linecarve_carving::carver::{Carver, EventError, PointId, ViewId};
+use linecarve_carving::{Carver, PointId, TransactionError, ViewId};
 use linecarve_points::{MapChange, PointMap};
 use linecarve_sequence::Sequence;
 
@@ -78,7 +78,7 @@ impl FeatureMap {
         &mut self,
         carver: &mut Carver,
         update: &mut MapUpdate,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let mut transaction = carver.transaction();
         for new in &self.map.keyframes()[self.views.len()..] {
             self.views.push(transaction.add_view(new.center())?);

@@ -6,8 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use linecarve_carving::carver::{Carver, EventError, PointId, Transaction, ViewId};
-use linecarve_carving::tetrahedralization::VertexId;
+use linecarve_carving::VertexId;
+use linecarve_carving::{Carver, PointId, Transaction, TransactionError, ViewId};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
 use nalgebra::Point3;
@@ -54,7 +54,7 @@ impl Provisional {
         context: ProvisionalContext<'_>,
         transaction: &mut Transaction<'_>,
         seen: &mut Vec<u32>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         let camera_from_world = keyframe.world_from_camera.inverse();
         for measurement in measurements {
             if let Some(landmark) = context.landmarks.find(&measurement) {
@@ -85,7 +85,7 @@ impl ProvisionalKeyframes {
         keyframe: &LineKeyframe,
         context: ProvisionalContext<'_>,
         transaction: &mut Transaction<'_>,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.remove(keyframe.frame, transaction)?;
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let mut provisional = Provisional {
@@ -129,7 +129,7 @@ impl ProvisionalKeyframes {
         &mut self,
         frame: usize,
         transaction: &mut Transaction<'_>,
-    ) -> Result<bool, EventError> {
+    ) -> Result<bool, TransactionError> {
         let Some(provisional) = self.keyframes.remove(&frame) else {
             return Ok(false);
         };

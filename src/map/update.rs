@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use linecarve_carving::surface::SurfaceDelta;
+use linecarve_carving::SurfaceDelta;
 use linecarve_points::PointCounts;
 
 /// Changes of the map by one keyframe.

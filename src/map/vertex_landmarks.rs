@@ -1,7 +1,7 @@
 //! The landmark at each vertex of the tetrahedralisation.
 
-use linecarve_carving::carver::{Carver, PointId, ViewId};
-use linecarve_carving::tetrahedralization::VertexId;
+use linecarve_carving::VertexId;
+use linecarve_carving::{Carver, PointId, ViewId};
 
 /// Marks a vertex without landmark.
 const NONE: u32 = u32::MAX;

@@ -179,6 +179,9 @@ pub struct TimingSummary {
     pub mean_milliseconds: StageTimes,
     /// Seconds from the start of the command to the report.
     pub seconds: f64,
+    /// Number of keyframes loaded from the checkpoint of an interrupted run (`--resume`).
+    #[serde(skip_serializing_if = "is_zero")]
+    pub resumed_keyframes: usize,
     /// Peak resident memory in MB, where the system reports it.
     pub peak_memory_mb: Option<f64>,
 }

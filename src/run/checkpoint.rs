@@ -1,6 +1,8 @@
 //! Checkpoint of a run: keyframes stored so that the run can be resumed.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -53,6 +55,8 @@ pub enum CheckpointError {
 #[derive(Debug, Clone)]
 pub struct Checkpoint {
     folder: PathBuf,
+    /// Keyframes that were read from the files of an interrupted run.
+    reused: Arc<AtomicUsize>,
 }
 
 impl Checkpoint {
@@ -84,14 +88,31 @@ impl Checkpoint {
                     difference,
                 });
             }
-            return Ok(Self { folder });
+            return Ok(Self::new(folder));
         }
         if folder.exists() {
             std::fs::remove_dir_all(&folder).map_err(failed(&folder))?;
         }
         std::fs::create_dir_all(&folder).map_err(failed(&folder))?;
         write_atomically(&run, |out| out.write_all(description.as_bytes()))?;
-        Ok(Self { folder })
+        Ok(Self::new(folder))
+    }
+
+    fn new(folder: PathBuf) -> Self {
+        Self {
+            folder,
+            reused: Arc::default(),
+        }
+    }
+
+    /// Number of keyframes that were taken from an interrupted run instead of being computed.
+    pub fn reused(&self) -> usize {
+        self.reused.load(Ordering::Relaxed)
+    }
+
+    /// Counts a keyframe that was taken from an interrupted run.
+    pub(crate) fn count_reused(&self) {
+        self.reused.fetch_add(1, Ordering::Relaxed);
     }
 
     fn path(&self, keyframe: usize) -> PathBuf {
@@ -139,6 +160,7 @@ impl Checkpoint {
             return compute();
         };
         if let Some(stored) = checkpoint.load(keyframe) {
+            checkpoint.count_reused();
             return Ok(stored);
         }
         let computed = compute()?;

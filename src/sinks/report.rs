@@ -23,6 +23,7 @@ pub(crate) struct RunLog {
     report: Report<Configuration>,
     verbosity: Verbosity,
     keyframes: KeyframeReports,
+    resumed_keyframes: usize,
 }
 
 impl Sink for RunLog {
@@ -92,6 +93,7 @@ impl RunLog {
             },
             verbosity,
             keyframes: KeyframeReports::new(unit, count, verbosity),
+            resumed_keyframes: 0,
         }
     }
 
@@ -108,6 +110,16 @@ impl RunLog {
         );
         self.report.warnings.push(message.clone());
         message
+    }
+
+    /// Notes how many keyframes were taken from an interrupted run, and prints it.
+    pub(crate) fn set_resumed(&mut self, keyframes: usize) {
+        self.resumed_keyframes = keyframes;
+        if keyframes > 0 && self.verbosity > Verbosity::Quiet {
+            eprintln!(
+                "resumed: {keyframes} keyframe(s) of the interrupted run were not computed again"
+            );
+        }
     }
 
     /// Sets the median depth that the run found itself.
@@ -176,6 +188,7 @@ impl RunLog {
         TimingSummary {
             mean_milliseconds: sum.divided_by(self.report.keyframes.len()),
             seconds: started.elapsed().as_secs_f64(),
+            resumed_keyframes: self.resumed_keyframes,
             peak_memory_mb: peak_mb(),
         }
     }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use linecarve_carving::tetrahedralization::PointError;
+use linecarve_carving::PointError;
 use linecarve_lines::ExtractError;
 
 use crate::Error;

@@ -1,6 +1,6 @@
 //! The map of a session with depth from images alone.
 
-use linecarve_carving::tetrahedralization::accept;
+use linecarve_carving::accept_position;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
@@ -437,7 +437,7 @@ impl ImageMap {
 /// Checks that the carver accepts the camera position. Otherwise it would only fail later, with its estimate.
 fn check_position(id: u64, world_from_camera: &Isometry3<f64>) -> Result<(), SessionError> {
     let center = Point3::from(world_from_camera.translation.vector);
-    match accept(&center) {
+    match accept_position(&center) {
         Ok(_) => Ok(()),
         Err(source) => Err(SessionError::Position { id, source }),
     }

@@ -1,4 +1,4 @@
-//! The part of a scene's surface that the frames see.
+//! The observed part of a scene's surface.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Point3};
@@ -10,19 +10,19 @@ use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::raycast::RayScene;
 use linecarve_mesh::srgb::encoded_color;
 
-/// Largest side of the pieces whose visibility is decided as a whole.
+/// Maximum side of the pieces whose visibility is decided as a whole.
 const PIECE_M: f64 = 0.05;
 
-/// What frames see of a scene.
+/// The observed surface.
 pub(super) struct Observed {
-    /// The observed pieces, joined to as few rectangles as is simple.
+    /// Mesh of the observed pieces, merged into few rectangles.
     pub(super) mesh: TriangleMesh,
     /// Observed share of the whole area.
     pub(super) share: f64,
 }
 
-/// Finds the pieces of the scene's surfaces, at most 5 cm long and wide, whose centre at least one frame sees from its
-/// free side.
+/// Finds the pieces of the scene's surfaces (at most 5 cm wide) whose centre is visible from its front in at least
+/// one frame.
 pub(super) fn observed(
     scene: &Scene,
     rays: &RayScene,
@@ -44,7 +44,7 @@ pub(super) fn observed(
                         && pixel.x <= f64::from(width) - 0.5
                         && pixel.y <= f64::from(height) - 0.5
                 })
-                // Starts a little above the surface, which is not in its own way.
+                // Starts slightly above the surface to avoid hitting it.
                 && !rays.is_occluded(&(point + toward * 1e-6), &toward, 1.0)
         })
     };
@@ -105,8 +105,8 @@ struct Block {
     rows: (usize, usize),
 }
 
-/// Covers the true entries of a grid with disjoint blocks: the longest run in the first free row, then as many rows as
-/// have it. The grid is false afterwards.
+/// Covers the true entries of a grid with disjoint blocks: greedily the longest run in the first row, then all rows
+/// that contain it. Clears the grid.
 fn blocks(grid: &mut [bool], columns: usize) -> Vec<Block> {
     let rows = grid.len() / columns;
     let mut blocks = Vec::new();

@@ -1,4 +1,4 @@
-//! Light on the surfaces of a scene, computed once for all frames.
+//! Irradiance on the surfaces of a scene, computed once for all frames.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -8,15 +8,15 @@ use super::surface::Surface;
 use super::texture::Rgb;
 use linecarve_mesh::raycast::RayScene;
 
-/// Distance of the points on a surface at which light is computed; between them it is interpolated.
+/// Spacing of the irradiance grid; values between are interpolated.
 const SPACING_M: f64 = 0.05;
-/// Points along each side of a lamp: shadows get soft borders.
+/// Samples along each side of a lamp, for soft shadows.
 const LAMP_POINTS: u32 = 5;
-/// Rays that find out how much of the ambient light arrives.
+/// Rays for the ambient occlusion.
 const AMBIENT_RAYS: usize = 64;
-/// Length of those rays: things farther away take no ambient light.
+/// Length of these rays: farther objects do not occlude ambient light.
 const AMBIENT_REACH_M: f64 = 0.7;
-/// Distance from the border of a surface at which its border is lit: the border itself lies in other surfaces.
+/// Inset of the outermost grid points: the border of a surface itself lies in other surfaces.
 const INSET_M: f64 = 0.002;
 
 /// Irradiance of all surfaces of a scene.
@@ -24,7 +24,7 @@ pub(super) struct Lighting {
     maps: Vec<LightMap>,
 }
 
-/// Irradiance at a grid of points of one surface.
+/// Irradiance on a grid of points of one surface.
 struct LightMap {
     columns: usize,
     rows: usize,
@@ -32,7 +32,7 @@ struct LightMap {
 }
 
 impl Lighting {
-    /// Computes the light of all lamps with soft shadows, and the ambient light that nearby things let through.
+    /// Computes direct light with soft shadows and occluded ambient light.
     pub(super) fn compute(scene: &Scene, rays: &RayScene) -> Self {
         let maps = scene
             .surfaces
@@ -42,9 +42,9 @@ impl Lighting {
         Self { maps }
     }
 
-    /// Irradiance of a surface at a place, by channel.
-    pub(super) fn at(&self, surface: usize, place: (f64, f64), size: (f64, f64)) -> Rgb {
-        self.maps[surface].at(place, size)
+    /// Irradiance at a position of a surface, by channel.
+    pub(super) fn at(&self, surface: usize, position: (f64, f64), size: (f64, f64)) -> Rgb {
+        self.maps[surface].at(position, size)
     }
 }
 
@@ -128,14 +128,14 @@ fn ambient_share(point: &Point3<f64>, normal: &Vector3<f64>, rays: &RayScene) ->
     open as f64 / AMBIENT_RAYS as f64
 }
 
-/// Light of a lamp of unit power: the mean over its points of cos cos / distance squared, where nothing is between.
+/// Irradiance from a lamp of unit power: the mean over its samples of cos cos / distance squared where visible.
 fn lamp_share(lamp: &Lamp, point: &Point3<f64>, normal: &Vector3<f64>, rays: &RayScene) -> f64 {
     let axis = lamp.half_u.cross(&lamp.half_v).normalize();
     let mut sum = 0.0;
     for i in 0..LAMP_POINTS {
         for j in 0..LAMP_POINTS {
-            let place = |k: u32| (f64::from(k) + 0.5) / f64::from(LAMP_POINTS) * 2.0 - 1.0;
-            let source = lamp.centre + lamp.half_u * place(i) + lamp.half_v * place(j);
+            let offset = |k: u32| (f64::from(k) + 0.5) / f64::from(LAMP_POINTS) * 2.0 - 1.0;
+            let source = lamp.centre + lamp.half_u * offset(i) + lamp.half_v * offset(j);
             let toward = source - point;
             let squared = toward.norm_squared();
             let distance = squared.sqrt();

@@ -1,4 +1,4 @@
-//! What a structured-light depth sensor makes of exact depth.
+//! Noise model of a structured-light depth sensor.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,22 +13,22 @@ const FOCAL_TIMES_BASELINE: f64 = 585.0 * 0.075;
 const DISPARITY_STEP_PX: f64 = 0.125;
 /// Standard deviation of disparity, in steps.
 const DISPARITY_NOISE_STEPS: f64 = 1.0 / 6.0;
-/// Standard deviation of the place that a pixel measures.
+/// Standard deviation of the measured pixel position.
 const LATERAL_NOISE_PX: f64 = 0.5;
-/// Share of the pixels that is lost where the disparity jumps within the window of the matcher.
+/// Probability of a lost pixel where disparity jumps within the matching window.
 const EDGE_LOSS: f64 = 0.45;
 /// Half the side of that window.
 const WINDOW_PX: i64 = 2;
-/// A difference of disparity that spoils the match, in pixels.
+/// Disparity jump that prevents a match, in pixels.
 const JUMP_PX: f64 = 1.0;
 /// Range of the sensor.
 const RANGE_M: (f64, f64) = (0.4, 5.0);
 
-/// Depth as a sensor of the given strength of noise would measure it; `None` where it would measure nothing.
+/// Depth as measured by a sensor with the given noise strength; `None` where it measures nothing.
 ///
-/// The place that a pixel measures is jittered, disparity is disturbed and rounded to eighths of a pixel, so that the
-/// error grows with the square of the depth; near jumps of depth and out of range pixels are lost. Seeded: each frame has
-/// its own stream.
+/// The measured pixel position is jittered, and disparity is disturbed and rounded to eighths of a pixel, so that the
+/// error grows with the square of the depth. Pixels near depth jumps and out of range are lost. Each frame has its
+/// own random stream.
 ///
 /// # Reference
 /// J. T. Barron, J. Malik, *Intrinsic Scene Properties from a Single RGB-D Image*, CVPR 2013 (jitter and rounding), as used
@@ -41,10 +41,10 @@ pub(super) fn sensor_depth(
     frame: u64,
 ) -> Vec<Option<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    // Streams with even numbers are those of colour, odd ones those of depth.
+    // Even streams belong to colour, odd ones to depth.
     random.set_stream(2 * frame + 3);
     let (width, height) = (i64::from(photo.width), i64::from(photo.height));
-    // The same sensor with coarser or finer pixels.
+    // Scales the sensor to the image width.
     let focal_times_baseline = FOCAL_TIMES_BASELINE * photo.width as f64 / 640.0;
     let lateral = Normal::new(0.0, LATERAL_NOISE_PX * strength).expect("strength is positive");
     let disparity_noise =
@@ -53,7 +53,7 @@ pub(super) fn sensor_depth(
     let mut measured = Vec::with_capacity(photo.depth.len());
     for y in 0..height {
         for x in 0..width {
-            // Every pixel draws the same numbers, whatever becomes of it.
+            // Every pixel draws the same amount of random numbers, whatever its outcome.
             let shift_x = lateral.sample(&mut random).round() as i64;
             let shift_y = lateral.sample(&mut random).round() as i64;
             let disturbance = disparity_noise.sample(&mut random);

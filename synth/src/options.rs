@@ -1,4 +1,4 @@
-//! What is rendered, and how.
+//! Options of a synthetic sequence.
 
 use linecarve_lines::camera::{Camera, CameraError};
 
@@ -32,7 +32,7 @@ impl SceneKind {
     /// Every scene.
     pub const ALL: [Self; 4] = [Self::Room, Self::BareRoom, Self::Boxes, Self::Corner];
 
-    /// Its name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Room => "room",
@@ -44,7 +44,7 @@ impl SceneKind {
 }
 
 impl SequenceLayout {
-    /// Its name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tum => "tum",
@@ -82,12 +82,12 @@ pub enum DepthNoise {
     /// Like a structured-light sensor: see the noise model of this module for what happens. A strength of 1 is that of
     /// the first Kinect.
     Kinect {
-        /// Factor on the standard deviations, above 0 and at most 10.
+        /// Factor of the standard deviations, above 0 and at most 10.
         strength: f64,
     },
 }
 
-/// What is rendered, and how.
+/// Options of a synthetic sequence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SynthOptions {
     /// The scene.
@@ -132,7 +132,7 @@ impl Default for SynthOptions {
     }
 }
 
-/// Options that cannot be rendered.
+/// Why options are not valid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SynthOptionsError {
     /// A value is out of its range.
@@ -142,7 +142,7 @@ pub enum SynthOptionsError {
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// The valid range.
         range: &'static str,
     },
     /// The focal length makes no camera.
@@ -151,10 +151,10 @@ pub enum SynthOptionsError {
 }
 
 impl SynthOptions {
-    /// Checks the ranges that the fields state.
+    /// Checks the ranges.
     ///
     /// # Errors
-    /// The first field out of its range.
+    /// The first option out of range.
     pub fn validate(&self) -> Result<(), SynthOptionsError> {
         let quality = match self.color {
             ColorFormat::Png => 100,
@@ -215,7 +215,7 @@ impl SynthOptions {
         self.camera().map(|_| ())
     }
 
-    /// The command that renders the same bytes into a folder DIR; of most options it names those that differ from the
+    /// The command line that renders the same bytes into a folder DIR, with the options that differ from the
     /// defaults.
     pub fn command_line(&self) -> String {
         let default = Self::default();

@@ -1,4 +1,4 @@
-//! What a camera in a scene sees.
+//! Rendering of colour and depth images.
 
 use image::{Rgb as Pixel, RgbImage};
 use linecarve_lines::camera::Camera;
@@ -13,10 +13,10 @@ use super::texture::Rgb;
 use linecarve_mesh::raycast::RayScene;
 use linecarve_mesh::srgb::encoded;
 
-/// Samples of a pixel along each side.
+/// Samples per pixel along each side.
 const SUPERSAMPLING: usize = 3;
 
-/// Takes pictures of a scene; the light is computed once.
+/// Renders frames of a scene; its lighting is computed once.
 pub struct FrameRenderer<'a> {
     scene: &'a Scene,
     rays: RayScene,
@@ -33,14 +33,14 @@ pub struct RenderedFrame {
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// Linear light of each pixel, row by row: the mean over the pixel's area.
+    /// Linear light of each pixel in row order: the mean over the pixel's area.
     pub light: Vec<[f32; 3]>,
-    /// Depth z in metres of what lies at the centre of each pixel, row by row; `None` where nothing does.
+    /// Depth z in metres at each pixel centre, in row order; `None` without a surface.
     pub depth: Vec<Option<f64>>,
 }
 
 impl<'a> FrameRenderer<'a> {
-    /// A photographer with a pinhole camera (lens distortion is left out) and images of `width` by `height` pixels.
+    /// A renderer with a pinhole camera (lens distortion is ignored) and images of `width` by `height` pixels.
     pub fn new(scene: &'a Scene, camera: &Camera, width: u32, height: u32) -> Self {
         let rays = RayScene::new(&scene.mesh());
         let lighting = Lighting::compute(scene, &rays);
@@ -54,12 +54,12 @@ impl<'a> FrameRenderer<'a> {
         }
     }
 
-    /// The scene's triangles, ready for rays.
+    /// The ray-cast scene of the triangles.
     pub fn ray_scene(&self) -> &RayScene {
         &self.rays
     }
 
-    /// Takes a picture with a camera at `world_from_camera`.
+    /// Renders the frame of a camera at `world_from_camera`.
     pub fn render(&self, world_from_camera: &Isometry3<f64>) -> RenderedFrame {
         let eye = Point3::from(world_from_camera.translation.vector);
         let direction = |x: f64, y: f64| {
@@ -83,7 +83,7 @@ impl<'a> FrameRenderer<'a> {
         let mut light = Vec::with_capacity(self.width * self.height);
         for y in 0..self.height {
             for x in 0..self.width {
-                // Where all neighbours see one surface the whole pixel does, and its samples need no search.
+                // Where all neighbours show one surface, its samples need no search.
                 let surface = self.common_surface(&seen, x, y);
                 let mut sum = [0.0; 3];
                 for step in 0..SUPERSAMPLING * SUPERSAMPLING {
@@ -102,7 +102,7 @@ impl<'a> FrameRenderer<'a> {
                         },
                     };
                     for (total, part) in sum.iter_mut().zip(color) {
-                        // A sensor is full at one: clipped before averaging, as in a real pixel's parts.
+                        // Sensors saturate at one: values are clipped before averaging.
                         *total += part.min(1.0);
                     }
                 }
@@ -117,10 +117,10 @@ impl<'a> FrameRenderer<'a> {
         }
     }
 
-    /// The first surface whose free side a ray meets, and where.
+    /// The first surface that a ray hits from its front, and the hit.
     fn surface_on(&self, eye: &Point3<f64>, ray: &Vector3<f64>) -> Option<(u32, f64)> {
         let hit = self.rays.cast_where(eye, ray, f64::MAX, |_, front| front)?;
-        // Two triangles a rectangle.
+        // Two triangles per rectangle.
         Some((hit.triangle / 2, hit.distance))
     }
 
@@ -155,18 +155,18 @@ impl<'a> FrameRenderer<'a> {
     }
 }
 
-/// A pale backdrop, lighter above.
+/// A pale background, lighter above.
 fn background(ray: &Vector3<f64>) -> Rgb {
     let up = 0.5 + 0.5 * ray.z / ray.norm();
     std::array::from_fn(|channel| 0.45 + 0.3 * up + 0.03 * channel as f64)
 }
 
 impl RenderedFrame {
-    /// The picture as 8-bit sRGB: light times `gain`, with normal noise of `noise` 8-bit steps from a stream of the seed
-    /// that `frame` numbers.
+    /// The frame as 8-bit sRGB: light times `gain`, plus normal noise of `noise` 8-bit steps. The random stream
+    /// depends on the seed and on `frame`.
     pub fn color_image(&self, gain: f64, noise: f64, seed: u64, frame: u64) -> RgbImage {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        // Streams with even numbers are those of colour, odd ones those of depth.
+        // Even streams belong to colour, odd ones to depth.
         random.set_stream(2 * frame + 2);
         let normal = Normal::new(0.0, noise).ok().filter(|_| noise > 0.0);
         let mut picture = RgbImage::new(self.width, self.height);

@@ -1,4 +1,4 @@
-//! A scene: rectangles, lamps and a path for the camera.
+//! Scenes: rectangles, lamps and a camera path.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -14,14 +14,14 @@ use linecarve_mesh::srgb::encoded_color;
 pub struct Scene {
     pub(super) surfaces: Vec<Surface>,
     pub(super) lamps: Vec<Lamp>,
-    /// Light from everywhere, where nothing is near.
+    /// Ambient light without occlusion.
     pub(super) ambient: [f64; 3],
     pub(super) path: Path,
-    /// What the scene is, for people.
+    /// Title for people.
     pub(super) title: &'static str,
 }
 
-/// A rectangle that sends light along its normal, u cross v. It is not seen itself.
+/// A rectangular light along its normal, u cross v. It is not visible itself.
 #[derive(Debug, Clone)]
 pub(super) struct Lamp {
     pub(super) centre: Point3<f64>,
@@ -32,7 +32,7 @@ pub(super) struct Lamp {
 }
 
 impl Scene {
-    /// The scene of a kind.
+    /// Builds the scene of a kind.
     pub fn new(kind: SceneKind) -> Self {
         match kind {
             SceneKind::Room => Self::room(),
@@ -52,7 +52,8 @@ impl Scene {
         }
     }
 
-    /// The surface: two triangles a rectangle, counter-clockwise from the free side, with the colour of each corner.
+    /// The surface: two triangles per rectangle, counter-clockwise from the front, with the colour of each
+    /// corner.
     pub fn mesh(&self) -> TriangleMesh {
         let mut mesh = TriangleMesh::default();
         let mut colors = Vec::new();
@@ -71,7 +72,7 @@ impl Scene {
         mesh
     }
 
-    /// Pose of the camera, `world_from_camera`, at each of `frames` places along the path of the scene.
+    /// Camera poses `world_from_camera` of `frames` frames along the path of the scene.
     pub fn poses(&self, frames: u32, seed: u64) -> Vec<Isometry3<f64>> {
         self.path.poses(frames, seed)
     }
@@ -93,7 +94,7 @@ impl Scene {
     }
 
     /// Adds a box.
-    pub(super) fn cuboid(&mut self, place: &Isometry3<f64>, size: [f64; 3], look: &Look) {
+    pub(super) fn cuboid(&mut self, pose: &Isometry3<f64>, size: [f64; 3], textures: &BoxTextures) {
         let [x, y, z] = [
             Vector3::x() * size[0],
             Vector3::y() * size[1],
@@ -110,29 +111,29 @@ impl Scene {
             (Face::Bottom, low + y, x, -y),
         ];
         for (face, corner, right, up) in faces {
-            if look.without.contains(&face) {
+            if textures.without.contains(&face) {
                 continue;
             }
-            let special = look.faces.iter().find(|(f, _)| *f == face);
-            let texture = special.map_or(&look.texture, |(_, texture)| texture);
+            let special = textures.faces.iter().find(|(f, _)| *f == face);
+            let texture = special.map_or(&textures.texture, |(_, texture)| texture);
             self.surfaces.push(Surface::new(
-                place * Point3::from(corner),
-                place * right,
-                place * up,
+                pose * Point3::from(corner),
+                pose * right,
+                pose * up,
                 texture.clone(),
             ));
         }
     }
 
     /// Adds an upright box by the corners of its extent.
-    pub(super) fn block(&mut self, low: [f64; 3], high: [f64; 3], look: &Look) {
+    pub(super) fn block(&mut self, low: [f64; 3], high: [f64; 3], textures: &BoxTextures) {
         let size = std::array::from_fn(|axis| high[axis] - low[axis]);
         let middle = |axis: usize| 0.5 * (low[axis] + high[axis]);
-        self.cuboid(&at(middle(0), middle(1), low[2], 0.0), size, look);
+        self.cuboid(&at(middle(0), middle(1), low[2], 0.0), size, textures);
     }
 }
 
-/// A place on a horizontal plane: the middle of a box's bottom, turned by `yaw_rad`.
+/// A pose on a horizontal plane: the centre of a box's bottom, rotated by `yaw_rad`.
 pub(super) fn at(x: f64, y: f64, z: f64, yaw_rad: f64) -> Isometry3<f64> {
     Isometry3::from_parts(
         Translation3::new(x, y, z),
@@ -151,16 +152,16 @@ pub(super) enum Face {
     Bottom,
 }
 
-/// What the sides of a box look like.
+/// Textures of the sides of a box.
 #[derive(Debug, Clone)]
-pub(super) struct Look {
+pub(super) struct BoxTextures {
     texture: Texture,
     faces: Vec<(Face, Texture)>,
     without: Vec<Face>,
 }
 
-impl Look {
-    /// All sides alike; the bottom, on which boxes stand, is left out.
+impl BoxTextures {
+    /// The same texture on all sides except the bottom, on which boxes stand.
     pub(super) fn standing(texture: Texture) -> Self {
         Self {
             texture,
@@ -169,21 +170,21 @@ impl Look {
         }
     }
 
-    /// All six sides alike.
-    pub(super) fn hanging(texture: Texture) -> Self {
+    /// The same texture on all six sides.
+    pub(super) fn all_sides(texture: Texture) -> Self {
         Self {
             without: Vec::new(),
             ..Self::standing(texture)
         }
     }
 
-    /// With another texture on one side.
+    /// Replaces the texture of one side.
     pub(super) fn with(mut self, face: Face, texture: Texture) -> Self {
         self.faces.push((face, texture));
         self
     }
 
-    /// Without a side that touches something.
+    /// Leaves out a side that touches another surface.
     pub(super) fn without(mut self, face: Face) -> Self {
         self.without.push(face);
         self

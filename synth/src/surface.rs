@@ -4,10 +4,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::texture::{Rgb, Texture};
 
-/// A rectangle that is seen from the side to which its normal, u cross v, points.
+/// A rectangle visible from its front, to which its normal, u cross v, points.
 #[derive(Debug, Clone)]
 pub(super) struct Surface {
-    /// The lower left corner as seen from the free side.
+    /// The lower left corner as seen from the front.
     pub(super) origin: Point3<f64>,
     /// Unit direction to the right.
     pub(super) u: Vector3<f64>,
@@ -19,7 +19,7 @@ pub(super) struct Surface {
     decals: Vec<Decal>,
 }
 
-/// A picture on a surface: an edge of texture without an edge of shape.
+/// A picture on a surface: a texture edge without a geometric edge.
 #[derive(Debug, Clone)]
 struct Decal {
     low: (f64, f64),
@@ -46,7 +46,7 @@ impl Surface {
         }
     }
 
-    /// Puts a picture with its lower left corner at `low`.
+    /// Adds a picture with its lower left corner at `low`.
     pub(super) fn with_decal(
         mut self,
         low: (f64, f64),
@@ -65,15 +65,15 @@ impl Surface {
         self.origin + self.u * u + self.v * v
     }
 
-    /// Coordinates on the surface of the foot of a point.
+    /// Surface coordinates of the projection of a point.
     pub(super) fn coordinates(&self, point: &Point3<f64>) -> (f64, f64) {
         let offset = point - self.origin;
         (offset.dot(&self.u), offset.dot(&self.v))
     }
 
-    /// Colour and glow at a place of the surface.
+    /// Colour and emission at a position of the surface.
     pub(super) fn color_at(&self, u: f64, v: f64) -> (Rgb, f64) {
-        // The last one put lies on top.
+        // Later pictures cover earlier ones.
         for decal in self.decals.iter().rev() {
             let (x, y) = (u - decal.low.0, v - decal.low.1);
             if x >= 0.0 && y >= 0.0 && x <= decal.size.0 && y <= decal.size.1 {

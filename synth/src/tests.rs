@@ -422,7 +422,7 @@ fn the_sample_is_what_its_command_renders() {
         ..SynthOptions::default()
     };
     write_selected(&options, folder.path(), &is_selected, &|_, _| {}).unwrap();
-    let (expected, rendered) = (contents(&sample), contents(folder.path()));
+    let (expected, rendered) = (contents(sample), contents(folder.path()));
     for (name, bytes) in &rendered {
         assert!(expected.get(name) == Some(bytes), "{name} differs");
     }

@@ -1,12 +1,12 @@
-//! What surfaces look like: patterns that are functions of the place, at any scale.
+//! Procedural textures: patterns as functions of the position, at any scale.
 
 use linecarve_mesh::srgb::linear_color;
 
 /// A linear colour.
 pub(super) type Rgb = [f64; 3];
 
-/// A pattern over a rectangle. Coordinates are metres from its lower left corner, u to the right and v up as seen from
-/// the free side.
+/// A pattern over a rectangle. Coordinates are metres from its lower left corner, u to the right and v up as seen
+/// from the front.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Texture {
     pattern: Pattern,
@@ -14,11 +14,11 @@ pub(super) struct Texture {
     color: Rgb,
     /// The second colour.
     other: Rgb,
-    /// Varies what two textures of the same kind look like.
+    /// Seed of the variation between textures of one kind.
     seed: u64,
-    /// Where on a larger sheet the lower left corner lies: neighbours with one pattern fit together.
+    /// Position of the lower left corner in a larger pattern, so that neighbours fit together.
     offset: (f64, f64),
-    /// The part of its colour that a surface sends out by itself, 0 to 1: windows and screens.
+    /// Emitted share of its colour, 0 to 1: windows and screens.
     pub(super) glow: f64,
 }
 
@@ -223,8 +223,8 @@ impl Texture {
             v if v > 2.36 => self.other,
             // Stripes of wallpaper: broad ones, each with a narrow one in its middle.
             _ => {
-                let place = u.rem_euclid(0.44);
-                if place < 0.2 || (0.31..0.33).contains(&place) {
+                let phase = u.rem_euclid(0.44);
+                if phase < 0.2 || (0.31..0.33).contains(&phase) {
                     scale(self.color, 0.8)
                 } else {
                     self.color
@@ -394,7 +394,7 @@ impl Texture {
     }
 }
 
-/// Slow light and dark patches with a little fine structure, about -1 to 1: no painted surface is perfectly even.
+/// Slow brightness variation with fine structure, about -1 to 1: painted surfaces are never uniform.
 fn mottling(u: f64, v: f64, seed: u64) -> f64 {
     0.55 * value_noise(u * 1.9, v * 1.9, seed ^ 0xa1)
         + 0.3 * value_noise(u * 9.0, v * 9.0, seed ^ 0xa2)
@@ -409,7 +409,7 @@ fn mix(a: Rgb, b: Rgb, t: f64) -> Rgb {
     std::array::from_fn(|c| a[c] + t * (b[c] - a[c]))
 }
 
-/// A number from 0 to 1 that looks random.
+/// A pseudo-random number from 0 to 1.
 ///
 /// # Reference
 /// G. Steele, D. Lea, C. Flood, *Fast Splittable Pseudorandom Number Generators*, OOPSLA 2014: the finaliser of SplitMix.
@@ -423,7 +423,7 @@ pub(super) fn unit_hash(x: i64, y: i64, seed: u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Smooth noise from -1 to 1 with one bump a unit.
+/// Smooth noise from -1 to 1 with a period of about one.
 fn value_noise(x: f64, y: f64, seed: u64) -> f64 {
     let (i, j) = (x.floor(), y.floor());
     let smooth = |t: f64| t * t * (3.0 - 2.0 * t);

@@ -1,4 +1,4 @@
-//! The camera's way through a scene: a smooth curve, held by an unsteady hand.
+//! The camera path of a scene: a smooth curve with hand-held motion.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -6,29 +6,29 @@ use rand_chacha::ChaCha8Rng;
 
 use linecarve_mesh::render::upright_rotation;
 
-/// Standard deviation of the hand's place.
+/// Standard deviation of the hand's position.
 const UNSTEADY_M: f64 = 0.012;
 /// Standard deviation of the hand's direction.
 const UNSTEADY_RAD: f64 = 0.012;
-/// Swings of the hand along the whole path.
+/// Oscillations of the hand along the path.
 const SWINGS: [f64; 4] = [3.0, 5.0, 8.0, 13.0];
 
 /// A curve with the parameter 0 to 1.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Path {
-    /// Where the camera is.
+    /// Camera position.
     pub(super) eye: fn(f64) -> [f64; 3],
-    /// Where it looks.
+    /// Target point.
     pub(super) target: fn(f64) -> [f64; 3],
-    /// Whether the end is the beginning, so that it is not visited twice.
+    /// Whether the path is closed, so that its end is not visited twice.
     pub(super) closed: bool,
 }
 
 impl Path {
-    /// Poses (`world_from_camera`) at `frames` places, evenly spread over the parameter.
+    /// `frames` poses (`world_from_camera`), equally spaced in the parameter.
     pub(super) fn poses(&self, frames: u32, seed: u64) -> Vec<Isometry3<f64>> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        // Six degrees of freedom swing at whole numbers of periods: a closed path stays closed.
+        // Each of six degrees of freedom has a whole number of periods: a closed path stays closed.
         let swings: Vec<[f64; 2]> = (0..6 * SWINGS.len())
             .map(|_| [random.random::<f64>(), random.random::<f64>()])
             .collect();

@@ -1,4 +1,4 @@
-//! A rendered sequence on disk.
+//! Writing of a rendered sequence.
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -24,14 +24,14 @@ const FRAME_INTERVAL_US: u64 = 100_000;
 /// Time of the first frame.
 const START_US: u64 = 1_000_000;
 
-/// What was written.
+/// Summary of a written sequence.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct SynthSummary {
     /// Number of frames.
     pub frames: u32,
     /// Triangles of the whole surface.
     pub triangles: usize,
-    /// Share of the surface's area that at least one frame sees.
+    /// Share of the surface area visible in at least one frame.
     pub observed_share: f64,
     /// Share of the pixels with depth.
     pub depth_share: f64,
@@ -43,7 +43,7 @@ pub enum SynthError {
     /// An option is out of its range.
     #[error(transparent)]
     Options(#[from] SynthOptionsError),
-    /// The folder has something in it.
+    /// The folder is not empty.
     #[error("{} is not empty: name a new folder or empty this one, so that no frame of another sequence remains in it", folder.display())]
     NotEmpty {
         /// The folder.
@@ -54,7 +54,7 @@ pub enum SynthError {
     Folder {
         /// The folder.
         folder: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// An image could not be encoded.
@@ -62,7 +62,7 @@ pub enum SynthError {
     Encode {
         /// The file.
         path: PathBuf,
-        /// What the encoder said.
+        /// Error of the encoder.
         source: ImageError,
     },
     /// A file could not be written.
@@ -214,7 +214,7 @@ fn write_text(path: &Path, text: &str) -> Result<(), SynthError> {
     })?)
 }
 
-/// Where things lie in the layouts.
+/// File paths by layout.
 struct Files<'a> {
     out: &'a Path,
     layout: SequenceLayout,

@@ -1,4 +1,4 @@
-//! What the end-to-end tests share: the program, a small rendered sequence, comparison of folders.
+//! Helpers of the end-to-end tests: the program, a small rendered sequence, comparison of folders.
 
 #![allow(dead_code, reason = "each test binary uses a part")]
 
@@ -104,7 +104,7 @@ pub(crate) fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// Follows the changes that the replies of a session tell, and returns how many triangles there are in the end.
+/// Applies the changes in the replies of a session; returns the final number of triangles.
 pub(crate) fn triangles_after(replies: &[serde_json::Value]) -> usize {
     let (mut vertices, mut triangles) = (0, 0);
     for reply in replies {
@@ -118,14 +118,14 @@ pub(crate) fn triangles_after(replies: &[serde_json::Value]) -> usize {
     triangles
 }
 
-/// Makes of a pinhole's image what a camera has in its place whose lens has this `k1`.
-pub(crate) fn bend(path: &Path, pinhole: &Camera, k1: f64) {
+/// Distorts the image of a pinhole camera by a radial coefficient.
+pub(crate) fn distort(path: &Path, pinhole: &Camera, k1: f64) {
     let (fx, fy, cx, cy) = (pinhole.fx(), pinhole.fy(), pinhole.cx(), pinhole.cy());
     let lens = Camera::with_distortion(fx, fy, cx, cy, Distortion::radial(k1)).expect("a camera");
-    let straight = image::open(path).expect("an image").into_rgb8();
-    let (width, height) = straight.dimensions();
-    let mut bent = straight.clone();
-    for (x, y, pixel) in bent.enumerate_pixels_mut() {
+    let undistorted = image::open(path).expect("an image").into_rgb8();
+    let (width, height) = undistorted.dimensions();
+    let mut distorted = undistorted.clone();
+    for (x, y, pixel) in distorted.enumerate_pixels_mut() {
         let direction = lens.unproject(&Point2::new(f64::from(x), f64::from(y)));
         let from = pinhole
             .project(&direction.expect("inside the model").into())
@@ -134,20 +134,29 @@ pub(crate) fn bend(path: &Path, pinhole: &Camera, k1: f64) {
             .map(|(at, side)| at.clamp(0.0, f64::from(side) - 1.001));
         let [left, top] = [u as u32, v as u32];
         let [a, b] = [u.fract(), v.fract()];
-        let at = |x: u32, y: u32, channel: usize| f64::from(straight.get_pixel(x, y)[channel]);
+        let at = |x: u32, y: u32, channel: usize| f64::from(undistorted.get_pixel(x, y)[channel]);
         for channel in 0..3 {
             let row = |y: u32| at(left, y, channel) * (1.0 - a) + at(left + 1, y, channel) * a;
             pixel[channel] = (row(top) * (1.0 - b) + row(top + 1) * b).round() as u8;
         }
     }
-    bent.save(path).expect("a writable folder");
+    distorted.save(path).expect("a writable folder");
 }
 
-/// A recording below `LINECARVE_DATA`.
+/// A recording in the folder `LINECARVE_DATA`. Tests that use it are ignored by default.
 pub(crate) fn data(name: &str) -> PathBuf {
     let root = std::env::var_os("LINECARVE_DATA")
-        .expect("LINECARVE_DATA names the folder of the recordings");
+        .expect("LINECARVE_DATA must name the folder of the recordings");
     let path = PathBuf::from(root).join(name);
-    assert!(path.exists(), "{} is not there", path.display());
+    assert!(
+        path.exists(),
+        "{} does not exist; LINECARVE_DATA must name the folder of the recordings",
+        path.display()
+    );
     path
+}
+
+/// A path as text.
+pub(crate) fn text(path: &Path) -> &str {
+    path.to_str().expect("paths of the tests are UTF-8")
 }

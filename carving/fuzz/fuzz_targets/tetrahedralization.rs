@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 
 use arbitrary::{Arbitrary, Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
-use linecarve_carving::tetrahedralization::{
+use linecarve_carving::{
     CellId, Changes, IncidentCells, Insertion, Location, Move, Tetrahedralization, VertexId,
 };
 use nalgebra::Point3;

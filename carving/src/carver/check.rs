@@ -1,4 +1,4 @@
-//! Recomputes everything.
+//! Verifies the state against the rules, without any walk or list.
 
 use thiserror::Error;
 
@@ -6,18 +6,15 @@ use super::ids::{PointId, ViewId};
 use super::{Carver, Labeling};
 use crate::flow::FlowViolation;
 use crate::surface::SurfaceViolation;
-use crate::tetrahedralization::{CellId, VertexId, Violation};
-use crate::visibility::{
-    CellEvidence, Evidence, RayId, SheetSight, Walker, crosses_cell, crosses_ghost,
-    triangle_meets_cell,
-};
+use crate::tetrahedralization::{CellId, TetrahedralizationViolation};
+use crate::visibility::{Contribution, ListError, ObservationTable, Visibility};
 
 /// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum CarverViolation {
     /// The tetrahedralisation is broken.
     #[error(transparent)]
-    Tetrahedra(#[from] Violation),
+    Tetrahedra(#[from] TetrahedralizationViolation),
     /// The surface is broken.
     #[error(transparent)]
     Surface(#[from] SurfaceViolation),
@@ -28,7 +25,7 @@ pub enum CarverViolation {
         point: PointId,
     },
     /// A ray crosses a cell that does not list it, or the reverse.
-    #[error("{cell:?} lists the ray of view {} and point {}: {listed}; that is wrong", view.0, point.0)]
+    #[error("{cell:?} has a wrong list of rays; it lists that of view {} to point {}: {listed}", view.0, point.0)]
     Crossing {
         /// The cell.
         cell: CellId,
@@ -42,24 +39,28 @@ pub enum CarverViolation {
     /// The flow behind the labels is broken.
     #[error(transparent)]
     Flow(#[from] FlowViolation),
-    /// What the rays say about a cell is not what is on record, or the flow network says otherwise.
+    /// The evidence of a cell on record, or the capacities of the flow network, differ from that of the observations.
     #[error("the evidence or the capacities of {cell:?} are wrong")]
     Evidence {
         /// The cell.
         cell: CellId,
     },
-    /// The list of a cell misses a segment whose triangle meets it, repeats one, or holds one that is gone.
-    #[error("{cell:?} has a wrong list of segments, seen at view {} and points {} and {}", view.0, ends[0].0, ends[1].0)]
+    /// A cell does not list a segment whose triangle meets it, lists one repeatedly, or one that was removed.
+    #[error("{cell:?} has a wrong list of segments; it lists the segment: {listed}")]
     Segment {
         /// The cell.
         cell: CellId,
-        /// The view.
-        view: ViewId,
-        /// The points at the ends.
-        ends: [PointId; 2],
+        /// Whether the cell lists the segment.
+        listed: bool,
     },
-    /// The weight of a cell is not the sum over its rays.
-    #[error("{cell:?} has weight {recorded} on record, its rays have {found}")]
+    /// An observation has another vertex or standard deviation on record than its point.
+    #[error("an observation of point {} has a wrong vertex or standard deviation", point.0)]
+    Observation {
+        /// The point.
+        point: PointId,
+    },
+    /// The weight of a cell is not the sum over its observations.
+    #[error("{cell:?} has weight {recorded} on record, its observations have {found}")]
     Weight {
         /// The cell.
         cell: CellId,
@@ -73,7 +74,7 @@ pub enum CarverViolation {
 impl Carver {
     /// Verifies tetrahedra, crossing lists, labels and surface; meant for tests.
     ///
-    /// Every ray is tested against every cell, exactly and without any walk.
+    /// Every observation is tested against every cell, exactly and without any walk.
     ///
     /// # Errors
     ///
@@ -81,7 +82,7 @@ impl Carver {
     ///
     /// # Complexity
     ///
-    /// Rays times cells.
+    /// Observations times cells.
     pub fn check(&self) -> Result<(), CarverViolation> {
         self.tetrahedra.check()?;
         for point in self.points() {
@@ -90,147 +91,76 @@ impl Carver {
                 return Err(CarverViolation::Vertex { point });
             }
         }
-        let mut is_listed = vec![false; self.rays.capacity()];
+        self.check_ends(self.rays.table())?;
+        self.check_ends(self.segments.table())?;
         for cell in self.tetrahedra.cells() {
-            let mut found = 0;
-            for ray in self.crossings.rays(cell) {
-                is_listed[ray.0 as usize] = true;
-            }
-            for ray in self.rays.all() {
-                let listed = std::mem::take(&mut is_listed[ray.0 as usize]);
-                let crosses = self.crosses(ray, cell);
-                found += u64::from(crosses) * u64::from(self.rays.weight(ray));
-                // Rays that run in the boundary of the cell may be listed as well.
-                if crosses != listed && (crosses || !self.rays.is_degenerate(ray)) {
-                    return Err(CarverViolation::Crossing {
-                        cell,
-                        view: ViewId(self.rays.view(ray)),
-                        point: PointId(self.rays.point(ray)),
-                        listed,
-                    });
-                }
-            }
-            found += self.check_sheets(cell)?;
-            if found != self.weight(cell) {
-                return Err(CarverViolation::Weight {
-                    cell,
-                    recorded: self.weight(cell),
-                    found,
-                });
-            }
+            self.check_cell(cell)?;
         }
-        self.check_cut()?;
+        if let Labeling::Cut(cut) = &self.labels
+            && let Some(cell) = cut.check(&self.tetrahedra, &self.cells.evidence)?
+        {
+            return Err(CarverViolation::Evidence { cell });
+        }
         self.check_surface()?;
         Ok(())
     }
 
-    /// Adds up what every ray says about every cell, and verifies the flow.
-    fn check_cut(&self) -> Result<(), CarverViolation> {
-        let Labeling::Cut(cut) = &self.labels else {
-            return Ok(());
-        };
-        let tetrahedra = &self.tetrahedra;
-        let walker = Walker {
-            tetrahedra,
-            views: &self.views,
-            rays: &self.rays,
-        };
-        for cell in tetrahedra.cells() {
-            if tetrahedra.is_ghost(cell) {
-                continue;
-            }
-            let corners = tetrahedra
-                .cell_vertices(cell)
-                .map(|v| tetrahedra.coordinates(v));
-            let mut found = CellEvidence::default();
-            for ray in self.rays.all() {
-                if self.crosses(ray, cell)
-                    && let Some(sight) = self.evidence.sight(&walker, ray)
-                {
-                    let exit = sight.exit(corners);
-                    if let Some(sum) = found.of_exit(exit) {
-                        *sum += Evidence::passage(tetrahedra, cell, &sight, exit);
-                    }
+    /// Verifies that observations have the vertices and deviations of their points.
+    fn check_ends<const N: usize>(
+        &self,
+        table: &impl ObservationTable<N>,
+    ) -> Result<(), CarverViolation> {
+        for id in table.all() {
+            let ends = table.points(id).into_iter();
+            let recorded = table.vertices(id).into_iter().zip(table.sigmas(id));
+            for (point, (vertex, sigma)) in ends.zip(recorded) {
+                let record = self.points.get(point);
+                let is_stale = self.cells.evidence.is_on() && sigma != self.points.sigma(point);
+                if is_stale || record.map(|record| record.vertex) != Some(vertex) {
+                    let point = PointId(point);
+                    return Err(CarverViolation::Observation { point });
                 }
-                found.matter += self.evidence.tie(&walker, cell, ray);
-            }
-            for sheet in self.sheets.all() {
-                let record = self.sheets.get(sheet);
-                let [a, b] = record
-                    .vertices
-                    .map(|v| tetrahedra.coordinates(VertexId::from_index(v as usize)));
-                let center = self.views.center(record.view);
-                let sight = SheetSight {
-                    center,
-                    ends: [a, b],
-                    sigmas: record.points.map(|point| self.points.sigma(point)),
-                    weight: record.weight,
-                };
-                if let Some(softness) = self.evidence.softness()
-                    && triangle_meets_cell([center, a, b], corners)
-                {
-                    let frame = sight.frame(softness);
-                    found.add(&sight.passage(&frame, corners, sight.ends_in(corners)));
-                }
-                if sight.has_area() {
-                    found.matter += self.evidence.sheet_tie(tetrahedra, cell, &sight);
-                }
-            }
-            if found != *self.evidence.of(cell) {
-                return Err(CarverViolation::Evidence { cell });
             }
         }
-        match cut.check(tetrahedra, &self.evidence)? {
-            Some(cell) => Err(CarverViolation::Evidence { cell }),
-            None => Ok(()),
-        }
+        Ok(())
     }
 
-    /// Verifies that a finite cell lists the sheets that meet it, each once, and gives their weight.
-    fn check_sheets(&self, cell: CellId) -> Result<u64, CarverViolation> {
-        let mut listed: Vec<RayId> = self.meetings.rays(cell).collect();
-        listed.sort_unstable();
-        let is_repeated = listed.windows(2).any(|pair| pair[0] == pair[1]);
-        let is_stale = listed.iter().any(|sheet| !self.sheets.is_in_use(*sheet));
-        let mut found = 0;
-        for sheet in self.sheets.all() {
-            let record = self.sheets.get(sheet);
-            let vertices = self.tetrahedra.cell_vertices(cell);
-            let (mut meets, mut frees) = (false, false);
-            if !self.tetrahedra.is_ghost(cell) {
-                let [a, b] = record.vertices.map(|v| {
-                    self.tetrahedra
-                        .coordinates(VertexId::from_index(v as usize))
-                });
-                let corners = vertices.map(|v| self.tetrahedra.coordinates(v));
-                meets = triangle_meets_cell([self.views.center(record.view), a, b], corners);
-                frees = meets && !crosses_cell(a, b, corners);
-            }
-            found += u64::from(frees) * u64::from(record.weight);
-            let is_listed = listed.binary_search(&sheet).is_ok();
-            if is_repeated || is_stale || (meets && !is_listed) {
-                return Err(CarverViolation::Segment {
-                    cell,
-                    view: ViewId(record.view),
-                    ends: record.points.map(PointId),
-                });
-            }
+    /// Verifies the lists, weight and evidence of a cell.
+    fn check_cell(&self, cell: CellId) -> Result<(), CarverViolation> {
+        let rays = self.rays.expected(&self.tetrahedra, &self.views, cell);
+        let Contribution {
+            weight,
+            mut evidence,
+        } = rays.map_err(|error| self.wrong_ray(cell, error))?;
+        let segments = self.segments.expected(&self.tetrahedra, &self.views, cell);
+        let segments = segments.map_err(|error| CarverViolation::Segment {
+            cell,
+            listed: error.is_listed,
+        })?;
+        let weight = weight + segments.weight;
+        if weight != self.weight(cell) {
+            return Err(CarverViolation::Weight {
+                cell,
+                recorded: self.weight(cell),
+                found: weight,
+            });
         }
-        Ok(found)
+        evidence.add(&segments.evidence);
+        let sums = &self.cells.evidence;
+        if sums.is_on() && !self.tetrahedra.is_ghost(cell) && *sums.of(cell) != evidence {
+            return Err(CarverViolation::Evidence { cell });
+        }
+        Ok(())
     }
 
-    /// Whether a ray crosses a cell, by the rule alone.
-    pub(super) fn crosses(&self, ray: RayId, cell: CellId) -> bool {
-        let center = self.views.center(self.rays.view(ray));
-        let target = VertexId::from_index(self.rays.vertex(ray) as usize);
-        let target = self.tetrahedra.coordinates(target);
-        let vertices = self.tetrahedra.cell_vertices(cell);
-        if self.tetrahedra.is_ghost(cell) {
-            let facet = [0, 1, 2].map(|k| self.tetrahedra.coordinates(vertices[k]));
-            crosses_ghost(center, target, facet)
-        } else {
-            let corners = vertices.map(|v| self.tetrahedra.coordinates(v));
-            crosses_cell(center, target, corners)
+    fn wrong_ray(&self, cell: CellId, error: ListError) -> CarverViolation {
+        let rays = self.rays.table();
+        let [point] = rays.points(error.observation);
+        CarverViolation::Crossing {
+            cell,
+            view: ViewId(rays.view(error.observation)),
+            point: PointId(point),
+            listed: error.is_listed,
         }
     }
 
@@ -246,11 +176,11 @@ impl Carver {
     /// Linear in the number of cells.
     pub fn check_surface(&self) -> Result<(), SurfaceViolation> {
         let is_free =
-            |cell| !self.tetrahedra.is_ghost(cell) && self.labels.is_free(cell, &self.crossings);
+            |cell| !self.tetrahedra.is_ghost(cell) && self.labels.is_free(cell, &self.cells);
         crate::surface::check(
             &self.tetrahedra,
             &self.facets,
-            |cell| self.crossings.weight(cell),
+            |cell| self.cells.weight(cell),
             is_free,
         )
     }

@@ -1,123 +1,160 @@
-//! Making the changes of a transaction.
+//! Commits a transaction.
 
 use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
-use super::concerned::Concerned;
-use super::events::EventError;
-use super::transaction::{Fate, Plan, Transaction};
+use super::affected::Affected;
+use super::error::TransactionError;
+use super::points::Points;
+use super::transaction::{PendingChange, Plan, PlannedWeights, Transaction};
 use super::{Carver, Labeling};
 use crate::surface::SurfaceDelta;
 use crate::tetrahedralization::{
     CellId, Changes, Edit, Insertion, Move, Tetrahedralization, VertexId, spatial_order,
 };
-use crate::visibility::{Crossings, RayId, Rewalk, Sheet, SheetWalk};
+use crate::visibility::{
+    Cells, ObservationId, ObservationTable, RayVisibility, SegmentVisibility, Space, Views,
+    Visibility,
+};
 
-/// Entries of crossing lists below which the way that they are brought up to date does not matter.
+/// Number of list entries below which the lists are never built again as a whole.
 const MANY_ENTRIES: u64 = 1 << 14;
 
-/// What a transaction did.
+/// The effect of a transaction.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CommitReport {
     /// The change of the surface.
     pub surface: SurfaceDelta,
-    /// New points whose position was taken; they share the vertex there.
+    /// Number of new points at the position of another point; they share its vertex.
     pub duplicates: usize,
     /// Cells destroyed, ghost cells included.
     pub destroyed_cells: usize,
     /// Cells created, ghost cells included.
     pub created_cells: usize,
-    /// Where the time went.
+    /// Time spent, by part.
     pub times: CommitTimes,
 }
 
 /// Time spent by a commit, by part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CommitTimes {
     /// Inserting, removing and moving vertices.
     pub tetrahedra: Duration,
-    /// Walking rays.
+    /// Visibility: walking rays and segments.
     pub carving: Duration,
     /// Labels and surface.
     pub surface: Duration,
 }
 
-/// Makes the changes of a transaction, or none.
-pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, EventError> {
+/// Commits a transaction, or refuses it as a whole.
+pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, TransactionError> {
     let Transaction { carver, mut plan } = transaction;
-    plan.drop_idle_moves(carver);
-    let concerned = plan.concerned(carver);
-    plan.check_lengths(carver, &concerned.rays)?;
+    plan.drop_idle_changes(carver);
+    let affected = plan.affected(carver);
+    plan.check_lengths(carver, &affected.rays)?;
     if !carver
         .tetrahedra
         .has_room_for(plan.points.len() + plan.new_points.len())
     {
-        return Err(EventError::Full);
+        return Err(TransactionError::Full);
     }
-    Ok(carver.make(&plan, &concerned))
+    Ok(carver.make(&plan, affected))
 }
 
 /// Entries of a map in the order of their keys, so that hash order stays inside.
-fn sorted(map: &FxHashMap<u32, Fate>) -> Vec<(u32, Fate)> {
-    let mut entries: Vec<(u32, Fate)> = map.iter().map(|(&id, &fate)| (id, fate)).collect();
+fn sorted(map: &FxHashMap<u32, PendingChange>) -> Vec<(u32, PendingChange)> {
+    let mut entries: Vec<(u32, PendingChange)> =
+        map.iter().map(|(&id, &change)| (id, change)).collect();
     entries.sort_unstable_by_key(|(id, _)| *id);
     entries
 }
 
-impl Carver {
-    fn rewalk(&mut self) -> Rewalk<'_> {
-        Rewalk {
-            tetrahedra: &self.tetrahedra,
-            views: &mut self.views,
-            rays: &mut self.rays,
-            crossings: &mut self.crossings,
-            evidence: &mut self.evidence,
-            scratch: &mut self.scratch,
+impl Plan {
+    /// Removes affected observations of one kind from the cells, unless all lists are built again anyway, and those that
+    /// end from the table. Returns the others.
+    fn withdraw<const N: usize>(
+        &self,
+        planned: &PlannedWeights<N>,
+        visibility: &mut impl Visibility<N>,
+        space: &mut Space<'_>,
+        (affected, is_rebuilt): (Vec<ObservationId>, bool),
+    ) -> Vec<ObservationId> {
+        if !is_rebuilt {
+            visibility.remove(space, &affected);
+        }
+        let mut remaining = affected;
+        remaining.retain(|&id| {
+            let is_removed = self.removes(visibility.table(), planned, id);
+            if is_removed {
+                visibility.table_mut().remove(id);
+            }
+            !is_removed
+        });
+        remaining
+    }
+}
+
+impl<const N: usize> PlannedWeights<N> {
+    /// Updates the withdrawn observations of one kind in the table, inserts the new ones and appends them to `ids`: those
+    /// that are to be added to cells.
+    fn enter(
+        &self,
+        table: &mut impl ObservationTable<N>,
+        (views, points): (&Views, &Points),
+        first_new_view: u32,
+        ids: &mut Vec<ObservationId>,
+    ) {
+        for &id in &*ids {
+            if let Some(Some(weight)) = self.get(table.view(id), table.points(id)) {
+                table.set_weight(id, weight);
+            }
+        }
+        for (view, ends, weight) in self.iter() {
+            let Some(weight) = weight else { continue };
+            let is_valid =
+                views.is_alive(view) && ends.iter().all(|&end| points.get(end).is_some());
+            // A new view has no observations in the table.
+            if is_valid && (view >= first_new_view || table.find(view, ends).is_none()) {
+                ids.push(table.insert(view, ends, weight));
+            }
+        }
+        for &id in &*ids {
+            let ends = table.points(id);
+            let vertices = ends.map(|end| points.get(end).map_or(u32::MAX, |record| record.vertex));
+            table.set_ends(id, vertices, ends.map(|end| points.sigma(end)));
         }
     }
+}
 
-    fn sheet_walk(&mut self) -> SheetWalk<'_> {
-        SheetWalk {
+impl Carver {
+    /// Both kinds of visibility, and what they share.
+    fn visibility(&mut self) -> (Space<'_>, &mut RayVisibility, &mut SegmentVisibility) {
+        let space = Space {
             tetrahedra: &self.tetrahedra,
             views: &self.views,
-            sheets: &mut self.sheets,
-            lists: &mut self.meetings,
-            weights: &mut self.crossings,
-            evidence: &mut self.evidence,
-            scratch: &mut self.sheet_scratch,
-        }
+            cells: &mut self.cells,
+        };
+        (space, &mut self.rays, &mut self.segments)
     }
 
-    /// Makes changes that have been found valid.
-    fn make(&mut self, plan: &Plan, concerned: &Concerned) -> CommitReport {
+    /// Makes the changes of a valid transaction.
+    fn make(&mut self, plan: &Plan, affected: Affected) -> CommitReport {
         let mut report = CommitReport::default();
         let start = Instant::now();
         let first_new_view = self.views.capacity() as u32;
-        // When most rays change, or there were no cells to list them, all are walked anew.
-        let mut anew =
-            self.tetrahedra.dimension() < 3 || concerned.rays.len() > self.rays.len() / 2;
-        let mut again = Vec::with_capacity(concerned.rays.len());
-        let mut sheets_again = Vec::with_capacity(concerned.sheets.len());
-        if !anew {
-            self.rewalk().remove(&concerned.rays);
-            self.sheet_walk().remove(&concerned.sheets);
-        }
-        for &ray in &concerned.rays {
-            if plan.ends(self, ray) {
-                self.rays.remove(ray);
-            } else {
-                again.push(ray);
-            }
-        }
-        for &sheet in &concerned.sheets {
-            if plan.ends_sheet(self, sheet) {
-                self.sheets.remove(sheet);
-            } else {
-                sheets_again.push(sheet);
-            }
-        }
+        // When most rays change, or there were no cells to list them, all lists are built again.
+        let mut is_rebuilt =
+            self.tetrahedra.dimension() < 3 || affected.rays.len() > self.rays.table().len() / 2;
+        let (mut space, rays, segments) = self.visibility();
+        let affected_rays = (affected.rays, is_rebuilt);
+        let mut changed_rays = plan.withdraw(&plan.rays, rays, &mut space, affected_rays);
+        let affected_segments = (affected.segments, is_rebuilt);
+        let mut changed_segments =
+            plan.withdraw(&plan.segments, segments, &mut space, affected_segments);
         self.update_views(plan);
         report.times.carving += start.elapsed();
 
@@ -132,132 +169,81 @@ impl Carver {
         report.times.tetrahedra += start.elapsed();
 
         let start = Instant::now();
-        for &ray in &again {
-            let point = self.rays.point(ray);
-            if let Some(record) = self.points.get(point) {
-                self.rays.set_vertex(ray, record.vertex);
-            }
-            if let Some(Some(weight)) = plan.observations.get(&(self.rays.view(ray), point)) {
-                self.rays.set_weight(ray, *weight);
-            }
-        }
-        self.add_rays(plan, first_new_view, &mut again);
+        let ends = (&self.views, &self.points);
+        let (rays, segments) = (self.rays.table_mut(), self.segments.table_mut());
+        plan.rays
+            .enter(rays, ends, first_new_view, &mut changed_rays);
+        plan.segments
+            .enter(segments, ends, first_new_view, &mut changed_segments);
         // Walking again inside half of the lists costs as much as walking all rays.
+        let crossings = self.rays.crossings();
         let destroyed = changes.destroyed.iter();
-        let listed: u64 = destroyed.map(|&cell| self.crossings.listed(cell)).sum();
-        anew |= listed > (self.crossings.total() / 2).max(MANY_ENTRIES);
-        for &ray in &again {
-            let sigma = self.points.sigma(self.rays.point(ray));
-            self.evidence.describe(ray, sigma);
+        let listed: u64 = destroyed.map(|&cell| crossings.listed(cell)).sum();
+        is_rebuilt |= listed > (crossings.total() / 2).max(MANY_ENTRIES);
+        if is_rebuilt {
+            self.rays.clear();
+            self.segments.clear();
+            self.cells.clear();
+            changed_rays.clear();
+            changed_rays.extend(self.rays.table().all());
+            changed_segments.clear();
+            changed_segments.extend(self.segments.table().all());
         }
-        self.update_sheets(plan, &mut sheets_again);
-        if anew {
-            self.crossings.clear();
-            self.meetings.clear();
-            self.evidence.clear();
-        }
-        self.rewalk().update(&changes);
-        self.sheet_walk().update(&changes);
-        if anew {
-            again.clear();
-            again.extend(self.rays.all());
-            sheets_again.clear();
-            sheets_again.extend(self.sheets.all());
-        }
-        self.rewalk().add_all(&mut again);
-        self.sheet_walk().add_all(&sheets_again);
+        self.cells.begin_update(&self.tetrahedra, &changes);
+        self.views.locate_stale(&self.tetrahedra, |cell| {
+            self.cells.is_new(cell) || !self.tetrahedra.is_cell(cell)
+        });
+        let (mut space, rays, segments) = self.visibility();
+        rays.rewalk(&mut space, &changes);
+        segments.rewalk(&mut space, &changes);
+        space.cells.end_update(&changes);
+        rays.add(&mut space, &mut changed_rays);
+        segments.add(&mut space, &mut changed_segments);
         report.times.carving += start.elapsed();
 
         let start = Instant::now();
-        let mut flipped = std::mem::take(self.crossings.flipped());
-        if anew {
+        let mut flipped = std::mem::take(self.cells.flipped());
+        if is_rebuilt {
             flipped.clear();
             flipped.extend(self.tetrahedra.cells());
         }
         if let Labeling::Cut(cut) = &mut self.labels {
-            if anew {
+            if is_rebuilt {
                 for &cell in &flipped {
-                    self.evidence.touch(cell);
+                    self.cells.evidence.touch(cell);
                 }
             }
-            cut.update(&self.tetrahedra, &changes, &mut self.evidence);
+            cut.update(&self.tetrahedra, &changes, &mut self.cells.evidence);
             flipped.extend(cut.flipped());
         }
-        let (tetrahedra, crossings, labels) = (&self.tetrahedra, &self.crossings, &self.labels);
+        let (tetrahedra, cells, labels) = (&self.tetrahedra, &self.cells, &self.labels);
         self.facets.update(
             tetrahedra,
             &changes,
             &flipped,
-            |cell| !tetrahedra.is_ghost(cell) && labels.is_free(cell, crossings),
+            |cell| !tetrahedra.is_ghost(cell) && labels.is_free(cell, cells),
             &mut report.surface,
         );
         flipped.clear();
-        *self.crossings.flipped() = flipped;
+        *self.cells.flipped() = flipped;
         self.changes = changes;
         report.times.surface += start.elapsed();
         report
     }
 
     fn update_views(&mut self, plan: &Plan) {
-        for (view, fate) in sorted(&plan.views) {
-            match fate {
-                Fate::Removed => self.views.remove(view),
-                Fate::Moved(center) => self.views.move_to(view, center),
+        for (view, change) in sorted(&plan.views) {
+            match change {
+                PendingChange::Removed => self.views.remove(view),
+                PendingChange::Moved(center) => self.views.move_to(view, center),
             }
         }
         for center in &plan.new_views {
-            // The id is used up even if the view was removed again.
+            // The id is used even if the view was removed again.
             let view = self.views.add(center.unwrap_or_default());
             if center.is_none() {
                 self.views.remove(view);
             }
-        }
-    }
-
-    /// Adds the rays of new observations and lists them in `added`.
-    fn add_rays(&mut self, plan: &Plan, first_new_view: u32, added: &mut Vec<RayId>) {
-        for key in &plan.order {
-            let Some(weight) = plan.observations[key] else {
-                continue;
-            };
-            let &(view, point) = key;
-            let Some(record) = self.points.get(point) else {
-                continue;
-            };
-            let vertex = record.vertex;
-            let is_new = view >= first_new_view || self.rays.find(view, point).is_none();
-            if self.views.is_alive(view) && is_new {
-                added.push(self.rays.add(view, point, vertex, weight));
-            }
-        }
-    }
-
-    /// Gives changed segments their vertices, weights and deviations, adds the new ones and lists them in `added`.
-    fn update_sheets(&mut self, plan: &Plan, added: &mut Vec<RayId>) {
-        for &sheet in added.iter() {
-            let Sheet { view, points, .. } = *self.sheets.get(sheet);
-            let vertices = points.map(|point| self.points.get(point).map(|record| record.vertex));
-            let record = self.sheets.get_mut(sheet);
-            if let [Some(a), Some(b)] = vertices {
-                record.vertices = [a, b];
-            }
-            if let Some(Some(weight)) = plan.segments.get(&(view, points)) {
-                record.weight = *weight;
-            }
-        }
-        for key in &plan.segment_order {
-            let &(view, points) = key;
-            let vertices = points.map(|point| self.points.get(point).map(|record| record.vertex));
-            let (Some(weight), [Some(a), Some(b)]) = (plan.segments[key], vertices) else {
-                continue;
-            };
-            if self.views.is_alive(view) && self.sheets.find(view, points).is_none() {
-                added.push(self.sheets.add(view, points, [a, b], weight));
-            }
-        }
-        for &sheet in added.iter() {
-            let record = self.sheets.get_mut(sheet);
-            record.sigmas = record.points.map(|point| self.points.sigma(point));
         }
     }
 
@@ -267,16 +253,16 @@ impl Carver {
             edit: self.tetrahedra.edit(changes),
             before: FxHashMap::default(),
         };
-        let fates = sorted(&plan.points);
-        for &(point, fate) in &fates {
-            if fate == Fate::Removed
+        let pending = sorted(&plan.points);
+        for &(point, change) in &pending {
+            if change == PendingChange::Removed
                 && let Some((vertex, 0)) = self.points.detach(point)
             {
                 vertices.remove(vertex);
             }
         }
-        for &(point, fate) in &fates {
-            let Fate::Moved(position) = fate else {
+        for &(point, change) in &pending {
+            let PendingChange::Moved(position) = change else {
                 continue;
             };
             if let Some((vertex, users)) = self.points.detach(point) {
@@ -319,9 +305,9 @@ impl Carver {
 
 impl Labeling {
     /// Whether a finite cell is free.
-    pub(super) fn is_free(&self, cell: CellId, crossings: &Crossings) -> bool {
+    pub(super) fn is_free(&self, cell: CellId, cells: &Cells) -> bool {
         match self {
-            Labeling::Votes(votes) => votes.is_free(crossings.weight(cell)),
+            Labeling::Votes(votes) => votes.is_free(cells.weight(cell)),
             Labeling::Cut(cut) => cut.is_free(cell),
         }
     }

@@ -1,9 +1,11 @@
 //! Identifiers of points and views.
 
-/// A point of a [`Carver`](super::Carver); given once, never to another point.
+/// A point of a [`Carver`](super::Carver); never given to another point.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PointId(pub u32);
 
-/// A view of a [`Carver`](super::Carver); given once, never to another view.
+/// A view of a [`Carver`](super::Carver); never given to another view.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ViewId(pub u32);

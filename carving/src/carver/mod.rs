@@ -1,48 +1,20 @@
-//! Points, views and observations in; free space and its surface out.
-//!
-//! [`Carver`] holds points with positions, views with centres, and observations, each of a point by a view with a weight.
-//! All of them may be added, moved and removed at any time. After any sequence of changes the tetrahedra, labels and
-//! surface are identical to those built from scratch from the final state in any order; nothing is forgotten and nothing
-//! depends on history.
-//!
-//! # Example
-//!
-//! A view in the middle of a cube of eight points sees the corners one by one and carves the cube free.
-//!
-//! ```
-//! use linecarve_carving::carver::{Carver, CarverOptions};
-//! use linecarve_carving::surface::{ExportOptions, Hull};
-//! use nalgebra::Point3;
-//!
-//! let mut carver = Carver::new(CarverOptions { hull: Hull::Keep, ..Default::default() });
-//! let mut keyframe = carver.transaction();
-//! let view = keyframe.add_view(Point3::new(0.5, 0.4, 0.45))?;
-//! for corner in 0..8 {
-//!     let corner = Point3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64);
-//!     let point = keyframe.add_point(corner)?;
-//!     keyframe.add_observation(view, point, 1)?;
-//! }
-//! let report = keyframe.commit()?;
-//! assert_eq!(report.surface.added.len(), 12);
-//!
-//! let mesh = carver.mesh(&ExportOptions::default());
-//! assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (8, 12));
-//! # Ok::<(), linecarve_carving::carver::EventError>(())
-//! ```
+//! The state, transactions that change it, and its checks.
 
+mod affected;
 mod check;
 mod commit;
-mod concerned;
-mod events;
+mod error;
 mod ids;
 mod points;
+#[cfg(any(test, feature = "internals"))]
 mod snapshot;
 mod transaction;
 
 pub use check::CarverViolation;
 pub use commit::{CommitReport, CommitTimes};
-pub use events::{Event, EventError};
+pub use error::TransactionError;
 pub use ids::{PointId, ViewId};
+#[cfg(any(test, feature = "internals"))]
 pub use snapshot::{CarvedCell, Snapshot};
 pub use transaction::Transaction;
 
@@ -51,50 +23,54 @@ use nalgebra::Point3;
 use crate::labels::{Cut, Labels, Votes};
 use crate::surface::{ExportOptions, Facets, Hull, IndexedMesh, Triangle};
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
-use crate::visibility::{Crossings, Evidence, Rays, RewalkScratch, SheetScratch, Sheets, Views};
+use crate::visibility::{
+    Cells, ObservationTable, RayVisibility, SegmentVisibility, Views, Visibility,
+};
 
 use points::Points;
 
-/// Settings of a [`Carver`], fixed for its life.
+/// Options of a [`Carver`], fixed for its life.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct CarverOptions {
-    /// Which cells are free; by default those that a ray crosses.
+    /// How cells are labelled; by default a cell is free when a ray crosses it.
     pub labels: Labels,
     /// Whether facets between free cells and the outside of the hull are part of the surface.
     pub hull: Hull,
 }
 
-/// Labels with what they remember.
+/// Labels and their state.
 #[derive(Clone, Debug)]
 enum Labeling {
     Votes(Votes),
     Cut(Box<Cut>),
 }
 
-/// A tetrahedralisation carved by rays; see the [module](self).
+/// A tetrahedralisation carved by rays and segments; the [crate](crate) page has an example.
 ///
-/// Ids of points and views are given once and never again. Points at equal positions share a vertex and keep rays of
-/// their own.
+/// The state consists of points with positions, views with centres, observations (a view and a point) and segments (a view
+/// and two points), the last two with integer weights. A [`Transaction`] changes it. After any sequence of changes
+/// tetrahedra, labels and surface are identical to those built from scratch from the final state in any order.
 ///
-/// *What it does not do:* with [`Labels::Votes`] it does not judge points (a wrong point carves what is in front of it); and
-/// it knows free and occupied only: what no ray crosses is occupied, seen or not.
+/// Ids of points and views are never given out twice. Points at equal positions share a vertex and keep rays of their own.
+///
+/// *Non-guarantees:* [`Labels::Votes`] does not reject wrong points: a wrong point carves the space before it. Labels are free
+/// and occupied only; unobserved space is occupied.
 #[derive(Clone, Debug)]
 pub struct Carver {
     labels: Labeling,
     tetrahedra: Tetrahedralization,
     points: Points,
     views: Views,
-    rays: Rays,
-    /// Lists of rays, and the weight of each cell by rays and sheets together.
-    crossings: Crossings,
-    evidence: Evidence,
-    sheets: Sheets,
-    /// Lists of sheets.
-    meetings: Crossings,
+    rays: RayVisibility,
+    segments: SegmentVisibility,
+    cells: Cells,
     facets: Facets,
     changes: Changes,
-    scratch: RewalkScratch,
-    sheet_scratch: SheetScratch,
 }
 
 impl Default for Carver {
@@ -104,9 +80,9 @@ impl Default for Carver {
 }
 
 impl Carver {
-    /// Nothing seen yet.
+    /// An empty carver.
     pub fn new(options: CarverOptions) -> Self {
-        let (labels, watched, softness) = match options.labels {
+        let (labels, threshold, softness) = match options.labels {
             Labels::Votes(votes) => (Labeling::Votes(votes), votes.threshold.get(), None),
             Labels::Cut(cut) => {
                 let labels = Labeling::Cut(Box::new(Cut::new(cut)));
@@ -118,19 +94,15 @@ impl Carver {
             tetrahedra: Tetrahedralization::new(),
             points: Points::default(),
             views: Views::default(),
-            rays: Rays::default(),
-            crossings: Crossings::new(watched),
-            evidence: Evidence::new(softness),
-            sheets: Sheets::default(),
-            meetings: Crossings::new(u64::MAX),
+            rays: RayVisibility::new(softness),
+            segments: SegmentVisibility::new(softness),
+            cells: Cells::new(threshold, softness.is_some()),
             facets: Facets::new(options.hull),
             changes: Changes::new(),
-            scratch: RewalkScratch::default(),
-            sheet_scratch: SheetScratch::default(),
         }
     }
 
-    /// The settings.
+    /// The options.
     pub fn options(&self) -> CarverOptions {
         CarverOptions {
             labels: match &self.labels {
@@ -146,7 +118,7 @@ impl Carver {
         &self.tetrahedra
     }
 
-    /// Number of points, those that share a vertex counted each.
+    /// Number of points; points that share a vertex count each.
     pub fn point_count(&self) -> usize {
         self.points.len()
     }
@@ -158,38 +130,43 @@ impl Carver {
 
     /// Number of observations.
     pub fn ray_count(&self) -> usize {
-        self.rays.len()
+        self.rays.table().len()
     }
 
-    /// Number of segments seen by views, each view counted.
+    /// Number of pairs of a segment and a view that sees it.
     pub fn segment_count(&self) -> usize {
-        self.sheets.len()
+        self.segments.table().len()
     }
 
     /// Weight with which a view sees the segment between two points; `None` if it does not.
     pub fn segment(&self, view: ViewId, ends: [PointId; 2]) -> Option<u32> {
-        self.sheets
+        let segments = self.segments.table();
+        segments
             .find(view.0, ordered(ends))
-            .map(|sheet| self.sheets.get(sheet).weight)
+            .map(|segment| segments.weight(segment))
     }
 
-    /// All segments seen by views with their weights, in no particular order; of the two points the older first.
+    /// All segments with their views and weights, in no particular order; of the two points the smaller id comes first.
     pub fn segments(&self) -> impl Iterator<Item = (ViewId, [PointId; 2], u32)> + '_ {
-        self.sheets.all().map(|sheet| {
-            let sheet = self.sheets.get(sheet);
-            (ViewId(sheet.view), sheet.points.map(PointId), sheet.weight)
+        let segments = self.segments.table();
+        segments.all().map(|segment| {
+            (
+                ViewId(segments.view(segment)),
+                segments.points(segment).map(PointId),
+                segments.weight(segment),
+            )
         })
     }
 
-    /// Number of entries in the crossing lists: pairs of a ray and a cell that it crosses, ghost cells included, or runs
-    /// in the boundary of.
+    /// Number of entries in the crossing lists: pairs of a ray and a cell, finite or ghost, that it crosses or in whose
+    /// boundary it runs.
     pub fn crossing_count(&self) -> u64 {
-        self.crossings.total()
+        self.rays.crossings().total()
     }
 
-    /// Bytes of the crossing lists, the largest part of the memory.
+    /// Bytes of the crossing lists of rays and of the weights, the largest part of the memory.
     pub fn crossing_bytes(&self) -> usize {
-        self.crossings.bytes()
+        self.rays.crossings().bytes() + self.cells.weight_bytes()
     }
 
     /// Position of a point; `None` if it was removed or never added.
@@ -206,7 +183,7 @@ impl Carver {
             .map(|record| VertexId::from_index(record.vertex as usize))
     }
 
-    /// Standard deviation of a point along its rays, where it was given one.
+    /// Standard deviation of a point along its rays, where it was set.
     pub fn sigma(&self, point: PointId) -> Option<f64> {
         self.points.sigma(point.0)
     }
@@ -220,26 +197,22 @@ impl Carver {
 
     /// Weight of an observation; `None` if there is none.
     pub fn observation(&self, view: ViewId, point: PointId) -> Option<u32> {
-        self.rays
-            .find(view.0, point.0)
-            .map(|ray| self.rays.weight(ray))
+        let rays = self.rays.table();
+        rays.find(view.0, [point.0]).map(|ray| rays.weight(ray))
     }
 
     /// The views that see a point, in no particular order; none if it was removed or never added.
     pub fn views_of(&self, point: PointId) -> impl Iterator<Item = ViewId> + '_ {
-        self.rays
-            .of_point(point.0)
-            .map(|ray| ViewId(self.rays.view(ray)))
+        let rays = self.rays.table();
+        rays.of_point(point.0).map(|ray| ViewId(rays.view(ray)))
     }
 
     /// All observations with their weights, by view; within a view in no particular order.
     pub fn observations(&self) -> impl Iterator<Item = (ViewId, PointId, u32)> + '_ {
-        self.rays.all().map(|ray| {
-            (
-                ViewId(self.rays.view(ray)),
-                PointId(self.rays.point(ray)),
-                self.rays.weight(ray),
-            )
+        let rays = self.rays.table();
+        rays.all().map(|ray| {
+            let [point] = rays.points(ray);
+            (ViewId(rays.view(ray)), PointId(point), rays.weight(ray))
         })
     }
 
@@ -262,13 +235,14 @@ impl Carver {
         self.facets.is_free(cell)
     }
 
-    /// Total weight of the rays across a cell and of the segments whose triangles meet it. For a ghost cell: of those that enter the hull through its facet.
+    /// Total weight of the rays that cross a cell and of the segments whose triangles meet it, except segments that cross it
+    /// themselves. For a ghost cell: of the rays that enter the hull through its facet.
     ///
     /// # Panics
     ///
     /// For ids that were never given out.
     pub fn weight(&self, cell: CellId) -> u64 {
-        self.crossings.weight(cell)
+        self.cells.weight(cell)
     }
 
     /// The observations whose rays cross a cell, in no particular order.
@@ -277,10 +251,17 @@ impl Carver {
     ///
     /// For ids that were never given out.
     pub fn rays_across(&self, cell: CellId) -> impl Iterator<Item = (ViewId, PointId)> + '_ {
-        self.crossings
-            .rays(cell)
-            .filter(move |&ray| !self.rays.is_degenerate(ray) || self.crosses(ray, cell))
-            .map(|ray| (ViewId(self.rays.view(ray)), PointId(self.rays.point(ray))))
+        let rays = self.rays.table();
+        let listed = self.rays.crossings().of(cell);
+        listed
+            .filter(move |&ray| {
+                !rays.is_degenerate(ray)
+                    || self.rays.crosses(&self.tetrahedra, &self.views, ray, cell)
+            })
+            .map(|ray| {
+                let [point] = rays.points(ray);
+                (ViewId(rays.view(ray)), PointId(point))
+            })
     }
 
     /// Number of surface triangles.
@@ -296,8 +277,7 @@ impl Carver {
             .map(|(cell, facet)| crate::surface::triangle(&self.tetrahedra, cell, facet))
     }
 
-    /// Appends the surface triangles with a corner at `vertex`, as [`triangles`](Self::triangles) gives them, each once and
-    /// in no particular order.
+    /// Appends the [`triangles`](Self::triangles) with a corner at `vertex`, each once and in no particular order.
     ///
     /// # Complexity
     ///
@@ -325,13 +305,13 @@ impl Carver {
         self.mesh_where(options, |_| true).0
     }
 
-    /// The same of those triangles alone that `is_wanted`, which is given them as [`triangles`](Self::triangles) gives them,
-    /// says to keep. The others count as part of their component, and are left out before anything is repaired. Beside the mesh the vertex of
-    /// [`tetrahedra`](Self::tetrahedra) that each of its vertices is a copy of, `None` for midpoints of split edges.
+    /// The same for the [`triangles`](Self::triangles) that satisfy `is_wanted`. The others count for the size of their
+    /// component and are left out before repair. Also returns for each vertex of the mesh the vertex of
+    /// [`tetrahedra`](Self::tetrahedra) that it copies, `None` for midpoints of split edges.
     ///
     /// # Complexity
     ///
-    /// As [`mesh`](Self::mesh); asks once a triangle.
+    /// As [`mesh`](Self::mesh), and one call of `is_wanted` for each triangle.
     pub fn mesh_where(
         &self,
         options: &ExportOptions,
@@ -340,25 +320,9 @@ impl Carver {
         crate::surface::extract(&self.tetrahedra, &self.facets, options, is_wanted)
     }
 
-    /// Begins a set of changes that take effect together.
+    /// Begins a transaction: changes that take effect together.
     pub fn transaction(&mut self) -> Transaction<'_> {
         Transaction::new(self)
-    }
-
-    /// Applies a sequence of events as one transaction.
-    ///
-    /// Ids of points and views added by the sequence follow those given before: the first point is
-    /// [`next_point`](Self::next_point), the first view [`next_view`](Self::next_view), and so on upwards.
-    ///
-    /// # Errors
-    ///
-    /// The first [`EventError`]; the state is unchanged.
-    pub fn apply(&mut self, events: &[Event]) -> Result<CommitReport, EventError> {
-        let mut transaction = self.transaction();
-        for &event in events {
-            transaction.push(event)?;
-        }
-        transaction.commit()
     }
 
     /// The id of the next point to be added.
@@ -370,47 +334,9 @@ impl Carver {
     pub fn next_view(&self) -> ViewId {
         ViewId(self.views.capacity() as u32)
     }
-
-    /// Adds one point; see [`Transaction::add_point`].
-    ///
-    /// # Errors
-    ///
-    /// [`EventError`]; the state is unchanged.
-    pub fn add_point(&mut self, position: Point3<f64>) -> Result<PointId, EventError> {
-        let mut transaction = self.transaction();
-        let point = transaction.add_point(position)?;
-        transaction.commit().map(|_| point)
-    }
-
-    /// Adds one view; see [`Transaction::add_view`].
-    ///
-    /// # Errors
-    ///
-    /// [`EventError`]; the state is unchanged.
-    pub fn add_view(&mut self, center: Point3<f64>) -> Result<ViewId, EventError> {
-        let mut transaction = self.transaction();
-        let view = transaction.add_view(center)?;
-        transaction.commit().map(|_| view)
-    }
-
-    /// Adds one observation; see [`Transaction::add_observation`].
-    ///
-    /// # Errors
-    ///
-    /// [`EventError`]; the state is unchanged.
-    pub fn add_observation(
-        &mut self,
-        view: ViewId,
-        point: PointId,
-        weight: u32,
-    ) -> Result<CommitReport, EventError> {
-        let mut transaction = self.transaction();
-        transaction.add_observation(view, point, weight)?;
-        transaction.commit()
-    }
 }
 
-/// The points of a segment as keys hold them.
+/// The points of a segment, the smaller id first.
 fn ordered(ends: [PointId; 2]) -> [u32; 2] {
     let [a, b] = ends.map(|end| end.0);
     [a.min(b), a.max(b)]

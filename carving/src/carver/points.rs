@@ -7,7 +7,7 @@ pub(super) struct Point {
     pub(super) vertex: u32,
 }
 
-/// Points by id; the entry of a removed point is dead for good.
+/// Points by id; the entry of a removed point is never used again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Points {
     records: Vec<Option<Point>>,

@@ -1,4 +1,4 @@
-//! The state without its history, to be compared.
+//! The state without its history, for comparisons.
 
 use super::Carver;
 use crate::surface::{ExportOptions, IndexedMesh};
@@ -14,8 +14,7 @@ pub struct CarvedCell {
     pub is_free: bool,
 }
 
-/// Everything that follows from points, views and observations, in an order that depends on nothing else: two carvers
-/// in the same state have equal snapshots, whatever led to it.
+/// Cells, labels and surface in an order that depends on the state only: carvers in the same state have equal snapshots.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Snapshot {
     /// All finite cells in lexicographic order.
@@ -49,7 +48,7 @@ impl Carver {
                 corners.sort_unstable_by(|a, b| lexicographic(a, b));
                 CarvedCell {
                     corners,
-                    weight: self.crossings.weight(cell),
+                    weight: self.cells.weight(cell),
                     is_free: self.facets.is_free(cell),
                 }
             })
@@ -63,8 +62,8 @@ impl Carver {
         }
     }
 
-    /// A carver in the same state, built from scratch: views, points and observations are added in one transaction
-    /// in the order of ids, or in reverse. Its ids are given anew.
+    /// A carver in the same state, built from scratch: views, points, observations and segments are added in one transaction
+    /// in the order of ids, or in reverse. Its ids are new.
     pub fn rebuilt(&self, reverse: bool) -> Carver {
         rebuild::rebuild(self, reverse)
     }
@@ -88,7 +87,7 @@ mod rebuild {
         transaction: &mut Transaction<'_>,
         source: &Carver,
         reverse: bool,
-    ) -> Result<(), crate::carver::EventError> {
+    ) -> Result<(), crate::carver::TransactionError> {
         let mut views = vec![ViewId(0); source.next_view().0 as usize];
         for view in in_order(source.views().collect(), reverse) {
             let center = Point3::from(*source.views.center(view.0));

@@ -9,6 +9,9 @@ use rayon::prelude::*;
 
 use super::*;
 use crate::labels::CutOptions;
+use events::{Event, apply};
+
+mod events;
 
 /// Where the coordinates of a sequence come from.
 #[derive(Clone, Copy, Debug)]
@@ -21,8 +24,8 @@ enum Space {
     Far,
     /// Uniform.
     Cube,
-    /// A sheet of points, views on both sides: the dimension changes.
-    Sheet,
+    /// Points in a plane, views on both sides: the dimension changes.
+    Plane,
 }
 
 const SPACES: [Space; 5] = [
@@ -30,7 +33,7 @@ const SPACES: [Space; 5] = [
     Space::GridPoints,
     Space::Far,
     Space::Cube,
-    Space::Sheet,
+    Space::Plane,
 ];
 
 fn integer(rng: &mut ChaCha8Rng, low: i32, high: i32) -> f64 {
@@ -39,12 +42,12 @@ fn integer(rng: &mut ChaCha8Rng, low: i32, high: i32) -> f64 {
 
 fn position(rng: &mut ChaCha8Rng, space: Space) -> Point3<f64> {
     let mut draw = || match space {
-        Space::Grid | Space::GridPoints | Space::Sheet => integer(rng, 0, 3),
+        Space::Grid | Space::GridPoints | Space::Plane => integer(rng, 0, 3),
         Space::Far => 1e7 + integer(rng, 0, 3000) / 1000.0,
         Space::Cube => rng.random_range(0.0..3.0),
     };
     let (x, y, z) = (draw(), draw(), draw());
-    if matches!(space, Space::Sheet) && rng.random_range(0..8) > 0 {
+    if matches!(space, Space::Plane) && rng.random_range(0..8) > 0 {
         return Point3::new(x, y, 1.0);
     }
     Point3::new(x, y, z)
@@ -53,7 +56,7 @@ fn position(rng: &mut ChaCha8Rng, space: Space) -> Point3<f64> {
 /// Inside, on the boundary and outside of where the points are.
 fn center(rng: &mut ChaCha8Rng, space: Space) -> Point3<f64> {
     match space {
-        Space::Grid | Space::Sheet => Point3::from(std::array::from_fn(|_| {
+        Space::Grid | Space::Plane => Point3::from(std::array::from_fn(|_| {
             f64::from(rng.random_range(-3..=9)) / 2.0
         })),
         Space::Far => Point3::from(std::array::from_fn(|_| {
@@ -68,19 +71,19 @@ fn event(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Event {
     let view = ViewId(rng.random_range(0..carver.next_view().0.max(1)));
     let point = PointId(rng.random_range(0..carver.next_point().0.max(1)));
     let other = PointId(rng.random_range(0..carver.next_point().0.max(1)));
-    match rng.random_range(0..26) {
+    match rng.random_range(0..27) {
         22..25 => Event::AddSegment {
             view,
             ends: [point, other],
             weight: rng.random_range(1..1000),
         },
-        25 => Event::RemoveSegment {
-            view,
-            ends: carver
-                .segments()
-                .nth(rng.random_range(0..8))
-                .map_or([point, other], |(_, ends, _)| ends),
-        },
+        25..27 => {
+            // One that exists, where there are enough.
+            let segment = carver.segments().nth(rng.random_range(0..8));
+            let (view, ends) =
+                segment.map_or((view, [point, other]), |(view, ends, _)| (view, ends));
+            Event::RemoveSegment { view, ends }
+        }
         0..5 => Event::AddPoint {
             position: position(rng, space),
         },
@@ -186,19 +189,22 @@ impl Follower {
 /// A violation with the geometry of its witness.
 fn describe(carver: &Carver, violation: CarverViolation) -> String {
     if let CarverViolation::Weight { cell, .. } = violation {
-        let listed: Vec<_> = (carver.crossings.rays(cell))
+        let rays = carver.rays.table();
+        let listed: Vec<_> = (carver.rays.crossings().of(cell))
             .map(|r| {
-                let (view, point) = (carver.rays.view(r), carver.rays.point(r));
+                let (view, [point]) = (rays.view(r), rays.points(r));
                 let at = (carver.views.center(view), carver.point(PointId(point)));
-                let weight = carver.rays.weight(r);
+                let crosses = carver
+                    .rays
+                    .crosses(&carver.tetrahedra, &carver.views, r, cell);
                 (
                     r,
                     view,
                     point,
-                    weight,
+                    rays.weight(r),
                     at,
-                    carver.crosses(r, cell),
-                    carver.rays.is_degenerate(r),
+                    crosses,
+                    rays.is_degenerate(r),
                 )
             })
             .collect();
@@ -218,10 +224,8 @@ fn describe(carver: &Carver, violation: CarverViolation) -> String {
         .filter(|v| !v.is_ghost())
         .map(|v| t.coordinates(v))
         .collect();
-    let ray = carver
-        .rays
-        .find(view.0, point.0)
-        .map(|r| carver.rays.is_degenerate(r));
+    let rays = carver.rays.table();
+    let ray = rays.find(view.0, [point.0]).map(|r| rays.is_degenerate(r));
     let (center, target) = (carver.view(view), carver.point(point));
     let at = carver.views.viewpoint(view.0);
     format!("{violation}: {corners:?}, {center:?} ({at:?}) -> {target:?}, degenerate {ray:?}")
@@ -267,7 +271,7 @@ fn run(seed: u64, steps: usize) {
         let result = match rng.random_range(0..8) {
             0 | 1 => {
                 let events = keyframe(&mut rng, space, &carver);
-                carver.apply(&events)
+                apply(&mut carver, &events)
             }
             // Several events together; those that do not apply are left out.
             2..4 => {
@@ -276,13 +280,13 @@ fn run(seed: u64, steps: usize) {
                     .collect();
                 let mut transaction = carver.transaction();
                 for event in events {
-                    let _ = transaction.push(event);
+                    let _ = event.push(&mut transaction);
                 }
                 transaction.commit()
             }
             _ => {
                 let event = event(&mut rng, space, &carver);
-                carver.apply(&[event])
+                apply(&mut carver, &[event])
             }
         };
         match result {
@@ -317,14 +321,43 @@ fn run(seed: u64, steps: usize) {
             "seed {seed} in {space:?}"
         );
     }
-    // Taken apart again, point by point, nothing is left.
+    take_apart(&mut rng, carver, follower);
+}
+
+/// Removes segments one by one, some together with views and points, then the other points: the state stays that built
+/// from scratch, and in the end nothing is left.
+fn take_apart(rng: &mut ChaCha8Rng, mut carver: Carver, mut follower: Follower) {
+    let mut segments: Vec<_> = carver.segments().collect();
+    segments.sort_unstable();
+    while let Some((view, ends, _)) = segments.pop() {
+        let mut events = vec![Event::RemoveSegment { view, ends }];
+        match rng.random_range(0..6) {
+            0 => events.push(Event::RemovePoint { point: ends[0] }),
+            1 => events.push(Event::RemoveView { view }),
+            _ => {}
+        }
+        let report = apply(&mut carver, &events).unwrap();
+        follower.follow(&carver, &report.surface);
+        assert_eq!(carver.segment(view, ends), None);
+        segments.retain(|&(view, ends, _)| carver.segment(view, ends).is_some());
+        if segments.len().is_multiple_of(4) {
+            if let Err(violation) = carver.check() {
+                panic!("{}", describe(&carver, violation));
+            }
+            assert_eq!(carver.rebuilt(false).snapshot(), carver.snapshot());
+        }
+    }
+    assert_eq!(carver.segment_count(), 0);
     let points: Vec<PointId> = carver.points().collect();
     for point in points {
-        let report = carver.apply(&[Event::RemovePoint { point }]).unwrap();
+        let report = apply(&mut carver, &[Event::RemovePoint { point }]).unwrap();
         follower.follow(&carver, &report.surface);
     }
     assert_eq!((carver.ray_count(), carver.crossing_count()), (0, 0));
-    assert_eq!((carver.segment_count(), carver.meetings.total()), (0, 0));
+    assert_eq!(
+        (carver.segment_count(), carver.segments.crossings().total()),
+        (0, 0)
+    );
     assert_eq!(carver.triangle_count(), 0);
 }
 
@@ -393,7 +426,7 @@ fn moves_that_destroy_most_cells_lead_to_the_state_built_from_scratch() {
             points.push(point);
         }
         transaction.commit().unwrap();
-        assert!(carver.crossings.total() / 2 > 1 << 14);
+        assert!(carver.rays.crossings().total() / 2 > 1 << 14);
         let moves: Vec<Event> = (points
             .iter()
             .step_by(5)
@@ -403,7 +436,7 @@ fn moves_that_destroy_most_cells_lead_to_the_state_built_from_scratch() {
             position: position(&mut rng, space),
         })
         .collect();
-        carver.apply(&moves).unwrap();
+        apply(&mut carver, &moves).unwrap();
         carver.check().unwrap();
         assert_eq!(carver.snapshot(), carver.rebuilt(true).snapshot());
     }

@@ -4,51 +4,80 @@ use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
 use super::commit::CommitReport;
-use super::events::{Event, EventError};
+use super::error::TransactionError;
 use super::ids::{PointId, ViewId};
 use super::{Carver, ordered};
-use crate::tetrahedralization::accept;
-use crate::visibility::Rays;
+use crate::tetrahedralization::accept_position;
+use crate::visibility::rays::Rays;
+use crate::visibility::{ObservationTable, SegmentVisibility, Visibility};
 
 /// Largest number of points of a carver.
 const MAX_POINTS: usize = 1 << 26;
 /// Largest number of observations of a carver.
 const MAX_RAYS: usize = (u32::MAX - 1) as usize;
 
-/// What a transaction makes of a point or a view that existed before.
+/// The pending change of a point or view that existed before the transaction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Fate {
+pub(super) enum PendingChange {
     Removed,
     Moved([f64; 3]),
 }
 
-/// The net effect of a transaction's events.
+/// The net effect of the changes of a transaction.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Plan {
     /// New points in order of their ids; `None` if removed again.
     pub(super) new_points: Vec<Option<[f64; 3]>>,
     /// New views in order of their ids; `None` if removed again.
     pub(super) new_views: Vec<Option<[f64; 3]>>,
-    pub(super) points: FxHashMap<u32, Fate>,
-    pub(super) views: FxHashMap<u32, Fate>,
+    pub(super) points: FxHashMap<u32, PendingChange>,
+    pub(super) views: FxHashMap<u32, PendingChange>,
     /// New standard deviations, of points old and new.
     pub(super) sigmas: FxHashMap<u32, Option<f64>>,
-    /// Final weight of each observation `(view, point)` touched, `None` if there is none any more. Ends that are
-    /// removed after all take precedence.
-    pub(super) observations: FxHashMap<(u32, u32), Option<u32>>,
-    /// The keys of `observations` in the order of first mention.
-    pub(super) order: Vec<(u32, u32)>,
-    /// Final weight of each segment `(view, points)` touched, likewise.
-    pub(super) segments: FxHashMap<(u32, [u32; 2]), Option<u32>>,
-    /// The keys of `segments` in the order of first mention.
-    pub(super) segment_order: Vec<(u32, [u32; 2])>,
+    pub(super) rays: PlannedWeights<1>,
+    pub(super) segments: PlannedWeights<2>,
+}
+
+/// The net effect of a transaction on the observations of one kind, each by one view of `N` points.
+#[derive(Clone, Debug, Default)]
+pub(super) struct PlannedWeights<const N: usize> {
+    /// Final weight of each observation mentioned, `None` if it is removed. It is removed as well when its view or one of
+    /// its points is.
+    weights: FxHashMap<(u32, [u32; N]), Option<u32>>,
+    /// The observations mentioned, in order.
+    order: Vec<(u32, [u32; N])>,
+}
+
+impl<const N: usize> PlannedWeights<N> {
+    fn set(&mut self, view: u32, points: [u32; N], weight: Option<u32>) {
+        let key = (view, points);
+        if self.weights.insert(key, weight).is_none() {
+            self.order.push(key);
+        }
+    }
+
+    /// Final weight of an observation that is mentioned.
+    pub(super) fn get(&self, view: u32, points: [u32; N]) -> Option<Option<u32>> {
+        self.weights.get(&(view, points)).copied()
+    }
+
+    /// The observations mentioned with their final weights, in order of first mention.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (u32, [u32; N], Option<u32>)> + '_ {
+        let weighted =
+            |&(view, points): &(u32, [u32; N])| (view, points, self.weights[&(view, points)]);
+        self.order.iter().map(weighted)
+    }
+
+    fn len(&self) -> usize {
+        self.order.len()
+    }
 }
 
 /// A set of changes to a [`Carver`] that take effect together on [`commit`](Self::commit); dropped without, it leaves the
 /// carver as it was.
 ///
-/// Every event is checked against the state that the events before it would lead to, and its effect on cells, labels and
-/// surface is computed once for all: a ray is walked again once however many points around it move.
+/// Every change is checked against the state after the changes before it. The effect on cells, labels and surface is computed
+/// once for all of them: a ray is walked again once, however many points around it move.
 #[derive(Debug)]
 pub struct Transaction<'a> {
     pub(super) carver: &'a mut Carver,
@@ -68,46 +97,41 @@ impl<'a> Transaction<'a> {
         self.carver
     }
 
-    fn require_point(&self, point: PointId) -> Result<(), EventError> {
+    fn require_point(&self, point: PointId) -> Result<(), TransactionError> {
         let old = self.carver.points.capacity();
         let exists = match (point.0 as usize).checked_sub(old) {
             Some(new) => matches!(self.plan.new_points.get(new), Some(Some(_))),
             None => {
                 self.carver.points.get(point.0).is_some()
-                    && self.plan.points.get(&point.0) != Some(&Fate::Removed)
+                    && self.plan.points.get(&point.0) != Some(&PendingChange::Removed)
             }
         };
         exists
             .then_some(())
-            .ok_or(EventError::UnknownPoint { point })
+            .ok_or(TransactionError::UnknownPoint { point })
     }
 
-    fn require_view(&self, view: ViewId) -> Result<(), EventError> {
+    fn require_view(&self, view: ViewId) -> Result<(), TransactionError> {
         let old = self.carver.views.capacity();
         let exists = match (view.0 as usize).checked_sub(old) {
             Some(new) => matches!(self.plan.new_views.get(new), Some(Some(_))),
             None => {
                 self.carver.views.is_alive(view.0)
-                    && self.plan.views.get(&view.0) != Some(&Fate::Removed)
+                    && self.plan.views.get(&view.0) != Some(&PendingChange::Removed)
             }
         };
-        exists.then_some(()).ok_or(EventError::UnknownView { view })
+        exists
+            .then_some(())
+            .ok_or(TransactionError::UnknownView { view })
     }
 
     /// Current weight of an observation whose ends exist.
     fn weight(&self, view: ViewId, point: PointId) -> Option<u32> {
-        match self.plan.observations.get(&(view.0, point.0)) {
-            Some(weight) => *weight,
+        match self.plan.rays.get(view.0, [point.0]) {
+            Some(weight) => weight,
             // A new view has seen nothing before.
             None if view >= self.carver.next_view() => None,
             None => self.carver.observation(view, point),
-        }
-    }
-
-    fn set_weight(&mut self, view: ViewId, point: PointId, weight: Option<u32>) {
-        let key = (view.0, point.0);
-        if self.plan.observations.insert(key, weight).is_none() {
-            self.plan.order.push(key);
         }
     }
 
@@ -115,12 +139,12 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::Position`] when the centre is NaN or out of range; [`EventError::Full`].
-    pub fn add_view(&mut self, center: Point3<f64>) -> Result<ViewId, EventError> {
-        let center = accept(&center)?;
+    /// [`TransactionError::Position`] when the centre is NaN or out of range; [`TransactionError::Full`].
+    pub fn add_view(&mut self, center: Point3<f64>) -> Result<ViewId, TransactionError> {
+        let center = accept_position(&center)?;
         let id = self.carver.views.capacity() + self.plan.new_views.len();
         if id >= Rays::MAX_VIEWS {
-            return Err(EventError::Full);
+            return Err(TransactionError::Full);
         }
         self.plan.new_views.push(Some(center));
         Ok(ViewId(id as u32))
@@ -130,89 +154,93 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError::Position`] when the position is NaN or out of range; [`EventError::Full`].
-    pub fn add_point(&mut self, position: Point3<f64>) -> Result<PointId, EventError> {
-        let position = accept(&position)?;
+    /// [`TransactionError::Position`] when the position is NaN or out of range; [`TransactionError::Full`].
+    pub fn add_point(&mut self, position: Point3<f64>) -> Result<PointId, TransactionError> {
+        let position = accept_position(&position)?;
         let id = self.carver.points.capacity() + self.plan.new_points.len();
         let alive = self.carver.points.len() + self.plan.new_points.len();
         if id >= u32::MAX as usize || alive >= MAX_POINTS {
-            return Err(EventError::Full);
+            return Err(TransactionError::Full);
         }
         self.plan.new_points.push(Some(position));
         Ok(PointId(id as u32))
     }
 
-    /// Says how well a point is known: the standard deviation of its position along the rays to it, in units of the
-    /// coordinates; `None`, as for new points, leaves it to the labels to assume one. Votes do not ask for it.
+    /// Sets the standard deviation of a point along the rays to it, in units of the coordinates. Without one (`None`, the value
+    /// of new points) [`CutOptions::relative_sigma`](crate::CutOptions::relative_sigma) applies. Votes ignore it.
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownPoint`]; [`EventError::Sigma`] when the value is negative, NaN or infinite.
-    pub fn set_sigma(&mut self, point: PointId, sigma: Option<f64>) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownPoint`]; [`TransactionError::Sigma`] when the value is negative, NaN or infinite.
+    pub fn set_sigma(
+        &mut self,
+        point: PointId,
+        sigma: Option<f64>,
+    ) -> Result<(), TransactionError> {
         self.require_point(point)?;
         if let Some(sigma) = sigma
             && !(sigma.is_finite() && sigma >= 0.0)
         {
-            return Err(EventError::Sigma { point, sigma });
+            return Err(TransactionError::Sigma { point, sigma });
         }
         self.plan.sigmas.insert(point.0, sigma);
         Ok(())
     }
 
-    /// Lets a view see a point. If it does already, the weights add up.
+    /// Adds an observation of a point by a view. Weights of repeated observations add up.
     ///
     /// # Errors
     ///
-    /// [`EventError`] when the view or point does not exist, the weight is zero or the sum exceeds 32 bits.
+    /// [`TransactionError`] when the view or point does not exist, the weight is zero or the sum exceeds 32 bits.
     pub fn add_observation(
         &mut self,
         view: ViewId,
         point: PointId,
         weight: u32,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.require_view(view)?;
         self.require_point(point)?;
         if weight == 0 {
-            return Err(EventError::ZeroWeight { view, point });
+            return Err(TransactionError::ZeroWeight { view, point });
         }
-        if self.carver.rays.len() + self.plan.order.len() >= MAX_RAYS {
-            return Err(EventError::Full);
+        if self.carver.rays.table().len() + self.plan.rays.len() >= MAX_RAYS {
+            return Err(TransactionError::Full);
         }
         let before = self.weight(view, point).unwrap_or(0);
         let weight = before
             .checked_add(weight)
-            .ok_or(EventError::WeightOverflow { view, point })?;
-        self.set_weight(view, point, Some(weight));
+            .ok_or(TransactionError::WeightOverflow { view, point })?;
+        self.plan.rays.set(view.0, [point.0], Some(weight));
         Ok(())
     }
 
-    /// Removes a view with all its observations.
+    /// Removes a view with all its observations and segments.
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownView`].
-    pub fn remove_view(&mut self, view: ViewId) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownView`].
+    pub fn remove_view(&mut self, view: ViewId) -> Result<(), TransactionError> {
         self.require_view(view)?;
         match (view.0 as usize).checked_sub(self.carver.views.capacity()) {
             Some(new) => self.plan.new_views[new] = None,
             None => {
-                self.plan.views.insert(view.0, Fate::Removed);
+                self.plan.views.insert(view.0, PendingChange::Removed);
             }
         }
         Ok(())
     }
 
-    /// Removes a point with all its observations.
+    /// Removes a point with all its observations and segments.
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownPoint`].
-    pub fn remove_point(&mut self, point: PointId) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownPoint`].
+    pub fn remove_point(&mut self, point: PointId) -> Result<(), TransactionError> {
         self.require_point(point)?;
         match (point.0 as usize).checked_sub(self.carver.points.capacity()) {
             Some(new) => self.plan.new_points[new] = None,
             None => {
-                self.plan.points.insert(point.0, Fate::Removed);
+                self.plan.points.insert(point.0, PendingChange::Removed);
             }
         }
         Ok(())
@@ -222,151 +250,134 @@ impl<'a> Transaction<'a> {
     ///
     /// # Errors
     ///
-    /// [`EventError`] when view, point or observation does not exist.
-    pub fn remove_observation(&mut self, view: ViewId, point: PointId) -> Result<(), EventError> {
+    /// [`TransactionError`] when view, point or observation does not exist.
+    pub fn remove_observation(
+        &mut self,
+        view: ViewId,
+        point: PointId,
+    ) -> Result<(), TransactionError> {
         self.require_view(view)?;
         self.require_point(point)?;
         if self.weight(view, point).is_none() {
-            return Err(EventError::UnknownObservation { view, point });
+            return Err(TransactionError::UnknownObservation { view, point });
         }
-        self.set_weight(view, point, None);
+        self.plan.rays.set(view.0, [point.0], None);
         Ok(())
     }
 
     /// Current weight of a segment whose view and ends exist.
     fn segment_weight(&self, view: ViewId, ends: [PointId; 2]) -> Option<u32> {
-        match self.plan.segments.get(&(view.0, ordered(ends))) {
-            Some(weight) => *weight,
+        match self.plan.segments.get(view.0, ordered(ends)) {
+            Some(weight) => weight,
             None => self.carver.segment(view, ends),
         }
     }
 
-    fn require_segment(&self, view: ViewId, ends: [PointId; 2]) -> Result<(), EventError> {
+    fn require_segment(&self, view: ViewId, ends: [PointId; 2]) -> Result<(), TransactionError> {
         self.require_view(view)?;
         ends.into_iter().try_for_each(|end| self.require_point(end))
     }
 
-    fn set_segment(&mut self, view: ViewId, ends: [PointId; 2], weight: Option<u32>) {
-        let key = (view.0, ordered(ends));
-        if self.plan.segments.insert(key, weight).is_none() {
-            self.plan.segment_order.push(key);
-        }
-    }
-
-    /// Lets a view see the whole segment between two points: every cell whose open interior meets the triangle between
-    /// the centre and the segment gains the weight, but for cells through whose open interior the segment itself runs: those
-    /// are free in front of it and matter behind. If the view sees it already, the weights add up.
+    /// Adds a segment between two points, all of which a view sees. Every cell whose open interior meets the triangle between
+    /// the centre and the segment gains the weight, except cells whose open interior the segment itself crosses: those are
+    /// free before it and occupied behind it. Weights of repeated segments add up.
     ///
-    /// A triangle without area, whether its ends are one point or the centre is in line with them, gains nothing
-    /// and meets nothing; what lies along it is for rays, which are not implied by the segment.
+    /// A triangle without area meets no cell. The rays to the ends are not implied by the segment.
     ///
     /// # Errors
     ///
-    /// [`EventError`] when view or points do not exist, the weight is zero or the sum exceeds 32 bits.
+    /// [`TransactionError`] when view or points do not exist, the weight is zero or the sum exceeds 32 bits.
     pub fn add_segment(
         &mut self,
         view: ViewId,
         ends: [PointId; 2],
         weight: u32,
-    ) -> Result<(), EventError> {
+    ) -> Result<(), TransactionError> {
         self.require_segment(view, ends)?;
-        if self.carver.sheets.len() + self.plan.segment_order.len() >= MAX_RAYS {
-            return Err(EventError::Full);
+        if self.carver.segments.table().len() + self.plan.segments.len()
+            >= SegmentVisibility::MAX_SEGMENTS
+        {
+            return Err(TransactionError::Full);
         }
         let before = self.segment_weight(view, ends).unwrap_or(0);
         match before.checked_add(weight) {
             Some(sum) if weight > 0 => {
-                self.set_segment(view, ends, Some(sum));
+                self.plan.segments.set(view.0, ordered(ends), Some(sum));
                 Ok(())
             }
-            _ => Err(EventError::SegmentWeight { view, ends }),
+            _ => Err(TransactionError::SegmentWeight { view, ends }),
         }
     }
 
-    /// Lets a view no longer see a segment, whatever its weight.
+    /// Removes a segment from a view, whatever its weight.
     ///
     /// # Errors
     ///
-    /// [`EventError`] when view, points or the segment do not exist.
-    pub fn remove_segment(&mut self, view: ViewId, ends: [PointId; 2]) -> Result<(), EventError> {
+    /// [`TransactionError`] when view, points or the segment do not exist.
+    pub fn remove_segment(
+        &mut self,
+        view: ViewId,
+        ends: [PointId; 2],
+    ) -> Result<(), TransactionError> {
         self.require_segment(view, ends)?;
         if self.segment_weight(view, ends).is_none() {
-            return Err(EventError::UnknownSegment { view, ends });
+            return Err(TransactionError::UnknownSegment { view, ends });
         }
-        self.set_segment(view, ends, None);
+        self.plan.segments.set(view.0, ordered(ends), None);
         Ok(())
     }
 
-    /// Moves a view; its observations stay.
+    /// Moves a view; its observations and segments stay.
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownView`]; [`EventError::Position`] when the centre is NaN or out of range.
-    pub fn move_view(&mut self, view: ViewId, center: Point3<f64>) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownView`]; [`TransactionError::Position`] when the centre is NaN or out of range.
+    pub fn move_view(&mut self, view: ViewId, center: Point3<f64>) -> Result<(), TransactionError> {
         self.require_view(view)?;
-        let center = accept(&center)?;
+        let center = accept_position(&center)?;
         match (view.0 as usize).checked_sub(self.carver.views.capacity()) {
             Some(new) => self.plan.new_views[new] = Some(center),
             None => {
-                self.plan.views.insert(view.0, Fate::Moved(center));
+                self.plan.views.insert(view.0, PendingChange::Moved(center));
             }
         }
         Ok(())
     }
 
-    /// Moves a point; its observations stay.
+    /// Moves a point; its observations and segments stay.
     ///
     /// # Errors
     ///
-    /// [`EventError::UnknownPoint`]; [`EventError::Position`] when the position is NaN or out of range.
-    pub fn move_point(&mut self, point: PointId, position: Point3<f64>) -> Result<(), EventError> {
+    /// [`TransactionError::UnknownPoint`]; [`TransactionError::Position`] when the position is NaN or out of range.
+    pub fn move_point(
+        &mut self,
+        point: PointId,
+        position: Point3<f64>,
+    ) -> Result<(), TransactionError> {
         self.require_point(point)?;
-        let position = accept(&position)?;
+        let position = accept_position(&position)?;
         match (point.0 as usize).checked_sub(self.carver.points.capacity()) {
             Some(new) => self.plan.new_points[new] = Some(position),
             None => {
-                self.plan.points.insert(point.0, Fate::Moved(position));
+                self.plan
+                    .points
+                    .insert(point.0, PendingChange::Moved(position));
             }
         }
         Ok(())
     }
 
-    /// Adds one event.
+    /// Makes the changes; see [`CommitReport`].
     ///
     /// # Errors
     ///
-    /// Those of the method that the event names; the transaction stays as it was.
-    pub fn push(&mut self, event: Event) -> Result<(), EventError> {
-        match event {
-            Event::AddView { center } => self.add_view(center).map(|_| ()),
-            Event::AddPoint { position } => self.add_point(position).map(|_| ()),
-            Event::SetSigma { point, sigma } => self.set_sigma(point, sigma),
-            Event::AddObservation {
-                view,
-                point,
-                weight,
-            } => self.add_observation(view, point, weight),
-            Event::RemoveView { view } => self.remove_view(view),
-            Event::RemovePoint { point } => self.remove_point(point),
-            Event::RemoveObservation { view, point } => self.remove_observation(view, point),
-            Event::MoveView { view, center } => self.move_view(view, center),
-            Event::MovePoint { point, position } => self.move_point(point, position),
-            Event::AddSegment { view, ends, weight } => self.add_segment(view, ends, weight),
-            Event::RemoveSegment { view, ends } => self.remove_segment(view, ends),
-        }
-    }
-
-    /// Makes the changes.
-    ///
-    /// # Errors
-    ///
-    /// [`EventError::ZeroLengthRay`] when a view would see a point at its very centre; nothing is changed.
+    /// [`TransactionError::ZeroLengthRay`] when a view would see a point at its very centre; nothing is changed.
     ///
     /// # Complexity
     ///
     /// Per ray that is new, or whose point or view moved: the cells that it crosses. Per cell replaced: the rays across
     /// it. Independent of the rest of the map, apart from one test per view.
-    pub fn commit(self) -> Result<CommitReport, EventError> {
+    pub fn commit(self) -> Result<CommitReport, TransactionError> {
         super::commit::commit(self)
     }
 }

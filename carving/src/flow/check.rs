@@ -4,10 +4,10 @@ use thiserror::Error;
 
 use super::network::{Network, NodeId, Tree, parent};
 
-/// The first property of a [`Network`] found broken, with its witness. Any occurrence is a defect of this crate.
+/// The first property of the flow network found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum FlowViolation {
-    /// The slot at the other end does not look back.
+    /// The slot at the other end is not joined to this one.
     #[error("slot {slot} of {node:?} is joined in one direction only")]
     Joint {
         /// The node.
@@ -15,7 +15,7 @@ pub enum FlowViolation {
         /// Its slot.
         slot: usize,
     },
-    /// More flows than the arc takes, or the two residuals do not add up to the two capacities.
+    /// The flow exceeds the capacity, or the two residuals do not add up to the two capacities.
     #[error("the residual of slot {slot} of {node:?} is {residual}, its capacity {capacity}")]
     Residual {
         /// The node.
@@ -27,7 +27,7 @@ pub enum FlowViolation {
         /// The capacity.
         capacity: i64,
     },
-    /// The excess on record is not what terminal and arcs say.
+    /// The excess on record differs from terminal minus arcs.
     #[error("{node:?} has excess {recorded} on record; terminal and arcs give {found}")]
     Excess {
         /// The node.
@@ -45,7 +45,7 @@ pub enum FlowViolation {
     },
     /// A supply, or an arc with a residual from the source side, leads to a node that is not on it; or a node on the source
     /// side has a demand left.
-    #[error("{node:?} lets more flow pass to the sink")]
+    #[error("{node:?} has an augmenting path to the sink")]
     Augmentable {
         /// The node.
         node: NodeId,

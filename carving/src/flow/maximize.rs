@@ -73,7 +73,7 @@ impl Network {
         }
     }
 
-    /// Brings tree and root of a node in line with its excess and its arcs, which may have changed.
+    /// Updates tree and root of a node after its excess or its arcs have changed.
     fn settle(&mut self, node: usize) {
         let state = &self.nodes[node];
         if state.excess != 0 {
@@ -121,7 +121,7 @@ impl Network {
         self.activate(node);
     }
 
-    /// Lets a tree grow from an active node over its arcs. Ends at an arc, given by its start and slot, from the source tree
+    /// Grows a tree from an active node over its arcs. Returns an arc, given by its start and slot, from the source tree
     /// to the sink tree, or with `None` when there is none (or the node is in no tree any more).
     fn grow_from(&mut self, node: usize) -> Option<(usize, usize)> {
         let here = self.nodes[node];
@@ -242,7 +242,7 @@ impl Network {
         }
     }
 
-    /// Finds a new parent for an orphan in its tree, the one nearest to a root, or lets it go with its children orphaned.
+    /// Finds a new parent for an orphan in its tree, the one nearest to a root, or removes it from the tree and orphans its children.
     fn adopt(&mut self, node: usize) {
         let tree = self.nodes[node].tree;
         let mut best: Option<(u32, usize)> = None;

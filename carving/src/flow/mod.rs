@@ -10,7 +10,7 @@
 //! # Example
 //!
 //! ```
-//! use linecarve_carving::flow::{Network, NodeId};
+//! use linecarve_carving::internals::flow::{Network, NodeId};
 //!
 //! let mut network = Network::new();
 //! network.grow(2);

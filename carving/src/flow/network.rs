@@ -1,4 +1,4 @@
-//! Nodes, arcs and what may be changed about them.
+//! Nodes, arcs and changes of them.
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct NodeId(pub u32);
 
-/// Stands for no joint.
+/// No joint.
 pub(super) const NOWHERE: u32 = u32::MAX;
 
 /// What connects a node to its tree.
@@ -67,7 +67,7 @@ impl Node {
     }
 }
 
-/// A flow network of nodes with four slots each; see the [module](super).
+/// A flow network of nodes with four slots each.
 ///
 /// Capacities and terminals are at most 2^60 in size, and so must be the sum of all terminals of one sign. About 120
 /// bytes a node.
@@ -109,7 +109,7 @@ impl Network {
         }
     }
 
-    /// Takes all joints, terminals and flow away. Every node is on the sink side then.
+    /// Removes all joints, terminals and flow. Every node is then on the sink side.
     pub fn clear(&mut self) {
         for index in 0..self.nodes.len() {
             if self.nodes[index].tree == Tree::Source {
@@ -150,7 +150,7 @@ impl Network {
         self.nodes[b_index].across[b_slot] = pack(a, a_slot);
     }
 
-    /// Takes a joint away, with its two arcs. What flowed there becomes an excess before it and a deficit behind it.
+    /// Removes a joint with its two arcs. Their flow becomes an excess before it and a deficit behind it.
     ///
     /// # Panics
     ///
@@ -175,7 +175,7 @@ impl Network {
         }
     }
 
-    /// Takes all joints and the terminal of a node away.
+    /// Removes all joints and the terminal of a node.
     ///
     /// # Panics
     ///
@@ -205,8 +205,8 @@ impl Network {
 
     /// Sets the capacity of the arc that leaves a node by a slot; without effect where the slot is not joined.
     ///
-    /// The flow follows the capacity, up and down, as far as it can: an excess behind the arc and a deficit before it. Where
-    /// capacities say which way supplies go, most of the way is gone then before any search.
+    /// The flow follows the capacity, up and down, as far as an excess behind the arc and a deficit before it allow. Supplies
+    /// thus follow the capacities before any search.
     ///
     /// # Panics
     ///
@@ -257,7 +257,7 @@ impl Network {
         &mut self.flipped
     }
 
-    /// What the cut costs: the arcs from source side to sink side, demands on the source side and supplies on the sink side.
+    /// Cost of the cut: the arcs from source side to sink side, demands on the source side and supplies on the sink side.
     /// After [`maximize`](Self::maximize) that is the maximum flow.
     ///
     /// # Complexity

@@ -9,8 +9,8 @@ use super::quality::cosines;
 
 /// The network of cells: one node a cell, one joint a facet between finite cells.
 ///
-/// A cell grants what is said for free space in it minus what is said for matter, and an arc into a cell has the cost of
-/// entering matter there. Ghost cells are not joined: what rays bring from outside comes from the source.
+/// The terminal of a cell is its evidence for free minus that for occupied; the capacity of an arc into a cell is the cost of a
+/// surface there with that cell occupied. Ghost cells have no node: evidence of rays from outside is added to the terminal.
 #[derive(Clone, Debug)]
 pub(crate) struct Cut {
     options: CutOptions,
@@ -104,7 +104,7 @@ impl Cut {
 
     /// Sets the terminal of a cell and the capacities of the arcs into it.
     fn settle(&mut self, tetrahedra: &Tetrahedralization, cell: CellId, sums: &CellEvidence) {
-        let mut granted = sums.free as i64 - sums.matter as i64;
+        let mut granted = sums.free as i64 - sums.occupied as i64;
         for facet in 0..4 {
             let (other, back) = tetrahedra.neighbor(cell, facet);
             if tetrahedra.is_ghost(other) {
@@ -117,7 +117,7 @@ impl Cut {
         self.network.set_terminal(node(cell), granted);
     }
 
-    /// Cost of a surface at a facet whose matter is in `cell`.
+    /// Cost of a surface at a facet with `cell` occupied.
     fn capacity(
         &self,
         cell: CellId,
@@ -131,7 +131,7 @@ impl Cut {
         sums.entered[facet] as i64 + shape / crate::visibility::UNIT as i64
     }
 
-    /// Verifies the flow, and that capacities are what the evidence says; `Ok(Some(cell))` names one where they are not.
+    /// Verifies the flow and that capacities follow from the evidence; `Ok(Some(cell))` names a cell where they do not.
     pub(crate) fn check(
         &self,
         tetrahedra: &Tetrahedralization,

@@ -1,7 +1,7 @@
 //! Labels: which cells are free.
 //!
-//! A labelling reads what the rays say and decides; the surface reads the labels. [`Votes`] decides for every cell by
-//! itself, [`CutOptions`] for all together: the labels are those of the cheapest surface.
+//! [`Votes`] labels each cell by its own weight. With [`CutOptions`] all cells are labelled together, by the surface of least
+//! cost.
 
 mod cut;
 mod cut_options;
@@ -14,6 +14,11 @@ pub use votes::Votes;
 
 /// How cells are labelled.
 #[derive(Clone, Copy, PartialEq, Debug)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "snake_case")
+)]
 pub enum Labels {
     /// Each cell by the weight of the rays across it.
     Votes(Votes),

@@ -1,10 +1,10 @@
-//! How well a facet fits into the empty spheres of its two cells.
+//! Quality of a facet: its angles with the circumspheres of its two cells.
 
 use crate::vectors::{cross, dot, minus};
 use crate::visibility::UNIT;
 
 /// For the facet opposite each corner the cosine of its angle with the circumsphere, in units of 1/[`UNIT`]: 1 when the
-/// sphere's centre is far inside, -1 when it is far on the other side of the facet. 0 where rounding leaves nothing.
+/// sphere's centre is far inside, -1 when it is far on the other side of the facet. 0 where the result is NaN.
 ///
 /// The result depends on positions alone, not on the order of the corners.
 pub(super) fn cosines(corners: [&[f64; 3]; 4]) -> [i16; 4] {

@@ -4,13 +4,18 @@ use std::num::NonZeroU64;
 
 /// A finite cell is free when the weights of the rays across it add up to a threshold.
 ///
-/// Space outside the hull (ghost cells) is never free: nothing was observed there but rays on their way in.
+/// Space outside the hull (ghost cells) is never free.
 ///
 /// # Reference
 ///
 /// D. Lovi, N. Birkbeck, D. Cobzas, M. Jagersand, "Incremental free-space carving for real-time 3D reconstruction",
 /// 3DPVT 2010.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct Votes {
     /// Smallest total weight of a free cell.
     pub threshold: NonZeroU64,

@@ -2,10 +2,9 @@
 //!
 //! Each predicate first evaluates its determinant in plain floating point and compares it with a
 //! bound on the rounding error taken from the largest coordinate differences (a *semi-static
-//! filter*); only where the sign is in doubt does it ask the adaptive exact arithmetic of the
-//! `robust` crate. The sign of every result is therefore exact for coordinates that
-//! [`accept`](crate::tetrahedralization::accept) lets through, see
-//! [`MAX_COORDINATE`](crate::tetrahedralization::MAX_COORDINATE).
+//! filter*); where the sign is in doubt, the adaptive exact arithmetic of the `robust` crate decides. The
+//! sign of every result is therefore exact for coordinates in the range of
+//! [`accept_position`](crate::tetrahedralization::accept_position).
 //!
 //! # Sign convention
 //!
@@ -24,7 +23,9 @@ mod insphere;
 mod neighbor_spheres;
 mod orient;
 
-pub use insphere::{in_sphere, in_sphere_perturbed};
+#[cfg(any(test, feature = "internals"))]
+pub use insphere::in_sphere;
+pub use insphere::in_sphere_perturbed;
 pub(crate) use neighbor_spheres::{FacetNormals, determinant_error, lifted_row, widen};
 pub(crate) use orient::orient3d_from_differences;
 pub use orient::{are_collinear, orient3d};

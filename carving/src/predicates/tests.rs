@@ -26,8 +26,8 @@ fn sign(x: f64) -> i128 {
     i128::from((x > 0.0) as i8) - i128::from((x < 0.0) as i8)
 }
 
-/// Integer points scaled and shifted to a place where rounding bites; both operations are exact.
-fn place(p: [i64; 3], offset: i64) -> [f64; 3] {
+/// Integer points scaled and shifted so that rounding matters; both operations are exact.
+fn shifted(p: [i64; 3], offset: i64) -> [f64; 3] {
     p.map(|c| (c + offset) as f64 / 1024.0)
 }
 
@@ -64,14 +64,14 @@ proptest! {
     #[test]
     fn orientation_agrees_with_integers(p in prop::array::uniform4(point()), far in any::<bool>()) {
         let offset = if far { 10_240_000_000 } else { 0 };
-        let [a, b, c, d] = p.map(|p| place(p, offset));
+        let [a, b, c, d] = p.map(|p| shifted(p, offset));
         prop_assert_eq!(sign(orient3d(&a, &b, &c, &d)), orient_exact(&p).signum());
     }
 
     #[test]
     fn in_sphere_agrees_with_integers(p in prop::array::uniform5(point()), far in any::<bool>()) {
         let offset = if far { 10_240_000_000 } else { 0 };
-        let [a, b, c, d, e] = p.map(|p| place(p, offset));
+        let [a, b, c, d, e] = p.map(|p| shifted(p, offset));
         prop_assert_eq!(sign(in_sphere(&a, &b, &c, &d, &e)), in_sphere_exact(&p).signum());
     }
 
@@ -81,7 +81,7 @@ proptest! {
     fn perturbed_side_ignores_numbering(p in prop::array::uniform5(prop::array::uniform3(0i64..=2))) {
         let orientation = orient_exact(&[p[0], p[1], p[2], p[3]]);
         prop_assume!(orientation != 0 && !p[..4].contains(&p[4]));
-        let [a, mut b, mut c, d, e] = p.map(|p| place(p, 0));
+        let [a, mut b, mut c, d, e] = p.map(|p| shifted(p, 0));
         if orientation < 0 {
             std::mem::swap(&mut b, &mut c);
         }

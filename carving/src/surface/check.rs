@@ -11,7 +11,7 @@ use super::facets::{Facets, triangle};
 /// The first property of the surface found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum SurfaceViolation {
-    /// The recorded label of a cell is not what its weight says.
+    /// The recorded label of a cell contradicts its weight.
     #[error("{cell:?} is recorded as free: {recorded}, but its weight is {weight}")]
     Label {
         /// The cell.

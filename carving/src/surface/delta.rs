@@ -1,4 +1,4 @@
-//! What an update changed.
+//! The change of the surface by one update.
 
 use crate::tetrahedralization::VertexId;
 
@@ -7,9 +7,10 @@ pub type Triangle = [VertexId; 3];
 
 /// The change of a surface by one update; its size and cost follow the change, not the size of the surface.
 ///
-/// To follow the surface: take `removed` out, replace the positions of `moved`, put `added` in. A vertex id that is not a
+/// To follow the surface: delete `removed`, update the positions of `moved`, insert `added`. A vertex id that is not a
 /// corner of the surface any more may be given to another vertex later.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SurfaceDelta {
     /// Triangles that are new, in lexicographic order.
     pub added: Vec<Triangle>,

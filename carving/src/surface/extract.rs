@@ -11,14 +11,19 @@ use super::repair::split_into_manifold;
 
 /// Filters and repair of an exported surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
 pub struct ExportOptions {
     /// Triangles with an edge longer than this are left out; `None` keeps all.
     pub longest_edge: Option<f64>,
     /// Components of fewer triangles are left out. Triangles are connected by edges, at an edge with more than two
     /// triangles by sharing free space.
     pub minimum_component: usize,
-    /// Give non-manifold edges and vertices one copy for each sheet of the surface, so that every edge has at most two
-    /// triangles and every vertex one fan. Where a sheet meets itself along an edge, the edge is split at its midpoint.
+    /// Give non-manifold edges and vertices one copy for each patch of the surface, so that every edge has at most two
+    /// triangles and every vertex one fan. Where a patch meets itself along an edge, the edge is split at its midpoint.
     pub manifold: bool,
 }
 
@@ -26,9 +31,9 @@ pub struct ExportOptions {
 ///
 /// Vertices are in lexicographic order of their coordinates (copies of one vertex in the order of their first
 /// triangles), after them come midpoints of edges that a repair had to split; triangles start at their smallest index
-/// and are sorted. Equal surfaces thus have equal meshes, whatever
-/// led to them. There are no unused vertices.
+/// and are sorted. Equal surfaces thus have equal meshes. There are no unused vertices.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct IndexedMesh {
     /// Positions.
     pub vertices: Vec<Point3<f64>>,
@@ -36,18 +41,18 @@ pub struct IndexedMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// The triangles to be exported and how they hang together.
-pub(super) struct Sheet {
+/// The triangles to be exported and their connectivity.
+pub(super) struct SurfacePatch {
     /// Triangles with their vertices.
     pub(super) triangles: Vec<Triangle>,
     /// For each corner the copy of its vertex; all 0 without repair.
     pub(super) copies: Vec<[u32; 3]>,
-    /// For each edge, which starts at the corner of the same place, a number that it has in common with the edge of the
+    /// For each edge, which starts at the corner of the same index, a number that it shares with the edge of the
     /// neighbouring triangle only.
     pub(super) edges: Vec<[u32; 3]>,
 }
 
-impl Sheet {
+impl SurfacePatch {
     /// Drops triangles; `is_kept` has an entry for each.
     pub(super) fn keep(&mut self, is_kept: &[bool]) {
         fn keep<T>(list: &mut Vec<T>, is_kept: &[bool]) {
@@ -60,8 +65,8 @@ impl Sheet {
     }
 }
 
-/// Exports the triangles of the surface that are wanted, with the vertex that each vertex of the mesh is a copy of; `None` for
-/// the midpoints of split edges.
+/// Exports the triangles of the surface that satisfy `is_wanted`. Also returns for each vertex of the mesh the vertex that it
+/// copies, `None` for the midpoints of split edges.
 pub(crate) fn extract(
     tetrahedra: &Tetrahedralization,
     facets: &Facets,
@@ -91,8 +96,8 @@ pub(crate) fn extract(
     };
     vertices.sort_unstable_by(by_position);
     let mut rank = vec![0u32; tetrahedra.vertex_capacity()];
-    for (place, vertex) in (0..).zip(&vertices) {
-        rank[vertex.index()] = place;
+    for (index, vertex) in (0..).zip(&vertices) {
+        rank[vertex.index()] = index;
     }
     let rank = |v: VertexId| rank[v.index()];
     let mut keyed: Vec<_> = facets_in_use
@@ -106,12 +111,12 @@ pub(crate) fn extract(
         .iter()
         .map(|(corners, _)| is_wanted(*corners))
         .collect();
-    let sheet = split_into_manifold(tetrahedra, facets, &chosen, &is_wanted, options);
+    let patch = split_into_manifold(tetrahedra, facets, &chosen, &is_wanted, options);
 
-    let mut corners: Vec<(u32, u32)> = sheet
+    let mut corners: Vec<(u32, u32)> = patch
         .triangles
         .iter()
-        .zip(&sheet.copies)
+        .zip(&patch.copies)
         .flat_map(|(triangle, copies)| {
             let corner = |k: usize| (rank(triangle[k]), copies[k]);
             [corner(0), corner(1), corner(2)]
@@ -125,7 +130,7 @@ pub(crate) fn extract(
             .iter()
             .map(|&(r, _)| tetrahedra.position(vertices[r as usize]))
             .collect(),
-        triangles: Vec::with_capacity(sheet.triangles.len()),
+        triangles: Vec::with_capacity(patch.triangles.len()),
     };
     let index = |corner: &(u32, u32)| {
         corners
@@ -142,7 +147,7 @@ pub(crate) fn extract(
         .map(|&(r, _)| Some(vertices[r as usize]))
         .collect();
     if options.manifold {
-        split_repeated_edges(&mut mesh, &sheet.edges);
+        split_repeated_edges(&mut mesh, &patch.edges);
         origins.resize(mesh.vertices.len(), None);
     }
     for triangle in &mut mesh.triangles {

@@ -8,7 +8,7 @@ use super::delta::{SurfaceDelta, Triangle, rotate_smallest_first};
 /// Set for free cells.
 const FREE: u8 = 1 << 4;
 
-/// Per cell one byte: the label, and for free cells which of the four facets are on the surface.
+/// One byte for each cell: the label, and for free cells which of the four facets are on the surface.
 ///
 /// The facet of a surface triangle is recorded on its free side only, so the triangles of a destroyed cell are known
 /// without its neighbours, which may be gone as well.
@@ -88,7 +88,7 @@ impl Facets {
     ///
     /// # Complexity
     ///
-    /// Linear in the number of cells listed, and sorting of the triangles concerned.
+    /// Linear in the number of cells listed, and sorting of the changed triangles.
     pub(crate) fn update(
         &mut self,
         tetrahedra: &Tetrahedralization,

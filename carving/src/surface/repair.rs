@@ -8,7 +8,7 @@
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 
 use super::delta::Triangle;
-use super::extract::{ExportOptions, Sheet};
+use super::extract::{ExportOptions, SurfacePatch};
 use super::facets::Facets;
 
 /// Disjoint sets with the smallest member as representative.
@@ -58,17 +58,16 @@ fn across(
     }
 }
 
-/// Drops small components, and then what is not wanted, and assigns copies of vertices as the options ask. `chosen` is in
-/// canonical order; `is_wanted` has an entry for each. Components are those of all that was chosen: what is left of a
-/// large one may be small.
+/// Drops small components and unwanted triangles, and assigns copies of vertices. `chosen` is in canonical order;
+/// `is_wanted` has an entry for each. Components are those of all chosen triangles, the unwanted included.
 pub(super) fn split_into_manifold(
     tetrahedra: &Tetrahedralization,
     facets: &Facets,
     chosen: &[(Triangle, (CellId, usize))],
     is_wanted: &[bool],
     options: &ExportOptions,
-) -> Sheet {
-    let mut sheet = Sheet {
+) -> SurfacePatch {
+    let mut patch = SurfacePatch {
         triangles: chosen.iter().map(|(triangle, _)| *triangle).collect(),
         copies: vec![[0; 3]; chosen.len()],
         edges: (0..chosen.len() as u32)
@@ -76,12 +75,12 @@ pub(super) fn split_into_manifold(
             .collect(),
     };
     if !options.manifold && options.minimum_component <= 1 {
-        sheet.keep(is_wanted);
-        return sheet;
+        patch.keep(is_wanted);
+        return patch;
     }
-    let mut place: Vec<((CellId, usize), u32)> =
+    let mut indices: Vec<((CellId, usize), u32)> =
         chosen.iter().map(|(_, at)| *at).zip(0..).collect();
-    place.sort_unstable();
+    indices.sort_unstable();
     let mut components = Sets::new(chosen.len());
     let mut fans = Sets::new(3 * chosen.len());
     for (index, (triangle, at)) in (0u32..).zip(chosen) {
@@ -91,17 +90,17 @@ pub(super) fn split_into_manifold(
                 continue;
             };
             // The partner may have been filtered out.
-            let Ok(found) = place.binary_search_by_key(&partner, |(at, _)| *at) else {
+            let Ok(found) = indices.binary_search_by_key(&partner, |(at, _)| *at) else {
                 continue;
             };
-            let other = place[found].1;
+            let other = indices[found].1;
             components.unite(index, other);
             if !(is_wanted[index as usize] && is_wanted[other as usize]) {
                 continue;
             }
             let back = chosen[other as usize].0.iter().position(|&v| v == b);
             let back = 3 * other + back.expect("partners share the edge") as u32;
-            let edge = &mut sheet.edges[index as usize][k];
+            let edge = &mut patch.edges[index as usize][k];
             *edge = back.min(*edge);
             for (corner, vertex) in [(k, a), ((k + 1) % 3, b)] {
                 let twin = chosen[other as usize]
@@ -114,7 +113,7 @@ pub(super) fn split_into_manifold(
         }
     }
     if options.manifold {
-        for (index, copies) in (0u32..).zip(&mut sheet.copies) {
+        for (index, copies) in (0u32..).zip(&mut patch.copies) {
             *copies = [0, 1, 2].map(|k| fans.find(3 * index + k));
         }
     }
@@ -129,6 +128,6 @@ pub(super) fn split_into_manifold(
             *is_wanted && size >= options.minimum_component
         })
         .collect();
-    sheet.keep(&is_kept);
-    sheet
+    patch.keep(&is_kept);
+    patch
 }

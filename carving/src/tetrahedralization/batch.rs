@@ -7,7 +7,7 @@ use super::Tetrahedralization;
 use super::changes::Changes;
 use super::ids::VertexId;
 use super::insert::Insertion;
-use super::point::{PointError, accept};
+use super::point::{PointError, accept_position};
 use super::spatial_order::spatial_order;
 
 /// A point of a batch was refused. No point of the batch has been inserted.
@@ -96,7 +96,7 @@ impl Tetrahedralization {
     /// Checks that all points are in range and find room.
     fn accept_batch(&mut self, points: &[Point3<f64>]) -> Result<(), BatchError> {
         for (index, point) in points.iter().enumerate() {
-            accept(point).map_err(|error| BatchError { index, error })?;
+            accept_position(point).map_err(|error| BatchError { index, error })?;
         }
         if !self.storage.has_room_for(points.len()) {
             let error = PointError::Full;
@@ -115,7 +115,7 @@ fn in_spatial_order(
 ) {
     let order = spatial_order(points);
     let mut positions = Vec::with_capacity(FETCHED_AHEAD.min(points.len()));
-    // Every place is filled below, as the order is a permutation.
+    // Every entry is filled below, as the order is a permutation.
     outcomes.resize(points.len(), Insertion::Duplicate(VertexId::GHOST));
     for indices in order.chunks(FETCHED_AHEAD) {
         positions.clear();

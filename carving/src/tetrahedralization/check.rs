@@ -9,7 +9,7 @@ use crate::predicates::orient3d;
 
 /// The first invariant found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum Violation {
+pub enum TetrahedralizationViolation {
     /// A corner is not a living vertex, occurs twice, or the ghost is not last.
     #[error("{cell:?} has invalid corners {vertices:?}")]
     Corners {
@@ -18,7 +18,7 @@ pub enum Violation {
         /// Its corners.
         vertices: [VertexId; 4],
     },
-    /// The neighbour across a facet does not look back, is dead, or has other corners there.
+    /// The neighbour across a facet does not refer to it, is dead, or has other corners there.
     #[error("facet {facet} of {cell:?} and its neighbour do not match")]
     Adjacency {
         /// The cell.
@@ -59,7 +59,7 @@ pub enum Violation {
         /// The cell.
         cell: CellId,
     },
-    /// The vertices of a state below dimension three are inconsistent, or cells exist beside them.
+    /// The vertices of a state below dimension three are inconsistent, or cells exist nevertheless.
     #[error("the state of dimension {dimension} is inconsistent")]
     LowDimension {
         /// The dimension.
@@ -76,17 +76,17 @@ impl Tetrahedralization {
     ///
     /// # Errors
     ///
-    /// The first [`Violation`].
+    /// The first [`TetrahedralizationViolation`].
     ///
     /// # Complexity
     ///
     /// Linear in the number of cells, apart from sorting edges.
-    pub fn check(&self) -> Result<(), Violation> {
+    pub fn check(&self) -> Result<(), TetrahedralizationViolation> {
         if self.recent_cell == NO_CELL {
             return self.check_low();
         }
         if self.low.dimension() != -1 || !self.storage.is_alive(self.recent_cell) {
-            return Err(Violation::LowDimension {
+            return Err(TetrahedralizationViolation::LowDimension {
                 dimension: self.low.dimension(),
             });
         }
@@ -99,7 +99,7 @@ impl Tetrahedralization {
                 .is_some_and(|c| self.is_cell(c) && self.cell_vertices(c).contains(&vertex));
             if !contains || self.storage.vertices[vertex.index()].label != super::storage::NO_LABEL
             {
-                return Err(Violation::VertexCell { vertex });
+                return Err(TetrahedralizationViolation::VertexCell { vertex });
             }
         }
         self.check_euler()
@@ -109,8 +109,8 @@ impl Tetrahedralization {
     ///
     /// # Errors
     ///
-    /// The first [`Violation`] of [`check`](Self::check), or the first vertex in conflict with a cell.
-    pub fn check_exhaustively(&self) -> Result<(), Violation> {
+    /// The first [`TetrahedralizationViolation`] of [`check`](Self::check), or the first vertex in conflict with a cell.
+    pub fn check_exhaustively(&self) -> Result<(), TetrahedralizationViolation> {
         self.check()?;
         for cell in self.cells() {
             for vertex in self.vertices() {
@@ -120,7 +120,7 @@ impl Tetrahedralization {
         Ok(())
     }
 
-    fn check_low(&self) -> Result<(), Violation> {
+    fn check_low(&self) -> Result<(), TetrahedralizationViolation> {
         let consistent = self.storage.live_cells() == 0
             && self.storage.live_ghost_cells() == 0
             && self.low.is_consistent(&self.storage)
@@ -129,13 +129,13 @@ impl Tetrahedralization {
         if consistent {
             Ok(())
         } else {
-            Err(Violation::LowDimension {
+            Err(TetrahedralizationViolation::LowDimension {
                 dimension: self.low.dimension(),
             })
         }
     }
 
-    fn check_cell(&self, cell: CellId) -> Result<(), Violation> {
+    fn check_cell(&self, cell: CellId) -> Result<(), TetrahedralizationViolation> {
         let vertices = self.cell_vertices(cell);
         let raw = vertices.map(|v| v.0);
         let valid = (0..4).all(|i| {
@@ -143,19 +143,19 @@ impl Tetrahedralization {
             usable && !raw[..i].contains(&raw[i])
         });
         if !valid {
-            return Err(Violation::Corners { cell, vertices });
+            return Err(TetrahedralizationViolation::Corners { cell, vertices });
         }
         if self.storage.states[cell.index()] != super::storage::state::ALIVE {
-            return Err(Violation::Mark { cell });
+            return Err(TetrahedralizationViolation::Mark { cell });
         }
         if raw[3] != GHOST {
             let [a, b, c, d] = raw.map(|v| self.storage.position(v));
             if orient3d(a, b, c, d) <= 0.0 {
-                return Err(Violation::Orientation { cell });
+                return Err(TetrahedralizationViolation::Orientation { cell });
             }
         }
         for (facet, corners) in FACET.iter().enumerate() {
-            let broken = Violation::Adjacency { cell, facet };
+            let broken = TetrahedralizationViolation::Adjacency { cell, facet };
             if self.storage.cell(cell.raw()).neighbors[facet] == NO_CELL {
                 return Err(broken);
             }
@@ -175,7 +175,11 @@ impl Tetrahedralization {
         Ok(())
     }
 
-    fn check_conflict(&self, cell: CellId, vertex: VertexId) -> Result<(), Violation> {
+    fn check_conflict(
+        &self,
+        cell: CellId,
+        vertex: VertexId,
+    ) -> Result<(), TetrahedralizationViolation> {
         let record = self.storage.cell(cell.raw());
         if vertex.is_ghost() || record.vertices.contains(&vertex.0) {
             return Ok(());
@@ -196,12 +200,12 @@ impl Tetrahedralization {
             self.is_in_conflict(record, p)
         };
         if conflict {
-            return Err(Violation::Conflict { cell, vertex });
+            return Err(TetrahedralizationViolation::Conflict { cell, vertex });
         }
         Ok(())
     }
 
-    fn check_euler(&self) -> Result<(), Violation> {
+    fn check_euler(&self) -> Result<(), TetrahedralizationViolation> {
         let mut edges = Vec::new();
         let mut cells = 0;
         let mut ghosts = 0;
@@ -223,7 +227,7 @@ impl Tetrahedralization {
         let counted = ghosts == self.ghost_cell_count()
             && cells as usize == self.finite_cell_count() + self.ghost_cell_count();
         if characteristic != 0 || !counted {
-            return Err(Violation::Euler { characteristic });
+            return Err(TetrahedralizationViolation::Euler { characteristic });
         }
         Ok(())
     }

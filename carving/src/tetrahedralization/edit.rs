@@ -7,7 +7,7 @@ use super::changes::Changes;
 use super::ids::{CellId, NO_CELL, VertexId};
 use super::insert::Insertion;
 use super::move_vertex::{Move, MoveError};
-use super::point::{PointError, accept};
+use super::point::{PointError, accept_position};
 use super::remove::UnknownVertex;
 use super::storage::state;
 
@@ -55,7 +55,7 @@ impl Edit<'_> {
         point: Point3<f64>,
         hint: Option<CellId>,
     ) -> Result<Insertion, PointError> {
-        let position = accept(&point)?;
+        let position = accept_position(&point)?;
         if !self.tetrahedra.storage.has_room_for(1) {
             return Err(PointError::Full);
         }

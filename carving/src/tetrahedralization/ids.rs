@@ -12,6 +12,7 @@ pub(super) const NO_CELL: u32 = u32::MAX;
 /// Valid until the vertex is removed; a later insertion may then be given the same id. Ids are small: they
 /// index parallel arrays of length [`vertex_capacity`](super::Tetrahedralization::vertex_capacity).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct VertexId(pub(super) u32);
 
 impl VertexId {
@@ -46,6 +47,7 @@ impl VertexId {
 /// Valid until a change reports the cell as destroyed; a later operation may then give the same id to a new
 /// cell. `Option<CellId>` takes no more room than the id.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CellId(NonZeroU32);
 
 impl CellId {

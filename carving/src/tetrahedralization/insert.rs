@@ -6,7 +6,7 @@ use super::Tetrahedralization;
 use super::changes::Changes;
 use super::ids::{CellId, GHOST, NO_CELL, VertexId};
 use super::low_dimension::Span;
-use super::point::{PointError, accept};
+use super::point::{PointError, accept_position};
 
 /// Outcome of an insertion.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -27,7 +27,7 @@ impl Insertion {
 }
 
 impl Tetrahedralization {
-    /// Adds a point; `changes` is cleared and lists what became of the cells.
+    /// Adds a point; `changes` is cleared and lists the cells destroyed and created.
     ///
     /// The search starts at `hint`, by default at the latest change; a hint that is no longer a cell is ignored. The
     /// point that makes the first four non-coplanar creates all cells at once.
@@ -48,7 +48,7 @@ impl Tetrahedralization {
         changes: &mut Changes,
     ) -> Result<Insertion, PointError> {
         changes.clear();
-        let position = accept(&point)?;
+        let position = accept_position(&point)?;
         if !self.storage.has_room_for(1) {
             return Err(PointError::Full);
         }

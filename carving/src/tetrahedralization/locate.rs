@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use super::Tetrahedralization;
 use super::ids::{CellId, GHOST, NO_CELL, VertexId};
-use super::point::{PointError, accept};
+use super::point::{PointError, accept_position};
 use super::storage::FACET;
 use crate::predicates::{orient3d, orient3d_from_differences};
 
@@ -52,7 +52,7 @@ impl Tetrahedralization {
         point: &Point3<f64>,
         hint: Option<CellId>,
     ) -> Result<Location, PointError> {
-        let p = &accept(point)?;
+        let p = &accept_position(point)?;
         if self.recent_cell == NO_CELL {
             return Ok(self
                 .low

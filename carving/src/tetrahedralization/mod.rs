@@ -1,44 +1,9 @@
 //! Incremental Delaunay tetrahedralisation with exact arithmetic and a unique result.
 //!
-//! [`Tetrahedralization`] keeps the Delaunay tetrahedra of a changing set of points. What it guarantees:
-//!
-//! * **Unique.** The cells are a function of the set of positions alone. Cospherical ties are broken by a symbolic
-//!   perturbation that depends on coordinates only, so the order of insertions does not matter and removal is the
-//!   exact inverse of insertion.
-//! * **Exact.** Every geometric decision has the sign of real arithmetic for coordinates in the range of
-//!   [`MAX_COORDINATE`] and [`MIN_COORDINATE`]; others are refused by [`PointError`].
-//! * **Degenerate input is an outcome.** Repeated positions give [`Insertion::Duplicate`]. Points that all lie in a
-//!   plane (or on a line, or coincide) are kept as vertices of a state of [dimension](Tetrahedralization::dimension)
-//!   two, one or zero, in which **no cell exists**, neither finite nor ghost. Cells appear with the first point
-//!   that leaves the plane and vanish with the last.
-//! * **Changes are reported.** Each operation lists destroyed and created cells in a caller's [`Changes`].
-//!
-//! Outside the hull space is filled with *ghost cells*: a hull facet joined to a vertex at infinity
-//! ([`VertexId::GHOST`], always the fourth corner). Every cell thus has four neighbours.
-//!
-//! What it does not do: weights, constraints, periodic space, concurrent modification.
-//!
 //! # Layers
 //!
 //! `storage` knows topology and free lists; `predicates` know positions; `locate`, `insert`, `remove` join the two;
-//! `low_dimension` stands in while the points do not span space; `check` recomputes every invariant.
-//!
-//! # Example
-//!
-//! ```
-//! use linecarve_carving::tetrahedralization::{Changes, Tetrahedralization};
-//! use nalgebra::Point3;
-//!
-//! let mut tetrahedra = Tetrahedralization::new();
-//! let mut changes = Changes::new();
-//! for corner in 0..8 {
-//!     let point = Point3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64);
-//!     tetrahedra.insert(point, None, &mut changes)?;
-//! }
-//! assert_eq!(tetrahedra.dimension(), 3);
-//! assert!(tetrahedra.check().is_ok());
-//! # Ok::<(), linecarve_carving::tetrahedralization::PointError>(())
-//! ```
+//! `low_dimension` replaces it while the points do not span space; `check` recomputes every invariant.
 
 mod batch;
 mod cavity;
@@ -59,14 +24,14 @@ mod storage;
 
 pub use batch::BatchError;
 pub use changes::Changes;
-pub use check::Violation;
+pub use check::TetrahedralizationViolation;
 pub use edit::Edit;
 pub use ids::{CellId, VertexId};
 pub use incident::IncidentCells;
 pub use insert::Insertion;
 pub use locate::Location;
 pub use move_vertex::{Move, MoveError};
-pub use point::{MAX_COORDINATE, MIN_COORDINATE, PointError, accept};
+pub use point::{MAX_COORDINATE, MIN_COORDINATE, PointError, accept_position};
 
 pub use remove::UnknownVertex;
 pub(crate) use spatial_order::{hilbert_rank, spatial_order};
@@ -79,7 +44,40 @@ use low_dimension::LowDimension;
 use remove::HoleScratch;
 use storage::{FACET, Storage};
 
-/// The Delaunay tetrahedra of a changing set of points; see the [module](self) for what is guaranteed.
+/// The Delaunay tetrahedra of a changing set of points.
+///
+/// * **Unique.** The cells are a function of the set of positions alone. Cospherical ties are broken by a symbolic
+///   perturbation that depends on coordinates only, so the order of insertions does not matter and removal is the
+///   exact inverse of insertion.
+/// * **Exact.** Every geometric decision has the sign of real arithmetic for coordinates in the range of
+///   [`MAX_COORDINATE`] and [`MIN_COORDINATE`]; others are refused by [`PointError`].
+/// * **Degenerate input is an outcome.** Repeated positions give [`Insertion::Duplicate`]. Points that all lie in a
+///   plane (or on a line, or coincide) are kept as vertices of a state of [dimension](Tetrahedralization::dimension)
+///   two, one or zero, in which **no cell exists**, neither finite nor ghost. Cells appear with the first point
+///   that leaves the plane and vanish with the last.
+/// * **Changes are reported.** Each operation lists destroyed and created cells in a caller's [`Changes`].
+///
+/// Outside the hull space is filled with *ghost cells*: a hull facet joined to a vertex at infinity
+/// ([`VertexId::GHOST`], always the fourth corner). Every cell thus has four neighbours.
+///
+/// Not supported: weights, constraints, periodic space, concurrent modification.
+///
+/// # Example
+///
+/// ```
+/// use linecarve_carving::{Changes, Tetrahedralization};
+/// use nalgebra::Point3;
+///
+/// let mut tetrahedra = Tetrahedralization::new();
+/// let mut changes = Changes::new();
+/// for corner in 0..8 {
+///     let point = Point3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64);
+///     tetrahedra.insert(point, None, &mut changes)?;
+/// }
+/// assert_eq!(tetrahedra.dimension(), 3);
+/// assert!(tetrahedra.check().is_ok());
+/// # Ok::<(), linecarve_carving::PointError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Tetrahedralization {
     storage: Storage,

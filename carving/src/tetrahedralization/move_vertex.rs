@@ -7,7 +7,7 @@ use super::Tetrahedralization;
 use super::changes::Changes;
 use super::ids::{GHOST, NO_CELL, VertexId};
 use super::incident::IncidentCells;
-use super::point::{PointError, accept};
+use super::point::{PointError, accept_position};
 use super::remove::UnknownVertex;
 use crate::predicates::orient3d;
 
@@ -38,7 +38,7 @@ impl Tetrahedralization {
     ///
     /// Where all cells stay Delaunay only the position changes and the cells around the vertex are listed as
     /// [`reshaped`](Changes::reshaped). Otherwise the vertex is removed and inserted again. The result is the
-    /// same as that of building anew. Destroyed cells that had the vertex as a corner refer to it by its id, which
+    /// same as that of building it again. Destroyed cells that had the vertex as a corner refer to it by its id, which
     /// now stands for the new position.
     ///
     /// # Errors
@@ -65,7 +65,7 @@ impl Tetrahedralization {
         vertex: VertexId,
         point: &Point3<f64>,
     ) -> Result<[f64; 3], MoveError> {
-        let position = accept(point)?;
+        let position = accept_position(point)?;
         if !self.is_vertex(vertex) {
             return Err(UnknownVertex { vertex }.into());
         }

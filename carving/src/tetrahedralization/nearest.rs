@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use super::Tetrahedralization;
 use super::ids::{CellId, GHOST, NO_CELL, VertexId};
 use super::incident::IncidentCells;
-use super::point::{PointError, accept};
+use super::point::{PointError, accept_position};
 
 impl Tetrahedralization {
     /// The vertex nearest to `point`, or `None` when there is no vertex.
@@ -29,7 +29,7 @@ impl Tetrahedralization {
         hint: Option<CellId>,
         scratch: &mut IncidentCells,
     ) -> Result<Option<VertexId>, PointError> {
-        let p = accept(point)?;
+        let p = accept_position(point)?;
         if self.recent_cell == NO_CELL {
             return Ok(self.low.nearest(&self.storage, &p).map(VertexId));
         }

@@ -55,7 +55,7 @@ pub enum PointError {
 ///
 /// [`PointError`] names the first coordinate that is NaN, infinite or out of range.
 #[inline]
-pub fn accept(point: &Point3<f64>) -> Result<[f64; 3], PointError> {
+pub fn accept_position(point: &Point3<f64>) -> Result<[f64; 3], PointError> {
     let mut position = [point.x, point.y, point.z];
     for (value, axis) in position.iter_mut().zip(['x', 'y', 'z']) {
         let magnitude = value.abs();
@@ -87,14 +87,15 @@ mod tests {
 
     #[test]
     fn the_range_is_closed_and_zero_has_one_sign() {
-        let accepted = accept(&Point3::new(-0.0, MAX_COORDINATE, -MIN_COORDINATE)).unwrap();
+        let accepted =
+            accept_position(&Point3::new(-0.0, MAX_COORDINATE, -MIN_COORDINATE)).unwrap();
         assert_eq!(accepted[0].to_bits(), 0);
         assert_eq!(accepted[1..], [MAX_COORDINATE, -MIN_COORDINATE]);
     }
 
     #[test]
     fn refusals_name_the_coordinate() {
-        let refusal = |x, y, z| accept(&Point3::new(x, y, z)).unwrap_err();
+        let refusal = |x, y, z| accept_position(&Point3::new(x, y, z)).unwrap_err();
         assert_eq!(
             refusal(0.0, f64::NAN, 0.0),
             PointError::NotANumber { axis: 'y' }

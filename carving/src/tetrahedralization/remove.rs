@@ -112,16 +112,16 @@ impl OpenFacets {
     /// Takes the facet out if it is open.
     fn take(&mut self, facet: [u32; 3]) -> Option<u32> {
         let key = Self::key(facet);
-        let place = if self.hashed {
+        let position = if self.hashed {
             self.index.remove(&key)? as usize
         } else {
             self.keys.iter().position(|&k| k == key)?
         };
-        self.keys.swap_remove(place);
-        if self.hashed && place < self.keys.len() {
-            self.index.insert(self.keys[place], place as u32);
+        self.keys.swap_remove(position);
+        if self.hashed && position < self.keys.len() {
+            self.index.insert(self.keys[position], position as u32);
         }
-        Some(self.outer.swap_remove(place))
+        Some(self.outer.swap_remove(position))
     }
 }
 
@@ -174,7 +174,7 @@ impl LinkCells {
 }
 
 impl Tetrahedralization {
-    /// Removes a vertex; `changes` is cleared and lists what became of the cells.
+    /// Removes a vertex; `changes` is cleared and lists the cells destroyed and created.
     ///
     /// The remaining cells are those of a tetrahedralisation that never held the vertex. When the remaining
     /// points are coplanar all cells vanish. The id may be given to a later vertex.

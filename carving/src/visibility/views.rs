@@ -1,10 +1,10 @@
-//! The table of views and where their centres lie.
+//! The table of views, and the cells of their centres.
 
 use nalgebra::Point3;
 
 use crate::tetrahedralization::{CellId, Location, Tetrahedralization};
 
-/// Where the centre of a view lies relative to the cells.
+/// Location of the centre of a view.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Viewpoint {
     /// In the open interior of this finite cell, where its rays begin.
@@ -17,7 +17,7 @@ pub(crate) enum Viewpoint {
     NoCells,
 }
 
-/// Centres of views; the entry of a removed view is dead for good.
+/// Centres of views; the entry of a removed view is never used again.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Views {
     centers: Vec<[f64; 3]>,
@@ -69,7 +69,7 @@ impl Views {
         (0..self.viewpoints.len() as u32).filter(|&v| self.is_alive(v))
     }
 
-    /// Locates every view anew whose cell satisfies `is_stale`, and all that are not inside or outside for certain.
+    /// Locates again all views whose cell satisfies `is_stale`, and those on the boundary of cells.
     ///
     /// A centre strictly outside a hull facet stays outside the hull while that facet exists, and one inside a cell
     /// stays inside that cell, so nothing else can have changed.

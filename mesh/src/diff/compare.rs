@@ -1,4 +1,4 @@
-//! The comparison itself.
+//! Comparison of two meshes.
 
 use nalgebra::{Point3, Vector3};
 
@@ -13,7 +13,7 @@ use crate::{GeometryError, Shape, ShapeKind};
 /// Why two shapes cannot be compared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DiffError {
-    /// One of them is not valid.
+    /// A shape is not valid.
     #[error("the {which} mesh: {fault}")]
     Geometry {
         /// `expected` or `actual`.
@@ -21,12 +21,12 @@ pub enum DiffError {
         /// What is wrong.
         fault: GeometryError,
     },
-    /// One of them is not a mesh.
-    #[error("the {which} file holds {found} and no triangle: meshes are compared")]
+    /// A shape is not a mesh.
+    #[error("the {which} file holds {found} but no triangles: only meshes can be compared")]
     NoMesh {
         /// `expected` or `actual`.
         which: &'static str,
-        /// What it holds.
+        /// Kind of the shape.
         found: &'static str,
     },
     /// An option is out of range.
@@ -34,14 +34,14 @@ pub enum DiffError {
     Options(&'static str),
 }
 
-/// Compares two meshes. Either may be empty; two empty ones are the same.
+/// Compares two meshes. Either may be empty; two empty meshes are equal.
 ///
-/// Distances are exact, from samples uniform by area, from every vertex in use and from the centre of every triangle; the
-/// largest of both directions is the Hausdorff distance on those points. Neither the order of vertices and triangles
-/// nor vertices that no triangle uses make a difference.
+/// Distances to the other surface are exact. They are measured at samples uniform by area, at every vertex in use and
+/// at the centre of every triangle; the largest in both directions is the Hausdorff distance on these points. The
+/// order of vertices and triangles and vertices without triangles make no difference.
 ///
 /// # Errors
-/// When one of the shapes is not valid or no mesh, or an option is out of range.
+/// When a shape is not valid or not a mesh, or an option is out of range.
 ///
 /// # Complexity
 /// O((n + s) log n) for n triangles and s samples.
@@ -109,8 +109,8 @@ pub fn compare(
         options.seed.wrapping_add(1),
     );
     let worst = farther(
-        from_expected.map(|(_, place)| place),
-        from_actual.map(|(_, place)| place),
+        from_expected.map(|(_, location)| location),
+        from_actual.map(|(_, location)| location),
     );
     let has_same_counts = used_positions(expected).len() == used_positions(actual).len()
         && expected.triangles.len() == actual.triangles.len();
@@ -157,14 +157,14 @@ pub fn compare(
     Ok(difference)
 }
 
-/// What rounding makes of no distance at all: a billionth of the largest coordinate. Nearest points of slivers were seen to
-/// be off by a few trillionths; files in single precision round a hundred times more coarsely.
+/// Tolerance for rounding: a billionth of the largest coordinate. Nearest points of slivers are off by a few
+/// trillionths; single-precision files round a hundred times more coarsely.
 fn rounding(shape: &Shape) -> f64 {
     let largest = shape.positions.iter().map(|p| p.coords.amax());
     1e-9 * largest.fold(0.0, f64::max)
 }
 
-/// The farther of two places, the first when they are equally far.
+/// The location with the larger distance, the first one of equals.
 fn farther(a: Option<MeshLocation>, b: Option<MeshLocation>) -> Option<MeshLocation> {
     match (a, b) {
         (Some(a), Some(b)) if b.distance > a.distance => Some(b),
@@ -173,7 +173,7 @@ fn farther(a: Option<MeshLocation>, b: Option<MeshLocation>) -> Option<MeshLocat
     }
 }
 
-/// Bounding box of what triangles use.
+/// Bounding box of the vertices that triangles use.
 fn used_bounds(shape: &Shape) -> Option<[Point3<f64>; 2]> {
     let used = Shape {
         positions: used_positions(shape),
@@ -195,17 +195,17 @@ fn judge(
                 true,
                 "not comparable: the counts of vertices or triangles differ".to_owned(),
             ),
-            Some(place) => (
-                place.distance <= found.tolerance,
-                format!("up to {} apart, at {place}", length(place.distance)),
+            Some(location) => (
+                location.distance <= found.tolerance,
+                format!("up to {} apart, at {location}", length(location.distance)),
             ),
         },
         Check::Orientation => match &found.worst_flipped {
-            None => (true, "all triangles face the same side".to_owned()),
-            Some(place) => (
+            None => (true, "all triangles have the same orientation".to_owned()),
+            Some(location) => (
                 false,
                 format!(
-                    "{} triangles face the other side, the largest at {place}",
+                    "{} triangles have the opposite orientation, the largest at {location}",
                     found.flipped_triangles
                 ),
             ),
@@ -281,11 +281,11 @@ fn judge_bounds(found: &Difference, bounds: &[Option<[Point3<f64>; 2]>; 2]) -> (
 fn judge_topology([a, b]: &[Topology; 2]) -> (bool, String) {
     let facts = |t: &Topology| {
         [
-            ("pieces", t.components),
+            ("components", t.components),
             ("boundary edges", t.boundary_edges),
             ("boundary loops", t.boundary_loops),
-            ("edges that are not manifold", t.non_manifold_edges),
-            ("edges that turn against each other", t.inconsistent_edges),
+            ("non-manifold edges", t.non_manifold_edges),
+            ("inconsistently oriented edges", t.inconsistent_edges),
         ]
     };
     let mut changes: Vec<String> = facts(a)
@@ -308,7 +308,7 @@ fn judge_topology([a, b]: &[Topology; 2]) -> (bool, String) {
         (
             true,
             format!(
-                "{} pieces, {} boundary edges in {} loops",
+                "{} components, {} boundary edges in {} loops",
                 a.components, a.boundary_edges, a.boundary_loops
             ),
         )

@@ -1,4 +1,4 @@
-//! Sets that are joined, never parted.
+//! Disjoint sets (union-find).
 
 /// Disjoint sets of the numbers below a limit.
 ///
@@ -9,14 +9,14 @@ pub(super) struct DisjointSets {
 }
 
 impl DisjointSets {
-    /// Each number by itself.
+    /// Sets of one number each.
     pub(super) fn new(count: usize) -> Self {
         Self {
             parent: (0..count as u32).collect(),
         }
     }
 
-    /// The set of a number, named by its smallest member.
+    /// The representative of a number's set: its smallest member.
     pub(super) fn find(&mut self, mut member: u32) -> u32 {
         while self.parent[member as usize] != member {
             let grandparent = self.parent[self.parent[member as usize] as usize];
@@ -32,7 +32,7 @@ impl DisjointSets {
         self.parent[a.max(b) as usize] = a.min(b);
     }
 
-    /// How many sets there are.
+    /// Number of sets.
     pub(super) fn count(&self) -> usize {
         let is_root = |(member, parent): &(usize, &u32)| *member == **parent as usize;
         self.parent.iter().enumerate().filter(is_root).count()

@@ -1,4 +1,4 @@
-//! Distances from one surface to the other, and the places where they are largest.
+//! One-sided distances between surfaces, and the locations of the largest.
 
 use nalgebra::Point3;
 
@@ -6,14 +6,14 @@ use super::result::{ComparedMesh, MeshLocation, OneSidedDistances};
 use crate::Shape;
 use crate::evaluate::{DistanceStatistics, NearestPoint, NearestPointIndex, sample_surface};
 
-/// A point of a mesh whose distance is measured.
+/// A point at which the distance is measured.
 struct Probe {
     point: Point3<f64>,
     triangle: u32,
 }
 
-/// Measures from `mesh`, which is the side `on`, to `other`; the summary and the farthest place. `None` when either has no
-/// triangle with an area.
+/// Measures the distances from `mesh`, which is the side `on`, to `other`: their summary and the farthest location.
+/// `None` when either has no triangle with an area.
 pub(super) fn to_other(
     mesh: &Shape,
     on: ComparedMesh,
@@ -58,7 +58,7 @@ pub(super) fn to_other(
         p95: over_surface.p95,
         max: nearest.distance,
     };
-    let place = MeshLocation {
+    let location = MeshLocation {
         on,
         point: probe.point.coords.into(),
         distance: nearest.distance,
@@ -66,7 +66,7 @@ pub(super) fn to_other(
         vertex: nearest_corner(mesh, probe.triangle, &probe.point),
         triangle: probe.triangle,
     };
-    Some((summary, place))
+    Some((summary, location))
 }
 
 /// Every vertex that a triangle uses, and the centre of every triangle.
@@ -91,7 +91,7 @@ fn fixed_probes(mesh: &Shape) -> Vec<Probe> {
     probes
 }
 
-/// The corner of a triangle that is nearest to a point.
+/// The corner of a triangle nearest to a point.
 pub(super) fn nearest_corner(mesh: &Shape, triangle: u32, point: &Point3<f64>) -> u32 {
     let corners = mesh.triangles[triangle as usize];
     let distance = |corner: u32| (mesh.positions[corner as usize] - point).norm_squared();
@@ -101,7 +101,7 @@ pub(super) fn nearest_corner(mesh: &Shape, triangle: u32, point: &Point3<f64>) -
         .unwrap_or(corners[0])
 }
 
-/// The vertex in use that lies farthest from any vertex in use of the other mesh.
+/// The vertex in use farthest from any vertex in use of the other mesh.
 pub(super) fn farthest_vertex(
     mesh: &Shape,
     on: ComparedMesh,

@@ -1,8 +1,8 @@
-//! Whether two meshes are the same, and where they differ: regression tests of meshes.
+//! Comparison of two meshes, for regression tests.
 //!
-//! [`compare`] measures both ways between the surfaces (samples, vertices and centres of triangles, exact distances),
-//! bounding boxes, orientation and topology, and holds what it finds against a tolerance. The order of vertices and
-//! triangles makes no difference. [`write_junit`] tells continuous-integration systems.
+//! [`compare`] measures exact distances between the surfaces in both directions (at samples, vertices and triangle
+//! centres), bounding boxes, orientation and topology, and applies a tolerance. The order of vertices and triangles
+//! makes no difference. [`write_junit`] reports the result to continuous-integration systems.
 
 mod compare;
 mod disjoint_sets;
@@ -14,7 +14,7 @@ mod result;
 mod topology;
 
 pub use compare::{DiffError, compare};
-pub use junit::{JunitError, write_junit, write_junit_failure};
+pub use junit::{write_junit, write_junit_failure};
 pub use options::{Check, DiffOptions, Tolerance};
 pub use result::{CheckOutcome, ComparedMesh, Difference, MeshLocation, OneSidedDistances};
 pub use topology::Topology;

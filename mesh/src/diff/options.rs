@@ -1,20 +1,20 @@
-//! What counts as a difference.
+//! Options of a comparison.
 
 use std::str::FromStr;
 
 use serde::Serialize;
 
-/// How far apart the same things may lie.
+/// Maximum distance between corresponding parts of two meshes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Tolerance {
-    /// In units of the meshes.
+    /// A length in units of the meshes.
     Length(f64),
-    /// As a share of the diagonal of the expected mesh's bounding box.
+    /// A share of the bounding box diagonal of the expected mesh.
     ShareOfDiagonal(f64),
 }
 
 impl Tolerance {
-    /// In units of the meshes.
+    /// A length in units of the meshes.
     pub fn length(&self, diagonal: f64) -> f64 {
         match self {
             Self::Length(length) => *length,
@@ -45,28 +45,29 @@ impl FromStr for Tolerance {
     }
 }
 
-/// What is held against the tolerance, or must be equal.
+/// A property that is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Check {
-    /// The largest distance between the surfaces, both ways.
+    /// The Hausdorff distance between the surfaces.
     Distance,
     /// The corners of the bounding boxes.
     Bounds,
-    /// The largest distance from a vertex to the nearest vertex, both ways, where both have as many vertices and
-    /// triangles: it finds vertices that slide within their surface. Meshes of other counts pass.
+    /// The largest distance from a vertex to the nearest vertex of the other mesh, in both directions, if the
+    /// counts of vertices and triangles are equal. It finds vertices that move within their surface. Meshes of
+    /// different counts pass.
     Vertices,
-    /// Triangles must face the same side.
+    /// Triangles must have the same orientation.
     Orientation,
-    /// Pieces, boundary edges and loops, handles, and edges that are not manifold or turn against each other must be as
-    /// many.
+    /// The numbers of components, boundary edges and loops, handles, and non-manifold or inconsistently oriented
+    /// edges must be equal.
     Topology,
-    /// Vertices and triangles must be as many.
+    /// The numbers of vertices and triangles must be equal.
     Counts,
 }
 
 impl Check {
-    /// What is checked unless asked otherwise: all but the counts.
+    /// Default: all checks except the counts.
     pub const DEFAULT: [Self; 5] = [
         Self::Distance,
         Self::Bounds,
@@ -75,7 +76,7 @@ impl Check {
         Self::Topology,
     ];
 
-    /// Its name on the command line and in reports.
+    /// Name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Distance => "distance",
@@ -88,16 +89,16 @@ impl Check {
     }
 }
 
-/// How to compare.
+/// Options of a comparison.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiffOptions {
-    /// How far apart the same things may lie; what rounding makes of nothing is always put up with.
+    /// Maximum distance. Rounding is always tolerated.
     pub tolerance: Tolerance,
-    /// What is checked.
+    /// Properties to compare.
     pub checks: Vec<Check>,
-    /// Points drawn on each surface, besides vertices and centres of triangles.
+    /// Samples on each surface, in addition to vertices and triangle centres.
     pub samples: usize,
-    /// Seed of those points.
+    /// Seed of the samples.
     pub seed: u64,
 }
 

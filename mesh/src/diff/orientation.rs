@@ -1,4 +1,4 @@
-//! Triangles that face the other side.
+//! Triangles of opposite orientation.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -8,10 +8,10 @@ use super::result::{ComparedMesh, MeshLocation};
 use crate::Shape;
 use crate::evaluate::NearestPointIndex;
 
-/// The triangles of `mesh` at whose centre the other mesh has a surface within `tolerance` that faces the other side, and
-/// none that faces the same side: their number, and the one with the largest area.
+/// Counts the triangles of `mesh` with an opposite surface of the other mesh, and none of the same orientation,
+/// within `tolerance` of their centre. Also returns the largest of them.
 ///
-/// Triangles lower than twice the tolerance do not count: within it they may face anywhere.
+/// Triangles lower than twice the tolerance do not count, because their orientation is noise.
 pub(super) fn flipped(
     mesh: &Shape,
     on: ComparedMesh,
@@ -21,7 +21,7 @@ pub(super) fn flipped(
     let Some(scene) = other.scene() else {
         return (0, None);
     };
-    // With no tolerance at all rounding is still to be put up with.
+    // Tolerates rounding when the tolerance is zero.
     let slack = tolerance.max(1e-7 * mesh.diagonal());
     let found: Vec<(u32, f64, MeshLocation)> = mesh
         .triangles
@@ -33,7 +33,7 @@ pub(super) fn flipped(
             let doubled_area = cross.norm();
             let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
             let height = doubled_area / longest;
-            // Also false for what has no height at all.
+            // Also false for triangles without height.
             let is_high = height > 2.0 * slack;
             if !is_high {
                 return None;
@@ -45,7 +45,8 @@ pub(super) fn flipped(
             if nearest.distance > slack || !is_against {
                 return None;
             }
-            // Thin parts have both sides within reach: is there one that faces the same way?
+            // At thin parts, both sides are within reach: searches for a triangle of the same
+            // orientation.
             let reach = nearest.distance + slack;
             let start = center + normal * reach;
             let agreeing = scene.cast_where(&start, &-normal, 2.0 * reach, |_, front| front);

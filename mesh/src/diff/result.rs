@@ -1,4 +1,4 @@
-//! What a comparison finds, as it stands in JSON.
+//! Result of a comparison, as serialised to JSON.
 
 use serde::Serialize;
 
@@ -6,34 +6,34 @@ use super::options::Check;
 use super::topology::Topology;
 use crate::evaluate::ShapeSummary;
 
-/// What a comparison finds.
+/// Result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
     /// Whether every check passed.
     pub is_same: bool,
-    /// The checks and how they came out.
+    /// Outcome of each check.
     pub checks: Vec<CheckOutcome>,
     /// The tolerance in units of the meshes.
     pub tolerance: f64,
-    /// Size of what was expected.
+    /// Summary of the expected mesh.
     pub expected: ShapeSummary,
-    /// Size of what is there.
+    /// Summary of the actual mesh.
     pub actual: ShapeSummary,
     /// From the expected surface to the actual one; `None` when one of them is empty.
     pub from_expected: Option<OneSidedDistances>,
     /// From the actual surface to the expected one.
     pub from_actual: Option<OneSidedDistances>,
-    /// Where the surfaces lie farthest apart.
+    /// Location of the largest distance between the surfaces.
     pub worst: Option<MeshLocation>,
-    /// Where a vertex lies farthest from any vertex of the other mesh; `None` when their counts differ.
+    /// Location of the vertex farthest from any vertex of the other mesh; `None` when the counts differ.
     pub worst_vertex: Option<MeshLocation>,
     /// Corners of the expected bounding box, then of the actual one.
     pub bounds: [Option<[[f64; 3]; 2]>; 2],
-    /// Triangles of either mesh that face the other side where the other mesh has a surface.
+    /// Number of triangles of either mesh with the opposite orientation in the other.
     pub flipped_triangles: usize,
-    /// The largest of them.
+    /// Location of the largest flipped triangle.
     pub worst_flipped: Option<MeshLocation>,
-    /// How the expected mesh hangs together, then the actual one.
+    /// Topology of the expected mesh, then of the actual one.
     pub topology: [Topology; 2],
 }
 
@@ -42,26 +42,26 @@ pub struct Difference {
 pub struct OneSidedDistances {
     /// Mean over the surface.
     pub mean: f64,
-    /// What 95 % of the surface does not exceed.
+    /// 95th percentile over the surface.
     pub p95: f64,
-    /// The largest at samples, vertices and centres of triangles.
+    /// Maximum at samples, vertices and triangle centres.
     pub max: f64,
 }
 
-/// A place of a mesh.
+/// A location on one of the meshes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MeshLocation {
-    /// Whether it lies on the expected mesh or on the actual one.
+    /// The mesh on which it lies.
     pub on: ComparedMesh,
-    /// Where it is.
+    /// Position.
     pub point: [f64; 3],
-    /// Its distance from the other mesh.
+    /// Distance from the other mesh.
     pub distance: f64,
     /// The nearest point of the other mesh.
     pub nearest: [f64; 3],
-    /// The vertex of its mesh that it is, or is nearest to, counted from 0.
+    /// The vertex at or nearest to the location, counted from 0.
     pub vertex: u32,
-    /// The triangle of its mesh that it lies on, counted from 0.
+    /// The triangle of the location, counted from 0.
     pub triangle: u32,
 }
 
@@ -69,20 +69,20 @@ pub struct MeshLocation {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ComparedMesh {
-    /// What was expected.
+    /// The expected mesh.
     Expected,
-    /// What is there.
+    /// The actual mesh.
     Actual,
 }
 
-/// How a check came out.
+/// Outcome of a check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckOutcome {
-    /// Which one.
+    /// The check.
     pub check: Check,
-    /// Whether it found no difference.
+    /// Whether it passed.
     pub passed: bool,
-    /// What it found.
+    /// Measured values as text.
     pub message: String,
 }
 

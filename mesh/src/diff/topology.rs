@@ -1,4 +1,4 @@
-//! How a mesh hangs together.
+//! Topology of a mesh.
 
 use std::collections::HashMap;
 
@@ -7,29 +7,29 @@ use serde::Serialize;
 use super::disjoint_sets::DisjointSets;
 use crate::Shape;
 
-/// How a mesh hangs together. Vertices on open edges count as one where their coordinates are equal, so that formats which
-/// repeat vertices make no difference, and sheets that touch in closed parts stay apart; triangles that then lose a
-/// corner do not count. Edges with more than two triangles are cut open, and so are vertices where parts merely touch: what
-/// is left is a surface, whose pieces and handles can be counted.
+/// Topology of a mesh. Vertices on boundary edges are merged where their coordinates are equal, so that formats that
+/// duplicate vertices make no difference; triangles that lose a corner by this do not count. Closed parts that touch
+/// stay separate. Non-manifold edges are cut open, and so are vertices where parts only touch: the result is a
+/// manifold whose components and handles are counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Topology {
-    /// Pieces that hang together along edges.
+    /// Components connected by edges.
     pub components: usize,
     /// Edges with one triangle.
     pub boundary_edges: usize,
-    /// Closed lines of boundary edges and of edges that were cut open: holes, and rims of open surfaces.
+    /// Loops of boundary edges and of edges that were cut open.
     pub boundary_loops: usize,
     /// Edges with more than two triangles.
     pub non_manifold_edges: usize,
-    /// Edges whose two triangles turn against each other.
+    /// Edges whose two triangles have opposite orientations.
     pub inconsistent_edges: usize,
-    /// Handles of all pieces together; `None` for what has no inside and outside, such as a Moebius strip.
+    /// Handles of all components; `None` for surfaces that cannot be oriented, such as a Moebius strip.
     pub genus: Option<u64>,
     /// Triangles without three different corners.
     pub degenerate_triangles: usize,
 }
 
-/// One use of an edge: by which triangle, from its corner `corner` to the next.
+/// An edge of a triangle, from its corner `corner` to the next.
 #[derive(Clone, Copy)]
 struct Use {
     low: u32,
@@ -40,7 +40,7 @@ struct Use {
 }
 
 impl Use {
-    /// The corners of the triangle at the lower and the higher vertex.
+    /// The triangle's corners at the lower and the higher vertex.
     fn corners(&self) -> [u32; 2] {
         let (from, to) = (
             3 * self.triangle + self.corner,
@@ -55,7 +55,7 @@ impl Use {
 }
 
 impl Topology {
-    /// Of a valid shape's triangles.
+    /// Computes the topology of a valid shape.
     ///
     /// # Complexity
     /// O(n log n) for n triangles.
@@ -75,7 +75,7 @@ impl Topology {
         // The corners that meet at one vertex of the surface.
         let mut corners = DisjointSets::new(3 * triangles.len());
         let mut edges = 0;
-        let mut rims: Vec<[u32; 2]> = Vec::new();
+        let mut boundary: Vec<[u32; 2]> = Vec::new();
         for group in uses.chunk_by(|a, b| (a.low, a.high) == (b.low, b.high)) {
             match group {
                 [a, b] => {
@@ -90,7 +90,7 @@ impl Topology {
                 }
                 cut => {
                     edges += cut.len();
-                    rims.extend(cut.iter().map(Use::corners));
+                    boundary.extend(cut.iter().map(Use::corners));
                     if cut.len() == 1 {
                         found.boundary_edges += 1;
                     } else {
@@ -100,16 +100,16 @@ impl Topology {
             }
         }
         found.components = pieces.count();
-        // Rims with a vertex in common belong to one loop.
+        // Boundary edges with a common vertex belong to one loop.
         let mut loops = DisjointSets::new(3 * triangles.len());
-        for rim in &rims {
-            let [a, b] = rim.map(|corner| corners.find(corner));
+        for edge in &boundary {
+            let [a, b] = edge.map(|corner| corners.find(corner));
             loops.join(a, b);
         }
-        let mut names: Vec<u32> = rims
+        let mut names: Vec<u32> = boundary
             .iter()
-            .map(|rim| {
-                let vertex = corners.find(rim[0]);
+            .map(|edge| {
+                let vertex = corners.find(edge[0]);
                 loops.find(vertex)
             })
             .collect();
@@ -127,7 +127,7 @@ impl Topology {
     }
 }
 
-/// Every use of every edge, those of one edge in a row.
+/// All triangles at all edges, grouped by edge.
 fn edge_uses(triangles: &[[u32; 3]]) -> Vec<Use> {
     let mut uses: Vec<Use> = triangles
         .iter()
@@ -149,7 +149,7 @@ fn edge_uses(triangles: &[[u32; 3]]) -> Vec<Use> {
     uses
 }
 
-/// The triangles with the first of all vertices on open edges that have the same coordinates.
+/// The triangles after merging vertices on boundary edges that have equal coordinates.
 fn welded(shape: &Shape) -> Vec<[u32; 3]> {
     let mut is_open = vec![false; shape.positions.len()];
     for group in edge_uses(&shape.triangles).chunk_by(|a, b| (a.low, a.high) == (b.low, b.high)) {
@@ -158,7 +158,7 @@ fn welded(shape: &Shape) -> Vec<[u32; 3]> {
             is_open[alone.high as usize] = true;
         }
     }
-    // Only looked up, never walked through.
+    // Never iterated: hash order cannot reach the output.
     let mut first = HashMap::new();
     let representative: Vec<u32> = shape
         .positions

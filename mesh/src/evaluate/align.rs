@@ -1,4 +1,4 @@
-//! Bringing a shape into the frame of its ground truth.
+//! Alignment of a shape with its ground truth.
 
 use nalgebra::{Matrix4, Point3, Similarity3, UnitQuaternion, Vector3};
 
@@ -7,10 +7,10 @@ use super::options::Alignment;
 use super::result::AlignmentSummary;
 use crate::Shape;
 
-/// Samples of an alignment have seeds this far from those of the scores.
+/// Offset between the seeds of alignment samples and of evaluation samples.
 const OTHER_SEED: u64 = 0x5EED_A116;
 
-/// Finds the map from the frame of `shape` into that of `truth`, with a warning when it should not be trusted.
+/// Estimates the transform from the frame of `shape` to that of `truth`, with a warning when it is not reliable.
 pub(super) fn align(
     shape: &Shape,
     truth: &Shape,
@@ -48,17 +48,14 @@ pub(super) fn align(
     }) = found
     else {
         let (identity, facts, _) = without_search("none", Similarity3::identity());
-        let warning = "nothing to align by: the shapes stand where their files put them".to_owned();
+        let warning = "no samples to align: the shapes keep the frames of their files".to_owned();
         return (identity, facts, Some(warning));
     };
     let warning = if !has_converged {
-        Some(
-            "the alignment had not come to rest when it was given up: give a better start (--trajectories)"
-                .to_owned(),
-        )
+        Some("the alignment did not converge: give a better start (--trajectories)".to_owned())
     } else if rms > 0.02 * truth.diagonal() {
         Some(format!(
-            "after the alignment even the nearer pairs lie {rms:.3} apart: it has probably found a wrong place; \
+            "after the alignment even the nearest pairs are {rms:.3} apart: it is probably at a false minimum; \
              give a better start (--trajectories)"
         ))
     } else {
@@ -90,7 +87,7 @@ fn without_search(
     (known, facts, None)
 }
 
-/// The map without rotation that gives two shapes the same mean and the same spread of their points.
+/// The transform without rotation that equalises mean and standard deviation of the points.
 fn same_size_and_center(shape: &Shape, truth: &Shape) -> Similarity3<f64> {
     let moments = |points: &[Point3<f64>]| {
         let count = points.len().max(1) as f64;

@@ -1,7 +1,7 @@
-//! Colours that show distances.
+//! Colour map for distances.
 
-/// Ten colours from dark violet over green to yellow, equally spaced in lightness: readable by the colour-blind and in
-/// grey print (after S. van der Walt and N. Smith's *viridis*, which is free of rights).
+/// Ten colours from dark violet over green to yellow, equally spaced in lightness, after *viridis* (S. van der Walt
+/// and N. Smith, CC0).
 const COLORS: [[f64; 3]; 10] = [
     [68.0, 1.0, 84.0],
     [72.0, 40.0, 120.0],
@@ -15,23 +15,20 @@ const COLORS: [[f64; 3]; 10] = [
     [253.0, 231.0, 37.0],
 ];
 
-/// The sRGB colour of a share from 0 (dark) to 1 (bright); beyond, the nearer end. What is not a number is grey.
+/// The sRGB colour of a value from 0 (dark) to 1 (bright), clamped to this range. NaN is grey.
 pub fn heat_color(share: f64) -> [u8; 3] {
     if share.is_nan() {
         return [128; 3];
     }
-    let place = share.clamp(0.0, 1.0) * (COLORS.len() - 1) as f64;
-    let (low, high) = (
-        COLORS[place.floor() as usize],
-        COLORS[place.ceil() as usize],
-    );
-    let fraction = place.fract();
+    let rank = share.clamp(0.0, 1.0) * (COLORS.len() - 1) as f64;
+    let (low, high) = (COLORS[rank.floor() as usize], COLORS[rank.ceil() as usize]);
+    let fraction = rank.fract();
     std::array::from_fn(|channel| {
         (low[channel] + (high[channel] - low[channel]) * fraction).round() as u8
     })
 }
 
-/// A colour for each distance, from dark at 0 to bright at `largest` and beyond.
+/// A colour for each distance: dark at 0, bright from `largest` on.
 pub fn heat_colors(distances: &[f64], largest: f64) -> Vec<[u8; 3]> {
     let share = |distance: &f64| {
         if *distance <= 0.0 {

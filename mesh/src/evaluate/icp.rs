@@ -1,4 +1,4 @@
-//! Registration of two surfaces from where they stand.
+//! Registration of two surfaces by trimmed ICP.
 
 use nalgebra::{
     Isometry3, Point3, SMatrix, SVector, Similarity3, SymmetricEigen, UnitQuaternion, Vector3,
@@ -9,22 +9,22 @@ use super::samples::{sample_cloud, sample_lines, sample_surface};
 use super::statistics::quantile;
 use crate::{Shape, ShapeKind};
 
-/// Unknowns of a step: rotation, translation, growth.
+/// Unknowns of a step: rotation, translation, scale change.
 const UNKNOWNS: usize = 7;
 
-/// Pairs that count, stage by stage: the share with the smallest distances, and among them those nearer than this share
-/// of the ground truth's diagonal, but always the nearer half. Trimming hard from the start would keep the parts that happen
-/// to agree already and throw away those that tell where to go.
+/// Trimming by stage: the share of the pairs that is kept, and their maximum distance as a share of the ground
+/// truth's diagonal (the nearer half is always kept). Strict trimming from the start would keep only parts that
+/// already agree.
 const STAGES: [(f64, f64); 3] = [(0.95, 0.05), (0.9, 0.02), (0.8, 0.01)];
 
-/// How to register.
+/// Options of a registration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IcpOptions {
-    /// Whether the scale is sought, too.
+    /// Whether to estimate the scale.
     pub with_scale: bool,
-    /// Samples drawn on each of the two.
+    /// Number of samples on each shape.
     pub samples: usize,
-    /// Give up after this many steps in a stage.
+    /// Maximum iterations per stage.
     pub max_iterations: usize,
     /// Seed of the samples.
     pub seed: u64,
@@ -41,28 +41,28 @@ impl Default for IcpOptions {
     }
 }
 
-/// What a registration came to.
+/// Result of a registration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IcpResult {
     /// `point_in_truth = truth_from_shape * point_in_shape`.
     pub truth_from_shape: Similarity3<f64>,
-    /// Pairs that counted in the last step.
+    /// Pairs used in the last iteration.
     pub pairs: usize,
     /// Root mean square of their distances, in units of the ground truth.
     pub rms: f64,
-    /// Steps taken.
+    /// Total number of iterations.
     pub iterations: usize,
-    /// Whether the steps had become negligible.
+    /// Whether the last stage converged.
     pub has_converged: bool,
 }
 
-/// Registers `shape` to `truth`, beginning at `start`; `None` when one of them has nothing to draw samples on.
+/// Registers `shape` to `truth`, starting from `start`; `None` when either has nothing to sample.
 ///
-/// In each step samples of either one are paired with the nearest points of the other, the farthest pairs are left out, more
-/// of them from stage to stage, and the distances along the normals of the ground truth (of a cloud: the distances) are
-/// reduced by a linearised least-squares step; in the last stage pairs weigh less beyond three times the median distance.
-/// Directions that the surfaces leave open, such as a slide along a single plane, are not moved in. Pairs run both ways
-/// because with a free scale one way alone is best when everything has shrunk to a point.
+/// Each iteration pairs samples of either shape with the nearest points of the other and discards the farthest pairs,
+/// more of them from stage to stage. A linearised least-squares step reduces the distances along the normals of the
+/// ground truth (for a cloud: the point distances). In the last stage, pairs beyond three times the median distance
+/// have less weight. Unconstrained directions, such as a slide along a plane, keep their value. Pairs run in both
+/// directions because with a free scale one direction alone is minimised by shrinking to a point.
 ///
 /// # Reference
 /// Y. Chen and G. Medioni, *Object modelling by registration of multiple range images*, IVC 10(3), 1992 (distances along
@@ -79,7 +79,7 @@ pub fn register(
     Some(problem.solve(*start, options))
 }
 
-/// Points that stand for whatever a shape is.
+/// Samples of a shape.
 fn representatives(shape: &Shape, count: usize, seed: u64) -> Vec<Point3<f64>> {
     let drawn: Vec<Point3<f64>> = match shape.kind() {
         ShapeKind::Mesh => sample_surface(shape, count, seed)
@@ -110,14 +110,14 @@ struct Problem {
     truth_samples: Vec<Point3<f64>>,
     /// Normals at `truth_samples` when the truth is a mesh.
     truth_normals: Vec<Option<Vector3<f64>>>,
-    /// Nothing to pair the truth's samples with when the shape is a set of lines.
+    /// `None` when the shape is a line set: samples of the truth are then not paired.
     shape: Option<NearestPointIndex>,
     truth: NearestPointIndex,
-    /// Unit of length of the unknowns.
+    /// Length scale of the unknowns.
     size: f64,
 }
 
-/// A point that is to move onto another one, or onto the plane through it.
+/// A pair of a point and its target point or target plane.
 struct Pair {
     moved: Point3<f64>,
     target: Point3<f64>,
@@ -139,7 +139,7 @@ impl Problem {
             .into_iter()
             .map(|nearest| nearest.and_then(|nearest| nearest.normal))
             .collect();
-        // Lines lie on a surface, which does not lie on lines: they are only paired from their side.
+        // Lines lie on the surface, but the surface does not lie on lines: pairs run from lines only.
         let is_surface = shape.kind() != ShapeKind::Lines;
         Some(Self {
             shape_samples,
@@ -159,7 +159,7 @@ impl Problem {
             iterations: 0,
             has_converged: false,
         };
-        // Lines alone would shrink: their scale stays.
+        // Without pairs in both directions lines would shrink: their scale is fixed.
         let with_scale = options.with_scale && self.shape.is_some();
         for (stage, limits) in STAGES.into_iter().enumerate() {
             let is_last = stage + 1 == STAGES.len();
@@ -179,7 +179,7 @@ impl Problem {
                 result.truth_from_shape = step * result.truth_from_shape;
                 steps += 1;
                 result.iterations += 1;
-                // The stages before the last one only have to come near.
+                // Earlier stages need not converge fully.
                 result.has_converged = motion < if is_last { 1e-7 } else { 1e-5 };
             }
         }
@@ -232,7 +232,7 @@ impl Problem {
         pairs
     }
 
-    /// The step that reduces the distances, and how far it goes in shares of the size.
+    /// The least-squares step, and its length relative to the size.
     fn step(
         &self,
         pairs: &[Pair],
@@ -254,10 +254,10 @@ impl Problem {
         let mut normal_matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
         let mut right_side = SVector::<f64, UNKNOWNS>::zeros();
         let mut add = |arm: &Vector3<f64>, along: &Vector3<f64>, gap: f64, weight: f64| {
-            let turn = arm.cross(along);
+            let torque = arm.cross(along);
             let growth = if with_scale { arm.dot(along) } else { 0.0 };
             let row = SVector::<f64, UNKNOWNS>::from([
-                turn.x, turn.y, turn.z, along.x, along.y, along.z, growth,
+                torque.x, torque.y, torque.z, along.x, along.y, along.z, growth,
             ]);
             normal_matrix += row * row.transpose() * weight;
             right_side += row * (gap * weight);
@@ -291,7 +291,7 @@ impl Problem {
             .iter()
             .zip(eigen.eigenvectors.column_iter())
         {
-            // What less than a millionth of the pull holds is left open by the surfaces.
+            // Directions with less than a millionth of the largest eigenvalue are unconstrained.
             if *value > 1e-6 * largest {
                 solution += vector * (vector.dot(&right_side) / value);
             }
@@ -308,8 +308,7 @@ impl Problem {
     }
 }
 
-/// The share of the pairs with the smallest distances that are nearer than the gate, at least the nearer half, in their
-/// order.
+/// The nearest pairs up to `share` that are within the gate, at least the nearer half, in their original order.
 fn trimmed(mut pairs: Vec<Pair>, share: f64, gate: f64) -> Vec<Pair> {
     if pairs.is_empty() {
         return pairs;

@@ -1,4 +1,4 @@
-//! The evaluation itself.
+//! Evaluation of a shape against a ground truth.
 
 use nalgebra::{Point3, Similarity3};
 
@@ -11,10 +11,10 @@ use super::samples::{sample_cloud, sample_lines, sample_surface};
 use super::statistics::{DistanceStatistics, share_below};
 use crate::{GeometryError, Shape, ShapeKind};
 
-/// Sizes that differ by this factor are taken for different units.
+/// Ratio of sizes from which different units are assumed.
 const OTHER_UNITS: f64 = 10.0;
 
-/// Why nothing can be measured.
+/// Why an evaluation is not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EvaluationError {
     /// An option is out of range.
@@ -29,18 +29,18 @@ pub enum EvaluationError {
         fault: GeometryError,
     },
     /// The shape has no point.
-    #[error("there is nothing to evaluate: the shape has no point")]
+    #[error("there is nothing to evaluate: the shape has no points")]
     Empty,
     /// The ground truth is neither a mesh nor a cloud.
-    #[error("the ground truth holds {0}: a mesh or a cloud of points is needed")]
+    #[error("the ground truth holds {0}: a mesh or a point cloud is needed")]
     GroundTruth(&'static str),
 }
 
-/// Measures a mesh, a set of lines or a cloud against a mesh or a cloud.
+/// Evaluates a mesh, a line set or a cloud against a mesh or a cloud.
 ///
-/// Points are drawn on both: on triangles uniform by area, along lines at equal steps, of clouds the points. Those that lie
-/// outside the region do not count; what counts is their distance to the exact nearest point of the other one. A cloud
-/// stands for its surface by its points, so that distances to it are upper bounds.
+/// Both shapes are sampled: triangles uniformly by area, lines at equal steps, clouds by their points. Samples
+/// outside the region are ignored. The distance of a sample is that to the exact nearest point of the other shape. A
+/// cloud represents its surface only by its points, so distances to it are upper bounds.
 ///
 /// # Errors
 /// When an option is out of range, one of the shapes is not valid, the shape is empty, or the ground truth neither a mesh
@@ -73,8 +73,8 @@ pub fn evaluate(
     evaluate_observed(shape, None, ground_truth, options)
 }
 
-/// [`evaluate`], limited to what keyframes looked at: what they did not look at counts neither as surface nor as
-/// covering the ground truth.
+/// [`evaluate`], limited to the observed part of the shape: other parts count neither for accuracy nor for
+/// completeness.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -188,7 +188,7 @@ pub fn evaluate_observed(
     })
 }
 
-/// How many vertices are measured. Those of lines and clouds are the measure; of a mesh a part tells as much.
+/// Maximum number of vertices to measure. For lines and clouds they are the measure; for a mesh a subset suffices.
 fn most_vertices(kind: ShapeKind, samples: usize) -> usize {
     match kind {
         ShapeKind::Mesh => samples.div_ceil(8),
@@ -196,7 +196,7 @@ fn most_vertices(kind: ShapeKind, samples: usize) -> usize {
     }
 }
 
-/// Statistics, or nothing when there is nothing to be near to: JSON knows no infinity.
+/// Statistics; `None` without a reference, because JSON has no infinity.
 fn finite_statistics(distances: &[f64]) -> Option<DistanceStatistics> {
     DistanceStatistics::from_distances(distances).filter(|statistics| statistics.max.is_finite())
 }
@@ -263,7 +263,7 @@ fn region_box(truth: &Shape, options: &EvaluationOptions) -> Option<(Point3<f64>
     Some((low - margin, high + margin))
 }
 
-/// The points that stand for a shape of a kind.
+/// Samples of a shape by its kind.
 fn drawn_points(shape: &Shape, kind: ShapeKind, options: &EvaluationOptions) -> Vec<Point3<f64>> {
     match kind {
         ShapeKind::Mesh => sample_surface(shape, options.samples, options.seed)
@@ -277,7 +277,7 @@ fn drawn_points(shape: &Shape, kind: ShapeKind, options: &EvaluationOptions) -> 
     }
 }
 
-/// The vertices that elements use (of a cloud all), without those that no keyframe looked at.
+/// Vertices in use (all of a cloud) that were observed.
 fn observed_vertices(shape: &Shape, observed: Option<&ObservedShape>) -> Vec<Point3<f64>> {
     let mut counts = match shape.kind() {
         ShapeKind::Cloud | ShapeKind::Empty => vec![true; shape.positions.len()],

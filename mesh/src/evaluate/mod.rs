@@ -1,12 +1,13 @@
-//! How near a reconstruction lies to a ground truth, and how much of it it has.
+//! Accuracy and completeness of a reconstruction relative to a ground truth.
 //!
-//! [`evaluate`] draws points on both, uniform by area, and measures exact distances to the nearest triangle of the other
-//! one: accuracy, completeness, and precision, recall and F at thresholds. Line sets are measured at their ends and along
-//! their lines. The frames may be brought together first ([`Alignment`]), the measure limited to a box ([`Region`]) and to
-//! what keyframes looked at ([`ObservedShapeBuilder`]). Everything random has a seed; results do not depend on threads.
+//! [`evaluate`] samples both shapes uniformly by area and measures exact distances to the nearest triangle of the
+//! other one: accuracy, completeness, and precision, recall and F-score at thresholds. Line sets are measured at
+//! their ends and along their lines. Options align the frames first ([`Alignment`]), limit the measurement to a box
+//! ([`Region`]) and to the part that keyframes observed ([`ObservedShapeBuilder`]). All random choices are seeded;
+//! results do not depend on the number of threads.
 //!
-//! [`NearestPointIndex`] answers nearest-point queries against meshes and clouds, [`vertex_distances`] and [`heat_colors`] make
-//! error pictures.
+//! [`NearestPointIndex`] answers nearest-point queries on meshes and clouds; [`vertex_distances`] and [`heat_colors`]
+//! colour a mesh by its errors.
 
 mod align;
 mod heat_map;

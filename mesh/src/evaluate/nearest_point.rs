@@ -1,4 +1,4 @@
-//! Nearest points of a mesh or a cloud.
+//! Nearest-point queries on a mesh or a cloud.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -8,34 +8,34 @@ use rstar::{PointDistance, RTree};
 use crate::raycast::RayScene;
 use crate::{Shape, TriangleMesh};
 
-/// Neighbouring queries are answered in turn, each starting from the answer before it. The number is fixed so that
-/// results do not depend on threads.
+/// Queries are answered in blocks of neighbours, where each bounds the next. The block size is fixed so that results
+/// do not depend on threads.
 const RUN: usize = 512;
 
 /// The nearest point of a [`NearestPointIndex`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NearestPoint {
-    /// Where it is.
+    /// Position.
     pub point: Point3<f64>,
-    /// How far.
+    /// Distance from the query point.
     pub distance: f64,
-    /// The triangle of a mesh, the point of a cloud.
+    /// Index of the triangle of a mesh, or of the point of a cloud.
     pub element: u32,
     /// Unit normal of the triangle; a cloud has none.
     pub normal: Option<Vector3<f64>>,
 }
 
-/// The nearest point before anybody asks for its normal.
+/// The nearest point without its normal.
 struct Found {
     point: Point3<f64>,
     distance: f64,
     element: u32,
 }
 
-/// A mesh or cloud, prepared for nearest-point queries.
+/// Spatial index of a mesh or cloud for nearest-point queries.
 ///
-/// Distances to a mesh go to its triangles (those without area are left out; a mesh of nothing else stands for its
-/// vertices), to a cloud to its points. Lines do not count.
+/// Distances to a mesh are distances to its triangles. Triangles without area are ignored; a mesh of only such
+/// triangles is treated as its vertices. Distances to a cloud are distances to its points. Lines are ignored.
 pub struct NearestPointIndex {
     kind: Kind,
 }
@@ -46,7 +46,7 @@ enum Kind {
 }
 
 impl NearestPointIndex {
-    /// Prepares a valid shape.
+    /// Builds the index of a valid shape.
     ///
     /// # Complexity
     /// O(n log n) for n triangles or points.
@@ -74,12 +74,12 @@ impl NearestPointIndex {
         }
     }
 
-    /// Whether distances go to triangles.
+    /// Whether distances are to triangles.
     pub fn is_mesh(&self) -> bool {
         matches!(self.kind, Kind::Mesh(_))
     }
 
-    /// The mesh prepared for rays; `None` of a cloud.
+    /// The ray-cast scene of a mesh; `None` for a cloud.
     pub fn scene(&self) -> Option<&RayScene> {
         match &self.kind {
             Kind::Mesh(scene) => Some(scene),
@@ -125,17 +125,18 @@ impl NearestPointIndex {
         }
     }
 
-    /// The nearest points of many, in their order, in parallel.
+    /// Nearest points of many queries, in order; computed in parallel.
     pub fn nearest_points(&self, points: &[Point3<f64>]) -> Vec<Option<NearestPoint>> {
         self.of_all(points, None, |found| Some(self.with_normal(found)))
     }
 
-    /// Distances of many points, in their order, in parallel; infinite where there is nothing to be near to.
+    /// Distances of many points, in order; infinite when the index is empty. Computed in parallel.
     pub fn distances(&self, points: &[Point3<f64>]) -> Vec<f64> {
         self.of_all(points, f64::INFINITY, |found| found.distance)
     }
 
-    /// What is wanted of the nearest points of many, in their order, in parallel; `nothing` where there is none.
+    /// A function of the nearest points of many queries, in order; `nothing` where there is none. Computed in
+    /// parallel.
     fn of_all<T: Copy + Send + Sync>(
         &self,
         points: &[Point3<f64>],
@@ -149,8 +150,8 @@ impl NearestPointIndex {
             let mut last: Option<Point3<f64>> = None;
             for (index, answer) in run.iter().zip(answers) {
                 let point = &points[*index as usize];
-                // The last answer is a point of the reference: the next one is no farther than it. The bound is
-                // widened against rounding.
+                // The previous answer is a point of the reference, so its distance bounds the next
+                // one. The bound is widened against rounding.
                 let bound = last.map_or(f64::INFINITY, |last| (last - point).norm() * 1.000_001);
                 let found = self
                     .within(point, bound)
@@ -167,8 +168,8 @@ impl NearestPointIndex {
     }
 }
 
-/// The order of points along a Z-curve through their bounding box: neighbours in it are neighbours in space, which
-/// spares most of the search and keeps the tree in the cache.
+/// Order of points along a Z-curve through their bounding box. Consecutive points are close in space, which bounds
+/// most of the search and keeps the tree in the cache.
 fn along_curve(points: &[Point3<f64>]) -> Vec<u32> {
     const CELLS: f64 = 1024.0;
     let finite = || points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
@@ -179,7 +180,7 @@ fn along_curve(points: &[Point3<f64>]) -> Vec<u32> {
         (low.inf(point), high.sup(point))
     });
     let scale = CELLS / (high - low).amax().max(f64::MIN_POSITIVE);
-    // Ten bits of an axis, two zeros behind each.
+    // Interleaves ten bits with two zeros each.
     let spread = |value: f64| {
         let mut bits = (value.min(CELLS - 1.0) as u64) & 0x3FF;
         bits = (bits | bits << 16) & 0x0300_00FF;
@@ -199,9 +200,9 @@ fn along_curve(points: &[Point3<f64>]) -> Vec<u32> {
     keys.into_iter().map(|key| key as u32).collect()
 }
 
-/// Distance of each point of a shape to a ground truth, as both stand; infinite when that is empty.
+/// Distance of each point of a shape to a ground truth in the same frame; infinite when that is empty.
 ///
-/// For error pictures of many shapes against one ground truth make the [`NearestPointIndex`] once and ask it.
+/// For many shapes against one ground truth, build a [`NearestPointIndex`] once instead.
 pub fn vertex_distances(shape: &Shape, ground_truth: &Shape) -> Vec<f64> {
     NearestPointIndex::new(ground_truth).distances(&shape.positions)
 }

@@ -1,8 +1,8 @@
-//! What of a shape keyframes looked at.
+//! The part of a shape that keyframes observed.
 //!
-//! A closed carved surface spans space that no camera has seen, where a ground truth has nothing. Pieces of the shape
-//! whose centre no depth image has in front of, or shortly behind, its measured surface are left out. Wrong surface in
-//! seen free space stays, and costs accuracy.
+//! A closed carved surface also spans space that no camera has seen and that the ground truth does not cover. The
+//! shape is divided into pieces. A piece is observed if its centre lies in front of, or slightly behind, the measured
+//! surface of some depth image. Wrong surfaces in observed free space therefore remain and reduce accuracy.
 
 use linecarve_lines::camera::Camera;
 use linecarve_lines::image::Plane;
@@ -11,22 +11,23 @@ use rayon::prelude::*;
 
 use crate::{Shape, ShapeKind};
 
-/// More pieces than this are not made.
-const MOST_PIECES: usize = 100_000_000;
+/// Maximum number of pieces.
+const MAX_PIECES: usize = 100_000_000;
 
-/// When a piece counts as looked at, in units of the poses.
+/// Criteria for an observed piece, in units of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObservedShapeOptions {
-    /// Depth up to which images are believed.
+    /// Maximum depth that is used.
     pub max_depth: f64,
-    /// How far behind the measured surface a piece may lie.
+    /// Maximum distance of a piece behind the measured surface.
     pub max_distance_behind: f64,
-    /// Triangles and lines are cut until no edge is longer than this.
+    /// Maximum edge length of a piece.
     pub max_edge_length: f64,
 }
 
 impl ObservedShapeOptions {
-    /// For a scene with the given median depth: believed to 2.5 times of it, a tenth of it behind, cut to a fifth of that.
+    /// Defaults for a scene of the given median depth: 2.5 times that depth, a tenth of it behind the surface,
+    /// pieces of a fifth of that tenth.
     pub fn at_depth(median_depth: f64) -> Self {
         Self {
             max_depth: 2.5 * median_depth,
@@ -44,7 +45,7 @@ pub enum ObservedShapeError {
     Options(f64),
     /// There would be too many pieces.
     #[error(
-        "edges of {edge} would cut the shape into more than {MOST_PIECES} pieces: allow longer ones"
+        "edges of {edge} would divide the shape into more than {MAX_PIECES} pieces: allow longer ones"
     )]
     Pieces {
         /// The longest edge allowed.
@@ -52,41 +53,43 @@ pub enum ObservedShapeError {
     },
 }
 
-/// Collects, view by view, what was looked at.
+/// Accumulates observations view by view.
 pub struct ObservedShapeBuilder {
     options: ObservedShapeOptions,
-    /// Corners of the pieces: three of a triangle, two of a line (the last repeated), one of a point (repeated).
+    /// Corners of the pieces: three for a triangle, two for a line (the last repeated), one for a point
+    /// (repeated).
     pieces: Vec<[Point3<f64>; 3]>,
     is_seen: Vec<bool>,
     vertices: Vec<Point3<f64>>,
     is_vertex_seen: Vec<bool>,
     kind: ShapeKind,
-    /// Area, length or number of the whole.
+    /// Total area, length or number of points.
     total: f64,
     keyframes: usize,
 }
 
-/// What was looked at.
+/// The observed part of a shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObservedShape {
-    /// The pieces that were looked at: the shape without the others.
+    /// The observed pieces.
     pub shape: Shape,
-    /// Whether each vertex of the original was looked at.
+    /// Whether each vertex of the original shape was observed.
     pub vertices: Vec<bool>,
-    /// Share of the area (of lines the length, of clouds the points).
+    /// Observed share of the area (for lines: length; for clouds: points).
     pub share: f64,
     /// Number of views.
     pub keyframes: usize,
 }
 
 impl ObservedShapeBuilder {
-    /// Cuts a shape into pieces. What lies out of reach of cameras at `eyes` is not cut, it counts as not looked at.
+    /// Divides a shape into pieces. Parts out of reach of cameras at `camera_centers` are not divided; they count as
+    /// unobserved.
     ///
     /// # Errors
     /// When an option is out of range or there would be too many pieces.
     pub fn new(
         shape: &Shape,
-        eyes: &[Point3<f64>],
+        camera_centers: &[Point3<f64>],
         options: &ObservedShapeOptions,
     ) -> Result<Self, ObservedShapeError> {
         for length in [
@@ -101,13 +104,15 @@ impl ObservedShapeBuilder {
         let reach = options.max_depth + options.max_distance_behind;
         let mut cutter = Cutter {
             low: Point3::from(
-                eyes.iter()
+                camera_centers
+                    .iter()
                     .fold([f64::INFINITY; 3].into(), inf)
                     .coords
                     .add_scalar(-reach),
             ),
             high: Point3::from(
-                eyes.iter()
+                camera_centers
+                    .iter()
                     .fold([f64::NEG_INFINITY; 3].into(), sup)
                     .coords
                     .add_scalar(reach),
@@ -152,7 +157,7 @@ impl ObservedShapeBuilder {
         })
     }
 
-    /// Adds a view: `depth` is z in units of the poses, not positive where it is unknown.
+    /// Adds a view; `depth` is z in units of the poses, not positive where unknown.
     pub fn add_view(
         &mut self,
         camera: &Camera,
@@ -184,7 +189,7 @@ impl ObservedShapeBuilder {
             .for_each(|(is_seen, vertex)| *is_seen = *is_seen || view.sees(vertex));
     }
 
-    /// What all views together looked at.
+    /// The part observed by all views together.
     pub fn finish(self) -> ObservedShape {
         let mut shape = Shape::default();
         let mut seen = 0.0;
@@ -224,7 +229,7 @@ fn sup(high: Point3<f64>, point: &Point3<f64>) -> Point3<f64> {
     high.sup(point)
 }
 
-/// Area, length or number.
+/// Area, length or number of points.
 fn weight(kind: ShapeKind, [a, b, c]: &[Point3<f64>; 3]) -> f64 {
     match kind {
         ShapeKind::Mesh => 0.5 * (b - a).cross(&(c - a)).norm(),
@@ -263,7 +268,7 @@ impl DepthView<'_> {
     }
 }
 
-/// Cuts triangles at the middle of their longest edge.
+/// Bisects triangles at their longest edge.
 struct Cutter {
     low: Point3<f64>,
     high: Point3<f64>,
@@ -288,13 +293,14 @@ impl Cutter {
                 }
             });
             if lengths[longest] <= self.edge {
-                if self.pieces.len() == MOST_PIECES {
+                if self.pieces.len() == MAX_PIECES {
                     return Err(ObservedShapeError::Pieces { edge: self.edge });
                 }
                 self.pieces.push([a, b, c]);
                 continue;
             }
-            // The longest edge first. A line is a triangle whose last corner is repeated: its halves are lines.
+            // Rotates the longest edge to the front. A line is a triangle with a repeated last corner;
+            // its halves are lines.
             let [p, q, r] = match longest {
                 0 => [a, b, c],
                 1 => [b, c, a],
@@ -334,8 +340,8 @@ mod tests {
             max_distance_behind: 0.2,
             max_edge_length: 0.02,
         };
-        let eyes = [Point3::origin()];
-        let mut observer = ObservedShapeBuilder::new(shape, &eyes, &options).unwrap();
+        let camera_centers = [Point3::origin()];
+        let mut observer = ObservedShapeBuilder::new(shape, &camera_centers, &options).unwrap();
         observer.add_view(&camera, &Isometry3::identity(), &depth);
         observer.finish()
     }

@@ -1,23 +1,23 @@
-//! What to measure, and how.
+//! Options of an evaluation.
 
 use nalgebra::{Point3, Similarity3};
 
-/// What to measure, and how.
+/// Options of an evaluation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EvaluationOptions {
     /// Distances for precision, recall and F, in units of the ground truth.
     pub thresholds: Vec<f64>,
-    /// Points drawn on each surface.
+    /// Number of samples on each surface.
     pub samples: usize,
-    /// Seed of everything random.
+    /// Seed of all random choices.
     pub seed: u64,
-    /// Where points count.
+    /// Region in which samples count.
     pub region: Region,
-    /// The region reaches this much further on every side, in units of the ground truth.
+    /// Margin around the region, in units of the ground truth.
     pub region_margin: f64,
-    /// How the two are brought into one frame.
+    /// Alignment of the shape with the ground truth.
     pub alignment: Alignment,
-    /// Points along lines are at most this far apart; `None`: half the smallest threshold.
+    /// Maximum spacing of samples along lines; `None`: half the smallest threshold.
     pub step: Option<f64>,
 }
 
@@ -35,37 +35,37 @@ impl Default for EvaluationOptions {
     }
 }
 
-/// Where points count, in the frame of the ground truth.
+/// Region in which samples count, in the frame of the ground truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Region {
     /// Everywhere.
     Everywhere,
-    /// In the bounding box of all points of the ground truth.
+    /// The bounding box of all points of the ground truth.
     GroundTruth,
-    /// In a box.
+    /// A box.
     Box {
-        /// Its smallest coordinates.
+        /// Smallest coordinates.
         low: Point3<f64>,
-        /// Its largest coordinates.
+        /// Largest coordinates.
         high: Point3<f64>,
     },
 }
 
-/// How the two are brought into one frame. An alignment never uses the region.
+/// Alignment of the shape with the ground truth. It never uses the region.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Alignment {
-    /// They are in one frame.
+    /// None: both are in one frame.
     None,
-    /// By a known similarity, for example that of two trajectories: `point_in_truth = T * point_in_shape`.
+    /// A known similarity, for example that of two trajectories: `point_in_truth = T * point_in_shape`.
     Given(Similarity3<f64>),
-    /// A rigid motion, by trimmed ICP from `start`. A scale of `start` stays.
+    /// Rigid registration by trimmed ICP from `start`. The scale of `start` is kept.
     Icp {
-        /// Where it begins.
+        /// Initial transform.
         start: Similarity3<f64>,
     },
-    /// A similarity, by trimmed ICP with a scale, from `start`, and from where sizes and centres agree when there is none.
+    /// Similarity registration by trimmed ICP with scale from `start`; without it, from equal sizes and centres.
     Similarity {
-        /// Where it begins.
+        /// Initial transform.
         start: Option<Similarity3<f64>>,
     },
 }
@@ -83,7 +83,7 @@ pub enum EvaluationOptionsError {
     #[error("step {0}: give a positive distance")]
     Step(f64),
     /// A box whose low corner is not below its high one, or a margin that is not finite.
-    #[error("the region of interest holds nothing: its first corner must lie below its second one")]
+    #[error("the region of interest is empty: its first corner must lie below its second one")]
     Region,
 }
 

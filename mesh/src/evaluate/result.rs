@@ -1,59 +1,59 @@
-//! What an evaluation finds, as it stands in JSON.
+//! Result of an evaluation, as serialised to JSON.
 
 use serde::Serialize;
 
 use super::statistics::DistanceStatistics;
 use crate::{Shape, ShapeKind};
 
-/// What an evaluation finds. Lengths are in units of the ground truth.
+/// Result of an evaluation. Lengths are in units of the ground truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// What was measured.
+    /// The evaluated shape.
     pub shape: ShapeSummary,
-    /// What it was measured against.
+    /// The ground truth.
     pub ground_truth: ShapeSummary,
-    /// How the two were brought into one frame.
+    /// The alignment.
     pub alignment: AlignmentSummary,
-    /// Low and high corner of the region where points counted; `None` when it was everywhere.
+    /// Low and high corner of the region; `None` when it was unlimited.
     pub region: Option<[[f64; 3]; 2]>,
-    /// What was left out because no keyframe looked at it; `None` when nothing was.
+    /// The observed part; `None` when the evaluation was not limited to it.
     pub observed: Option<ObservedSummary>,
-    /// Seed of everything random.
+    /// Seed of all random choices.
     pub seed: u64,
-    /// Points drawn on the shape: on its triangles, along its lines, or its points.
+    /// Number of samples of the shape.
     pub drawn: usize,
-    /// Those of them that lie outside the region.
+    /// Number of these samples outside the region.
     pub outside_region: usize,
-    /// From points of the shape to the ground truth; `None` when no point lies in the region.
+    /// Distances from the shape to the ground truth; `None` when no sample lies in the region.
     pub accuracy: Option<DistanceStatistics>,
-    /// From points of the ground truth to the shape; `None` for lines, which do not cover a surface, and when no point
-    /// lies in the region.
+    /// Distances from the ground truth to the shape; `None` for lines, which do not cover a surface, and when no
+    /// sample lies in the region.
     pub completeness: Option<DistanceStatistics>,
-    /// Precision, recall and F at the thresholds.
+    /// Precision, recall and F-score at each threshold.
     pub at: Vec<ThresholdScore>,
-    /// From the vertices of the shape to the ground truth: from the end points when it is a set of lines. Of more vertices
-    /// than samples (of a mesh, an eighth of the samples) a random part of that size.
+    /// Distances from the vertices of the shape (for lines: the end points) to the ground truth. More vertices
+    /// than samples (for a mesh: than an eighth of the samples) are subsampled to that number.
     pub vertices: Option<DistanceStatistics>,
-    /// What the reader should know.
+    /// Warnings for the reader.
     pub warnings: Vec<String>,
 }
 
-/// How near and how complete, at a threshold.
+/// Scores at a threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ThresholdScore {
     /// The distance.
     pub threshold: f64,
-    /// Share of the shape's points nearer than that to the ground truth.
+    /// Share of the shape's samples closer than the threshold to the ground truth.
     pub precision: f64,
-    /// Share of the ground truth's points nearer than that to the shape; `None` for lines.
+    /// Share of the ground truth's samples closer than the threshold to the shape; `None` for lines.
     pub recall: Option<f64>,
-    /// Harmonic mean of the two.
+    /// F-score: harmonic mean of precision and recall.
     pub f: Option<f64>,
-    /// Share of the shape's vertices (end points of lines) nearer than that to the ground truth.
+    /// Share of the shape's vertices (for lines: end points) closer than the threshold to the ground truth.
     pub vertex_precision: f64,
 }
 
-/// A shape in a few numbers.
+/// Size of a shape.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ShapeSummary {
     /// `mesh`, `lines`, `cloud` or `empty`.
@@ -69,7 +69,7 @@ pub struct ShapeSummary {
 }
 
 impl ShapeSummary {
-    /// Of any shape.
+    /// Summarises a shape.
     pub fn new(shape: &Shape) -> Self {
         Self {
             kind: match shape.kind() {
@@ -86,7 +86,7 @@ impl ShapeSummary {
     }
 }
 
-/// How two shapes were brought into one frame.
+/// The alignment of two shapes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AlignmentSummary {
     /// `none`, `given`, `icp` or `similarity`.
@@ -95,19 +95,19 @@ pub struct AlignmentSummary {
     pub truth_from_shape: [[f64; 4]; 4],
     /// Its scale.
     pub scale: f64,
-    /// Pairs of the last step of an ICP, drawn apart from the points that are scored.
+    /// Pairs of the last ICP iteration.
     pub pairs: Option<usize>,
     /// Root mean square of their distances.
     pub rms: Option<f64>,
-    /// Whether an ICP had come to rest.
+    /// Whether ICP converged.
     pub has_converged: Option<bool>,
 }
 
-/// How much of a shape keyframes looked at.
+/// The observed part of a shape.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ObservedSummary {
     /// Number of the keyframes.
     pub keyframes: usize,
-    /// Share of the area (of lines the length, of clouds the points) that they looked at.
+    /// Observed share of the area (for lines: length; for clouds: points).
     pub share: f64,
 }

@@ -1,4 +1,4 @@
-//! Points that stand for a surface, for lines, for a cloud.
+//! Sampling of surfaces, lines and clouds.
 
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
@@ -16,10 +16,10 @@ fn area(shape: &Shape, triangle: &[u32; 3]) -> f64 {
     0.5 * (b - a).cross(&(c - a)).norm()
 }
 
-/// Points on the triangles of a shape, uniform by area, each with its triangle; none when the area is 0.
+/// Samples on the triangles of a shape, uniform by area, each with its triangle; none when the area is 0.
 ///
-/// The area is cut into `count` equal parts and a point is drawn in each, which spreads them more evenly than independent
-/// draws: sums over them have less variance and the same expectation. Points come in the order of the triangles.
+/// Stratified sampling: the area is divided into `count` equal parts with one sample each, which gives a lower
+/// variance than independent samples at the same expectation. Samples are ordered by triangle.
 pub fn sample_surface(shape: &Shape, count: usize, seed: u64) -> Vec<(Point3<f64>, u32)> {
     let total = surface_area(shape);
     if !(total > 0.0 && total.is_finite()) || count == 0 {
@@ -45,7 +45,7 @@ pub fn sample_surface(shape: &Shape, count: usize, seed: u64) -> Vec<(Point3<f64
             next = draw(samples.len(), &mut random);
         }
     }
-    // Rounding of the running sum may leave the very last part without a point.
+    // Rounding of the running sum may leave the last part without a sample.
     while let (true, Some(triangle)) = (samples.len() < count, last_with_area) {
         let corners = shape.triangles[triangle as usize];
         samples.push((in_triangle(shape, &corners, &mut random), triangle));
@@ -60,26 +60,26 @@ fn in_triangle(shape: &Shape, triangle: &[u32; 3], random: &mut ChaCha8Rng) -> P
     a + (b - a) * (r * (1.0 - s)) + (c - a) * (r * s)
 }
 
-/// Points along the lines of a shape, both ends included, at most `step` apart.
+/// Samples along the lines of a shape, both ends included, at most `step` apart.
 pub fn sample_lines(shape: &Shape, step: f64) -> Vec<Point3<f64>> {
-    /// A line is not cut into more parts than this, whatever the step.
-    const MOST_PARTS: f64 = 1e6;
+    /// Maximum number of parts per line.
+    const MAX_PARTS: f64 = 1e6;
     let mut samples = Vec::new();
     for [a, b] in &shape.lines {
         let (a, b) = (shape.positions[*a as usize], shape.positions[*b as usize]);
-        let parts = ((b - a).norm() / step).ceil().clamp(1.0, MOST_PARTS) as usize;
+        let parts = ((b - a).norm() / step).ceil().clamp(1.0, MAX_PARTS) as usize;
         samples.extend((0..=parts).map(|part| a + (b - a) * (part as f64 / parts as f64)));
     }
     samples
 }
 
-/// All points of a cloud, or `count` of them, each equally likely, in their order.
+/// All points of a cloud, or a uniform random subset of `count`, in order.
 pub fn sample_cloud(points: &[Point3<f64>], count: usize, seed: u64) -> Vec<Point3<f64>> {
     if points.len() <= count {
         return points.to_vec();
     }
-    // Selection sampling: the i-th is taken with the chance that makes every subset equally likely (Knuth, The Art of
-    // Computer Programming 2, 3.4.2, algorithm S).
+    // Selection sampling gives every subset the same probability (Knuth, The Art of Computer Programming 2,
+    // 3.4.2, algorithm S).
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut taken = Vec::with_capacity(count);
     for (index, point) in points.iter().enumerate() {

@@ -1,28 +1,28 @@
-//! A set of distances in a few numbers.
+//! Summary statistics of distances.
 
 use serde::Serialize;
 
-/// A set of distances in a few numbers, in the unit of the ground truth.
+/// Summary statistics of distances, in the unit of the ground truth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DistanceStatistics {
-    /// How many there are.
+    /// Number of distances.
     pub count: usize,
-    /// Their mean.
+    /// Mean.
     pub mean: f64,
-    /// Their median.
+    /// Median.
     pub median: f64,
-    /// The root of the mean of their squares.
+    /// Root mean square.
     pub rms: f64,
-    /// What nine of ten do not exceed.
+    /// 90th percentile.
     pub p90: f64,
-    /// What 19 of 20 do not exceed.
+    /// 95th percentile.
     pub p95: f64,
-    /// The largest.
+    /// Maximum.
     pub max: f64,
 }
 
 impl DistanceStatistics {
-    /// Of any number of distances; `None` of none. Quantiles between two distances are interpolated.
+    /// Summarises distances; `None` when there are none. Quantiles are interpolated.
     pub fn from_distances(distances: &[f64]) -> Option<Self> {
         if distances.is_empty() {
             return None;
@@ -30,7 +30,7 @@ impl DistanceStatistics {
         let mut sorted = distances.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
         let count = sorted.len();
-        // Summed in ascending order: the same for any order of the input, and with the least rounding.
+        // Summation in ascending order makes the result independent of the input order and reduces rounding.
         let mean = sorted.iter().sum::<f64>() / count as f64;
         let mean_square = sorted.iter().map(|d| d * d).sum::<f64>() / count as f64;
         Some(Self {
@@ -45,18 +45,18 @@ impl DistanceStatistics {
     }
 }
 
-/// A quantile of ascending values, interpolated between neighbours; the values must not be empty.
+/// A quantile of ascending values, interpolated. Panics when there are none.
 pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let place = share * (sorted.len() - 1) as f64;
-    let below = sorted[place.floor() as usize];
-    let above = sorted[place.ceil() as usize];
+    let rank = share * (sorted.len() - 1) as f64;
+    let below = sorted[rank.floor() as usize];
+    let above = sorted[rank.ceil() as usize];
     if below == above {
         return below;
     }
-    below + (above - below) * place.fract()
+    below + (above - below) * rank.fract()
 }
 
-/// Share of distances below a threshold; 0 of none.
+/// Share of distances below a threshold; 0 when there are none.
 pub(super) fn share_below(distances: &[f64], threshold: f64) -> f64 {
     if distances.is_empty() {
         return 0.0;

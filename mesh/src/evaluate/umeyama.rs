@@ -1,12 +1,11 @@
-//! The similarity between two lists of points that belong together.
+//! Least-squares similarity between corresponding points.
 
 use nalgebra::{Matrix3, Point3, Rotation3, Similarity3, UnitQuaternion, Vector3};
 
-/// The similarity T, with a scale or rigid, that makes the sum of squared distances between `T * from[i]` and `to[i]`
-/// least.
+/// The transform T, similarity or rigid, that minimises the sum of squared distances between `T * from[i]` and
+/// `to[i]`.
 ///
-/// `None` for fewer than three pairs, and where the pairs leave the rotation open because one of the lists lies on a line
-/// or a point.
+/// `None` for fewer than three pairs, and when the points of either list are collinear or equal.
 ///
 /// # Reference
 /// S. Umeyama, *Least-squares estimation of transformation parameters between two point patterns*, PAMI 13(4), 1991,
@@ -33,7 +32,7 @@ pub fn fit_similarity(
     let svd = covariance.svd(true, true);
     let (u, v_transposed) = (svd.u?, svd.v_t?);
     let singular = svd.singular_values;
-    // The second direction fixes the rotation about the first; what rounding leaves of a line does not count.
+    // The second singular value fixes the rotation about the first direction; rounding residue does not count.
     let is_determined = singular[1] > 1e-9 * singular[0] && singular[0].is_finite();
     if !is_determined {
         return None;
@@ -43,12 +42,12 @@ pub fn fit_similarity(
     } else {
         1.0
     };
-    let turn = Vector3::new(1.0, 1.0, handedness);
-    let rotation = u * Matrix3::from_diagonal(&turn) * v_transposed;
+    let signs = Vector3::new(1.0, 1.0, handedness);
+    let rotation = u * Matrix3::from_diagonal(&signs) * v_transposed;
     let rotation =
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
     let scale = if with_scale {
-        singular.dot(&turn) / spread
+        singular.dot(&signs) / spread
     } else {
         1.0
     };

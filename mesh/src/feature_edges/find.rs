@@ -1,45 +1,45 @@
-//! The kinds of the edges of a mesh.
+//! Classification of mesh edges.
 
 use nalgebra::Point3;
 
+use super::dihedral::{Side, dihedral_angle};
 use super::known_lines::KnownLines;
 use super::options::{FeatureOptions, FeatureOptionsError};
-use super::places::Places;
-use super::turn::{Side, turn};
+use super::unique_positions::UniquePositions;
 use crate::TriangleMesh;
 
-/// Why an edge of a mesh is an edge of the scene, the strongest reason first.
+/// Kind of a feature edge, the strongest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum EdgeKind {
-    /// The surface turns there, along a known line or not.
+    /// The surface bends by at least the crease angle.
     Crease,
-    /// It runs along a known line, with a turn that is no crease, or as a rim.
+    /// The edge follows a known line, below the crease angle or at a boundary.
     AlongLine,
-    /// The surface ends there, along no known line.
+    /// The surface ends at the edge, which follows no known line.
     Boundary,
 }
 
-/// An edge of a mesh that is an edge of the scene.
+/// A mesh edge that is an edge of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FeatureEdge {
-    /// The vertices at its ends, which a triangle joins. Where other vertices lie at the same places, one pair stands for all.
+    /// The two vertices. Where several vertices have the same position, one pair represents all.
     pub ends: [u32; 2],
-    /// Why it is one.
+    /// Its kind.
     pub kind: EdgeKind,
 }
 
-/// The edges of a mesh that are edges of the scene, each once.
+/// The feature edges of a mesh, each once.
 pub struct FeatureEdges {
-    places: Places,
+    unique: UniquePositions,
     /// Ascending.
-    ends_by_place: Vec<[u32; 2]>,
-    /// As long as `ends_by_place`.
+    ends_by_position: Vec<[u32; 2]>,
+    /// Parallel to `ends_by_position`.
     edges: Vec<FeatureEdge>,
 }
 
-/// A triangle at an edge between two places.
+/// A triangle at an edge between two positions.
 struct Use {
-    /// The lower place first.
+    /// Positions in ascending order.
     ends: [u32; 2],
     triangle: u32,
     vertices: [u32; 2],
@@ -47,29 +47,30 @@ struct Use {
 }
 
 impl FeatureEdges {
-    /// Finds them, by place: triangles meet in an edge where their corners have equal coordinates, whether they share vertices or not.
+    /// Finds the feature edges. Triangles share an edge where their corners have equal coordinates, whether they
+    /// share vertices or not.
     ///
-    /// `lines` are those that are known, by their ends, in the frame of the mesh. Triangles that name a vertex which is not there
-    /// or not finite, or two corners at one place, count as if they were not there, and so do lines that are not finite.
+    /// `lines` are the ends of known lines in the frame of the mesh. Triangles with invalid, non-finite or
+    /// coinciding corners are ignored, and so are lines that are not finite.
     ///
     /// # Errors
     /// When an option is out of range.
     ///
     /// # Complexity
-    /// O(n log n) for n triangles and lines, as long as few lines lie beside each other.
+    /// O(n log n) for n triangles and lines, as long as few lines are close to each other.
     pub fn find(
         mesh: &TriangleMesh,
         lines: &[[Point3<f64>; 2]],
         options: &FeatureOptions,
     ) -> Result<Self, FeatureOptionsError> {
         options.validate()?;
-        let places = Places::new(&mesh.positions);
+        let unique = UniquePositions::new(&mesh.positions);
         let known = KnownLines::new(lines, options.line_distance);
-        let mut uses = uses(mesh, &places);
+        let mut uses = uses(mesh, &unique);
         uses.sort_unstable_by_key(|at| (at.ends, at.triangle));
         let mut found = Self {
-            places,
-            ends_by_place: Vec::new(),
+            unique,
+            ends_by_position: Vec::new(),
             edges: Vec::new(),
         };
         let mut sides = Vec::new();
@@ -79,7 +80,7 @@ impl FeatureEdges {
             let vertices = at_edge[0].vertices;
             let [p, q] = vertices.map(|vertex| mesh.positions[vertex as usize]);
             if let Some(kind) = kind(&mut sides, [&p, &q], &known, options) {
-                found.ends_by_place.push(at_edge[0].ends);
+                found.ends_by_position.push(at_edge[0].ends);
                 found.edges.push(FeatureEdge {
                     ends: vertices,
                     kind,
@@ -89,31 +90,31 @@ impl FeatureEdges {
         Ok(found)
     }
 
-    /// All of them, in ascending order of the positions of their ends: the lower first, by x, then y, then z.
+    /// All feature edges, ordered by the positions of their ends: the lower end first, by x, then y, then z.
     pub fn edges(&self) -> &[FeatureEdge] {
         &self.edges
     }
 
-    /// What the edge between the places of two vertices is, `None` when it is none of them.
+    /// Kind of the edge between the positions of two vertices; `None` when it is no feature edge.
     ///
     /// # Panics
-    /// When the mesh has no such vertices.
+    /// When a vertex index is out of range.
     pub fn kind(&self, a: u32, b: u32) -> Option<EdgeKind> {
-        let (a, b) = (self.places.of(a), self.places.of(b));
-        let index = self.ends_by_place.binary_search(&[a.min(b), a.max(b)]);
+        let (a, b) = (self.unique.of(a), self.unique.of(b));
+        let index = self.ends_by_position.binary_search(&[a.min(b), a.max(b)]);
         index.ok().map(|index| self.edges[index].kind)
     }
 }
 
-/// What stands at each edge, triangle by triangle.
-fn uses(mesh: &TriangleMesh, places: &Places) -> Vec<Use> {
+/// All triangles at all edges.
+fn uses(mesh: &TriangleMesh, unique: &UniquePositions) -> Vec<Use> {
     let mut uses = Vec::with_capacity(3 * mesh.triangles.len());
     for (triangle, corners) in mesh.triangles.iter().enumerate() {
         let [Some(a), Some(b), Some(c)] = corners.map(|c| mesh.positions.get(c as usize)) else {
             continue;
         };
         let doubled_area = (b - a).cross(&(c - a));
-        let at = corners.map(|corner| places.of(corner));
+        let at = corners.map(|corner| unique.of(corner));
         if !doubled_area.iter().all(|v| v.is_finite()) || (0..3).any(|k| at[k] == at[(k + 1) % 3]) {
             continue;
         }
@@ -148,10 +149,10 @@ fn kind(
             EdgeKind::Boundary
         });
     }
-    let turn = turn(sides, (q - p).norm(), options.min_height);
-    if turn >= options.crease_angle_rad {
+    let angle = dihedral_angle(sides, (q - p).norm(), options.min_height);
+    if angle >= options.crease_angle_rad {
         Some(EdgeKind::Crease)
-    } else if turn >= options.line_crease_angle_rad && known.run_along(p, q) {
+    } else if angle >= options.line_crease_angle_rad && known.run_along(p, q) {
         Some(EdgeKind::AlongLine)
     } else {
         None

@@ -1,12 +1,12 @@
-//! Known lines, and which edges run along one.
+//! Search for the known line that an edge follows.
 
 use nalgebra::Point3;
 use rstar::{AABB, RTree, RTreeObject};
 
-/// An edge runs along a line when it turns away from it by less than this (15 degrees).
+/// Maximum angle between an edge and the line that it follows (15 degrees).
 const ALONG_COSINE: f64 = 0.966;
 
-/// Lines that are known, found by their places.
+/// Known lines in a spatial index.
 pub(super) struct KnownLines {
     tree: RTree<Line>,
     reach: f64,
@@ -24,7 +24,8 @@ impl RTreeObject for Line {
 }
 
 impl KnownLines {
-    /// Of lines by their ends; those that are not finite are left out. Edges no farther than `reach` run along one.
+    /// Indexes lines by their ends, leaving out those that are not finite. `reach` is the maximum distance of an
+    /// edge from its line.
     pub(super) fn new(lines: &[[Point3<f64>; 2]], reach: f64) -> Self {
         let is_finite = |p: &Point3<f64>| p.coords.iter().all(|v| v.is_finite());
         let finite = lines.iter().filter(|line| line.iter().all(is_finite));
@@ -34,7 +35,7 @@ impl KnownLines {
         }
     }
 
-    /// Whether the edge between two points has both within the reach of one line, and its direction.
+    /// Whether both ends of an edge lie within reach of one line of about its direction.
     pub(super) fn run_along(&self, p: &Point3<f64>, q: &Point3<f64>) -> bool {
         let reach = self.reach;
         let around = |p: &Point3<f64>, by: f64| -> [f64; 3] { p.coords.map(|v| v + by).into() };

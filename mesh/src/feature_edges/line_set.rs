@@ -1,48 +1,49 @@
-//! Feature edges as lines of a file.
+//! Feature edges as a line set.
 
 use nalgebra::Point3;
 
 use super::find::{EdgeKind, FeatureEdge};
-use super::places::Places;
+use super::unique_positions::UniquePositions;
 use crate::{LineSet, TriangleMesh};
 
 /// sRGB colour of creases in files.
 pub const CREASE_COLOR: [u8; 3] = [220, 20, 60];
 /// sRGB colour of edges along known lines in files.
 pub const LINE_COLOR: [u8; 3] = [0, 200, 100];
-/// sRGB colour of rims in files.
+/// sRGB colour of boundary edges in files.
 pub const BOUNDARY_COLOR: [u8; 3] = [120, 120, 130];
 
-/// Edges as lines, and how much there is of each kind.
+/// Feature edges as coloured lines, with counts and lengths by kind.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FeatureLines {
-    /// The lines: creases, then edges along lines, then rims, each in ascending order of the positions of their ends. Lines of one kind
-    /// that meet share a point, those of two kinds do not: points have the colour of their kind.
+    /// The lines: creases, then edges along lines, then boundary edges, each in ascending order of their end
+    /// positions. Lines of one kind share points where they meet; lines of different kinds do not, because points
+    /// have the colour of their kind.
     pub lines: LineSet,
-    /// Number of creases, edges along lines and rims.
+    /// Number of creases, edges along lines and boundary edges.
     pub counts: [usize; 3],
-    /// Sums of their lengths, in units of the mesh.
+    /// Total length by kind, in units of the mesh.
     pub lengths: [f64; 3],
 }
 
 impl FeatureLines {
-    /// Of edges of a mesh. Those between the same places are one, of the strongest kind.
+    /// Collects edges of a mesh. Edges between equal positions become one, of the strongest kind.
     ///
     /// # Panics
-    /// When an edge names a vertex that is not there.
+    /// When an edge refers to a vertex that does not exist.
     pub fn new(mesh: &TriangleMesh, edges: impl IntoIterator<Item = FeatureEdge>) -> Self {
-        let places = Places::new(&mesh.positions);
-        let mut by_place: Vec<([u32; 2], FeatureEdge)> = edges
+        let unique = UniquePositions::new(&mesh.positions);
+        let mut by_position: Vec<([u32; 2], FeatureEdge)> = edges
             .into_iter()
             .map(|mut edge| {
-                if places.of(edge.ends[0]) > places.of(edge.ends[1]) {
+                if unique.of(edge.ends[0]) > unique.of(edge.ends[1]) {
                     edge.ends.reverse();
                 }
-                (edge.ends.map(|vertex| places.of(vertex)), edge)
+                (edge.ends.map(|vertex| unique.of(vertex)), edge)
             })
             .collect();
-        by_place.sort_unstable_by_key(|(at, edge)| (*at, edge.kind, edge.ends));
-        by_place.dedup_by_key(|(at, _)| *at);
+        by_position.sort_unstable_by_key(|(at, edge)| (*at, edge.kind, edge.ends));
+        by_position.dedup_by_key(|(at, _)| *at);
         let mut found = Self::default();
         let kinds = [
             (EdgeKind::Crease, CREASE_COLOR),
@@ -51,7 +52,7 @@ impl FeatureLines {
         ];
         let mut colors = Vec::new();
         for (index, (kind, color)) in kinds.into_iter().enumerate() {
-            let of_kind: Vec<_> = by_place.iter().filter(|(_, e)| e.kind == kind).collect();
+            let of_kind: Vec<_> = by_position.iter().filter(|(_, e)| e.kind == kind).collect();
             let first = found.lines.points.len() as u32;
             let mut points: Vec<(u32, Point3<f64>)> = of_kind
                 .iter()
@@ -60,9 +61,9 @@ impl FeatureLines {
                     [(at[0], positions[0]), (at[1], positions[1])]
                 })
                 .collect();
-            points.sort_by_key(|(place, _)| *place);
-            points.dedup_by_key(|(place, _)| *place);
-            let name = |place: &u32| points.partition_point(|(at, _)| at < place) as u32;
+            points.sort_by_key(|(position, _)| *position);
+            points.dedup_by_key(|(position, _)| *position);
+            let name = |position: &u32| points.partition_point(|(at, _)| at < position) as u32;
             for (at, edge) in &of_kind {
                 let [p, q] = edge.ends.map(|vertex| mesh.positions[vertex as usize]);
                 found.lengths[index] += (q - p).norm();

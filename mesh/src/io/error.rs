@@ -8,15 +8,15 @@ use crate::types::GeometryError;
 /// Why a mesh file could not be written. The file is then as it was before.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFileError {
-    /// The geometry cannot be stored.
+    /// The geometry is not valid.
     #[error("{}: cannot be written: {fault}", path.display())]
     Geometry {
         /// The file.
         path: PathBuf,
-        /// What is wrong with the geometry.
+        /// The fault.
         fault: GeometryError,
     },
-    /// The geometry does not fit the format.
+    /// The geometry is too large for the format.
     #[error("{}: {bytes} bytes of geometry are more than a GLB file of 4 GiB can hold; write PLY", path.display())]
     TooLarge {
         /// The file.
@@ -24,13 +24,13 @@ pub enum MeshFileError {
         /// Size of the geometry.
         bytes: usize,
     },
-    /// The file system refused.
+    /// The file could not be written.
     #[error(transparent)]
     Write(#[from] WriteError),
 }
 
 impl MeshFileError {
-    /// For `Result::map_err` on a validation of what goes to `path`.
+    /// Wraps a validation error of the geometry for `path`.
     pub(super) fn geometry(path: &Path) -> impl FnOnce(GeometryError) -> Self + '_ {
         move |fault| Self::Geometry {
             path: path.to_owned(),

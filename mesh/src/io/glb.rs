@@ -1,23 +1,25 @@
-//! Binary glTF 2.0.
+//! Binary glTF 2.0 (GLB), written.
 //!
-//! glTF is +Y up and looks along -Z, the program's frames are y down and z forward: positions are stored as (x, -y, -z),
-//! after `origin` has been taken off, because they are `f32`. The scene's `extras.original_from_gltf` is the 4 x 4 matrix
-//! (rows) that undoes both. The unit is that of the poses; glTF reads it as metres. Meshes carry no normals: readers
-//! shade their triangles flat, which is what they are.
+//! glTF is +Y up and looks along -Z; the program's frames have y down and z forward. Positions are stored as `f32`
+//! (x, -y, -z) after subtraction of `origin`. The scene's `extras.original_from_gltf` holds the 4 x 4 matrix (rows) that
+//! maps them back. The unit is that of the poses; glTF viewers read it as metres. Meshes have no normals, so viewers
+//! shade their triangles flat.
 
-use std::collections::BTreeMap;
+mod document;
+
 use std::path::Path;
 
-use gltf_json as json;
-use json::validation::Checked::Valid;
-use json::validation::USize64;
 use nalgebra::{Point3, Vector3};
 
+use self::document::{
+    Accessor, Attributes, Buffer, BufferView, ComponentType, ElementType, Material, Mesh, Mode,
+    Node, Primitive, Root, Target, UNLIT,
+};
 use super::error::MeshFileError;
-use crate::files::write_atomically;
+use crate::files::{WriteError, write_atomically};
 use crate::types::{LineSet, TriangleMesh};
 
-/// What one node of the file shows.
+/// Geometry of one node.
 #[derive(Debug, Clone, Copy)]
 pub enum Geometry<'a> {
     /// Triangles.
@@ -31,36 +33,33 @@ pub enum Geometry<'a> {
 pub struct GlbPart<'a> {
     /// Name of node and mesh.
     pub name: &'a str,
-    /// What it shows.
+    /// Triangles or lines.
     pub geometry: Geometry<'a>,
-    /// sRGB colour where the geometry has none of its own.
+    /// sRGB colour of geometry without vertex colours.
     pub color: [u8; 3],
 }
 
-/// Writes one node a part. A part without elements becomes a node without a mesh, since glTF knows no empty one.
+/// Writes one node per part. A part without elements becomes a node without a mesh, because glTF allows no empty mesh.
 ///
 /// # Errors
-/// When a vertex is not finite, an index out of range, the file would exceed 4 GiB, or it cannot be written.
+/// When a vertex is not finite, an index is out of range, the file would exceed 4 GiB, or it cannot be written.
 pub fn write_glb(
     path: &Path,
     parts: &[GlbPart<'_>],
     origin: &Vector3<f64>,
 ) -> Result<(), MeshFileError> {
-    let mut document = Document::default();
+    let mut builder = Builder::default();
     for part in parts {
         match part.geometry {
             Geometry::Mesh(mesh) => mesh.validate(),
             Geometry::Lines(lines) => lines.validate(),
         }
         .map_err(MeshFileError::geometry(path))?;
-        document.add(part, origin);
+        builder.add(part, origin);
     }
-    let (json, binary) = document.finish(origin).map_err(|error| {
-        // Serialising a document of our own types into memory has no cause to fail; if it does, it is told.
-        MeshFileError::Write(crate::files::WriteError {
-            path: path.to_owned(),
-            source: std::io::Error::other(error),
-        })
+    let (json, binary) = builder.finish(origin).map_err(|error| WriteError {
+        path: path.to_owned(),
+        source: error.into(),
     })?;
     let binary_chunk = if binary.is_empty() {
         0
@@ -93,92 +92,73 @@ pub fn write_glb(
 
 /// The document under construction: JSON tree and binary chunk.
 #[derive(Default)]
-struct Document {
-    root: json::Root,
+struct Builder<'a> {
+    root: Root<'a>,
     binary: Vec<u8>,
-    nodes: Vec<json::Index<json::Node>>,
 }
 
-impl Document {
-    fn add(&mut self, part: &GlbPart<'_>, origin: &Vector3<f64>) {
+impl<'a> Builder<'a> {
+    fn add(&mut self, part: &GlbPart<'a>, origin: &Vector3<f64>) {
         let mesh = match part.geometry {
-            Geometry::Mesh(mesh) if !mesh.triangles.is_empty() => Some(self.add_primitive(
+            Geometry::Mesh(mesh) if !mesh.triangles.is_empty() => Some(self.add_mesh(
                 part,
                 &mesh.positions,
                 mesh.colors.as_deref(),
                 mesh.triangles.as_flattened(),
-                json::mesh::Mode::Triangles,
+                Mode::Triangles,
                 origin,
             )),
-            Geometry::Lines(lines) if !lines.lines.is_empty() => Some(self.add_primitive(
+            Geometry::Lines(lines) if !lines.lines.is_empty() => Some(self.add_mesh(
                 part,
                 &lines.points,
                 lines.colors.as_deref(),
                 lines.lines.as_flattened(),
-                json::mesh::Mode::Lines,
+                Mode::Lines,
                 origin,
             )),
             _ => None,
         };
-        let node = self.root.push(json::Node {
-            mesh,
-            name: Some(part.name.to_owned()),
-            ..json::Node::default()
-        });
-        self.nodes.push(node);
+        let name = part.name;
+        let node = push(&mut self.root.nodes, Node { mesh, name });
+        self.root.scenes[0].nodes.push(node);
     }
 
-    fn add_primitive(
+    fn add_mesh(
         &mut self,
-        part: &GlbPart<'_>,
+        part: &GlbPart<'a>,
         points: &[Point3<f64>],
         colors: Option<&[[u8; 3]]>,
         indices: &[u32],
-        mode: json::mesh::Mode,
+        mode: Mode,
         origin: &Vector3<f64>,
-    ) -> json::Index<json::Mesh> {
-        let mut attributes = BTreeMap::new();
-        attributes.insert(
-            Valid(json::mesh::Semantic::Positions),
-            self.add_positions(points, origin),
-        );
-        if let Some(colors) = colors {
-            attributes.insert(
-                Valid(json::mesh::Semantic::Colors(0)),
-                self.add_colors(colors),
-            );
-        }
+    ) -> usize {
+        let attributes = Attributes {
+            position: self.add_positions(points, origin),
+            color: colors.map(|colors| self.add_colors(colors)),
+        };
         let indices = self.add_indices(indices);
-        let is_lines = mode == json::mesh::Mode::Lines;
-        let base = if colors.is_some() {
+        let color = if colors.is_some() {
             [255; 3]
         } else {
             part.color
         };
-        let material = self.add_material(base, is_lines);
-        self.root.push(json::Mesh {
-            extensions: None,
-            extras: None,
-            name: Some(part.name.to_owned()),
-            primitives: vec![json::mesh::Primitive {
-                attributes,
-                extensions: None,
-                extras: None,
-                indices: Some(indices),
-                material: Some(material),
-                mode: Valid(mode),
-                targets: None,
-            }],
-            weights: None,
-        })
+        let primitive = Primitive {
+            attributes,
+            indices,
+            material: self.add_material(color, mode == Mode::Lines),
+            mode,
+        };
+        push(
+            &mut self.root.meshes,
+            Mesh {
+                name: part.name,
+                primitives: [primitive],
+            },
+        )
     }
 
-    /// Positions as `f32`, with the bounds that the format demands: of the rounded values.
-    fn add_positions(
-        &mut self,
-        points: &[Point3<f64>],
-        origin: &Vector3<f64>,
-    ) -> json::Index<json::Accessor> {
+    /// Positions as `f32`, with the bounds of the rounded values, which the format requires.
+    fn add_positions(&mut self, points: &[Point3<f64>], origin: &Vector3<f64>) -> usize {
         let start = self.binary.len();
         let mut low = [f32::INFINITY; 3];
         let mut high = [f32::NEG_INFINITY; 3];
@@ -192,18 +172,23 @@ impl Document {
                 self.binary.extend(stored[axis].to_le_bytes());
             }
         }
-        self.add_accessor(
-            start,
-            points.len(),
-            json::accessor::ComponentType::F32,
-            json::accessor::Type::Vec3,
-            json::buffer::Target::ArrayBuffer,
-            Some((low, high)),
+        let buffer_view = self.add_view(start, Target::ArrayBuffer);
+        push(
+            &mut self.root.accessors,
+            Accessor {
+                buffer_view,
+                count: points.len(),
+                component_type: ComponentType::F32,
+                kind: ElementType::Vec3,
+                min: Some(low.map(f64::from)),
+                max: Some(high.map(f64::from)),
+                normalized: false,
+            },
         )
     }
 
-    /// Colours as 16-bit linear RGBA: the format's vertex colours are linear, and 8 bits would band in the dark.
-    fn add_colors(&mut self, colors: &[[u8; 3]]) -> json::Index<json::Accessor> {
+    /// Colours as 16-bit linear RGBA: vertex colours of the format are linear, and 8 bits would show bands in the dark.
+    fn add_colors(&mut self, colors: &[[u8; 3]]) -> usize {
         let start = self.binary.len();
         for color in colors {
             for channel in color {
@@ -212,135 +197,88 @@ impl Document {
             }
             self.binary.extend(u16::MAX.to_le_bytes());
         }
-        self.add_accessor(
-            start,
-            colors.len(),
-            json::accessor::ComponentType::U16,
-            json::accessor::Type::Vec4,
-            json::buffer::Target::ArrayBuffer,
-            None,
+        let buffer_view = self.add_view(start, Target::ArrayBuffer);
+        push(
+            &mut self.root.accessors,
+            Accessor {
+                buffer_view,
+                count: colors.len(),
+                component_type: ComponentType::U16,
+                kind: ElementType::Vec4,
+                min: None,
+                max: None,
+                normalized: true,
+            },
         )
     }
 
-    fn add_indices(&mut self, indices: &[u32]) -> json::Index<json::Accessor> {
+    fn add_indices(&mut self, indices: &[u32]) -> usize {
         let start = self.binary.len();
         for index in indices {
             self.binary.extend(index.to_le_bytes());
         }
-        self.add_accessor(
-            start,
-            indices.len(),
-            json::accessor::ComponentType::U32,
-            json::accessor::Type::Scalar,
-            json::buffer::Target::ElementArrayBuffer,
-            None,
+        let buffer_view = self.add_view(start, Target::ElementArrayBuffer);
+        push(
+            &mut self.root.accessors,
+            Accessor {
+                buffer_view,
+                count: indices.len(),
+                component_type: ComponentType::U32,
+                kind: ElementType::Scalar,
+                min: None,
+                max: None,
+                normalized: false,
+            },
         )
     }
 
-    /// An accessor, and its view, over the bytes from `start` to the end. Every component type used is a multiple of
-    /// 4 bytes an element, so that alignment holds without padding.
-    fn add_accessor(
-        &mut self,
-        start: usize,
-        count: usize,
-        component: json::accessor::ComponentType,
-        kind: json::accessor::Type,
-        target: json::buffer::Target,
-        bounds: Option<([f32; 3], [f32; 3])>,
-    ) -> json::Index<json::Accessor> {
-        let view = self.root.push(json::buffer::View {
-            buffer: json::Index::new(0),
-            byte_length: USize64::from(self.binary.len() - start),
-            byte_offset: Some(USize64::from(start)),
-            byte_stride: None,
-            name: None,
-            target: Some(Valid(target)),
-            extensions: None,
-            extras: None,
-        });
-        let is_color = component == json::accessor::ComponentType::U16;
-        let (min, max) = bounds.map_or((None, None), |(low, high)| {
-            (Some(low.to_vec().into()), Some(high.to_vec().into()))
-        });
-        self.root.push(json::Accessor {
-            buffer_view: Some(view),
-            byte_offset: None,
-            count: USize64::from(count),
-            component_type: Valid(json::accessor::GenericComponentType(component)),
-            extensions: None,
-            extras: None,
-            type_: Valid(kind),
-            min,
-            max,
-            name: None,
-            normalized: is_color,
-            sparse: None,
-        })
-    }
-
-    fn add_material(&mut self, color: [u8; 3], is_unlit: bool) -> json::Index<json::Material> {
-        let [r, g, b] = color.map(linear_from_srgb);
-        let unlit = json::extensions::material::Material {
-            unlit: Some(json::extensions::material::Unlit {}),
-        };
-        if is_unlit {
-            let name = "KHR_materials_unlit".to_owned();
-            if !self.root.extensions_used.contains(&name) {
-                self.root.extensions_used.push(name);
-            }
-        }
-        self.root.push(json::Material {
-            double_sided: true,
-            pbr_metallic_roughness: json::material::PbrMetallicRoughness {
-                base_color_factor: json::material::PbrBaseColorFactor([r, g, b, 1.0]),
-                metallic_factor: json::material::StrengthFactor(0.0),
-                roughness_factor: json::material::StrengthFactor(1.0),
-                ..Default::default()
+    /// A view of the bytes from `start` to the end. All elements are multiples of 4 bytes long, so views are aligned
+    /// without padding.
+    fn add_view(&mut self, start: usize, target: Target) -> usize {
+        push(
+            &mut self.root.buffer_views,
+            BufferView {
+                buffer: 0,
+                byte_length: self.binary.len() - start,
+                byte_offset: start,
+                target,
             },
-            extensions: is_unlit.then_some(unlit),
-            ..Default::default()
-        })
+        )
     }
 
-    /// The two chunks, padded to 4 bytes.
+    fn add_material(&mut self, color: [u8; 3], is_unlit: bool) -> usize {
+        if is_unlit && self.root.extensions_used.is_empty() {
+            self.root.extensions_used.push(UNLIT);
+        }
+        let material = Material::new(color.map(linear_from_srgb), is_unlit);
+        push(&mut self.root.materials, material)
+    }
+
+    /// The JSON chunk, padded to 4 bytes, and the binary chunk.
     fn finish(mut self, origin: &Vector3<f64>) -> serde_json::Result<(Vec<u8>, Vec<u8>)> {
         if !self.binary.is_empty() {
-            self.root.push(json::Buffer {
-                byte_length: USize64::from(self.binary.len()),
-                name: None,
-                uri: None,
-                extensions: None,
-                extras: None,
-            });
+            let byte_length = self.binary.len();
+            self.root.buffers.push(Buffer { byte_length });
         }
-        let original_from_gltf = [
+        self.root.scenes[0].extras.original_from_gltf = [
             [1.0, 0.0, 0.0, origin.x],
             [0.0, -1.0, 0.0, origin.y],
             [0.0, 0.0, -1.0, origin.z],
             [0.0, 0.0, 0.0, 1.0],
         ];
-        let extras = serde_json::value::to_raw_value(&serde_json::json!({
-            "original_from_gltf": original_from_gltf,
-        }))?;
-        let scene = self.root.push(json::Scene {
-            extensions: None,
-            extras: Some(extras),
-            name: None,
-            nodes: self.nodes,
-        });
-        self.root.scene = Some(scene);
-        self.root.asset = json::Asset {
-            generator: Some(concat!("linecarve ", env!("CARGO_PKG_VERSION")).to_owned()),
-            version: "2.0".to_owned(),
-            ..json::Asset::default()
-        };
         let mut json = serde_json::to_vec(&self.root)?;
         json.resize(json.len().next_multiple_of(4), b' ');
         Ok((json, self.binary))
     }
 }
 
-/// The linear intensity, 0 to 1, of an sRGB channel (IEC 61966-2-1).
+/// Appends a value and returns its index.
+fn push<T>(values: &mut Vec<T>, value: T) -> usize {
+    values.push(value);
+    values.len() - 1
+}
+
+/// Linear intensity, 0 to 1, of an sRGB channel (IEC 61966-2-1), in single precision.
 fn linear_from_srgb(channel: u8) -> f32 {
     let value = f32::from(channel) / 255.0;
     if value <= 0.040_45 {

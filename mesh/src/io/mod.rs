@@ -1,4 +1,5 @@
-//! Files of meshes, line sets and point clouds: GLB, OBJ and PLY in both directions, STL and rows of numbers read only.
+//! File formats of meshes, line sets and point clouds: GLB, OBJ and PLY (read and write), STL and rows of numbers
+//! (read).
 
 mod error;
 mod glb;

@@ -1,8 +1,8 @@
-//! One ray against one triangle, and against one box.
+//! Intersection of a ray with a triangle and with a box.
 
 use nalgebra::{Point3, Vector3};
 
-/// A ray with what the triangle and box tests need of it, computed once.
+/// A ray with precomputed values for the triangle and box tests.
 ///
 /// # Reference
 /// S. Woop, C. Benthin, I. Wald, *Watertight Ray/Triangle Intersection*, JCGT 2(1), 2013. *Differs from the paper*: in
@@ -10,17 +10,17 @@ use nalgebra::{Point3, Vector3};
 pub(super) struct PreparedRay {
     origin: Point3<f64>,
     inverse_direction: Vector3<f64>,
-    /// The axis along which the ray is longest, and the two others in an order that keeps the handedness.
+    /// The dominant axis of the direction, and the other two in an order that keeps the handedness.
     axes: [usize; 3],
     shear: Vector3<f64>,
 }
 
-/// Where a ray meets a triangle.
+/// Intersection of a ray with a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TriangleHit {
     pub(super) distance: f64,
     pub(super) barycentric: [f64; 3],
-    /// Whether the ray comes from the side on which the corners run counter-clockwise.
+    /// Whether the ray hits the side from which the corners are counter-clockwise.
     pub(super) is_front_face: bool,
 }
 
@@ -48,8 +48,8 @@ impl PreparedRay {
         })
     }
 
-    /// The distance, in lengths of the direction, at which the ray enters the box; `None` when it misses it or enters
-    /// it beyond `max`.
+    /// The distance, in lengths of the direction, at which the ray enters the box; `None` when it misses the box
+    /// or enters it beyond `max`.
     pub(super) fn enters_box(
         &self,
         low: &Vector3<f64>,
@@ -60,15 +60,17 @@ impl PreparedRay {
         for axis in 0..3 {
             let first = (low[axis] - self.origin[axis]) * self.inverse_direction[axis];
             let second = (high[axis] - self.origin[axis]) * self.inverse_direction[axis];
-            // A ray inside a face of the box gives 0 * infinity; `min` and `max` pass over the NaN, which keeps the box.
+            // A ray in the plane of a face gives 0 * infinity; `min` and `max` ignore the NaN, which
+            // keeps the box.
             near = near.max(first.min(second));
             far = far.min(first.max(second));
         }
-        // Three roundings on either side of the comparison: a flat box is entered and left at the same distance.
+        // Margin for three roundings on either side: the ray enters and leaves a flat box at the same
+        // distance.
         (near <= far * (1.0 + 4.0 * f64::EPSILON)).then_some(near)
     }
 
-    /// The hit at a distance of 0 to `max` lengths of the direction, ends included.
+    /// The hit at a distance of 0 to `max` lengths of the direction, inclusive.
     pub(super) fn hits_triangle(
         &self,
         corners: [&Point3<f64>; 3],
@@ -84,7 +86,8 @@ impl PreparedRay {
             ]
         });
         let [a, b, c] = sheared;
-        // The same two products appear in the neighbour across an edge, so that the signs agree and no ray slips through.
+        // The neighbour across an edge computes the same two products, so that signs agree and no ray slips
+        // through.
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];

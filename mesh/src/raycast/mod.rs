@@ -1,8 +1,8 @@
-//! Ray casts and nearest points against triangle meshes: the one module that speaks the types of parry.
+//! Ray casts and nearest points on triangle meshes. This module alone uses the types of parry.
 //!
-//! parry supplies the tree of boxes; the tests against triangles are ours, because pictures and depth images need rays
-//! that never slip between two triangles which share an edge ([`RayScene::cast`] is watertight), and measurements need
-//! distances without a tolerance inside ([`RayScene::closest`]).
+//! parry provides the bounding volume hierarchy. The triangle tests are ours: pictures and depth images need rays
+//! that never slip between two triangles with a common edge ([`RayScene::cast`] is watertight), and measurements need
+//! distances without a built-in tolerance ([`RayScene::closest`]).
 
 mod closest;
 mod intersect;

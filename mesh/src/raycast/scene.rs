@@ -1,4 +1,4 @@
-//! A mesh prepared for rays and nearest points.
+//! Bounding volume hierarchy of a triangle mesh.
 
 use nalgebra::{Point3, Vector3};
 use parry3d::bounding_volume::Aabb;
@@ -8,16 +8,17 @@ use super::closest::closest_in_triangle;
 use super::intersect::{PreparedRay, TriangleHit};
 use crate::TriangleMesh;
 
-/// Where a ray meets a mesh.
+/// Intersection of a ray with a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayHit {
-    /// Distance from the origin in lengths of the direction: with a direction whose z is 1 in a camera it is the depth.
+    /// Distance from the origin in lengths of the direction. For a direction with z = 1 in a camera frame this is
+    /// the depth.
     pub distance: f64,
-    /// Position of the triangle in the mesh that the scene was made from.
+    /// Index of the triangle in the mesh of the scene.
     pub triangle: u32,
-    /// Weights of the three corners at the hit; they sum to one.
+    /// Barycentric coordinates of the hit.
     pub barycentric: [f64; 3],
-    /// Whether the ray came from the side that sees the corners run counter-clockwise.
+    /// Whether the ray hits the side from which the corners are counter-clockwise.
     pub is_front_face: bool,
 }
 
@@ -28,17 +29,17 @@ pub struct ClosestPoint {
     pub point: Point3<f64>,
     /// Its distance.
     pub distance: f64,
-    /// Position of its triangle in the mesh that the scene was made from.
+    /// Index of its triangle in the mesh of the scene.
     pub triangle: u32,
-    /// Weights of the three corners; they sum to one.
+    /// Barycentric coordinates of the point.
     pub barycentric: [f64; 3],
 }
 
-/// A triangle mesh in a tree of boxes, for ray casts and nearest points.
+/// A triangle mesh in a bounding volume hierarchy, for ray casts and nearest points.
 ///
-/// Triangles without area, with corners that are not finite or with indices beyond the vertices are left out
-/// ([`RayScene::ignored_triangles`] counts them); the others keep their position in the mesh. Results depend on the mesh
-/// alone, not on threads.
+/// Triangles without area, with non-finite corners or with indices out of range are ignored
+/// ([`RayScene::ignored_triangles`] counts them); the others keep their index. Results depend only on the mesh, not
+/// on threads.
 ///
 /// ```
 /// use linecarve_mesh::TriangleMesh;
@@ -60,13 +61,13 @@ pub struct RayScene {
     positions: Vec<Point3<f64>>,
     triangles: Vec<[u32; 3]>,
     tree: Bvh,
-    /// By leaf of the tree, its triangle. Leaves count from 0 without gaps: parry panics on trees of one or two others.
+    /// Triangle of each leaf. Leaves are numbered without gaps, because parry panics on some trees with gaps.
     names: Vec<u32>,
     ignored: usize,
 }
 
 impl RayScene {
-    /// Prepares a mesh, which may be empty.
+    /// Builds the hierarchy of a mesh, which may be empty.
     ///
     /// # Complexity
     /// O(n log n) time and O(n) memory for n triangles; the mesh's positions and indices are copied.
@@ -91,12 +92,12 @@ impl RayScene {
         }
     }
 
-    /// How many triangles were left out because they have no area or are not valid.
+    /// Number of ignored triangles: without area or not valid.
     pub fn ignored_triangles(&self) -> usize {
         self.ignored
     }
 
-    /// How many triangles rays can hit.
+    /// Number of triangles in the hierarchy.
     pub fn triangle_count(&self) -> usize {
         self.triangles.len() - self.ignored
     }
@@ -109,26 +110,27 @@ impl RayScene {
         self.triangles[triangle as usize].map(|corner| &self.positions[corner as usize])
     }
 
-    /// The unit normal of a triangle, towards the side that sees its corners counter-clockwise.
+    /// The unit normal of a triangle, towards the side from which its corners are counter-clockwise.
     ///
     /// # Panics
     /// When `triangle` does not come from a result of this scene.
     pub fn normal(&self, triangle: u32) -> Vector3<f64> {
         let [a, b, c] = self.corners(triangle);
-        // Normalised edges first: the cross product of tiny ones would underflow.
+        // Normalises edges first, because the cross product of tiny ones would underflow.
         let (ab, ac) = ((b - a).normalize(), (c - a).normalize());
         ab.cross(&ac).normalize()
     }
 
-    /// The first triangle on a ray, from either side, no farther than `max` lengths of the direction.
+    /// The first triangle hit by a ray, from either side, at most `max` lengths of the direction away.
     ///
-    /// Two triangles that share an edge leave no gap. `None` also when the direction is zero or not finite.
+    /// There is no gap between two triangles with a common edge. `None` also when the direction is zero or not
+    /// finite.
     pub fn cast(&self, origin: &Point3<f64>, direction: &Vector3<f64>, max: f64) -> Option<RayHit> {
         self.cast_where(origin, direction, max, |_, _| true)
     }
 
-    /// [`RayScene::cast`] that sees only the triangles which `visible` admits, given the triangle and whether the ray
-    /// comes from its front.
+    /// [`RayScene::cast`] limited to triangles for which `visible` is true, given the triangle and whether the
+    /// ray hits its front face.
     pub fn cast_where(
         &self,
         origin: &Point3<f64>,
@@ -138,7 +140,7 @@ impl RayScene {
     ) -> Option<RayHit> {
         let ray = PreparedRay::new(origin, direction)?;
         let (leaf, found) = self.tree.find_best(
-            // The tree looks for costs below the bound; hits at the bound count, too.
+            // The search finds costs below the bound; hits at the bound count, too.
             max.next_up(),
             |node: &BvhNode, best: f64| enters(&ray, node, best).unwrap_or(f64::MAX),
             |leaf, best| {
@@ -156,13 +158,13 @@ impl RayScene {
         })
     }
 
-    /// Whether anything lies on a ray at a distance of at most `max` lengths of the direction. Faster than
-    /// [`RayScene::cast`], because any hit will do.
+    /// Whether a triangle lies on a ray within `max` lengths of the direction. Faster than [`RayScene::cast`],
+    /// because any hit suffices.
     pub fn is_occluded(&self, origin: &Point3<f64>, direction: &Vector3<f64>, max: f64) -> bool {
         self.is_occluded_where(origin, direction, max, |_| true)
     }
 
-    /// [`RayScene::is_occluded`] that sees only the triangles which `visible` admits.
+    /// [`RayScene::is_occluded`] limited to triangles for which `visible` is true.
     pub fn is_occluded_where(
         &self,
         origin: &Point3<f64>,
@@ -182,13 +184,13 @@ impl RayScene {
             })
     }
 
-    /// The nearest point of the mesh no farther than `max` from `point`; `None` when there is none or `point` is not
-    /// finite. Of several nearest points the result is one, the same in every run.
+    /// The nearest point of the mesh no farther than `max` from `point`; `None` when there is none or `point` is
+    /// not finite. Among several nearest points the choice is deterministic.
     pub fn closest(&self, point: &Point3<f64>, max: f64) -> Option<ClosestPoint> {
         if !point.iter().all(|v| v.is_finite()) || max < 0.0 {
             return None;
         }
-        // Squared distances order alike and spare a root for each box.
+        // Squared distances have the same order and need no square roots.
         let (leaf, found) = self.tree.find_best(
             (max * max).next_up(),
             |node: &BvhNode, _| squared_distance_to_box(point, &node.aabb()),
@@ -211,7 +213,7 @@ impl RayScene {
         })
     }
 
-    /// The triangles whose boxes come within `reach` of a point, in no particular order.
+    /// Triangles whose bounding boxes are within `reach` of a point, in no particular order.
     pub(crate) fn near(&self, point: &Point3<f64>, reach: f64) -> impl Iterator<Item = u32> + '_ {
         let (point, limit) = (*point, reach * reach);
         self.tree
@@ -219,7 +221,7 @@ impl RayScene {
             .map(|leaf| self.names[leaf as usize])
     }
 
-    /// The smallest axis-aligned box (low corner, high corner) around all triangles that rays can hit; `None` when there
+    /// Axis-aligned bounding box (low corner, high corner) of the triangles in the hierarchy; `None` when there
     /// are none.
     pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {
         let mut bounds: Option<(Point3<f64>, Point3<f64>)> = None;
@@ -238,7 +240,7 @@ impl RayScene {
     }
 }
 
-/// What a leaf of the tree offers: the cost that is minimised, and the rest of the result.
+/// Result at a leaf: the cost to minimise, and other values.
 struct Cost<T>(f64, T);
 
 impl<T> parry3d::partitioning::BvhLeafCost for Cost<T> {
@@ -247,7 +249,7 @@ impl<T> parry3d::partitioning::BvhLeafCost for Cost<T> {
     }
 }
 
-/// The point with the given weights.
+/// The point with the given barycentric coordinates.
 fn blend(corners: [&Point3<f64>; 3], barycentric: [f64; 3]) -> Point3<f64> {
     let [a, b, c] = corners;
     let [u, v, w] = barycentric;
@@ -271,8 +273,8 @@ fn squared_distance_to_box(point: &Point3<f64>, bounds: &Aabb) -> f64 {
         .sum()
 }
 
-/// The box of a triangle, a few units in the last place wider so that rounding never prunes a hit on its surface; `None`
-/// for a triangle that no ray can hit.
+/// Bounding box of a triangle, widened by a few units in the last place so that rounding never prunes a hit; `None`
+/// for a triangle to ignore.
 fn bounds_of(positions: &[Point3<f64>], triangle: &[u32; 3]) -> Option<Aabb> {
     let [Some(a), Some(b), Some(c)] = triangle.map(|corner| positions.get(corner as usize)) else {
         return None;

@@ -12,19 +12,19 @@ pub(super) struct SampleBuffer {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) supersampling: usize,
-    /// Row by row.
+    /// In row order.
     pub(super) samples: Vec<Option<Sample>>,
 }
 
-/// What a sample sees.
+/// The hit of a sample.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    /// Depth z in the view's camera.
+    /// Depth z in the camera frame.
     pub(super) depth: f32,
     pub(super) triangle: u32,
-    /// Weights of the second and third corner.
+    /// Barycentric coordinates of the second and third corner.
     pub(super) barycentric: [f32; 2],
-    /// Normal of the triangle towards the viewer, in the world.
+    /// Normal of the triangle in the world frame, oriented towards the viewer.
     pub(super) normal: [f32; 3],
     pub(super) is_front_face: bool,
 }
@@ -35,7 +35,7 @@ impl Sample {
     }
 }
 
-/// Rays of a view; directions have depth 1.
+/// Rays of a view; directions have z = 1 in the camera frame.
 pub(super) struct ViewRays<'a> {
     view: &'a View,
     supersampling: usize,
@@ -53,7 +53,7 @@ impl<'a> ViewRays<'a> {
         Point3::from(self.view.world_from_camera.translation.vector)
     }
 
-    /// Direction in the world of the ray through sample (column, row).
+    /// Direction in the world frame of the ray through sample (column, row).
     pub(super) fn direction(&self, column: usize, row: usize) -> Vector3<f64> {
         let camera = &self.view.camera;
         let step = self.supersampling as f64;
@@ -120,12 +120,12 @@ impl SampleBuffer {
         }
     }
 
-    /// The sample in a column and row.
+    /// The sample at a column and row.
     pub(super) fn at(&self, column: usize, row: usize) -> Option<&Sample> {
         self.samples[row * self.width + column].as_ref()
     }
 
-    /// The median depth of all samples that see something.
+    /// Median depth of all samples with a hit.
     pub(super) fn median_depth(&self) -> Option<f64> {
         let mut depths: Vec<f32> = self.samples.iter().flatten().map(|s| s.depth).collect();
         let middle = depths.len() / 2;

@@ -1,33 +1,33 @@
-//! Colours of distances, and the bar that explains them.
+//! Colour scale of distances, and its legend.
 
 use image::{Rgb, RgbImage};
 
 use super::lettering::{draw_text, text_width};
 use crate::evaluate::heat_color;
 
-/// What colours distances have: dark at 0, bright at the end of the scale and beyond.
+/// A colour scale of distances: dark at 0, bright from the maximum on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeatScale {
     max: f64,
 }
 
 impl HeatScale {
-    /// A scale from 0 to `max`; `None` when that is not a positive length.
+    /// A scale from 0 to `max`; `None` when `max` is not a positive length.
     pub fn new(max: f64) -> Option<Self> {
         (max > 0.0 && max.is_finite()).then_some(Self { max })
     }
 
-    /// The end of the scale.
+    /// The distance at the bright end.
     pub fn max(&self) -> f64 {
         self.max
     }
 
-    /// The sRGB colour of a distance; that of what is not a number is grey.
+    /// The sRGB colour of a distance; NaN is grey.
     pub fn color(&self, distance: f64) -> [u8; 3] {
         heat_color(distance / self.max)
     }
 
-    /// The colours that it passes through, evenly spaced.
+    /// The colours of the map, equally spaced.
     pub fn colors() -> Vec<[u8; 3]> {
         const STOPS: u32 = 10;
         (0..STOPS)
@@ -35,10 +35,10 @@ impl HeatScale {
             .collect()
     }
 
-    /// Places on the scale, 0 to 1, and the distances there as text; the last stands for everything beyond.
+    /// Tick positions on the scale, 0 to 1, and their labels; the last stands for all larger distances.
     pub fn ticks(&self) -> Vec<(f64, String)> {
         const PARTS: u32 = 4;
-        // Two digits of the end, none of them a zero of rounding.
+        // Two significant digits of the maximum, without trailing zeros.
         let decimals = (2.0 - self.max.log10().floor()).clamp(0.0, 9.0) as usize;
         (0..=PARTS)
             .map(|part| {
@@ -55,19 +55,19 @@ impl HeatScale {
     }
 }
 
-/// Space below a picture for the bar.
+/// Height of the legend.
 const STRIP_PX: u32 = 58;
 /// Height of capitals.
 const LETTER_PX: f64 = 12.0;
 const INK: [u8; 3] = [45, 52, 60];
 
-/// The picture with a strip below it: what the colours say, the colours, ticks.
+/// Adds a legend below a picture: label, colour bar, ticks.
 pub fn with_color_bar(picture: &RgbImage, scale: &HeatScale, label: &str) -> RgbImage {
     let (width, height) = picture.dimensions();
     let mut result = RgbImage::from_pixel(width, height + STRIP_PX, Rgb([255; 3]));
     image::imageops::replace(&mut result, picture, 0, 0);
     let (wide, top) = (f64::from(width), f64::from(height));
-    // The label left of the bar, or above it where there is no room.
+    // The label goes left of the bar, or above it when space is short.
     let room = text_width(label, LETTER_PX) + 56.0;
     let left = if room < 0.55 * wide {
         draw_text(&mut result, (12.0, top + 24.0), LETTER_PX, label, INK);
@@ -97,10 +97,10 @@ pub fn with_color_bar(picture: &RgbImage, scale: &HeatScale, label: &str) -> Rgb
     result
 }
 
-/// Space above a picture for its caption.
+/// Height of the caption.
 const CAPTION_PX: u32 = 34;
 
-/// The picture with a caption above it.
+/// Adds a caption above a picture.
 pub fn with_caption(picture: &RgbImage, caption: &str) -> RgbImage {
     let (width, height) = picture.dimensions();
     let mut result = RgbImage::from_pixel(width, height + CAPTION_PX, Rgb([255; 3]));

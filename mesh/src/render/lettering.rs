@@ -1,5 +1,4 @@
-//! Letters drawn as strokes, for captions and the ticks of colour bars. No font file, no hinting: the same pixels
-//! everywhere.
+//! Stroke font for captions and legends. It needs no font file and renders the same pixels everywhere.
 
 use image::{Rgb, RgbImage};
 use nalgebra::Vector2;
@@ -74,7 +73,7 @@ fn strokes(letter: char) -> &'static str {
 
 /// The polylines of a letter, moved so that they start at column 0, and their width.
 fn glyph(letter: char) -> (Vec<Vec<Vector2<f64>>>, f64) {
-    // Capitals that have no strokes of their own are written small.
+    // Capitals without a glyph use the small letter.
     let known = letter.is_ascii_uppercase() && !matches!(letter, 'D' | 'F');
     let letter = if known {
         letter.to_ascii_lowercase()

@@ -1,10 +1,11 @@
-//! Pictures of meshes and segments, ray-cast on the CPU: no driver, no window, the same bytes on every machine.
+//! Pictures of meshes and segments by ray casting on the CPU: without driver or window, with the same bytes on every
+//! machine.
 //!
-//! A [`View`] says from where; [`Renderer`] holds a mesh ready for rays and [draws](Renderer::draw) it in passes, each
-//! over the whole picture: first hits (`buffer`), how open the sky is above each of them (`occlusion`), light
-//! (`shade`), outlines (`outline`), segments with a depth test (`segments`). Vertex colours are shown as they are,
-//! errors coloured by vertex included, or any place has the colour that it is [painted](Renderer::draw_colored) in; without colours the mesh looks like clay. Back faces, which a closed carved
-//! surface only shows through its holes, are tinted.
+//! A [`View`] is a camera and image size. [`Renderer`] holds a mesh and [draws](Renderer::draw) it in passes over the
+//! picture: first hits (`buffer`), ambient occlusion (`occlusion`), shading (`shade`), outlines (`outline`), segments
+//! with a depth test (`segments`). Colours come from the vertices, from a [function of the
+//! position](Renderer::draw_colored), or are those of clay. Back faces, which are visible only through holes of a
+//! closed surface, are tinted.
 
 mod buffer;
 mod heat;

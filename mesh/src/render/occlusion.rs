@@ -1,4 +1,4 @@
-//! How open the surroundings are above each point: the shade in corners and under tables.
+//! Ambient occlusion.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -8,12 +8,12 @@ use super::options::BackFaces;
 use super::view::View;
 use crate::raycast::RayScene;
 
-/// Side of the block of pixels that share one set of directions; the average over such a block has no noise on a plane.
+/// Side of the pixel block that shares one set of directions; averages over such a block have no noise on planes.
 const PATTERN: usize = 5;
-/// Length of the rays relative to the width of what the picture shows at its median depth.
+/// Length of occlusion rays relative to the visible width at the median depth of the picture.
 const REACH: f64 = 0.14;
 
-/// Openness, 0 (closed) to 1, of one sample a pixel.
+/// Openness, 0 (closed) to 1, of one sample per pixel.
 pub(super) struct Openness {
     width: usize,
     height: usize,
@@ -43,7 +43,7 @@ impl Openness {
         };
         let reach = REACH * median_depth * f64::from(view.width) / view.camera.fx();
         let eye = Point3::from(view.world_from_camera.translation.vector);
-        // What is not drawn takes no light either.
+        // Hidden back faces do not occlude either.
         let is_drawn = |triangle: u32| {
             let toward_eye = eye - scene.corners(triangle)[0];
             back_faces != BackFaces::Hidden || scene.normal(triangle).dot(&toward_eye) > 0.0
@@ -65,9 +65,9 @@ impl Openness {
                     let lift = normal * (depth * 1e-5);
                     let point = rays.origin() + rays.direction(x, y) * depth + lift;
                     let (tangent, bitangent) = tangents(&normal);
-                    // Neighbours take directions far apart in the sequence.
-                    let place = column % PATTERN + row % PATTERN * PATTERN;
-                    let start = place * 7 % (PATTERN * PATTERN);
+                    // Neighbouring pixels use directions far apart in the sequence.
+                    let index = column % PATTERN + row % PATTERN * PATTERN;
+                    let start = index * 7 % (PATTERN * PATTERN);
                     let mut open = 0;
                     for ray in 0..count {
                         let [a, b, c, length] =
@@ -90,7 +90,7 @@ impl Openness {
         }
     }
 
-    /// Openness at a sample: the mean over the block of pixels around it that lie on about the same surface.
+    /// Openness at a sample: the mean over the surrounding pixel block on about the same surface.
     pub(super) fn at(
         &self,
         buffer: &SampleBuffer,
@@ -102,7 +102,7 @@ impl Openness {
         let normal = sample.normal();
         let depth = f64::from(sample.depth);
         let point: Vector3<f64> = rays.direction(column, row) * depth;
-        // Pixels stand for a patch of about this size; farther from the plane is another surface.
+        // Approximate size of the patch of a pixel; points farther from the plane belong to another surface.
         let patch =
             (rays.direction(column + step, row) - rays.direction(column, row)).norm() * depth;
         let half = PATTERN / 2;

@@ -1,4 +1,4 @@
-//! How a picture looks.
+//! Options of a picture.
 
 /// What lies behind the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -9,36 +9,36 @@ pub enum Background {
     Gradient([u8; 3], [u8; 3]),
 }
 
-/// What becomes of triangles seen from behind.
+/// Treatment of back faces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BackFaces {
-    /// Drawn in a tint, so that holes and flipped triangles are noticed.
+    /// Tinted, which shows holes and flipped triangles.
     Tinted,
     /// Drawn like front faces.
     Shown,
-    /// Not drawn: a room closed by walls can be seen from outside, like a doll's house.
+    /// Not drawn: the inside of a closed room is visible from outside, as in a doll's house.
     Hidden,
 }
 
-/// How a picture looks.
+/// Options of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderOptions {
-    /// Samples a pixel has along each side, 1 to 8; 2 gives smooth outlines.
+    /// Samples per pixel along each side, 1 to 8; 2 gives smooth outlines.
     pub supersampling: u32,
     /// Width of segments in pixels, above 0 and at most 100.
     pub line_width_px: f64,
     /// sRGB colour of segments without colours of their own.
     pub line_color: [u8; 3],
-    /// How far behind the surface a segment may lie and still be drawn, relative to its depth, 0 to 1: segments lie on the
+    /// Maximum depth of visible segments behind the surface, relative to its depth, 0 to 1. Segments lie on the
     /// surface up to noise.
     pub line_depth_tolerance: f64,
     /// sRGB colour of meshes without colours.
     pub clay: [u8; 3],
     /// What lies behind the mesh.
     pub background: Background,
-    /// What becomes of triangles seen from behind.
+    /// Treatment of back faces.
     pub back_faces: BackFaces,
-    /// Rays a pixel sends to find out how open the sky is above it; 0 draws without this shade.
+    /// Ambient occlusion rays per pixel; 0 disables ambient occlusion.
     pub occlusion_rays: u32,
     /// Darkness of the outlines at jumps of depth, 0 (none) to 1 (black).
     pub outline_darkness: f64,
@@ -63,7 +63,7 @@ impl Default for RenderOptions {
     }
 }
 
-/// A value out of its range.
+/// An option out of range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{name} = {value} must be {range}")]
 pub struct RenderOptionsError {
@@ -71,15 +71,15 @@ pub struct RenderOptionsError {
     pub name: &'static str,
     /// Its value.
     pub value: f64,
-    /// What it may be.
+    /// The valid range.
     pub range: &'static str,
 }
 
 impl RenderOptions {
-    /// Checks the ranges that the fields state.
+    /// Checks the ranges.
     ///
     /// # Errors
-    /// The first field out of its range.
+    /// The first option out of range.
     pub fn validate(&self) -> Result<(), RenderOptionsError> {
         let unit = 0.0..=1.0;
         let checks = [

@@ -1,4 +1,4 @@
-//! The passes of a picture, and its file.
+//! Rendering of a picture, and PNG output.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -19,7 +19,7 @@ use crate::raycast::RayScene;
 use crate::srgb::{encoded_color, linear_color};
 use crate::{LineSet, TriangleMesh};
 
-/// A mesh ready to be drawn from any number of views.
+/// A mesh prepared for rendering from any number of views.
 ///
 /// ```
 /// use linecarve_mesh::TriangleMesh;
@@ -42,26 +42,26 @@ pub struct Renderer<'a> {
     scene: RayScene,
 }
 
-/// The sRGB colour of a place on the surface.
+/// A function from surface position to sRGB colour.
 pub type PointColor<'a> = dyn Fn(&Point3<f64>) -> [u8; 3] + Sync + 'a;
 
-/// Why there is no picture, or no file of it.
+/// Why a picture cannot be rendered or written.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
     /// An option is out of its range.
     #[error(transparent)]
     Options(#[from] RenderOptionsError),
-    /// The picture has no pixel, or too many.
+    /// The picture has no pixels or too many.
     #[error(
         "a picture of {width} x {height} pixels with {supersampling} x {supersampling} samples each cannot be drawn: at least one pixel and at most {} samples",
-        MOST_SAMPLES
+        MAX_SAMPLES
     )]
     Size {
         /// Width in pixels.
         width: u32,
         /// Height in pixels.
         height: u32,
-        /// Samples of a pixel along each side.
+        /// Samples per pixel along each side.
         supersampling: u32,
     },
     /// The PNG could not be encoded.
@@ -69,19 +69,19 @@ pub enum PictureError {
     Encode {
         /// The file.
         path: PathBuf,
-        /// What the encoder said.
+        /// Error of the encoder.
         source: image::ImageError,
     },
-    /// The file system refused.
+    /// The file could not be written.
     #[error(transparent)]
     Write(#[from] WriteError),
 }
 
-/// Samples of the largest picture: about 6 GB of buffer.
-const MOST_SAMPLES: u64 = 1 << 27;
+/// Maximum samples of a picture: about 6 GB of buffer.
+const MAX_SAMPLES: u64 = 1 << 27;
 
 impl<'a> Renderer<'a> {
-    /// Prepares a mesh, which may be empty: then only the background and the segments are drawn.
+    /// Prepares a mesh. With an empty mesh, only background and segments are drawn.
     pub fn new(mesh: &'a TriangleMesh) -> Self {
         Self {
             mesh,
@@ -89,7 +89,7 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// The mesh ready for rays.
+    /// The ray-cast scene of the mesh.
     pub fn scene(&self) -> &RayScene {
         &self.scene
     }
@@ -111,8 +111,8 @@ impl<'a> Renderer<'a> {
         self.draw_with(None, lines, view, options, progress)
     }
 
-    /// [`Renderer::draw`] with a colour for every place on the surface, in sRGB, in place of those of the mesh: errors are
-    /// so shown where they are, not where the vertices are. `paint` is asked about once a pixel, from any thread.
+    /// [`Renderer::draw`] with colours from a function of the surface position instead of vertex colours, so that
+    /// errors appear where they are. `paint` is called about once per pixel, from any thread.
     ///
     /// # Errors
     /// As [`Renderer::draw`].
@@ -139,7 +139,7 @@ impl<'a> Renderer<'a> {
         let count = u64::from(view.width)
             * u64::from(view.height)
             * u64::from(options.supersampling * options.supersampling);
-        if count == 0 || count > MOST_SAMPLES {
+        if count == 0 || count > MAX_SAMPLES {
             return Err(PictureError::Size {
                 width: view.width,
                 height: view.height,
@@ -222,13 +222,14 @@ impl<'a> Renderer<'a> {
             .for_each(|(y, line)| {
                 let behind = background(options.background, y, view.height);
                 for (x, pixel) in line.iter_mut().enumerate() {
-                    // The samples of a pixel lie so near one another that one colour does for a triangle.
+                    // Samples of a pixel are so close that one colour per triangle suffices.
                     let mut known = None;
                     for row in y * step..(y + 1) * step {
                         for column in x * step..(x + 1) * step {
                             let color = sample_light(column, row, &mut known).unwrap_or(behind);
                             for (sum, part) in pixel.iter_mut().zip(color) {
-                                // Clipped before averaging, else a bright sample would swallow an outline.
+                                // Clipped before averaging: a bright sample would
+                                // hide an outline.
                                 *sum += part.min(1.0);
                             }
                         }
@@ -252,10 +253,10 @@ fn background(background: Background, y: usize, height: u32) -> [f64; 3] {
     }
 }
 
-/// Writes a picture as PNG, whole or not at all.
+/// Writes a picture as PNG, atomically.
 ///
 /// # Errors
-/// When the picture cannot be encoded or the file not written.
+/// When the picture cannot be encoded or the file cannot be written.
 pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), PictureError> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     picture

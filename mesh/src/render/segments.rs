@@ -1,4 +1,4 @@
-//! Segments over a picture, anti-aliased, hidden where the mesh is in front of them.
+//! Anti-aliased segments with a depth test.
 
 use nalgebra::{Point3, Vector2};
 
@@ -8,7 +8,7 @@ use super::view::View;
 use crate::LineSet;
 use crate::srgb::linear_color;
 
-/// The part of a line in front of the camera, in the picture.
+/// The visible part of a line in picture coordinates.
 struct Projected {
     ends_px: [Vector2<f64>; 2],
     inverse_depths: [f64; 2],
@@ -17,8 +17,7 @@ struct Projected {
 
 /// Draws `lines` into `picture` (linear light, row by row), the farthest first.
 ///
-/// A line is drawn over the samples at which it lies in front of the mesh or no more than the tolerance of the options
-/// behind it.
+/// A sample of a line is visible if it lies in front of the mesh or behind it within the tolerance.
 pub(super) fn draw_segments(
     picture: &mut [[f64; 3]],
     lines: &LineSet,
@@ -59,7 +58,7 @@ fn project(
         linear_color(own.copied().unwrap_or(options.line_color))
     };
     let mut colors = [color_of(a), color_of(b)];
-    // What lies behind the camera is cut off just in front of it, relative to how far the line reaches.
+    // Clips at a near plane, relative to the length of the line.
     let near = 1e-3 * ends[0].z.max(ends[1].z);
     if near <= 0.0 {
         return None;
@@ -87,7 +86,7 @@ fn project(
     )
 }
 
-/// Cuts off what lies outside the picture: a line that passes near the camera may be millions of pixels long.
+/// Clips to the picture: a line that passes near the camera may be millions of pixels long.
 fn clip_to_picture(line: Projected, view: &View, width_px: f64) -> Option<Projected> {
     let margin = width_px + 2.0;
     let [start, end] = line.ends_px;
@@ -132,7 +131,7 @@ fn draw(
     let length_squared = along.norm_squared();
     let radius = 0.5 * options.line_width_px;
     let reach = radius + 0.5;
-    // Walk the longer axis and, at each step, the few pixels across.
+    // Steps along the longer axis and covers the few pixels across at each step.
     let major = usize::from(along.y.abs() > along.x.abs());
     let minor = 1 - major;
     let sizes = [view.width as usize, view.height as usize];
@@ -189,7 +188,7 @@ fn pixels(low: f64, high: f64, size: usize) -> Option<std::ops::RangeInclusive<u
         .then(|| low.ceil().max(0.0) as usize..=high.floor().min(last) as usize)
 }
 
-/// The share of a pixel's samples behind which a point at `depth` is not hidden.
+/// Share of a pixel's samples at which a point at `depth` is visible.
 fn visible_share(
     buffer: &SampleBuffer,
     x: usize,

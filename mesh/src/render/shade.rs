@@ -1,4 +1,4 @@
-//! Light on a sample.
+//! Shading of a sample.
 
 use nalgebra::Vector3;
 
@@ -7,17 +7,17 @@ use super::options::{BackFaces, RenderOptions};
 use crate::TriangleMesh;
 use crate::srgb::linear_color;
 
-/// Linear colour of back faces: what they are is mixed with this.
+/// Linear tint of back faces.
 const BACK_TINT: [f64; 3] = [0.42, 0.16, 0.15];
 
-/// The colours of a mesh, ready for blending.
+/// Vertex colours of a mesh in linear light.
 pub(super) struct Albedo {
     colors: Option<Vec<[f32; 3]>>,
     clay: [f64; 3],
 }
 
 impl Albedo {
-    /// Colours that do not number the vertices are passed over.
+    /// Colours are ignored when their number differs from that of the vertices.
     pub(super) fn new(mesh: &TriangleMesh, clay: [u8; 3]) -> Self {
         let colors = mesh
             .colors
@@ -35,7 +35,7 @@ impl Albedo {
         }
     }
 
-    /// The linear colour of what a sample sees on the triangle with these corners.
+    /// Linear colour of a sample on the triangle with these corners.
     pub(super) fn at(&self, corners: [u32; 3], sample: &Sample) -> [f64; 3] {
         let Some(colors) = &self.colors else {
             return self.clay;
@@ -52,7 +52,7 @@ impl Albedo {
     }
 }
 
-/// The lamps of a view.
+/// Lights of a view.
 pub(super) struct Light {
     up: Vector3<f64>,
     key: Vector3<f64>,
@@ -79,7 +79,7 @@ impl Light {
     ) -> [f64; 3] {
         let normal = sample.normal();
         let sky = 0.5 + 0.5 * normal.dot(&self.up);
-        // A lamp of some size lights a little beyond its horizon.
+        // An area light also illuminates slightly beyond its horizon.
         let key = ((normal.dot(&self.key) + 0.25) / 1.25).max(0.0);
         let head = normal.dot(toward_viewer).max(0.0);
         let ambient = openness * (0.34 + 0.16 * sky);

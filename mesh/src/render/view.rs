@@ -1,23 +1,25 @@
-//! From where a picture is taken.
+//! Views: cameras of pictures.
 
 use linecarve_lines::camera::{Camera, CameraError};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::TriangleMesh;
 
-/// Vertical opening angle of outside views: long enough a lens that parallel walls look parallel.
+/// Vertical field of view of outside views: narrow, so that parallel walls look parallel.
 const OUTSIDE_FIELD_OF_VIEW_RAD: f64 = 0.55;
-/// How steeply outside views look down.
+/// Downward angle of outside views.
 const OUTSIDE_ELEVATION_RAD: f64 = 0.72;
-/// Outside views fit this share of the vertices along each axis: carved surfaces may have a few far away.
+/// Share of the vertices along each axis that outside views must fit: carved surfaces may have a few distant
+/// vertices.
 const OUTSIDE_SHARE: f64 = 0.98;
-/// They fit the others, too, on a side on which these reach no farther than this share of that extent.
+/// Outside views also fit the remaining vertices on a side if these extend no farther than this share of the central
+/// extent.
 const OUTSIDE_EXTENSION: f64 = 0.6;
 
-/// A pinhole camera somewhere in the world and the size of its picture.
+/// A pinhole camera with pose and image size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// The camera; pictures leave lens distortion out.
+    /// The camera; lens distortion is ignored.
     pub camera: Camera,
     /// Width in pixels.
     pub width: u32,
@@ -25,12 +27,12 @@ pub struct View {
     pub height: u32,
     /// `point_in_world = world_from_camera * point_in_camera`, camera x right, y down, z forward.
     pub world_from_camera: Isometry3<f64>,
-    /// Where the light comes from.
+    /// Direction of the sky light.
     pub up: Vector3<f64>,
 }
 
 impl View {
-    /// What a keyframe sees, without the distortion of its lens.
+    /// The view of a keyframe, without lens distortion.
     pub fn from_keyframe(
         camera: &Camera,
         width: u32,
@@ -50,7 +52,7 @@ impl View {
     /// A view from `eye` towards `target`, upright with respect to `up`, with a vertical field of view in radians.
     ///
     /// # Errors
-    /// When the field of view or the size makes no camera.
+    /// When field of view or size do not define a camera.
     pub fn look_at(
         eye: &Point3<f64>,
         target: &Point3<f64>,
@@ -77,11 +79,11 @@ impl View {
         })
     }
 
-    /// A view from outside and above that holds the whole mesh; with [`BackFaces::Hidden`](super::BackFaces) a room is
-    /// seen through its near walls and its ceiling.
+    /// A view of the whole mesh from outside and above. With [`BackFaces::Hidden`](super::BackFaces), a room is
+    /// visible through its near walls and ceiling.
     ///
-    /// The view comes from the side from which the cameras `poses` looked, so that it shows what they saw; "above" is
-    /// [`up_direction`] of the poses. `None` when the mesh has no triangle or no finite extent.
+    /// The view direction follows the mean direction of the cameras `poses`, so that it shows what they saw;
+    /// "above" is their [`up_direction`]. `None` when the mesh has no triangles or no finite extent.
     pub fn dollhouse(
         mesh: &TriangleMesh,
         poses: &[Isometry3<f64>],
@@ -113,7 +115,7 @@ impl View {
             .collect();
         // In a camera at `offset` every corner c gives |c.x - offset.x| <= tan_x (c.z - offset.z): the extreme sums and
         // differences place the camera, first sideways, then back.
-        let place = |axis: usize, tan: f64| {
+        let fit = |axis: usize, tan: f64| {
             let plus = corners
                 .iter()
                 .map(|c| c[axis] + tan * -c.z)
@@ -125,8 +127,8 @@ impl View {
             (0.5 * (plus + minus), -0.5 * (plus - minus) / tan)
         };
         let margin = 1.06;
-        let (x, back_x) = place(0, tan_x / margin);
-        let (y, back_y) = place(1, tan_y / margin);
+        let (x, back_x) = fit(0, tan_x / margin);
+        let (y, back_y) = fit(1, tan_y / margin);
         let back = back_x.min(back_y);
         if !(x.is_finite() && y.is_finite() && back.is_finite()) || size.norm() == 0.0 {
             return None;
@@ -144,8 +146,8 @@ impl View {
     }
 }
 
-/// The upward direction of a scene as its cameras were held: the mean of their -y; of no cameras, or of cameras that
-/// cancel out, the -y of the frame itself.
+/// The up direction of a scene: the mean of the cameras' -y axes. Without cameras, or when they cancel out, it is the
+/// -y axis of the frame.
 pub fn up_direction(poses: &[Isometry3<f64>]) -> Vector3<f64> {
     let sum: Vector3<f64> = poses.iter().map(|pose| pose.rotation * -Vector3::y()).sum();
     let mean = sum / poses.len().max(1) as f64;
@@ -173,14 +175,14 @@ pub fn upright_rotation(forward: &Vector3<f64>, up: &Vector3<f64>) -> UnitQuater
     )))
 }
 
-/// Two unit vectors that complete `up` to a right-handed frame (first, second, up).
+/// Two unit vectors that form a right-handed frame with `up` (first, second, up).
 fn horizontal_axes(up: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let helper = Vector3::ith(up.iamin(), 1.0);
     let first = helper.cross(up).normalize();
     (first, up.cross(&first))
 }
 
-/// The horizontal direction in which an outside view looks.
+/// The horizontal view direction of an outside view.
 fn heading_of(
     poses: &[Isometry3<f64>],
     up: &Vector3<f64>,
@@ -189,7 +191,8 @@ fn heading_of(
 ) -> Vector3<f64> {
     let sum: Vector3<f64> = poses.iter().map(|pose| pose.rotation * Vector3::z()).sum();
     let mean = (sum - up * sum.dot(up)) / poses.len().max(1) as f64;
-    // Cameras that looked all around have no common direction; then across the longer side, a little from the corner.
+    // Cameras in all directions have no mean direction: then the view crosses the longer side, slightly from a
+    // corner.
     if mean.norm() > 0.15 {
         return mean.normalize();
     }
@@ -201,7 +204,7 @@ fn heading_of(
     (across + along * 0.45).normalize()
 }
 
-/// Vertices of triangles, each once.
+/// Vertices in use, each once.
 fn used_vertices(mesh: &TriangleMesh) -> Vec<Point3<f64>> {
     let mut used = vec![false; mesh.positions.len()];
     for &corner in mesh.triangles.iter().flatten() {
@@ -229,7 +232,7 @@ fn central_box(
     for (index, axis) in axes.into_iter().enumerate() {
         let mut along: Vec<f64> = points.iter().map(|point| point.coords.dot(axis)).collect();
         along.sort_unstable_by(f64::total_cmp);
-        // Few vertices are all meant: a box has only eight.
+        // With few vertices all are relevant: a box has only eight.
         let cut = if along.len() < 500 {
             0
         } else {
@@ -237,7 +240,7 @@ fn central_box(
         };
         let (first, last) = (along[0], along[along.len() - 1]);
         let (mut from, mut to) = (along[cut], along[along.len() - 1 - cut]);
-        // Vertices may be dense on small things: what sticks out moderately belongs to the scene.
+        // Vertices may be dense on small objects: parts that extend moderately farther belong to the scene.
         let reach = OUTSIDE_EXTENSION * (to - from);
         if from - first <= reach {
             from = first;

@@ -1,40 +1,41 @@
-//! A simplified surface held against the original, more densely than while it was made.
+//! Distance check between a simplified surface and the original, with denser samples than during simplification.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::extent::{Extent, Limits, Place};
+use super::extent::{Extent, Limits, SurfaceDistance};
 use super::live::doubled_area;
 use super::samples::{blend, middles, parts};
 use crate::TriangleMesh;
 
-/// A triangle is checked at most so many places along each side.
-const MOST_PARTS: usize = 64;
+/// Maximum subdivisions per triangle edge.
+const MAX_PARTS: usize = 64;
 
-/// What a comparison found.
+/// Result of the check.
 #[derive(Default)]
 pub(super) struct Check {
     pub(super) points: usize,
     /// The largest distance.
     pub(super) largest: f64,
-    /// The farthest beyond a rim.
+    /// The largest distance beyond a boundary.
     pub(super) beyond: f64,
-    /// Distances by area, and the area.
+    /// Area-weighted sum of distances, and the area.
     weighted: [f64; 2],
-    /// Vertices of the original at places that are too far apart; ascending.
+    /// Vertices of the original at positions beyond the limits, ascending.
     pub(super) too_far: Vec<u32>,
 }
 
 impl Check {
-    /// The mean distance, by area.
+    /// Area-weighted mean distance.
     pub(super) fn mean(&self) -> f64 {
         let [sum, area] = self.weighted;
         if area > 0.0 { sum / area } else { 0.0 }
     }
 
-    fn add(&mut self, place: Option<Place>, area: f64) {
+    fn add(&mut self, to_surface: Option<SurfaceDistance>, area: f64) {
         self.points += 1;
-        let (distance, beyond) = place.map_or((f64::INFINITY, 0.0), |p| (p.distance, p.beyond));
+        let (distance, beyond) =
+            to_surface.map_or((f64::INFINITY, 0.0), |p| (p.distance, p.beyond));
         self.largest = self.largest.max(distance);
         self.beyond = self.beyond.max(beyond);
         self.weighted[0] += distance * area;
@@ -52,8 +53,8 @@ impl Check {
     }
 }
 
-/// Holds two surfaces against each other, both ways, at their vertices and points no farther apart than `step`. `came_from` has the
-/// vertex of the original for each of the reduced surface.
+/// Measures the distances between two surfaces in both directions, at vertices and at samples no farther apart than
+/// `step`. `came_from` maps each vertex of the simplified mesh to its vertex in the original.
 pub(super) fn check(
     (mesh, original): (&TriangleMesh, &Extent),
     (reduced, extent): (&TriangleMesh, &Extent),
@@ -64,26 +65,29 @@ pub(super) fn check(
     if original.scene().triangle_count() == 0 {
         return Check::default();
     }
-    // Distances are rounded: a place on the limit is not beyond it.
-    let is_far =
-        |place: &Option<Place>| place.is_none_or(|p| p.distance > limits.off * (1.0 + 1e-9));
+    // Tolerates rounding of distances at the limit.
+    let is_far = |to_surface: &Option<SurfaceDistance>| {
+        to_surface.is_none_or(|p| p.distance > limits.off * (1.0 + 1e-9))
+    };
     let forward = measured(mesh, step, |found, triangle, point, area| {
-        let mut place = extent.place(point, limits, f64::INFINITY);
-        if is_far(&place) {
-            place = extent.place_beyond(point, limits).or(place);
+        let mut to_surface = extent.distance(point, limits, f64::INFINITY);
+        if is_far(&to_surface) {
+            to_surface = extent
+                .distance_beyond_boundary(point, limits)
+                .or(to_surface);
         }
-        if is_far(&place) {
+        if is_far(&to_surface) {
             found.too_far.extend(mesh.triangles[triangle]);
         }
-        found.add(place, area);
+        found.add(to_surface, area);
     });
     let backward = measured(reduced, step, |found, triangle, point, area| {
-        let place = original.place(point, limits, f64::INFINITY);
-        if is_far(&place) {
+        let to_surface = original.distance(point, limits, f64::INFINITY);
+        if is_far(&to_surface) {
             let corners = reduced.triangles[triangle];
             found.too_far.extend(corners.map(|c| came_from[c as usize]));
         }
-        found.add(place, area);
+        found.add(to_surface, area);
     });
     let mut check = forward.join(backward);
     check.too_far.sort_unstable();
@@ -91,7 +95,8 @@ pub(super) fn check(
     check
 }
 
-/// Visits points of a mesh by their triangles, with the area that each stands for; results are joined in the order of the triangles.
+/// Visits samples of a mesh, triangle by triangle, with the area that each represents. Results are joined in the
+/// order of the triangles.
 fn measured(
     mesh: &TriangleMesh,
     step: f64,
@@ -106,7 +111,7 @@ fn measured(
             if doubled == 0.0 {
                 return found;
             }
-            let parts = parts(&corners, step, MOST_PARTS);
+            let parts = parts(&corners, step, MAX_PARTS);
             let area = 0.5 * doubled / (parts * parts) as f64;
             for weights in middles(parts) {
                 visit(&mut found, triangle, &blend(&corners, weights), area);

@@ -1,58 +1,58 @@
-//! Whether two vertices may fall together, and where.
+//! Decides whether an edge may collapse, and to which position.
 
 use nalgebra::{Point3, Vector3};
 
+use super::boundaries::BoundaryFlags;
 use super::extent::{Extent, Limits};
 use super::features::Features;
 use super::live::{LiveMesh, doubled_area, height};
 use super::quadric::Quadric;
-use super::rims::OnRim;
 use super::samples::{Samples, blend, middles, parts};
 use crate::raycast::closest_in_triangle;
 
-/// A triangle that has an area before must turn by less than this (78 degrees) in one collapse.
-const LEAST_COSINE: f64 = 0.2;
-/// New triangles are held against the original at so many points along each side at most.
-const MOST_PARTS: usize = 8;
+/// Maximum change of a triangle's normal in one collapse (78 degrees).
+const MIN_COSINE: f64 = 0.2;
+/// Maximum subdivisions per edge when new triangles are compared with the original.
+const MAX_PARTS: usize = 8;
 
-/// Two vertices that may fall together.
+/// A collapse of the edge between `kept` and `gone`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Collapse {
     pub(super) kept: u32,
     pub(super) gone: u32,
-    pub(super) place: Point3<f64>,
+    pub(super) target: Point3<f64>,
 }
 
-/// A triangle that changes: its new corners, and twice its new area along its normal.
+/// A triangle that changes: its id, its new corners, and twice its new area along its normal.
 pub(super) type Changed = (u32, [Point3<f64>; 3], Vector3<f64>);
 
-/// The surface while it is simplified, with all that decides what may still change.
+/// The state of a simplification.
 pub(super) struct Reduction<'a> {
     pub(super) mesh: LiveMesh,
     pub(super) features: Features,
     pub(super) samples: Samples,
     pub(super) quadrics: Vec<Quadric>,
-    /// Vertices that stay where and what they are.
+    /// Vertices that must not move or disappear.
     pub(super) is_fixed: Vec<bool>,
     pub(super) original: &'a Extent,
     pub(super) limits: Limits,
-    /// Length beyond which triangles are looked at in several places.
+    /// Sample spacing for the comparison with the original.
     pub(super) step: f64,
     pub(super) scratch: Scratch,
 }
 
-/// Reused memory.
+/// Buffers reused between collapses.
 #[derive(Default)]
 pub(super) struct Scratch {
     near: [Vec<u32>; 2],
     /// Triangles that change, with their new corners.
     pub(super) changed: Vec<Changed>,
-    /// Of each of them, what lies on a rim then; empty where no vertex does.
-    pub(super) rims: Vec<OnRim>,
-    /// The vertices of rims that change their triangles.
+    /// Boundary flags of each changed triangle after the collapse; empty without boundary vertices.
+    pub(super) boundaries: Vec<BoundaryFlags>,
+    /// Boundary vertices whose triangles change.
     pub(super) around: Vec<u32>,
     pub(super) gone: Vec<u32>,
-    /// Which of the changed triangles stands for each sample of all that change or go.
+    /// For each sample of changed and removed triangles, the changed triangle that represents it.
     owners: Vec<(u32, u32)>,
 }
 
@@ -61,24 +61,24 @@ impl Reduction<'_> {
         &self.mesh.positions[vertex as usize]
     }
 
-    /// What a collapse would cost, and in which place: only to try the best first.
+    /// Estimated cost of a collapse, used only for the order of attempts.
     pub(super) fn estimate(&self, a: u32, b: u32) -> f64 {
         let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
         let (p, q) = (self.position(a), self.position(b));
         let middle = nalgebra::center(p, q);
-        let best = quadric.best_place(&middle.coords).unwrap_or(middle);
-        let places = [&best, p, q].map(|place| quadric.at(&place.coords));
-        // Where all is flat, short edges first.
+        let best = quadric.minimizer(&middle.coords).unwrap_or(middle);
+        let targets = [&best, p, q].map(|target| quadric.at(&target.coords));
+        // On flat surfaces, short edges come first.
         let length = (p - q).norm_squared();
-        places.into_iter().fold(f64::INFINITY, f64::min) + 1e-9 * length * length
+        targets.into_iter().fold(f64::INFINITY, f64::min) + 1e-9 * length * length
     }
 
-    /// Whether the two ends of an edge may fall together: the first place that will do. What the surface then stands for is in
-    /// the scratch memory, for [`make`](Self::make).
+    /// Finds the first admissible target position for the collapse of an edge. The new assignment of samples
+    /// stays in the scratch memory for [`make`](Self::make).
     pub(super) fn judge(&mut self, a: u32, b: u32) -> Option<Collapse> {
         let count = |vertex: u32| self.features.at(vertex).len();
         let is_feature = self.features.contains(a, b);
-        // Vertices where edges that remain end or meet do not go, those along them only along them.
+        // Feature vertices: corners and ends are not removed; others move only along their feature edge.
         let may_move = |vertex: u32| {
             let is_plain = match count(vertex) {
                 0 => true,
@@ -92,26 +92,26 @@ impl Reduction<'_> {
             return None;
         }
         let (p, q) = (*self.position(a), *self.position(b));
-        let mut places = [None; 3];
+        let mut targets = [None; 3];
         if a_moves && b_moves {
             let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
             let middle = nalgebra::center(&p, &q);
             let (at_p, at_q) = (quadric.at(&p.coords), quadric.at(&q.coords));
-            let best = quadric.best_place(&middle.coords);
+            let best = quadric.minimizer(&middle.coords);
             let ends = if at_q < at_p { [q, p] } else { [p, q] };
-            places = [best, Some(ends[0]), Some(ends[1])];
+            targets = [best, Some(ends[0]), Some(ends[1])];
         } else {
-            places[0] = Some(if a_moves { q } else { p });
+            targets[0] = Some(if a_moves { q } else { p });
         }
-        // The one that does not move is kept.
+        // The vertex that does not move is kept.
         let (kept, gone) = if a_moves { (b, a) } else { (a, b) };
-        places.into_iter().flatten().find_map(|place| {
-            let collapse = Collapse { kept, gone, place };
+        targets.into_iter().flatten().find_map(|target| {
+            let collapse = Collapse { kept, gone, target };
             self.allows(&collapse).then_some(collapse)
         })
     }
 
-    /// The link condition: the surface hangs together as before.
+    /// The link condition: the collapse preserves topology.
     ///
     /// # Reference
     /// T. Dey, H. Edelsbrunner, S. Guha, D. Nekhayev, *Topology preserving edge contraction*, Publications de l'Institut
@@ -138,39 +138,41 @@ impl Reduction<'_> {
         if common.count() != count || count == 0 || opposite[0] == opposite[1] {
             return false;
         }
-        let is_on_rim = |vertex: u32, near: &[u32]| near.iter().any(|v| mesh.is_rim(vertex, *v));
+        let is_on_boundary =
+            |vertex: u32, near: &[u32]| near.iter().any(|v| mesh.is_boundary_edge(vertex, *v));
         if count == 1 {
-            // Not the last triangle of a piece.
-            return !(mesh.is_rim(a, opposite[0]) && mesh.is_rim(b, opposite[0]));
+            // Keeps the last triangle of a component.
+            return !(mesh.is_boundary_edge(a, opposite[0])
+                && mesh.is_boundary_edge(b, opposite[0]));
         }
-        // Not two rims into one, and not a tetrahedron into two triangles face to face.
+        // Does not merge two boundaries, nor flatten a tetrahedron into two opposite triangles.
         let has_lid = |vertex: u32| {
             mesh.with_edge(vertex, opposite[0])
                 .any(|t| mesh.corners(t).contains(&opposite[1]))
         };
-        let joins_rims = is_on_rim(a, near_a) && is_on_rim(b, near_b);
+        let joins_boundaries = is_on_boundary(a, near_a) && is_on_boundary(b, near_b);
         let is_tetrahedron = has_lid(a) && has_lid(b);
-        !joins_rims && !is_tetrahedron
+        !joins_boundaries && !is_tetrahedron
     }
 
-    /// Whether the surface stays within the tolerance, both ways, and faces where it did.
+    /// Whether the surface stays within the tolerance in both directions and keeps its orientation.
     fn allows(&mut self, collapse: &Collapse) -> bool {
-        let Collapse { kept, gone, place } = *collapse;
+        let Collapse { kept, gone, target } = *collapse;
         let mut scratch = std::mem::take(&mut self.scratch);
         let is_allowed = self.keeps_facing(collapse, &mut scratch)
             && self
                 .features
-                .allow(&self.mesh, kept, gone, &place, self.limits)
-            && self.keeps_rims_apart(collapse, &mut scratch)
+                .allow(&self.mesh, kept, gone, &target, self.limits)
+            && self.keeps_boundaries_apart(collapse, &mut scratch)
             && self.keeps_samples(&mut scratch)
             && self.stays_near(collapse, &scratch);
         self.scratch = scratch;
         is_allowed
     }
 
-    /// Lists what changes and what goes; false when a triangle turns over or loses its area.
+    /// Lists changed and removed triangles; false when a triangle flips or loses its area.
     fn keeps_facing(&self, collapse: &Collapse, scratch: &mut Scratch) -> bool {
-        let Collapse { kept, gone, place } = *collapse;
+        let Collapse { kept, gone, target } = *collapse;
         scratch.changed.clear();
         scratch.gone.clear();
         for vertex in [kept, gone] {
@@ -186,18 +188,19 @@ impl Reduction<'_> {
                 let mut after = before;
                 for k in 0..3 {
                     if corners[k] == vertex {
-                        after[k] = place;
+                        after[k] = target;
                     }
                 }
                 let (old, new) = (doubled_area(&before), doubled_area(&after));
                 let areas = old.norm() * new.norm();
                 let least = if height(&before) > 0.5 * self.limits.off {
-                    LEAST_COSINE * areas
+                    MIN_COSINE * areas
                 } else {
-                    // A sliver may turn: what it stands for says where it must face.
+                    // Slivers may flip; the samples that they represent determine their
+                    // orientation.
                     -areas
                 };
-                // Also false for what is not a number.
+                // Also false for NaN.
                 if !(new.norm() > 0.0 && old.dot(&new) >= least) {
                     return false;
                 }
@@ -207,13 +210,13 @@ impl Reduction<'_> {
         true
     }
 
-    /// Finds a new triangle for every sample of those that change or go.
+    /// Assigns every sample of changed and removed triangles to a new triangle.
     fn keeps_samples(&self, scratch: &mut Scratch) -> bool {
         let Scratch {
             changed,
             gone,
             owners,
-            rims,
+            boundaries,
             ..
         } = scratch;
         owners.clear();
@@ -239,7 +242,7 @@ impl Reduction<'_> {
                     }
                 }
                 if best.1 == u32::MAX {
-                    best.1 = self.covered_beyond(known, changed, rims);
+                    best.1 = self.covered_beyond(known, changed, boundaries);
                 }
                 if best.1 == u32::MAX {
                     return false;
@@ -250,15 +253,16 @@ impl Reduction<'_> {
         true
     }
 
-    /// Whether points of the new triangles lie near the original.
+    /// Whether samples of the new triangles lie near the original.
     fn stays_near(&self, collapse: &Collapse, scratch: &Scratch) -> bool {
         const SIDES: [[f64; 3]; 3] = [[0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.5, 0.0, 0.5]];
         let reach = self.limits.off.max(self.limits.beyond);
         let is_near = |triangle: u32, point: &Point3<f64>| {
-            let place = self.original.place(point, self.limits, reach);
-            place.is_some_and(|place| {
-                place.distance <= self.limits.off
-                    && (place.beyond == 0.0 || self.may_cover(triangle, &place, collapse, scratch))
+            let to_surface = self.original.distance(point, self.limits, reach);
+            to_surface.is_some_and(|to_surface| {
+                to_surface.distance <= self.limits.off
+                    && (to_surface.beyond == 0.0
+                        || self.may_cover(triangle, &to_surface, collapse, scratch))
             })
         };
         let are_near = |weights: [f64; 3]| {
@@ -266,14 +270,14 @@ impl Reduction<'_> {
             changed.all(|(t, corners, _)| is_near(*t, &blend(corners, weights)))
         };
         scratch.changed.iter().all(|(triangle, corners, _)| {
-            middles(parts(corners, self.step, MOST_PARTS))
+            middles(parts(corners, self.step, MAX_PARTS))
                 .all(|weights| is_near(*triangle, &blend(corners, weights)))
         }) && SIDES.into_iter().all(are_near)
     }
 
-    /// Makes the collapse that was judged last.
+    /// Applies the collapse that was checked last.
     pub(super) fn make(&mut self, collapse: &Collapse) {
-        let Collapse { kept, gone, place } = *collapse;
+        let Collapse { kept, gone, target } = *collapse;
         let Scratch {
             changed,
             gone: lost,
@@ -288,8 +292,8 @@ impl Reduction<'_> {
             self.samples.of_triangle[owner as usize].push(sample);
             self.samples.owner[sample as usize] = owner;
         }
-        self.features.collapse(&self.mesh, kept, gone, &place);
-        self.mesh.collapse(kept, gone, place);
+        self.features.collapse(&self.mesh, kept, gone, &target);
+        self.mesh.collapse(kept, gone, target);
         self.quadrics[kept as usize] =
             self.quadrics[kept as usize].plus(&self.quadrics[gone as usize]);
     }

@@ -1,20 +1,20 @@
-//! A surface with what continues it beyond its rims.
+//! Distances to a surface that is continued beyond its boundaries.
 
 use nalgebra::{Point3, Vector3};
 
+use super::boundaries::BoundaryFlags;
 use super::live::{LiveMesh, doubled_area};
-use super::rims::OnRim;
 use super::samples::blend;
 use crate::TriangleMesh;
 use crate::raycast::{RayScene, closest_in_triangle};
 
-/// The tolerance of rims that suits a mesh: half the median length of their edges, by which they are jagged, and at most twenty times
-/// the tolerance of the surface, for rims of few long edges, which are meant.
+/// A suitable boundary tolerance for a mesh: half the median length of boundary edges, which measures how jagged they
+/// are, limited to 1 to 20 times the surface tolerance.
 pub fn default_boundary_tolerance(mesh: &TriangleMesh, tolerance: f64) -> f64 {
     let live = LiveMesh::new(&mesh.positions, &mesh.triangles);
     let mut lengths: Vec<f64> = (mesh.triangles.iter())
         .flat_map(|[a, b, c]| [(*a, *b), (*b, *c), (*c, *a)])
-        .filter(|(a, b)| live.is_rim(*a, *b))
+        .filter(|(a, b)| live.is_boundary_edge(*a, *b))
         .map(|(a, b)| (mesh.positions[a as usize] - mesh.positions[b as usize]).norm())
         .collect();
     lengths.sort_unstable_by(f64::total_cmp);
@@ -22,64 +22,64 @@ pub fn default_boundary_tolerance(mesh: &TriangleMesh, tolerance: f64) -> f64 {
     (0.5 * median).min(20.0 * tolerance).max(tolerance)
 }
 
-/// Where a point lies by a surface.
+/// Distance of a point from a continued surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
-    /// Distance from the surface, or from the plane that continues it.
+pub(super) struct SurfaceDistance {
+    /// Distance from the surface, or from its plane of continuation.
     pub(super) distance: f64,
-    /// Beyond a rim: how far from it along that plane; otherwise 0.
+    /// Distance from the boundary along that plane; 0 for points that are not beyond a boundary.
     pub(super) beyond: f64,
     /// The triangle of the nearest point.
     pub(super) triangle: u32,
 }
 
-/// How far a point may lie from a surface.
+/// Maximum distances of a point from a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
-    /// From the surface, and from the plane that continues it.
+    /// Normal to the surface and to its planes of continuation.
     pub(super) off: f64,
-    /// Beyond a rim, along that plane.
+    /// Along a plane of continuation, from the boundary.
     pub(super) beyond: f64,
 }
 
-/// What belongs to the patch of a triangle.
+/// Definition of the patch around a triangle.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patches {
-    /// Triangles whose middles are no farther from its own.
+    /// Maximum distance between centroids.
     pub(super) radius: f64,
-    /// Triangles that turn from it by less.
-    pub(super) most_turn_rad: f64,
+    /// Maximum angle between normals.
+    pub(super) max_angle_rad: f64,
 }
 
-/// A surface that goes on beyond its rims for some length, in the plane of each rim's patch.
+/// A surface that continues beyond its boundaries, in the plane of the patch at each boundary.
 ///
-/// Rims are where evidence ends, not where the scene does: they are jagged by the size of the triangles. A point beyond a rim is
-/// told by its distance from the plane there.
+/// The boundary of a reconstruction is where observations end, not an edge of the scene, and is jagged at the size of
+/// the triangles. For a point beyond it, the distance from the plane of continuation counts.
 pub(super) struct Extent {
     scene: RayScene,
     corners: Vec<[u32; 3]>,
-    /// The triangles around each vertex of a rim, in a row each.
+    /// Triangles around each boundary vertex.
     around: Vec<Vec<u32>>,
-    on_rim: Vec<OnRim>,
-    /// Unit normals of patches, by triangle, of those at rims.
+    on_boundary: Vec<BoundaryFlags>,
+    /// Unit normal of the patch, for each triangle at a boundary.
     normals: Vec<Option<Vector3<f64>>>,
 }
 
 impl Extent {
-    /// Of a mesh. Without patches nothing is beyond its rims.
+    /// Prepares a mesh. Without `patches`, nothing lies beyond its boundaries.
     pub(super) fn new(mesh: &TriangleMesh, patches: Option<Patches>) -> Self {
         let live = LiveMesh::new(&mesh.positions, &mesh.triangles);
-        let on_rim = (mesh.triangles.iter())
+        let on_boundary = (mesh.triangles.iter())
             .map(|t| {
-                let corners = t.map(|vertex| live.is_on_rim(vertex));
-                let edges = [0, 1, 2].map(|k| live.is_rim(t[k], t[(k + 1) % 3]));
-                OnRim { edges, corners }
+                let corners = t.map(|vertex| live.is_on_boundary(vertex));
+                let edges = [0, 1, 2].map(|k| live.is_boundary_edge(t[k], t[(k + 1) % 3]));
+                BoundaryFlags { edges, corners }
             })
             .collect();
         let around = (0..mesh.positions.len() as u32)
             .map(|vertex| {
-                let is_on_rim = live.is_on_rim(vertex);
-                is_on_rim.then(|| live.around(vertex).to_vec())
+                let is_on_boundary = live.is_on_boundary(vertex);
+                is_on_boundary.then(|| live.around(vertex).to_vec())
             })
             .map(Option::unwrap_or_default)
             .collect();
@@ -88,7 +88,7 @@ impl Extent {
             corners: mesh.triangles.clone(),
             normals: vec![None; mesh.triangles.len()],
             around,
-            on_rim,
+            on_boundary,
         };
         if let Some(patches) = patches {
             extent.find_normals(&live, patches);
@@ -97,11 +97,11 @@ impl Extent {
     }
 
     fn find_normals(&mut self, live: &LiveMesh, patches: Patches) {
-        let least = patches.most_turn_rad.cos();
+        let least = patches.max_angle_rad.cos();
         let mut last_seen = vec![u32::MAX; self.corners.len()];
         let mut patch = Vec::new();
         for triangle in 0..self.corners.len() as u32 {
-            if self.on_rim[triangle as usize].corners == [false; 3] {
+            if self.on_boundary[triangle as usize].corners == [false; 3] {
                 continue;
             }
             let own = doubled_area(&live.points(triangle));
@@ -140,15 +140,20 @@ impl Extent {
         }
     }
 
-    /// The surface itself.
+    /// The surface without its continuation.
     pub(super) fn scene(&self) -> &RayScene {
         &self.scene
     }
 
-    /// Where a point lies by the nearest point of the surface, if that is no farther than `reach`.
-    pub(super) fn place(&self, point: &Point3<f64>, limits: Limits, reach: f64) -> Option<Place> {
+    /// Distance of a point at the nearest point of the surface, if that is no farther than `reach`.
+    pub(super) fn distance(
+        &self,
+        point: &Point3<f64>,
+        limits: Limits,
+        reach: f64,
+    ) -> Option<SurfaceDistance> {
         let nearest = self.scene.closest(point, reach)?;
-        let on = Place {
+        let on = SurfaceDistance {
             distance: nearest.distance,
             beyond: 0.0,
             triangle: nearest.triangle,
@@ -165,7 +170,7 @@ impl Extent {
         };
         let mut distance = f64::INFINITY;
         match weights.iter().filter(|w| **w == 0.0).count() {
-            // At a corner: of all triangles there.
+            // At a corner, all its triangles count.
             2 => {
                 for k in (0..3).filter(|k| weights[*k] != 0.0) {
                     for &other in &self.around[self.corners[triangle][k] as usize] {
@@ -175,7 +180,7 @@ impl Extent {
             }
             1 => {
                 for k in (0..3).filter(|k| weights[*k] == 0.0) {
-                    if self.on_rim[triangle].edges[(k + 1) % 3] {
+                    if self.on_boundary[triangle].edges[(k + 1) % 3] {
                         distance = off(nearest.triangle);
                     }
                 }
@@ -185,56 +190,61 @@ impl Extent {
         if distance >= nearest.distance {
             return Some(on);
         }
-        Some(Place {
+        Some(SurfaceDistance {
             distance,
             beyond: (nearest.distance * nearest.distance - distance * distance).sqrt(),
             ..on
         })
     }
 
-    /// Where a point lies by any triangle whose rim it is beyond: the one with the nearest rim of those from whose plane it is within
-    /// the limits.
-    pub(super) fn place_beyond(&self, point: &Point3<f64>, limits: Limits) -> Option<Place> {
-        let mut best: Option<(f64, Place)> = None;
+    /// Distance of a point at the nearest boundary whose plane of continuation is within the limits.
+    pub(super) fn distance_beyond_boundary(
+        &self,
+        point: &Point3<f64>,
+        limits: Limits,
+    ) -> Option<SurfaceDistance> {
+        let mut best: Option<(f64, SurfaceDistance)> = None;
         for triangle in self.scene.near(point, limits.beyond) {
             let Some(normal) = self.normals[triangle as usize] else {
                 continue;
             };
             let corners = self.scene.corners(triangle).map(|corner| *corner);
-            let on_rim = &self.on_rim[triangle as usize];
-            let Some(nearest) = nearest_on_rim(point, &corners, on_rim) else {
+            let on_boundary = &self.on_boundary[triangle as usize];
+            let Some(nearest) = nearest_on_boundary(point, &corners, on_boundary) else {
                 continue;
             };
             let away = point - nearest;
             let (distance, squared) = (away.dot(&normal).abs(), away.norm_squared());
             let is_within = distance <= limits.off && squared <= limits.beyond * limits.beyond;
             if is_within
-                && best.is_none_or(|(known, place)| (squared, triangle) < (known, place.triangle))
+                && best.is_none_or(|(known, to_surface)| {
+                    (squared, triangle) < (known, to_surface.triangle)
+                })
             {
-                let place = Place {
+                let to_surface = SurfaceDistance {
                     distance,
                     beyond: (squared - distance * distance).max(0.0).sqrt(),
                     triangle,
                 };
-                best = Some((squared, place));
+                best = Some((squared, to_surface));
             }
         }
-        best.map(|(_, place)| place)
+        best.map(|(_, to_surface)| to_surface)
     }
 }
 
-/// The point of a triangle nearest to a point, if that is on a rim.
-pub(super) fn nearest_on_rim(
+/// The point of a triangle nearest to `point`, if it lies on a boundary.
+pub(super) fn nearest_on_boundary(
     point: &Point3<f64>,
     corners: &[Point3<f64>; 3],
-    on_rim: &OnRim,
+    on_boundary: &BoundaryFlags,
 ) -> Option<Point3<f64>> {
     let [a, b, c] = corners;
     let weights = closest_in_triangle(point, [a, b, c]);
-    let is_on_rim = match weights.iter().filter(|w| **w == 0.0).count() {
-        2 => (0..3).any(|k| weights[k] != 0.0 && on_rim.corners[k]),
-        1 => (0..3).any(|k| weights[k] == 0.0 && on_rim.edges[(k + 1) % 3]),
+    let is_on_boundary = match weights.iter().filter(|w| **w == 0.0).count() {
+        2 => (0..3).any(|k| weights[k] != 0.0 && on_boundary.corners[k]),
+        1 => (0..3).any(|k| weights[k] == 0.0 && on_boundary.edges[(k + 1) % 3]),
         _ => false,
     };
-    is_on_rim.then(|| blend(corners, weights))
+    is_on_boundary.then(|| blend(corners, weights))
 }

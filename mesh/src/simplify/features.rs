@@ -1,4 +1,4 @@
-//! The edges that remain edges while others collapse.
+//! Feature edges, which remain edges during simplification.
 
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
@@ -7,19 +7,19 @@ use super::extent::Limits;
 use super::live::LiveMesh;
 use crate::feature_edges::{EdgeKind, FeatureEdges, squared_to_segment};
 
-/// The edges that remain edges while others collapse.
+/// Feature edges, which remain edges during simplification.
 ///
-/// Each knows the vertices that it has swallowed, which stay within its tolerance of it.
+/// Each stores the vertices that were merged into it; these stay within the tolerance of the edge.
 pub(super) struct Features {
     edges: FxHashMap<(u32, u32), Edge>,
-    /// The other ends of such edges at each vertex.
+    /// For each vertex, the other ends of its feature edges.
     at: Vec<Vec<u32>>,
 }
 
-/// What is known of one.
+/// A feature edge.
 struct Edge {
     swallowed: Vec<Point3<f64>>,
-    /// A rim and nothing else may move farther.
+    /// Only boundary edges may move beyond the surface tolerance.
     kind: EdgeKind,
 }
 
@@ -28,7 +28,7 @@ fn key(a: u32, b: u32) -> (u32, u32) {
 }
 
 impl Features {
-    /// Of a mesh before anything collapses, with what has been found in it.
+    /// Feature edges of the original mesh, from those found by position.
     pub(super) fn new(mesh: &LiveMesh, found: &FeatureEdges) -> Self {
         let mut features = Self {
             edges: FxHashMap::default(),
@@ -39,10 +39,11 @@ impl Features {
             mesh.neighbors(vertex, &mut others);
             for &other in others.iter().filter(|other| **other > vertex) {
                 let kind = match mesh.with_edge(vertex, other).count() {
-                    // Copies of an edge that repair has split are rims by their vertices, whatever they are by place.
+                    // Copies of an edge that mesh repair has split are boundary edges by index,
+                    // whatever they are by position.
                     1 => found.kind(vertex, other).or(Some(EdgeKind::Boundary)),
                     2 => found.kind(vertex, other),
-                    // Where more triangles meet nothing may change.
+                    // Non-manifold edges never change.
                     _ => Some(EdgeKind::Crease),
                 };
                 if let Some(kind) = kind {
@@ -86,7 +87,7 @@ impl Features {
         self.edges.contains_key(&key(a, b))
     }
 
-    /// All of them with their kinds.
+    /// All feature edges with their kinds.
     pub(super) fn edges(&self) -> impl Iterator<Item = (u32, u32, EdgeKind)> + '_ {
         (0..self.at.len() as u32).flat_map(move |a| {
             let ends = self.at[a as usize].iter().copied();
@@ -95,13 +96,14 @@ impl Features {
         })
     }
 
-    /// Whether the edges at `kept` and `gone` stay near what they stand for when both move to a place.
+    /// Whether the feature edges at `kept` and `gone` stay near the vertices merged into them when both ends move
+    /// to `target`.
     pub(super) fn allow(
         &self,
         mesh: &LiveMesh,
         kept: u32,
         gone: u32,
-        place: &Point3<f64>,
+        target: &Point3<f64>,
         limits: Limits,
     ) -> bool {
         let squared = |edge: &Edge| {
@@ -114,15 +116,15 @@ impl Features {
         };
         let position = |vertex: u32| &mesh.positions[vertex as usize];
         let is_near = |point: &Point3<f64>, end: u32, limit: f64| {
-            squared_to_segment(point, place, position(end)) <= limit
+            squared_to_segment(point, target, position(end)) <= limit
         };
         let ends = |vertex: u32, other: u32| {
             let ends = self.at(vertex).iter().copied();
             ends.filter(move |end| *end != other)
         };
-        // Edges at a vertex that moves must stay near what they have swallowed.
+        // Edges at a moving vertex must stay near their merged vertices.
         let follow = |vertex: u32, other: u32| {
-            position(vertex) == place
+            position(vertex) == target
                 || ends(vertex, other).all(|end| {
                     let edge = &self.edges[&key(vertex, end)];
                     let limit = squared(edge);
@@ -146,15 +148,15 @@ impl Features {
         })
     }
 
-    /// Follows a collapse, before the mesh does.
-    pub(super) fn collapse(&mut self, mesh: &LiveMesh, kept: u32, gone: u32, place: &Point3<f64>) {
+    /// Records a collapse. Call it before the mesh changes.
+    pub(super) fn collapse(&mut self, mesh: &LiveMesh, kept: u32, gone: u32, target: &Point3<f64>) {
         if let Some(edge) = self.remove(kept, gone) {
             let mut points = edge.swallowed;
             points.extend([kept, gone].map(|vertex| mesh.positions[vertex as usize]));
             self.take_over(kept, gone);
             for point in points {
                 let distance =
-                    |end: u32| squared_to_segment(&point, place, &mesh.positions[end as usize]);
+                    |end: u32| squared_to_segment(&point, target, &mesh.positions[end as usize]);
                 let nearest = self
                     .at(kept)
                     .iter()
@@ -171,7 +173,7 @@ impl Features {
         }
     }
 
-    /// Gives the edges of a vertex that goes to the one that is kept.
+    /// Moves the edges of the removed vertex to the kept one.
     fn take_over(&mut self, kept: u32, gone: u32) {
         for end in self.at[gone as usize].clone() {
             if let Some(edge) = self.remove(gone, end) {

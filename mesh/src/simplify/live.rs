@@ -1,17 +1,17 @@
-//! A mesh while edges of it collapse: which triangles meet at each vertex.
+//! A mesh during edge collapses, with the triangles around each vertex.
 
 use nalgebra::{Point3, Vector3};
 
-/// The corners of a triangle that is gone.
+/// Marks a removed triangle.
 const GONE: [u32; 3] = [u32::MAX; 3];
 
-/// Positions, triangles, and the triangles around each vertex. Indices stay what they were; what goes leaves a gap.
+/// Positions, triangles, and the triangles around each vertex. Indices stay valid; removed elements leave gaps.
 pub(super) struct LiveMesh {
     pub(super) positions: Vec<Point3<f64>>,
     triangles: Vec<[u32; 3]>,
     around: Vec<Vec<u32>>,
-    /// Which vertices lie on a rim.
-    on_rim: Vec<bool>,
+    /// Whether each vertex lies on a boundary.
+    on_boundary: Vec<bool>,
 }
 
 impl LiveMesh {
@@ -19,7 +19,7 @@ impl LiveMesh {
         let mut around = vec![Vec::new(); positions.len()];
         for (index, triangle) in triangles.iter().enumerate() {
             for (k, &corner) in triangle.iter().enumerate() {
-                // A triangle may name a vertex twice.
+                // A triangle may refer to a vertex twice.
                 if !triangle[..k].contains(&corner) {
                     around[corner as usize].push(index as u32);
                 }
@@ -28,15 +28,15 @@ impl LiveMesh {
         let mut mesh = Self {
             positions: positions.to_vec(),
             triangles: triangles.to_vec(),
-            on_rim: vec![false; positions.len()],
+            on_boundary: vec![false; positions.len()],
             around,
         };
         for triangle in triangles {
             for k in 0..3 {
                 let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-                if mesh.is_rim(a, b) {
-                    mesh.on_rim[a as usize] = true;
-                    mesh.on_rim[b as usize] = true;
+                if mesh.is_boundary_edge(a, b) {
+                    mesh.on_boundary[a as usize] = true;
+                    mesh.on_boundary[b as usize] = true;
                 }
             }
         }
@@ -48,17 +48,17 @@ impl LiveMesh {
         &self.around[vertex as usize]
     }
 
-    /// The corners of a triangle that is still there.
+    /// Corners of a triangle that has not been removed.
     pub(super) fn corners(&self, triangle: u32) -> [u32; 3] {
         self.triangles[triangle as usize]
     }
 
-    /// Its corners' positions.
+    /// Positions of its corners.
     pub(super) fn points(&self, triangle: u32) -> [Point3<f64>; 3] {
         self.corners(triangle).map(|c| self.positions[c as usize])
     }
 
-    /// All triangles that are still there, in their order.
+    /// All remaining triangles, in order.
     pub(super) fn triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         self.triangles.iter().copied().filter(|t| *t != GONE)
     }
@@ -73,26 +73,26 @@ impl LiveMesh {
         found.dedup();
     }
 
-    /// Triangles that have an edge.
+    /// Triangles at an edge.
     pub(super) fn with_edge(&self, a: u32, b: u32) -> impl Iterator<Item = u32> + '_ {
         let around = self.around(a).iter().copied();
         around.filter(move |t| self.corners(*t).contains(&b))
     }
 
-    /// Whether exactly one triangle has an edge.
-    pub(super) fn is_rim(&self, a: u32, b: u32) -> bool {
+    /// Whether an edge has exactly one triangle.
+    pub(super) fn is_boundary_edge(&self, a: u32, b: u32) -> bool {
         self.with_edge(a, b).count() == 1
     }
 
-    /// Whether a vertex lies on a rim.
-    pub(super) fn is_on_rim(&self, vertex: u32) -> bool {
-        self.on_rim[vertex as usize]
+    /// Whether a vertex lies on a boundary.
+    pub(super) fn is_on_boundary(&self, vertex: u32) -> bool {
+        self.on_boundary[vertex as usize]
     }
 
-    /// Lets `gone` fall together with `kept`, which moves. The triangles that have both are gone.
+    /// Merges `gone` into `kept` at a new position and removes the triangles between them.
     pub(super) fn collapse(&mut self, kept: u32, gone: u32, position: Point3<f64>) {
         self.positions[kept as usize] = position;
-        self.on_rim[kept as usize] |= self.on_rim[gone as usize];
+        self.on_boundary[kept as usize] |= self.on_boundary[gone as usize];
         let moving = std::mem::take(&mut self.around[gone as usize]);
         for triangle in moving {
             let corners = self.triangles[triangle as usize];
@@ -109,7 +109,7 @@ impl LiveMesh {
         }
     }
 
-    /// Whether the triangles around a vertex make one disk, or one half disk at a rim, and turn the same way.
+    /// Whether the triangles around a vertex form one consistently oriented disk, or half disk at a boundary.
     pub(super) fn is_regular(&self, vertex: u32) -> bool {
         let mut steps: Vec<(u32, u32)> = Vec::with_capacity(self.around(vertex).len());
         for &triangle in self.around(vertex) {
@@ -135,7 +135,7 @@ impl LiveMesh {
         {
             return false;
         }
-        // From where nothing leads to, else from anywhere, all steps follow each other.
+        // Walks from the start of the half disk, or from any edge of a full disk.
         let start = steps.iter().find(|step| count(|s| s.1, step.0) == 0);
         let (mut at, mut walked) = (start.copied().unwrap_or(first), 1);
         while let Some(&next) = steps.iter().find(|step| step.0 == at.1) {

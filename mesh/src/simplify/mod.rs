@@ -1,14 +1,16 @@
-//! Fewer triangles for the same surface: edges collapse as long as what they stood for stays within a tolerance.
+//! Mesh simplification by edge collapse within a measured tolerance.
 //!
-//! 1. **Features** (`features`, found by [`feature_edges`](crate::feature_edges)): rims, creases and edges along known lines remain edges. Rims may move farther than the surface
-//!    does, in the plane of their patch (`extent`, `rims`): they are where evidence ends.
-//! 2. **Order** (`quadric`, `reduce`): the edge whose collapse would stray least from the planes around it goes first.
-//! 3. **Judgement** (`collapse`): an edge collapses only if the surface hangs together as before, faces where it did, and lies
-//!    within the tolerance of the original, measured both ways: every sampled point of the original (`samples`) is near a new
-//!    triangle on its side, and points of the new triangles are near the original.
-//! 4. **Check** (`check`): the result is held against the original at more points; where it is too far off, the original stays and
-//!    the rest is done again.
+//! 1. **Features** (`features`, found by [`feature_edges`](crate::feature_edges)): boundary edges, creases and edges
+//!    along known lines remain edges. Boundaries may move farther than the surface, within the plane of their patch
+//!    (`extent`, `boundaries`), because they are where observations end.
+//! 2. **Order** (`quadric`, `reduce`): the edge with the smallest quadric error collapses first.
+//! 3. **Decision** (`collapse`): an edge collapses only if topology and orientation are preserved and the surface
+//!    stays within the tolerance, measured in both directions: from samples of the original (`samples`) to the new
+//!    triangles, and from points of the new triangles to the original.
+//! 4. **Check** (`check`): the result is compared with the original at denser samples. Where it exceeds the
+//!    tolerance, the original vertices are fixed and simplification is repeated.
 
+mod boundaries;
 mod check;
 mod collapse;
 mod extent;
@@ -17,7 +19,6 @@ mod live;
 mod options;
 mod quadric;
 mod reduce;
-mod rims;
 mod samples;
 
 pub use extent::default_boundary_tolerance;

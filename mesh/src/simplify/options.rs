@@ -1,21 +1,20 @@
-//! How far a simplified surface may lie from the original.
+//! Options of the simplification.
 
 use crate::feature_edges::{FeatureOptions, FeatureOptionsError};
 
-/// How far a simplified surface may lie from the original, and what counts as an edge of it.
+/// Tolerances of the simplification, and what counts as a feature edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimplifyOptions {
-    /// No vertex and no sampled point of the original is farther than this from the simplified surface, nor the other way
-    /// round. In units of the mesh.
+    /// Maximum distance between the surfaces, in both directions, at vertices and samples. In units of the mesh.
     pub tolerance: f64,
-    /// How far rims may move within the plane of their patch, in units of the mesh; they keep the tolerance when it is larger. Rims
-    /// along known lines keep it always.
+    /// Maximum distance that boundaries may move within the plane of their patch, in units of the mesh. Values
+    /// below `tolerance` mean `tolerance`; boundaries along known lines always keep `tolerance`.
     pub boundary_tolerance: f64,
-    /// Edges at which the surface turns by more than this, and stands out by more than the tolerance, remain edges.
+    /// Minimum angle between the normals of the two triangles at a crease.
     pub crease_angle_rad: f64,
-    /// Edges along known lines remain edges from this turn on.
+    /// Minimum angle between normals at an edge along a known line.
     pub line_crease_angle_rad: f64,
-    /// So far from a known line an edge runs along it. In units of the mesh.
+    /// Maximum distance of an edge from a known line that it follows. In units of the mesh.
     pub line_distance: f64,
 }
 
@@ -25,17 +24,17 @@ pub enum SimplifyOptionsError {
     /// The tolerance is not a length.
     #[error("the tolerance {0} is not a positive length")]
     Tolerance(f64),
-    /// The tolerance of rims is not a length.
-    #[error("the tolerance of rims {0} is not a length")]
+    /// The boundary tolerance is not a length.
+    #[error("the boundary tolerance {0} is not a length")]
     BoundaryTolerance(f64),
-    /// What counts as an edge.
+    /// An option of the feature edges is out of range.
     #[error(transparent)]
     Features(#[from] FeatureOptionsError),
 }
 
 impl SimplifyOptions {
-    /// With a tolerance, which rims keep as well, edges from 50 degrees on, from 15 where a line is known no farther than twice the
-    /// tolerance.
+    /// Defaults for a tolerance, which also applies to boundaries: creases from 50 degrees; edges within two
+    /// tolerances of a known line from 15 degrees.
     pub fn with_tolerance(tolerance: f64) -> Self {
         let features = FeatureOptions::with_tolerance(tolerance);
         Self {
@@ -47,7 +46,7 @@ impl SimplifyOptions {
         }
     }
 
-    /// Which edges remain edges.
+    /// Options of the feature edges.
     pub(super) fn features(&self) -> FeatureOptions {
         FeatureOptions {
             crease_angle_rad: self.crease_angle_rad,

@@ -1,12 +1,13 @@
-//! Sums of squared distances from planes, which put collapses in order and find the best place of what is left.
+//! Quadric error metrics: sums of squared distances from planes. They order the collapses and give the optimal vertex
+//! position.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Squared distances from planes, each with a weight, as a function of a point.
+/// Weighted sum of squared distances from planes, as a function of the point.
 ///
 /// # Reference
-/// M. Garland, P. Heckbert, *Surface simplification using quadric error metrics*, SIGGRAPH 1997. *Differs from the paper*:
-/// a quadric only puts collapses in order; whether one is made is decided by measured distances.
+/// M. Garland, P. Heckbert, *Surface simplification using quadric error metrics*, SIGGRAPH 1997. *Differs from the
+/// paper*: the quadric only orders collapses; measured distances decide whether one is made.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Quadric {
     square: Matrix3<f64>,
@@ -37,22 +38,23 @@ impl Quadric {
         }
     }
 
-    /// The sum at a point; rounding may make it less than nothing, which counts as nothing.
+    /// The value at a point, at least 0 in spite of rounding.
     pub(super) fn at(&self, point: &Vector3<f64>) -> f64 {
         let square = (self.square * point).dot(point);
         (square - 2.0 * self.linear.dot(point) + self.constant).max(0.0)
     }
 
-    /// Where the sum is least; along directions in which it hardly changes, at `near`.
-    pub(super) fn best_place(&self, near: &Vector3<f64>) -> Option<Point3<f64>> {
-        /// Of the mean curvature of the sum: what is flatter than that keeps to `near`.
+    /// The point with the smallest value; along directions in which the value hardly changes, the one nearest to
+    /// `near`.
+    pub(super) fn minimizer(&self, near: &Vector3<f64>) -> Option<Point3<f64>> {
+        /// Regularisation towards `near`, relative to the mean curvature of the quadric.
         const FLAT: f64 = 1e-3;
         let pull = FLAT * self.square.trace();
         let system = self.square + Matrix3::identity() * pull;
-        let place = system.cholesky()?.solve(&(self.linear + near * pull));
-        place
+        let minimizer = system.cholesky()?.solve(&(self.linear + near * pull));
+        minimizer
             .iter()
             .all(|v| v.is_finite())
-            .then_some(Point3::from(place))
+            .then_some(Point3::from(minimizer))
     }
 }

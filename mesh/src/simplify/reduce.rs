@@ -1,4 +1,4 @@
-//! Collapses in order, and the check of what came out.
+//! Collapses in order of cost, and the final check.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -15,64 +15,65 @@ use super::options::{SimplifyOptions, SimplifyOptionsError};
 use super::quadric::Quadric;
 use super::samples::Samples;
 use crate::TriangleMesh;
-use crate::feature_edges::{EdgeKind, FeatureEdge, FeatureEdges, Places};
+use crate::feature_edges::{EdgeKind, FeatureEdge, FeatureEdges, UniquePositions};
 use crate::raycast::RayScene;
 
-/// A mesh of fewer triangles, and how it came about.
+/// A simplified mesh with its measured distances from the original.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimplifiedMesh {
-    /// The mesh. Vertices and triangles are in the order of those that they come from.
+    /// The mesh. Vertices and triangles keep the order of the original.
     pub mesh: TriangleMesh,
-    /// Edges that remain edges: rims, creases, edges along known lines. Copies of an edge between vertices at the same places are
-    /// all there.
+    /// Feature edges: boundary edges, creases, edges along known lines. Copies of an edge between vertices at
+    /// equal positions are all listed.
     pub features: Vec<FeatureEdge>,
-    /// Points at which the two surfaces were held against each other in the end.
+    /// Number of points at which the surfaces were compared.
     pub checked_points: usize,
-    /// The largest distance there, beyond rims that from the plane of the patch. In units of the mesh.
+    /// Largest distance at these points; beyond boundaries, from the plane of the patch. In units of the mesh.
     pub largest_distance: f64,
-    /// The mean distance there, by area.
+    /// Area-weighted mean distance.
     pub mean_distance: f64,
-    /// How far a point there lies beyond a rim at most, along the surface.
+    /// Largest distance of a point from the boundary beyond which it lies, along the surface.
     pub largest_boundary_distance: f64,
 }
 
-/// All edges are tried again so many times at most, as long as one in a hundred goes.
-const MOST_PASSES: usize = 4;
-/// After a check that finds points too far apart, what lies there stays as it was; so many times at most.
-const MOST_ROUNDS: usize = 8;
-/// So many rounds rims may move farther than the surface.
-const MOST_LOOSE_ROUNDS: usize = 5;
-/// A patch turns by less than this (50 degrees).
-const MOST_PATCH_TURN_RAD: f64 = 0.87;
-/// Of the tolerance: what may be used up where few points are looked at, so that more points seldom find more than all of it.
-const JUDGED_SHARE: f64 = 0.95;
-/// Samples are about so many times the triangles.
-const SAMPLES_A_TRIANGLE: f64 = 4.0;
+/// Maximum passes over all edges; they end when a pass removes less than one triangle in a hundred.
+const MAX_PASSES: usize = 4;
+/// Maximum rounds of simplification and check. Each round fixes the vertices where the check failed.
+const MAX_ROUNDS: usize = 8;
+/// Rounds in which boundaries may move farther than the surface.
+const MAX_LOOSE_ROUNDS: usize = 5;
+/// Maximum angle between normals within a patch (50 degrees).
+const MAX_PATCH_ANGLE_RAD: f64 = 0.87;
+/// Share of the tolerance available during simplification, so that the denser final check rarely exceeds all of it.
+const CHECKED_SHARE: f64 = 0.95;
+/// Approximate number of samples per triangle.
+const SAMPLES_PER_TRIANGLE: f64 = 4.0;
 
-/// Simplifies a mesh, which must be valid ([`TriangleMesh::validate`]), by edges that collapse.
+/// Simplifies a valid mesh ([`TriangleMesh::validate`]) by edge collapses.
 ///
-/// Every vertex and sampled point of the original stays within the tolerance of the result, on the side that it faced, and
-/// every sampled point of the result within the tolerance of the original; that is measured, not estimated, before each collapse
-/// and once more, more densely, in the end. Beyond rims both surfaces go on in their plane as far as the tolerance of rims.
-/// Creases and edges along `lines` stay within the tolerance of themselves and remain edges, rims within theirs. Pieces, holes and
-/// handles stay. Where surfaces meet in more than a disk nothing changes. Colours are those of the original at the nearest point.
+/// Every vertex and sample of the original stays within the tolerance of the result, on the same side, and every
+/// sample of the result within the tolerance of the original. Distances are measured before each collapse and, with
+/// denser samples, at the end. Beyond boundaries, both surfaces continue in their plane up to the boundary tolerance.
+/// Creases and edges along `lines` remain edges and stay within the tolerance, boundary edges within the boundary
+/// tolerance. Components, holes and handles are preserved. Non-manifold parts do not change. Colours are those of the
+/// original at the nearest point.
 ///
 /// # Errors
 /// When an option is out of range.
 ///
 /// # Complexity
-/// O(n log n) for n triangles, as long as vertices have few neighbours.
+/// O(n log n) for n triangles with bounded vertex degree.
 ///
 /// # Reference
-/// H. Hoppe, *Progressive meshes*, SIGGRAPH 1996, for edges that collapse while surface points are followed; the order is that
-/// of Garland and Heckbert (see `quadric`).
+/// H. Hoppe, *Progressive meshes*, SIGGRAPH 1996, for collapses that track surface samples; the order follows Garland
+/// and Heckbert (see `quadric`).
 pub fn simplify(
     mesh: &TriangleMesh,
     lines: &[[Point3<f64>; 2]],
     options: &SimplifyOptions,
 ) -> Result<SimplifiedMesh, SimplifyOptionsError> {
     options.validate()?;
-    // Near zero, for the sums of squares.
+    // Centred at zero for the accuracy of the quadrics.
     let shift = middle(&mesh.positions);
     let shifted: Vec<_> = mesh.positions.iter().map(|p| p - shift).collect();
     let lines: Vec<_> = lines.iter().map(|line| line.map(|p| p - shift)).collect();
@@ -89,7 +90,7 @@ pub fn simplify(
     let patches = |radius| {
         is_loose.then_some(Patches {
             radius,
-            most_turn_rad: MOST_PATCH_TURN_RAD,
+            max_angle_rad: MAX_PATCH_ANGLE_RAD,
         })
     };
     let original = Extent::new(&local, patches(limits.beyond));
@@ -99,16 +100,16 @@ pub fn simplify(
         .iter()
         .map(|t| 0.5 * doubled_area(&t.map(|c| local.positions[c as usize])).norm())
         .sum();
-    let step = (area / (SAMPLES_A_TRIANGLE * local.triangles.len().max(1) as f64))
+    let step = (area / (SAMPLES_PER_TRIANGLE * local.triangles.len().max(1) as f64))
         .sqrt()
         .max(f64::MIN_POSITIVE);
-    // Vertices that were split where surfaces meet stay, so that these still meet.
-    let places = Places::new(&local.positions);
+    // Vertices that share a position stay, so that the surfaces that meet there still meet.
+    let unique = UniquePositions::new(&local.positions);
     let vertices = 0..local.positions.len() as u32;
-    let mut is_kept: Vec<bool> = vertices.map(|vertex| places.is_shared(vertex)).collect();
+    let mut is_kept: Vec<bool> = vertices.map(|vertex| unique.is_shared(vertex)).collect();
     let mut result = None;
-    for round in 0..MOST_ROUNDS {
-        if round == MOST_LOOSE_ROUNDS {
+    for round in 0..MAX_ROUNDS {
+        if round == MAX_LOOSE_ROUNDS {
             limits.beyond = limits.off;
         }
         let reduction = reduce(&local, &found, &original, options, limits, step, &is_kept);
@@ -127,7 +128,7 @@ pub fn simplify(
         keep_around(&local.triangles, &check.too_far, &mut is_kept);
     }
     let (mut compact, features, check) = result.unwrap_or_else(|| {
-        // Never seen; the original is within any tolerance of itself.
+        // Fallback: the original is within any tolerance of itself.
         (local, Vec::new(), Check::default())
     });
     compact.translate(&shift);
@@ -141,7 +142,7 @@ pub fn simplify(
     })
 }
 
-/// Keeps all corners of triangles that have one of some vertices, given in ascending order.
+/// Fixes all corners of triangles at the given vertices (ascending).
 fn keep_around(triangles: &[[u32; 3]], vertices: &[u32], is_kept: &mut [bool]) {
     for triangle in triangles {
         if triangle.iter().any(|c| vertices.binary_search(c).is_ok()) {
@@ -162,7 +163,7 @@ fn middle(points: &[Point3<f64>]) -> Vector3<f64> {
     nalgebra::center(&low, &high).coords
 }
 
-/// Collapses what may collapse.
+/// One round of simplification.
 fn reduce<'a>(
     mesh: &TriangleMesh,
     found: &FeatureEdges,
@@ -185,14 +186,14 @@ fn reduce<'a>(
         is_fixed,
         original,
         limits: Limits {
-            off: JUDGED_SHARE * limits.off,
-            beyond: JUDGED_SHARE * limits.beyond,
+            off: CHECKED_SHARE * limits.off,
+            beyond: CHECKED_SHARE * limits.beyond,
         },
         step,
         scratch: Scratch::default(),
     };
     let mut left = reduction.mesh.triangles().count();
-    for _ in 0..MOST_PASSES {
+    for _ in 0..MAX_PASSES {
         pass(&mut reduction);
         let now = reduction.mesh.triangles().count();
         if now * 100 > left * 99 {
@@ -203,8 +204,8 @@ fn reduce<'a>(
     reduction
 }
 
-/// Of each vertex: the planes of its triangles by their areas, and planes upright on the edges that remain, with a factor where
-/// these are rims that may move farther.
+/// Quadric of each vertex: planes of its triangles weighted by area, and planes perpendicular to the surface through
+/// feature edges, with the factor `loose` for movable boundaries.
 fn quadrics(mesh: &LiveMesh, features: &Features, loose: f64) -> Vec<Quadric> {
     let mut quadrics = vec![Quadric::ZERO; mesh.positions.len()];
     for vertex in 0..mesh.positions.len() as u32 {
@@ -235,14 +236,14 @@ fn quadrics(mesh: &LiveMesh, features: &Features, loose: f64) -> Vec<Quadric> {
     quadrics
 }
 
-/// Tries every edge, the cheapest first, and what changes again.
+/// Attempts every edge in order of cost, and again those that change.
 fn pass(reduction: &mut Reduction<'_>) {
     let count = reduction.mesh.positions.len();
-    // Edges of a vertex that has changed since they were put in line are out of date.
+    // Queue entries with an outdated stamp of either vertex are skipped.
     let mut stamps = vec![0_u32; count];
     let mut line = BinaryHeap::new();
     let mut others = Vec::new();
-    // Bits of numbers that are not negative stand in the order of the numbers.
+    // The bit patterns of non-negative floats are ordered like the numbers.
     let entry = |reduction: &Reduction<'_>, stamps: &[u32], a: u32, b: u32| {
         let (a, b) = (a.min(b), a.max(b));
         let cost = reduction.estimate(a, b).to_bits();
@@ -272,7 +273,7 @@ fn pass(reduction: &mut Reduction<'_>) {
     }
 }
 
-/// The triangles that are left, with the vertices that they use and colours of the original; the edges that remain.
+/// The remaining triangles with the vertices that they use, in the colours of the original, and the feature edges.
 fn finished(
     reduction: &Reduction<'_>,
     mesh: &TriangleMesh,
@@ -297,12 +298,12 @@ fn finished(
     let colors = mesh.colors.as_ref().map(|colors| {
         kept.par_iter()
             .map(|&old| {
-                let place = &live.positions[old];
-                if *place == mesh.positions[old] {
+                let position = &live.positions[old];
+                if *position == mesh.positions[old] {
                     return colors[old];
                 }
                 original
-                    .closest(place, f64::INFINITY)
+                    .closest(position, f64::INFINITY)
                     .map_or(colors[old], |nearest| {
                         let corners = mesh.triangles[nearest.triangle as usize];
                         std::array::from_fn(|k| {

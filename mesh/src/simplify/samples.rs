@@ -1,39 +1,38 @@
-//! Points of the original surface, and which triangle stands for each of them.
+//! Samples of the original surface, and the triangle that represents each.
 
 use nalgebra::{Point3, Vector3};
 
 use super::live::{doubled_area, height};
 
-/// A point of the original surface.
+/// A sample of the original surface.
 pub(super) struct Sample {
     pub(super) point: Point3<f64>,
-    /// The side on which the surface is seen there, of no particular length; zero where it means nothing: at vertices, and in
-    /// triangles thinner than the tolerance.
+    /// Normal of the surface, unnormalised; zero at vertices and in triangles thinner than the tolerance, where
+    /// it is undefined.
     pub(super) facing: Vector3<f64>,
 }
 
-/// The samples, and those that each triangle stands for.
+/// All samples, and the samples represented by each triangle.
 pub(super) struct Samples {
     pub(super) all: Vec<Sample>,
     pub(super) of_triangle: Vec<Vec<u32>>,
-    /// The triangle that stands for each.
+    /// The triangle that represents each sample.
     pub(super) owner: Vec<u32>,
-    /// The last sample of each triangle of the original, which lies inside it.
+    /// The last sample of each original triangle; it lies inside the triangle.
     pub(super) inside: Vec<u32>,
 }
 
-/// A triangle is parted so many times along each side at most.
-const MOST_PARTS: usize = 12;
+/// Maximum subdivisions per triangle edge.
+const MAX_PARTS: usize = 12;
 
-/// So many parts of a triangle's sides that they are no longer than `step`.
+/// Number of subdivisions per edge so that no part exceeds `step`.
 pub(super) fn parts(corners: &[Point3<f64>; 3], step: f64, most: usize) -> usize {
     let [a, b, c] = corners;
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
     ((longest / step).ceil() as usize).clamp(1, most)
 }
 
-/// The middles of the triangles into which a triangle falls when each side is cut into equal parts, as weights of its
-/// corners.
+/// Barycentric coordinates of the centroids of all sub-triangles when each edge is cut into equal parts.
 pub(super) fn middles(parts: usize) -> impl Iterator<Item = [f64; 3]> {
     let n = parts as f64;
     (0..parts).flat_map(move |i| {
@@ -50,7 +49,7 @@ pub(super) fn blend([a, b, c]: &[Point3<f64>; 3], [u, v, w]: [f64; 3]) -> Point3
 }
 
 impl Samples {
-    /// Every vertex, and points of every triangle no farther apart than about `step`.
+    /// All vertices, and samples inside every triangle at a spacing of about `step`.
     pub(super) fn new(
         positions: &[Point3<f64>],
         triangles: &[[u32; 3]],
@@ -82,7 +81,7 @@ impl Samples {
             } else {
                 Vector3::zeros()
             };
-            for weights in middles(parts(&corners, step, MOST_PARTS)) {
+            for weights in middles(parts(&corners, step, MAX_PARTS)) {
                 add(blend(&corners, weights), facing);
             }
             samples.inside.push(samples.all.len() as u32 - 1);

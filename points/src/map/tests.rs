@@ -1,4 +1,4 @@
-//! The map on rooms of points whose features are projected, not found: every answer is known.
+//! The map on synthetic rooms with projected features and ground truth.
 
 use std::collections::BTreeMap;
 
@@ -36,7 +36,7 @@ impl Room {
         Self { points, random }
     }
 
-    /// What a pinhole sees, each pixel off by up to `error`, each descriptor in a few bits.
+    /// Features of a pinhole camera with pixel errors up to `error` and a few wrong descriptor bits.
     fn seen(&mut self, world_from_camera: &Isometry3<f64>, error: f64) -> Features {
         self.seen_through(&camera(), world_from_camera, error)
     }
@@ -100,7 +100,7 @@ fn distance_to_room(point: &Point3<f64>) -> f64 {
     (point.z - 5.0).abs().min((point.y - 1.5).abs())
 }
 
-/// Applies changes to a copy, as the carver would.
+/// Applies changes to a copy, as a consumer does.
 #[derive(Default, Debug, PartialEq)]
 struct Follower {
     points: BTreeMap<u32, (Point3<f64>, Vec<u32>)>,
@@ -146,11 +146,11 @@ impl Follower {
         }
     }
 
-    /// Holds the points, who sees them, and places no further off than the options allow.
+    /// Compares points and observations, and positions within the tolerance of the options.
     fn check(&self, map: &PointMap) {
         assert_eq!(self.points.len(), map.established().count());
         for (id, point) in map.established() {
-            let (place, views) = &self.points[&id.0];
+            let (position, views) = &self.points[&id.0];
             let mut views = views.clone();
             views.sort_unstable();
             assert!(
@@ -158,7 +158,7 @@ impl Follower {
                     .iter()
                     .eq(point.observations.iter().map(|s| &s.keyframe))
             );
-            let step = point.point_in_world - place;
+            let step = point.point_in_world - position;
             let sigmas = step
                 .dot(&(point.covariance.try_inverse().unwrap() * step))
                 .sqrt();
@@ -167,17 +167,17 @@ impl Follower {
     }
 }
 
-/// Points and features must refer to each other, and to nothing that is gone.
+/// Points and features must refer to each other, never to removed points.
 fn check_references(map: &PointMap) {
     for (number, keyframe) in map.keyframes.iter().enumerate() {
         for (feature, id) in keyframe.points.iter().enumerate() {
             if let Some(id) = id {
-                let sighting = map
+                let observation = map
                     .point(*id)
                     .unwrap()
                     .observation_in(number as u32)
                     .unwrap();
-                assert_eq!(sighting.feature as usize, feature);
+                assert_eq!(observation.feature as usize, feature);
             }
         }
     }
@@ -189,9 +189,9 @@ fn check_references(map: &PointMap) {
                 .observations
                 .is_sorted_by(|a, b| a.keyframe < b.keyframe)
         );
-        for sighting in &point.observations {
-            let keyframe = &map.keyframes[sighting.keyframe as usize];
-            assert_eq!(keyframe.points[sighting.feature as usize], Some(id));
+        for observation in &point.observations {
+            let keyframe = &map.keyframes[observation.keyframe as usize];
+            assert_eq!(keyframe.points[observation.feature as usize], Some(id));
         }
     }
 }
@@ -255,7 +255,7 @@ fn wrong_features_do_not_become_points() {
     for step in 0..8 {
         let pose = walk(step);
         let mut features = room.seen(&pose, 0.5);
-        // Half as many again at random places with random looks.
+        // Half as many again at random positions with random descriptors.
         let mut random = ChaCha8Rng::seed_from_u64(u64::from(step));
         for _ in 0..features.len() / 2 {
             features.pixels.push([
@@ -371,15 +371,15 @@ fn the_model_has_what_the_carver_has() {
     let model = map.model(|number| format!("frame {number}"));
     assert_eq!(model.views.len(), 6);
     assert_eq!(model.points.len(), follower.points.len());
-    for (point, (place, views)) in model.points.iter().zip(follower.points.values()) {
+    for (point, (position, views)) in model.points.iter().zip(follower.points.values()) {
         assert_eq!(
             (point.point_in_world, point.observations.len()),
-            (*place, views.len())
+            (*position, views.len())
         );
     }
 }
 
-/// The walk with poses off by some four pixels each, and a map that corrects them or does not.
+/// The walk with pose errors of about four pixels.
 fn disturbed(correction: PoseCorrectionOptions) -> (PointMap, Follower) {
     let mut room = Room::new(900);
     let mut random = ChaCha8Rng::seed_from_u64(3);
@@ -407,7 +407,7 @@ fn disturbed_poses_are_corrected() {
     let (given, _) = disturbed(PoseCorrectionOptions::off());
     let (corrected, follower) = disturbed(PoseCorrectionOptions::default());
     let (before, after) = (given.quality(), corrected.quality());
-    // Without correction a place falls apart into several points with few sightings each.
+    // Without correction one point becomes several points with few observations each.
     let sightings_a_point = |of: MapQuality| of.observations as f64 / of.points as f64;
     assert!(
         sightings_a_point(after) > 2.0 * sightings_a_point(before),
@@ -417,7 +417,7 @@ fn disturbed_poses_are_corrected() {
     assert!(after.reprojection_rms_px < 0.6, "{after:?}");
     let (before, after) = (error_of_points(&given), error_of_points(&corrected));
     assert!(after < 0.1, "{before} {after}");
-    // What poses were given stays known, and the carver has the cameras to a pixel at the scene's depth.
+    // Given poses stay known, and published centres are right to a pixel at the depth of the scene.
     for keyframe in given.keyframes() {
         let change = keyframe.pose.change();
         assert!(
@@ -445,8 +445,8 @@ fn error_of_points(map: &PointMap) -> f64 {
     errors[errors.len() / 2]
 }
 
-/// Root mean square of what the way from the first keyframe to each other one is wrong by, in radians and lengths at a depth of 4.
-fn error_of_ways(map: &PointMap) -> f64 {
+/// Root mean square error of the motions from the first keyframe, in radians and lengths at depth 4.
+fn error_of_motions(map: &PointMap) -> f64 {
     let way = |at: usize| {
         let pose = |at: usize| map.keyframes()[at].pose.world_from_camera();
         pose(0).inverse() * pose(at)
@@ -461,17 +461,17 @@ fn error_of_ways(map: &PointMap) -> f64 {
 #[test]
 fn all_keyframes_together_agree_better_and_the_carver_is_told() {
     let correction = PoseCorrectionOptions {
-        // One after another leaves more for the end.
+        // Leaves more to the final adjustment.
         window: 1,
         ..PoseCorrectionOptions::default()
     };
     let (mut map, mut follower) = disturbed(correction);
-    let (before, error, moves) = (map.quality(), error_of_ways(&map), follower.moves);
+    let (before, error, moves) = (map.quality(), error_of_motions(&map), follower.moves);
     map.adjust_all();
     check_references(&map);
     follower.apply(map.changes());
     follower.check(&map);
-    let (after, error_after) = (map.quality(), error_of_ways(&map));
+    let (after, error_after) = (map.quality(), error_of_motions(&map));
     assert!(
         after.reprojection_rms_px < before.reprojection_rms_px,
         "{before:?} {after:?}"
@@ -487,7 +487,7 @@ fn all_keyframes_together_agree_better_and_the_carver_is_told() {
     assert_eq!(given.quality(), quality);
 }
 
-/// A map of a longer walk with a camera whose lens has this `k1`, and that is taken for a pinhole.
+/// A map of a longer walk with images of distortion `k1` that are given as those of a pinhole.
 fn through_a_lens(k1: f64, correction: PoseCorrectionOptions) -> PointMap {
     let distortion = Distortion::radial(k1);
     let lens = Camera::with_distortion(525.0, 525.0, 319.5, 239.5, distortion).unwrap();

@@ -1,62 +1,61 @@
-//! Some cameras and the points that they see, moved together.
+//! Bundle adjustment of some cameras and their points.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6x3, Point2, Point3, Vector3, Vector6};
 
 use super::lens::CorrectedLens;
 use super::pose::{CorrectedPose, PosePrior};
-use super::sight::{CHI2_PIXEL, cauchy, chi2, linearize};
+use super::residual::{CHI2_PIXEL, cauchy, chi2, linearize};
 
-/// Steps at most.
+/// Largest number of steps.
 const MAX_STEPS: usize = 12;
 
-/// A step that lowers the cost by less than this share is the last.
+/// A step that lowers the cost by less than this share ends the adjustment.
 const LAST_GAIN: f64 = 1e-4;
 
-/// A point and the pixels at which cameras see it.
+/// A point and its observations.
 #[derive(Debug, Clone, Default)]
 pub struct Track {
-    /// Where it is.
+    /// Position of the point.
     pub point_in_world: Point3<f64>,
-    /// Who sees it; each camera once.
+    /// Observations, at most one per camera.
     pub observations: Vec<TrackObservation>,
 }
 
-/// A pixel at which a camera sees a point.
+/// Pixel of a point in a camera of an adjustment.
 #[derive(Debug, Clone, Copy)]
 pub struct TrackObservation {
     /// Index of the camera.
     pub camera: u32,
-    /// Where.
+    /// Pixel in the image with its distortion.
     pub pixel: Point2<f64>,
     /// Standard deviation of the pixel, along x and y alike.
     pub sigma_px: f64,
 }
 
-/// What an adjustment did.
+/// Result of an adjustment.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AdjustmentSummary {
-    /// Sum of robust squared errors before and after, in variances.
+    /// Sum of robust squared errors in variances before the adjustment.
     pub cost_before: f64,
-    /// The same after.
+    /// The sum after the adjustment.
     pub cost_after: f64,
-    /// Steps that lowered it.
+    /// Number of steps that lowered the cost.
     pub steps: usize,
 }
 
-/// Moves the cameras `free` and the points of all tracks to where the projections fit the pixels best; the other cameras
-/// that see the points stay where they are, and every camera that moves is held by its given pose. The lens, one for all
-/// cameras, follows when it `is_lens_free`. The cost never grows.
+/// Minimises the reprojection errors over the `free` cameras, the points of all tracks and, with `is_lens_free`, the lens that
+/// all cameras share. Other cameras are fixed. Each free camera is held by its given pose. The cost never grows.
 ///
-/// Levenberg-Marquardt on Cauchy's kernel; points are eliminated (Schur complement), so that the system that is solved has
-/// six unknowns a free camera, and one for the lens. The same input gives the same bytes.
+/// Levenberg-Marquardt with Cauchy's kernel. Points are eliminated by the Schur complement, so that the linear system has six
+/// unknowns per free camera and one for the lens. The result is deterministic.
 ///
 /// # Complexity
-/// Per step: for each track quadratic in the free cameras that see it, and cubic in the number of free cameras.
+/// Per step: quadratic, for each track, in the free cameras that observe it; cubic in the number of free cameras.
 ///
 /// # Reference
 /// Local bundle adjustment of ORB-SLAM (Mur-Artal, Montiel, Tardos, IEEE Transactions on Robotics 31(5), 2015, section VI-D);
 /// Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment: a modern synthesis", 2000, section 6.1. *Differs:* given
-/// poses take part as measurements, so that no camera need be fixed.
+/// poses are measurements, so that no camera needs to be fixed.
 pub fn adjust_bundle(
     lens: &mut CorrectedLens,
     is_lens_free: bool,
@@ -85,7 +84,7 @@ pub fn adjust_bundle(
         return adjustment;
     }
     let mut damping = 1e-4;
-    let mut next = Step {
+    let mut next = Candidate {
         lens: lens.clone(),
         poses: poses.to_vec(),
         points: Vec::with_capacity(tracks.len()),
@@ -128,8 +127,8 @@ fn swap_points(tracks: &mut [Track], points: &mut [Point3<f64>]) {
     }
 }
 
-/// Where everything goes to.
-struct Step {
+/// Candidate poses, points and lens after one Levenberg-Marquardt step.
+struct Candidate {
     lens: CorrectedLens,
     poses: Vec<CorrectedPose>,
     points: Vec<Point3<f64>>,
@@ -138,25 +137,25 @@ struct Step {
 struct Problem<'a> {
     prior: &'a PosePrior,
     free: &'a [u32],
-    /// Which of the free cameras each camera is.
+    /// Index of each camera among the free ones.
     slots: Vec<Option<usize>>,
     system: System,
 }
 
-/// The normal equations, with points eliminated. Memory is kept from one step to the next.
+/// Normal equations with points eliminated. Buffers are reused between steps.
 struct System {
     normal: DMatrix<f64>,
     gradient: DVector<f64>,
-    /// Of each track: inverse of its own block and its gradient.
-    points: Vec<(Matrix3<f64>, Vector3<f64>)>,
-    /// Of each sight in a free pose, track by track: slot and block between pose and point.
-    mixed: Vec<(usize, Matrix6x3<f64>)>,
-    /// Of each track: block between lens and point; none when the lens is as it is.
-    of_lens: Vec<Vector3<f64>>,
-    /// Where the blocks of each track end.
+    /// Per track: block of the point, later its inverse, and its gradient.
+    point_blocks: Vec<(Matrix3<f64>, Vector3<f64>)>,
+    /// Per observation in a free camera, track by track: slot and block between pose and point.
+    pose_point_blocks: Vec<(usize, Matrix6x3<f64>)>,
+    /// Per track: block between lens and point; empty when the lens is fixed.
+    lens_point_blocks: Vec<Vector3<f64>>,
+    /// End of the pose-point blocks of each track.
     ends: Vec<usize>,
-    /// Where the lens is: after the poses; `None` when it is as it is.
-    lens_at: Option<usize>,
+    /// Index of the lens, after the poses; `None` when it is fixed.
+    lens_index: Option<usize>,
 }
 
 impl System {
@@ -165,20 +164,20 @@ impl System {
         Self {
             normal: DMatrix::zeros(unknowns, unknowns),
             gradient: DVector::zeros(unknowns),
-            points: Vec::new(),
-            mixed: Vec::new(),
-            of_lens: Vec::new(),
+            point_blocks: Vec::new(),
+            pose_point_blocks: Vec::new(),
+            lens_point_blocks: Vec::new(),
             ends: Vec::new(),
-            lens_at: is_lens_free.then_some(6 * free),
+            lens_index: is_lens_free.then_some(6 * free),
         }
     }
 
     fn clear(&mut self) {
         self.normal.fill(0.0);
         self.gradient.fill(0.0);
-        self.points.clear();
-        self.mixed.clear();
-        self.of_lens.clear();
+        self.point_blocks.clear();
+        self.pose_point_blocks.clear();
+        self.lens_point_blocks.clear();
         self.ends.clear();
     }
 
@@ -195,7 +194,7 @@ impl System {
         self.normal[(at, at)] += normal;
     }
 
-    /// What a pose and the lens have in common.
+    /// Adds the block between a pose and the lens.
     fn add_pose_and_lens(&mut self, slot: usize, at: usize, block: &Vector6<f64>) {
         let mut column = self.normal.fixed_view_mut::<6, 1>(6 * slot, at);
         column += block;
@@ -206,23 +205,28 @@ impl System {
 
 impl Problem<'_> {
     fn cost(&self, lens: &CorrectedLens, poses: &[CorrectedPose], tracks: &[Track]) -> f64 {
-        let of_lens = self.system.lens_at.map_or(0.0, |_| lens.held_cost());
+        let of_lens = self.system.lens_index.map_or(0.0, |_| lens.prior_cost());
         let held: f64 = self
             .free
             .iter()
-            .map(|&index| poses[index as usize].held_cost(self.prior))
+            .map(|&index| poses[index as usize].prior_cost(self.prior))
             .sum();
         let seen: f64 = tracks
             .iter()
-            .flat_map(|track| track.observations.iter().map(move |sight| (track, sight)))
-            .map(|(track, sight)| {
-                let pose = poses[sight.camera as usize].camera_from_world();
+            .flat_map(|track| {
+                track
+                    .observations
+                    .iter()
+                    .map(move |observation| (track, observation))
+            })
+            .map(|(track, observation)| {
+                let pose = poses[observation.camera as usize].camera_from_world();
                 let error = chi2(
                     lens.camera(),
                     pose,
                     &track.point_in_world,
-                    &sight.pixel,
-                    sight.sigma_px,
+                    &observation.pixel,
+                    observation.sigma_px,
                 );
                 cauchy(error, CHI2_PIXEL).0
             })
@@ -230,24 +234,24 @@ impl Problem<'_> {
         of_lens + held + seen
     }
 
-    /// Where cameras and points would go; returns whether the equations have a solution.
+    /// Computes the candidate of one step; returns whether the equations have a solution.
     fn step(
         &mut self,
         lens: &CorrectedLens,
         poses: &[CorrectedPose],
         tracks: &[Track],
         damping: f64,
-        next: &mut Step,
+        next: &mut Candidate,
     ) -> bool {
         self.system.clear();
-        if let Some(at) = self.system.lens_at {
-            let (gradient, normal) = lens.hold();
+        if let Some(at) = self.system.lens_index {
+            let (gradient, normal) = lens.prior_terms();
             self.system.add_lens(at, gradient, normal);
         }
         for (slot, &index) in self.free.iter().enumerate() {
             let mut gradient = Vector6::zeros();
             let mut normal = Matrix6::zeros();
-            poses[index as usize].hold(self.prior, &mut gradient, &mut normal);
+            poses[index as usize].add_prior(self.prior, &mut gradient, &mut normal);
             self.system.add_pose(slot, &gradient, &normal);
         }
         for track in tracks {
@@ -257,32 +261,32 @@ impl Problem<'_> {
         for at in 0..system.normal.nrows() {
             system.normal[(at, at)] *= 1.0 + damping;
         }
-        // After the cameras' own blocks are damped: what elimination takes away is not.
+        // The camera blocks are damped before the elimination, whose terms are not.
         let mut start = 0;
         for (track, ((inverse, gradient), &end)) in
-            system.points.iter_mut().zip(&system.ends).enumerate()
+            system.point_blocks.iter_mut().zip(&system.ends).enumerate()
         {
             let mut damped = *inverse;
             for axis in 0..3 {
                 damped[(axis, axis)] *= 1.0 + damping;
             }
-            // A point that nothing fixes stays.
+            // An undetermined point stays.
             *inverse = damped.try_inverse().unwrap_or_else(Matrix3::zeros);
-            for (slot, block) in &system.mixed[start..end] {
+            for (slot, block) in &system.pose_point_blocks[start..end] {
                 let through = block * *inverse;
                 let mut rows = system.gradient.fixed_rows_mut::<6>(6 * slot);
                 rows -= through * *gradient;
-                for (other, other_block) in &system.mixed[start..end] {
+                for (other, other_block) in &system.pose_point_blocks[start..end] {
                     let mut view = system.normal.fixed_view_mut::<6, 6>(6 * slot, 6 * other);
                     view -= through * other_block.transpose();
                 }
             }
-            if let Some(at) = system.lens_at {
-                let block = system.of_lens[track];
+            if let Some(at) = system.lens_index {
+                let block = system.lens_point_blocks[track];
                 let through = *inverse * block;
                 system.gradient[at] -= through.dot(gradient);
                 system.normal[(at, at)] -= through.dot(&block);
-                for (slot, other_block) in &system.mixed[start..end] {
+                for (slot, other_block) in &system.pose_point_blocks[start..end] {
                     let common = other_block * through;
                     let mut column = system.normal.fixed_view_mut::<6, 1>(6 * slot, at);
                     column -= common;
@@ -303,7 +307,7 @@ impl Problem<'_> {
             let of_camera: Vector6<f64> = step.fixed_rows::<6>(6 * slot).into();
             next.poses[index as usize] = poses[index as usize].moved(&of_camera);
         }
-        let of_lens = system.lens_at.map(|at| step[at]);
+        let of_lens = system.lens_index.map(|at| step[at]);
         if let Some(step) = of_lens {
             let Ok(moved) = lens.moved(step) else {
                 return false;
@@ -314,15 +318,15 @@ impl Problem<'_> {
         let mut start = 0;
         for (index, ((track, (inverse, gradient)), &end)) in tracks
             .iter()
-            .zip(&system.points)
+            .zip(&system.point_blocks)
             .zip(&system.ends)
             .enumerate()
         {
             let mut right = *gradient;
             if let Some(step) = of_lens {
-                right += system.of_lens[index] * step;
+                right += system.lens_point_blocks[index] * step;
             }
-            for (slot, block) in &system.mixed[start..end] {
+            for (slot, block) in &system.pose_point_blocks[start..end] {
                 right += block.tr_mul(&step.fixed_rows::<6>(6 * slot));
             }
             let to = track.point_in_world - inverse * right;
@@ -336,25 +340,30 @@ impl Problem<'_> {
         let mut normal = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
         let mut with_lens = Vector3::zeros();
-        for sight in &track.observations {
-            let pose = poses[sight.camera as usize].camera_from_world();
+        for observation in &track.observations {
+            let pose = poses[observation.camera as usize].camera_from_world();
             let point = &track.point_in_world;
-            let Some(at) = linearize(lens.camera(), pose, point, &sight.pixel, sight.sigma_px)
-            else {
+            let Some(at) = linearize(
+                lens.camera(),
+                pose,
+                point,
+                &observation.pixel,
+                observation.sigma_px,
+            ) else {
                 continue;
             };
             let (_, weight) = cauchy(at.chi2, CHI2_PIXEL);
             normal += weight * at.by_point.tr_mul(&at.by_point);
             gradient += weight * at.by_point.tr_mul(&at.residual);
             let system = &mut self.system;
-            let slot = self.slots[sight.camera as usize];
+            let slot = self.slots[observation.camera as usize];
             let of_pose = weight * at.by_pose.transpose();
             if let Some(slot) = slot {
                 system.add_pose(slot, &(of_pose * at.residual), &(of_pose * at.by_pose));
-                system.mixed.push((slot, of_pose * at.by_point));
+                system.pose_point_blocks.push((slot, of_pose * at.by_point));
             }
-            if let Some(start) = system.lens_at {
-                let by_lens = lens.by_k1(&(pose * point)) / sight.sigma_px;
+            if let Some(start) = system.lens_index {
+                let by_lens = lens.by_k1(&(pose * point)) / observation.sigma_px;
                 let of_lens = weight * by_lens;
                 system.add_lens(start, of_lens.dot(&at.residual), of_lens.dot(&by_lens));
                 with_lens += at.by_point.tr_mul(&of_lens);
@@ -363,11 +372,11 @@ impl Problem<'_> {
                 }
             }
         }
-        if self.system.lens_at.is_some() {
-            self.system.of_lens.push(with_lens);
+        if self.system.lens_index.is_some() {
+            self.system.lens_point_blocks.push(with_lens);
         }
-        self.system.points.push((normal, gradient));
-        self.system.ends.push(self.system.mixed.len());
+        self.system.point_blocks.push((normal, gradient));
+        self.system.ends.push(self.system.pose_point_blocks.len());
     }
 }
 

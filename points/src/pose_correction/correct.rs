@@ -1,47 +1,47 @@
-//! One camera moved to points that are known.
+//! Motion-only bundle adjustment: one camera against known points.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Matrix3, Matrix6, Point2, Point3, Vector6};
 
 use super::pose::{CorrectedPose, PosePrior};
-use super::sight::{CHI2_PIXEL, cauchy, chi2, linearize};
+use super::residual::{CHI2_PIXEL, cauchy, chi2, linearize};
 
-/// Widths of the kernel, squared, as shares of the last: wide at first, so that the start may be off.
+/// Squared kernel widths relative to the last: wide at first, for a poor start.
 const WIDTHS: [f64; 4] = [27.0, 9.0, 3.0, 1.0];
 
 /// Gauss-Newton steps at each width.
 const STEPS: usize = 3;
 
-/// A known point and the pixel at which the camera sees it.
+/// A known point and its pixel in the camera.
 #[derive(Debug, Clone, Copy)]
 pub struct KnownPoint {
-    /// Where it is.
+    /// Position of the point.
     pub point_in_world: Point3<f64>,
-    /// How well that is known.
+    /// Covariance of the position.
     pub covariance: Matrix3<f64>,
-    /// Where the camera sees it.
+    /// Observed pixel.
     pub pixel: Point2<f64>,
     /// Standard deviation of the pixel, along x and y alike.
     pub sigma_px: f64,
 }
 
-/// Moves a camera to where the points that it sees project onto their pixels, within the prior about the given pose. Returns
-/// how many of the points then do: those below the 95 % bound. A step that is not finite is not taken.
+/// Refines a pose by the reprojection errors of known points, within the prior about the given pose. Returns the number of
+/// inliers: points whose error is below the 95 % bound. Steps that are not finite are not taken.
 ///
 /// # Complexity
-/// Linear in the points, a dozen times.
+/// Linear in the number of points; twelve passes.
 ///
 /// # Reference
 /// Motion-only bundle adjustment of ORB-SLAM (Mur-Artal, Montiel, Tardos, IEEE Transactions on Robotics 31(5), 2015, section
-/// V-B). *Differs:* the given pose takes part as a measurement; Cauchy's kernel is narrowed in place of rounds in which
-/// outliers are left out; each pixel has the variance of its point added.
+/// V-B). *Differs:* the given pose is a measurement; a narrowing Cauchy kernel replaces rounds of outlier rejection; the variance
+/// of the point is added to that of the pixel.
 pub fn correct_pose(
     camera: &Camera,
     pose: &mut CorrectedPose,
     prior: &PosePrior,
     points: &[KnownPoint],
 ) -> usize {
-    // The point's own error in the image, from where the camera starts, averaged over both directions.
+    // Variance of the projected point at the start, averaged over both image axes.
     let sigmas: Vec<f64> = points
         .iter()
         .map(|point| {
@@ -62,9 +62,9 @@ pub fn correct_pose(
         for _ in 0..STEPS {
             let mut gradient = Vector6::zeros();
             let mut normal = Matrix6::zeros();
-            pose.hold(prior, &mut gradient, &mut normal);
+            pose.add_prior(prior, &mut gradient, &mut normal);
             for (point, sigma_px) in points.iter().zip(&sigmas) {
-                let Some(sight) = linearize(
+                let Some(observation) = linearize(
                     camera,
                     pose.camera_from_world(),
                     &point.point_in_world,
@@ -73,9 +73,9 @@ pub fn correct_pose(
                 ) else {
                     continue;
                 };
-                let (_, weight) = cauchy(sight.chi2, width * CHI2_PIXEL);
-                gradient += weight * sight.by_pose.tr_mul(&sight.residual);
-                normal += weight * sight.by_pose.tr_mul(&sight.by_pose);
+                let (_, weight) = cauchy(observation.chi2, width * CHI2_PIXEL);
+                gradient += weight * observation.by_pose.tr_mul(&observation.residual);
+                normal += weight * observation.by_pose.tr_mul(&observation.by_pose);
             }
             let Some(step) = normal.cholesky().map(|factor| factor.solve(&-gradient)) else {
                 return 0;

@@ -1,15 +1,15 @@
-//! A camera that came as a pinhole, and the lens that its images have.
+//! Radial distortion of images that were given as those of a pinhole.
 
 use linecarve_lines::camera::{Camera, CameraError, Distortion};
 use nalgebra::{Point3, Vector2};
 
-/// Standard deviation of `k1` before any image was looked at: few lenses that pass for none bend more.
-const SIGMA: f64 = 0.1;
+/// Standard deviation of the prior of `k1` about zero.
+const PRIOR_SIGMA: f64 = 0.1;
 
-/// A camera that was given as a pinhole, with the lens that its images have: `k1` of Brown's model.
+/// A camera that was given as a pinhole, with one radial distortion coefficient: `k1` of Brown's model.
 ///
-/// That is what poses and points cannot make up for. Focal length and principal point they can, almost: free as well, these run away
-/// from where they are exact, and points with them.
+/// Poses and points cannot compensate for distortion. They nearly can for focal length and principal point, which are therefore
+/// fixed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CorrectedLens {
     k1: f64,
@@ -17,7 +17,7 @@ pub struct CorrectedLens {
 }
 
 impl CorrectedLens {
-    /// A pinhole until something else is found.
+    /// A camera without distortion.
     pub fn new(pinhole: Camera) -> Self {
         Self {
             k1: 0.0,
@@ -25,45 +25,45 @@ impl CorrectedLens {
         }
     }
 
-    /// The camera of the images.
+    /// The camera with its distortion.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
-    /// Second-order radial coefficient; `None` as long as the camera is the pinhole that it was given as.
+    /// Second-order radial coefficient; `None` while the camera is a pinhole.
     pub fn k1(&self) -> Option<f64> {
         (!self.camera.is_pinhole()).then_some(self.k1)
     }
 
-    /// By how much the lens moves the pixel of a point in front of the camera, in pixels.
+    /// Displacement by distortion, in pixels, of the projection of a point in front of the camera.
     pub fn displacement_px(&self, point_in_camera: &Point3<f64>) -> f64 {
         self.k1.abs() * self.by_k1(point_in_camera).norm()
     }
 
-    /// The same camera with a lens a small step further.
+    /// The camera after a small step of `k1`.
     ///
     /// # Errors
     /// When the step is not finite.
     pub(super) fn moved(&self, step: f64) -> Result<Self, CameraError> {
         let k1 = self.k1 + step;
         let distortion = Distortion::radial(k1);
-        let of = &self.camera;
-        let camera = Camera::with_distortion(of.fx(), of.fy(), of.cx(), of.cy(), distortion)?;
+        let old = &self.camera;
+        let camera = Camera::with_distortion(old.fx(), old.fy(), old.cx(), old.cy(), distortion)?;
         Ok(Self { k1, camera })
     }
 
-    /// What is known beforehand adds this to the gradient and to the normal matrix of a step.
-    pub(super) fn hold(&self) -> (f64, f64) {
-        let information = 1.0 / (SIGMA * SIGMA);
+    /// Terms of the prior in the gradient and in the normal matrix of a step.
+    pub(super) fn prior_terms(&self) -> (f64, f64) {
+        let information = 1.0 / (PRIOR_SIGMA * PRIOR_SIGMA);
         (information * self.k1, information)
     }
 
-    /// The cost of being away from a pinhole.
-    pub(super) fn held_cost(&self) -> f64 {
-        (self.k1 / SIGMA).powi(2)
+    /// Cost of the prior.
+    pub(super) fn prior_cost(&self) -> f64 {
+        (self.k1 / PRIOR_SIGMA).powi(2)
     }
 
-    /// Derivative by `k1` of the pixel of a point in front of the camera.
+    /// Derivative by `k1` of the projection of a point in front of the camera.
     pub(super) fn by_k1(&self, point_in_camera: &Point3<f64>) -> Vector2<f64> {
         let plane = point_in_camera.coords.xy() / point_in_camera.z;
         let focal = Vector2::new(self.camera.fx(), self.camera.fy());

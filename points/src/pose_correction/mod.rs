@@ -1,21 +1,21 @@
-//! Poses of cameras brought into agreement with what their images show.
+//! Pose correction: bundle adjustment in which given poses are measurements.
 //!
-//! Poses that come with a sequence are often those of another sensor, taken at another time: the images then lie pixels from
-//! where the poses put them, each image by another amount. Points that several images show tell by how much:
-//! [`correct_pose`] moves one camera to known points, [`adjust_bundle`] moves some cameras and the points that they see together.
-//! What images of a supposed pinhole say about its lens, [`adjust_bundle`] finds too ([`CorrectedLens`]).
-//! Each camera is held by its pose as given, within what that may be wrong by ([`PosePrior`]), so that place, direction and
-//! scale of the whole stay those of the given poses.
+//! The poses of a sequence often come from another sensor with another clock, so that reprojection errors reach several pixels.
+//! [`correct_pose`] refines one camera against known points. [`adjust_bundle`] refines cameras and points together and, for
+//! uncalibrated images, one radial distortion coefficient ([`CorrectedLens`]). Each camera is held by its given pose within a
+//! [`PosePrior`], which fixes position, orientation and scale of the whole.
 
 mod adjust;
 mod correct;
 mod lens;
 mod options;
 mod pose;
-mod sight;
+mod residual;
 
 pub use adjust::{AdjustmentSummary, Track, TrackObservation, adjust_bundle};
 pub use correct::{KnownPoint, correct_pose};
 pub use lens::CorrectedLens;
 pub use options::PoseCorrectionOptions;
+pub(crate) use residual::CHI2_PIXEL;
+
 pub use pose::{CorrectedPose, PoseChange, PosePrior};

@@ -1,24 +1,24 @@
-//! Whether and how poses are corrected.
+//! Options of pose correction.
 
 use serde::{Deserialize, Serialize};
 
 use crate::options::PointOptionsError;
 
-/// Whether and how poses are corrected by what the images show. Lengths are in pixels: nothing is in units of the map.
+/// Options of pose correction. Lengths are in pixels; no option depends on the unit of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PoseCorrectionOptions {
-    /// Whether poses are corrected at all.
+    /// Whether poses are corrected.
     pub enabled: bool,
-    /// Whether the lens of images that come as those of a pinhole is found along with the poses.
+    /// Whether a radial distortion coefficient is estimated for images without known distortion.
     pub lens: bool,
-    /// Standard deviation of what a given pose adds to projections, in turn and in shift: within this a pose is free to move.
+    /// Standard deviation of projections by the error of a given pose, for rotation and for translation.
     pub sigma_px: f64,
-    /// Keyframes that are moved together with a new one: those that share most points with it.
+    /// Keyframes of a local bundle adjustment: the new one and those that share most points with it.
     pub window: usize,
-    /// A new keyframe's pose is corrected before it takes part in the map when this many points of the map agree on it.
+    /// Smallest number of inliers that corrects the pose of a keyframe.
     pub min_points: usize,
-    /// The carved centre of a camera follows once it is off by what moves projections at the median depth by this.
+    /// A camera centre is published again when it moves projections at the median depth by more than this.
     pub move_px: f64,
 }
 
@@ -36,7 +36,7 @@ impl Default for PoseCorrectionOptions {
 }
 
 impl PoseCorrectionOptions {
-    /// Poses as they are given.
+    /// No correction: poses stay as given.
     pub fn off() -> Self {
         Self {
             enabled: false,

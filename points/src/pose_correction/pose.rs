@@ -1,8 +1,8 @@
-//! A pose as given and as corrected.
+//! Given and corrected poses.
 
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 
-/// The pose of a camera: as given, and as its image has it.
+/// A given pose and its correction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CorrectedPose {
     given_camera_from_world: Isometry3<f64>,
@@ -10,26 +10,26 @@ pub struct CorrectedPose {
     camera_from_world: Isometry3<f64>,
 }
 
-/// How far a pose was moved.
+/// Difference of a corrected pose from the given one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct PoseChange {
-    /// Angle by which the camera was turned.
+    /// Angle of the rotation.
     pub rotation_rad: f64,
-    /// Distance of the camera centres, in units of the poses.
+    /// Distance of the camera centres, in the unit of the poses.
     pub translation: f64,
 }
 
-/// By how much a given pose may be wrong: standard deviations of each axis.
+/// Uncertainty of a given pose: standard deviations per axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosePrior {
-    /// Of the direction.
+    /// Standard deviation of the rotation.
     pub rotation_rad: f64,
-    /// Of the place, in units of the poses.
+    /// Standard deviation of the translation, in the unit of the poses.
     pub translation: f64,
 }
 
 impl PosePrior {
-    /// Errors by which each of turn and shift moves the projections of points at `depth` by `sigma_px`.
+    /// Uncertainty of which rotation and translation each move projections at `depth` by `sigma_px`.
     pub fn in_pixels(sigma_px: f64, focal_px: f64, depth: f64) -> Self {
         let rotation_rad = sigma_px / focal_px;
         Self {
@@ -38,15 +38,15 @@ impl PosePrior {
         }
     }
 
-    /// Information of the six parameters: turn, then shift.
+    /// Information of the six parameters: rotation, then translation.
     fn information(&self) -> Vector6<f64> {
-        let (turn, shift) = (self.rotation_rad, self.translation);
-        Vector6::new(turn, turn, turn, shift, shift, shift).map(|sigma| 1.0 / (sigma * sigma))
+        let (r, t) = (self.rotation_rad, self.translation);
+        Vector6::new(r, r, r, t, t, t).map(|sigma| 1.0 / (sigma * sigma))
     }
 }
 
 impl CorrectedPose {
-    /// A pose that nothing has corrected.
+    /// A pose without correction.
     pub fn new(world_from_camera: Isometry3<f64>) -> Self {
         let camera_from_world = world_from_camera.inverse();
         Self {
@@ -56,22 +56,22 @@ impl CorrectedPose {
         }
     }
 
-    /// The pose as corrected: `point_in_world = world_from_camera * point_in_camera`.
+    /// The corrected pose: `point_in_world = world_from_camera * point_in_camera`.
     pub fn world_from_camera(&self) -> &Isometry3<f64> {
         &self.world_from_camera
     }
 
-    /// Its inverse.
+    /// Inverse of the corrected pose.
     pub fn camera_from_world(&self) -> &Isometry3<f64> {
         &self.camera_from_world
     }
 
-    /// Where the camera is, as corrected.
+    /// The corrected camera centre.
     pub fn center(&self) -> Point3<f64> {
         Point3::from(self.world_from_camera.translation.vector)
     }
 
-    /// How far the pose was moved.
+    /// Difference from the given pose.
     pub fn change(&self) -> PoseChange {
         let correction = self.correction();
         let given_center = self
@@ -83,7 +83,7 @@ impl CorrectedPose {
         }
     }
 
-    /// Starts from a correction like that of another keyframe: the motion between the two stays as given.
+    /// Sets the correction so that the motion relative to another, corrected pose is the given one.
     pub(crate) fn transfer_correction(&mut self, other: &Self) {
         let other_from_this =
             other.given_camera_from_world * self.given_camera_from_world.inverse();
@@ -97,22 +97,22 @@ impl CorrectedPose {
         }
     }
 
-    /// Corrected from given camera.
+    /// Transform from the given to the corrected camera frame.
     fn correction(&self) -> Isometry3<f64> {
         self.camera_from_world * self.given_camera_from_world.inverse()
     }
 
-    /// The same pose a small motion further: turn, then shift, of points in the camera.
+    /// The pose after a small motion of points in the camera frame: rotation, then translation.
     pub(super) fn moved(&self, step: &Vector6<f64>) -> Self {
-        let turn: Vector3<f64> = step.fixed_rows::<3>(0).into();
-        let shift: Vector3<f64> = step.fixed_rows::<3>(3).into();
+        let rotation: Vector3<f64> = step.fixed_rows::<3>(0).into();
+        let translation: Vector3<f64> = step.fixed_rows::<3>(3).into();
         let mut moved = *self;
         let motion = Isometry3::from_parts(
-            Translation3::from(shift),
-            UnitQuaternion::from_scaled_axis(turn),
+            Translation3::from(translation),
+            UnitQuaternion::from_scaled_axis(rotation),
         );
         let mut next = motion * self.camera_from_world;
-        // Products of many rotations drift from length one.
+        // Products of many unit quaternions drift from length one.
         next.rotation.renormalize();
         moved.set(next);
         moved
@@ -123,8 +123,8 @@ impl CorrectedPose {
         self.world_from_camera = camera_from_world.inverse();
     }
 
-    /// What the given pose, as a measurement, adds to the cost, to the gradient and to the normal matrix of a step.
-    pub(super) fn hold(
+    /// Adds the terms of the prior to the gradient and the normal matrix of a step; returns its cost.
+    pub(super) fn add_prior(
         &self,
         prior: &PosePrior,
         gradient: &mut Vector6<f64>,
@@ -132,28 +132,35 @@ impl CorrectedPose {
     ) -> f64 {
         let information = prior.information();
         let residual = self.residual();
-        // A turn of the camera carries its shift along; the change of the turn itself is as good as one, for small turns.
-        let shift: Vector3<f64> = residual.fixed_rows::<3>(3).into();
+        // A rotation of the camera also rotates its translation. The Jacobian of the rotation vector is nearly the identity.
+        let translation: Vector3<f64> = residual.fixed_rows::<3>(3).into();
         let mut jacobian = Matrix6::identity();
         jacobian
             .fixed_view_mut::<3, 3>(3, 0)
-            .copy_from(&-shift.cross_matrix());
+            .copy_from(&-translation.cross_matrix());
         let weighted = Matrix6::from_diagonal(&information) * jacobian;
         *gradient += weighted.tr_mul(&residual);
         *normal += weighted.tr_mul(&jacobian);
-        self.held_cost(prior)
+        self.prior_cost(prior)
     }
 
-    /// The cost of being away from the given pose.
-    pub(super) fn held_cost(&self, prior: &PosePrior) -> f64 {
+    /// Cost of the prior.
+    pub(super) fn prior_cost(&self, prior: &PosePrior) -> f64 {
         let residual = self.residual();
         prior.information().dot(&residual.component_mul(&residual))
     }
 
     fn residual(&self) -> Vector6<f64> {
         let correction = self.correction();
-        let turn = correction.rotation.scaled_axis();
-        let shift = correction.translation.vector;
-        Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
+        let rotation = correction.rotation.scaled_axis();
+        let translation = correction.translation.vector;
+        Vector6::new(
+            rotation.x,
+            rotation.y,
+            rotation.z,
+            translation.x,
+            translation.y,
+            translation.z,
+        )
     }
 }

@@ -67,6 +67,9 @@ impl SemiDenseFrontEnd {
         if let Some(stored) =
             CheckpointEntry::load(self.checkpoint.as_ref(), number, self.emits_provisional)
         {
+            if let Some(checkpoint) = &self.checkpoint {
+                checkpoint.count_reused();
+            }
             return Ok(stored.keyframe);
         }
         let first = self.entry(number).first.as_ref();

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use linecarve_carving::carver::{Carver, PointId};
+use linecarve_carving::{Carver, PointId};
 use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 use linecarve_lines::triangulation::SampleOptions;
 use nalgebra::Vector3;

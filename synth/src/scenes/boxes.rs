@@ -2,12 +2,12 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::super::scene::{Face, Lamp, Look, Scene, at};
+use super::super::scene::{BoxTextures, Face, Lamp, Scene, at};
 use super::super::texture::Texture;
 use super::super::trajectory::Path;
 
 impl Scene {
-    /// A small scene in which much of every image sees nothing.
+    /// A small scene in which large parts of the images show no surface.
     pub fn boxes() -> Self {
         let mut scene = Self::empty(
             "A table with a few boxes",
@@ -24,22 +24,22 @@ impl Scene {
                 closed: false,
             },
         );
-        let top = Look::hanging(Texture::wood([176, 128, 82], 1));
+        let top = BoxTextures::all_sides(Texture::wood([176, 128, 82], 1));
         scene.block([-0.7, -0.45, 0.68], [0.7, 0.45, 0.72], &top);
         for (x, y) in [(-0.64, -0.39), (0.64, -0.39), (-0.64, 0.39), (0.64, 0.39)] {
-            let leg = Look::hanging(Texture::wood([150, 104, 66], 2)).without(Face::Top);
+            let leg = BoxTextures::all_sides(Texture::wood([150, 104, 66], 2)).without(Face::Top);
             scene.cuboid(&at(x, y, 0.0, 0.0), [0.05, 0.05, 0.68], &leg);
         }
         let table = 0.72;
         scene.cuboid(
             &at(-0.32, 0.1, table, 0.35),
             [0.34, 0.26, 0.24],
-            &Look::standing(Texture::carton(3)),
+            &BoxTextures::standing(Texture::carton(3)),
         );
         scene.cuboid(
             &at(-0.3, 0.1, table + 0.24, 0.8),
             [0.16, 0.16, 0.12],
-            &Look::standing(Texture::plain([52, 110, 146], 4)).with(
+            &BoxTextures::standing(Texture::plain([52, 110, 146], 4)).with(
                 Face::Top,
                 Texture::stripes([52, 110, 146], [226, 224, 214], 0.04, 5),
             ),
@@ -47,12 +47,12 @@ impl Scene {
         scene.cuboid(
             &at(0.3, 0.18, table, -0.4),
             [0.22, 0.14, 0.34],
-            &Look::standing(Texture::poster(2, [196, 84, 62], [238, 188, 84], 6)),
+            &BoxTextures::standing(Texture::poster(2, [196, 84, 62], [238, 188, 84], 6)),
         );
         scene.cuboid(
             &at(0.22, -0.2, table, 0.15),
             [0.3, 0.21, 0.05],
-            &Look::standing(Texture::plain([140, 58, 62], 7)).with(
+            &BoxTextures::standing(Texture::plain([140, 58, 62], 7)).with(
                 Face::Top,
                 Texture::poster(0, [96, 148, 168], [60, 96, 72], 8),
             ),
@@ -60,7 +60,7 @@ impl Scene {
         scene.cuboid(
             &at(-0.1, -0.26, table, -0.2),
             [0.12, 0.12, 0.12],
-            &Look::standing(Texture::tiles([232, 230, 222], [64, 66, 72], 0.03, 9)),
+            &BoxTextures::standing(Texture::tiles([232, 230, 222], [64, 66, 72], 0.03, 9)),
         );
         scene.ambient = [0.34, 0.35, 0.37];
         scene.lamps.push(Lamp {

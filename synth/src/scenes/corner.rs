@@ -1,4 +1,4 @@
-//! Three white walls that meet in a corner: everything about it can be computed by hand.
+//! Three white walls that meet in a corner: all quantities can be computed by hand.
 
 use nalgebra::{Point3, Vector3};
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::super::scene::{Face, Lamp, Look, Scene, at};
+use super::super::scene::{BoxTextures, Face, Lamp, Scene, at};
 use super::super::surface::Surface;
 use super::super::texture::Texture;
 use super::super::trajectory::Path;
@@ -184,10 +184,10 @@ impl Scene {
             white(31),
         );
         // Its frame, towards the room.
-        let frame = Look::standing(white(32)).without(Face::West);
+        let frame = BoxTextures::standing(white(32)).without(Face::West);
         self.block([0.0, south - 0.08, 0.0], [0.025, south, top + 0.08], &frame);
         self.block([0.0, north, 0.0], [0.025, north + 0.08, top + 0.08], &frame);
-        let lintel = Look::hanging(white(33)).without(Face::West);
+        let lintel = BoxTextures::all_sides(white(33)).without(Face::West);
         self.block([0.0, south, top], [0.025, north, top + 0.08], &lintel);
     }
 
@@ -242,7 +242,7 @@ impl Scene {
             white(49),
         );
         // Bars before the pane, a frame before the wall, a sill.
-        let bar = Look::hanging(white(50)).without(Face::North);
+        let bar = BoxTextures::all_sides(white(50)).without(Face::North);
         let middle = 0.5 * (left + right);
         let front = DEPTH + deep - 0.04;
         self.block(
@@ -257,7 +257,7 @@ impl Scene {
             self.block([x0, front, low], [x1, DEPTH + deep, low + 0.05], &bar);
             self.block([x0, front, high - 0.05], [x1, DEPTH + deep, high], &bar);
         }
-        let frame = Look::hanging(white(51)).without(Face::North);
+        let frame = BoxTextures::all_sides(white(51)).without(Face::North);
         let out = DEPTH - 0.02;
         for (x0, x1, z0, z1) in [
             (left - 0.07, left, low, high + 0.07),
@@ -305,7 +305,7 @@ impl Scene {
         );
         self.surfaces.push(east);
         // A picture in a frame, which stands out from the wall.
-        let frame = Look::hanging(Texture::wood([84, 62, 44], 66)).without(Face::East);
+        let frame = BoxTextures::all_sides(Texture::wood([84, 62, 44], 66)).without(Face::East);
         let (y0, y1, z0, z1) = (0.75, 1.3, 1.35, 2.0);
         for (a, b, c, d) in [
             (y0, y1, z0, z0 + 0.04),
@@ -321,7 +321,7 @@ impl Scene {
             [0.0, 0.0, z1 - z0 - 0.08],
             Texture::poster(0, [176, 204, 214], [70, 110, 88], 67),
         );
-        let board = Look::standing(Texture::plain([240, 240, 236], 68));
+        let board = BoxTextures::standing(Texture::plain([240, 240, 236], 68));
         let (deep, high) = (0.016, 0.09);
         let (door_south, door_north, _) = DOOR;
         self.block(
@@ -368,7 +368,7 @@ impl Scene {
             [70, 110, 104],
             320,
         );
-        let keyboard = Look::standing(Texture::plain([58, 60, 64], 330)).with(
+        let keyboard = BoxTextures::standing(Texture::plain([58, 60, 64], 330)).with(
             Face::Top,
             Texture::tiles([58, 60, 64], [96, 98, 104], 0.02, 331),
         );
@@ -380,7 +380,7 @@ impl Scene {
         ];
         let mut z = 0.74;
         for (index, (size, color)) in stack.into_iter().enumerate() {
-            let look = Look::standing(Texture::plain(color, 340 + index as u64));
+            let look = BoxTextures::standing(Texture::plain(color, 340 + index as u64));
             self.cuboid(&at(2.86, 3.4, z, 0.2 - 0.25 * index as f64), size, &look);
             z += size[2];
         }
@@ -391,7 +391,7 @@ impl Scene {
             400,
         );
         self.table_lamp(&at(WIDTH - 0.26, 1.18, 0.72, 0.3), 420);
-        let radio = Look::standing(Texture::plain([178, 92, 60], 430)).with(
+        let radio = BoxTextures::standing(Texture::plain([178, 92, 60], 430)).with(
             Face::South,
             Texture::stripes([178, 92, 60], [60, 44, 40], 0.024, 431),
         );
@@ -403,24 +403,24 @@ impl Scene {
         self.cuboid(
             &at(WIDTH - 0.25, 2.25, 0.72, -FRAC_PI_2 - 0.25),
             [0.22, 0.2, 0.28],
-            &Look::standing(Texture::poster(3, [72, 118, 138], [240, 226, 190], 432)),
+            &BoxTextures::standing(Texture::poster(3, [72, 118, 138], [240, 226, 190], 432)),
         );
 
         // Cartons in the corner, one of them on another.
         self.cuboid(
             &at(4.12, 0.42, 0.0, 0.12),
             [0.6, 0.5, 0.42],
-            &Look::standing(Texture::carton(500)),
+            &BoxTextures::standing(Texture::carton(500)),
         );
         self.cuboid(
             &at(4.1, 0.42, 0.42, -0.18),
             [0.42, 0.36, 0.3],
-            &Look::standing(Texture::carton(501)),
+            &BoxTextures::standing(Texture::carton(501)),
         );
         self.cuboid(
             &at(3.55, 0.36, 0.0, -0.35),
             [0.34, 0.3, 0.28],
-            &Look::standing(Texture::carton(502)),
+            &BoxTextures::standing(Texture::carton(502)),
         );
 
         self.table(
@@ -429,22 +429,22 @@ impl Scene {
             [120, 80, 54],
             600,
         );
-        let book = Look::standing(Texture::plain([58, 96, 110], 610)).with(
+        let book = BoxTextures::standing(Texture::plain([58, 96, 110], 610)).with(
             Face::Top,
             Texture::poster(0, [226, 208, 170], [58, 96, 110], 611),
         );
         self.cuboid(&at(2.12, 1.84, 0.42, 0.4), [0.28, 0.21, 0.03], &book);
-        let tin = Look::standing(Texture::stripes([214, 174, 88], [120, 60, 52], 0.06, 612))
+        let tin = BoxTextures::standing(Texture::stripes([214, 174, 88], [120, 60, 52], 0.06, 612))
             .with(Face::Top, Texture::plain([214, 174, 88], 613));
         self.cuboid(&at(2.6, 1.95, 0.42, -0.3), [0.2, 0.15, 0.14], &tin);
         self.cuboid(
             &at(2.42, 1.74, 0.42, 0.7),
             [0.09, 0.09, 0.1],
-            &Look::standing(Texture::plain([236, 234, 226], 614)),
+            &BoxTextures::standing(Texture::plain([236, 234, 226], 614)),
         );
 
         // A chest beneath the window.
-        let chest = Look::standing(Texture::wood([92, 116, 112], 620)).with(
+        let chest = BoxTextures::standing(Texture::wood([92, 116, 112], 620)).with(
             Face::South,
             Texture::stripes([92, 116, 112], [74, 96, 92], 0.3, 621),
         );
@@ -452,7 +452,7 @@ impl Scene {
         self.cuboid(
             &at(1.2, DEPTH - 0.26, 0.46, 0.3),
             [0.3, 0.24, 0.16],
-            &Look::standing(Texture::plain([196, 88, 70], 622)),
+            &BoxTextures::standing(Texture::plain([196, 88, 70], 622)),
         );
     }
 }

@@ -249,8 +249,8 @@ fn every_check_has_a_case_in_the_test_report() {
         "{text}"
     );
     assert!(text.contains("room &lt;golden&gt;"), "{text}");
-    let report = quick_junit::Report::deserialize_from_str(&text).unwrap();
-    assert_eq!(report.test_suites[0].test_cases.len(), 5);
+    assert_eq!(text.matches("<testcase ").count(), 5);
+    assert_eq!(text.matches("</testcase>").count(), 5);
     crate::diff::write_junit_failure(&path, "room", "no such file").unwrap();
     assert!(
         std::fs::read_to_string(&path)

@@ -29,7 +29,7 @@ fn plain_box() -> Mesh {
     mesh
 }
 
-/// Cuts edges and triangles at random places, both sides of an edge in the same.
+/// Subdivides edges and triangles at random positions, the same on both sides of an edge.
 fn subdivide(mesh: &mut Mesh, cuts: usize, seed: u64) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     for _ in 0..cuts {
@@ -38,8 +38,8 @@ fn subdivide(mesh: &mut Mesh, cuts: usize, seed: u64) {
         let new = mesh.positions.len() as u32;
         let at = |vertex: u32| mesh.positions[vertex as usize].coords;
         if random.random::<f64>() < 0.3 {
-            let place = at(a) * 0.3 + at(b) * 0.4 + at(c) * 0.3;
-            mesh.positions.push(place.into());
+            let position = at(a) * 0.3 + at(b) * 0.4 + at(c) * 0.3;
+            mesh.positions.push(position.into());
             mesh.triangles[index] = [a, b, new];
             mesh.triangles.extend([[b, c, new], [c, a, new]]);
             continue;
@@ -84,8 +84,8 @@ fn found(mesh: &Mesh, lines: &[[Point3<f64>; 2]]) -> FeatureEdges {
 }
 
 fn ends(mesh: &Mesh, edges: &[FeatureEdge]) -> Vec<[[f64; 3]; 2]> {
-    let place = |v: u32| mesh.positions[v as usize].coords.into();
-    edges.iter().map(|edge| edge.ends.map(place)).collect()
+    let position = |v: u32| mesh.positions[v as usize].coords.into();
+    edges.iter().map(|edge| edge.ends.map(position)).collect()
 }
 
 /// The axis and the corner of the box's edge that has both points, when there is one.
@@ -193,12 +193,12 @@ fn a_line_drawn_on_a_flat_sheet_is_found_along_its_row() {
     assert_eq!(along([at(0.0, 0.0, 2.0), at(6.0, 6.0, 2.0)]).len(), 6);
     assert!(along([at(0.0, 2.5, 2.0), at(6.0, 2.5, 2.0)]).is_empty());
     assert!(along([at(0.0, 3.0, 2.01), at(6.0, 3.0, 2.01)]).is_empty());
-    // All around the sheet ends; along the line that is no rim and nothing else.
-    let rim = [at(0.0, 0.0, 2.0), at(6.0, 0.0, 2.0)];
-    assert_eq!(along(rim).len(), 6);
-    assert_eq!(of(rim, EdgeKind::Boundary, &options).len(), 18);
-    assert!(of(rim, EdgeKind::Crease, &options).is_empty());
-    // Where lines make edges from a turn on, a flat one makes none.
+    // The boundary of the grid; along the line the kind is `AlongLine` only.
+    let border = [at(0.0, 0.0, 2.0), at(6.0, 0.0, 2.0)];
+    assert_eq!(along(border).len(), 6);
+    assert_eq!(of(border, EdgeKind::Boundary, &options).len(), 18);
+    assert!(of(border, EdgeKind::Crease, &options).is_empty());
+    // With a minimum angle along lines, a flat edge is no feature.
     let turned = FeatureOptions {
         line_crease_angle_rad: 0.1,
         ..options
@@ -231,7 +231,7 @@ fn broken_meshes_and_lines_count_as_if_they_were_not_there() {
     let point = [Point3::new(1.0, 1.0, 2.0); 2];
     let edges = found(&mesh, &[nan, infinite, point]);
     assert_eq!(ends(&mesh, edges.edges()), whole);
-    // A triangle without area does not hide what meets along it, and none has a turn.
+    // A triangle without area does not hide what meets along it, and has no dihedral angle.
     mesh.triangles.push([3, 4, 5]);
     let _ = found(&mesh, &[]);
     assert!(found(&Mesh::default(), &[]).edges().is_empty());

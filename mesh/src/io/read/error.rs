@@ -1,10 +1,10 @@
-//! Why a geometry file is refused.
+//! Why a geometry file cannot be read.
 
 use std::path::{Path, PathBuf};
 
 use crate::types::GeometryError;
 
-/// Why a geometry file is refused.
+/// Why a geometry file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file cannot be read.
@@ -12,10 +12,10 @@ pub enum ReadError {
     Open {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// Neither name nor content tell the format.
+    /// Neither name nor content identify the format.
     #[error(
         "{}: the format is not known; PLY, OBJ, STL, glTF/GLB, and .xyz/.txt/.csv with rows `x y z` are read",
         path.display()
@@ -24,28 +24,28 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
-    /// The content breaks the rules of its format.
+    /// The content is not valid in its format.
     #[error("{}: not a readable {format} file: {message}", path.display())]
     Content {
         /// The file.
         path: PathBuf,
-        /// The format that was expected.
+        /// The expected format.
         format: &'static str,
-        /// What is wrong, with the line where the format has lines.
+        /// The fault, with its line in text formats.
         message: String,
     },
-    /// A vertex is not a number or an index out of range.
+    /// A coordinate is not finite or an index out of range.
     #[error("{}: {fault}; repair the file, or write it again from its source", path.display())]
     Geometry {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         fault: GeometryError,
     },
 }
 
 impl ReadError {
-    /// For `Result::map_err` on the message of a format's parser.
+    /// Wraps the message of a format's parser.
     pub(super) fn content(path: &Path, format: &'static str) -> impl FnOnce(String) -> Self {
         let path = path.to_owned();
         move |message| Self::Content {

@@ -1,8 +1,8 @@
 //! Reading meshes, line sets and point clouds.
 //!
-//! [`read_geometry`] takes PLY (ASCII and both binary kinds), OBJ, STL (ASCII and binary), glTF and GLB, and text with a
-//! point in each row, and gives a [`Shape`]. The content decides about the format where it can, the name otherwise.
-//! Everything is checked before it is handed out: coordinates are finite, elements name points that are there.
+//! [`read_geometry`] reads PLY (ASCII and binary), OBJ, STL (ASCII and binary), glTF and GLB, and text with one point
+//! per row, into a [`Shape`]. The content decides the format where it can, otherwise the name. The result is checked:
+//! coordinates are finite and indices in range.
 
 mod accessor;
 mod error;
@@ -17,7 +17,7 @@ use std::path::Path;
 use crate::shape::Shape;
 pub use error::ReadError;
 
-/// Formats that are read.
+/// Input formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
     Ply,
@@ -29,15 +29,15 @@ enum Format {
 
 /// Reads a mesh, a line set or a point cloud.
 ///
-/// Points keep the order that they have in the file, colours become sRGB of 8 bits. Polygons are cut into fans, polylines
-/// into lines. glTF is brought back into the frame that `extras.original_from_gltf` of its scene names; without it
-/// coordinates are taken as they stand. The corners of STL are joined where they are equal.
+/// Points keep the order of the file; colours become 8-bit sRGB. Polygons are triangulated as fans, polylines split
+/// into lines. glTF is transformed to the frame that `extras.original_from_gltf` of its scene defines, if present.
+/// STL corners with equal coordinates are merged.
 ///
-/// An empty file of a known format is an empty [`Shape`], not an error: whether that will do is the caller's matter.
+/// An empty file of a known format gives an empty [`Shape`], not an error.
 ///
 /// # Errors
 /// When the file cannot be read, its format is not known, its content is damaged, a coordinate is not finite or an
-/// element names a point that is not there.
+/// index is out of range.
 pub fn read_geometry(path: &Path) -> Result<Shape, ReadError> {
     let bytes = std::fs::read(path).map_err(|source| ReadError::Open {
         path: path.to_owned(),

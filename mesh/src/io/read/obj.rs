@@ -1,21 +1,20 @@
 //! Wavefront OBJ.
 //!
-//! Rows of `v`, `f`, `l` and `p` are read here and not by a library: those at hand give every group a list of vertices of its
-//! own, which tears meshes along groups, leave out what no face uses, and cannot say in which line a fault lies.
-//! Texture coordinates, normals, materials and names are passed over.
+//! `v`, `f`, `l` and `p` rows are parsed here because available libraries give every group its own vertices, which
+//! separates meshes along groups, omit unreferenced vertices, and report no line numbers.
 
 use nalgebra::Point3;
 
 use crate::shape::Shape;
 
-/// Parses a file; the message of a failure names the line.
+/// Parses a file; error messages name the line.
 pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     let mut parser = Parser::default();
     let mut logical = String::new();
     for (number, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
         let text = String::from_utf8_lossy(line);
         let text = text.trim();
-        // A backslash at the end goes on in the next line.
+        // A backslash continues the line.
         if let Some(begun) = text.strip_suffix('\\') {
             logical.push_str(begun);
             logical.push(' ');
@@ -40,7 +39,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
 #[derive(Default)]
 struct Parser {
     shape: Shape,
-    /// One for each vertex so far, or none.
+    /// Colours of all vertices so far, or none.
     colors: Vec<[u8; 3]>,
     has_known_row: bool,
 }
@@ -82,7 +81,7 @@ impl Parser {
         Ok(())
     }
 
-    /// `v x y z`, then perhaps a weight, or red, green and blue from 0 to 1.
+    /// `v x y z`, optionally followed by a weight or by red, green and blue from 0 to 1.
     fn vertex<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Result<(), String> {
         let mut numbers = [0.0_f64; 7];
         let mut count = 0;
@@ -93,7 +92,9 @@ impl Parser {
             if count == numbers.len() {
                 return Err("more than seven numbers in a vertex".to_owned());
             }
-            numbers[count] = word.parse().map_err(|_| format!("`{word}` is no number"))?;
+            numbers[count] = word
+                .parse()
+                .map_err(|_| format!("`{word}` is not a number"))?;
             count += 1;
         }
         if count < 3 {
@@ -105,7 +106,7 @@ impl Parser {
         let [x, y, z, ..] = numbers;
         let before = self.shape.positions.len();
         self.shape.positions.push(Point3::new(x, y, z));
-        // Colours are given for all vertices or are not used.
+        // Colours are used only if all vertices have them.
         if count >= 6 && self.colors.len() == before {
             let [r, g, b] = [count - 3, count - 2, count - 1]
                 .map(|at| (numbers[at] * 255.0).round().clamp(0.0, 255.0) as u8);
@@ -121,15 +122,15 @@ impl Parser {
         let count = self.shape.positions.len();
         let given: i64 = number
             .parse()
-            .map_err(|_| format!("`{word}` names no vertex"))?;
+            .map_err(|_| format!("`{word}` is not a vertex index"))?;
         let index = match given {
             1.. => given - 1,
-            0 => return Err("vertex 0 is named; vertices count from 1".to_owned()),
+            0 => return Err("a reference to vertex 0; vertices count from 1".to_owned()),
             _ => count as i64 + given,
         };
-        // A positive index may name a vertex that comes later: the whole is checked at the end.
+        // A positive index may refer to a later vertex: the range is checked at the end.
         u32::try_from(index)
-            .map_err(|_| format!("vertex {given} is named, there are {count} so far"))
+            .map_err(|_| format!("a reference to vertex {given}, but there are {count} so far"))
     }
 
     fn finish(mut self) -> Shape {

@@ -1,7 +1,7 @@
 //! PLY, ASCII and binary of both byte orders.
 //!
-//! Read are `vertex` (`x`, `y`, `z`, and `red`, `green`, `blue` where all three are there), `face` (a list `vertex_indices` or
-//! `vertex_index`) and `edge` (`vertex1`, `vertex2`); all other elements and properties are passed over.
+//! Elements read: `vertex` (`x`, `y`, `z`, and `red`, `green`, `blue` if all three are present), `face` (a list
+//! `vertex_indices` or `vertex_index`) and `edge` (`vertex1`, `vertex2`). Other elements and properties are ignored.
 
 use std::io::{BufRead, Cursor, Read};
 use std::marker::PhantomData;
@@ -18,10 +18,10 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     if bytes.is_empty() {
         return Err("the file is empty".to_owned());
     }
-    // The last number of a text may end with the file; the reader wants a blank behind it.
+    // The parser needs a blank after the last number of a text file.
     let source = Cursor::new(bytes).chain(&b"\n"[..]);
     let mut reader = PlyReader::from_reader(source).map_err(|error| error.0.to_string())?;
-    check_promises(&reader, bytes.len())?;
+    check_declared_sizes(&reader, bytes.len())?;
     let mut shape = Shape::default();
     while let Some(element) = reader.current_element().cloned() {
         read_element(&mut reader, &element, &mut shape)
@@ -30,15 +30,15 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     Ok(shape)
 }
 
-/// Refuses a head that promises more than the file can hold, before anything waits for it.
-fn check_promises<R: BufRead>(reader: &PlyReader<R>, length: usize) -> Result<(), String> {
+/// Refuses a header that declares more elements than the file can hold, before memory is allocated.
+fn check_declared_sizes<R: BufRead>(reader: &PlyReader<R>, length: usize) -> Result<(), String> {
     let header = reader.header();
     for element in &header.elem_defs {
         let least: usize = element
             .properties
             .iter()
             .map(|property| match (header.format, &property.property_type) {
-                // A digit and a blank.
+                // At least a digit and a blank.
                 (PlyFormat::Ascii, _) => 2,
                 (_, PropertyType::Scalar(scalar)) => size(*scalar),
                 (_, PropertyType::List { count_type, .. }) => size(*count_type),
@@ -47,10 +47,10 @@ fn check_promises<R: BufRead>(reader: &PlyReader<R>, length: usize) -> Result<()
         if element.count > 0 && least == 0 {
             return Err(format!("element {} has rows and no property", element.name));
         }
-        // The blank behind the last number of a text may be missing.
+        // The blank after the last number may be missing.
         if element.count.saturating_mul(least) > length + 1 {
             return Err(format!(
-                "the head promises {} rows of {}, more than {length} bytes can hold: the file is cut short or damaged",
+                "the header declares {} rows of {}, more than {length} bytes can hold: the file is cut short or damaged",
                 element.count, element.name
             ));
         }
@@ -127,7 +127,7 @@ fn read_element<R: BufRead>(
     Ok(())
 }
 
-/// What brings colour channels to 0..255; `None` when the vertices have no colour.
+/// Factor from colour channels to 0..255; `None` when the vertices have no colours.
 fn channel_scale(element: &ElementDef) -> Option<f32> {
     let mut scale = None;
     for name in ["red", "green", "blue"] {
@@ -148,7 +148,7 @@ fn rows<T: for<'de> Deserialize<'de>, R: BufRead>(
     Ok(rows.0)
 }
 
-/// The rows of an element; a failure names the row.
+/// The rows of an element; error messages name the row.
 struct Rows<T>(Vec<T>);
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for Rows<T> {
@@ -162,7 +162,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Rows<T> {
             }
 
             fn visit_seq<A: SeqAccess<'de>>(self, mut rows: A) -> Result<Rows<T>, A::Error> {
-                // The head's promise was held against the length of the file.
+                // The declared count was checked against the file length.
                 let mut all = Vec::with_capacity(rows.size_hint().unwrap_or(0));
                 loop {
                     match rows.next_element() {
@@ -209,7 +209,7 @@ impl ColoredVertex {
     }
 
     fn color(&self, scale: f32) -> [u8; 3] {
-        // The conversion saturates, and takes what is not a number for 0.
+        // The conversion saturates and maps NaN to 0.
         [self.red, self.green, self.blue].map(|channel| (channel * scale).round() as u8)
     }
 }
@@ -231,7 +231,7 @@ struct Edge {
 #[derive(Deserialize)]
 struct Ignored {}
 
-/// The corners of a polygon. Triangles, the rule, need no memory of their own.
+/// Corners of a polygon; triangles are stored inline.
 struct Corners {
     count: usize,
     first: [i64; 3],
@@ -239,7 +239,7 @@ struct Corners {
 }
 
 impl Corners {
-    /// Adds the fan of the polygon.
+    /// Adds the triangle fan of the polygon.
     fn add_to(&self, triangles: &mut Vec<[u32; 3]>) -> Result<(), String> {
         if self.count < 3 {
             return Err(format!("a face of {} corners", self.count));
@@ -282,7 +282,7 @@ impl<'de> Deserialize<'de> for Corners {
                 };
                 while let Some(corner) = list.next_element()? {
                     match corners.first.get_mut(corners.count) {
-                        Some(place) => *place = corner,
+                        Some(slot) => *slot = corner,
                         None => corners.rest.push(corner),
                     }
                     corners.count += 1;
@@ -421,7 +421,7 @@ mod tests {
             ),
             (
                 text().replace("element vertex 4", "element vertex 4000000000000"),
-                &["promises", "vertex"],
+                &["declares", "vertex"],
             ),
             (
                 "ply\nformat ascii 1.0\nelement ghost 9\nend_header\n".to_owned(),

@@ -1,14 +1,14 @@
-//! Text with a point in each row: `x y z`, separated by blanks, commas or semicolons.
+//! Text with one point per row: `x y z`, separated by blanks, commas or semicolons.
 //!
-//! Further columns are passed over, but for three whole numbers from 0 to 255 behind the coordinates, which are taken for a
-//! colour when every row has them. Rows that begin with `#` or `//` are comments; a first row of names, or of the
-//! number of points, is passed over.
+//! Three integers from 0 to 255 after the coordinates are a colour if every row has them; other columns are ignored.
+//! Rows that begin with `#` or `//` are comments. A first row of column names or with the number of points is
+//! ignored.
 
 use nalgebra::Point3;
 
 use crate::shape::Shape;
 
-/// Parses a file; the message of a failure names the line.
+/// Parses a file; error messages name the line.
 pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     let mut shape = Shape::default();
     let mut colors = Vec::new();

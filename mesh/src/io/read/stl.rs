@@ -7,11 +7,11 @@ use nalgebra::Point3;
 
 use crate::shape::Shape;
 
-/// Bytes of a binary file before its triangles, and of each triangle.
+/// Header length of a binary file, and length of a triangle.
 const HEAD: usize = 84;
 const TRIANGLE: usize = 50;
 
-/// Parses a file. Corners with equal coordinates become one vertex, in the order of their first use.
+/// Parses a file. Corners with equal coordinates become one vertex, ordered by first use.
 pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     let mut welder = Welder::default();
     if bytes.is_empty() {
@@ -19,7 +19,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     }
     if is_text(bytes) {
         for (start, solid) in solids(bytes) {
-            // The reader wants a blank behind the first word, which files without a name lack.
+            // The parser needs a blank after the first word, which files without a name lack.
             let body = &solid[5.min(solid.len())..];
             let mut text = b"solid ".to_vec();
             text.extend_from_slice(body);
@@ -31,7 +31,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     }
     if bytes.len() < HEAD {
         return Err(format!(
-            "{} bytes are less than the {HEAD} of its head",
+            "{} bytes are fewer than the {HEAD} of its header",
             bytes.len()
         ));
     }
@@ -39,17 +39,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     let present = (bytes.len() - HEAD) / TRIANGLE;
     if count > present {
         return Err(format!(
-            "the head promises {count} triangles, the file has room for {present}: it is cut short"
+            "the header declares {count} triangles, but the file has room for {present}: it is cut short"
         ));
     }
-    // A binary file may begin with the word that marks text: its head means nothing, so it is blanked.
+    // The header of a binary file may begin with `solid`, which marks text. It has no meaning, so it is blanked.
     let mut binary = vec![0; 80];
     binary.extend_from_slice(&bytes[80..]);
     welder.read(binary).map_err(|error| error.to_string())?;
     Ok(welder.shape)
 }
 
-/// Whether a file is text: it begins like text, and its length is not what its binary head would promise.
+/// Whether a file is text: it begins with `solid`, and its length is not that of a binary file.
 fn is_text(bytes: &[u8]) -> bool {
     if !bytes.starts_with(b"solid") {
         return false;
@@ -63,7 +63,7 @@ fn is_text(bytes: &[u8]) -> bool {
     }
 }
 
-/// The parts of a text file, each from a line that begins with `solid`, with the number of that line.
+/// The solids of a text file, each with its first line number.
 fn solids(bytes: &[u8]) -> Vec<(usize, &[u8])> {
     let mut starts = Vec::new();
     let mut offset = 0;
@@ -86,11 +86,11 @@ fn solids(bytes: &[u8]) -> Vec<(usize, &[u8])> {
         .collect()
 }
 
-/// Joins equal corners.
+/// Merges equal corners.
 #[derive(Default)]
 struct Welder {
     shape: Shape,
-    /// By the bits of the coordinates; only looked up, never walked through.
+    /// Keyed by the bits of the coordinates. Never iterated: hash order cannot reach the output.
     known: HashMap<[u32; 3], u32>,
 }
 

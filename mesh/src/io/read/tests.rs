@@ -161,6 +161,75 @@ fn modes_and_nodes_of_gltf_are_followed() {
     assert_eq!(shape.triangles, [[0, 2, 1]]);
 }
 
+/// Exact: both compute in single precision, in the same order.
+#[test]
+fn node_transforms_agree_with_the_gltf_crate() {
+    let nodes = [
+        r#"{"mesh": 0, "translation": [1.5, -2, 3], "rotation": [0.1, -0.2, 0.3, 0.9], "scale": [2, 3.1, -0.5]}"#,
+        r#"{"mesh": 0, "rotation": [0.70710677, 0, 0, 0.70710677]}"#,
+        r#"{"mesh": 0, "matrix": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 2, 0, 0.1, 0.2, 0.3, 1]}"#,
+    ];
+    for node in nodes {
+        let text = document(4, node, "");
+        let theirs = ::gltf::Gltf::from_slice(text.as_bytes()).unwrap();
+        let matrix = theirs.nodes().next().unwrap().transform().matrix();
+        let matrix = nalgebra::Matrix4::<f32>::from(matrix).cast::<f64>();
+        let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]];
+        let expected = points.map(|point| matrix.transform_point(&Point3::from(point)));
+        let shape = read_bytes("a.gltf", text.as_bytes()).unwrap();
+        assert_eq!(shape.positions, expected, "{node}");
+    }
+}
+
+#[test]
+fn every_index_of_gltf_is_checked() {
+    let good = document(4, r#"{"mesh": 0}"#, "");
+    for (from, to, word) in [
+        ("\"POSITION\": 0", "\"POSITION\": 2", "accessor 2"),
+        ("\"indices\": 1", "\"indices\": 9", "accessor 9"),
+        ("\"mode\": 4", "\"mode\": 4, \"material\": 0", "material 0"),
+        ("\"mode\": 4", "\"mode\": 7", "7 is not a mode"),
+        (
+            "\"buffer\": 0, \"byteOffset\"",
+            "\"buffer\": 1, \"byteOffset\"",
+            "buffer 1",
+        ),
+        ("\"bufferView\": 1", "\"bufferView\": 2", "buffer view 2"),
+        ("\"bufferView\": 1, ", "", "no data"),
+        ("{\"mesh\": 0}", "{\"mesh\": 1}", "mesh 1"),
+        (
+            "{\"mesh\": 0}",
+            "{\"mesh\": 0, \"children\": [5]}",
+            "node 5",
+        ),
+        ("\"nodes\": [0]", "\"nodes\": [3]", "node 3"),
+        ("\"scene\": 0", "\"scene\": 4", "scene 4"),
+        ("\"min\": [0, 0, 0], ", "", "min and max"),
+        ("\"POSITION\"", "\"NORMAL\"", "no positions"),
+        ("\"type\": \"VEC3\"", "\"type\": \"VEC5\"", "VEC5"),
+        ("\"asset\"", "\"assets\"", "asset"),
+        (
+            "\"scene\": 0",
+            "\"scene\": 0, \"extensionsRequired\": [\"KHR_draco_mesh_compression\"]",
+            "uncompressed",
+        ),
+        (
+            "\"scene\": 0",
+            "\"scene\": 0, \"extensionsRequired\": [\"EXT_unknown\"]",
+            "EXT_unknown",
+        ),
+    ] {
+        assert!(good.contains(from), "{from}");
+        let damaged = good.replacen(from, to, 1);
+        let message = read_bytes("a.gltf", damaged.as_bytes()).unwrap_err();
+        let message = message.to_string();
+        assert!(message.contains(word), "{to}: {message}");
+    }
+    let unlit = "\"scene\": 0, \"extensionsRequired\": [\"KHR_materials_unlit\"]";
+    let unlit = good.replacen("\"scene\": 0", unlit, 1);
+    assert!(read_bytes("a.gltf", unlit.as_bytes()).is_ok());
+}
+
 /// Found by fuzzing.
 #[test]
 fn a_binary_file_shorter_than_its_header_is_told() {
@@ -224,7 +293,7 @@ fn unknown_missing_and_not_finite_are_refused_by_name() {
     assert!(message("a.blend", b"BLENDER").contains("PLY, OBJ, STL"));
     assert!(message("noextension", b"").contains("not known"));
     assert!(message("a.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").contains("vertex 0"));
-    assert!(message("a.obj", b"v 0 0 0\nf 1 2 9\n").contains("names vertex 1"));
+    assert!(message("a.obj", b"v 0 0 0\nf 1 2 9\n").contains("refers to vertex 1"));
     assert!(message("a.txt", b"1 2 inf\n").contains("not finite"));
     assert!(message("a.ply", b"").contains("empty"));
     let error = read_geometry(&PathBuf::from("nowhere.ply")).unwrap_err();

@@ -65,7 +65,7 @@ fn simplified(mesh: &TriangleMesh, tolerance: f64) -> TriangleMesh {
     result.mesh
 }
 
-/// Demands that the surfaces lie within the tolerance of each other, and hang together alike.
+/// Asserts that the surfaces are within the tolerance of each other and have the same topology.
 fn demand_same(mesh: &TriangleMesh, reduced: &TriangleMesh, tolerance: f64) {
     let options = DiffOptions {
         tolerance: Tolerance::Length(tolerance),
@@ -126,8 +126,8 @@ fn a_wide_noisy_wall_becomes_few_triangles() {
 }
 
 #[test]
-fn holes_rims_and_islands_stay() {
-    // A wall with two windows, and a ledge that hangs on one of its rims.
+fn holes_boundaries_and_islands_stay() {
+    // A wall with two windows, and a ledge that is attached to one of its boundaries.
     let n = 12;
     let mut mesh = TriangleMesh::default();
     for j in 0..=n {
@@ -157,12 +157,12 @@ fn holes_rims_and_islands_stay() {
 
 /// Two windows that touch in a corner, whose vertex is split as manifold repair does it.
 #[test]
-fn vertices_at_one_place_do_not_keep_a_wall_as_it_is() {
+fn vertices_at_one_position_do_not_keep_a_wall_as_it_is() {
     let n = 12;
     let at = |i: u32, j: u32| j * (n + 1) + i;
     let mut mesh = TriangleMesh::default();
-    for place in 0..(n + 1) * (n + 1) {
-        let (i, j) = (place % (n + 1), place / (n + 1));
+    for index in 0..(n + 1) * (n + 1) {
+        let (i, j) = (index % (n + 1), index / (n + 1));
         mesh.positions
             .push(Point3::new(f64::from(i), f64::from(j), 0.0));
     }
@@ -293,7 +293,7 @@ fn the_edges_of_a_box_remain_edges() {
     demand_same(&mesh, &result.mesh, tolerance);
 }
 
-/// A roof that turns by 20 degrees: no crease by itself, one where a line is known.
+/// A roof with a dihedral angle of 20 degrees: no crease by itself, one where a line is known.
 #[test]
 fn a_known_line_keeps_a_shallow_edge() {
     let n = 16;
@@ -332,8 +332,8 @@ fn a_known_line_keeps_a_shallow_edge() {
 /// Walls of squares in a plane: those of a grid of n by n that are wanted, each of some size.
 fn squares(n: u32, size: f64, is_wanted: impl Fn(u32, u32) -> bool) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
-    for place in 0..(n + 1) * (n + 1) {
-        let (i, j) = (place % (n + 1), place / (n + 1));
+    for index in 0..(n + 1) * (n + 1) {
+        let (i, j) = (index % (n + 1), index / (n + 1));
         mesh.positions
             .push(Point3::new(f64::from(i) * size, f64::from(j) * size, 0.0));
     }
@@ -347,7 +347,7 @@ fn squares(n: u32, size: f64, is_wanted: impl Fn(u32, u32) -> bool) -> TriangleM
     mesh
 }
 
-fn with_rim_tolerance(
+fn with_boundary_tolerance(
     mesh: &TriangleMesh,
     tolerance: f64,
     boundary_tolerance: f64,
@@ -368,7 +368,7 @@ fn with_rim_tolerance(
     result
 }
 
-/// How many triangles lie over a place in the plane, its own sides left out.
+/// Number of triangles that cover a point of the plane in their interior.
 fn layers(mesh: &TriangleMesh, x: f64, y: f64) -> usize {
     let is_over = |triangle: &&[u32; 3]| {
         let [a, b, c] = triangle.map(|corner| mesh.positions[corner as usize]);
@@ -382,7 +382,7 @@ fn layers(mesh: &TriangleMesh, x: f64, y: f64) -> usize {
 
 /// A rough wall with spurs and notches around it, and a jagged hole.
 #[test]
-fn jagged_rims_straighten_and_the_surface_keeps_its_plane() {
+fn jagged_boundaries_straighten_and_the_surface_keeps_its_plane() {
     let (n, size) = (30, 0.05);
     let jagged = squares(n, size, |i, j| {
         let is_hole = (12 + j % 2..18 - i % 2).contains(&i) && (11..19).contains(&j);
@@ -395,8 +395,8 @@ fn jagged_rims_straighten_and_the_surface_keeps_its_plane() {
         let areas = mesh.triangles.iter();
         areas.map(|t| 0.5 * doubled_area(&corners(t)).z).sum()
     };
-    let tight = with_rim_tolerance(&mesh, 0.002, 0.0);
-    let loose = with_rim_tolerance(&mesh, 0.002, 0.07);
+    let tight = with_boundary_tolerance(&mesh, 0.002, 0.0);
+    let loose = with_boundary_tolerance(&mesh, 0.002, 0.07);
     let counts = [&tight, &loose].map(|result| result.mesh.triangles.len());
     assert!(counts[1] * 4 < counts[0], "{counts:?}");
     assert!(tight.largest_boundary_distance == 0.0 && loose.largest_boundary_distance > 0.01);
@@ -405,7 +405,7 @@ fn jagged_rims_straighten_and_the_surface_keeps_its_plane() {
     assert!((share - 1.0).abs() < 0.07, "{share}");
 }
 
-/// Two walls beside each other in one plane, with less between them than rims may move.
+/// Two walls beside each other in one plane, with less between them than boundaries may move.
 #[test]
 fn walls_on_both_sides_of_a_slit_stay_apart() {
     let n = 24;
@@ -414,17 +414,17 @@ fn walls_on_both_sides_of_a_slit_stay_apart() {
             let edge = 11 + (j * 7 / 3) % 3;
             i < edge || i >= edge + gap
         });
-        let reduced = with_rim_tolerance(&mesh, 0.002, 0.12).mesh;
+        let reduced = with_boundary_tolerance(&mesh, 0.002, 0.12).mesh;
         assert!(reduced.triangles.len() * 6 < mesh.triangles.len());
-        for place in 0..240 * 240 {
-            let (x, y) = (f64::from(place % 240), f64::from(place / 240));
+        for index in 0..240 * 240 {
+            let (x, y) = (f64::from(index % 240), f64::from(index / 240));
             let (x, y) = (0.0050137 * x, 0.0050079 * y);
             assert!(layers(&reduced, x, y) <= 1, "{x} {y}");
         }
     }
 }
 
-/// A jagged floor ends before a wall, by less than rims may move.
+/// A jagged floor ends before a wall, by less than boundaries may move.
 #[test]
 fn a_floor_does_not_come_out_behind_the_wall() {
     let n = 20;
@@ -438,13 +438,13 @@ fn a_floor_does_not_come_out_behind_the_wall() {
     mesh.positions.extend(upright);
     let triangles = wall.triangles.iter().map(|t| t.map(|c| c + first));
     mesh.triangles.extend(triangles);
-    let reduced = with_rim_tolerance(&mesh, 0.002, 0.08).mesh;
+    let reduced = with_boundary_tolerance(&mesh, 0.002, 0.08).mesh;
     assert!(reduced.positions.iter().all(|p| p.x <= 0.9721));
     assert!(reduced.triangles.len() * 20 < mesh.triangles.len());
 }
 
 #[test]
-fn rims_along_known_lines_keep_the_tolerance() {
+fn boundaries_along_known_lines_keep_the_tolerance() {
     let mesh = squares(12, 1.0, |i, j| {
         !((2..5).contains(&j) && (4..8).contains(&i))
     });
@@ -473,7 +473,7 @@ fn rims_along_known_lines_keep_the_tolerance() {
 }
 
 #[test]
-fn rims_are_jagged_by_their_edges() {
+fn the_default_boundary_tolerance_follows_the_edge_lengths() {
     let mesh = squares(6, 0.05, |i, j| i + j > 0);
     assert!((default_boundary_tolerance(&mesh, 0.002) - 0.025).abs() < 1e-12);
     assert!((default_boundary_tolerance(&mesh, 0.0001) - 0.002).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Cameras about a cloud of points whose poses are disturbed: where they belong is known.
+//! Bundle adjustment of disturbed cameras with ground truth.
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
@@ -28,8 +28,8 @@ struct Scene {
     points: Vec<Point3<f64>>,
 }
 
-/// Given poses are off by `pose_px`, pixels by `pixel`; points start from where they are, off by 2 % of their distance. One
-/// sight in `wrong` is at a random place.
+/// Pose errors of `pose_px`, pixel errors of `pixel`, points that start off by 2 % of their distance. One observation in `wrong` is
+/// at a random pixel.
 fn scene(cameras: u32, pose_px: f64, pixel: f64, wrong: Option<usize>) -> Scene {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let truths: Vec<Isometry3<f64>> = (0..cameras).map(truth).collect();
@@ -48,34 +48,34 @@ fn scene(cameras: u32, pose_px: f64, pixel: f64, wrong: Option<usize>) -> Scene 
         .collect();
     let mut tracks = Vec::new();
     let mut points = Vec::new();
-    let mut sights_made = 0;
+    let mut made = 0;
     for _ in 0..400 {
         let mut at = |low: f64, high: f64| random.random_range(low..high);
         let point = Point3::new(at(-1.0, 2.0), at(-0.8, 0.8), at(2.0, 4.0));
         let start = point + Vector3::new(at(-0.04, 0.04), at(-0.04, 0.04), at(-0.08, 0.08));
-        let mut sights = Vec::new();
+        let mut observations = Vec::new();
         for (index, truth) in truths.iter().enumerate() {
             let seen = camera().project(&(truth.inverse() * point)).unwrap();
             if !(seen.x > 0.0 && seen.y > 0.0 && seen.x < 639.0 && seen.y < 479.0) {
                 continue;
             }
-            sights_made += 1;
-            let is_wrong = wrong.is_some_and(|every| sights_made % every == 0);
+            made += 1;
+            let is_wrong = wrong.is_some_and(|every| made % every == 0);
             let pixel = if is_wrong {
                 Point2::new(at(0.0, 639.0), at(0.0, 479.0))
             } else {
                 seen + nalgebra::Vector2::new(at(-1.0, 1.0), at(-1.0, 1.0)) * pixel
             };
-            sights.push(TrackObservation {
+            observations.push(TrackObservation {
                 camera: index as u32,
                 pixel,
                 sigma_px: 1.0,
             });
         }
-        if sights.len() >= 2 {
+        if observations.len() >= 2 {
             tracks.push(Track {
                 point_in_world: start,
-                observations: sights,
+                observations,
             });
             points.push(point);
         }
@@ -105,7 +105,7 @@ fn difference_px(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     .fold(0.0, f64::max)
 }
 
-/// With the camera as it is.
+/// An adjustment with a fixed lens.
 fn adjust_poses(
     poses: &mut [CorrectedPose],
     free: &[u32],
@@ -195,11 +195,11 @@ fn the_lens_is_found_along_with_disturbed_poses() {
         let distorting = CorrectedLens::new(camera()).moved(k1).unwrap();
         let mut s = scene(10, 4.0, 0.0, None);
         for (track, point) in s.tracks.iter_mut().zip(&s.points) {
-            for sight in &mut track.observations {
-                let in_camera = s.truths[sight.camera as usize].inverse() * point;
+            for observation in &mut track.observations {
+                let in_camera = s.truths[observation.camera as usize].inverse() * point;
                 let straight = camera().project(&in_camera).unwrap();
                 let bent = distorting.camera().project(&in_camera).unwrap();
-                sight.pixel += bent - straight;
+                observation.pixel += bent - straight;
             }
         }
         let prior = PosePrior::in_pixels(4.0, 525.0, 3.0);
@@ -271,14 +271,14 @@ fn one_camera_finds_its_place_among_known_points() {
             .iter()
             .zip(&s.points)
             .filter_map(|(track, point)| {
-                let sight = track
+                let observation = track
                     .observations
                     .iter()
-                    .find(|sight| sight.camera == index)?;
+                    .find(|observation| observation.camera == index)?;
                 Some(KnownPoint {
                     point_in_world: *point,
                     covariance: Matrix3::identity() * 1e-6,
-                    pixel: sight.pixel,
+                    pixel: observation.pixel,
                     sigma_px: 0.7,
                 })
             })

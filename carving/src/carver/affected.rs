@@ -1,0 +1,138 @@
+//! Which existing observations a transaction affects, and whether its final state is valid.
+
+use super::Carver;
+use super::error::TransactionError;
+use super::ids::{PointId, ViewId};
+use super::transaction::{PendingChange, Plan, PlannedWeights};
+use crate::visibility::{ObservationId, ObservationTable, Visibility};
+
+/// Existing observations that the transaction removes or modifies, sorted.
+pub(super) struct Affected {
+    pub(super) rays: Vec<ObservationId>,
+    pub(super) segments: Vec<ObservationId>,
+}
+
+impl Plan {
+    pub(super) fn affected(&self, carver: &Carver) -> Affected {
+        Affected {
+            rays: self.affected_of(carver, carver.rays.table(), &self.rays),
+            segments: self.affected_of(carver, carver.segments.table(), &self.segments),
+        }
+    }
+
+    /// Existing observations of one kind that end, or whose position, deviation or weight changes; sorted.
+    fn affected_of<const N: usize>(
+        &self,
+        carver: &Carver,
+        table: &impl ObservationTable<N>,
+        planned: &PlannedWeights<N>,
+    ) -> Vec<ObservationId> {
+        let mut affected = Vec::new();
+        for &point in self.points.keys() {
+            affected.extend(table.of_point(point));
+        }
+        if carver.cells.evidence.is_on() {
+            for &point in self.sigmas.keys() {
+                affected.extend(table.of_point(point));
+            }
+        }
+        for &view in self.views.keys() {
+            affected.extend(table.of_view(view));
+        }
+        let old_views = carver.views.capacity() as u32;
+        let old = planned.iter().filter(|(view, ..)| *view < old_views);
+        affected.extend(old.filter_map(|(view, points, _)| table.find(view, points)));
+        affected.sort_unstable();
+        affected.dedup();
+        affected
+    }
+
+    /// Drops moves of points and views to where they are, and deviations that are set already.
+    pub(super) fn drop_idle_changes(&mut self, carver: &Carver) {
+        self.points.retain(|&point, change| {
+            carver
+                .points
+                .get(point)
+                .is_none_or(|old| *change != PendingChange::Moved(old.position))
+        });
+        self.views
+            .retain(|&view, change| *change != PendingChange::Moved(*carver.views.center(view)));
+        self.sigmas
+            .retain(|&point, sigma| carver.points.sigma(point) != *sigma);
+    }
+
+    /// Position of a point after the transaction.
+    fn final_point(&self, carver: &Carver, point: u32) -> Option<[f64; 3]> {
+        match (point as usize).checked_sub(carver.points.capacity()) {
+            Some(new) => self.new_points[new],
+            None => match self.points.get(&point) {
+                Some(PendingChange::Removed) => None,
+                Some(PendingChange::Moved(position)) => Some(*position),
+                None => carver.points.get(point).map(|record| record.position),
+            },
+        }
+    }
+
+    /// Centre of a view after the transaction.
+    fn final_view(&self, carver: &Carver, view: u32) -> Option<[f64; 3]> {
+        match (view as usize).checked_sub(carver.views.capacity()) {
+            Some(new) => self.new_views[new],
+            None => match self.views.get(&view) {
+                Some(PendingChange::Removed) => None,
+                Some(PendingChange::Moved(center)) => Some(*center),
+                None => carver
+                    .views
+                    .is_alive(view)
+                    .then(|| *carver.views.center(view)),
+            },
+        }
+    }
+
+    /// Whether the transaction removes an existing observation.
+    pub(super) fn removes<const N: usize>(
+        &self,
+        table: &impl ObservationTable<N>,
+        planned: &PlannedWeights<N>,
+        id: ObservationId,
+    ) -> bool {
+        let (view, points) = (table.view(id), table.points(id));
+        let is_removed = |point| self.points.get(point) == Some(&PendingChange::Removed);
+        planned.get(view, points) == Some(None)
+            || self.views.get(&view) == Some(&PendingChange::Removed)
+            || points.iter().any(is_removed)
+    }
+
+    /// Refuses rays of length zero.
+    pub(super) fn check_lengths(
+        &self,
+        carver: &Carver,
+        affected: &[ObservationId],
+    ) -> Result<(), TransactionError> {
+        let check = |view: u32, point: u32| {
+            let ends = (
+                self.final_view(carver, view),
+                self.final_point(carver, point),
+            );
+            match ends {
+                (Some(center), Some(position)) if center == position => {
+                    let (view, point) = (ViewId(view), PointId(point));
+                    Err(TransactionError::ZeroLengthRay { view, point })
+                }
+                _ => Ok(()),
+            }
+        };
+        for (view, [point], weight) in self.rays.iter() {
+            if weight.is_some() {
+                check(view, point)?;
+            }
+        }
+        let rays = carver.rays.table();
+        for &ray in affected {
+            if !self.removes(rays, &self.rays, ray) {
+                let [point] = rays.points(ray);
+                check(rays.view(ray), point)?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,87 @@
+//! Changes as values, so that sequences of them can be generated.
+
+use nalgebra::Point3;
+
+use super::super::{Carver, CommitReport, PointId, Transaction, TransactionError, ViewId};
+
+/// One change of the state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Event {
+    AddView {
+        center: Point3<f64>,
+    },
+    AddPoint {
+        position: Point3<f64>,
+    },
+    SetSigma {
+        point: PointId,
+        sigma: Option<f64>,
+    },
+    AddObservation {
+        view: ViewId,
+        point: PointId,
+        weight: u32,
+    },
+    RemoveView {
+        view: ViewId,
+    },
+    RemovePoint {
+        point: PointId,
+    },
+    RemoveObservation {
+        view: ViewId,
+        point: PointId,
+    },
+    MoveView {
+        view: ViewId,
+        center: Point3<f64>,
+    },
+    MovePoint {
+        point: PointId,
+        position: Point3<f64>,
+    },
+    AddSegment {
+        view: ViewId,
+        ends: [PointId; 2],
+        weight: u32,
+    },
+    RemoveSegment {
+        view: ViewId,
+        ends: [PointId; 2],
+    },
+}
+
+impl Event {
+    /// Adds the change to a transaction.
+    pub(super) fn push(self, transaction: &mut Transaction<'_>) -> Result<(), TransactionError> {
+        match self {
+            Event::AddView { center } => transaction.add_view(center).map(|_| ()),
+            Event::AddPoint { position } => transaction.add_point(position).map(|_| ()),
+            Event::SetSigma { point, sigma } => transaction.set_sigma(point, sigma),
+            Event::AddObservation {
+                view,
+                point,
+                weight,
+            } => transaction.add_observation(view, point, weight),
+            Event::RemoveView { view } => transaction.remove_view(view),
+            Event::RemovePoint { point } => transaction.remove_point(point),
+            Event::RemoveObservation { view, point } => transaction.remove_observation(view, point),
+            Event::MoveView { view, center } => transaction.move_view(view, center),
+            Event::MovePoint { point, position } => transaction.move_point(point, position),
+            Event::AddSegment { view, ends, weight } => transaction.add_segment(view, ends, weight),
+            Event::RemoveSegment { view, ends } => transaction.remove_segment(view, ends),
+        }
+    }
+}
+
+/// Makes changes in one transaction.
+pub(super) fn apply(
+    carver: &mut Carver,
+    events: &[Event],
+) -> Result<CommitReport, TransactionError> {
+    let mut transaction = carver.transaction();
+    for &event in events {
+        event.push(&mut transaction)?;
+    }
+    transaction.commit()
+}

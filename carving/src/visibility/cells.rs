@@ -1,0 +1,125 @@
+//! For each cell the weight of all observations that pass through it, and their evidence.
+
+use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
+
+use super::evidence::Evidence;
+
+/// Sums over the observations of all kinds, by cell. They are integers, so they do not depend on the order in which
+/// observations come and go.
+#[derive(Clone, Debug)]
+pub(crate) struct Cells {
+    weights: Vec<u64>,
+    /// Threshold of the weight whose passing is recorded in `flipped`.
+    threshold: u64,
+    flipped: Vec<CellId>,
+    /// What cut labels are computed from.
+    pub(crate) evidence: Evidence,
+    /// Whether the running update created the cell, or moved a corner of it.
+    is_new: Vec<bool>,
+}
+
+impl Cells {
+    /// No cells. Cells whose weight reaches `threshold`, or falls below, are recorded; evidence is where asked for.
+    pub(crate) fn new(threshold: u64, with_evidence: bool) -> Self {
+        Self {
+            weights: Vec::new(),
+            threshold,
+            flipped: Vec::new(),
+            evidence: Evidence::new(with_evidence),
+            is_new: Vec::new(),
+        }
+    }
+
+    /// Begins an update of the cells: makes room for new cells, marks them and resets the sums of those that are gone.
+    pub(crate) fn begin_update(&mut self, tetrahedra: &Tetrahedralization, changes: &Changes) {
+        let capacity = tetrahedra.cell_capacity();
+        self.weights.resize(capacity.max(self.weights.len()), 0);
+        self.is_new.resize(capacity.max(self.is_new.len()), false);
+        self.evidence.grow(capacity);
+        for cell in changes.created.iter().chain(&changes.reshaped) {
+            self.is_new[cell.index()] = true;
+        }
+        for &cell in changes.reshaped.iter().chain(&changes.destroyed) {
+            self.weights[cell.index()] = 0;
+            self.evidence.reset(cell);
+        }
+    }
+
+    /// Ends the update of the same changes.
+    pub(crate) fn end_update(&mut self, changes: &Changes) {
+        for cell in changes.created.iter().chain(&changes.reshaped) {
+            self.is_new[cell.index()] = false;
+        }
+    }
+
+    /// Whether the running update created the cell, or moved a corner of it.
+    #[inline]
+    pub(crate) fn is_new(&self, cell: CellId) -> bool {
+        self.is_new[cell.index()]
+    }
+
+    /// Total weight of a cell.
+    #[inline]
+    pub(crate) fn weight(&self, cell: CellId) -> u64 {
+        self.weights[cell.index()]
+    }
+
+    /// Bytes of the weights.
+    pub(crate) fn weight_bytes(&self) -> usize {
+        self.weights.capacity() * size_of::<u64>()
+    }
+
+    #[inline]
+    pub(crate) fn add_weight(&mut self, cell: CellId, weight: u32) {
+        let total = &mut self.weights[cell.index()];
+        let before = *total;
+        *total += u64::from(weight);
+        if before < self.threshold && *total >= self.threshold {
+            self.flipped.push(cell);
+        }
+    }
+
+    #[inline]
+    pub(crate) fn subtract_weight(&mut self, cell: CellId, weight: u32) {
+        let total = &mut self.weights[cell.index()];
+        let before = *total;
+        *total -= u64::from(weight);
+        if before >= self.threshold && *total < self.threshold {
+            self.flipped.push(cell);
+        }
+    }
+
+    /// Cells whose weight passed the threshold since the list was last emptied, possibly repeatedly.
+    pub(crate) fn flipped(&mut self) -> &mut Vec<CellId> {
+        &mut self.flipped
+    }
+
+    /// Resets all sums.
+    pub(crate) fn clear(&mut self) {
+        self.weights.fill(0);
+        self.flipped.clear();
+        self.evidence.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passing_the_threshold_is_recorded_in_both_directions() {
+        let mut cells = Cells::new(3, false);
+        cells.weights.resize(2, 0);
+        let [one, two] = [0, 1].map(CellId::from_index);
+        cells.add_weight(one, 2);
+        cells.add_weight(two, 3);
+        assert_eq!(std::mem::take(cells.flipped()), [two]);
+        cells.add_weight(one, 1);
+        cells.add_weight(one, 5);
+        cells.subtract_weight(one, 5);
+        assert_eq!(std::mem::take(cells.flipped()), [one]);
+        cells.subtract_weight(one, 1);
+        assert_eq!(cells.flipped().as_slice(), [one]);
+        assert_eq!((cells.weight(one), cells.weight(two)), (2, 3));
+    }
+}

@@ -1,0 +1,113 @@
+//! Rays as visibility.
+//!
+//! A ray is the open segment from a view's centre to a vertex. It *crosses* a finite cell when it meets the cell's
+//! open interior; a ray that runs inside a facet or along an edge thus crosses nothing there. It *crosses* a ghost
+//! cell when the centre is strictly outside of the cell's hull facet and the closed segment meets the closed facet:
+//! such rays have to be walked again when the hull grows over that facet.
+//!
+//! # Layers
+//!
+//! * `line`: on which side of an edge a ray passes, exact;
+//! * `table`: the rays;
+//! * `evidence`: what one ray contributes to cut labels;
+//! * `walk`: all cells of a ray, from cell to cell where it pierces the interior of every facet on its way, otherwise by
+//!   searching all cells that it touches;
+//! * `record`: adding rays to cells and removing them;
+//! * `rewalk`: what to walk again after cells have been destroyed and created;
+//! * `check`: what cells should list, without any walk.
+
+mod check;
+mod evidence;
+mod line;
+mod record;
+mod rewalk;
+mod table;
+mod walk;
+
+pub(crate) use table::Rays;
+
+use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
+
+use super::anchors::OccupiedAnchors;
+use super::crossings::Crossings;
+use super::{Contribution, ListError, ObservationId, Softness, Space, Views, Visibility};
+use rewalk::RewalkScratch;
+use walk::{WalkScratch, Walker};
+
+/// Rays and the cells that they cross.
+#[derive(Clone, Debug)]
+pub(crate) struct RayVisibility {
+    table: Rays,
+    crossings: Crossings,
+    /// Falloff of the evidence; `None` where there is no evidence.
+    softness: Option<Softness>,
+    /// The anchor behind the point of each ray.
+    anchors: OccupiedAnchors,
+    walk: WalkScratch,
+    scratch: RewalkScratch,
+}
+
+impl RayVisibility {
+    /// No rays; with evidence where a softness is given.
+    pub(crate) fn new(softness: Option<Softness>) -> Self {
+        Self {
+            table: Rays::new(softness.is_some()),
+            crossings: Crossings::default(),
+            softness,
+            anchors: OccupiedAnchors::default(),
+            walk: WalkScratch::default(),
+            scratch: RewalkScratch::default(),
+        }
+    }
+
+    /// For each cell the rays that cross it or run in its boundary.
+    pub(crate) fn crossings(&self) -> &Crossings {
+        &self.crossings
+    }
+
+    fn walker<'a>(&'a self, space: &Space<'a>) -> Walker<'a> {
+        Walker {
+            tetrahedra: space.tetrahedra,
+            views: space.views,
+            rays: &self.table,
+        }
+    }
+}
+
+impl Visibility<1> for RayVisibility {
+    type Table = Rays;
+
+    fn table(&self) -> &Rays {
+        &self.table
+    }
+
+    fn table_mut(&mut self) -> &mut Rays {
+        &mut self.table
+    }
+
+    fn add(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]) {
+        self.add_all(space, ids);
+    }
+
+    fn remove(&mut self, space: &mut Space<'_>, ids: &[ObservationId]) {
+        self.remove_all(space, ids);
+    }
+
+    fn rewalk(&mut self, space: &mut Space<'_>, changes: &Changes) {
+        self.rewalk_changes(space, changes);
+    }
+
+    fn clear(&mut self) {
+        self.crossings.clear();
+        self.anchors.clear();
+    }
+
+    fn expected(
+        &self,
+        tetrahedra: &Tetrahedralization,
+        views: &Views,
+        cell: CellId,
+    ) -> Result<Contribution, ListError> {
+        self.expected_in(tetrahedra, views, cell)
+    }
+}

@@ -1,0 +1,229 @@
+//! Adding rays to the cells that they cross, and removing them.
+
+use rayon::prelude::*;
+
+use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId, hilbert_rank};
+
+use super::super::crossings::Crossings;
+use super::super::segment_cell::Exit;
+use super::super::{Cells, ObservationId, ObservationTable, Softness, Space};
+use super::RayVisibility;
+use super::evidence::RayEvidence;
+use super::walk::Walker;
+
+/// Number of rays that one thread walks at a time: enough to be worth a task.
+const PARALLEL_CHUNK: usize = 64;
+/// Number of rays walked before their cells are recorded: few enough that the cells stay in the cache.
+const PARALLEL_BLOCK: usize = 2048;
+
+/// Rank of a direction along a space-filling curve.
+fn direction_rank(center: &[f64; 3], target: &[f64; 3]) -> u64 {
+    /// Grid cells of about a thousandth of a right angle.
+    const LEVELS: u32 = 10;
+    let d: [f64; 3] = std::array::from_fn(|k| target[k] - center[k]);
+    let largest = d.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
+    let half = f64::from((1u32 << (LEVELS - 1)) - 1);
+    hilbert_rank(d.map(|x| ((x / largest + 1.0) * half) as u32), LEVELS)
+}
+
+/// A ray that is added to cells.
+pub(super) struct Recorded<'a> {
+    pub(super) ray: ObservationId,
+    pub(super) weight: u32,
+    pub(super) evidence: Option<RayEvidence<'a>>,
+}
+
+impl<'a> Recorded<'a> {
+    #[inline]
+    pub(super) fn new(walker: &Walker<'a>, ray: ObservationId, softness: Option<Softness>) -> Self {
+        Self {
+            ray,
+            weight: walker.rays.weight(ray),
+            evidence: walker.evidence(ray, softness),
+        }
+    }
+
+    /// Adds the ray to a cell that it crosses and leaves by `exit`.
+    #[inline]
+    pub(super) fn add(
+        &self,
+        (tetrahedra, crossings, cells): (&Tetrahedralization, &mut Crossings, &mut Cells),
+        cell: CellId,
+        exit: Exit,
+    ) {
+        crossings.add(cell, self.ray);
+        cells.add_weight(cell, self.weight);
+        self.change_evidence(tetrahedra, cells, (cell, exit), |sum, cost| *sum += cost);
+    }
+
+    #[inline]
+    fn change_evidence(
+        &self,
+        tetrahedra: &Tetrahedralization,
+        cells: &mut Cells,
+        (cell, exit): (CellId, Exit),
+        by: impl FnOnce(&mut u64, u64),
+    ) {
+        if let Some(evidence) = &self.evidence
+            && exit != Exit::Elsewhere
+            && let Some(sum) = cells.evidence.of_mut(cell).of_exit(exit)
+        {
+            by(sum, evidence.passage(tetrahedra, cell, exit));
+        }
+    }
+}
+
+impl RayVisibility {
+    /// Records rays that are in no list; sorts `rays`.
+    ///
+    /// Rays from one view in similar directions follow each other, as they cross the same cells.
+    pub(super) fn add_all(&mut self, space: &mut Space<'_>, rays: &mut [ObservationId]) {
+        let tetrahedra = space.tetrahedra;
+        if tetrahedra.dimension() < 3 {
+            return;
+        }
+        rays.sort_by_cached_key(|&ray| {
+            let view = self.table.view(ray);
+            let center = space.views.center(view);
+            let target = VertexId::from_index(self.table.vertex(ray) as usize);
+            let target = tetrahedra.coordinates(target);
+            (view, direction_rank(center, target), ray)
+        });
+        if rayon::current_num_threads() == 1 || rays.len() < 2 * PARALLEL_CHUNK {
+            for &ray in &*rays {
+                self.add_one(space, ray);
+            }
+        } else {
+            for block in rays.chunks(PARALLEL_BLOCK) {
+                self.add_block(space, block);
+            }
+        }
+    }
+
+    /// Records rays after they have been walked in parallel: walks only read. The lists are those of [`Self::add_one`].
+    fn add_block(&mut self, space: &mut Space<'_>, block: &[ObservationId]) {
+        let walker = self.walker(space);
+        // For each chunk the cells of its rays one after another with the exits, and for each ray where they end, if it is
+        // not degenerate.
+        type Walked = ((Vec<CellId>, Vec<Exit>), Vec<Option<usize>>);
+        let walked: Vec<Walked> = block
+            .par_chunks(PARALLEL_CHUNK)
+            .map(|chunk| {
+                let (mut cells, mut exits) = (Vec::new(), Vec::new());
+                let mut ends = Vec::with_capacity(chunk.len());
+                for &ray in chunk {
+                    let before = cells.len();
+                    let strict = walker.walk_strict(ray, (&mut cells, &mut exits));
+                    if strict.is_err() {
+                        cells.truncate(before);
+                        exits.truncate(before);
+                    }
+                    ends.push(strict.ok().map(|()| cells.len()));
+                }
+                ((cells, exits), ends)
+            })
+            .collect();
+        for (chunk, ((cells, exits), ends)) in block.chunks(PARALLEL_CHUNK).zip(&walked) {
+            let mut begin = 0;
+            for (&ray, end) in chunk.iter().zip(ends) {
+                let Some(end) = *end else {
+                    self.add_one(space, ray);
+                    continue;
+                };
+                self.table.set_degenerate(ray, false);
+                self.record(space, ray, (&cells[begin..end], &exits[begin..end], &[]));
+                begin = end;
+            }
+        }
+    }
+
+    fn add_one(&mut self, space: &mut Space<'_>, ray: ObservationId) {
+        let mut walk = std::mem::take(&mut self.walk);
+        let degenerate = self.walker(space).walk(ray, &mut walk);
+        self.table.set_degenerate(ray, degenerate);
+        self.record(space, ray, (&walk.cells, &walk.exits, &walk.alongside));
+        self.walk = walk;
+    }
+
+    /// Adds a ray to the cells that it crosses, to those in whose boundary it runs, and its anchor to its cell.
+    fn record(
+        &mut self,
+        space: &mut Space<'_>,
+        ray: ObservationId,
+        (cells, exits, alongside): (&[CellId], &[Exit], &[CellId]),
+    ) {
+        let tetrahedra = space.tetrahedra;
+        let walker = Walker {
+            tetrahedra,
+            views: space.views,
+            rays: &self.table,
+        };
+        let recorded = Recorded::new(&walker, ray, self.softness);
+        for (&cell, &exit) in cells.iter().zip(exits) {
+            recorded.add((tetrahedra, &mut self.crossings, space.cells), cell, exit);
+        }
+        for &cell in alongside {
+            self.crossings.add(cell, ray);
+        }
+        self.attach(space, ray);
+    }
+
+    /// Attaches the anchor behind a ray's point to its cell.
+    pub(super) fn attach(&mut self, space: &mut Space<'_>, ray: ObservationId) {
+        let tetrahedra = space.tetrahedra;
+        let walker = self.walker(space);
+        let Some(evidence) = walker.evidence(ray, self.softness) else {
+            return;
+        };
+        let hint = tetrahedra.cell_of(walker.target(ray));
+        let (anchor, weight) = (evidence.anchor(), evidence.anchor_weight());
+        if let Some(cell) = self.anchors.attach(tetrahedra, ray.0, &anchor, hint) {
+            space.cells.evidence.of_mut(cell).occupied += weight;
+        }
+    }
+
+    /// Removes rays from all lists. The lists are found by walking each ray once more; each list is then filtered once
+    /// for all rays.
+    pub(super) fn remove_all(&mut self, space: &mut Space<'_>, rays: &[ObservationId]) {
+        let tetrahedra = space.tetrahedra;
+        if tetrahedra.dimension() < 3 || rays.is_empty() {
+            return;
+        }
+        let walker = Walker {
+            tetrahedra,
+            views: space.views,
+            rays: &self.table,
+        };
+        let (walk, scratch) = (&mut self.walk, &mut self.scratch);
+        scratch.begin(self.table.capacity());
+        scratch.is_listed.resize(
+            tetrahedra.cell_capacity().max(scratch.is_listed.len()),
+            false,
+        );
+        let mut affected: Vec<CellId> = Vec::new();
+        for &ray in rays {
+            scratch.mark(ray);
+            walker.walk(ray, walk);
+            let recorded = Recorded::new(&walker, ray, self.softness);
+            for (&cell, &exit) in walk.cells.iter().zip(&walk.exits) {
+                space.cells.subtract_weight(cell, recorded.weight);
+                let by = |sum: &mut u64, cost| *sum -= cost;
+                recorded.change_evidence(tetrahedra, space.cells, (cell, exit), by);
+            }
+            if let Some(evidence) = recorded.evidence
+                && let Some(cell) = self.anchors.detach(ray.0)
+            {
+                space.cells.evidence.of_mut(cell).occupied -= evidence.anchor_weight();
+            }
+            for &cell in walk.cells.iter().chain(&walk.alongside) {
+                if !std::mem::replace(&mut scratch.is_listed[cell.index()], true) {
+                    affected.push(cell);
+                }
+            }
+        }
+        for cell in affected {
+            scratch.is_listed[cell.index()] = false;
+            self.crossings.retain(cell, |ray| !scratch.is_marked(ray));
+        }
+    }
+}

@@ -1,0 +1,440 @@
+//! The cells that a ray crosses, in order from its vertex towards the centre of its view.
+//!
+//! The *strict walk* goes from cell to cell through the interior of facets, two side tests a cell, and gives up where
+//! the ray meets an edge or a vertex or runs inside a facet. The *wide walk* then searches all cells that the ray
+//! touches and needs no case distinction.
+
+use crate::predicates::orient3d;
+use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
+
+use super::super::segment_cell::{Exit, Relation, crosses_ghost, exit, relate};
+use super::super::views::{Viewpoint, Views};
+use super::super::{ObservationId, ObservationTable, Softness};
+use super::evidence::RayEvidence;
+use super::line::{Corner, ShearedLine};
+use super::table::Rays;
+
+/// The ray meets an edge or a vertex on its way, or runs inside a facet.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Degenerate;
+
+/// A ray about to enter `cell` through its facet `back`, whose corners are in counter-clockwise order seen from
+/// the ray's vertex: the ray passes all three edges on the positive side.
+pub(super) struct Front {
+    pub(super) cell: CellId,
+    pub(super) back: usize,
+    pub(super) corners: [Corner; 3],
+}
+
+/// How a ray leaves its vertex.
+enum Departure {
+    /// Through the open interior of this cell, towards the facet opposite the vertex.
+    Into(CellId, Front),
+    /// Away from the hull: the centre is strictly outside of this ghost cell's facet, which has the vertex.
+    Away(CellId),
+}
+
+/// Reused memory of walks.
+#[derive(Clone, Debug, Default)]
+pub(super) struct WalkScratch {
+    /// Cells that the ray of the latest walk crosses.
+    pub(super) cells: Vec<CellId>,
+    /// The exit from each of them.
+    pub(super) exits: Vec<Exit>,
+    /// Cells that it does not cross but in whose boundary a part of it runs; for ghost cells, in their hull facet.
+    pub(super) alongside: Vec<CellId>,
+    queue: Vec<CellId>,
+    /// Per cell the number of the wide walk that saw it last.
+    seen: Vec<u32>,
+    walk: u32,
+}
+
+impl WalkScratch {
+    /// Begins a wide walk: no cell is seen.
+    fn begin(&mut self, cells: usize) {
+        self.queue.clear();
+        self.seen.resize(cells.max(self.seen.len()), 0);
+        self.walk = self.walk.wrapping_add(1);
+        if self.walk == 0 {
+            self.seen.fill(0);
+            self.walk = 1;
+        }
+    }
+
+    fn see(&mut self, cell: CellId) -> bool {
+        std::mem::replace(&mut self.seen[cell.index()], self.walk) != self.walk
+    }
+}
+
+/// The state that walks read.
+#[derive(Clone, Copy)]
+pub(super) struct Walker<'a> {
+    pub(super) tetrahedra: &'a Tetrahedralization,
+    pub(super) views: &'a Views,
+    pub(super) rays: &'a Rays,
+}
+
+impl<'a> Walker<'a> {
+    #[inline(always)]
+    fn corner(&self, line: &ShearedLine, vertex: VertexId) -> Corner {
+        line.corner(vertex.index() as u32, self.tetrahedra.coordinates(vertex))
+    }
+
+    /// The side on which the line passes the edge from `a` to `b`.
+    #[inline(always)]
+    fn side(&self, line: &ShearedLine, a: &Corner, b: &Corner) -> f64 {
+        line.side(a, b, |vertex| {
+            self.tetrahedra
+                .coordinates(VertexId::from_index(vertex as usize))
+        })
+    }
+
+    /// The evidence of a ray; `None` without softness.
+    #[inline]
+    pub(super) fn evidence(
+        &self,
+        ray: ObservationId,
+        softness: Option<Softness>,
+    ) -> Option<RayEvidence<'a>> {
+        let softness = softness?;
+        let center = self.views.center(self.rays.view(ray));
+        let target = self.tetrahedra.coordinates(self.target(ray));
+        let [sigma] = self.rays.sigmas(ray);
+        let weight = self.rays.weight(ray);
+        Some(RayEvidence::new([center, target], sigma, weight, softness))
+    }
+
+    #[inline]
+    pub(super) fn target(&self, ray: ObservationId) -> VertexId {
+        VertexId::from_index(self.rays.vertex(ray) as usize)
+    }
+
+    #[inline]
+    pub(super) fn line(&self, ray: ObservationId) -> ShearedLine {
+        let center = self.views.center(self.rays.view(ray));
+        ShearedLine::new(center, self.tetrahedra.coordinates(self.target(ray)))
+    }
+
+    /// The cell in which the ray ends, if it ends inside one; `Err` when the centre is on the boundary of cells.
+    #[inline]
+    pub(super) fn last_cell(&self, ray: ObservationId) -> Result<Option<CellId>, Degenerate> {
+        match self.views.viewpoint(self.rays.view(ray)) {
+            Viewpoint::Inside(cell) => Ok(Some(cell)),
+            Viewpoint::Outside(_) => Ok(None),
+            Viewpoint::OnBoundary | Viewpoint::NoCells => Err(Degenerate),
+        }
+    }
+
+    /// Whether the ray passes through the interior of a facet of the cell `inner`, leaving that cell.
+    ///
+    /// `None` also when it passes through the facet's boundary.
+    #[inline]
+    pub(super) fn pierces(&self, line: &ShearedLine, inner: CellId, facet: usize) -> Option<Front> {
+        let vertices = self.tetrahedra.cell_vertices(inner);
+        let [i, j, k] = Tetrahedralization::FACET[facet];
+        let a = self.corner(line, vertices[i]);
+        let b = self.corner(line, vertices[j]);
+        if self.side(line, &a, &b) <= 0.0 {
+            return None;
+        }
+        let c = self.corner(line, vertices[k]);
+        if self.side(line, &b, &c) <= 0.0 || self.side(line, &c, &a) <= 0.0 {
+            return None;
+        }
+        let (cell, back) = self.tetrahedra.neighbor(inner, facet);
+        Some(Front {
+            cell,
+            back,
+            corners: [a, b, c],
+        })
+    }
+
+    /// Appends the cells from `front` on, with the exit from each, up to the last that satisfies `within`, the last cell of
+    /// the ray, or the ghost cell through which the ray leaves the hull.
+    #[inline]
+    pub(super) fn follow(
+        &self,
+        line: &ShearedLine,
+        front: Front,
+        last: Option<CellId>,
+        within: impl Fn(CellId) -> bool,
+        (cells, exits): (&mut Vec<CellId>, &mut Vec<Exit>),
+    ) -> Result<(), Degenerate> {
+        let Front {
+            mut cell,
+            mut back,
+            corners: [mut a, mut b, mut c],
+        } = front;
+        while within(cell) {
+            cells.push(cell);
+            if last == Some(cell) {
+                exits.push(Exit::AtCenter);
+                break;
+            }
+            let vertices = self.tetrahedra.cell_vertices(cell);
+            if vertices[3].is_ghost() {
+                exits.push(Exit::Elsewhere);
+                break;
+            }
+            // The ray leaves through the facet of the new corner whose two outer edges it passes on the right side.
+            //
+            //        c               seen along the ray, which is the point x:
+            //       / \              x is left of ab, bc and ca; the lines from a, b, c to the
+            //      / v \   x in abv  new corner v part the triangle in three.
+            //     /     \
+            //    a-------b
+            let v = self.corner(line, vertices[back]);
+            let side = self.side(line, &a, &v);
+            let leaves_b = if side < 0.0 {
+                let side = self.side(line, &b, &v);
+                if side == 0.0 {
+                    return Err(Degenerate);
+                }
+                // Either c or a is dropped.
+                if side > 0.0 { 2 } else { 0 }
+            } else {
+                if side == 0.0 {
+                    return Err(Degenerate);
+                }
+                let side = self.side(line, &c, &v);
+                if side == 0.0 {
+                    return Err(Degenerate);
+                }
+                if side < 0.0 { 1 } else { 0 }
+            };
+            let dropped = match leaves_b {
+                0 => std::mem::replace(&mut a, v),
+                1 => std::mem::replace(&mut b, v),
+                _ => std::mem::replace(&mut c, v),
+            };
+            let exit = slot_of(&vertices, dropped.vertex);
+            exits.push(Exit::Through(exit));
+            (cell, back) = self.tetrahedra.neighbor(cell, exit);
+        }
+        Ok(())
+    }
+
+    /// Turns around the ray's vertex to the cell through which it leaves.
+    ///
+    /// A visibility walk among the cells around the vertex: leave a cell by a facet that has the centre strictly beyond
+    /// it. It ends because no cycle of cells lies in front of each other (see
+    /// [`locate`](Tetrahedralization::locate)).
+    fn depart(&self, line: &ShearedLine, target: VertexId) -> Result<Departure, Degenerate> {
+        let tetrahedra = self.tetrahedra;
+        let mut cell = tetrahedra
+            .cell_of(target)
+            .expect("walks need cells, and then every vertex has one");
+        if tetrahedra.is_ghost(cell) {
+            cell = tetrahedra.neighbors(cell)[3];
+        }
+        let mut entered = 4;
+        'around: loop {
+            let vertices = tetrahedra.cell_vertices(cell);
+            if vertices[3].is_ghost() {
+                return Ok(Departure::Away(cell));
+            }
+            let slot = slot_of(&vertices, target.index() as u32);
+            let facet = Tetrahedralization::FACET[slot];
+            let corners = facet.map(|k| self.corner(line, vertices[k]));
+            let mut on_plane = false;
+            for i in 0..3 {
+                let opposite = facet[(i + 2) % 3];
+                if opposite == entered {
+                    continue;
+                }
+                let side = self.side(line, &corners[i], &corners[(i + 1) % 3]);
+                if side < 0.0 {
+                    (cell, entered) = tetrahedra.neighbor(cell, opposite);
+                    continue 'around;
+                }
+                on_plane |= side == 0.0;
+            }
+            if on_plane {
+                return Err(Degenerate);
+            }
+            let (next, back) = tetrahedra.neighbor(cell, slot);
+            let front = Front {
+                cell: next,
+                back,
+                corners,
+            };
+            return Ok(Departure::Into(cell, front));
+        }
+    }
+
+    /// Appends the cells from the ray's vertex on, with the exit from each, up to the last that satisfies `within`.
+    pub(super) fn follow_from_vertex(
+        &self,
+        line: &ShearedLine,
+        ray: ObservationId,
+        last: Option<CellId>,
+        within: impl Fn(CellId) -> bool,
+        (cells, exits): (&mut Vec<CellId>, &mut Vec<Exit>),
+    ) -> Result<(), Degenerate> {
+        match self.depart(line, self.target(ray))? {
+            Departure::Away(ghost) => {
+                self.ghosts_in_sight(ray, ghost, within, cells);
+                exits.resize(cells.len(), Exit::Elsewhere);
+                Ok(())
+            }
+            Departure::Into(cell, front) => {
+                if !within(cell) {
+                    return Ok(());
+                }
+                cells.push(cell);
+                if last == Some(cell) {
+                    exits.push(Exit::AtCenter);
+                    return Ok(());
+                }
+                let vertices = self.tetrahedra.cell_vertices(cell);
+                let target = self.rays.vertex(ray);
+                exits.push(Exit::Through(slot_of(&vertices, target)));
+                self.follow(line, front, last, within, (cells, exits))
+            }
+        }
+    }
+
+    /// Appends the ghost cells around the ray's vertex that have the centre strictly outside, `start` among them, where
+    /// they satisfy `within`.
+    ///
+    /// The facets of a convex cone that are seen from a point outside follow each other around the apex.
+    fn ghosts_in_sight(
+        &self,
+        ray: ObservationId,
+        start: CellId,
+        within: impl Fn(CellId) -> bool,
+        cells: &mut Vec<CellId>,
+    ) {
+        let tetrahedra = self.tetrahedra;
+        let target = self.target(ray);
+        let center = self.views.center(self.rays.view(ray));
+        let mut accept = |cell| {
+            if within(cell) {
+                cells.push(cell);
+            }
+        };
+        accept(start);
+        let vertices = tetrahedra.cell_vertices(start);
+        for first_exit in (0..3).filter(|&k| vertices[k] != target) {
+            let (mut cell, mut exit) = (start, first_exit);
+            loop {
+                let vertices = tetrahedra.cell_vertices(cell);
+                // The corner that the next ghost cell shares besides the target.
+                let shared = (0..3)
+                    .map(|k| vertices[k])
+                    .find(|&v| v != target && v != vertices[exit]);
+                let (next, _) = tetrahedra.neighbor(cell, exit);
+                if next == start {
+                    return;
+                }
+                let [a, b, c, _] = tetrahedra.cell_vertices(next);
+                let [pa, pb, pc] = [a, b, c].map(|v| tetrahedra.coordinates(v));
+                if orient3d(pa, pb, pc, center) <= 0.0 {
+                    break;
+                }
+                accept(next);
+                cell = next;
+                exit = [a, b, c]
+                    .iter()
+                    .position(|&v| Some(v) == shared)
+                    .expect("neighbouring ghost cells share an edge of the hull");
+            }
+        }
+    }
+
+    /// Fills `scratch.cells` with all cells that the ray crosses and `scratch.alongside` with those in whose boundary it
+    /// runs. Returns whether the ray may be degenerate.
+    ///
+    /// # Complexity
+    ///
+    /// Linear in the number of cells crossed; for degenerate rays in that of cells touched.
+    pub(super) fn walk(&self, ray: ObservationId, scratch: &mut WalkScratch) -> bool {
+        scratch.cells.clear();
+        scratch.exits.clear();
+        scratch.alongside.clear();
+        let strict = self.walk_strict(ray, (&mut scratch.cells, &mut scratch.exits));
+        if strict == Err(Degenerate) {
+            scratch.cells.clear();
+            scratch.exits.clear();
+            self.walk_wide(ray, scratch);
+        }
+        strict == Err(Degenerate)
+    }
+
+    /// Appends the cells that the ray crosses, with the exit from each.
+    ///
+    /// # Errors
+    ///
+    /// For a degenerate ray; a part of the cells is then appended.
+    pub(super) fn walk_strict(
+        &self,
+        ray: ObservationId,
+        steps: (&mut Vec<CellId>, &mut Vec<Exit>),
+    ) -> Result<(), Degenerate> {
+        let last = self.last_cell(ray)?;
+        self.follow_from_vertex(&self.line(ray), ray, last, |_| true, steps)
+    }
+
+    /// Finds all cells that a ray in any position crosses, or in whose boundary it runs.
+    ///
+    /// The cells that contain a given point of the ray are connected through facets that contain it, so the finite cells
+    /// that the closed segment touches are all found from one of them.
+    fn walk_wide(&self, ray: ObservationId, scratch: &mut WalkScratch) {
+        let tetrahedra = self.tetrahedra;
+        let target = self.target(ray);
+        let center = self.views.center(self.rays.view(ray));
+        let end = tetrahedra.coordinates(target);
+        let mut start = tetrahedra
+            .cell_of(target)
+            .expect("walks need cells, and then every vertex has one");
+        if tetrahedra.is_ghost(start) {
+            start = tetrahedra.neighbors(start)[3];
+        }
+        scratch.begin(tetrahedra.cell_capacity());
+        scratch.see(start);
+        scratch.queue.push(start);
+        while let Some(cell) = scratch.queue.pop() {
+            let vertices = tetrahedra.cell_vertices(cell);
+            if vertices[3].is_ghost() {
+                let facet = [0, 1, 2].map(|k| tetrahedra.coordinates(vertices[k]));
+                if crosses_ghost(center, end, facet) {
+                    scratch.cells.push(cell);
+                    scratch.exits.push(Exit::Elsewhere);
+                }
+                continue;
+            }
+            let corners = vertices.map(|v| tetrahedra.coordinates(v));
+            let relation = relate(center, end, corners);
+            match relation {
+                Relation::Crosses => {
+                    scratch.cells.push(cell);
+                    scratch.exits.push(exit(center, end, corners));
+                }
+                Relation::RunsInBoundary { facets } => {
+                    scratch.alongside.push(cell);
+                    for facet in (0..4).filter(|&facet| facets[facet]) {
+                        let (other, _) = tetrahedra.neighbor(cell, facet);
+                        if tetrahedra.is_ghost(other) {
+                            scratch.alongside.push(other);
+                        }
+                    }
+                }
+                Relation::Touches | Relation::Apart => {}
+            }
+            if relation != Relation::Apart {
+                for next in tetrahedra.neighbors(cell) {
+                    if scratch.see(next) {
+                        scratch.queue.push(next);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The slot of a vertex that the cell has.
+#[inline(always)]
+fn slot_of(vertices: &[VertexId; 4], vertex: u32) -> usize {
+    let is = |k: usize| usize::from(vertices[k].index() as u32 == vertex);
+    is(1) + 2 * is(2) + 3 * is(3)
+}

@@ -1,0 +1,266 @@
+//! Exported meshes: repair, filters, parts of the surface.
+
+use linecarve_carving::{ExportOptions, Hull, IncidentCells, IndexedMesh, Triangle};
+use nalgebra::Point3;
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::helpers::carvings::random_carving;
+
+/// Triangles by undirected edge.
+fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {
+    let mut edges: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+    for (index, t) in mesh.triangles.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = (t[k], t[(k + 1) % 3]);
+            edges.entry((a.min(b), a.max(b))).or_default().push(index);
+        }
+    }
+    edges
+}
+
+/// The surface of a carving with its non-manifold vertices, and repaired.
+fn plain_and_repaired(seed: u64, is_hull_dropped: bool) -> [IndexedMesh; 2] {
+    let hull = if is_hull_dropped {
+        Hull::Drop
+    } else {
+        Hull::Keep
+    };
+    let carver = random_carving(seed, hull);
+    [false, true].map(|manifold| {
+        carver.mesh(&ExportOptions {
+            manifold,
+            ..Default::default()
+        })
+    })
+}
+
+#[test]
+fn repaired_meshes_are_manifold_and_cover_the_same_surface() {
+    let mut split = 0;
+    for seed in 0..20 {
+        let is_hull_dropped = seed % 3 == 0;
+        let [plain, repaired] = plain_and_repaired(seed, is_hull_dropped);
+        split += repaired.vertices.len() - plain.vertices.len();
+        let corners = |mesh: &IndexedMesh| -> BTreeSet<[[u64; 3]; 3]> {
+            let at = |v: u32| {
+                let p = mesh.vertices[v as usize];
+                [p.x, p.y, p.z].map(f64::to_bits)
+            };
+            (mesh.triangles.iter())
+                .map(|t| {
+                    let mut corners = t.map(at);
+                    let first = (0..3).min_by_key(|&k| corners[k]).unwrap();
+                    corners.rotate_left(first);
+                    corners
+                })
+                .collect()
+        };
+        let common = corners(&plain).intersection(&corners(&repaired)).count();
+        let halved = plain.triangles.len() - common;
+        assert!(repaired.triangles.len() >= common + 2 * halved);
+        let area = |mesh: &IndexedMesh| -> f64 {
+            let one = |t: &[u32; 3]| {
+                let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
+                (b - a).cross(&(c - a)).norm()
+            };
+            mesh.triangles.iter().map(one).sum()
+        };
+        assert!((area(&plain) - area(&repaired)).abs() < 1e-9 * area(&plain));
+        for (edge, triangles) in edges(&repaired) {
+            assert!(
+                triangles.len() <= 2,
+                "seed {seed}: {edge:?} has {triangles:?}"
+            );
+            if !is_hull_dropped {
+                assert_eq!(triangles.len(), 2);
+            }
+        }
+        // One fan per vertex: its triangles hang together by edges at the vertex.
+        let edges = edges(&repaired);
+        let mut at_vertex: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for (index, t) in repaired.triangles.iter().enumerate() {
+            for &v in t {
+                at_vertex.entry(v).or_default().push(index);
+            }
+        }
+        assert_eq!(at_vertex.len(), repaired.vertices.len());
+        for (vertex, around) in at_vertex {
+            let mut reached = BTreeSet::from([around[0]]);
+            let mut queue = vec![around[0]];
+            while let Some(triangle) = queue.pop() {
+                for &other in &repaired.triangles[triangle] {
+                    let key = (vertex.min(other), vertex.max(other));
+                    for &next in edges.get(&key).into_iter().flatten() {
+                        if reached.insert(next) {
+                            queue.push(next);
+                        }
+                    }
+                }
+            }
+            assert_eq!(reached.len(), around.len(), "seed {seed}: vertex {vertex}");
+        }
+    }
+    assert!(split > 0, "no case needed repair");
+}
+
+/// A line that is known by the positions of its ends is found again on a repaired surface: repair copies vertices and halves edges, but moves
+/// nothing and fills nothing.
+#[test]
+fn repair_keeps_every_edge_where_it_was() {
+    type Bits = [u64; 3];
+    let bits = |p: &Point3<f64>| -> Bits { [p.x, p.y, p.z].map(f64::to_bits) };
+    let segments = |mesh: &IndexedMesh| -> BTreeSet<[Bits; 2]> {
+        let ends = edges(mesh).into_keys().map(|(a, b)| {
+            let mut ends = [a, b].map(|v| bits(&mesh.vertices[v as usize]));
+            ends.sort_unstable();
+            ends
+        });
+        ends.collect()
+    };
+    let mut copied = 0;
+    let mut halved = 0;
+    for seed in 0..40 {
+        let [plain, repaired] = plain_and_repaired(seed, seed % 2 == 0);
+        let (before, after) = (segments(&plain), segments(&repaired));
+        let known: BTreeSet<Bits> = plain.vertices.iter().map(bits).collect();
+        for (a, b) in edges(&plain).into_keys() {
+            let [p, q] = [a, b].map(|v| plain.vertices[v as usize]);
+            let sorted = |x: Bits, y: Bits| [x.min(y), x.max(y)];
+            let middle = bits(&nalgebra::center(&p, &q));
+            let is_whole = after.contains(&sorted(bits(&p), bits(&q)));
+            let is_halved = after.contains(&sorted(bits(&p), middle))
+                && after.contains(&sorted(middle, bits(&q)));
+            assert!(is_whole || is_halved, "seed {seed}: {p} {q}");
+            halved += usize::from(!is_whole);
+        }
+        // What is new ends at a midpoint.
+        for ends in after.difference(&before) {
+            assert!(ends.iter().any(|end| !known.contains(end)), "seed {seed}");
+        }
+        copied += repaired.vertices.len() - plain.vertices.len();
+    }
+    assert!(copied > 0, "no case needed repair, {halved} halved");
+}
+
+#[test]
+fn filters_drop_long_triangles_and_small_components() {
+    for seed in 0..10 {
+        let carver = random_carving(seed, Hull::Drop);
+        let all = carver.mesh(&ExportOptions::default());
+        let length = |mesh: &IndexedMesh, a: u32, b: u32| {
+            (mesh.vertices[a as usize] - mesh.vertices[b as usize]).norm()
+        };
+        let longest = 4.0;
+        let short = carver.mesh(&ExportOptions {
+            longest_edge: Some(longest),
+            ..Default::default()
+        });
+        let is_short = |mesh: &IndexedMesh, t: &&[u32; 3]| {
+            (0..3).all(|k| length(mesh, t[k], t[(k + 1) % 3]) <= longest)
+        };
+        let expected = all.triangles.iter().filter(|t| is_short(&all, t)).count();
+        assert_eq!(short.triangles.len(), expected);
+        assert!(short.triangles.iter().all(|t| is_short(&short, &t)));
+        let large = carver.mesh(&ExportOptions {
+            minimum_component: 5,
+            manifold: true,
+            ..Default::default()
+        });
+        // In a repaired mesh, components are what vertices connect.
+        let mut component: Vec<usize> = (0..large.vertices.len()).collect();
+        fn root(component: &mut [usize], mut v: usize) -> usize {
+            while component[v] != v {
+                component[v] = component[component[v]];
+                v = component[v];
+            }
+            v
+        }
+        for t in &large.triangles {
+            for k in 1..3 {
+                let a = root(&mut component, t[0] as usize);
+                let b = root(&mut component, t[k] as usize);
+                component[a] = b;
+            }
+        }
+        let mut sizes: BTreeMap<usize, usize> = BTreeMap::new();
+        for t in &large.triangles {
+            *sizes
+                .entry(root(&mut component, t[0] as usize))
+                .or_default() += 1;
+        }
+        assert!(sizes.values().all(|&size| size >= 5), "{sizes:?}");
+    }
+}
+
+#[test]
+fn the_unwanted_are_left_out_and_vertices_know_their_origin() {
+    for seed in 0..10 {
+        let carver = random_carving(seed, Hull::Keep);
+        let is_wanted = |triangle: Triangle| !triangle[0].index().is_multiple_of(3);
+        for manifold in [false, true] {
+            let options = ExportOptions {
+                manifold,
+                ..ExportOptions::default()
+            };
+            let (mesh, origins) = carver.mesh_where(&options, is_wanted);
+            let wanted = carver.triangles().filter(|t| is_wanted(*t)).count();
+            assert!(wanted > 0 && wanted < carver.triangle_count());
+            // Splitting an edge makes two triangles of one.
+            assert!(mesh.triangles.len() >= wanted && (manifold || mesh.triangles.len() == wanted));
+            assert_eq!(origins.len(), mesh.vertices.len());
+            for (position, origin) in mesh.vertices.iter().zip(&origins) {
+                match origin {
+                    Some(vertex) => assert_eq!(*position, carver.tetrahedra().position(*vertex)),
+                    None => assert!(manifold, "midpoints come from repair alone"),
+                }
+            }
+            assert_eq!(
+                carver.mesh_where(&options, |_| true).0,
+                carver.mesh(&options)
+            );
+            assert_eq!(carver.mesh_where(&options, |_| false).0.vertices.len(), 0);
+        }
+    }
+}
+
+#[test]
+fn what_is_left_of_a_large_component_may_be_small() {
+    let carver = random_carving(0, Hull::Keep);
+    let options = ExportOptions {
+        minimum_component: 5,
+        manifold: true,
+        ..ExportOptions::default()
+    };
+    let whole = carver.mesh_where(&options, |_| true).0.triangles.len();
+    let mut triangles: Vec<Triangle> = carver.triangles().collect();
+    triangles.sort_unstable();
+    let alone = triangles.iter().filter(|one| {
+        let (mesh, _) = carver.mesh_where(&options, |triangle| triangle == **one);
+        !mesh.triangles.is_empty()
+    });
+    // Every triangle of a component that is large enough is written when it is the only one wanted.
+    assert!(whole > 0 && alone.count() >= whole / 2);
+}
+
+#[test]
+fn triangles_around_a_vertex_are_those_of_the_surface_with_that_corner() {
+    let mut scratch = IncidentCells::new();
+    for seed in 0..6 {
+        let hull = [Hull::Drop, Hull::Keep][seed as usize % 2];
+        let carver = random_carving(seed, hull);
+        let surface: Vec<Triangle> = carver.triangles().collect();
+        for point in carver.points() {
+            let vertex = carver.vertex_of(point).unwrap();
+            let mut around = Vec::new();
+            carver.triangles_around(vertex, &mut scratch, &mut around);
+            around.sort_unstable();
+            let mut expected: Vec<Triangle> = surface
+                .iter()
+                .filter(|triangle| triangle.contains(&vertex))
+                .copied()
+                .collect();
+            expected.sort_unstable();
+            assert_eq!(around, expected);
+        }
+    }
+}

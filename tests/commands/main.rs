@@ -1,0 +1,21 @@
+//! End-to-end tests of the commands: one binary, since each test binary links the whole program.
+
+#![allow(clippy::unwrap_used, reason = "a failure in a helper fails the test")]
+
+#[path = "../program/mod.rs"]
+mod program;
+
+mod bad_input;
+mod compare;
+mod convert;
+mod diff;
+mod evaluate;
+mod image_size;
+mod invariance;
+mod map_points;
+mod reconstruct;
+mod report_page;
+mod resume;
+mod sample;
+mod simplify;
+mod stream;

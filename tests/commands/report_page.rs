@@ -1,0 +1,356 @@
+//! The page of a run in a browser, and its server.
+//!
+//! Browser tests are ignored by default. They need Chromium: `LINECARVE_CHROMIUM`, or one of the usual names on the path.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use crate::program::{expect_status, linecarve, small_sequence, stderr, text};
+use serde_json::Value;
+
+/// A headless browser.
+fn chromium() -> PathBuf {
+    if let Some(path) = std::env::var_os("LINECARVE_CHROMIUM") {
+        return PathBuf::from(path);
+    }
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    ["chromium", "chromium-browser", "google-chrome"]
+        .iter()
+        .flat_map(|name| std::env::split_paths(&path).map(move |folder| folder.join(name)))
+        .find(|candidate| candidate.is_file())
+        .expect("chromium must be on the path, or LINECARVE_CHROMIUM must name it")
+}
+
+/// Runs the browser on an address to its end; its standard output.
+fn browse(chromium: &Path, arguments: &[&str], address: &str) -> String {
+    let profile = tempfile::tempdir().unwrap();
+    let output = Command::new(chromium)
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--disable-quic",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+            "--disable-dev-shm-usage",
+            "--window-size=1280,1000",
+            "--virtual-time-budget=4000",
+        ])
+        .arg(format!("--user-data-dir={}", profile.path().display()))
+        .args(arguments)
+        .arg(address)
+        .stdin(Stdio::null())
+        .stderr(Stdio::null())
+        .output()
+        .expect("the browser starts");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// What the page found out about itself.
+fn self_test(chromium: &Path, address: &str) -> Value {
+    let dom = browse(chromium, &["--dump-dom"], &format!("{address}#selftest"));
+    let marker = "<pre id=\"selftest\">";
+    let (_, rest) = dom.split_once(marker).expect("the page has tested itself");
+    let (json, _) = rest.split_once("</pre>").unwrap();
+    serde_json::from_str(json).unwrap()
+}
+
+fn reconstructed(frames: usize) -> tempfile::TempDir {
+    let folder = small_sequence(frames, "tum");
+    let (sequence, out) = (folder.path().join("sequence"), folder.path().join("out"));
+    let arguments = [
+        "reconstruct",
+        text(&sequence),
+        "--every",
+        "1",
+        "--no-picture",
+        "--quiet",
+        "--out",
+        text(&out),
+    ];
+    expect_status(0, arguments);
+    folder
+}
+
+#[test]
+#[ignore = "needs chromium"]
+fn the_page_shows_the_surface_of_every_keyframe() {
+    let chromium = chromium();
+    let folder = reconstructed(5);
+    let out = folder.path().join("out");
+    let address = format!("file://{}", out.join("report.html").display());
+    let found = self_test(&chromium, &address);
+    assert_eq!(found["errors"], serde_json::json!([]), "{found}");
+    assert_eq!(found["webgl"], true);
+    assert!(found["drawn_share"].as_f64().unwrap() > 0.05, "{found}");
+
+    let states = found["states"].as_array().unwrap();
+    assert_eq!(states.len(), 5);
+    let triangles: Vec<u64> = states
+        .iter()
+        .map(|s| s["triangles"][0].as_u64().unwrap())
+        .collect();
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(
+        triangles.last(),
+        report["result"]["triangles"].as_u64().as_ref()
+    );
+    assert_eq!(states[4]["elements"][0][0], report["result"]["segments"]);
+    assert_eq!(states[4]["elements"][0][1], report["result"]["clusters"]);
+    assert!(
+        triangles.windows(2).all(|pair| pair[0] != pair[1]),
+        "{triangles:?}"
+    );
+
+    let picture = folder.path().join("page.png");
+    let shot = format!("--screenshot={}", picture.display());
+    browse(
+        &chromium,
+        &[&shot],
+        &format!("{address}#keyframe=2&view=keyframe&show=wire"),
+    );
+    let picture = image::open(&picture).unwrap().to_rgb8();
+    let mut colors: Vec<[u8; 3]> = picture.pixels().map(|pixel| pixel.0).collect();
+    colors.sort_unstable();
+    colors.dedup();
+    assert!(colors.len() > 500, "{} colours", colors.len());
+}
+
+#[test]
+fn the_page_needs_no_network() {
+    let folder = reconstructed(2);
+    let page = std::fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    // Namespaces and the texts of messages apart, nothing names another place, and nothing is fetched.
+    for tag in [
+        "<link rel=\"stylesheet\"",
+        "src=\"",
+        "@import",
+        "href=\"http",
+    ] {
+        assert!(!page.contains(tag), "{tag}");
+    }
+    assert!(
+        page.contains("three.js authors"),
+        "the licence is on the page"
+    );
+    assert!(!page.contains("localStorage"));
+}
+
+/// A running `linecarve view`, ended when dropped.
+struct Viewer {
+    child: Child,
+    /// `127.0.0.1:PORT`
+    host: String,
+}
+
+impl Viewer {
+    fn start(folder: &Path) -> Self {
+        let mut child = Command::new(assert_cmd::cargo::cargo_bin("linecarve"))
+            .args(["view", text(folder), "--quiet"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap())
+            .read_line(&mut line)
+            .unwrap();
+        let host = line
+            .trim()
+            .strip_prefix("http://")
+            .unwrap()
+            .trim_end_matches('/')
+            .to_owned();
+        Self { child, host }
+    }
+
+    /// The status and the body of an answer.
+    fn ask(&self, request: &str) -> (u16, Vec<u8>) {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        let head = answer
+            .windows(4)
+            .position(|four| four == b"\r\n\r\n")
+            .unwrap();
+        let status = std::str::from_utf8(&answer[..head]).unwrap();
+        let status = status.split(' ').nth(1).unwrap().parse().unwrap();
+        (status, answer[head + 4..].to_vec())
+    }
+
+    fn get(&self, path: &str) -> (u16, Vec<u8>) {
+        self.ask(&format!(
+            "GET {path} HTTP/1.0\r\nHost: {}\r\n\r\n",
+            self.host
+        ))
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn the_server_gives_the_folder_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    std::fs::create_dir_all(out.join("keyframes")).unwrap();
+    std::fs::write(out.join("report.html"), "<p>page</p>").unwrap();
+    std::fs::write(out.join("keyframes/000001.glb"), "glTF").unwrap();
+    std::fs::write(folder.path().join("secret.txt"), "secret").unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(folder.path().join("secret.txt"), out.join("link.txt")).unwrap();
+
+    let viewer = Viewer::start(&out);
+    assert!(viewer.host.starts_with("127.0.0.1:"));
+    assert_eq!(viewer.get("/"), (200, b"<p>page</p>".to_vec()));
+    assert_eq!(viewer.get("/keyframes/000001.glb").1, b"glTF");
+    for path in [
+        "/../secret.txt",
+        "/%2e%2e/secret.txt",
+        "/..%2fsecret.txt",
+        "/link.txt",
+        "/keyframes",
+        "/none",
+    ] {
+        assert_eq!(viewer.get(path).0, 404, "{path}");
+    }
+    let host = &viewer.host;
+    assert_eq!(
+        viewer
+            .ask(&format!("POST / HTTP/1.0\r\nHost: {host}\r\n\r\n"))
+            .0,
+        405
+    );
+    assert_eq!(
+        viewer
+            .ask("GET / HTTP/1.0\r\nHost: elsewhere.example\r\n\r\n")
+            .0,
+        403
+    );
+
+    // Its port is taken now.
+    let port = host.rsplit(':').next().unwrap();
+    let output = linecarve(["view", text(&out), "--port", port]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        stderr(&output).contains(&format!("port {port} is in use")),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn a_folder_without_a_page_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = linecarve(["view", text(folder.path())]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        stderr(&output).contains("holds no report.html"),
+        "{}",
+        stderr(&output)
+    );
+    let output = linecarve(["view", "/no/such/folder"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+#[ignore = "needs chromium"]
+fn the_page_works_through_the_server() {
+    let chromium = chromium();
+    let folder = reconstructed(3);
+    let viewer = Viewer::start(&folder.path().join("out"));
+    let found = self_test(&chromium, &format!("http://{}/", viewer.host));
+    assert_eq!(found["errors"], serde_json::json!([]), "{found}");
+    assert_eq!(found["states"].as_array().unwrap().len(), 3);
+}
+
+/// A COLMAP model without images: a relief of 12 x 9 points and four views that see all of them.
+fn colmap_model(folder: &Path) {
+    std::fs::create_dir_all(folder).unwrap();
+    let points: Vec<[f64; 3]> = (0..108)
+        .map(|i| (i % 12, i / 12))
+        .map(|(i, j)| {
+            let relief = 0.05 * f64::from((3 * i + 5 * j) % 7);
+            [
+                0.2 * f64::from(i) - 1.1,
+                0.2 * f64::from(j) - 0.8,
+                3.0 + relief,
+            ]
+        })
+        .collect();
+    let centers = [[-0.6, 0.0], [0.6, 0.1], [0.0, -0.5], [0.1, 0.5]];
+    let mut images = String::new();
+    for (view, [x, y]) in centers.iter().enumerate() {
+        let number = view + 1;
+        images += &format!("{number} 1 0 0 0 {} {} 0 1 view{number}.png\n", -x, -y);
+        for (id, p) in points.iter().enumerate() {
+            let pixel = [
+                500.0 * (p[0] - x) / p[2] + 320.0,
+                500.0 * (p[1] - y) / p[2] + 240.0,
+            ];
+            images += &format!("{} {} {} ", pixel[0], pixel[1], id + 1);
+        }
+        images.push('\n');
+    }
+    let mut lines = String::new();
+    for (id, [x, y, z]) in points.iter().enumerate() {
+        lines += &format!("{} {x} {y} {z} 200 120 40 0.1", id + 1);
+        for view in 1..=centers.len() {
+            lines += &format!(" {view} {id}");
+        }
+        lines.push('\n');
+    }
+    let camera = "1 PINHOLE 640 480 500 500 320 240\n";
+    for (name, content) in [
+        ("cameras.txt", camera),
+        ("images.txt", &images),
+        ("points3D.txt", &lines),
+    ] {
+        std::fs::write(folder.join(name), content).unwrap();
+    }
+}
+
+fn reconstructed_model() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, out) = (folder.path().join("model"), folder.path().join("out"));
+    colmap_model(&model);
+    let arguments = ["reconstruct", text(&model), "--from", "map-points"];
+    let to = ["--no-picture", "--quiet", "--out", text(&out)];
+    expect_status(0, arguments.iter().chain(&to));
+    folder
+}
+
+#[test]
+fn a_model_without_images_has_a_page() {
+    let folder = reconstructed_model();
+    assert!(folder.path().join("out/report.html").is_file());
+}
+
+#[test]
+#[ignore = "needs chromium"]
+fn the_page_of_a_model_shows_its_surface() {
+    let chromium = chromium();
+    let folder = reconstructed_model();
+    let out = folder.path().join("out");
+    let address = format!("file://{}", out.join("report.html").display());
+    let found = self_test(&chromium, &address);
+    assert_eq!(found["errors"], serde_json::json!([]), "{found}");
+    assert!(found["drawn_share"].as_f64().unwrap() > 0.05, "{found}");
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    let states = found["states"].as_array().unwrap();
+    assert_eq!(states.len(), 4);
+    assert_eq!(states[3]["triangles"][0], report["result"]["triangles"]);
+    assert!(report["result"]["triangles"].as_u64().unwrap() > 100);
+}

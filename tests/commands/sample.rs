@@ -1,0 +1,236 @@
+//! The sample of the project against the analytic surface from which it was rendered.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use crate::program::expect_status;
+use linecarve_mesh::feature_edges::CREASE_COLOR;
+use linecarve_mesh::raycast::RayScene;
+use linecarve_mesh::{LineSet, TriangleMesh, read_geometry};
+use linecarve_synth::{Scene, SceneKind};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// Along segments a sample is taken this often, in metres.
+const STEP_M: f64 = 0.01;
+/// What counts as on the surface, in metres.
+const NEAR_M: f64 = 0.005;
+
+/// Distances of points to the surface of the room.
+fn distances<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> Vec<f64> {
+    let room = RayScene::new(&Scene::new(SceneKind::Room).mesh());
+    points
+        .into_iter()
+        .map(|point| {
+            room.closest(point, f64::INFINITY)
+                .expect("the room has triangles")
+                .distance
+        })
+        .collect()
+}
+
+/// Points every [`STEP_M`] along the lines.
+fn samples(lines: &LineSet) -> Vec<Point3<f64>> {
+    let mut samples = Vec::new();
+    for [a, b] in &lines.lines {
+        let (a, b) = (lines.points[*a as usize], lines.points[*b as usize]);
+        let parts = ((b - a).norm() / STEP_M).ceil().max(1.0) as usize;
+        samples.extend((0..=parts).map(|part| a + (b - a) * (part as f64 / parts as f64)));
+    }
+    samples
+}
+
+fn run_on_sample(command: &str, out: &Path) {
+    let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
+    let mut arguments = vec![
+        command,
+        sample.to_str().expect("the path of the project is UTF-8"),
+        "--format",
+        "ply",
+        "--quiet",
+        "--out",
+        out.to_str().expect("temporary paths are UTF-8"),
+    ];
+    if command == "reconstruct" {
+        arguments.extend(["--final-only", "--no-picture"]);
+    }
+    expect_status(0, arguments);
+}
+
+#[test]
+fn segments_and_clusters_lie_on_the_surface() {
+    let out = tempfile::tempdir().unwrap();
+    run_on_sample("lines", out.path());
+    for (name, least_count) in [("segments.ply", 5000), ("clusters.ply", 500)] {
+        let lines = read_geometry(&out.path().join(name)).unwrap().into_lines();
+        assert!(
+            lines.lines.len() >= least_count,
+            "{name}: {}",
+            lines.lines.len()
+        );
+        let distances = distances(&samples(&lines));
+        let near = distances
+            .iter()
+            .filter(|distance| **distance < NEAR_M)
+            .count();
+        let share = near as f64 / distances.len() as f64;
+        assert!(share >= 0.95, "{name}: {share:.4} within 5 mm");
+    }
+}
+
+#[test]
+fn the_surface_follows_the_room() {
+    let out = tempfile::tempdir().unwrap();
+    run_on_sample("reconstruct", out.path());
+    let mesh = read_geometry(&out.path().join("mesh.ply"))
+        .unwrap()
+        .into_mesh();
+    assert!(mesh.triangles.len() > 10_000, "{}", mesh.triangles.len());
+
+    // Vertices are measured points: exact depth leaves only pixels and fits to err.
+    let at_vertices = distances(&mesh.positions);
+    let mean = at_vertices.iter().sum::<f64>() / at_vertices.len() as f64;
+    assert!(mean < 0.004, "vertices lie {mean:.5} m off on average");
+
+    // So do the triangles between them: none spans a shadow, or free space that no ray crossed.
+    let corners = |triangle: &[u32; 3]| triangle.map(|corner| mesh.positions[corner as usize]);
+    let centers: Vec<Point3<f64>> = mesh
+        .triangles
+        .iter()
+        .map(|triangle| {
+            Point3::from(
+                corners(triangle)
+                    .map(|p| p.coords)
+                    .iter()
+                    .sum::<Vector3<f64>>()
+                    / 3.0,
+            )
+        })
+        .collect();
+    let (mut error, mut area) = (0.0, 0.0);
+    for (distance, triangle) in distances(&centers).iter().zip(&mesh.triangles) {
+        let [a, b, c] = corners(triangle);
+        let share = (b - a).cross(&(c - a)).norm();
+        error += share * distance;
+        area += share;
+    }
+    let mean = error / area;
+    assert!(mean < 0.006, "triangles lie {mean:.5} m off on average");
+
+    // The program turns triangles towards free space, where the cameras were.
+    let edges_used_twice = {
+        let mut uses = std::collections::HashMap::new();
+        for [a, b, c] in &mesh.triangles {
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                *uses.entry((*from, *to)).or_insert(0_usize) += 1;
+            }
+        }
+        uses.values().filter(|count| **count > 1).count()
+    };
+    assert_eq!(
+        edges_used_twice, 0,
+        "directed edges that two triangles share"
+    );
+
+    let edges = read_geometry(&out.path().join("feature-edges.ply"))
+        .unwrap()
+        .into_lines();
+    demand_edges_of(&mesh, &edges);
+    demand_table(&mesh, &ends(&edges));
+    let colors = edges.colors.clone().expect("kinds are told by colours");
+    let mut creases = edges;
+    creases
+        .lines
+        .retain(|line| colors[line[0] as usize] == CREASE_COLOR);
+    demand_creases(&creases);
+}
+
+/// Every line joins two vertices that a triangle joins, and none is there twice.
+fn demand_edges_of(mesh: &TriangleMesh, lines: &LineSet) {
+    let edge = |p: &Point3<f64>, q: &Point3<f64>| {
+        let [p, q] = [p, q].map(|point| <[f64; 3]>::from(point.coords).map(f64::to_bits));
+        (p.min(q), p.max(q))
+    };
+    let mut of_mesh = BTreeSet::new();
+    for triangle in &mesh.triangles {
+        let corners = triangle.map(|corner| &mesh.positions[corner as usize]);
+        of_mesh.extend((0..3).map(|k| edge(corners[k], corners[(k + 1) % 3])));
+    }
+    let mut seen = BTreeSet::new();
+    for [a, b] in &lines.lines {
+        let edge = edge(&lines.points[*a as usize], &lines.points[*b as usize]);
+        assert!(of_mesh.contains(&edge), "{edge:?} is no edge of the mesh");
+        assert!(seen.insert(edge), "{edge:?} is there twice");
+    }
+    assert!(seen.len() > 3000, "{}", seen.len());
+}
+
+/// The four sides of the coffee table's top: front, east, back, west.
+fn table_top() -> [[Point3<f64>; 2]; 4] {
+    let place = Isometry3::new(Vector3::new(2.35, 1.88, 0.0), Vector3::z() * 0.06);
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(x, y)| place * Point3::new(x * 0.475, y * 0.275, 0.42));
+    [0, 1, 2, 3].map(|k| [corners[k], corners[(k + 1) % 4]])
+}
+
+/// The share of a side along which lines of its direction lie.
+fn share_found([from, to]: [Point3<f64>; 2], lines: &[[Point3<f64>; 2]]) -> f64 {
+    // 15 degrees.
+    const ALONG_COSINE: f64 = 0.966;
+    let direction = (to - from).normalize();
+    let along: Vec<_> = lines
+        .iter()
+        .filter(|[p, q]| (q - p).dot(&direction).abs() >= ALONG_COSINE * (q - p).norm())
+        .collect();
+    let samples = samples(&LineSet::from_segments([[from, to]]));
+    let is_near = |point: &&Point3<f64>| along.iter().any(|line| apart(point, line) < NEAR_M);
+    samples.iter().filter(is_near).count() as f64 / samples.len() as f64
+}
+
+/// Distance of a point from a segment.
+fn apart(point: &Point3<f64>, [p, q]: &[Point3<f64>; 2]) -> f64 {
+    let t = (point - p).dot(&(q - p)) / (q - p).norm_squared();
+    (p + (q - p) * t.clamp(0.0, 1.0) - point).norm()
+}
+
+fn ends(lines: &LineSet) -> Vec<[Point3<f64>; 2]> {
+    let each = lines.lines.iter();
+    each.map(|line| line.map(|end| lines.points[end as usize]))
+        .collect()
+}
+
+/// The outline of the table's top is among the edges, as far as the mesh has edges there at all.
+fn demand_table(mesh: &TriangleMesh, edges: &[[Point3<f64>; 2]]) {
+    let of_mesh: Vec<_> = mesh
+        .triangles
+        .iter()
+        .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]])
+        .map(|edge| edge.map(|end| mesh.positions[end as usize]))
+        .collect();
+    let [found, there] =
+        [edges, &of_mesh].map(|lines| table_top().map(|side| share_found(side, lines)));
+    let [found_mean, there_mean] = [found, there].map(|shares| shares.iter().sum::<f64>() / 4.0);
+    // The front is one edge nearly from end to end; at the other sides the mesh has none along a third.
+    assert!(found[0] > 0.8 && found_mean > 0.6, "{found:.3?}");
+    assert!(found_mean > 0.85 * there_mean, "{found:.3?} of {there:.3?}");
+}
+
+/// Creases lie where the truth has some, within the noise of the mesh: where the rectangles of the scene end.
+fn demand_creases(creases: &LineSet) {
+    const NOISE_M: f64 = 0.01;
+    let room = Scene::new(SceneKind::Room).mesh();
+    let mut uses = BTreeMap::new();
+    for [a, b, c] in &room.triangles {
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            *uses.entry((p.min(q), p.max(q))).or_insert(0_usize) += 1;
+        }
+    }
+    let borders: Vec<_> = uses
+        .into_iter()
+        .filter(|(_, count)| *count == 1)
+        .map(|((p, q), _)| [p, q].map(|end| room.positions[*end as usize]))
+        .collect();
+    let samples: Vec<_> = samples(creases).into_iter().step_by(7).collect();
+    let is_near = |point: &&Point3<f64>| borders.iter().any(|line| apart(point, line) < NOISE_M);
+    let share = samples.iter().filter(is_near).count() as f64 / samples.len() as f64;
+    assert!(share > 0.35, "{share:.3}");
+}

@@ -1,0 +1,210 @@
+//! Provisional depth: keyframes enter the map early, and final depth replaces provisional depth without residue.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::program::{contents, expect_status, small_sequence};
+use linecarve::Options;
+use linecarve::front_end::{
+    Arrival, DepthSource, FrontEnd, Keyframe, SemiDenseSource, SemiDenseStage, group_size,
+    run_in_groups,
+};
+use linecarve::map::Map;
+use linecarve_mesh::{LineSet, TriangleMesh};
+use linecarve_sequence::{OpenOptions, Sequence};
+
+const FRAMES: usize = 12;
+/// About that of the boxes, in metres.
+const MEDIAN_DEPTH: f64 = 2.5;
+
+fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
+    let source = DepthSource::SemiDense(SemiDenseSource {
+        options: SemiDenseStage::default(),
+        median_depth: MEDIAN_DEPTH,
+    });
+    let frames: Vec<usize> = (0..FRAMES).collect();
+    let mut arrivals = Vec::new();
+    let extract = Options::default().extract();
+    let mut front_end = FrontEnd::lines(&source, frames.len(), extract, None, is_with_first)
+        .expect("default options are in range");
+    let collect = |number, arrival| {
+        arrivals.push((number, arrival));
+        Ok::<(), ()>(())
+    };
+    run_in_groups(
+        &mut front_end,
+        sequence,
+        &frames,
+        group_size(),
+        None,
+        collect,
+    )
+    .expect("nothing fails");
+    arrivals
+}
+
+fn map(sequence: &Sequence) -> Map {
+    let options = Options::default();
+    let source = DepthSource::SemiDense(SemiDenseSource {
+        options: options.semi_dense,
+        median_depth: MEDIAN_DEPTH,
+    });
+    Map::of_lines(
+        &options,
+        sequence.color_camera(),
+        source.noise(),
+        MEDIAN_DEPTH,
+    )
+    .expect("default options are in range")
+}
+
+fn segments_of(keyframe: &Keyframe) -> usize {
+    match keyframe {
+        Keyframe::Lines(keyframe) => keyframe.segments.len(),
+        _ => 0,
+    }
+}
+
+fn segments(map: &Map) -> LineSet {
+    map.segments().expect("a map of lines").segments()
+}
+
+fn last(arrival: Arrival) -> Option<Keyframe> {
+    match arrival {
+        Arrival::Provisional { .. } => None,
+        Arrival::Final(keyframe) => Some(keyframe.expect("rendered images are whole")),
+    }
+}
+
+#[test]
+fn first_depths_are_in_the_map_at_once_and_leave_nothing_behind() {
+    let folder = small_sequence(FRAMES, "tum");
+    let sequence = Sequence::open(&folder.path().join("sequence"), &OpenOptions::default())
+        .expect("a sequence of this program");
+    let stage = SemiDenseStage::default();
+
+    let mut plain = map(&sequence);
+    let mut surfaces: Vec<TriangleMesh> = Vec::new();
+    for (_, arrival) in arrivals(&sequence, false) {
+        let keyframe = last(arrival).expect("first depths were not asked for");
+        plain.push(&keyframe).expect("poses are in range");
+        surfaces.push(plain.surface());
+    }
+    assert_eq!(surfaces.len(), FRAMES);
+    assert!(!surfaces[FRAMES - 1].is_empty());
+
+    let mut refined = map(&sequence);
+    let mut waiting: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut finished = 0;
+    for (number, arrival) in arrivals(&sequence, true) {
+        match arrival {
+            Arrival::Provisional {
+                keyframe,
+                delay_keyframes,
+            } => {
+                assert!(
+                    delay_keyframes < stage.future,
+                    "keyframe {number} came after {delay_keyframes} others"
+                );
+                assert!(delay_keyframes + number >= stage.first_neighbours);
+                let rays = refined.carver().ray_count();
+                refined
+                    .push_provisional(&keyframe)
+                    .expect("poses are in range");
+                assert!(refined.carver().ray_count() > rays);
+                assert!(waiting.insert(number, segments_of(&keyframe)).is_none());
+                let listed = refined.provisional_segment_count();
+                assert_eq!(listed, waiting.values().sum::<usize>());
+            }
+            Arrival::Final(keyframe) => {
+                assert_eq!(number, finished);
+                let keyframe = keyframe.expect("rendered images are whole");
+                assert!(waiting.remove(&number).is_some(), "{number} came too late");
+                refined.push(&keyframe).expect("poses are in range");
+                finished += 1;
+                if waiting.is_empty() {
+                    assert!(refined.surface() == surfaces[number]);
+                }
+            }
+        }
+        let segments = refined.provisional_segment_count();
+        assert_eq!(segments, waiting.values().sum::<usize>());
+    }
+    assert_eq!(finished, FRAMES);
+    assert!(refined.surface() == surfaces[FRAMES - 1]);
+    assert!(segments(&refined) == segments(&plain));
+}
+
+#[test]
+fn a_run_that_ends_early_keeps_last_depths_alone() {
+    let folder = small_sequence(FRAMES, "tum");
+    let sequence = Sequence::open(&folder.path().join("sequence"), &OpenOptions::default())
+        .expect("a sequence of this program");
+    let (mut plain, mut refined) = (map(&sequence), map(&sequence));
+    for (number, arrival) in arrivals(&sequence, true) {
+        match arrival {
+            Arrival::Provisional { keyframe, .. } => {
+                refined
+                    .push_provisional(&keyframe)
+                    .expect("poses are in range");
+            }
+            Arrival::Final(keyframe) => {
+                let keyframe = keyframe.expect("rendered images are whole");
+                plain.push(&keyframe).expect("poses are in range");
+                refined.push(&keyframe).expect("poses are in range");
+                if number == 4 {
+                    break;
+                }
+            }
+        }
+    }
+    assert!(refined.surface() != plain.surface());
+    refined.finish().expect("they are there");
+    assert!(refined.surface() == plain.surface());
+    assert_eq!(refined.carver().point_count(), plain.carver().point_count());
+    assert_eq!(refined.provisional_segment_count(), 0);
+}
+
+#[test]
+fn the_files_depend_on_neither_threads_nor_first_depths() {
+    let folder = small_sequence(FRAMES, "tum");
+    let text = |path: &Path| path.to_str().expect("temporary paths are UTF-8").to_owned();
+    let sequence = text(&folder.path().join("sequence"));
+    let files = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let mut arguments = vec![
+            "reconstruct".to_owned(),
+            sequence.clone(),
+            "--out".to_owned(),
+            text(&out),
+        ];
+        let shared = "--depth semi-dense --every 1 --no-picture --no-page --quiet";
+        arguments.extend(
+            shared
+                .split(' ')
+                .chain(more.iter().copied())
+                .map(str::to_owned),
+        );
+        expect_status(0, arguments);
+        let mut files = contents(&out);
+        files.remove(Path::new("report.json"));
+        files
+    };
+    let one = files("one", &["--threads", "1"]);
+    let three = files("three", &["--threads", "3"]);
+    assert!(one == three);
+    let mut final_only = files("final", &["--threads", "2", "--final-only"]);
+    let is_growth = |name: &Path| name.starts_with("keyframes");
+    assert_eq!(
+        one.keys().filter(|name| is_growth(name)).count(),
+        FRAMES,
+        "{:?}",
+        one.keys()
+    );
+    final_only.retain(|name, _| !is_growth(name));
+    assert!(
+        one.iter()
+            .filter(|(name, _)| !is_growth(name))
+            .eq(final_only.iter())
+    );
+}
