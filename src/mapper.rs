@@ -23,7 +23,7 @@ pub struct KeyframeUpdate {
     /// What it did to the map.
     pub map: MapUpdate,
     /// Keyframes that were read between this one and its first, provisional appearance in the map.
-    pub awaited: Option<usize>,
+    pub delay_keyframes: Option<usize>,
     /// The surface after the keyframe in the frame of computation, when a sink asks for it.
     pub surface: Option<TriangleMesh>,
     /// Processor time of all stages so far.
@@ -80,13 +80,13 @@ impl Mapper {
         let keyframe = match arrival {
             Arrival::Provisional {
                 mut keyframe,
-                awaited,
+                delay_keyframes,
             } => {
                 keyframe.translate(&-self.origin);
                 let mut times = keyframe.times();
                 let update = self.map.push_provisional(&keyframe)?;
                 times.carve += milliseconds(update.times.carving);
-                self.provisional.insert(number, (awaited, times));
+                self.provisional.insert(number, (delay_keyframes, times));
                 return Ok(Taken::Provisional);
             }
             Arrival::Final(keyframe) => keyframe,
@@ -105,11 +105,11 @@ impl Mapper {
         times.cluster = milliseconds(update.times.clustering);
         times.points = milliseconds(update.times.matching);
         times.carve = milliseconds(update.times.carving);
-        times.support = milliseconds(update.times.validation);
-        let mut awaited = None;
+        times.validation = milliseconds(update.times.validation);
+        let mut delay_keyframes = None;
         if let Some((keyframes, earlier)) = self.provisional.remove(&number) {
             times.add(&earlier);
-            awaited = Some(keyframes);
+            delay_keyframes = Some(keyframes);
         }
         let surface = wants_surface.then(|| {
             let start = Instant::now();
@@ -124,7 +124,7 @@ impl Mapper {
             order,
             keyframe,
             map: update,
-            awaited,
+            delay_keyframes,
             surface,
             times,
         })))

@@ -1,4 +1,6 @@
-//! The parameters of every stage. Users set the few of [`crate::configuration::Configuration`].
+//! Parameters of all stages. Users set the subset in [`crate::configuration::Configuration`].
+
+use std::fmt::Display;
 
 use linecarve_carving::CutOptionsError;
 use linecarve_lines::ExtractOptions;
@@ -17,55 +19,55 @@ use linecarve_mesh::diff::Tolerance;
 use linecarve_points::{MapPointOptions, PointOptionsError, PoseCorrectionOptions};
 use linecarve_sequence::KeyframeOptions;
 
-/// The parameters of every stage.
+/// Parameters of all stages.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
-    /// Which frames become keyframes.
+    /// Selection of keyframes.
     pub keyframes: KeyframeOptions,
-    /// The images.
+    /// Image loading.
     pub images: ImageOptions,
-    /// The depth camera.
+    /// Depth camera.
     pub sensor: SensorOptions,
     /// Depth from neighbouring keyframes.
     pub semi_dense: SemiDenseStage,
     /// Edge chains.
     pub edges: EdgeOptions,
-    /// The depth of edge pixels.
+    /// Depth of edge pixels.
     pub edge_depth: EdgeDepthOptions,
-    /// Segments along chains.
+    /// Fitting of segments.
     pub fit: FitOptions,
-    /// Clusters of segments.
+    /// Clustering of segments.
     pub cluster: ClusterOptions,
     /// Points along segments.
     pub segment_points: SegmentPointOptions,
     /// Points between the segments.
     pub surface_points: SurfacePointOptions,
-    /// Points that several keyframes see.
+    /// Fusion of landmarks.
     pub landmarks: LandmarkOptions,
-    /// Poses brought into agreement with images.
+    /// Correction of poses from images.
     pub pose_correction: PoseCorrectionOptions,
-    /// Points from features.
+    /// Map points from features.
     pub map_points: MapPointOptions,
-    /// Points that a sequence brings along.
+    /// Points of a sparse model.
     pub point_model: PointModelOptions,
-    /// Free space.
+    /// Free-space carving.
     pub carving: CarvingOptions,
-    /// The surface that is written.
+    /// Surface export.
     pub surface: SurfaceOptions,
     /// Simplification of the final mesh.
     pub simplify: SimplifySettings,
 }
 
-/// The images.
+/// Image loading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ImageOptions {
-    /// Larger images are computed on at a whole fraction of their size, where no side is longer than this; 0: as they are.
-    /// Sequences with depth images are left alone.
+    /// Images with a longer side are downscaled by an integer factor; 0: never. Does not apply to sequences with depth
+    /// images.
     pub longest_side_px: u32,
 }
 
 impl ImageOptions {
-    /// The longest side that an image may have.
+    /// The longest allowed side of an image.
     pub fn longest_side(&self) -> u32 {
         match self.longest_side_px {
             0 => u32::MAX,
@@ -82,11 +84,10 @@ impl Default for ImageOptions {
     }
 }
 
-/// The depth camera.
+/// Depth camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorOptions {
-    /// Standard deviation of a depth at the scene's median depth, as a share of it. Inverse depth has the same deviation
-    /// everywhere.
+    /// Standard deviation of depth at the median scene depth, as a share of it. That of inverse depth is constant.
     pub relative_noise: f64,
 }
 
@@ -98,26 +99,22 @@ impl Default for SensorOptions {
     }
 }
 
-/// Free space.
+/// Free-space carving.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CarvingOptions {
-    /// How tetrahedra are labelled.
+    /// Labelling of tetrahedra.
     pub labels: LabelKind,
-    /// With votes, a tetrahedron is free when at least this many rays cross it.
+    /// With votes: least number of rays through a free tetrahedron.
     pub free_threshold: u32,
-    /// The weight of the triangle between a camera and a stretch of a segment that it sees, 0 for none: everything in it is
-    /// free, not only what lies on the rays to points, which weigh 1, but for cells through which the stretch itself runs. With
-    /// the cut it is so sure as the ends, all rays in it together have this weight, and what is behind the stretch is tied to
-    /// matter as behind a point. The surface gains a little; a keyframe takes two to three times as long.
+    /// Weight of visibility triangles, between a camera and a sub-segment that it observes, relative to rays with weight 1;
+    /// 0: none. Cells that the triangle crosses are free, except those that the sub-segment itself passes through. With the
+    /// cut, free space behind the sub-segment is penalised, as behind a point. A keyframe takes two to three times as long.
     pub segment_weight: u32,
-    /// A point gets a ray from a camera only where the camera lies this far, as seen from the point, beside all the rays that
-    /// the point has: a camera that stays in one place tells nothing new with each keyframe, and would make all rays dearer.
-    /// In degrees; 0 for all rays.
+    /// Least angle in degrees between the rays to a point; 0: no limit. Nearly parallel rays add cost, but no evidence.
     pub least_ray_angle_deg: f64,
-    /// A stretch gets a triangle from a camera only where the camera lies this far, as seen from its ends, beside those that
-    /// have triangles the same way there. In degrees; 0 for all triangles.
+    /// Least angle in degrees between the visibility triangles to a sub-segment; 0: no limit.
     pub least_segment_angle_deg: f64,
-    /// Settings of the cut.
+    /// Settings of the minimum cut.
     pub cut: CutSettings,
 }
 
@@ -134,21 +131,19 @@ impl Default for CarvingOptions {
     }
 }
 
-/// The surface that is written.
+/// Surface export.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceOptions {
-    /// Where depth is not dense, triangles with an edge longer than this share of the scene's median depth are left out:
-    /// they span what no keyframe measured. Points of edges and corners lie far apart, so that shorter bounds cost more of the
-    /// surface than they spare of what is none. `None` keeps all.
+    /// Where depth is not dense, triangles with an edge longer than this share of the median scene depth are dropped. `None`
+    /// keeps all.
     pub longest_edge_share: Option<f64>,
-    /// Where depth is dense, triangles are left out of which keyframes measured less than this share; 0 asks no keyframe.
+    /// Where depth is dense, triangles with a smaller measured share than this are dropped; 0 keeps all.
     pub least_measured_share: f64,
-    /// Connected pieces of fewer triangles are left out.
+    /// Connected components with fewer triangles are dropped.
     pub minimum_component: usize,
-    /// Whether facets on the convex hull of the map are kept.
+    /// Whether facets on the convex hull are kept.
     pub keep_hull: bool,
-    /// Vertices and edges where more than one sheet of the surface meet are split, so that every edge has at most two
-    /// triangles.
+    /// Whether non-manifold vertices and edges are split, so that every edge has at most two triangles.
     pub manifold: bool,
 }
 
@@ -167,20 +162,20 @@ impl Default for SurfaceOptions {
 /// Simplification of the final mesh.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SimplifySettings {
-    /// Largest distance between the mesh and the simplified mesh. `None`: the mesh is not simplified.
+    /// Largest distance between the original and the simplified mesh. `None`: no simplification.
     pub tolerance: Option<Tolerance>,
     /// Largest distance by which boundary edges move within the surface. `None`: half the median length of the boundary
     /// edges, at most 20 tolerances.
     pub boundary_tolerance: Option<Tolerance>,
 }
 
-/// Why parameters are refused.
+/// A parameter is out of range.
 #[derive(Debug, thiserror::Error)]
 pub enum OptionsError {
-    /// A setting of the labels by minimum cut is out of range.
+    /// A setting of the minimum cut is out of range.
     #[error("carving.cut: {0}")]
     Cut(#[from] CutOptionsError),
-    /// A value of the semi-dense depth is out of range.
+    /// A value of semi-dense depth is out of range.
     #[error(transparent)]
     SemiDense(#[from] SemiDenseOptionsError),
     /// A value is out of range.
@@ -188,18 +183,18 @@ pub enum OptionsError {
     Range {
         /// Section and key.
         key: &'static str,
-        /// What was given.
+        /// The given value.
         value: String,
-        /// What would do.
+        /// The expected range.
         expected: &'static str,
     },
-    /// An option of the map points, or of the correction of poses, is out of range.
+    /// An option of map points or pose correction is out of range.
     #[error(transparent)]
     MapPoints(#[from] PointOptionsError),
 }
 
 impl Options {
-    /// What the front end takes.
+    /// Options of the segment extraction.
     pub fn extract(&self) -> ExtractOptions {
         ExtractOptions {
             edges: self.edges,
@@ -212,47 +207,45 @@ impl Options {
         }
     }
 
-    /// Checks the ranges of what this module holds itself; the stages check their own when they start.
+    /// Checks the ranges of values without a check in their own stage.
     ///
     /// # Errors
     /// The first value out of range.
     pub fn validate(&self) -> Result<(), OptionsError> {
-        let positive = |key, value: f64| {
-            if value.is_finite() && value > 0.0 {
-                return Ok(());
-            }
-            Err(OptionsError::Range {
+        let check = |is_valid: bool, key, value: &dyn Display, expected| {
+            is_valid.then_some(()).ok_or_else(|| OptionsError::Range {
                 key,
                 value: value.to_string(),
-                expected: "a positive, finite number is needed",
+                expected,
             })
+        };
+        let positive = |key, value: f64| {
+            let expected = "a positive, finite number is needed";
+            check(value.is_finite() && value > 0.0, key, &value, expected)
+        };
+        let angle = |key, degrees: f64| {
+            let expected = "an angle from 0 to 45 degrees is needed";
+            check((0.0..=45.0).contains(&degrees), key, &degrees, expected)
         };
         positive("sensor.relative_noise", self.sensor.relative_noise)?;
         self.semi_dense.validate()?;
-        positive("landmarks.lateral_px", self.landmarks.lateral_px)?;
-        positive("landmarks.depth_sigmas", self.landmarks.depth_sigmas)?;
-        positive(
-            "surface_points.agreement_sigmas",
-            self.surface_points.agreement_sigmas,
+        let landmarks = &self.landmarks;
+        positive("landmarks.lateral_px", landmarks.lateral_px)?;
+        positive("landmarks.depth_sigmas", landmarks.depth_sigmas)?;
+        let points = &self.surface_points;
+        positive("surface_points.agreement_sigmas", points.agreement_sigmas)?;
+        check(
+            points.correction_sigmas > 0.0,
+            "surface_points.correction_sigmas",
+            &points.correction_sigmas,
+            "a positive number is needed, or inf for no corrections",
         )?;
-        let sigmas = self.surface_points.correction_sigmas;
-        if sigmas.is_nan() || sigmas <= 0.0 {
-            return Err(OptionsError::Range {
-                key: "surface_points.correction_sigmas",
-                value: sigmas.to_string(),
-                expected: "a positive number is needed, or inf for no corrections",
-            });
-        }
-        positive("landmarks.settling_share", self.landmarks.settling_share)?;
-        self.surface_points
+        positive("landmarks.settling_share", landmarks.settling_share)?;
+        points
             .samples
             .validate()
-            .and_then(|()| self.surface_points.refine.validate())
-            .map_err(|error| OptionsError::Range {
-                key: error.key,
-                value: error.value.to_string(),
-                expected: error.expected,
-            })?;
+            .and_then(|()| points.refine.validate())
+            .or_else(|error| check(false, error.key, &error.value, error.expected))?;
         if let Some(spacing) = self.segment_points.spacing_px {
             positive("segment_points.spacing_px", spacing)?;
         }
@@ -260,42 +253,28 @@ impl Options {
             positive("surface.longest_edge_share", share)?;
         }
         let share = self.surface.least_measured_share;
-        if !(0.0..=1.0).contains(&share) {
-            return Err(OptionsError::Range {
-                key: "surface.least_measured_share",
-                value: share.to_string(),
-                expected: "a share from 0 to 1 is needed",
-            });
-        }
-        for (key, angle) in [
-            (
-                "carving.least_ray_angle_deg",
-                self.carving.least_ray_angle_deg,
-            ),
-            (
-                "carving.least_segment_angle_deg",
-                self.carving.least_segment_angle_deg,
-            ),
-        ] {
-            if !(0.0..=45.0).contains(&angle) {
-                return Err(OptionsError::Range {
-                    key,
-                    value: angle.to_string(),
-                    expected: "degrees from 0 to 45 are needed",
-                });
-            }
-        }
-        positive("carving.cut.sigma_factor", self.carving.cut.sigma_factor)?;
-        self.carving.cut.options().validate()?;
+        check(
+            (0.0..=1.0).contains(&share),
+            "surface.least_measured_share",
+            &share,
+            "a share from 0 to 1 is needed",
+        )?;
+        let carving = &self.carving;
+        angle("carving.least_ray_angle_deg", carving.least_ray_angle_deg)?;
+        angle(
+            "carving.least_segment_angle_deg",
+            carving.least_segment_angle_deg,
+        )?;
+        positive("carving.cut.sigma_factor", carving.cut.sigma_factor)?;
+        carving.cut.options().validate()?;
         self.map_points.validate()?;
         self.pose_correction.validate()?;
-        if self.carving.free_threshold == 0 {
-            return Err(OptionsError::Range {
-                key: "carving.free_threshold",
-                value: "0".to_owned(),
-                expected: "with 0 everything would be free; 1 or more is needed",
-            });
-        }
+        check(
+            carving.free_threshold > 0,
+            "carving.free_threshold",
+            &carving.free_threshold,
+            "at least 1 is needed; with 0 everything would be free",
+        )?;
         Ok(())
     }
 }

@@ -12,7 +12,7 @@ use crate::run::Verbosity;
 use crate::sinks::OutputFolder;
 use crate::sinks::SurfaceFiles;
 use crate::sinks::final_mesh_edges;
-use crate::stream::{Ending, Message, Reply, Session, Summary};
+use crate::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
 
 /// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.
 const LONGEST_MESSAGE: u64 = 1 << 28;
@@ -48,8 +48,11 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
             break;
         }
     }
-    let Ending { last, summary } = session.finish();
-    match last {
+    let SessionEnd {
+        last_change,
+        summary,
+    } = session.finish();
+    match last_change {
         Ok(Some(reply)) => replies.send(&reply)?,
         Ok(None) => {}
         Err(error) => replies.refuse(number, error.to_string(), verbosity)?,
@@ -136,7 +139,7 @@ impl Replies {
 /// Writes what there is at the end.
 fn write_results(
     args: &StreamArgs,
-    summary: Summary,
+    summary: SessionSummary,
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
     let edges = final_mesh_edges(&summary.mesh, &summary.clusters, None)?;

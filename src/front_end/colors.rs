@@ -1,4 +1,4 @@
-//! The colours of a keyframe, as coarse as the vertices of a surface need them.
+//! Colours of a keyframe at the resolution of surface vertices.
 
 use linecarve_lines::image::Plane;
 use nalgebra::Point2;
@@ -6,52 +6,50 @@ use serde::{Deserialize, Serialize};
 
 use linecarve_sequence::ColorImage;
 
-/// Side of the squares of pixels that share a colour. Vertices are further apart, and a mean is calmer than a pixel on an
-/// edge.
-const SIDE_PX: usize = 4;
+/// Side of a block of pixels that share a colour, in pixels. Vertices are further apart, and the mean is less noisy than a
+/// pixel on an edge.
+const BLOCK_PX: usize = 4;
 
-/// sRGB colours of squares of pixels. An image that is no multiple of a square loses its last columns and rows.
+/// sRGB colours of pixel blocks. Columns and rows beyond the last whole block are dropped.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct KeyframeColors {
-    squares: Plane<[u8; 3]>,
+    blocks: Plane<[u8; 3]>,
 }
 
 impl KeyframeColors {
     /// The mean colours of an image.
     pub fn of(image: &ColorImage) -> Self {
         let (width, height) = (image.width() as usize, image.height() as usize);
-        let (columns, rows) = (width / SIDE_PX, height / SIDE_PX);
+        let (columns, rows) = (width / BLOCK_PX, height / BLOCK_PX);
         let samples = image.as_raw();
-        let mut squares = Vec::with_capacity(columns * rows);
+        let mut blocks = Vec::with_capacity(columns * rows);
         for row in 0..rows {
             for column in 0..columns {
                 let mut sums = [0_u32; 3];
-                for y in row * SIDE_PX..(row + 1) * SIDE_PX {
-                    let start = 3 * (y * width + column * SIDE_PX);
-                    for pixel in samples[start..start + 3 * SIDE_PX].chunks_exact(3) {
+                for y in row * BLOCK_PX..(row + 1) * BLOCK_PX {
+                    let start = 3 * (y * width + column * BLOCK_PX);
+                    for pixel in samples[start..start + 3 * BLOCK_PX].chunks_exact(3) {
                         for (sum, value) in sums.iter_mut().zip(pixel) {
                             *sum += u32::from(*value);
                         }
                     }
                 }
-                let count = (SIDE_PX * SIDE_PX) as u32;
-                squares.push(sums.map(|sum| ((sum + count / 2) / count) as u8));
+                let count = (BLOCK_PX * BLOCK_PX) as u32;
+                blocks.push(sums.map(|sum| ((sum + count / 2) / count) as u8));
             }
         }
         Self {
-            squares: Plane::new(columns, rows, squares).unwrap_or_default(),
+            blocks: Plane::new(columns, rows, blocks).unwrap_or_default(),
         }
     }
 
-    /// The colour at a pixel, `None` outside the image.
+    /// The colour at a pixel; `None` outside the image.
     pub fn at(&self, pixel: &Point2<f64>) -> Option<[u8; 3]> {
-        let square = |along: f64| {
-            let square = (along + 0.5) / SIDE_PX as f64;
-            (0.0..65536.0).contains(&square).then_some(square as usize)
+        let block = |along: f64| {
+            let block = (along + 0.5) / BLOCK_PX as f64;
+            (0.0..65536.0).contains(&block).then_some(block as usize)
         };
-        self.squares
-            .get(square(pixel.x)?, square(pixel.y)?)
-            .copied()
+        self.blocks.get(block(pixel.x)?, block(pixel.y)?).copied()
     }
 }
 
@@ -67,7 +65,7 @@ mod tests {
         let colors = KeyframeColors::of(&image);
         assert_eq!(colors.at(&Point2::new(0.0, 0.0)), Some([10, 2, 255]));
         assert_eq!(colors.at(&Point2::new(3.6, 7.4)), Some([20, 2, 255]));
-        // Beyond the last whole square, and outside.
+        // Beyond the last whole block, and outside the image.
         for outside in [8.0, -1.0, f64::NAN, f64::INFINITY, 1e300] {
             assert_eq!(colors.at(&Point2::new(outside, 0.0)), None);
         }

@@ -1,30 +1,30 @@
-//! Where the depth of keyframes comes from.
+//! Source of the depth of keyframes.
 
 use linecarve_lines::depth::semi_dense::{
     ConsistencyOptions, NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions,
 };
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 
-/// Where the depth of keyframes comes from.
+/// Source of the depth of keyframes.
 #[derive(Debug, Clone)]
 pub enum DepthSource {
     /// Depth images.
     Sensor(DepthSensor),
-    /// The images of neighbouring keyframes.
+    /// Matching with neighbouring keyframes.
     SemiDense(SemiDenseSource),
 }
 
-/// Depth from neighbouring keyframes.
+/// Parameters of depth from neighbouring keyframes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SemiDenseSource {
-    /// Its parameters.
+    /// Parameters of the estimation.
     pub options: SemiDenseStage,
     /// Median depth of the scene in units of the poses.
     pub median_depth: f64,
 }
 
 impl DepthSource {
-    /// What a single depth errs by.
+    /// Standard deviation of a single depth.
     pub fn noise(&self) -> SensorNoise {
         match self {
             Self::Sensor(sensor) => sensor.noise,
@@ -34,7 +34,7 @@ impl DepthSource {
         }
     }
 
-    /// Its name in reports: `sensor` or `semi-dense`.
+    /// Name in reports: `sensor` or `semi-dense`.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Sensor(_) => "sensor",
@@ -43,25 +43,25 @@ impl DepthSource {
     }
 }
 
-/// Depth from neighbouring keyframes.
+/// Parameters of depth from neighbouring keyframes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SemiDenseStage {
-    /// Keyframes before one that may be its neighbours.
+    /// Number of earlier keyframes that may be neighbours.
     pub past: usize,
-    /// Keyframes after it that are awaited: then its depth is estimated for the last time.
+    /// Number of later keyframes that may be neighbours. The final estimate waits for them.
     pub future: usize,
-    /// Neighbours with which it is estimated for the first time.
+    /// Number of neighbours for the first estimate.
     pub first_neighbours: usize,
-    /// What the depth of a place errs by however many pixels of an edge are averaged, as a share of the median depth: errors of
-    /// poses are the same for all of them.
+    /// Depth error that averaging along an edge does not reduce, as a share of the median depth. It stems from pose errors,
+    /// which all pixels share.
     pub relative_noise: f64,
-    /// Edges on no segment get a point every this many pixels; 0: they get none.
+    /// Spacing of points on edges without segment; 0: none.
     pub edge_point_spacing_px: usize,
-    /// Which keyframes are neighbours.
+    /// Choice of neighbours.
     pub neighbours: NeighbourOptions,
-    /// How edge pixels are matched.
+    /// Matching of edge pixels.
     pub matching: SemiDenseOptions,
-    /// Which depths the maps of other keyframes confirm.
+    /// Consistency with the depth of other keyframes.
     pub confirm: ConsistencyOptions,
     /// Points between edges.
     pub sweep: SweepOptions,

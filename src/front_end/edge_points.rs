@@ -1,6 +1,6 @@
-//! Points on image edges that are on no segment: curved edges, and straight ones too short or too noisy for a fit.
+//! Edge points on no segment: curved edges, and straight ones too short or too noisy for a fit.
 //!
-//! From images alone edges are most of what has a depth, so that what lies on no segment is missing from the surface as well.
+//! Without a depth camera most depth lies on edges; without these points the surface lacks all that is on no segment.
 
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::depth::semi_dense::SurfacePoint;
@@ -9,21 +9,21 @@ use linecarve_lines::fit::Segment;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-/// Of the pixels of a stretch at least this share must have a depth.
-const LEAST_SHARE: f64 = 0.5;
-/// Of those at least this share must agree with their median.
-const LEAST_AGREEING: f64 = 0.75;
-/// Depths agree that differ by at most this many of their standard deviations.
+/// Least share of the pixels of a piece with a depth.
+const MIN_KNOWN_SHARE: f64 = 0.5;
+/// Least share of these that agree with their median.
+const MIN_AGREEING_SHARE: f64 = 0.75;
+/// Largest difference of agreeing depths, in standard deviations.
 const AGREEMENT_SIGMAS: f32 = 2.0;
 
-/// A point by itself: of an image edge, or between edges.
+/// A single point on an image edge or between edges.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EdgePoint {
-    /// Where it is in the image.
+    /// Position in the image.
     pub pixel: Point2<f64>,
-    /// Its inverse depth.
+    /// Inverse depth.
     pub inverse_depth: f64,
-    /// Standard deviation of that.
+    /// Standard deviation of the inverse depth.
     pub sigma: f64,
 }
 
@@ -37,12 +37,11 @@ impl From<SurfacePoint> for EdgePoint {
     }
 }
 
-/// The points of edges that are on none of `segments`, which were found along these chains in this depth. Each stands for a
-/// stretch of `spacing_px` pixels whose depths agree with each other: the pixel with the median depth. With a spacing of 0 there are
-/// none.
+/// Points of the chains that are on none of `segments`. Each represents a piece of `spacing_px` pixels whose depths agree, by
+/// the pixel with the median depth. A spacing of 0 gives none.
 ///
 /// # Complexity
-/// Linear in the pixels of all chains.
+/// Linear in the number of chain pixels.
 pub(super) fn edge_points(
     chains: &EdgeChains,
     depth: &InverseDepthMap,
@@ -64,15 +63,15 @@ pub(super) fn edge_points(
         let mut from = 0;
         while from < chain.len() {
             let free = on_segment[from..].iter().take_while(|is| !**is).count();
-            for stretch in (from..from + free).step_by(spacing_px) {
-                let end = stretch.saturating_add(spacing_px).min(from + free);
+            for piece in (from..from + free).step_by(spacing_px) {
+                let end = piece.saturating_add(spacing_px).min(from + free);
                 known.clear();
-                known.extend((stretch..end).filter_map(|position| {
+                known.extend((piece..end).filter_map(|position| {
                     let [x, y] = chain[position];
                     let measured = depth.get(usize::from(x), usize::from(y))?;
                     Some((measured.rho, measured.sigma, start + position))
                 }));
-                if let Some(point) = representative(&mut known, end - stretch, spacing_px) {
+                if let Some(point) = representative(&mut known, end - piece, spacing_px) {
                     points.push(EdgePoint {
                         pixel: chains.positions()[point.2].map(f64::from).into(),
                         inverse_depth: point.0.into(),
@@ -86,14 +85,14 @@ pub(super) fn edge_points(
     points
 }
 
-/// The median of the known depths of a stretch, if that is long enough and they agree.
+/// The median depth of a piece, if it is long enough and its depths agree.
 fn representative(
     known: &mut [(f32, f32, usize)],
     length: usize,
     spacing_px: usize,
 ) -> Option<(f32, f32, usize)> {
     let is_long = length >= spacing_px.div_ceil(2) && !known.is_empty();
-    if !is_long || (known.len() as f64) < LEAST_SHARE * length as f64 {
+    if !is_long || (known.len() as f64) < MIN_KNOWN_SHARE * length as f64 {
         return None;
     }
     let middle = known.len() / 2;
@@ -105,7 +104,7 @@ fn representative(
             (rho - median.0).abs() <= AGREEMENT_SIGMAS * sigma.hypot(median.1)
         })
         .count();
-    (agreeing as f64 >= LEAST_AGREEING * known.len() as f64).then_some(median)
+    (agreeing as f64 >= MIN_AGREEING_SHARE * known.len() as f64).then_some(median)
 }
 
 #[cfg(test)]
@@ -115,7 +114,7 @@ mod tests {
     use linecarve_lines::edges::EdgeDetector;
     use linecarve_lines::image::GrayImage;
 
-    /// The chains of an image with one upright edge, and the depths that its pixels have, by their places on the edge.
+    /// The chains of an image with one vertical edge, and a depth for each of its pixels by their index along the edge.
     fn edge(rho: impl Fn(usize) -> Option<f32>) -> (EdgeChains, InverseDepthMap) {
         let samples = (0..64 * 64)
             .map(|at| if at % 64 < 32 { 20 } else { 200 })
@@ -123,15 +122,15 @@ mod tests {
         let image = GrayImage::new(64, 64, samples).expect("the sizes agree");
         let chains = EdgeDetector::default().detect(&image);
         let mut depth = InverseDepthMap::unknown(64, 64).expect("not empty");
-        for (place, [x, y]) in chains.pixels().iter().enumerate() {
-            let measured = rho(place).and_then(|rho| InverseDepth::new(rho, 0.01));
+        for (position, [x, y]) in chains.pixels().iter().enumerate() {
+            let measured = rho(position).and_then(|rho| InverseDepth::new(rho, 0.01));
             depth.set(usize::from(*x), usize::from(*y), measured);
         }
         (chains, depth)
     }
 
     #[test]
-    fn stretches_with_agreeing_depths_have_a_point_each() {
+    fn pieces_with_agreeing_depths_have_a_point_each() {
         let (chains, depth) = edge(|_| Some(0.5));
         let points = edge_points(&chains, &depth, &[], 10);
         assert!(points.len() >= chains.pixels().len() / 10 && points.len() >= 4);
@@ -150,10 +149,10 @@ mod tests {
     }
 
     #[test]
-    fn stretches_that_disagree_or_are_hardly_known_have_none() {
-        let (chains, depth) = edge(|place| Some(0.5 + 0.1 * (place % 3) as f32));
+    fn pieces_with_few_or_disagreeing_depths_have_none() {
+        let (chains, depth) = edge(|position| Some(0.5 + 0.1 * (position % 3) as f32));
         assert!(edge_points(&chains, &depth, &[], 10).is_empty());
-        let (chains, depth) = edge(|place| (place % 4 == 0).then_some(0.5));
+        let (chains, depth) = edge(|position| (position % 4 == 0).then_some(0.5));
         assert!(edge_points(&chains, &depth, &[], 10).is_empty());
     }
 }

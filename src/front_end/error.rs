@@ -1,4 +1,4 @@
-//! Why a frame yields no keyframe.
+//! Errors of front ends.
 
 use linecarve_lines::ExtractError;
 use linecarve_lines::depth::SensorError;
@@ -6,26 +6,26 @@ use linecarve_lines::depth::semi_dense::MatchViewError;
 use linecarve_mesh::files::WriteError;
 use linecarve_sequence::FrameError;
 
-/// Why a frame yields no keyframe.
+/// Errors of front ends.
 #[derive(Debug, thiserror::Error)]
 pub enum FrontEndError {
     /// An image is missing, broken or of the wrong size.
     #[error(transparent)]
     Image(#[from] FrameError),
-    /// Depth and colour image do not fit together.
+    /// Depth and colour image are incompatible.
     #[error("frame {frame}: {source}")]
     Depth {
         /// Name of the frame.
         frame: String,
-        /// What does not fit.
+        /// The cause.
         source: SensorError,
     },
-    /// The frame cannot be matched with others.
+    /// The frame cannot be matched with other frames.
     #[error("frame {frame}: {source}")]
     Match {
         /// Name of the frame.
         frame: String,
-        /// Why.
+        /// The cause.
         source: MatchViewError,
     },
     /// Segments cannot be extracted.
@@ -33,7 +33,7 @@ pub enum FrontEndError {
     Extract {
         /// Name of the frame.
         frame: String,
-        /// Why.
+        /// The cause.
         source: ExtractError,
     },
     /// The keyframe cannot be stored in the checkpoint.
@@ -48,7 +48,7 @@ pub enum FrontEndError {
 }
 
 impl FrontEndError {
-    /// Whether the fault lies in this frame alone, so that the run can go on without it.
+    /// Whether only this frame is affected, so that the run can continue without it.
     pub fn is_limited_to_frame(&self) -> bool {
         match self {
             Self::Image(error) => error.is_limited_to_frame(),

@@ -1,23 +1,23 @@
-//! How far away a scene is, when there is no depth image: from features of a few frames.
+//! Median scene depth from features of a few frames, for sequences without depth images.
 
 use super::FeatureFrontEnd;
 use linecarve_points::PoseCorrectionOptions;
 use linecarve_points::{MapPointOptions, PointMap, PointOptionsError};
 use linecarve_sequence::Sequence;
 
-/// Places in the sequence that are looked at.
-const PLACES: usize = 3;
+/// Number of sampled positions in the sequence.
+const POSITIONS: usize = 3;
 
-/// Frames at each place.
+/// Frames at each position.
 const FRAMES: usize = 5;
 
-/// A place with this many points is enough.
+/// Least number of points at a position.
 const MIN_POINTS: usize = 40;
 
-/// The median depth of a sequence in units of the poses from points triangulated in a few frames at a few places; `None`
-/// when they show no parallax, or nothing at all. Frames that cannot be read are passed over.
+/// The median depth of a sequence in units of the poses, from points triangulated in a few frames at a few positions. `None`
+/// without parallax or texture. Unreadable frames are skipped.
 ///
-/// At each place frames further and further apart are tried: how far apart they have to be depends on the motion.
+/// The frame distance is doubled until there is enough parallax, as it depends on the motion.
 ///
 /// # Errors
 /// When an option is out of range.
@@ -28,8 +28,8 @@ pub fn median_feature_depth(
     let count = sequence.frames().len();
     let size = sequence.color_size();
     let mut medians = Vec::new();
-    for place in 0..PLACES {
-        let middle = (2 * place + 1) * count / (2 * PLACES);
+    for position in 0..POSITIONS {
+        let middle = (2 * position + 1) * count / (2 * POSITIONS);
         let mut stride = 1;
         while stride == 1 || stride * (FRAMES - 1) < count {
             let first = middle.saturating_sub(stride * (FRAMES / 2));

@@ -4,14 +4,13 @@ use std::time::Instant;
 
 use linecarve_points::{FeatureDetector, MapPointOptions};
 use linecarve_sequence::Sequence;
-use rayon::prelude::*;
 
 use super::error::FrontEndError;
 use super::keyframe::{FeatureKeyframe, Keyframe};
-use super::{Arrival, Arrivals, Group};
+use super::{Arrivals, Group, prepare_independent};
 use crate::run::{Checkpoint, StageTimes, milliseconds};
 
-/// Turns frames of a sequence into keyframes with features. No depth is needed.
+/// Detects ORB features in frames of a sequence. Needs no depth.
 #[derive(Debug, Clone, Copy)]
 pub struct FeatureFrontEnd {
     options: MapPointOptions,
@@ -23,7 +22,7 @@ impl FeatureFrontEnd {
         Self { options }
     }
 
-    /// Reads one frame and finds its features.
+    /// Loads one frame and detects its features.
     ///
     /// # Errors
     /// When the image cannot be read.
@@ -54,12 +53,12 @@ impl FeatureFrontEnd {
         group: Group<'_>,
         checkpoint: Option<&Checkpoint>,
     ) -> Arrivals {
-        let prepare = |(number, frame): (usize, &usize)| {
-            let number = group.first + number;
-            let keyframe =
-                Checkpoint::load_or(checkpoint, number, || self.process(sequence, *frame));
-            (number, Arrival::Final(keyframe.map(Keyframe::Features)))
-        };
-        group.frames.par_iter().enumerate().map(prepare).collect()
+        prepare_independent(
+            self,
+            group,
+            checkpoint,
+            |front_end, _, frame| front_end.process(sequence, frame),
+            Keyframe::Features,
+        )
     }
 }

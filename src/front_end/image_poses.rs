@@ -1,7 +1,7 @@
-//! Poses, and the lens, as the images have them, for depth that comes from images alone.
+//! Correction of poses and lens from images, for depth from images alone.
 //!
-//! Depth is triangulated between keyframes that lie close together: what a pose is wrong by, in pixels, goes into it many times
-//! over, and is the same for all edges of a keyframe, so that no average takes it away.
+//! Depth is triangulated over short baselines, which amplify pose errors. All edges of a keyframe share them, so averaging
+//! does not help.
 
 use nalgebra::Isometry3;
 
@@ -14,68 +14,67 @@ use linecarve_points::{PointMap, PointOptionsError};
 use linecarve_sequence::Sequence;
 use serde::Serialize;
 
-/// Poses that are moved by less than this share of what they may be wrong by stay as given. Points err as well: exact poses would
-/// follow their errors. What poses are really wrong by shows in full; what points alone err by moves them little.
-const LEAST_SHARE: f64 = 0.5;
+/// Poses are corrected only when the correction exceeds this share of their assumed error. Points are noisy too, and accurate
+/// poses would follow that noise.
+const MIN_CORRECTION_SHARE: f64 = 0.5;
 
-/// How far the given poses are from what the images show.
+/// Difference between the given poses and those that the images show.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct PoseSummary {
-    /// Keyframes that see enough points to be moved.
+    /// Keyframes with enough points for a correction.
     pub keyframes: usize,
-    /// The points.
+    /// Number of points.
     pub points: usize,
-    /// Root of the mean squared distance of their projections from their features, with the poses moved.
+    /// RMS reprojection error after the correction.
     pub reprojection_rms_px: f64,
-    /// By how much directions were moved: root mean square of an axis, in pixels of the image.
+    /// RMS rotation per axis, in pixels of the image.
     pub turn_px: f64,
-    /// By how much places were, as seen at the median depth.
+    /// RMS translation per axis, in pixels at the median depth.
     pub shift_px: f64,
-    /// Radial distortion, `k1` of Brown's model, of images that came as those of a pinhole; it is taken out.
+    /// Radial distortion `k1` (Brown) found in images given as those of a pinhole; it is removed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens_k1: Option<f64>,
-    /// Whether the moved poses are used in place of those given.
+    /// Whether the corrected poses replace the given ones.
     pub is_corrected: bool,
 }
 
 impl PoseSummary {
-    /// Root mean square of turn and shift, in pixels.
+    /// RMS of rotation and translation, in pixels.
     pub fn moved_px(&self) -> f64 {
         (0.5 * (self.turn_px.powi(2) + self.shift_px.powi(2))).sqrt()
     }
 }
 
-/// The poses of keyframes, and what images have to say about them.
+/// Poses of keyframes after the comparison with images.
 #[derive(Debug, Clone)]
 pub struct ImagePoses {
-    /// Of each keyframe, `point_in_world = pose * point_in_camera`: corrected, or as given where too few points are seen or the
-    /// given poses are good enough.
+    /// `point_in_world = pose * point_in_camera` for each keyframe: corrected, or as given where too few points are observed
+    /// or the given poses are accurate enough.
     pub world_from_camera: Vec<Isometry3<f64>>,
-    /// How far poses and images are apart, and the lens that images which came as those of a pinhole turned out to have.
+    /// Difference of poses and images, and the estimated lens.
     pub summary: PoseSummary,
 }
 
-/// Why poses could not be corrected.
+/// Poses cannot be corrected.
 #[derive(Debug, thiserror::Error)]
 pub enum ImagePosesError {
     /// An option is out of range.
     #[error(transparent)]
     Options(#[from] PointOptionsError),
-    /// What is at fault is not one image alone.
+    /// An error that is not limited to one image.
     #[error(transparent)]
     Image(#[from] FrontEndError),
 }
 
-/// Brings the poses of `frames` into agreement with the points that their images share: each held by its given pose as
-/// `[pose_correction]` says, keyframe by keyframe and in the end all together. When that moves them by little and shows no lens,
-/// all stay as given. An image that cannot be read is passed over here; who needs it will say so. `progress` is told of every
-/// keyframe.
+/// Adjusts the poses of `frames` to the points that their images share. Each is held by its given pose as `[pose_correction]`
+/// configures: incrementally, and finally all together. Small corrections without lens distortion are discarded. Unreadable
+/// images are skipped. `progress` is called for every keyframe.
 ///
 /// # Errors
-/// When options are out of range, or when an image's fault is one of all.
+/// When options are out of range, or an error is not limited to one image.
 ///
 /// # Complexity
-/// Features of every image; for the rest see [`PointMap`](linecarve_points::PointMap) and its `adjust_all`.
+/// Feature detection in every image; for the rest see [`PointMap`](linecarve_points::PointMap) and its `adjust_all`.
 pub fn correct_poses(
     sequence: &Sequence,
     frames: &[usize],
@@ -83,7 +82,7 @@ pub fn correct_poses(
     mut progress: impl FnMut() + Send,
 ) -> Result<ImagePoses, ImagePosesError> {
     let mut map = empty_point_map(sequence, options)?;
-    // Position among the keyframes of each one in the map.
+    // Positions in `frames` of the keyframes in the map.
     let mut pushed: Vec<usize> = Vec::with_capacity(frames.len());
     let mut front_end = FrontEnd::Features(FeatureFrontEnd::new(options.map_points));
     let take = |position, arrival| {
@@ -121,9 +120,9 @@ pub fn correct_poses(
         map.median_depth(),
     );
     summary.lens_k1 = map.lens().k1();
-    // Poses that were found under a lens go with it.
+    // Poses estimated with a lens belong to it.
     summary.is_corrected = summary.lens_k1.is_some()
-        || summary.moved_px() > LEAST_SHARE * options.pose_correction.sigma_px;
+        || summary.moved_px() > MIN_CORRECTION_SHARE * options.pose_correction.sigma_px;
     let quality = map.quality();
     summary.points = quality.points;
     summary.reprojection_rms_px = quality.reprojection_rms_px;
@@ -138,7 +137,7 @@ pub fn correct_poses(
     })
 }
 
-/// Root mean squares over the axes.
+/// RMS rotation and translation per axis.
 fn summary_of(
     changes: impl Iterator<Item = PoseChange>,
     focal_px: f64,
@@ -161,7 +160,7 @@ fn summary_of(
     summary
 }
 
-/// An empty map of points for keyframes of a sequence. Lens distortion is estimated only when the sequence does not know it.
+/// An empty map of feature points. Lens distortion is estimated only when the sequence does not give it.
 ///
 /// # Errors
 /// When an option is out of range.

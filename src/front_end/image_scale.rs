@@ -1,4 +1,4 @@
-//! The scene's own unit of length, from images alone.
+//! Median scene depth, from images alone.
 
 use linecarve_lines::depth::semi_dense::{
     MatchView, SemiDense, SemiDenseOptions, SemiDenseOptionsError,
@@ -8,20 +8,19 @@ use rayon::prelude::*;
 
 use linecarve_sequence::{FrameError, Sequence};
 
-/// Frames that are looked at, evenly spread over the sequence.
+/// Number of sampled frames, evenly spread over the sequence.
 const SAMPLES: usize = 9;
-/// Distance in the sequence of the frames that each is compared with: whatever the frame rate, some have a fitting baseline.
+/// Distances in the sequence of compared frames. At any frame rate some have a suitable baseline.
 const DISTANCES: [usize; 5] = [1, 3, 7, 15, 31];
-/// Frames that are turned by more than this see something else.
+/// Largest rotation between compared frames. Beyond it they hardly overlap.
 const LARGEST_TURN_RAD: f64 = 0.6;
 
-/// The median depth of `frames` of a sequence in units of the poses, from matches of a few hundred edge pixels of some of them
-/// with others near them in the list.
+/// The median depth of `frames` in units of the poses, from matches of a few hundred edge pixels in sampled frames.
 ///
-/// Frames that cannot be read are passed over; `None` when no frame tells: no texture, no parallax, or wrong poses.
+/// Unreadable frames are skipped. `None` without texture or parallax, or with wrong poses.
 ///
 /// # Errors
-/// When an option is out of range, or images contradict the calibration, which no other frame would mend.
+/// When an option is out of range, or images contradict the calibration.
 pub fn median_depth_from_images(
     sequence: &Sequence,
     frames: &[usize],
@@ -42,7 +41,7 @@ pub fn median_depth_from_images(
     Ok(known.get(known.len() / 2).copied())
 }
 
-/// Why the scale cannot be sought.
+/// The scale cannot be estimated.
 #[derive(Debug, thiserror::Error)]
 pub enum ScaleError {
     /// An option is out of range.
@@ -53,11 +52,11 @@ pub enum ScaleError {
     Frame(#[from] FrameError),
 }
 
-/// The median depth of the matched pixels of the frame at one place of the list.
+/// Median depth of the matched pixels of the frame at `position` in the list.
 fn median_at(
     sequence: &Sequence,
     frames: &[usize],
-    place: usize,
+    position: usize,
     estimator: &SemiDense,
 ) -> Result<Option<f64>, FrameError> {
     let mut detector = EdgeDetector::default();
@@ -71,15 +70,15 @@ fn median_at(
             Err(error) => Err(error),
         }
     };
-    let Some(reference) = view(frames[place])? else {
+    let Some(reference) = view(frames[position])? else {
         return Ok(None);
     };
     let mut neighbours = Vec::new();
     for distance in DISTANCES {
-        let before = place.checked_sub(distance);
-        let after = Some(place + distance).filter(|place| *place < frames.len());
-        for place in [before, after].into_iter().flatten() {
-            let frame = frames[place];
+        let before = position.checked_sub(distance);
+        let after = Some(position + distance).filter(|position| *position < frames.len());
+        for position in [before, after].into_iter().flatten() {
+            let frame = frames[position];
             let turn = sequence.frames()[frame]
                 .world_from_camera
                 .rotation

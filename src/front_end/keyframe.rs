@@ -1,4 +1,4 @@
-//! A keyframe on its way from the front end to the map.
+//! A keyframe, as a front end passes it to the map.
 
 use std::ops::Range;
 
@@ -12,14 +12,14 @@ use super::colors::KeyframeColors;
 use super::edge_points::EdgePoint;
 use crate::run::StageTimes;
 
-/// What a front end made of a keyframe.
+/// The result of a front end for one keyframe.
 #[derive(Debug, Clone)]
 pub enum Keyframe {
     /// Segments and surface samples.
     Lines(Box<LineKeyframe>),
     /// Features.
     Features(FeatureKeyframe),
-    /// Views of a model, by their numbers there.
+    /// Views of a model, by index.
     Views(Range<usize>),
 }
 
@@ -30,13 +30,13 @@ pub struct LineKeyframe {
     pub frame: usize,
     /// Pose of the colour camera.
     pub world_from_camera: Isometry3<f64>,
-    /// Its segments, in its camera frame.
+    /// Segments in the camera frame.
     pub segments: Vec<Segment>,
-    /// Points of edges on no segment and points between edges, where depth comes from images alone.
+    /// Points on edges without segment and between edges, for depth from images alone.
     pub edge_points: Vec<EdgePoint>,
     /// Samples of the surface between segments, where depth is dense.
     pub surface: SurfaceSamples,
-    /// The colours of its image.
+    /// Colours of its image.
     pub colors: KeyframeColors,
     /// Number of edge chains in its image.
     pub edge_chains: usize,
@@ -62,7 +62,7 @@ pub struct FeatureKeyframe {
 }
 
 impl Keyframe {
-    /// Moves the keyframe by `shift`. Views of a model stay: the model itself is moved.
+    /// Translates the keyframe. Views of a model are translated with the model.
     pub fn translate(&mut self, shift: &Vector3<f64>) {
         match self {
             Self::Lines(keyframe) => keyframe.world_from_camera.translation.vector += shift,
@@ -71,7 +71,7 @@ impl Keyframe {
         }
     }
 
-    /// Replaces the pose of the colour camera. Views of a model have their poses there.
+    /// Replaces the pose of the colour camera. Views of a model have their poses in the model.
     pub fn set_world_from_camera(&mut self, pose: Isometry3<f64>) {
         match self {
             Self::Lines(keyframe) => keyframe.world_from_camera = pose,

@@ -1,7 +1,7 @@
-//! Images in, keyframes out: what each keyframe yields, before anything is joined to the map.
+//! Front ends: from images to keyframes, before anything is fused in the map.
 //!
-//! A [`FrontEnd`] takes frames of a recording in order and hands on [`Arrival`]s. It knows no map, so that it can work on the
-//! next keyframes while the map takes in the ones before. What it hands on does not depend on the number of threads.
+//! A [`FrontEnd`] takes frames in order and returns [`Arrival`]s. It does not depend on the map, so it can work ahead. Its
+//! results do not depend on the number of threads.
 
 mod colors;
 mod depth_source;
@@ -19,6 +19,9 @@ mod sensor;
 use linecarve_lines::ExtractError;
 use linecarve_lines::ExtractOptions;
 use linecarve_sequence::Sequence;
+use rayon::prelude::*;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use crate::run::Checkpoint;
 
@@ -36,24 +39,24 @@ pub use scale::{far_origin, median_scene_depth};
 pub use semi_dense::SemiDenseFrontEnd;
 pub use sensor::SensorFrontEnd;
 
-/// What a front end hands on.
+/// A result of a front end.
 #[derive(Debug)]
 pub enum Arrival {
-    /// A keyframe whose depth was estimated from its first neighbours. A final one of the same number replaces it.
+    /// A keyframe with a first depth estimate. A final arrival of the same number replaces it.
     Provisional {
         /// The keyframe.
         keyframe: Keyframe,
-        /// Number of keyframes that were read between it and this estimate.
-        awaited: usize,
+        /// Number of keyframes read between this one and its estimate.
+        delay_keyframes: usize,
     },
-    /// The final result of a keyframe.
+    /// The final keyframe, or the error of its frame.
     Final(Result<Keyframe, FrontEndError>),
 }
 
-/// Arrivals with the numbers of their keyframes, in the order in which the map takes them.
+/// Arrivals with the numbers of their keyframes, in the order for the map.
 pub type Arrivals = Vec<(usize, Arrival)>;
 
-/// One of the ways from images to keyframes.
+/// The kinds of front end.
 pub enum FrontEnd {
     /// 3D segments, with depth from depth images.
     Sensor(SensorFrontEnd),
@@ -61,24 +64,24 @@ pub enum FrontEnd {
     SemiDense(Box<SemiDenseFrontEnd>),
     /// ORB features.
     Features(FeatureFrontEnd),
-    /// Views of a model that brings its points along; no image is read. Each group is one keyframe.
+    /// Views of a model; no image is read. Each group is one keyframe.
     Views,
 }
 
-/// Which frames become the next keyframes.
+/// A group of frames that become keyframes.
 #[derive(Debug, Clone, Copy)]
 pub struct Group<'a> {
     /// Number of the first keyframe.
     pub first: usize,
     /// Positions of the frames in the sequence.
     pub frames: &'a [usize],
-    /// No keyframe will follow.
+    /// Whether this is the last group.
     pub is_last: bool,
 }
 
 impl FrontEnd {
-    /// A front end for segments with depth from `source`. `count` keyframes may be in `checkpoint`; with `is_provisional`
-    /// keyframes whose depth will be refined are handed on as well.
+    /// A front end for segments with depth from `source`. `checkpoint` may hold some of `count` keyframes. With
+    /// `emits_provisional` keyframes with a first depth estimate are returned, too.
     ///
     /// # Errors
     /// When an option is out of range.
@@ -87,7 +90,7 @@ impl FrontEnd {
         count: usize,
         options: ExtractOptions,
         checkpoint: Option<&Checkpoint>,
-        is_provisional: bool,
+        emits_provisional: bool,
     ) -> Result<Self, ExtractError> {
         Ok(match source {
             DepthSource::Sensor(sensor) => {
@@ -95,14 +98,13 @@ impl FrontEnd {
             }
             DepthSource::SemiDense(source) => {
                 let front_end =
-                    SemiDenseFrontEnd::new(source, count, options, checkpoint, is_provisional)?;
+                    SemiDenseFrontEnd::new(source, count, options, checkpoint, emits_provisional)?;
                 Self::SemiDense(Box::new(front_end))
             }
         })
     }
 
-    /// Reads a group of keyframes in parallel and returns what is due. Keyframes are taken from `checkpoint` where it has
-    /// them, and stored there.
+    /// Reads a group of keyframes in parallel and returns the arrivals due. `checkpoint` provides and stores keyframes.
     pub fn prepare(
         &mut self,
         sequence: &Sequence,
@@ -126,8 +128,25 @@ impl FrontEnd {
     }
 }
 
-/// Sends all `frames` through a front end, in groups of `group` keyframes, and each arrival to `consume`, in order: while one
-/// group is consumed the next one is prepared. Memory holds two groups.
+/// Prepares keyframes that do not depend on each other in parallel, each thread with its own copy of `worker`.
+fn prepare_independent<W: Clone + Send + Sync, T: Serialize + DeserializeOwned>(
+    worker: &W,
+    group: Group<'_>,
+    checkpoint: Option<&Checkpoint>,
+    process: impl Fn(&mut W, usize, usize) -> Result<T, FrontEndError> + Sync,
+    into_keyframe: impl Fn(T) -> Keyframe + Sync,
+) -> Arrivals {
+    let prepare = |worker: &mut W, (index, frame): (usize, &usize)| {
+        let number = group.first + index;
+        let keyframe = Checkpoint::load_or(checkpoint, number, || process(worker, number, *frame));
+        (number, Arrival::Final(keyframe.map(&into_keyframe)))
+    };
+    let frames = group.frames.par_iter().enumerate();
+    frames.map_init(|| worker.clone(), prepare).collect()
+}
+
+/// Sends all `frames` through a front end in groups of `group` keyframes, and each arrival to `consume` in order. One group
+/// is consumed while the next is prepared. Memory: two groups.
 ///
 /// # Errors
 /// When `consume` fails.
@@ -168,7 +187,7 @@ pub fn run_in_groups<E: Send>(
     Ok(())
 }
 
-/// As many keyframes as are prepared at once: one a thread.
+/// Number of keyframes prepared at once: one per thread.
 pub fn group_size() -> usize {
     rayon::current_num_threads().max(1)
 }

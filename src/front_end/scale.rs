@@ -1,19 +1,19 @@
-//! The scene's own unit of length.
+//! Median scene depth, the length scale for all thresholds, and the origin of coordinates.
 
 use nalgebra::{Point3, Vector3};
 
 use linecarve_sequence::{FrameError, Sequence};
 
-/// Frames that are looked at, evenly spread over the sequence.
+/// Number of sampled frames, evenly spread over the sequence.
 const SAMPLES: usize = 9;
 
-/// The median depth of a sequence in units of the poses: the median over a few frames, evenly spread, of each frame's
-/// median depth. Lengths that are not given by pixels or noise are shares of it, so that no constant has a unit.
+/// The median over a few frames of each frame's median depth, in units of the poses. Thresholds that are not in pixels or
+/// standard deviations are shares of it.
 ///
-/// Frames that cannot be read or have no depth are passed over; `None` when none is left.
+/// Frames without readable depth are skipped; `None` when none is left.
 ///
 /// # Errors
-/// When depth images contradict the calibration, which no other frame would mend.
+/// When depth images contradict the calibration.
 pub fn median_scene_depth(
     sequence: &Sequence,
     frames: &[usize],
@@ -21,7 +21,7 @@ pub fn median_scene_depth(
     let count = frames.len().min(SAMPLES);
     let mut medians = Vec::with_capacity(count);
     for sample in 0..count {
-        // Middles of equal parts: neither the first nor the last frame, which often show something else.
+        // Middles of equal parts: the first and last frame are often not representative.
         let index = frames[(2 * sample + 1) * frames.len() / (2 * count)];
         match sequence.load_depth(index) {
             Ok(Some(depth)) => {
@@ -42,12 +42,11 @@ pub fn median_scene_depth(
     Ok(medians.get(medians.len() / 2).copied())
 }
 
-/// Camera positions further from zero than this many median depths are computed on after a shift: an `f32` then still
-/// resolves a few millionths of the depth.
+/// Camera positions further from zero than this many median depths are shifted, so that `f32` resolves a few millionths of
+/// the depth.
 const FAR_FROM_ZERO: f64 = 1000.0;
 
-/// The shift that is taken off all coordinates: zero, or where cameras are far from it the position of the first in whole
-/// units.
+/// The origin subtracted from all coordinates: zero, or the rounded first camera position when cameras are far from zero.
 pub fn far_origin(
     camera_positions: impl IntoIterator<Item = Point3<f64>>,
     median_depth: f64,
@@ -66,7 +65,7 @@ pub fn far_origin(
     }
 }
 
-/// The upper median, `None` of nothing.
+/// The upper median; `None` of an empty list.
 fn median(values: &mut [f32]) -> Option<f32> {
     let middle = values.len() / 2;
     (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)

@@ -1,20 +1,18 @@
-//! Segments of a keyframe with depth from its depth image. Independent of every other keyframe.
+//! Keyframes with depth from depth images, each independent of the others.
 
 use std::time::Instant;
 
 use linecarve_lines::depth::DepthSensor;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use linecarve_sequence::Sequence;
-use rayon::prelude::*;
 
 use super::colors::KeyframeColors;
 use super::error::FrontEndError;
 use super::keyframe::{Keyframe, LineKeyframe};
-use super::{Arrival, Arrivals, Group};
+use super::{Arrivals, Group, prepare_independent};
 use crate::run::{Checkpoint, StageTimes, milliseconds};
 
-/// Turns frames of a sequence into keyframes with segments. Owns memory that is reused from one to the next: one front
-/// end a thread.
+/// Extracts segments from frames. Reuses memory, so each thread has its own.
 #[derive(Clone)]
 pub struct SensorFrontEnd {
     sensor: DepthSensor,
@@ -39,22 +37,19 @@ impl SensorFrontEnd {
         group: Group<'_>,
         checkpoint: Option<&Checkpoint>,
     ) -> Arrivals {
-        let prepare = |front_end: &mut Self, (number, frame): (usize, &usize)| {
-            let number = group.first + number;
-            let keyframe = Checkpoint::load_or(checkpoint, number, || {
-                front_end.process(sequence, *frame, number as u32)
-            });
-            let keyframe = keyframe.map(|keyframe| Keyframe::Lines(Box::new(keyframe)));
-            (number, Arrival::Final(keyframe))
-        };
-        let frames = group.frames.par_iter().enumerate();
-        frames.map_init(|| self.clone(), prepare).collect()
+        prepare_independent(
+            self,
+            group,
+            checkpoint,
+            |front_end, number, frame| front_end.process(sequence, frame, number as u32),
+            |keyframe| Keyframe::Lines(Box::new(keyframe)),
+        )
     }
 
-    /// Reads one frame and finds its segments; `keyframe` is the number that they carry.
+    /// Loads one frame and extracts its segments, which carry the number `keyframe`.
     ///
     /// # Errors
-    /// When an image cannot be read, or depth and colour do not fit together.
+    /// When an image cannot be read, or depth and colour are incompatible.
     pub fn process(
         &mut self,
         sequence: &Sequence,

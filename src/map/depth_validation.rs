@@ -1,10 +1,10 @@
-//! Which triangles of the surface keyframes have measured.
+//! Validates the triangles of the carved surface against dense depth.
 //!
-//! Carving leaves two kinds of triangles that are no surface: those that span the shadow behind an outline, where no
-//! keyframe looked, and those of tetrahedra in free space that no ray to a point happens to cross. Where depth is dense
-//! both can be told apart from the rest: along them no keyframe measured a surface. They are left out of what is written.
+//! Carving leaves two kinds of spurious triangles: those across an occlusion shadow, which no keyframe saw, and those of
+//! free tetrahedra that no ray crosses. Dense depth identifies both, as no keyframe measured a surface along them. The exported
+//! surface omits them.
 //!
-//! *Differs from the paper*, which writes every facet between free and occupied.
+//! *Differs from the paper*, which exports every facet between free and occupied cells.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -18,89 +18,89 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::surface_points::{KeyframeSurface, SurfacePointOptions};
-use super::vertex_points::Observers;
+use super::vertex_landmarks::VertexViews;
 
-/// A triangle is asked about at the centres of `PARTS` * (`PARTS` + 1) / 2 of the triangles that it is divided into.
-const PARTS: u32 = 6;
-/// Number of places of a triangle that are asked about; a bit each in [`Evidence::agreed`].
-const PLACES: u32 = PARTS * (PARTS + 1) / 2;
-const ALL_PLACES: u32 = (1 << PLACES) - 1;
-/// A keyframe is a witness when its surface is known at this share of its samples at least: depth along edges alone says
-/// nothing about what is between them.
+/// Subdivisions of each edge of a triangle; the centres of the upright sub-triangles are its samples.
+const SUBDIVISIONS: u32 = 6;
+/// Number of samples of a triangle; each has one bit in [`FacetEvidence`].
+const SAMPLE_COUNT: u32 = SUBDIVISIONS * (SUBDIVISIONS + 1) / 2;
+const ALL_SAMPLES: u32 = (1 << SAMPLE_COUNT) - 1;
+/// Depth is dense when at least this share of its samples is known. Depth along edges alone does not cover the area between
+/// them.
 const DENSE_SHARE: f64 = 0.2;
 
 /// The dense depth of one keyframe.
 #[derive(Debug, Clone)]
-struct Witness {
+struct DenseView {
     world_from_camera: Isometry3<f64>,
     surface: SurfaceSamples,
 }
 
-/// What keyframes say about a triangle of the surface.
+/// Whether dense depth confirms a triangle of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum FacetStatus {
-    /// They measured the surface along it.
+    /// Keyframes measured the surface along it.
     Measured,
-    /// They would have measured it if it were surface.
+    /// Keyframes observe it and did not measure a surface along it.
     NotMeasured,
-    /// None that sees it has dense depth.
+    /// No keyframe that observes it has dense depth.
     Unobserved,
 }
 
-/// What is known about one triangle.
+/// Dense depth compared with the samples of one triangle.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-struct Evidence {
-    /// The places where a witness measured the surface.
+struct FacetEvidence {
+    /// Samples on a measured surface, as a bit set.
     agreed: u32,
-    /// The places behind which a witness measured it.
+    /// Samples in front of a measured surface, as a bit set.
     contradicted: u32,
-    /// Whether any witness sees a corner of the triangle.
-    is_witnessed: bool,
+    /// Whether a view with dense depth observes a corner of the triangle.
+    is_observed: bool,
 }
 
-/// Which triangles of the surface keyframes have measured. A function of the surface, of which keyframes see which point
-/// and of their depth, whatever led to it.
+/// Depth evidence for each triangle of the surface. It depends on the surface, the observations and the depth alone, not on the
+/// order of events.
 pub(super) struct DepthValidation {
-    /// Least share of the places of a triangle where its surface has been measured.
+    /// Least share of measured samples of a triangle that is exported.
     least_share: f64,
     camera: Camera,
     options: SurfacePointOptions,
-    /// By the view's number.
-    witnesses: Vec<Option<Witness>>,
-    triangles: FxHashMap<Triangle, Evidence>,
+    /// Indexed by view.
+    dense_views: Vec<Option<DenseView>>,
+    triangles: FxHashMap<Triangle, FacetEvidence>,
 }
 
-impl Evidence {
-    /// Whether so much has been measured that the triangle counts as surface.
-    fn suffices(&self, least_share: f64) -> bool {
+impl FacetEvidence {
+    /// Whether the share of measured samples, less that of contradicted ones, is large enough.
+    fn is_measured(&self, least_share: f64) -> bool {
         let looked_through = self.contradicted & !self.agreed;
         let balance = self.agreed.count_ones() as i32 - looked_through.count_ones() as i32;
-        f64::from(balance) >= least_share * f64::from(PLACES)
+        f64::from(balance) >= least_share * f64::from(SAMPLE_COUNT)
     }
 
-    /// Whether no further witness can change anything.
+    /// Whether further views cannot change the evidence.
     fn is_complete(&self) -> bool {
-        self.agreed == ALL_PLACES
+        self.agreed == ALL_SAMPLES
     }
 }
 
 impl DepthValidation {
-    /// No keyframe yet. A triangle is surface when at least `least_share` of it has been measured; with 0 every triangle is.
+    /// No keyframe yet. A triangle is exported when at least `least_share` of it is measured; with 0 all are.
     pub(super) fn new(least_share: f64, camera: &Camera, options: &SurfacePointOptions) -> Self {
         Self {
             least_share,
             camera: camera.clone(),
             options: *options,
-            witnesses: Vec::new(),
+            dense_views: Vec::new(),
             triangles: FxHashMap::default(),
         }
     }
 
-    /// What keyframes say about a triangle of the surface.
+    /// Whether dense depth confirms a triangle of the surface.
     pub(super) fn status(&self, triangle: &Triangle) -> FacetStatus {
         match self.triangles.get(triangle) {
-            Some(evidence) if evidence.is_witnessed => {
-                if evidence.suffices(self.least_share) {
+            Some(evidence) if evidence.is_observed => {
+                if evidence.is_measured(self.least_share) {
                     FacetStatus::Measured
                 } else {
                     FacetStatus::NotMeasured
@@ -110,15 +110,15 @@ impl DepthValidation {
         }
     }
 
-    /// Follows the commit that added the next view, which sees the landmarks `seen` and whose depth is `surface`. Returns
-    /// the pixels of that view where it measured a surface well behind a triangle, at most one in each square of
-    /// [`minimum_distance_px`](linecarve_lines::triangulation::RefineOptions::minimum_distance_px), in the order of the squares.
+    /// Adds a view with depth `surface`, which observes the landmarks `seen`, after its commit. Returns the pixels of that view
+    /// where its depth lies well behind a triangle: at most one per image cell of side
+    /// [`minimum_distance_px`](linecarve_lines::triangulation::RefineOptions::minimum_distance_px), in the order of the cells.
     ///
     /// # Complexity
-    /// The new triangles, and those around what the view sees that lack evidence, times the views that see them.
+    /// The new triangles, and the incomplete ones around the observed landmarks, times the views that observe them.
     pub(super) fn push(
         &mut self,
-        map: Observers<'_>,
+        map: VertexViews<'_>,
         delta: &SurfaceDelta,
         seen: &[u32],
         world_from_camera: &Isometry3<f64>,
@@ -129,74 +129,74 @@ impl DepthValidation {
         }
         let total = (surface.columns() * surface.rows()) as f64;
         let is_dense = total > 0.0 && surface.known_count() as f64 >= DENSE_SHARE * total;
-        self.witnesses.push(is_dense.then(|| Witness {
+        self.dense_views.push(is_dense.then(|| DenseView {
             world_from_camera: *world_from_camera,
             surface: surface.thinned(),
         }));
-        self.follow(map, delta, seen)
+        self.update(map, delta, seen)
     }
 
-    /// Follows another commit, after which the last view sees the landmarks `seen` too. Returns what
+    /// Updates the evidence after another commit in which the last view gained the landmarks `seen`. Returns pixels as
     /// [`push`](Self::push) does.
-    pub(super) fn follow(
+    pub(super) fn update(
         &mut self,
-        map: Observers<'_>,
+        map: VertexViews<'_>,
         delta: &SurfaceDelta,
         seen: &[u32],
     ) -> Vec<Point2<f64>> {
-        let Some(last) = self.witnesses.len().checked_sub(1) else {
+        let Some(last) = self.dense_views.len().checked_sub(1) else {
             return Vec::new();
         };
         for triangle in &delta.removed {
             self.triangles.remove(triangle);
         }
         let mut scratch = IncidentCells::new();
-        let mut concerned: Vec<Triangle> = Vec::new();
+        let mut affected: Vec<Triangle> = Vec::new();
         for &vertex in &delta.moved {
             map.carver()
-                .triangles_around(vertex, &mut scratch, &mut concerned);
+                .triangles_around(vertex, &mut scratch, &mut affected);
         }
-        for triangle in &concerned {
+        for triangle in &affected {
             self.triangles.remove(triangle);
         }
-        concerned.extend(&delta.added);
+        affected.extend(&delta.added);
         for vertex in seen.iter().filter_map(|landmark| map.vertex(*landmark)) {
             map.carver()
-                .triangles_around(vertex, &mut scratch, &mut concerned);
+                .triangles_around(vertex, &mut scratch, &mut affected);
         }
-        concerned.sort_unstable();
-        concerned.dedup();
-        let examined: Vec<(Triangle, Option<Evidence>)> = concerned
+        affected.sort_unstable();
+        affected.dedup();
+        let incomplete: Vec<(Triangle, Option<FacetEvidence>)> = affected
             .into_iter()
             .map(|triangle| (triangle, self.triangles.get(&triangle).copied()))
             .filter(|(_, known)| known.is_none_or(|known| !known.is_complete()))
             .collect();
-        self.examine(map, examined, last as u32)
+        self.update_evidence(map, incomplete, last as u32)
     }
 
-    /// The dense depth of a view, if it has any.
-    fn witness(&self, view: u32) -> Option<KeyframeSurface<'_>> {
-        let witness = self.witnesses.get(view as usize)?.as_ref()?;
+    /// The dense depth of a view; `None` when its depth is not dense.
+    fn dense_view(&self, view: u32) -> Option<KeyframeSurface<'_>> {
+        let dense_view = self.dense_views.get(view as usize)?.as_ref()?;
         Some(KeyframeSurface::new(
-            &witness.surface,
+            &dense_view.surface,
             &self.camera,
-            &witness.world_from_camera,
+            &dense_view.world_from_camera,
             &self.options,
         ))
     }
 
-    /// Gathers the evidence for triangles, from the last view alone for those that have some; returns where the last view
-    /// contradicts those without enough.
-    fn examine(
+    /// Updates the evidence of triangles: from all views where there is none yet, else from the last view alone. Returns the
+    /// pixels where the last view conflicts with triangles that are not measured.
+    fn update_evidence(
         &mut self,
-        map: Observers<'_>,
-        triangles: Vec<(Triangle, Option<Evidence>)>,
+        map: VertexViews<'_>,
+        triangles: Vec<(Triangle, Option<FacetEvidence>)>,
         last: u32,
     ) -> Vec<Point2<f64>> {
-        let newest = self.witness(last);
+        let newest = self.dense_view(last);
         let least_share = self.least_share;
         let bound = self.options.correction_sigmas;
-        let examined: Vec<(Triangle, Evidence, Option<Contradiction>)> = triangles
+        let updated: Vec<(Triangle, FacetEvidence, Option<DepthConflict>)> = triangles
             .into_par_iter()
             .map_init(Vec::new, |views, (triangle, known)| {
                 views.clear();
@@ -209,50 +209,54 @@ impl DepthValidation {
                         views.dedup();
                     }
                 }
-                let places = Places::of(triangle.map(|v| map.carver().tetrahedra().position(v)));
+                let samples = Samples::of(triangle.map(|v| map.carver().tetrahedra().position(v)));
                 let mut evidence = known.unwrap_or_default();
-                for witness in views.iter().filter_map(|view| self.witness(*view)) {
-                    places.ask(&witness, &mut evidence);
+                for dense_view in views.iter().filter_map(|view| self.dense_view(*view)) {
+                    samples.compare(&dense_view, &mut evidence);
                     if evidence.is_complete() {
                         break;
                     }
                 }
-                let contradiction = match &newest {
-                    Some(witness) if !evidence.suffices(least_share) => {
-                        places.contradiction(witness, bound)
+                let conflict = match &newest {
+                    Some(dense_view) if !evidence.is_measured(least_share) => {
+                        samples.conflict(dense_view, bound)
                     }
                     _ => None,
                 };
-                (triangle, evidence, contradiction)
+                (triangle, evidence, conflict)
             })
             .collect();
-        let mut largest: BTreeMap<[i64; 2], Contradiction> = BTreeMap::new();
+        let mut largest: BTreeMap<[i64; 2], DepthConflict> = BTreeMap::new();
         let side = self.options.refine.minimum_distance_px;
-        for (triangle, evidence, contradiction) in examined {
+        for (triangle, evidence, conflict) in updated {
             self.triangles.insert(triangle, evidence);
-            let Some(found) = contradiction else {
+            let Some(conflict) = conflict else {
                 continue;
             };
-            let square = [found.pixel.x, found.pixel.y].map(|along| (along / side).floor() as i64);
-            let kept = largest.entry(square).or_insert(found);
-            if found.is_larger_than(kept) {
-                *kept = found;
+            let cell =
+                [conflict.pixel.x, conflict.pixel.y].map(|along| (along / side).floor() as i64);
+            let kept = largest.entry(cell).or_insert(conflict);
+            if conflict.is_larger_than(kept) {
+                *kept = conflict;
             }
         }
-        largest.into_values().map(|found| found.pixel).collect()
+        largest
+            .into_values()
+            .map(|conflict| conflict.pixel)
+            .collect()
     }
 }
 
-/// Where a witness measured a surface behind a triangle.
+/// Depth behind a triangle.
 #[derive(Debug, Clone, Copy)]
-struct Contradiction {
-    /// How far behind, in standard deviations.
+struct DepthConflict {
+    /// Distance behind the triangle, in standard deviations.
     sigmas: f64,
     pixel: Point2<f64>,
 }
 
-impl Contradiction {
-    /// A total order, so that the largest does not depend on the order of triangles.
+impl DepthConflict {
+    /// A total order: the largest does not depend on the order of triangles.
     fn is_larger_than(&self, other: &Self) -> bool {
         self.sigmas
             .total_cmp(&other.sigmas)
@@ -262,50 +266,50 @@ impl Contradiction {
     }
 }
 
-/// The places of a triangle that witnesses are asked about.
-struct Places([Point3<f64>; PLACES as usize]);
+/// Sample points of a triangle, compared with dense depth.
+struct Samples([Point3<f64>; SAMPLE_COUNT as usize]);
 
-impl Places {
+impl Samples {
     fn of(corners: [Point3<f64>; 3]) -> Self {
-        let share = |index: u32| (f64::from(index) + 1.0 / 3.0) / f64::from(PARTS);
-        let mut places = [Point3::origin(); PLACES as usize];
-        let pairs = (0..PARTS).flat_map(|i| (0..PARTS - i).map(move |j| (i, j)));
-        for (place, (i, j)) in places.iter_mut().zip(pairs) {
-            *place = corners[2]
+        let share = |index: u32| (f64::from(index) + 1.0 / 3.0) / f64::from(SUBDIVISIONS);
+        let mut samples = [Point3::origin(); SAMPLE_COUNT as usize];
+        let pairs = (0..SUBDIVISIONS).flat_map(|i| (0..SUBDIVISIONS - i).map(move |j| (i, j)));
+        for (sample, (i, j)) in samples.iter_mut().zip(pairs) {
+            *sample = corners[2]
                 + share(i) * (corners[0] - corners[2])
                 + share(j) * (corners[1] - corners[2]);
         }
-        Self(places)
+        Self(samples)
     }
 
-    /// Adds what a witness says.
-    fn ask(&self, witness: &KeyframeSurface<'_>, evidence: &mut Evidence) {
-        evidence.is_witnessed = true;
-        for (place, point) in self.0.iter().enumerate() {
-            let bit = 1 << place;
+    /// Adds the evidence of one view.
+    fn compare(&self, dense_view: &KeyframeSurface<'_>, evidence: &mut FacetEvidence) {
+        evidence.is_observed = true;
+        for (sample, point) in self.0.iter().enumerate() {
+            let bit = 1 << sample;
             if evidence.agreed & bit != 0 {
                 continue;
             }
-            match witness.side(point) {
+            match dense_view.compare_depth(point) {
                 Some(Ordering::Equal) => evidence.agreed |= bit,
                 Some(Ordering::Less) => evidence.contradicted |= bit,
-                // Behind the surface that was measured, hidden.
+                // Occluded by the measured surface.
                 Some(Ordering::Greater) | None => {}
             }
         }
     }
 
-    /// Where a witness measured a surface furthest behind the triangle, if by more than a bound.
-    fn contradiction(&self, witness: &KeyframeSurface<'_>, bound: f64) -> Option<Contradiction> {
+    /// The largest depth conflict above `bound` standard deviations.
+    fn conflict(&self, dense_view: &KeyframeSurface<'_>, bound: f64) -> Option<DepthConflict> {
         self.0
             .iter()
-            .filter_map(|place| {
-                let (pixel, sigmas) = witness.deviation(place)?;
-                (sigmas > bound).then_some(Contradiction { sigmas, pixel })
+            .filter_map(|sample| {
+                let (pixel, sigmas) = dense_view.depth_deviation(sample)?;
+                (sigmas > bound).then_some(DepthConflict { sigmas, pixel })
             })
-            .reduce(|kept, found| {
-                if found.is_larger_than(&kept) {
-                    found
+            .reduce(|kept, conflict| {
+                if conflict.is_larger_than(&kept) {
+                    conflict
                 } else {
                     kept
                 }

@@ -1,10 +1,10 @@
-//! Why a keyframe cannot be added to the map.
+//! Errors of the map.
 
 use linecarve_carving::TransactionError;
 use linecarve_lines::cluster::ClusterOptionsError;
 use linecarve_points::PointOptionsError;
 
-/// Why a keyframe cannot be added to the map. The map is then not to be used any further.
+/// A keyframe cannot be added to the map. The map must not be used afterwards.
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
     /// A clustering option is out of range.
@@ -13,12 +13,12 @@ pub enum MapError {
     /// An option of the map points is out of range.
     #[error(transparent)]
     Points(#[from] PointOptionsError),
-    /// The carver refuses a camera centre or a point.
-    #[error("the map refuses keyframe {keyframe}: {source} (check its pose)")]
+    /// The carver rejects a camera centre or a point.
+    #[error("the map rejects keyframe {keyframe}: {source} (check its pose)")]
     Keyframe {
         /// Number of the keyframe.
         keyframe: usize,
-        /// Why.
+        /// The cause.
         source: TransactionError,
     },
     /// A point of a model names a view that does not exist.
@@ -26,28 +26,28 @@ pub enum MapError {
     UnknownView {
         /// Index of the point.
         point: usize,
-        /// The view named.
+        /// Index of the view.
         view: u32,
         /// Number of views.
         views: usize,
     },
-    /// The carver refuses a view of a model.
+    /// The carver rejects a view of a model.
     #[error("view {name} of the model cannot be used: {source} (check its pose)")]
     View {
         /// Its name.
         name: String,
-        /// Why.
+        /// The cause.
         source: TransactionError,
     },
-    /// The carver refuses a point of a model.
+    /// The carver rejects a point of a model.
     #[error("point {point} of the model cannot be used: {source}")]
     Point {
         /// Index of the point.
         point: usize,
-        /// Why.
+        /// The cause.
         source: TransactionError,
     },
-    /// The keyframe comes from another kind of front end than the map is made for.
-    #[error("the keyframe is not of the kind that this map is made of")]
+    /// The keyframe comes from a front end of another kind than the map.
+    #[error("the keyframe does not match the kind of this map")]
     WrongKeyframe,
 }

@@ -1,4 +1,4 @@
-//! Which labels the carver gives, as the configuration says it.
+//! Labelling of tetrahedra: the configuration and its translation for the carver.
 
 use std::num::NonZeroU64;
 
@@ -11,30 +11,29 @@ use crate::options::CarvingOptions;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LabelKind {
-    /// Free when enough rays cross it, as in the literature on carving.
+    /// Free when enough rays cross the tetrahedron, as in the literature on carving.
     Votes,
-    /// By a minimum cut with soft visibility, which weighs wrong points against right ones.
+    /// Minimum cut with soft visibility, which tolerates outliers.
     #[default]
     Cut,
 }
 
-/// Settings of the labels by minimum cut; see `CutOptions` of the carving library.
+/// Settings of the minimum cut; see `CutOptions` of the carving library.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutSettings {
-    /// The standard deviation of a point is taken as this many times the one measured.
+    /// Factor on the measured standard deviation of a point.
     pub sigma_factor: f64,
-    /// How many deviations behind a point there is matter.
+    /// Distance behind a point that is assumed occupied, in standard deviations.
     pub behind_sigmas: f64,
-    /// Weight of the matter behind a point.
+    /// Weight of the occupied space behind a point.
     pub matter_weight: f64,
-    /// Weight of the facets' shape.
+    /// Weight of the facet quality.
     pub quality_weight: f64,
 }
 
 impl Default for CutSettings {
-    /// The weights of the library, but for a lighter shape: the program's points are seen several times and held against
-    /// depth, where there is any, so that few are far off. On two indoor sequences with sensor depth a shape of 0.5, which withstands
-    /// wrong points by itself, costs up to 0.035 of recall at 5 cm.
+    /// The weights of the library with a lower facet quality: landmarks are observed repeatedly and validated with depth, so
+    /// that outliers are few. Tuned on two indoor sequences with sensor depth.
     fn default() -> Self {
         let options = CutOptions::default();
         Self {
@@ -47,7 +46,7 @@ impl Default for CutSettings {
 }
 
 impl CutSettings {
-    /// As the carver takes them.
+    /// The options of the carver.
     pub fn options(&self) -> CutOptions {
         CutOptions {
             behind_sigmas: self.behind_sigmas,
@@ -59,7 +58,7 @@ impl CutSettings {
 }
 
 impl CarvingOptions {
-    /// The labels as the carver takes them.
+    /// The labelling of the carver.
     pub fn labels(&self) -> Labels {
         match self.labels {
             LabelKind::Votes => Labels::Votes(Votes {

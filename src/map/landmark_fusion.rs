@@ -1,49 +1,49 @@
-//! Where the measurements of keyframes go: to landmarks, and to the points of the carver.
+//! Fuses the measurements of a keyframe into landmarks and points of the carver.
 
 use linecarve_carving::{PointId, Transaction, TransactionError, ViewId};
 use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
-use super::landmarks::{Landmarks, Measurement, Observed, Settled};
+use super::landmarks::{Association, LandmarkUpdate, Landmarks, Measurement};
 use super::nearly_parallel::{SegmentViews, is_near_segment};
-use super::surface_points::{KeyframeSurface, SurfacePointOptions, Verdict};
+use super::surface_points::{KeyframeSurface, SurfaceCheck, SurfacePointOptions};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
 
-/// No vertex, or no landmark.
+/// Marks a missing vertex or landmark.
 const NONE: u32 = u32::MAX;
 
-/// The landmarks of a map with their points, and what the keyframe in hand says about them.
+/// The landmarks of a map, their points in the carver, and the state of the current keyframe.
 pub(super) struct LandmarkFusion {
     landmarks: Landmarks,
     /// The carver's id of each landmark.
     points: Vec<PointId>,
-    /// What a standard deviation is multiplied by for the carver.
+    /// Factor on standard deviations for the carver.
     sigma_factor: f64,
-    /// Tangent of the angle that a ray keeps from those that its point has.
+    /// Tangent of the least angle between rays to one point.
     least_tangent: f64,
-    /// Views that see sub-segments between landmarks.
+    /// Views with visibility triangles to sub-segments.
     segment_views: SegmentViews,
-    /// Landmarks that the keyframe sees; with repetitions until they are painted.
+    /// Landmarks that the keyframe observes; unsorted and with repetitions until colours are added.
     seen: Vec<u32>,
-    /// Those of them that it was given a ray to.
+    /// Landmarks among them that got a ray.
     observed: Vec<u32>,
-    /// Views whose rays do not count, as they will be taken away.
+    /// Provisional views; their rays are not compared with new ones.
     provisional: Vec<ViewId>,
-    /// Landmarks that it looked through.
+    /// Landmarks in front of a measured surface.
     contradicted: Vec<u32>,
-    /// Pairs of landmarks that end a sub-segment which it sees.
+    /// End landmarks of the observed sub-segments.
     sub_segments: Vec<[u32; 2]>,
-    verdicts: Vec<(u32, Verdict)>,
-    /// Vertex of each landmark in the triangulation, [`NONE`] without one.
+    checks: Vec<(u32, SurfaceCheck)>,
+    /// Image vertex of each landmark, [`NONE`] without one.
     vertex_of: Vec<u32>,
     vertices: Vec<ImageVertex>,
-    /// Landmark of each vertex.
+    /// Landmark of each image vertex.
     landmark_of: Vec<u32>,
 }
 
 impl LandmarkFusion {
-    /// No landmark yet.
+    /// A map without landmarks.
     pub(super) fn new(options: &Options) -> Self {
         Self {
             landmarks: Landmarks::new(options.landmarks),
@@ -56,7 +56,7 @@ impl LandmarkFusion {
             provisional: Vec::new(),
             contradicted: Vec::new(),
             sub_segments: Vec::new(),
-            verdicts: Vec::new(),
+            checks: Vec::new(),
             vertex_of: Vec::new(),
             vertices: Vec::new(),
             landmark_of: Vec::new(),
@@ -68,73 +68,73 @@ impl LandmarkFusion {
         &self.landmarks
     }
 
-    /// The carver's id of each landmark; those given up keep theirs, which is no longer in use there.
+    /// The carver's id of each landmark. Ids of removed landmarks are stale.
     pub(super) fn points(&self) -> &[PointId] {
         &self.points
     }
 
-    /// Landmarks that the keyframe sees, increasing once they are painted.
+    /// Landmarks that the keyframe observes; ascending after [`add_colors`](Self::add_colors).
     pub(super) fn seen(&self) -> &[u32] {
         &self.seen
     }
 
-    /// Names views that will be removed: their rays do not count when a point may need one more.
+    /// Sets the provisional views, whose rays are not compared with new ones.
     pub(super) fn ignore_views(&mut self, views: impl Iterator<Item = ViewId>) {
         self.provisional.clear();
         self.provisional.extend(views);
     }
 
-    /// Landmarks that the last call of [`LandmarkFusion::observe`] gave a ray to, increasing.
+    /// Landmarks that got a ray in the last call of [`add_observations`](Self::add_observations), ascending.
     pub(super) fn observed(&self) -> &[u32] {
         &self.observed
     }
 
-    /// Landmarks that the keyframe looked through.
+    /// Landmarks that the keyframe contradicts.
     pub(super) fn contradicted(&self) -> &[u32] {
         &self.contradicted
     }
 
-    /// Begins a keyframe.
-    pub(super) fn begin(&mut self) {
+    /// Clears the state of the previous keyframe.
+    pub(super) fn begin_keyframe(&mut self) {
         self.seen.clear();
         self.contradicted.clear();
         self.sub_segments.clear();
-        self.verdicts.clear();
+        self.checks.clear();
         self.vertices.clear();
         for landmark in self.landmark_of.drain(..).filter(|it| *it != NONE) {
             self.vertex_of[landmark as usize] = NONE;
         }
     }
 
-    /// Joins a measurement to its landmark, which is returned.
-    fn take(
+    /// Associates a measurement with a landmark, which is returned.
+    fn add_measurement(
         &mut self,
         transaction: &mut Transaction<'_>,
         measurement: &Measurement,
     ) -> Result<u32, TransactionError> {
-        let landmark = match self.landmarks.observe(measurement) {
-            Observed::New(landmark) => {
+        let landmark = match self.landmarks.associate(measurement) {
+            Association::New(landmark) => {
                 let point = transaction.add_point(measurement.point_in_world)?;
                 let sigma = self.sigma_factor * measurement.sigma;
                 transaction.set_sigma(point, Some(sigma))?;
                 self.points.push(point);
                 landmark
             }
-            Observed::Again(landmark) => landmark,
+            Association::Existing(landmark) => landmark,
         };
         self.seen.push(landmark);
         Ok(landmark)
     }
 
-    /// Takes the points along a segment, in their order.
-    pub(super) fn take_segment(
+    /// Adds the points along a segment, in their order.
+    pub(super) fn add_segment_points(
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
     ) -> Result<(), TransactionError> {
         let mut last: Option<u32> = None;
         for measurement in measurements {
-            let landmark = self.take(transaction, &measurement)?;
+            let landmark = self.add_measurement(transaction, &measurement)?;
             if let Some(last) = last.filter(|last| *last != landmark) {
                 self.sub_segments
                     .push([last.min(landmark), last.max(landmark)]);
@@ -144,27 +144,27 @@ impl LandmarkFusion {
         Ok(())
     }
 
-    /// Takes points that are on no segment.
-    pub(super) fn take_singly(
+    /// Adds points that are on no segment.
+    pub(super) fn add_points(
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
     ) -> Result<(), TransactionError> {
         for measurement in measurements {
-            self.take(transaction, &measurement)?;
+            self.add_measurement(transaction, &measurement)?;
         }
         Ok(())
     }
 
-    /// Takes single points, after those of segments and surface are settled. As seen only those remain listed that were not
-    /// before.
-    pub(super) fn take_points(
+    /// Adds points after the landmarks were updated. Afterwards [`seen`](Self::seen) lists only landmarks that were not
+    /// observed before.
+    pub(super) fn add_corrections(
         &mut self,
         transaction: &mut Transaction<'_>,
         measurements: impl Iterator<Item = Measurement>,
     ) -> Result<(), TransactionError> {
         let before = std::mem::take(&mut self.seen);
-        self.take_singly(transaction, measurements)?;
+        self.add_points(transaction, measurements)?;
         let landmarks = &self.landmarks;
         self.seen.retain(|landmark| {
             before.binary_search(landmark).is_err() && landmarks.is_in_use(*landmark)
@@ -172,16 +172,16 @@ impl LandmarkFusion {
         Ok(())
     }
 
-    /// Asks the keyframe's surface about all landmarks in its reach and takes the points that they lack.
-    pub(super) fn take_surface(
+    /// Compares all landmarks within the bounds of a keyframe's surface with it, and adds the points missing there.
+    pub(super) fn fuse_surface(
         &mut self,
         transaction: &mut Transaction<'_>,
         surface: &KeyframeSurface<'_>,
         options: &SurfacePointOptions,
     ) -> Result<(), TransactionError> {
         self.vertex_of.resize(self.points.len(), NONE);
-        for place in 0..self.seen.len() {
-            let landmark = self.seen[place];
+        for index in 0..self.seen.len() {
+            let landmark = self.seen[index];
             if self.vertex_of[landmark as usize] == NONE
                 && let Some(vertex) = surface.vertex(&self.landmarks.position(landmark))
             {
@@ -189,30 +189,29 @@ impl LandmarkFusion {
             }
         }
         let everything = [f64::NEG_INFINITY, f64::INFINITY].map(|all| Point3::new(all, all, all));
-        let reach = surface.reach().unwrap_or(everything);
-        for (landmark, position) in self.landmarks.within(reach) {
+        let bounds = surface.bounds().unwrap_or(everything);
+        for (landmark, position) in self.landmarks.within(bounds) {
             if self.vertex_of[landmark as usize] == NONE {
-                match surface.judge(&position) {
-                    Verdict::Silent => {}
-                    verdict => self.verdicts.push((landmark, verdict)),
+                match surface.check(&position) {
+                    SurfaceCheck::Unknown => {}
+                    check => self.checks.push((landmark, check)),
                 }
             }
         }
-        // Oldest first, whatever the shape of the index.
-        self.verdicts
-            .sort_unstable_by_key(|(landmark, _)| *landmark);
-        for place in 0..self.verdicts.len() {
-            let (landmark, verdict) = self.verdicts[place];
-            if let Verdict::Confirmed {
+        // Oldest first, independent of the spatial index.
+        self.checks.sort_unstable_by_key(|(landmark, _)| *landmark);
+        for index in 0..self.checks.len() {
+            let (landmark, check) = self.checks[index];
+            if let SurfaceCheck::Confirmed {
                 vertex,
                 measurement,
-            } = verdict
+            } = check
             {
-                self.landmarks.confirm(landmark, &measurement);
+                self.landmarks.add_measurement(landmark, &measurement);
                 self.seen.push(landmark);
                 self.add_vertex(landmark, vertex);
             } else {
-                self.landmarks.contradict(landmark);
+                self.landmarks.add_contradiction(landmark);
                 self.contradicted.push(landmark);
             }
         }
@@ -225,12 +224,12 @@ impl LandmarkFusion {
         let missing = surface.refine(&self.vertices, &lines, &options.refine);
         for missing in &missing {
             let landmark = match missing {
-                Some(measurement) => self.take(transaction, measurement)?,
+                Some(measurement) => self.add_measurement(transaction, measurement)?,
                 None => NONE,
             };
             self.landmark_of.push(landmark);
         }
-        // New landmarks are entered as well, so that the next keyframe finds all of these to forget.
+        // Includes the new landmarks, so that `begin_keyframe` can reset them.
         self.vertex_of.resize(self.points.len(), NONE);
         Ok(())
     }
@@ -241,34 +240,34 @@ impl LandmarkFusion {
         self.landmark_of.push(landmark);
     }
 
-    /// Notes the colours of all landmarks that the keyframe sees, once each.
-    pub(super) fn paint(&mut self, keyframe: &LineKeyframe, surface: &KeyframeSurface<'_>) {
+    /// Adds a colour to each landmark that the keyframe observes.
+    pub(super) fn add_colors(&mut self, keyframe: &LineKeyframe, surface: &KeyframeSurface<'_>) {
         self.seen.sort_unstable();
         self.seen.dedup();
         for &landmark in &self.seen {
             let vertex = surface.vertex(&self.landmarks.position(landmark));
             if let Some(color) = vertex.and_then(|vertex| keyframe.colors.at(&vertex.pixel)) {
-                self.landmarks.paint(landmark, color);
+                self.landmarks.add_color(landmark, color);
             }
         }
     }
 
-    /// Settles the landmarks that the keyframe concerns; returns how many points moved and how many were removed. Those are
-    /// no longer listed as seen.
-    pub(super) fn settle(
+    /// Updates the landmarks that the keyframe observes or contradicts. Returns how many points moved and how many were
+    /// removed. Removed landmarks are no longer listed as seen.
+    pub(super) fn update_landmarks(
         &mut self,
         transaction: &mut Transaction<'_>,
     ) -> Result<(usize, usize), TransactionError> {
         let (mut moved, mut removed) = (0, 0);
         for &landmark in self.contradicted.iter().chain(&self.seen) {
             let point = self.points[landmark as usize];
-            match self.landmarks.settle(landmark) {
-                Settled::Stays => {}
-                Settled::Moved(position) => {
+            match self.landmarks.update(landmark) {
+                LandmarkUpdate::Unchanged => {}
+                LandmarkUpdate::Moved(position) => {
                     transaction.move_point(point, position)?;
                     moved += 1;
                 }
-                Settled::GivenUp => {
+                LandmarkUpdate::Removed => {
                     transaction.remove_point(point)?;
                     removed += 1;
                 }
@@ -279,12 +278,11 @@ impl LandmarkFusion {
         Ok((moved, removed))
     }
 
-    /// Adds the observations of the landmarks seen by a view with this centre: one ray from a camera to a point, however many
-    /// segments of the keyframe meet in it, and none where the point has one that runs beside it.
+    /// Adds one ray from the view to each observed landmark, unless the point has a nearly parallel one.
     ///
     /// # Complexity
-    /// The landmarks seen, times the views that see them.
-    pub(super) fn observe(
+    /// Linear in the observed landmarks times the views that observe them.
+    pub(super) fn add_observations(
         &mut self,
         transaction: &mut Transaction<'_>,
         view: ViewId,
@@ -294,13 +292,13 @@ impl LandmarkFusion {
         for &landmark in &self.seen {
             let point = self.points[landmark as usize];
             let position = self.landmarks.position(landmark);
-            let reach = self.least_tangent * (position - center).norm();
+            let distance = self.least_tangent * (position - center).norm();
             let carver = transaction.before();
             let mut centers = carver
                 .views_of(point)
                 .filter(|view| !self.provisional.contains(view))
                 .filter_map(|view| carver.view(view));
-            if !centers.any(|other| is_near_segment(center, [&position, &other], reach)) {
+            if !centers.any(|other| is_near_segment(center, [&position, &other], distance)) {
                 self.observed.push(landmark);
             }
         }
@@ -310,9 +308,9 @@ impl LandmarkFusion {
         Ok(())
     }
 
-    /// Adds the sub-segments that a view with this centre sees as segment observations of this weight; with 0 none. Those that
-    /// a nearly parallel view sees already are left out.
-    pub(super) fn observe_segments(
+    /// Adds the observed sub-segments as segment observations of this weight; none with weight 0. A sub-segment with a nearly
+    /// parallel visibility triangle is left out.
+    pub(super) fn add_segment_observations(
         &mut self,
         transaction: &mut Transaction<'_>,
         view: ViewId,
@@ -331,7 +329,7 @@ impl LandmarkFusion {
             let ends = pair.map(|landmark| (landmark, self.landmarks.position(landmark)));
             if self
                 .segment_views
-                .note(transaction.before(), view, center, ends)
+                .insert_unless_known(transaction.before(), view, center, ends)
             {
                 let ends = pair.map(|landmark| self.points[landmark as usize]);
                 transaction.add_segment(view, ends, weight)?;
@@ -348,7 +346,7 @@ mod tests {
 
     use super::*;
 
-    /// Landmarks that views at these places are given a ray to, each view seeing the same two.
+    /// Landmarks that get a ray from views at these positions, each observing the same two.
     fn rays_from(options: &Options, centers: &[[f64; 3]]) -> Vec<Vec<u32>> {
         let mut carver = Carver::default();
         let mut fusion = LandmarkFusion::new(options);
@@ -363,11 +361,13 @@ mod tests {
             });
             let mut transaction = carver.transaction();
             let view = transaction.add_view(center).unwrap();
-            fusion.begin();
+            fusion.begin_keyframe();
             fusion
-                .take_segment(&mut transaction, measured.into_iter())
+                .add_segment_points(&mut transaction, measured.into_iter())
                 .unwrap();
-            fusion.observe(&mut transaction, view, &center).unwrap();
+            fusion
+                .add_observations(&mut transaction, view, &center)
+                .unwrap();
             transaction.commit().unwrap();
             fusion.observed().to_vec()
         };
@@ -375,16 +375,19 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_beside_one_that_the_point_has_is_not_added() {
+    fn nearly_parallel_rays_are_not_added() {
         let options = Options::default();
-        // 2 degrees of 2 units are 0.07: at the start, hardly beside it, and again there; then far enough beside.
-        let beside = rays_from(
+        // 2 degrees at 2 units are 0.07: equal and close centres add no ray, a distant one does.
+        let lateral = rays_from(
             &options,
             &[[0.0; 3], [0.06, 0.0, 0.0], [0.0; 3], [0.1, 0.0, 0.0]],
         );
         let both = vec![0, 1];
-        assert_eq!(beside, [both.clone(), Vec::new(), Vec::new(), both.clone()]);
-        // Half way to the first point along its ray; from further behind the ray is longer and tells more.
+        assert_eq!(
+            lateral,
+            [both.clone(), Vec::new(), Vec::new(), both.clone()]
+        );
+        // Half way to the first point along its ray. From further behind the ray is longer and carves more.
         let along = rays_from(&options, &[[0.0; 3], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
         assert_eq!(along, [both.clone(), vec![1], both.clone()]);
         let mut all = Options::default();

@@ -1,26 +1,25 @@
-//! Points of the map: what several keyframes measure at one place is one point that all of them see.
+//! Landmarks: 3D points fused from the measurements of several keyframes.
 //!
-//! A segment's end points are measured anew in every keyframe, each time with an error. Carved one by one they form a
-//! noisy shell: rays to the points at its back cut away the cells between those at its front. Joined, they are fewer
-//! and calmer, and each has the rays of all its keyframes. A landmark lies at the mean of its measurements, and where
-//! more keyframes look through it than see it, it is given up.
+//! Every keyframe measures the end points of a segment anew, with noise. Carved individually they form a noisy shell, and
+//! rays to its back carve the cells at its front. Fused landmarks are fewer and more accurate, and each has the rays of all
+//! its keyframes. A landmark lies at the mean of its measurements. It is removed when more keyframes contradict than measure
+//! it.
 
 use nalgebra::{Point3, Unit, Vector3};
 use rstar::primitives::GeomWithData;
 use rstar::{AABB, RTree};
 
-/// When two measurements are of one point.
+/// Data association of measurements with landmarks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LandmarkOptions {
-    /// Whether measurements are joined at all; otherwise each is a point of its own, as in the paper.
+    /// Whether measurements are fused; otherwise each is a point of its own, as in the paper.
     pub join: bool,
-    /// Across the view ray: this many pixels. On two indoor sequences 6 px in place of 4 leave a quarter fewer vertices,
-    /// for a loss of less than 0.01 in F at 5 cm.
+    /// Association gate across the view ray, in pixels. Tuned on two indoor sequences with sensor depth.
     pub lateral_px: f64,
-    /// Along the view ray: this many standard deviations of the depth.
+    /// Association gate along the view ray, in standard deviations of the depth.
     pub depth_sigmas: f64,
-    /// A landmark moves to the mean of its measurements when that is further away than this share of their standard
-    /// deviation (of one measurement along its ray), so that the map is not rebuilt for nothing.
+    /// A landmark moves only when the mean of its measurements is further away than this share of the standard deviation of
+    /// one measurement. Smaller moves are not worth the re-triangulation.
     pub settling_share: f64,
 }
 
@@ -35,44 +34,44 @@ impl Default for LandmarkOptions {
     }
 }
 
-/// One measured point.
+/// A point measured by a keyframe.
 #[derive(Debug, Clone, Copy)]
 pub struct Measurement {
-    /// Where it was measured.
+    /// Measured position.
     pub point_in_world: Point3<f64>,
-    /// From the camera to it.
+    /// Direction from the camera to the point.
     pub direction: Unit<Vector3<f64>>,
-    /// Length of one pixel at its depth.
+    /// Size of one pixel at its depth.
     pub pixel: f64,
     /// Standard deviation along the view ray.
     pub sigma: f64,
 }
 
-/// What became of a measurement.
+/// The landmark that a measurement is associated with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Observed {
-    /// The first of its place: a landmark with this number, counted from 0.
+pub(super) enum Association {
+    /// A new landmark with this index.
     New(u32),
-    /// It is this landmark, seen again.
-    Again(u32),
+    /// An existing landmark.
+    Existing(u32),
 }
 
-/// A point of the map.
+/// A point fused from measurements.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Landmark {
-    /// Where it lies.
+    /// Current position.
     pub position: Point3<f64>,
-    /// Sum of the measurements, each divided by its variance.
+    /// Sum of the measurements weighted by inverse variance.
     weighted: Vector3<f64>,
     /// Sum of the inverse variances.
     weight: f64,
     /// Number of measurements.
-    measured: u32,
-    /// Number of keyframes that looked through it.
-    contradicted: u32,
-    /// Sum of the sRGB colours under which it was seen, and their number.
+    measurements: u32,
+    /// Number of keyframes that measured a surface behind it.
+    contradictions: u32,
+    /// Sum of its observed sRGB colours, and their number.
     colors: [u32; 4],
-    is_given_up: bool,
+    is_removed: bool,
 }
 
 impl Landmark {
@@ -80,22 +79,22 @@ impl Landmark {
         let weight = 1.0 / (measurement.sigma * measurement.sigma);
         self.weighted += weight * measurement.point_in_world.coords;
         self.weight += weight;
-        self.measured += 1;
+        self.measurements += 1;
     }
 }
 
-/// What [`Landmarks::settle`] decides on a landmark.
+/// Outcome of [`Landmarks::update`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Settled {
-    /// It is where it was.
-    Stays,
-    /// It has moved here.
+pub(super) enum LandmarkUpdate {
+    /// The position is unchanged.
+    Unchanged,
+    /// The landmark moved to this position.
     Moved(Point3<f64>),
-    /// It is no longer part of the map.
-    GivenUp,
+    /// The landmark was removed from the map.
+    Removed,
 }
 
-/// Every landmark so far, with a spatial index.
+/// All landmarks, with a spatial index.
 #[derive(Debug, Default)]
 pub(super) struct Landmarks {
     options: LandmarkOptions,
@@ -113,23 +112,23 @@ impl Landmarks {
         }
     }
 
-    /// Where a landmark lies.
+    /// Position of a landmark.
     ///
     /// # Panics
-    /// When there never was one of this number.
+    /// When the index is out of range.
     pub(super) fn position(&self, id: u32) -> Point3<f64> {
         self.records[id as usize].position
     }
 
-    /// Whether a landmark has not been given up.
+    /// Whether a landmark has not been removed.
     ///
     /// # Panics
-    /// When there never was one of this number.
+    /// When the index is out of range.
     pub(super) fn is_in_use(&self, id: u32) -> bool {
-        !self.records[id as usize].is_given_up
+        !self.records[id as usize].is_removed
     }
 
-    /// Numbers and positions of the landmarks in use in a box, given by its lowest and highest corner; in no particular order.
+    /// Indices and positions of the landmarks in an axis-aligned box, given by its lowest and highest corner; unordered.
     pub(super) fn within(
         &self,
         [low, high]: [Point3<f64>; 2],
@@ -140,14 +139,14 @@ impl Landmarks {
             .map(|entry| (entry.data, Point3::from(*entry.geom())))
     }
 
-    /// Finds the landmark that a measurement is of, or makes it one.
+    /// Associates a measurement with the nearest landmark within the gates, or creates one.
     ///
-    /// The nearest landmark wins in the norm that counts pixels across the view ray and standard deviations along it,
-    /// each as a share of its bound; of equally near ones the oldest. Expected O(log n).
-    pub(super) fn observe(&mut self, measurement: &Measurement) -> Observed {
+    /// The distance combines pixels across the view ray and standard deviations along it, each relative to its gate. Ties go to
+    /// the oldest landmark. Expected O(log n).
+    pub(super) fn associate(&mut self, measurement: &Measurement) -> Association {
         if let Some(id) = self.find(measurement) {
-            self.confirm(id, measurement);
-            return Observed::Again(id);
+            self.add_measurement(id, measurement);
+            return Association::Existing(id);
         }
         let id = self.records.len() as u32;
         let position = measurement.point_in_world;
@@ -155,102 +154,101 @@ impl Landmarks {
             position,
             weighted: Vector3::zeros(),
             weight: 0.0,
-            measured: 0,
-            contradicted: 0,
+            measurements: 0,
+            contradictions: 0,
             colors: [0; 4],
-            is_given_up: false,
+            is_removed: false,
         };
         landmark.add(measurement);
         self.records.push(landmark);
         self.tree
             .insert(GeomWithData::new(position.coords.into(), id));
-        Observed::New(id)
+        Association::New(id)
     }
 
-    /// The landmark that a measurement is of, as [`observe`](Self::observe) finds it; nothing is noted. Expected O(log n).
+    /// The landmark that [`associate`](Self::associate) would choose; changes nothing. Expected O(log n).
     pub(super) fn find(&self, measurement: &Measurement) -> Option<u32> {
         self.options
             .join
-            .then(|| self.nearest_within_bounds(measurement))
+            .then(|| self.nearest_within_gates(measurement))
             .flatten()
     }
 
-    /// Notes another measurement of a landmark.
+    /// Adds a measurement to a landmark.
     ///
     /// # Panics
-    /// When there never was one of this number.
-    pub(super) fn confirm(&mut self, id: u32, measurement: &Measurement) {
+    /// When the index is out of range.
+    pub(super) fn add_measurement(&mut self, id: u32, measurement: &Measurement) {
         self.records[id as usize].add(measurement);
     }
 
-    /// Notes the sRGB colour under which a keyframe sees a landmark.
+    /// Adds an observed sRGB colour to a landmark.
     ///
     /// # Panics
-    /// When there never was one of this number.
-    pub(super) fn paint(&mut self, id: u32, color: [u8; 3]) {
+    /// When the index is out of range.
+    pub(super) fn add_color(&mut self, id: u32, color: [u8; 3]) {
         let colors = &mut self.records[id as usize].colors;
         for (sum, value) in colors.iter_mut().zip(color.into_iter().chain([1])) {
             *sum = sum.saturating_add(value.into());
         }
     }
 
-    /// The mean colour of a landmark; `None` when no keyframe had one.
+    /// Mean colour of a landmark; `None` without any observed colour.
     ///
     /// # Panics
-    /// When there never was one of this number.
+    /// When the index is out of range.
     pub(super) fn color(&self, id: u32) -> Option<[u8; 3]> {
         let [r, g, b, count] = self.records[id as usize].colors;
         (count > 0).then(|| [r, g, b].map(|sum| ((sum + count / 2) / count) as u8))
     }
 
-    /// Notes that a keyframe measured a surface behind a landmark, where it should have seen it.
+    /// Counts a keyframe that measured a surface behind a landmark.
     ///
     /// # Panics
-    /// When there never was one of this number.
-    pub(super) fn contradict(&mut self, id: u32) {
-        self.records[id as usize].contradicted += 1;
+    /// When the index is out of range.
+    pub(super) fn add_contradiction(&mut self, id: u32) {
+        self.records[id as usize].contradictions += 1;
     }
 
-    /// Moves a landmark to the mean of its measurements, or gives it up when more keyframes contradict it than measured it.
+    /// Moves a landmark to the mean of its measurements, or removes it when more keyframes contradict than measured it.
     ///
-    /// It moves with its 2nd, 4th, 8th... measurement only, and only when that is worth it: between them the mean
-    /// hardly changes.
+    /// It moves only with its 2nd, 4th, 8th... measurement, as the mean changes little between them.
     ///
     /// # Panics
-    /// When there never was one of this number.
-    pub(super) fn settle(&mut self, id: u32) -> Settled {
+    /// When the index is out of range.
+    pub(super) fn update(&mut self, id: u32) -> LandmarkUpdate {
         let landmark = &mut self.records[id as usize];
-        if landmark.is_given_up {
-            return Settled::Stays;
+        if landmark.is_removed {
+            return LandmarkUpdate::Unchanged;
         }
         let indexed = GeomWithData::new(landmark.position.coords.into(), id);
-        if landmark.contradicted > landmark.measured {
-            landmark.is_given_up = true;
+        if landmark.contradictions > landmark.measurements {
+            landmark.is_removed = true;
             self.tree.remove(&indexed);
-            return Settled::GivenUp;
+            return LandmarkUpdate::Removed;
         }
         let mean = Point3::from(landmark.weighted / landmark.weight);
-        let sigma = (f64::from(landmark.measured) / landmark.weight).sqrt();
+        let sigma = (f64::from(landmark.measurements) / landmark.weight).sqrt();
         let moved = (mean - landmark.position).norm();
-        // A mean that is not a number does not move the landmark either.
-        let is_worth_it = moved > self.options.settling_share * sigma;
-        if !landmark.measured.is_power_of_two() || !is_worth_it {
-            return Settled::Stays;
+        // False also for a NaN mean.
+        let is_significant = moved > self.options.settling_share * sigma;
+        if !landmark.measurements.is_power_of_two() || !is_significant {
+            return LandmarkUpdate::Unchanged;
         }
         landmark.position = mean;
         self.tree.remove(&indexed);
         self.tree.insert(GeomWithData::new(mean.coords.into(), id));
-        Settled::Moved(mean)
+        LandmarkUpdate::Moved(mean)
     }
 
-    fn nearest_within_bounds(&self, measurement: &Measurement) -> Option<u32> {
+    fn nearest_within_gates(&self, measurement: &Measurement) -> Option<u32> {
         let lateral = self.options.lateral_px * measurement.pixel;
         let axial = self.options.depth_sigmas * measurement.sigma;
         if !(lateral > 0.0 && axial > 0.0) {
             return None;
         }
         let reach = measurement.direction.map(|along| {
-            // Half extent of the tolerance ellipsoid along a coordinate axis.
+            // Half extent of the gate ellipsoid along a coordinate axis.
             (lateral.powi(2) + (axial.powi(2) - lateral.powi(2)) * along.powi(2)).sqrt()
         });
         let low = measurement.point_in_world - reach;
@@ -291,69 +289,90 @@ mod tests {
     }
 
     #[test]
-    fn bounds_are_pixels_across_and_deviations_along_the_ray() {
+    fn gates_are_pixels_across_and_deviations_along_the_ray() {
         let mut landmarks = Landmarks::new(NARROW);
-        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.0)), Observed::New(0));
-        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.019)), Observed::Again(0));
-        assert_eq!(landmarks.observe(&at(0.0049, 0.0, 2.0)), Observed::Again(0));
-        assert_eq!(landmarks.observe(&at(0.0051, 0.0, 2.0)), Observed::New(1));
-        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.021)), Observed::New(2));
+        assert_eq!(landmarks.associate(&at(0.0, 0.0, 2.0)), Association::New(0));
+        assert_eq!(
+            landmarks.associate(&at(0.0, 0.0, 2.019)),
+            Association::Existing(0)
+        );
+        assert_eq!(
+            landmarks.associate(&at(0.0049, 0.0, 2.0)),
+            Association::Existing(0)
+        );
+        assert_eq!(
+            landmarks.associate(&at(0.0051, 0.0, 2.0)),
+            Association::New(1)
+        );
+        assert_eq!(
+            landmarks.associate(&at(0.0, 0.0, 2.021)),
+            Association::New(2)
+        );
         assert_eq!(landmarks.tree.size(), 3);
     }
 
     #[test]
-    fn the_nearest_wins_and_of_equals_the_oldest() {
+    fn the_nearest_landmark_is_chosen_and_ties_go_to_the_oldest() {
         let mut landmarks = Landmarks::new(NARROW);
-        landmarks.observe(&at(-0.004, 0.0, 2.0));
-        landmarks.observe(&at(0.004, 0.0, 2.0));
-        assert_eq!(landmarks.observe(&at(0.001, 0.0, 2.0)), Observed::Again(1));
-        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.0)), Observed::Again(0));
+        landmarks.associate(&at(-0.004, 0.0, 2.0));
+        landmarks.associate(&at(0.004, 0.0, 2.0));
+        assert_eq!(
+            landmarks.associate(&at(0.001, 0.0, 2.0)),
+            Association::Existing(1)
+        );
+        assert_eq!(
+            landmarks.associate(&at(0.0, 0.0, 2.0)),
+            Association::Existing(0)
+        );
     }
 
     #[test]
-    fn a_landmark_moves_to_the_mean_and_is_found_there() {
+    fn a_landmark_moves_to_the_mean() {
         let mut landmarks = Landmarks::new(NARROW);
-        landmarks.observe(&at(0.0, 0.0, 2.0));
-        landmarks.confirm(0, &at(0.0, 0.0, 2.02));
-        let Settled::Moved(mean) = landmarks.settle(0) else {
+        landmarks.associate(&at(0.0, 0.0, 2.0));
+        landmarks.add_measurement(0, &at(0.0, 0.0, 2.02));
+        let LandmarkUpdate::Moved(mean) = landmarks.update(0) else {
             panic!("a centimetre is a standard deviation");
         };
         assert!((mean - Point3::new(0.0, 0.0, 2.01)).norm() < 1e-12);
-        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.029)), Observed::Again(0));
-        // Three measurements: the mean hardly moves between powers of two.
-        assert_eq!(landmarks.settle(0), Settled::Stays);
+        assert_eq!(
+            landmarks.associate(&at(0.0, 0.0, 2.029)),
+            Association::Existing(0)
+        );
+        // Three measurements are no power of two.
+        assert_eq!(landmarks.update(0), LandmarkUpdate::Unchanged);
     }
 
     #[test]
-    fn a_landmark_is_given_up_when_most_keyframes_look_through_it() {
+    fn a_landmark_is_removed_when_most_keyframes_contradict_it() {
         let mut landmarks = Landmarks::new(NARROW);
-        landmarks.observe(&at(0.0, 0.0, 2.0));
-        landmarks.contradict(0);
-        assert_eq!(landmarks.settle(0), Settled::Stays);
-        landmarks.contradict(0);
-        assert_eq!(landmarks.settle(0), Settled::GivenUp);
+        landmarks.associate(&at(0.0, 0.0, 2.0));
+        landmarks.add_contradiction(0);
+        assert_eq!(landmarks.update(0), LandmarkUpdate::Unchanged);
+        landmarks.add_contradiction(0);
+        assert_eq!(landmarks.update(0), LandmarkUpdate::Removed);
         assert_eq!((landmarks.tree.size(), landmarks.is_in_use(0)), (0, false));
-        assert_eq!(landmarks.settle(0), Settled::Stays);
-        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.0)), Observed::New(1));
+        assert_eq!(landmarks.update(0), LandmarkUpdate::Unchanged);
+        assert_eq!(landmarks.associate(&at(0.0, 0.0, 2.0)), Association::New(1));
     }
 
     #[test]
     fn colours_are_averaged() {
         let mut landmarks = Landmarks::new(NARROW);
-        landmarks.observe(&at(0.0, 0.0, 2.0));
+        landmarks.associate(&at(0.0, 0.0, 2.0));
         assert_eq!(landmarks.color(0), None);
-        landmarks.paint(0, [10, 20, 255]);
-        landmarks.paint(0, [20, 21, 255]);
+        landmarks.add_color(0, [10, 20, 255]);
+        landmarks.add_color(0, [20, 21, 255]);
         assert_eq!(landmarks.color(0), Some([15, 21, 255]));
     }
 
     #[test]
-    fn nothing_is_joined_when_switched_off() {
+    fn without_fusion_every_measurement_is_a_landmark() {
         let mut landmarks = Landmarks::new(LandmarkOptions {
             join: false,
             ..LandmarkOptions::default()
         });
-        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.0)), Observed::New(0));
-        assert_eq!(landmarks.observe(&at(0.0, 0.0, 2.0)), Observed::New(1));
+        assert_eq!(landmarks.associate(&at(0.0, 0.0, 2.0)), Association::New(0));
+        assert_eq!(landmarks.associate(&at(0.0, 0.0, 2.0)), Association::New(1));
     }
 }

@@ -13,20 +13,20 @@ use nalgebra::Point3;
 use super::depth_validation::{DepthValidation, FacetStatus};
 use super::error::MapError;
 use super::landmark_fusion::LandmarkFusion;
-use super::provisional::{ProvisionalKeyframes, ProvisionalSetting};
+use super::provisional::{ProvisionalContext, ProvisionalKeyframes};
 use super::segment_map::SegmentMap;
 use super::segment_points::{edge_measurements, measurements};
 use super::surface_points::KeyframeSurface;
 use super::update::MapUpdate;
-use super::vertex_points::{Observers, VertexPoints};
+use super::vertex_landmarks::{VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
 
-/// Colour of vertices that no keyframe gives a colour: a middle grey.
-const UNSEEN: [u8; 3] = [128; 3];
+/// Colour of vertices without an observed colour: middle grey.
+const DEFAULT_COLOR: [u8; 3] = [128; 3];
 
 impl MapUpdate {
-    /// Counts what the current keyframe sees, of which the landmarks from number `known` on are new.
+    /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
     fn count_points(&mut self, landmarks: &LandmarkFusion, known: usize) {
         let new_points = landmarks.points().len() - known;
         self.new_points += new_points;
@@ -34,14 +34,14 @@ impl MapUpdate {
     }
 }
 
-/// Segments and clusters, landmarks with their points, and which triangles were measured.
+/// Segments, clusters, landmarks and depth validation.
 pub(super) struct LineMap {
     camera: Camera,
     noise: SensorNoise,
     segments: SegmentMap,
     landmarks: LandmarkFusion,
     provisional: ProvisionalKeyframes,
-    vertices: VertexPoints,
+    vertices: VertexLandmarks,
     validation: DepthValidation,
 }
 
@@ -62,7 +62,7 @@ impl LineMap {
             segments: SegmentMap::new(options.cluster, median_depth)?,
             landmarks: LandmarkFusion::new(options),
             provisional: ProvisionalKeyframes::default(),
-            vertices: VertexPoints::default(),
+            vertices: VertexLandmarks::default(),
             validation: DepthValidation::new(
                 options.surface.least_measured_share,
                 camera,
@@ -71,10 +71,10 @@ impl LineMap {
         })
     }
 
-    /// Adds a keyframe whose depth will still be refined.
+    /// Adds a provisional keyframe.
     ///
     /// # Errors
-    /// When the carver refuses its position or one of its points.
+    /// When the carver rejects its position or one of its points.
     pub(super) fn push_provisional(
         &mut self,
         carver: &mut Carver,
@@ -82,11 +82,11 @@ impl LineMap {
         keyframe: &LineKeyframe,
     ) -> Result<MapUpdate, MapError> {
         let start = Instant::now();
-        let refused = |source| MapError::Keyframe {
+        let rejected = |source| MapError::Keyframe {
             keyframe: keyframe.frame,
             source,
         };
-        let setting = ProvisionalSetting {
+        let context = ProvisionalContext {
             options,
             camera: &self.camera,
             noise: &self.noise,
@@ -95,21 +95,21 @@ impl LineMap {
         };
         let mut transaction = carver.transaction();
         self.provisional
-            .add(keyframe, setting, &mut transaction)
-            .map_err(refused)?;
-        let report = transaction.commit().map_err(refused)?;
-        self.follow(carver, &report.surface);
+            .add(keyframe, context, &mut transaction)
+            .map_err(rejected)?;
+        let report = transaction.commit().map_err(rejected)?;
+        self.update_validation(carver, &report.surface);
         let mut update = MapUpdate::default();
         update.deltas.push(report.surface);
         update.times.carving = start.elapsed();
         Ok(update)
     }
 
-    /// Removes all keyframes whose final depth has not come and will not; `last` is the number that a fault is reported with.
+    /// Removes all provisional keyframes; errors name keyframe `last`.
     ///
     /// # Errors
     /// As [`push_provisional`](Self::push_provisional).
-    pub(super) fn withdraw_provisional(
+    pub(super) fn remove_provisional(
         &mut self,
         carver: &mut Carver,
         last: usize,
@@ -117,25 +117,25 @@ impl LineMap {
         if self.provisional.is_empty() {
             return Ok(());
         }
-        let refused = |keyframe| move |source| MapError::Keyframe { keyframe, source };
+        let rejected = |keyframe| move |source| MapError::Keyframe { keyframe, source };
         let mut transaction = carver.transaction();
         for frame in self.provisional.frames() {
             self.provisional
-                .withdraw(frame, &mut transaction)
-                .map_err(refused(frame))?;
+                .remove(frame, &mut transaction)
+                .map_err(rejected(frame))?;
         }
-        let report = transaction.commit().map_err(refused(last))?;
-        self.follow(carver, &report.surface);
+        let report = transaction.commit().map_err(rejected(last))?;
+        self.update_validation(carver, &report.surface);
         Ok(())
     }
 
-    /// Updates what is known about triangles after a commit without a keyframe of dense depth.
-    fn follow(&mut self, carver: &Carver, delta: &SurfaceDelta) {
-        let observers = Observers::new(carver, self.landmarks.points(), &self.vertices);
-        self.validation.follow(observers, delta, &[]);
+    /// Updates depth validation after a commit without a new view.
+    fn update_validation(&mut self, carver: &Carver, delta: &SurfaceDelta) {
+        let views = VertexViews::new(carver, self.landmarks.points(), &self.vertices);
+        self.validation.update(views, delta, &[]);
     }
 
-    /// Number of segments of keyframes whose depth will still be refined.
+    /// Number of segments of provisional keyframes.
     pub(super) fn provisional_segment_count(&self) -> usize {
         self.provisional.segment_count()
     }
@@ -148,7 +148,7 @@ impl LineMap {
     /// Adds keyframe `number`.
     ///
     /// # Errors
-    /// When the carver refuses its position or one of its points.
+    /// When the carver rejects its position or one of its points.
     pub(super) fn push(
         &mut self,
         carver: &mut Carver,
@@ -181,11 +181,10 @@ impl LineMap {
         let landmarks = &mut self.landmarks;
         landmarks.ignore_views(self.provisional.views());
         let mut transaction = carver.transaction();
-        self.provisional
-            .withdraw(keyframe.frame, &mut transaction)?;
+        self.provisional.remove(keyframe.frame, &mut transaction)?;
         let view = transaction.add_view(center)?;
         let known = landmarks.points().len();
-        landmarks.begin();
+        landmarks.begin_keyframe();
         for segment in &keyframe.segments {
             let along = measurements(
                 segment,
@@ -194,10 +193,10 @@ impl LineMap {
                 &self.noise,
                 &options.segment_points,
             );
-            landmarks.take_segment(&mut transaction, along)?;
+            landmarks.add_segment_points(&mut transaction, along)?;
         }
         let single = edge_measurements(&keyframe.edge_points, &self.camera, pose, &self.noise);
-        landmarks.take_singly(&mut transaction, single)?;
+        landmarks.add_points(&mut transaction, single)?;
         let surface = KeyframeSurface::new(
             &keyframe.surface,
             &self.camera,
@@ -205,12 +204,13 @@ impl LineMap {
             &options.surface_points,
         );
         if keyframe.surface.known_count() > 0 {
-            landmarks.take_surface(&mut transaction, &surface, &options.surface_points)?;
+            landmarks.fuse_surface(&mut transaction, &surface, &options.surface_points)?;
         }
-        landmarks.paint(keyframe, &surface);
-        (update.moved_points, update.removed_points) = landmarks.settle(&mut transaction)?;
-        landmarks.observe(&mut transaction, view, &center)?;
-        landmarks.observe_segments(
+        landmarks.add_colors(keyframe, &surface);
+        (update.moved_points, update.removed_points) =
+            landmarks.update_landmarks(&mut transaction)?;
+        landmarks.add_observations(&mut transaction, view, &center)?;
+        landmarks.add_segment_observations(
             &mut transaction,
             view,
             &center,
@@ -224,52 +224,52 @@ impl LineMap {
 
         let affected = landmarks.contradicted().iter().chain(landmarks.seen());
         self.vertices
-            .note(carver, landmarks.points(), affected.copied());
-        let contradictions = self.validation.push(
-            Observers::new(carver, landmarks.points(), &self.vertices),
+            .update(carver, landmarks.points(), affected.copied());
+        let conflicts = self.validation.push(
+            VertexViews::new(carver, landmarks.points(), &self.vertices),
             &report.surface,
             landmarks.observed(),
             pose,
             &keyframe.surface,
         );
         update.deltas.push(report.surface);
-        if !contradictions.is_empty() {
-            // Measurements behind the surface carved so far become points.
+        if !conflicts.is_empty() {
+            // Measurements behind the carved surface become points.
             let known = landmarks.points().len();
             let mut transaction = carver.transaction();
-            let measured = contradictions
+            let measured = conflicts
                 .iter()
-                .filter_map(|pixel| surface.measured_at(pixel));
-            landmarks.take_points(&mut transaction, measured)?;
-            landmarks.paint(keyframe, &surface);
-            landmarks.observe(&mut transaction, view, &center)?;
+                .filter_map(|pixel| surface.measurement_at(pixel));
+            landmarks.add_corrections(&mut transaction, measured)?;
+            landmarks.add_colors(keyframe, &surface);
+            landmarks.add_observations(&mut transaction, view, &center)?;
             update.count_points(landmarks, known);
             let report = transaction.commit()?;
             self.vertices
-                .note(carver, landmarks.points(), landmarks.seen().iter().copied());
-            let observers = Observers::new(carver, landmarks.points(), &self.vertices);
+                .update(carver, landmarks.points(), landmarks.seen().iter().copied());
+            let views = VertexViews::new(carver, landmarks.points(), &self.vertices);
             self.validation
-                .follow(observers, &report.surface, landmarks.observed());
+                .update(views, &report.surface, landmarks.observed());
             update.deltas.push(report.surface);
         }
         update.times.validation = start.elapsed() - carved;
         Ok(())
     }
 
-    /// The surface without triangles that depth contradicts or, where depth is not dense, that have an edge longer than
-    /// `options.longest_edge`.
+    /// The surface without triangles that depth contradicts and, where depth is not dense, without those that have an edge
+    /// longer than `options.longest_edge`.
     pub(super) fn surface(&self, carver: &Carver, options: &ExportOptions) -> TriangleMesh {
         let export = ExportOptions {
             longest_edge: None,
             ..*options
         };
-        let is_wanted = |triangle: Triangle| match self.validation.status(&triangle) {
+        let is_exported = |triangle: Triangle| match self.validation.status(&triangle) {
             FacetStatus::Measured => true,
             FacetStatus::NotMeasured => false,
             FacetStatus::Unobserved => (options.longest_edge)
                 .is_none_or(|longest| carver.has_edges_within(&triangle, longest)),
         };
-        let (mesh, origins) = carver.mesh_where(&export, is_wanted);
+        let (mesh, origins) = carver.mesh_where(&export, is_exported);
         TriangleMesh {
             positions: mesh.vertices,
             triangles: mesh.triangles,
@@ -277,14 +277,14 @@ impl LineMap {
         }
     }
 
-    /// Colours of copies of vertices; `None` when no keyframe had any.
+    /// Colours of the exported vertices, by their vertices in the triangulation; `None` when none has a colour.
     fn colors(&self, carver: &Carver, origins: &[Option<VertexId>]) -> Option<Vec<[u8; 3]>> {
         let provisional = self.provisional.colors(carver);
         let colors: Vec<Option<[u8; 3]>> = origins
             .iter()
             .map(|vertex| {
                 let vertex = (*vertex)?;
-                // A vertex id may have belonged to a landmark before.
+                // Vertex ids are reused: this one may have belonged to a landmark.
                 if let Some(color) = provisional.get(&vertex) {
                     return Some(*color);
                 }
@@ -294,7 +294,7 @@ impl LineMap {
             .collect();
         let has_any = colors.iter().any(Option::is_some);
         has_any.then(|| {
-            let color = |color: Option<[u8; 3]>| color.unwrap_or(UNSEEN);
+            let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
             colors.into_iter().map(color).collect()
         })
     }

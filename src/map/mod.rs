@@ -1,7 +1,7 @@
-//! The map: what keyframes measured, joined and carved. Strictly one keyframe after another.
+//! The map: fuses keyframes and carves free space, strictly one keyframe after another.
 //!
-//! A [`Map`] is one carver and what feeds it: landmarks along segments, map points triangulated from features, or the points
-//! of a model. All of them take [`Keyframe`]s and answer with a [`MapUpdate`].
+//! A [`Map`] is a carver and its source of points: landmarks along segments, points triangulated from features, or the points
+//! of a sparse model. It takes [`Keyframe`]s and returns a [`MapUpdate`] for each.
 
 mod depth_validation;
 mod error;
@@ -17,7 +17,7 @@ mod segment_map;
 mod segment_points;
 mod surface_points;
 mod update;
-mod vertex_points;
+mod vertex_landmarks;
 
 use std::time::Instant;
 
@@ -43,22 +43,22 @@ pub use model::{ModelCounts, PointModelOptions};
 pub use segment_map::SegmentMap;
 pub use segment_points::{SegmentPointOptions, measurements};
 pub use surface_points::SurfacePointOptions;
-pub use update::{FeatureCounts, MapTimes, MapUpdate};
+pub use update::{MapTimes, MapUpdate};
 
 /// Segments, points and free space of the keyframes so far.
 ///
-/// All coordinates are in the frame of computation: that of the poses less the origin of the recording.
+/// Coordinates are in the frame of computation: that of the poses minus the origin of the recording.
 pub struct Map {
     options: Options,
     carver: Carver,
     contents: Contents,
-    /// Median scene depth where something other than the map's own points tells it.
+    /// Median scene depth, where it does not come from feature points.
     median_depth: Option<f64>,
-    /// Number of keyframes that were added.
+    /// Number of keyframes added.
     keyframes: usize,
 }
 
-/// What feeds the carver.
+/// Source of the carved points.
 enum Contents {
     /// Segments alone; nothing is carved.
     Segments(SegmentMap),
@@ -68,7 +68,7 @@ enum Contents {
 }
 
 impl Map {
-    /// A map that only joins segments to clusters; `median_depth` is in units of the poses.
+    /// A map that only clusters segments; `median_depth` is in units of the poses.
     ///
     /// # Errors
     /// When a clustering option is out of range.
@@ -81,7 +81,7 @@ impl Map {
         ))
     }
 
-    /// An empty map of segments seen by `camera`, whose depth has `noise`; `median_depth` is in units of the poses.
+    /// An empty map of segments observed by `camera` with depth `noise`; `median_depth` is in units of the poses.
     ///
     /// # Errors
     /// When an option is out of range.
@@ -99,8 +99,8 @@ impl Map {
         ))
     }
 
-    /// An empty map of points triangulated from features of `sequence`. Without `median_depth` the length scale is that of the
-    /// points.
+    /// An empty map of points triangulated from features of `sequence`. Without `median_depth` the length scale is that of
+    /// the points.
     ///
     /// # Errors
     /// When an option is out of range.
@@ -117,10 +117,10 @@ impl Map {
         ))
     }
 
-    /// A map of the points of a model, which come with the views that see them.
+    /// A map of the points of a model, with the model's observations.
     ///
     /// # Errors
-    /// When the model names a view that it does not have.
+    /// When an observation names a view that does not exist.
     pub fn of_model(options: &Options, model: SparseModel) -> Result<Self, MapError> {
         let model = ModelMap::new(model, &options.point_model)?;
         let median_depth = model.median_depth();
@@ -144,11 +144,11 @@ impl Map {
         }
     }
 
-    /// Adds a keyframe. Keyframes are numbered in the order in which they are added, from 0.
+    /// Adds a keyframe. Keyframes are numbered from 0 in the order of insertion.
     ///
     /// # Errors
-    /// When the carver refuses its position or one of its points: not a number, or out of range. The map is then not to be
-    /// used any further.
+    /// When the carver rejects its position or one of its points: not finite or out of range. The map must not be used
+    /// afterwards.
     pub fn push(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
         let carver = &mut self.carver;
         let number = self.keyframes;
@@ -180,8 +180,8 @@ impl Map {
         Ok(update)
     }
 
-    /// Adds a keyframe whose depth will still be refined. [`push`](Self::push) of the same frame removes it again and leaves
-    /// the map as if it had never been there. Maps of features and models have no such keyframes.
+    /// Adds a provisional keyframe, whose depth is still refined. [`push`](Self::push) of the same frame removes it without a
+    /// trace. Only maps of lines have provisional keyframes.
     ///
     /// # Errors
     /// As [`push`](Self::push).
@@ -194,15 +194,15 @@ impl Map {
         }
     }
 
-    /// Ends the map after the last keyframe: removes keyframes whose final depth will not come; points from features and
-    /// their poses are adjusted all together.
+    /// Finishes the map after the last keyframe: removes provisional keyframes, or adjusts all feature points and poses
+    /// together.
     ///
     /// # Errors
     /// As [`push`](Self::push).
     pub fn finish(&mut self) -> Result<(), MapError> {
         let last = self.keyframes;
         match &mut self.contents {
-            Contents::Lines(lines) => lines.withdraw_provisional(&mut self.carver, last),
+            Contents::Lines(lines) => lines.remove_provisional(&mut self.carver, last),
             Contents::Features(features) => features.finish(&mut self.carver, last),
             Contents::Segments(_) | Contents::Model(_) => Ok(()),
         }
@@ -213,7 +213,7 @@ impl Map {
         &self.carver
     }
 
-    /// Segments and clusters; `None` when the map is made of points.
+    /// Segments and clusters; `None` for maps of points.
     pub fn segments(&self) -> Option<&SegmentMap> {
         match &self.contents {
             Contents::Segments(segments) => Some(segments),
@@ -222,7 +222,7 @@ impl Map {
         }
     }
 
-    /// Number of segments of keyframes whose depth will still be refined.
+    /// Number of segments of provisional keyframes.
     pub fn provisional_segment_count(&self) -> usize {
         match &self.contents {
             Contents::Lines(lines) => lines.provisional_segment_count(),
@@ -230,7 +230,7 @@ impl Map {
         }
     }
 
-    /// The points triangulated from features, when the map is made of them.
+    /// The feature points; `None` for other maps.
     pub fn feature_points(&self) -> Option<&PointMap> {
         match &self.contents {
             Contents::Features(features) => Some(features.points()),
@@ -238,7 +238,7 @@ impl Map {
         }
     }
 
-    /// The model in the frame of computation and what became of its points, when the map is made of one.
+    /// The model in the frame of computation and its point counts; `None` for other maps.
     pub fn model(&self) -> Option<(&SparseModel, ModelCounts)> {
         match &self.contents {
             Contents::Model(model) => Some((model.model(), model.counts())),
@@ -246,7 +246,7 @@ impl Map {
         }
     }
 
-    /// The points of the model that are carved so far, when the map is made of one.
+    /// The model's points carved so far; `None` for other maps.
     pub fn carved_model(&self) -> Option<SparseModel> {
         match &self.contents {
             Contents::Model(model) => Some(model.carved()),
@@ -254,7 +254,7 @@ impl Map {
         }
     }
 
-    /// The view of the model that sees most of the carved points, of equals the first.
+    /// The view of the model with the most carved points, the first of equals.
     pub fn richest_view(&self) -> Option<usize> {
         match &self.contents {
             Contents::Model(model) => model.richest_view(),
@@ -262,8 +262,7 @@ impl Map {
         }
     }
 
-    /// Poses as the images correct them while the map grows, in the order of keyframes; `None` where the map takes poses as
-    /// they are.
+    /// Poses adjusted by the feature map, in the order of keyframes; `None` for other maps.
     pub fn adjusted_poses(&self) -> Option<Vec<Isometry3<f64>>> {
         let points = self.feature_points()?;
         let keyframes = points.keyframes().iter();
@@ -274,7 +273,7 @@ impl Map {
         )
     }
 
-    /// Median scene depth in units of the poses; `None` without any point.
+    /// Median scene depth in units of the poses; `None` without points.
     pub fn median_depth(&self) -> Option<f64> {
         self.median_depth
             .or_else(|| self.feature_points()?.median_depth())
@@ -288,10 +287,10 @@ impl Map {
             .collect()
     }
 
-    /// The surface as it stands, without what `options.surface` leaves out.
+    /// The current surface, filtered by `options.surface`.
     ///
     /// # Complexity
-    /// Linear in the size of the surface, and sorting of its vertices.
+    /// Linear in the size of the surface, plus sorting of its vertices.
     pub fn surface(&self) -> TriangleMesh {
         let surface = &self.options.surface;
         let longest_edge = self

@@ -1,4 +1,4 @@
-//! A map of the points of a model, which come with the views that see them. No image is read.
+//! A map of the points of a sparse model, which bring their observations. No image is read.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -11,15 +11,14 @@ use nalgebra::Point3;
 use super::error::MapError;
 use super::update::MapUpdate;
 
-/// Which points of a model are carved.
+/// Filter for the points of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointModelOptions {
-    /// A point is carved when this many views see it ...
+    /// Least number of views that observe a point.
     pub min_views: usize,
-    /// ... and rays of some two of them differ by this angle. Below, its depth is hardly known.
+    /// Least parallax: largest angle between two rays to a point. Depth is uncertain below it.
     pub parallax_degrees: f64,
-    /// A observation counts when the model's own point is within this distance of it in the image, where the model gives
-    /// both a pixel and a camera.
+    /// Largest reprojection error of an observation, where the model gives a pixel and a camera.
     pub max_reprojection_px: f64,
 }
 
@@ -33,40 +32,40 @@ impl Default for PointModelOptions {
     }
 }
 
-/// What became of the points of a model.
+/// Numbers of carved and rejected points of a model.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ModelCounts {
-    /// Points that are carved.
+    /// Points that pass the filter.
     pub carved: usize,
-    /// Points left out because a coordinate is not a number or out of range.
+    /// Points with a coordinate that is not finite.
     pub not_finite: usize,
-    /// Points left out because too few views see them.
+    /// Points with too few views.
     pub too_few_views: usize,
-    /// Points left out because their rays hardly differ.
+    /// Points with too little parallax.
     pub too_little_parallax: usize,
-    /// Observations left out because the point projects elsewhere, or behind the camera.
+    /// Observations with too large a reprojection error or behind the camera.
     pub wrong_observations: usize,
 }
 
-/// A model, and which of its points are carved.
+/// A model and the state of its points.
 pub(super) struct ModelMap {
     model: SparseModel,
     counts: ModelCounts,
-    /// Points that each view sees, ascending; view by view.
-    seen: Vec<Vec<u32>>,
+    /// Points that each view observes, ascending.
+    points_of_view: Vec<Vec<u32>>,
     points: Vec<Option<PointId>>,
     median_depth: Option<f64>,
 }
 
 impl ModelMap {
-    /// Chooses the points to carve. Linear in the number of observations, quadratic in the length of a track whose parallax
-    /// is small.
+    /// Selects the points to carve. Linear in the number of observations; quadratic in the track length of points with small
+    /// parallax.
     ///
     /// # Errors
     /// When an observation names a view that does not exist.
     pub(super) fn new(model: SparseModel, options: &PointModelOptions) -> Result<Self, MapError> {
         let mut counts = ModelCounts::default();
-        let mut seen = vec![Vec::new(); model.views.len()];
+        let mut points_of_view = vec![Vec::new(); model.views.len()];
         let mut depths = Vec::new();
         let mut views = Vec::new();
         for (index, point) in model.points.iter().enumerate() {
@@ -81,9 +80,9 @@ impl ModelMap {
                     views: model.views.len(),
                 });
             }
-            if choose(&model, point, options, &mut views, &mut depths, &mut counts) {
+            if select_point(&model, point, options, &mut views, &mut depths, &mut counts) {
                 for view in &views {
-                    seen[*view as usize].push(index as u32);
+                    points_of_view[*view as usize].push(index as u32);
                 }
             }
         }
@@ -92,17 +91,17 @@ impl ModelMap {
             (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1);
         Ok(Self {
             counts,
-            seen,
+            points_of_view,
             points: vec![None; model.points.len()],
             median_depth,
             model,
         })
     }
 
-    /// Adds views with their points, in one transaction.
+    /// Adds views and their points in one transaction.
     ///
     /// # Errors
-    /// When the carver refuses a view or one of its points.
+    /// When the carver rejects a view or one of its points.
     pub(super) fn push(
         &mut self,
         carver: &mut Carver,
@@ -113,13 +112,13 @@ impl ModelMap {
         let last = views.end.saturating_sub(1);
         let mut transaction = carver.transaction();
         for view in views {
-            let seen = &self.seen[view];
+            let points_of_view = &self.points_of_view[view];
             let points = &mut self.points;
             add_view(
                 &mut transaction,
                 &self.model,
                 view,
-                seen,
+                points_of_view,
                 points,
                 &mut update,
             )?;
@@ -137,9 +136,10 @@ impl ModelMap {
         Ok(update)
     }
 
-    /// The view that sees most of the points that are carved, of equals the first; `None` without views.
+    /// The view with the most carved points, the first of equals; `None` without views.
     pub(super) fn richest_view(&self) -> Option<usize> {
-        (0..self.seen.len()).max_by_key(|&view| (self.seen[view].len(), std::cmp::Reverse(view)))
+        (0..self.points_of_view.len())
+            .max_by_key(|&view| (self.points_of_view[view].len(), std::cmp::Reverse(view)))
     }
 
     /// The model.
@@ -147,17 +147,17 @@ impl ModelMap {
         &self.model
     }
 
-    /// What became of the points.
+    /// Numbers of carved and rejected points.
     pub(super) fn counts(&self) -> ModelCounts {
         self.counts
     }
 
-    /// Median depth of the points in the views that see them; `None` without one.
+    /// Median depth of the points in their views; `None` without points.
     pub(super) fn median_depth(&self) -> Option<f64> {
         self.median_depth
     }
 
-    /// The points that have been carved so far, without views.
+    /// The points carved so far, without views.
     pub(super) fn carved(&self) -> SparseModel {
         let points = self.points.iter().zip(&self.model.points);
         SparseModel {
@@ -170,8 +170,8 @@ impl ModelMap {
     }
 }
 
-/// Whether a point is to be carved; then `views` holds who counts as seeing it, and `depths` gains its depths.
-fn choose(
+/// Whether a point is carved. If so, `views` holds its views, and its depths are appended to `depths`.
+fn select_point(
     model: &SparseModel,
     point: &ModelPoint,
     options: &PointModelOptions,
@@ -180,23 +180,23 @@ fn choose(
     counts: &mut ModelCounts,
 ) -> bool {
     views.clear();
-    let place = point.point_in_world;
-    if !place.iter().all(|x| x.is_finite()) {
+    let position = point.point_in_world;
+    if !position.iter().all(|x| x.is_finite()) {
         counts.not_finite += 1;
         return false;
     }
     let depths_before = depths.len();
     for observation in &point.observations {
         let view = &model.views[observation.view as usize];
-        let in_camera = view.world_from_camera.inverse_transform_point(&place);
-        let is_right = in_camera.z > 0.0
+        let in_camera = view.world_from_camera.inverse_transform_point(&position);
+        let is_inlier = in_camera.z > 0.0
             && match (&view.camera, observation.pixel) {
                 (Some(camera), Some([x, y])) => camera.project(&in_camera).is_some_and(|pixel| {
                     (pixel.x - x).hypot(pixel.y - y) <= options.max_reprojection_px
                 }),
                 _ => true,
             };
-        if is_right {
+        if is_inlier {
             views.push(observation.view);
             depths.push(in_camera.z);
         } else {
@@ -211,39 +211,39 @@ fn choose(
             Point3::from(pose.translation.vector)
         })
         .collect();
-    let is_chosen = if views.len() < options.min_views {
+    let is_selected = if views.len() < options.min_views {
         counts.too_few_views += 1;
         false
-    } else if parallax_cosine(&centers, &place) > options.parallax_degrees.to_radians().cos() {
+    } else if parallax_cosine(&centers, &position) > options.parallax_degrees.to_radians().cos() {
         counts.too_little_parallax += 1;
         false
     } else {
         counts.carved += 1;
         true
     };
-    if !is_chosen {
+    if !is_selected {
         depths.truncate(depths_before);
     }
-    is_chosen
+    is_selected
 }
 
-/// Adds a view, those of its points that are new, and its observations.
+/// Adds a view, its observations and its new points.
 fn add_view(
     transaction: &mut Transaction<'_>,
     model: &SparseModel,
     view: usize,
-    seen: &[u32],
+    points_of_view: &[u32],
     points: &mut [Option<PointId>],
     update: &mut MapUpdate,
 ) -> Result<(), MapError> {
     let record = &model.views[view];
-    let refused = |source| MapError::View {
+    let rejected = |source| MapError::View {
         name: record.name.clone(),
         source,
     };
     let center = Point3::from(record.world_from_camera.translation.vector);
-    let id = transaction.add_view(center).map_err(refused)?;
-    for &index in seen {
+    let id = transaction.add_view(center).map_err(rejected)?;
+    for &index in points_of_view {
         let slot = &mut points[index as usize];
         let point = match *slot {
             Some(point) => {
@@ -252,9 +252,9 @@ fn add_view(
             }
             None => {
                 update.new_points += 1;
-                let place = model.points[index as usize].point_in_world;
+                let position = model.points[index as usize].point_in_world;
                 let point = transaction
-                    .add_point(place)
+                    .add_point(position)
                     .map_err(|source| MapError::Point {
                         point: index as usize,
                         source,
@@ -262,7 +262,9 @@ fn add_view(
                 *slot.insert(point)
             }
         };
-        transaction.add_observation(id, point, 1).map_err(refused)?;
+        transaction
+            .add_observation(id, point, 1)
+            .map_err(rejected)?;
     }
     Ok(())
 }

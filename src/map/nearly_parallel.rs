@@ -1,49 +1,50 @@
-//! What runs beside something that the map has, and tells nothing new.
+//! Redundant visibility: rays and visibility triangles that are nearly parallel to existing ones.
 
 use linecarve_carving::{Carver, ViewId};
 use nalgebra::{Point3, Vector3};
 
-/// Whether a place lies nearer than `reach` to a stretch between two others.
+/// Whether a point is closer than `distance` to the segment between two others.
 pub(super) fn is_near_segment(
-    place: &Point3<f64>,
+    point: &Point3<f64>,
     [from, to]: [&Point3<f64>; 2],
-    reach: f64,
+    distance: f64,
 ) -> bool {
     let along = to - from;
-    let share = (place - from).dot(&along) / along.norm_squared();
+    let share = (point - from).dot(&along) / along.norm_squared();
     let nearest = from + share.clamp(0.0, 1.0) * along;
-    (place - nearest).norm_squared() < reach * reach
+    (point - nearest).norm_squared() < distance * distance
 }
 
-/// Two stretches from one point run the same way when they part by less than this (20 degrees).
-const LEAST_COSINE: f64 = 0.94;
+/// Sub-segments from a common end have the same direction when the cosine of their angle exceeds this (20 degrees).
+const MIN_DIRECTION_COSINE: f64 = 0.94;
 
-/// Which views have triangles to stretches between landmarks.
+/// Views that have visibility triangles to sub-segments between landmarks.
 ///
-/// Keyframes end and divide one segment at places of their own, so that the same pair of landmarks seldom comes again. A stretch
-/// is known from a place where, at both of its ends, a view beside that place has a triangle to a stretch the same way.
+/// Keyframes split a segment at different positions, so the same pair of landmarks seldom recurs. A sub-segment therefore counts
+/// as observed from a camera when, at both of its ends, a nearby view has a visibility triangle in the same direction.
 #[derive(Debug, Default)]
 pub(super) struct SegmentViews {
-    /// Tangent of the angle that the cameras keep, as seen from an end.
+    /// Tangent of the least angle between two cameras as seen from an end.
     least_tangent: f64,
-    /// Of each landmark: the views with a triangle that ends there, and the direction of its stretch from there.
-    at: Vec<Vec<(ViewId, Vector3<f64>)>>,
+    /// For each landmark: views with a visibility triangle that ends there, and the direction of its sub-segment.
+    by_landmark: Vec<Vec<(ViewId, Vector3<f64>)>>,
 }
 
 impl SegmentViews {
-    /// None yet; of cameras less than this angle beside each other only the first gets one. 0 for all.
+    /// No views yet. Of cameras closer than this angle only the first gets a visibility triangle; with 0 all do.
     pub(super) fn new(least_angle_deg: f64) -> Self {
         Self {
             least_tangent: least_angle_deg.to_radians().tan(),
-            at: Vec::new(),
+            by_landmark: Vec::new(),
         }
     }
 
-    /// Notes the triangle of a view to the stretch between two landmarks, unless one beside it is known. Whether it tells something new.
+    /// Inserts the visibility triangle of a view to the sub-segment between two landmarks, unless a nearly parallel one exists.
+    /// Returns whether it was inserted.
     ///
     /// # Complexity
-    /// The triangles that end in the two landmarks.
-    pub(super) fn note(
+    /// Linear in the visibility triangles that end in the two landmarks.
+    pub(super) fn insert_unless_known(
         &mut self,
         carver: &Carver,
         view: ViewId,
@@ -54,24 +55,28 @@ impl SegmentViews {
         let Some(along) = (b - a).try_normalize(0.0) else {
             return true;
         };
-        let ways = [along, -along];
-        let is_known = ends.iter().zip(&ways).all(|((landmark, end), way)| {
-            let reach = self.least_tangent * (end - center).norm();
-            let known = self.at.get(*landmark as usize);
-            known.into_iter().flatten().any(|(view, known)| {
-                known.dot(way) > LEAST_COSINE
-                    && carver
-                        .view(*view)
-                        .is_some_and(|other| is_near_segment(center, [end, &other], reach))
-            })
-        });
+        let directions = [along, -along];
+        let is_known = ends
+            .iter()
+            .zip(&directions)
+            .all(|((landmark, end), direction)| {
+                let distance = self.least_tangent * (end - center).norm();
+                let known = self.by_landmark.get(*landmark as usize);
+                known.into_iter().flatten().any(|(view, known)| {
+                    known.dot(direction) > MIN_DIRECTION_COSINE
+                        && carver
+                            .view(*view)
+                            .is_some_and(|other| is_near_segment(center, [end, &other], distance))
+                })
+            });
         if is_known {
             return false;
         }
-        for ((landmark, _), way) in ends.into_iter().zip(ways) {
+        for ((landmark, _), direction) in ends.into_iter().zip(directions) {
             let needed = landmark as usize + 1;
-            self.at.resize_with(needed.max(self.at.len()), Vec::new);
-            self.at[landmark as usize].push((view, way));
+            self.by_landmark
+                .resize_with(needed.max(self.by_landmark.len()), Vec::new);
+            self.by_landmark[landmark as usize].push((view, direction));
         }
         true
     }
@@ -81,22 +86,22 @@ impl SegmentViews {
 mod tests {
     use super::*;
 
-    /// A landmark with its place.
+    /// A landmark and its position.
     type End = (u32, [f64; 3]);
 
-    /// Whether each of some triangles, by its centre and its ends, is noted.
-    fn noted(least_angle_deg: f64, triangles: &[([f64; 3], [End; 2])]) -> Vec<bool> {
+    /// Whether each of these visibility triangles, given by camera centre and ends, is inserted.
+    fn inserted(least_angle_deg: f64, triangles: &[([f64; 3], [End; 2])]) -> Vec<bool> {
         let mut carver = Carver::default();
         let mut known = SegmentViews::new(least_angle_deg);
-        let note = |(center, ends): &([f64; 3], [End; 2])| {
+        let insert = |(center, ends): &([f64; 3], [End; 2])| {
             let center = Point3::from(*center);
             let mut transaction = carver.transaction();
             let view = transaction.add_view(center).unwrap();
             transaction.commit().unwrap();
-            let ends = ends.map(|(landmark, place)| (landmark, Point3::from(place)));
-            known.note(&carver, view, &center, ends)
+            let ends = ends.map(|(landmark, position)| (landmark, Point3::from(position)));
+            known.insert_unless_known(&carver, view, &center, ends)
         };
-        triangles.iter().map(note).collect()
+        triangles.iter().map(insert).collect()
     }
 
     /// Two metres before the origin.
@@ -105,9 +110,9 @@ mod tests {
     const C: End = (7, [2.0, 0.02, 2.0]);
 
     #[test]
-    fn a_camera_beside_one_with_a_triangle_gets_none() {
-        // Fifteen degrees at some 2.2 m are 0.6 m.
-        let beside = noted(
+    fn nearly_parallel_triangles_are_not_inserted() {
+        // 15 degrees at 2.2 m are 0.6 m.
+        let triangles = inserted(
             15.0,
             &[
                 ([0.0; 3], [A, B]),
@@ -116,13 +121,13 @@ mod tests {
                 ([0.0, 1.0, 0.0], [A, B]),
             ],
         );
-        assert_eq!(beside, [true, false, false, true]);
+        assert_eq!(triangles, [true, false, false, true]);
     }
 
     #[test]
-    fn stretches_that_together_cover_another_do() {
-        // From A by B to C; then the whole, which begins and ends as they do.
-        let whole = noted(
+    fn sub_segments_that_cover_another_make_it_known() {
+        // A to B, B to C, then A to C.
+        let covered = inserted(
             15.0,
             &[
                 ([0.0; 3], [A, B]),
@@ -130,27 +135,27 @@ mod tests {
                 ([0.1, 0.0, 0.0], [A, C]),
             ],
         );
-        assert_eq!(whole, [true, true, false]);
-        // Across at an end, and away from one, is another stretch.
-        let across = (1, [-1.0, 1.0, 2.0]);
-        let other = noted(
+        assert_eq!(covered, [true, true, false]);
+        // Perpendicular at one end, and in the opposite direction at another.
+        let perpendicular = (1, [-1.0, 1.0, 2.0]);
+        let others = inserted(
             15.0,
             &[
                 ([0.0; 3], [A, B]),
-                ([0.0; 3], [A, across]),
+                ([0.0; 3], [A, perpendicular]),
                 ([0.0; 3], [B, C]),
             ],
         );
-        assert_eq!(other, [true; 3]);
+        assert_eq!(others, [true; 3]);
     }
 
     #[test]
-    fn every_one_at_no_angle_and_at_one_place() {
+    fn zero_angle_and_zero_length_insert_all() {
         assert_eq!(
-            noted(0.0, &[([0.0; 3], [A, B]), ([0.0; 3], [A, B])]),
+            inserted(0.0, &[([0.0; 3], [A, B]), ([0.0; 3], [A, B])]),
             [true; 2]
         );
-        let twice = [([0.0; 3], [A, (3, A.1)]), ([0.0; 3], [A, (3, A.1)])];
-        assert_eq!(noted(15.0, &twice), [true; 2]);
+        let degenerate = [([0.0; 3], [A, (3, A.1)]), ([0.0; 3], [A, (3, A.1)])];
+        assert_eq!(inserted(15.0, &degenerate), [true; 2]);
     }
 }

@@ -1,4 +1,4 @@
-//! A map of points triangulated from features; the carver follows them.
+//! A map of points triangulated from features. The carver follows its changes.
 
 use std::time::Instant;
 
@@ -7,15 +7,15 @@ use linecarve_points::{MapChange, PointMap};
 use linecarve_sequence::Sequence;
 
 use super::error::MapError;
-use super::update::{FeatureCounts, MapUpdate};
+use super::update::MapUpdate;
 use crate::front_end::{FeatureKeyframe, empty_point_map};
 use crate::options::Options;
 
-/// Points, and the carver's ids of what it carves of them.
+/// Feature points and their ids in the carver.
 pub(super) struct FeatureMap {
     map: PointMap,
     views: Vec<ViewId>,
-    /// The carver's id of each point, by the map's.
+    /// The carver's id of each carved point.
     points: Vec<Option<PointId>>,
 }
 
@@ -35,7 +35,7 @@ impl FeatureMap {
     /// Adds keyframe `number`.
     ///
     /// # Errors
-    /// When the carver refuses its position or one of its points.
+    /// When the carver rejects its position or one of its points.
     pub(super) fn push(
         &mut self,
         carver: &mut Carver,
@@ -48,17 +48,11 @@ impl FeatureMap {
             .push(&keyframe.world_from_camera, keyframe.features.clone());
         let mut update = MapUpdate {
             observed_again: counts.observed_again,
-            features: Some(FeatureCounts {
-                features: counts.features,
-                observed_again: counts.observed_again,
-                created: counts.created,
-                removed: counts.removed,
-                established: counts.established,
-            }),
+            features: Some(counts),
             ..MapUpdate::default()
         };
         update.times.matching = start.elapsed();
-        self.follow(carver, &mut update)
+        self.apply_changes(carver, &mut update)
             .map_err(|source| MapError::Keyframe {
                 keyframe: number,
                 source,
@@ -67,20 +61,20 @@ impl FeatureMap {
         Ok(update)
     }
 
-    /// Adjusts all keyframes and points together, after the last of `count` keyframes. With poses taken as they are nothing
-    /// changes.
+    /// Adjusts all keyframes and points together, after the last of `count` keyframes. Changes nothing when poses are not
+    /// corrected.
     ///
     /// # Errors
     /// As [`push`](Self::push).
     pub(super) fn finish(&mut self, carver: &mut Carver, count: usize) -> Result<(), MapError> {
         let keyframe = count.saturating_sub(1);
         self.map.adjust_all();
-        self.follow(carver, &mut MapUpdate::default())
+        self.apply_changes(carver, &mut MapUpdate::default())
             .map_err(|source| MapError::Keyframe { keyframe, source })
     }
 
-    /// Applies what has changed in the points to the carver.
-    fn follow(
+    /// Applies the changes of the points to the carver.
+    fn apply_changes(
         &mut self,
         carver: &mut Carver,
         update: &mut MapUpdate,
@@ -90,7 +84,7 @@ impl FeatureMap {
             self.views.push(transaction.add_view(new.center())?);
         }
         for change in self.map.changes() {
-            // Changes name points that were added before, and keyframes that were pushed.
+            // Changes refer to carved points and known keyframes.
             let carved = |points: &[Option<PointId>], point: u32| {
                 points
                     .get(point as usize)
@@ -143,7 +137,7 @@ impl FeatureMap {
         Ok(())
     }
 
-    /// The points.
+    /// The feature points.
     pub(super) fn points(&self) -> &PointMap {
         &self.map
     }

@@ -1,9 +1,8 @@
-//! Keyframes whose depth will still be refined.
+//! Provisional keyframes: those with a first depth estimate that is still refined.
 //!
-//! What a first depth yields is in the map at once and is taken away again when the last one comes. So that nothing of it stays,
-//! it changes nothing else: where it meets landmarks it sees their points, but is no measurement of them; the rest are
-//! points of its own. The carver's state depends on what is there alone, so that the map ends as if there had been
-//! last depths only.
+//! A provisional keyframe is in the map at once and is removed when its final depth is known. It changes no landmark: it
+//! observes existing landmarks without being a measurement of them, and adds points of its own for the rest. The state of the
+//! carver does not depend on its history, so the final map is that of the final depths alone.
 
 use std::collections::BTreeMap;
 
@@ -19,25 +18,25 @@ use super::segment_points::{edge_measurements, measurements};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
 
-/// The keyframes that wait for their last depth, by the position of their frame in the sequence.
+/// Provisional keyframes, by the position of their frame in the sequence.
 #[derive(Debug, Default)]
 pub(super) struct ProvisionalKeyframes {
     keyframes: BTreeMap<usize, Provisional>,
 }
 
-/// What one of them has put into the map.
+/// A provisional keyframe in the map.
 #[derive(Debug)]
 struct Provisional {
     view: ViewId,
-    /// Its own points, and the colours under which it sees them.
+    /// Its own points and their colours.
     points: Vec<(PointId, Option<[u8; 3]>)>,
-    /// How many segments it has.
+    /// Number of its segments.
     segments: usize,
 }
 
-/// What provisional keyframes are made with.
+/// Inputs for adding a provisional keyframe.
 #[derive(Clone, Copy)]
-pub(super) struct ProvisionalSetting<'a> {
+pub(super) struct ProvisionalContext<'a> {
     pub(super) options: &'a Options,
     pub(super) camera: &'a Camera,
     pub(super) noise: &'a SensorNoise,
@@ -47,26 +46,26 @@ pub(super) struct ProvisionalSetting<'a> {
 }
 
 impl Provisional {
-    /// Makes points of measurements; those that are of landmarks are noted in `seen` instead.
-    fn take(
+    /// Adds points for measurements that match no landmark, and lists the matching landmarks in `seen`.
+    fn add_points(
         &mut self,
         measurements: impl Iterator<Item = Measurement>,
         keyframe: &LineKeyframe,
-        setting: ProvisionalSetting<'_>,
+        context: ProvisionalContext<'_>,
         transaction: &mut Transaction<'_>,
         seen: &mut Vec<u32>,
     ) -> Result<(), TransactionError> {
         let camera_from_world = keyframe.world_from_camera.inverse();
         for measurement in measurements {
-            if let Some(landmark) = setting.landmarks.find(&measurement) {
+            if let Some(landmark) = context.landmarks.find(&measurement) {
                 seen.push(landmark);
                 continue;
             }
             let point = transaction.add_point(measurement.point_in_world)?;
-            let sigma = setting.options.carving.cut.sigma_factor * measurement.sigma;
+            let sigma = context.options.carving.cut.sigma_factor * measurement.sigma;
             transaction.set_sigma(point, Some(sigma))?;
             transaction.add_observation(self.view, point, 1)?;
-            let pixel = setting
+            let pixel = context
                 .camera
                 .project(&(camera_from_world * measurement.point_in_world));
             let color = pixel.and_then(|pixel| keyframe.colors.at(&pixel));
@@ -77,17 +76,17 @@ impl Provisional {
 }
 
 impl ProvisionalKeyframes {
-    /// Puts a keyframe into the map, in place of what was there of it.
+    /// Adds a keyframe and replaces an earlier one of the same frame.
     ///
     /// # Errors
-    /// When the carver refuses its position or one of its points.
+    /// When the carver rejects its position or one of its points.
     pub(super) fn add(
         &mut self,
         keyframe: &LineKeyframe,
-        setting: ProvisionalSetting<'_>,
+        context: ProvisionalContext<'_>,
         transaction: &mut Transaction<'_>,
     ) -> Result<(), TransactionError> {
-        self.withdraw(keyframe.frame, transaction)?;
+        self.remove(keyframe.frame, transaction)?;
         let center = Point3::from(keyframe.world_from_camera.translation.vector);
         let mut provisional = Provisional {
             view: transaction.add_view(center)?,
@@ -98,35 +97,35 @@ impl ProvisionalKeyframes {
         for segment in &keyframe.segments {
             let along = measurements(
                 segment,
-                setting.camera,
+                context.camera,
                 &keyframe.world_from_camera,
-                setting.noise,
-                &setting.options.segment_points,
+                context.noise,
+                &context.options.segment_points,
             );
-            provisional.take(along, keyframe, setting, transaction, &mut seen)?;
+            provisional.add_points(along, keyframe, context, transaction, &mut seen)?;
         }
         let single = edge_measurements(
             &keyframe.edge_points,
-            setting.camera,
+            context.camera,
             &keyframe.world_from_camera,
-            setting.noise,
+            context.noise,
         );
-        provisional.take(single, keyframe, setting, transaction, &mut seen)?;
+        provisional.add_points(single, keyframe, context, transaction, &mut seen)?;
         seen.sort_unstable();
         seen.dedup();
         for landmark in seen {
-            let point = setting.points[landmark as usize];
+            let point = context.points[landmark as usize];
             transaction.add_observation(provisional.view, point, 1)?;
         }
         self.keyframes.insert(keyframe.frame, provisional);
         Ok(())
     }
 
-    /// Takes a keyframe out of the map; whether it was there.
+    /// Removes the keyframe of a frame; returns whether there was one.
     ///
     /// # Errors
-    /// Never, as long as nobody else removes its points.
-    pub(super) fn withdraw(
+    /// When one of its points was removed elsewhere.
+    pub(super) fn remove(
         &mut self,
         frame: usize,
         transaction: &mut Transaction<'_>,
@@ -141,28 +140,28 @@ impl ProvisionalKeyframes {
         Ok(true)
     }
 
-    /// The frames that wait, in their order.
+    /// Frames of the provisional keyframes, ascending.
     pub(super) fn frames(&self) -> Vec<usize> {
         self.keyframes.keys().copied().collect()
     }
 
-    /// The views of those that wait.
+    /// Views of the provisional keyframes.
     pub(super) fn views(&self) -> impl Iterator<Item = ViewId> + '_ {
         self.keyframes.values().map(|provisional| provisional.view)
     }
 
-    /// Whether none waits.
+    /// Whether there are no provisional keyframes.
     pub(super) fn is_empty(&self) -> bool {
         self.keyframes.is_empty()
     }
 
-    /// How many segments those that wait have.
+    /// Number of segments of the provisional keyframes.
     pub(super) fn segment_count(&self) -> usize {
         let segments = |provisional: &Provisional| provisional.segments;
         self.keyframes.values().map(segments).sum()
     }
 
-    /// The colours of their vertices.
+    /// Colours of their vertices.
     pub(super) fn colors(&self, carver: &Carver) -> FxHashMap<VertexId, [u8; 3]> {
         self.keyframes
             .values()

@@ -1,4 +1,4 @@
-//! Segments of all keyframes in the world, and their clusters.
+//! Segments of all keyframes in world coordinates, and their clusters.
 
 use linecarve_lines::cluster::{
     ClusterEvent, ClusterOptions, ClusterOptionsError, SegmentClusterer,
@@ -8,16 +8,16 @@ use nalgebra::Point3;
 use crate::front_end::LineKeyframe;
 use linecarve_mesh::LineSet;
 
-/// Segments of all keyframes in the world, and their clusters.
+/// Segments of all keyframes in world coordinates, and their clusters.
 pub struct SegmentMap {
     segments: Vec<[Point3<f64>; 2]>,
     clusterer: SegmentClusterer,
-    /// Memory for what a keyframe does to the clusters.
+    /// Reused buffer of cluster events.
     events: Vec<ClusterEvent>,
 }
 
 impl SegmentMap {
-    /// No segment yet; `median_depth` is that of the scene, in units of the poses.
+    /// An empty map; `median_depth` is that of the scene, in units of the poses.
     ///
     /// # Errors
     /// When an option is out of range.
@@ -29,7 +29,7 @@ impl SegmentMap {
         })
     }
 
-    /// Adds a keyframe's segments, in its order. Ends that coincide or are not finite have no line and are left out.
+    /// Adds the segments of a keyframe. Degenerate ones, with equal or non-finite ends, are left out.
     pub fn push(&mut self, keyframe: &LineKeyframe) {
         self.events.clear();
         for segment in &keyframe.segments {
@@ -46,22 +46,22 @@ impl SegmentMap {
         self.segments.len()
     }
 
-    /// The ends of all segments, in the order of keyframes.
+    /// End points of all segments, in the order of keyframes.
     pub fn ends(&self) -> &[[Point3<f64>; 2]] {
         &self.segments
     }
 
-    /// Number of clusters that are large enough. Constant time.
+    /// Number of clusters of sufficient size. Constant time.
     pub fn cluster_count(&self) -> usize {
         self.clusterer.cluster_count()
     }
 
-    /// The segments, in the order of keyframes.
+    /// All segments, in the order of keyframes.
     pub fn segments(&self) -> LineSet {
         LineSet::from_segments(self.segments.iter().copied())
     }
 
-    /// The representatives of the clusters that are large enough, oldest first.
+    /// Representatives of the clusters of sufficient size, oldest first.
     pub fn clusters(&self) -> LineSet {
         LineSet::from_segments(
             self.clusterer

@@ -1,4 +1,4 @@
-//! Which points of a segment are carved, and how well each of them is known.
+//! Points along segments, with their uncertainty.
 
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
@@ -8,11 +8,10 @@ use nalgebra::{Isometry3, Point2, Point3, Unit};
 use super::landmarks::Measurement;
 use crate::front_end::EdgePoint;
 
-/// Which points of a segment are carved.
+/// Sampling of points along segments.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SegmentPointOptions {
-    /// Besides its end points a segment gets points in between, so that neighbours are at most this far apart in the
-    /// image. `None`: end points alone, as in the paper.
+    /// Largest distance of neighbouring points of a segment in the image. `None`: end points only, as in the paper.
     pub spacing_px: Option<f64>,
 }
 
@@ -25,10 +24,10 @@ impl Default for SegmentPointOptions {
 }
 
 impl SegmentPointOptions {
-    /// Positions along a segment of `length_px` in the image, as shares from its start: 0 first, 1 last, evenly spaced.
+    /// Evenly spaced parameters in [0, 1] of the points of a segment of `length_px`, 0 and 1 included.
     pub fn shares(&self, length_px: f64) -> impl Iterator<Item = f64> + use<> {
         let parts = match self.spacing_px {
-            // A length or spacing that is not a number ends as one part.
+            // NaN gives one part.
             Some(spacing) if spacing > 0.0 => (length_px / spacing).ceil().max(1.0) as u32,
             _ => 1,
         };
@@ -36,11 +35,11 @@ impl SegmentPointOptions {
     }
 }
 
-/// The points of a segment as measurements in the world, from its first end to its last.
+/// The points of a segment as measurements in world coordinates, from its first end to its last.
 ///
-/// Between the ends inverse depth is linear along the image line, which is exact for a straight line in space. The
-/// standard deviation along the view ray joins that of the fitted line with that of a single depth: a fit averages the
-/// sensor's noise away, but not its bias, nor the error of the pose.
+/// Inverse depth is interpolated linearly along the image line, which is exact for a straight line. The variance along the
+/// ray is the sum of that of the fitted line and that of a single depth: a fit averages the sensor's noise, but not its bias
+/// nor the error of the pose.
 pub fn measurements<'a>(
     segment: &'a Segment,
     camera: &'a Camera,
@@ -59,7 +58,7 @@ pub fn measurements<'a>(
         })
 }
 
-/// Points on no segment as measurements in the world.
+/// Edge points as measurements in world coordinates.
 pub(super) fn edge_measurements<'a>(
     points: &'a [EdgePoint],
     camera: &'a Camera,
@@ -73,7 +72,7 @@ pub(super) fn edge_measurements<'a>(
     })
 }
 
-/// A pixel and its inverse depth as a measurement in the world; `None` where the camera sees nothing.
+/// A pixel with inverse depth as a measurement in world coordinates; `None` outside the camera model.
 fn measurement(
     pixel: &Point2<f64>,
     rho: f64,
@@ -89,7 +88,7 @@ fn measurement(
         point_in_world,
         direction: Unit::try_new(ray, 0.0)?,
         pixel: 1.0 / (rho * camera.mean_focal_px()),
-        // d z = d rho / rho^2; along the ray the length grows with its slant.
+        // d z = d rho / rho^2, scaled to the length of the ray.
         sigma: sigma_rho / rho * ray.norm(),
     })
 }
@@ -99,13 +98,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn end_points_alone_without_a_spacing() {
+    fn without_spacing_only_end_points() {
         let options = SegmentPointOptions { spacing_px: None };
         assert_eq!(options.shares(500.0).collect::<Vec<_>>(), [0.0, 1.0]);
     }
 
     #[test]
-    fn neighbours_are_no_further_apart_than_the_spacing() {
+    fn neighbours_are_within_the_spacing() {
         let options = SegmentPointOptions {
             spacing_px: Some(30.0),
         };

@@ -1,4 +1,4 @@
-//! What the dense depth of a keyframe says about the map, and the points that it adds where the map lacks them.
+//! Compares the map with the dense depth of a keyframe and finds missing points.
 
 use std::cmp::Ordering;
 
@@ -10,20 +10,20 @@ use nalgebra::{Isometry3, Point2, Point3, Unit};
 
 use super::landmarks::Measurement;
 
-/// Points between the segments, where depth is dense.
+/// Points between segments, where depth is dense.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePointOptions {
-    /// Whether there are any; otherwise segments alone make the map.
+    /// Whether they are used; otherwise segments alone make the map.
     pub enabled: bool,
-    /// A landmark is seen by a keyframe whose surface agrees with it within this many standard deviations; a surface that
-    /// lies further behind contradicts it.
+    /// Tolerance in standard deviations within which a keyframe's surface agrees with a landmark. A surface further behind
+    /// contradicts it.
     pub agreement_sigmas: f64,
-    /// Where the carved surface lies before what a keyframe measured by more than this many standard deviations, what the
-    /// keyframe measured becomes a point, whose ray carves the surface away. Infinite: never.
+    /// Measurements that lie behind the carved surface by more than this many standard deviations become points, whose rays
+    /// carve it away. Infinite: never.
     pub correction_sigmas: f64,
-    /// How depth is sampled.
+    /// Sampling of the depth.
     pub samples: SampleOptions,
-    /// How closely the triangulation of a keyframe follows the samples.
+    /// Refinement of the keyframe's triangulation towards the samples.
     pub refine: RefineOptions,
 }
 
@@ -39,7 +39,7 @@ impl Default for SurfacePointOptions {
     }
 }
 
-/// A keyframe's surface, ready to be asked.
+/// The dense surface of a keyframe with its camera and pose.
 pub(super) struct KeyframeSurface<'a> {
     samples: &'a SurfaceSamples,
     camera: &'a Camera,
@@ -48,24 +48,24 @@ pub(super) struct KeyframeSurface<'a> {
     agreement_sigmas: f64,
 }
 
-/// What a keyframe says about a point of the map.
+/// A point of the map compared with the surface of a keyframe.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Verdict {
-    /// Nothing: the point is outside the image, behind the surface, or where no surface was measured.
-    Silent,
-    /// It measured the surface right there.
+pub(super) enum SurfaceCheck {
+    /// No statement: outside the image, behind the surface, or where no surface was measured.
+    Unknown,
+    /// The surface agrees with the point.
     Confirmed {
-        /// Where the point is seen, with its own inverse depth.
+        /// Projection of the point, with its inverse depth.
         vertex: ImageVertex,
         /// The surface along the same ray.
         measurement: Measurement,
     },
-    /// It measured a surface behind the point.
+    /// The surface lies behind the point.
     Contradicted,
 }
 
 impl<'a> KeyframeSurface<'a> {
-    /// The surface `samples` of a keyframe of `camera`.
+    /// The surface `samples` of a keyframe.
     pub(super) fn new(
         samples: &'a SurfaceSamples,
         camera: &'a Camera,
@@ -81,7 +81,7 @@ impl<'a> KeyframeSurface<'a> {
         }
     }
 
-    /// A point of the world in the image; `None` when it is not before the camera.
+    /// Projection of a world point; `None` when it is not in front of the camera.
     pub(super) fn vertex(&self, point_in_world: &Point3<f64>) -> Option<ImageVertex> {
         let point = self.camera_from_world * point_in_world;
         let pixel = self.camera.project(&point)?;
@@ -91,46 +91,46 @@ impl<'a> KeyframeSurface<'a> {
         })
     }
 
-    /// What the keyframe says about a point of the map.
-    pub(super) fn judge(&self, point_in_world: &Point3<f64>) -> Verdict {
+    /// Compares a world point with the surface.
+    pub(super) fn check(&self, point_in_world: &Point3<f64>) -> SurfaceCheck {
         let Some(vertex) = self.vertex(point_in_world) else {
-            return Verdict::Silent;
+            return SurfaceCheck::Unknown;
         };
         let Some(sample) = self.samples.near(&vertex.pixel) else {
-            return Verdict::Silent;
+            return SurfaceCheck::Unknown;
         };
         let bound = self.agreement_sigmas * f64::from(sample.sigma);
         let nearer = vertex.rho - f64::from(sample.rho);
         if nearer > bound {
-            return Verdict::Contradicted;
+            return SurfaceCheck::Contradicted;
         }
         if nearer < -bound {
-            return Verdict::Silent;
+            return SurfaceCheck::Unknown;
         }
         match self.measurement(&vertex.pixel, sample.rho.into(), sample.sigma.into()) {
-            Some(measurement) => Verdict::Confirmed {
+            Some(measurement) => SurfaceCheck::Confirmed {
                 vertex,
                 measurement,
             },
-            None => Verdict::Silent,
+            None => SurfaceCheck::Unknown,
         }
     }
 
-    /// The corners of a box of the world outside of which [`KeyframeSurface::judge`] says nothing: it holds the pyramid from
-    /// the camera to beyond the farthest sample. `None` when there is no such box, as a sample may lie at infinity.
-    pub(super) fn reach(&self) -> Option<[Point3<f64>; 2]> {
+    /// Lowest and highest corner of a box outside of which [`check`](Self::check) is `Unknown`: it holds the pyramid from the
+    /// camera to beyond the farthest sample. `None` when that is unbounded, as a sample may lie at infinity.
+    pub(super) fn bounds(&self) -> Option<[Point3<f64>; 2]> {
         let step = f64::from(self.samples.step_px());
         let (columns, rows) = (self.samples.columns(), self.samples.rows());
         let nearest = (0..rows)
             .flat_map(|row| (0..columns).filter_map(move |column| self.samples.get(column, row)))
             .map(|sample| {
-                // The plane answers for pixels up to half a step away.
-                let fall = step * f64::from(sample.slope[0].abs() + sample.slope[1].abs());
-                f64::from(sample.rho) - fall - self.agreement_sigmas * f64::from(sample.sigma)
+                // A sample's plane is used up to half a step away.
+                let slope = step * f64::from(sample.slope[0].abs() + sample.slope[1].abs());
+                f64::from(sample.rho) - slope - self.agreement_sigmas * f64::from(sample.sigma)
             })
             .fold(f64::INFINITY, f64::min);
         let depth = Some(1.0 / nearest).filter(|depth| *depth > 0.0 && depth.is_finite())?;
-        // A frame of pixels around all samples. Between its rays and the camera lies all that they see.
+        // Pixels around all samples. Their rays enclose all that is measured.
         let (right, bottom) = (columns as f64 * step, rows as f64 * step);
         let along = |end: f64| {
             (-1..)
@@ -152,19 +152,22 @@ impl<'a> KeyframeSurface<'a> {
         Some([low, high])
     }
 
-    /// Where a point of the world is seen, and how many standard deviations the surface that was measured there lies behind
-    /// it; negative when it lies before it. `None` where nothing was measured.
-    pub(super) fn deviation(&self, point_in_world: &Point3<f64>) -> Option<(Point2<f64>, f64)> {
+    /// Projection of a world point, and the signed distance of the measured surface behind it in standard deviations. `None`
+    /// where nothing was measured.
+    pub(super) fn depth_deviation(
+        &self,
+        point_in_world: &Point3<f64>,
+    ) -> Option<(Point2<f64>, f64)> {
         let vertex = self.vertex(point_in_world)?;
         let sample = self.samples.near(&vertex.pixel)?;
         let nearer = vertex.rho - f64::from(sample.rho);
         Some((vertex.pixel, nearer / f64::from(sample.sigma)))
     }
 
-    /// Whether a point of the world lies before the surface that was measured where it is seen, on it or behind it; `None` where
-    /// nothing was measured.
-    pub(super) fn side(&self, point_in_world: &Point3<f64>) -> Option<Ordering> {
-        let (_, sigmas) = self.deviation(point_in_world)?;
+    /// Whether a world point lies in front of the measured surface (`Less`), on it or behind it; `None` where nothing was
+    /// measured.
+    pub(super) fn compare_depth(&self, point_in_world: &Point3<f64>) -> Option<Ordering> {
+        let (_, sigmas) = self.depth_deviation(point_in_world)?;
         Some(if sigmas > self.agreement_sigmas {
             Ordering::Less
         } else if sigmas < -self.agreement_sigmas {
@@ -174,8 +177,8 @@ impl<'a> KeyframeSurface<'a> {
         })
     }
 
-    /// The surface at a pixel.
-    pub(super) fn measured_at(&self, pixel: &Point2<f64>) -> Option<Measurement> {
+    /// The measured surface at a pixel.
+    pub(super) fn measurement_at(&self, pixel: &Point2<f64>) -> Option<Measurement> {
         let sample = self.samples.near(pixel)?;
         self.measurement(pixel, sample.rho.into(), sample.sigma.into())
     }
@@ -188,13 +191,13 @@ impl<'a> KeyframeSurface<'a> {
             point_in_world,
             direction: Unit::try_new(ray, 0.0)?,
             pixel: 1.0 / (rho * self.camera.mean_focal_px()),
-            // d z = d rho / rho^2; along the ray the length grows with its slant.
+            // d z = d rho / rho^2, scaled to the length of the ray.
             sigma: sigma / rho * ray.norm(),
         })
     }
 
-    /// Refines the triangulation of what the map holds, `vertices` with `lines` between them, until it follows the
-    /// surface.
+    /// Refines the triangulation of `vertices`, with `lines` between them, until it follows the surface. Returns the added
+    /// points.
     pub(super) fn refine(
         &self,
         vertices: &[ImageVertex],
@@ -203,14 +206,13 @@ impl<'a> KeyframeSurface<'a> {
     ) -> Vec<Option<Measurement>> {
         let mut triangulation = ImageTriangulation::new(vertices, lines);
         triangulation.refine(self.samples, options);
-        let missing = triangulation.vertices()[vertices.len()..]
+        triangulation.vertices()[vertices.len()..]
             .iter()
             .map(|vertex| {
                 let sample = self.samples.near(&vertex.pixel)?;
                 self.measurement(&vertex.pixel, vertex.rho, sample.sigma.into())
             })
-            .collect();
-        missing
+            .collect()
     }
 }
 
@@ -235,11 +237,11 @@ mod tests {
         let (samples, camera, pose) = wall();
         let options = SurfacePointOptions::default();
         let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);
-        let judge = |x: f64, z: f64| surface.judge(&Point3::new(1.0 + x, 2.0, 3.0 + z));
-        let Verdict::Confirmed {
+        let check = |x: f64, z: f64| surface.check(&Point3::new(1.0 + x, 2.0, 3.0 + z));
+        let SurfaceCheck::Confirmed {
             vertex,
             measurement,
-        } = judge(0.1, 2.005)
+        } = check(0.1, 2.005)
         else {
             panic!("the point lies on the wall");
         };
@@ -247,22 +249,22 @@ mod tests {
         assert!((measurement.point_in_world.z - 5.0).abs() < 1e-6);
         // 0.001 / 0.25 along z, and a little more along the ray.
         assert!((measurement.sigma - 0.004).abs() < 1e-5);
-        assert!(matches!(judge(0.0, 1.9), Verdict::Contradicted));
-        assert!(matches!(judge(0.0, 2.1), Verdict::Silent));
-        assert!(matches!(judge(0.0, -2.0), Verdict::Silent));
-        assert!(matches!(judge(5.0, 2.0), Verdict::Silent));
-        assert!(matches!(judge(f64::NAN, 2.0), Verdict::Silent));
-        // What is judged is within reach, and little else.
-        let [low, high] = surface.reach().unwrap();
+        assert!(matches!(check(0.0, 1.9), SurfaceCheck::Contradicted));
+        assert!(matches!(check(0.0, 2.1), SurfaceCheck::Unknown));
+        assert!(matches!(check(0.0, -2.0), SurfaceCheck::Unknown));
+        assert!(matches!(check(5.0, 2.0), SurfaceCheck::Unknown));
+        assert!(matches!(check(f64::NAN, 2.0), SurfaceCheck::Unknown));
+        // The bounds are tight.
+        let [low, high] = surface.bounds().unwrap();
         assert!(low.z <= 3.0 && high.z > 5.01 && high.z < 5.1);
         for (x, bound) in [(-1.05, low.x), (1.05, high.x)] {
-            assert!(matches!(judge(x, 2.0), Verdict::Confirmed { .. }));
+            assert!(matches!(check(x, 2.0), SurfaceCheck::Confirmed { .. }));
             assert!((1.0 + x - bound).abs() < 0.3 && (bound - 1.0).abs() > 1.15);
         }
     }
 
     #[test]
-    fn an_unknown_wall_gets_points_and_a_known_one_none() {
+    fn refinement_adds_points_only_where_they_are_missing() {
         let (samples, camera, pose) = wall();
         let options = SurfacePointOptions::default();
         let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);

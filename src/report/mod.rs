@@ -1,4 +1,4 @@
-//! `report.json`: what a run was asked, what it did, and how long each stage took.
+//! `report.json`: parameters, results and stage times of a run.
 
 pub mod page;
 
@@ -11,49 +11,49 @@ use linecarve_mesh::files::{WriteError, write_atomically};
 use crate::front_end::PoseSummary;
 pub use crate::run::StageTimes;
 
-/// Everything that a run says about itself. Counts and parameters repeat from run to run; durations and memory do not.
+/// The report of a run. Counts and parameters are reproducible; durations and memory are not.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report<P: Serialize> {
     /// `linecarve <version>`.
     pub generator: String,
     /// The command that ran: `reconstruct` or `lines`.
     pub command: &'static str,
-    /// What the surface is made from: `lines` or `map-points`.
+    /// Source of the surface: `lines` or `map-points`.
     pub from: &'static str,
-    /// What was read.
+    /// The input.
     pub sequence: SequenceSummary,
-    /// The user configuration of the run; as TOML it is a `--config` that repeats the run.
+    /// The configuration of the run; as TOML it is a `--config` that repeats the run.
     pub parameters: P,
-    /// One entry a keyframe, in the order of processing.
+    /// One entry per keyframe, in the order of processing.
     pub keyframes: Vec<KeyframeReport>,
-    /// What came out at the end.
+    /// The result.
     pub result: ResultSummary,
-    /// Warnings, in the order in which they arose.
+    /// Warnings, in order.
     pub warnings: Vec<String>,
     /// Sums over the run.
     pub timing: TimingSummary,
 }
 
-/// What was read.
+/// The input.
 #[derive(Debug, Clone, Serialize)]
 pub struct SequenceSummary {
     /// Name of the folder.
     pub name: String,
-    /// The recognised layout.
+    /// The detected layout.
     pub layout: String,
-    /// Posed frames in it.
+    /// Number of frames with poses.
     pub frames: usize,
-    /// Keyframes chosen.
+    /// Number of selected keyframes.
     pub keyframes: usize,
-    /// Keyframes whose images could not be used.
+    /// Number of keyframes with unusable images.
     pub skipped: usize,
-    /// Whether depth images take part.
+    /// Source of depth.
     pub depth: &'static str,
-    /// Median depth of the scene in units of the poses: the unit of every parameter that is a share.
+    /// Median scene depth in units of the poses, the length scale for all thresholds.
     pub median_depth: f64,
-    /// Shift that was taken off all coordinates while computing, because they are large; outputs have it added again.
+    /// Origin subtracted from coordinates during the computation; outputs have it added again.
     pub origin: [f64; 3],
-    /// How far poses and images are apart, when that was asked.
+    /// Difference of poses and images, when it was estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub poses: Option<PoseSummary>,
 }
@@ -65,42 +65,42 @@ pub struct KeyframeReport {
     pub frame: String,
     /// Position of the frame in the sequence.
     pub index: usize,
-    /// Edge chains in the image and pixels on them.
+    /// Number of edge chains in the image.
     pub edge_chains: usize,
-    /// Pixels on edge chains.
+    /// Number of pixels on edge chains.
     pub edge_pixels: usize,
-    /// Share of those pixels that have a depth.
+    /// Share of these pixels with a depth.
     pub edge_depth_share: f64,
-    /// 3D segments found in this keyframe.
+    /// Number of 3D segments.
     pub segments: usize,
-    /// Clusters of segments so far, those below the minimum size left out.
+    /// Number of clusters of sufficient size so far.
     pub clusters: usize,
-    /// Points that this keyframe added to the tetrahedralisation.
+    /// Number of points added.
     pub new_points: usize,
-    /// Older points that it saw again.
+    /// Number of existing points observed again.
     pub observed_again: usize,
     /// Visibility rays so far.
     pub rays: usize,
     /// Tetrahedra so far.
     pub cells: usize,
-    /// Triangles between free and occupied space after this keyframe, those included that files leave out.
+    /// Number of triangles after this keyframe, before filtering for export.
     pub triangles: usize,
-    /// Triangles that came and went with this keyframe.
+    /// Number of triangles added and removed.
     pub changed_triangles: usize,
-    /// With depth from neighbours: how many keyframes came after this one until it was in the surface for the first time.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub awaited: Option<usize>,
-    /// Segments in the surface after this keyframe whose depth will still be refined.
+    /// With depth from neighbours: number of later keyframes until this one was in the surface.
+    #[serde(rename = "awaited", skip_serializing_if = "Option::is_none")]
+    pub delay_keyframes: Option<usize>,
+    /// Number of provisional segments in the surface.
     #[serde(skip_serializing_if = "is_zero")]
     pub provisional_segments: usize,
-    /// What became of features, when the surface is made from map points.
+    /// Counts of features, when the surface is made from map points.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_points: Option<MapPointReport>,
     /// Milliseconds of each stage.
     pub milliseconds: StageTimes,
 }
 
-/// Whether a count is left out of the report.
+/// Whether a count is omitted.
 #[allow(
     clippy::trivially_copy_pass_by_ref,
     reason = "serde hands over references"
@@ -109,31 +109,31 @@ fn is_zero(count: &usize) -> bool {
     *count == 0
 }
 
-/// Counts of one keyframe that is looked at for map points.
+/// Feature counts of one keyframe.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct MapPointReport {
-    /// Features in the image.
+    /// Number of features.
     pub features: usize,
-    /// Points that they are, seen before.
+    /// Features matched with existing points.
     pub observed_again: usize,
-    /// Points tried for the first time; they are carved when enough keyframes see them.
+    /// Points triangulated from this keyframe. They are carved once enough keyframes observe them.
     pub created: usize,
-    /// Points given up.
+    /// Points removed.
     pub removed: usize,
     /// Carved points that moved.
     pub moved: usize,
-    /// Points that are carved.
+    /// Carved points in the map.
     pub established: usize,
 }
 
-/// What came out at the end.
+/// The result.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct ResultSummary {
-    /// 3D segments of all keyframes.
+    /// Number of 3D segments.
     pub segments: usize,
-    /// Clusters that are large enough.
+    /// Number of clusters of sufficient size.
     pub clusters: usize,
-    /// Points in the tetrahedralisation.
+    /// Number of points in the tetrahedralisation.
     pub points: usize,
     /// Visibility rays.
     pub rays: usize,
@@ -143,32 +143,32 @@ pub struct ResultSummary {
     pub vertices: usize,
     /// Triangles of the mesh.
     pub triangles: usize,
-    /// Edges of the mesh that are edges of the scene, where there is a mesh.
+    /// Feature edges of the mesh, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub feature_edges: Option<FeatureEdgeSummary>,
-    /// Milliseconds for the extraction of the final surface, where no keyframe has them.
+    /// Milliseconds for the final surface extraction, where no keyframe includes it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_milliseconds: Option<f64>,
-    /// Root of the mean squared distance between points and their features in the images, in pixels.
+    /// RMS reprojection error of points, in pixels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reprojection_rms_px: Option<f64>,
-    /// Radial distortion, `k1` of Brown's model, that points showed images of a supposed pinhole to have; points are free of it.
+    /// Estimated radial distortion `k1` (Brown) of images given as those of a pinhole; points are free of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens_k1: Option<f64>,
     /// Files written, relative to the output folder.
     pub files: Vec<String>,
 }
 
-/// Edges of the mesh that are edges of the scene, as the files `feature-edges.*` hold them; rims are not among them.
+/// Feature edges of the mesh, as in `feature-edges.*`; without boundary edges.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct FeatureEdgeSummary {
-    /// Edges at which the surface turns, along known lines or not.
+    /// Edges with a large dihedral angle.
     pub creases: usize,
     /// Other edges along known lines.
     pub along_lines: usize,
-    /// Sum of the lengths of the creases, in units of the poses.
+    /// Total length of the creases, in units of the poses.
     pub creases_length: f64,
-    /// Sum of the lengths of the others.
+    /// Total length of the other edges, in units of the poses.
     pub along_lines_length: f64,
 }
 
@@ -179,10 +179,10 @@ pub struct TimingSummary {
     pub mean_milliseconds: StageTimes,
     /// Seconds from the start of the command to the report.
     pub seconds: f64,
-    /// Keyframes that were taken from an interrupted run (`--resume`) instead of being computed.
+    /// Number of keyframes loaded from the checkpoint of an interrupted run (`--resume`).
     #[serde(skip_serializing_if = "is_zero")]
     pub resumed_keyframes: usize,
-    /// Largest resident memory of the process in MB, where the system tells.
+    /// Peak resident memory in MB, where the system reports it.
     pub peak_memory_mb: Option<f64>,
 }
 

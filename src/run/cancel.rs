@@ -1,86 +1,82 @@
-//! Ends a run at the next keyframe: on Ctrl-C, or when it holds more memory than it may. What is done by then is saved.
+//! Cancellation at keyframe boundaries: by Ctrl-C or a memory limit. Results so far are saved.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::memory::{MemoryLimit, held_mb};
+use super::memory::{MemoryLimit, resident_mb};
 
-/// Set once: a program runs one command.
+/// Process-wide, as a process runs one command.
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// Why a run ended before its last keyframe. What came before is valid.
+/// A run ended before its last keyframe. Results so far are valid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Cancelled {
-    /// By the user, or by the system that shuts down.
+    /// Cancelled by the user or by a system shutdown.
     #[error("interrupted")]
     Requested,
-    /// The memory limit is exceeded.
-    #[error("it holds {held_mb:.0} MB, more than the {limit_mb:.0} MB of --memory-limit")]
+    /// Memory use exceeds the limit.
+    #[error("memory use is {resident_mb:.0} MB, more than the {limit_mb:.0} MB of --memory-limit")]
     Memory {
         /// Memory in use, in MB.
-        held_mb: f64,
+        resident_mb: f64,
         /// The limit, in MB.
         limit_mb: f64,
     },
 }
 
 impl Cancelled {
-    /// How to continue a run that keeps a checkpoint.
+    /// How to continue a run with a checkpoint.
     pub fn remedy(&self) -> &'static str {
         match self {
-            Self::Requested => "--resume goes on",
+            Self::Requested => "continue with --resume",
             Self::Memory { .. } => {
-                "--resume with a higher --memory-limit goes on, or begin anew with fewer keyframes (--every, \
+                "continue with --resume and a higher --memory-limit, or start again with fewer keyframes (--every, \
                  --min-translation, --min-rotation)"
             }
         }
     }
 
-    /// How to continue a run without a checkpoint, since it reads a model and not images.
+    /// How to continue a run without a checkpoint, as for a model.
     pub fn remedy_without_checkpoint(&self) -> &'static str {
         match self {
-            Self::Requested => "the same command begins anew",
-            Self::Memory { .. } => {
-                "a higher --memory-limit, or none, takes the other views as well"
-            }
+            Self::Requested => "repeat the command to start again",
+            Self::Memory { .. } => "start again with a higher --memory-limit or without one",
         }
     }
 }
 
-/// Why a run cannot be watched.
+/// Cancellation is not available.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
-    /// The system does not tell how much memory a process holds.
-    #[error(
-        "--memory-limit: this system does not tell how much memory a program holds; leave the option out"
-    )]
+    /// The system does not report memory use.
+    #[error("--memory-limit is not supported: this system does not report memory use")]
     Memory,
-    /// Signals cannot be handled.
-    #[error("cannot watch for Ctrl-C: {0}")]
+    /// Signal handlers cannot be installed.
+    #[error("cannot install the handler for Ctrl-C: {0}")]
     Signals(#[from] ctrlc::Error),
 }
 
-/// Asked before each keyframe whether the run is to end.
+/// Checked before each keyframe.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CancelToken {
     limit: Option<MemoryLimit>,
 }
 
 impl CancelToken {
-    /// A token that reacts to Ctrl-C and the usual signals to end, and to a memory limit. A second signal ends the program at
-    /// once; files stay whole all the same.
+    /// A token for Ctrl-C, termination signals and a memory limit. A second signal ends the program at once; written files
+    /// stay complete.
     ///
     /// # Errors
-    /// When signals cannot be handled, or there is a limit and the system does not tell the memory in use.
+    /// When signals cannot be handled, or a limit is given and the system does not report memory use.
     pub fn watch(limit: Option<MemoryLimit>) -> Result<Self, WatchError> {
-        if limit.is_some() && held_mb().is_none() {
+        if limit.is_some() && resident_mb().is_none() {
             return Err(WatchError::Memory);
         }
         let handler = || {
             if REQUESTED.swap(true, Ordering::SeqCst) {
-                // The status of a program that Ctrl-C has ended.
+                // Exit status of a program ended by Ctrl-C.
                 std::process::exit(130);
             }
-            eprintln!("ending after this keyframe; once more to end at once");
+            eprintln!("stopping after this keyframe; press Ctrl-C again to stop at once");
         };
         match ctrlc::set_handler(handler) {
             Err(ctrlc::Error::MultipleHandlers) | Ok(()) => Ok(Self { limit }),
@@ -88,18 +84,20 @@ impl CancelToken {
         }
     }
 
-    /// Asked before each keyframe, of which `done` are complete; a memory limit leaves at least one.
+    /// Checks for cancellation with `done` keyframes complete. The memory limit allows at least one.
     ///
     /// # Errors
-    /// When the run is to end.
+    /// When the run was cancelled.
     pub fn check(self, done: usize) -> Result<(), Cancelled> {
         if REQUESTED.load(Ordering::SeqCst) {
             return Err(Cancelled::Requested);
         }
-        match (self.limit, held_mb()) {
-            (Some(MemoryLimit { megabytes }), Some(held_mb)) if done > 0 && held_mb > megabytes => {
+        match (self.limit, resident_mb()) {
+            (Some(MemoryLimit { megabytes }), Some(resident_mb))
+                if done > 0 && resident_mb > megabytes =>
+            {
                 Err(Cancelled::Memory {
-                    held_mb,
+                    resident_mb,
                     limit_mb: megabytes,
                 })
             }

@@ -1,4 +1,4 @@
-//! Files of a run that is not through.
+//! Checkpoint of a run: keyframes stored so that the run can be resumed.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,23 +12,24 @@ use linecarve_mesh::files::{WriteError, write_atomically};
 /// Folder inside the output folder.
 pub const FOLDER: &str = ".linecarve";
 
-/// What the run is.
+/// File with the description of the run.
 const RUN: &str = "run.txt";
 
-/// Why a run cannot be resumed, or kept so that it can.
+/// A run cannot be resumed or stored.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// There is nothing that could be resumed.
+    /// There is no checkpoint.
     #[error(
-        "{} holds no run that could be resumed: leave out --resume to begin one", folder.display()
+        "{} holds no run to resume: leave out --resume to start one", folder.display()
     )]
     Nothing {
         /// The output folder.
         folder: PathBuf,
     },
-    /// What is there is another run.
+    /// The checkpoint belongs to another run.
     #[error(
-        "the run in {} was begun differently ({difference}): repeat it as it was, or leave out --resume to begin anew",
+        "the run in {} was started with other inputs or options ({difference}): repeat it with the \
+         same ones, or leave out --resume to start again",
         folder.display()
     )]
     Different {
@@ -40,17 +41,17 @@ pub enum CheckpointError {
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// A file or folder cannot be read, made or removed.
+    /// A file or folder cannot be read, created or removed.
     #[error("cannot use {}: {source}", path.display())]
     Folder {
-        /// Which.
+        /// Its path.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
 }
 
-/// What a run has kept so far.
+/// The stored keyframes of a run.
 #[derive(Debug, Clone)]
 pub struct Checkpoint {
     folder: PathBuf,
@@ -59,11 +60,11 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// Begins to keep a run, or to go on with one. `description` says what the run is, line by line: a run goes on only
-    /// when it is the same. `Nothing` is an error only when nothing at all was begun there.
+    /// Creates a checkpoint, or opens one to resume. `description` identifies the run by lines; a run is resumed only when it
+    /// is equal.
     ///
     /// # Errors
-    /// When there is nothing to resume, or another run, or the folder is not writable.
+    /// When there is no checkpoint to resume, it belongs to another run, or the folder is not writable.
     pub fn open(output: &Path, description: &str, resume: bool) -> Result<Self, CheckpointError> {
         let folder = output.join(FOLDER);
         let failed = |path: &Path| {
@@ -118,7 +119,7 @@ impl Checkpoint {
         self.folder.join(format!("{keyframe:06}.keyframe"))
     }
 
-    /// What was stored for a keyframe; `None` when nothing was, or it is damaged.
+    /// Loads a stored value; `None` when it is missing or damaged.
     pub fn load<T: DeserializeOwned>(&self, keyframe: usize) -> Option<T> {
         let mut bytes = std::fs::read(self.path(keyframe)).ok()?;
         let at = bytes.len().checked_sub(8)?;
@@ -130,45 +131,44 @@ impl Checkpoint {
         rmp_serde::from_slice(&bytes).ok()
     }
 
-    /// Stores what a keyframe yields. Numbers come back bit for bit.
+    /// Stores a value for a keyframe. Numbers are kept bit by bit.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn store<T: Serialize>(&self, keyframe: usize, yielded: &T) -> Result<(), WriteError> {
+    pub fn store<T: Serialize>(&self, keyframe: usize, value: &T) -> Result<(), WriteError> {
         write_atomically(&self.path(keyframe), |out| {
-            let bytes = rmp_serde::to_vec(yielded).map_err(std::io::Error::other)?;
+            let bytes = rmp_serde::to_vec(value).map_err(std::io::Error::other)?;
             out.write_all(&bytes)?;
             out.write_all(&checksum(&bytes).to_le_bytes())
         })
     }
 
-    /// What a run that is kept has stored for a keyframe, or else what `make` makes, which is then stored. A run that is
-    /// not kept makes everything.
+    /// Loads the value of a keyframe, or computes and stores it. Without a checkpoint it is always computed.
     ///
     /// # Errors
-    /// When `make` fails, or the file cannot be written.
+    /// When `compute` fails, or the file cannot be written.
     pub fn load_or<T, E>(
         checkpoint: Option<&Self>,
         keyframe: usize,
-        make: impl FnOnce() -> Result<T, E>,
+        compute: impl FnOnce() -> Result<T, E>,
     ) -> Result<T, E>
     where
         T: Serialize + DeserializeOwned,
         E: From<WriteError>,
     {
         let Some(checkpoint) = checkpoint else {
-            return make();
+            return compute();
         };
         if let Some(stored) = checkpoint.load(keyframe) {
             checkpoint.count_reused();
             return Ok(stored);
         }
-        let made = make()?;
-        checkpoint.store(keyframe, &made)?;
-        Ok(made)
+        let computed = compute()?;
+        checkpoint.store(keyframe, &computed)?;
+        Ok(computed)
     }
 
-    /// Removes everything: the run is through.
+    /// Removes the checkpoint of a complete run.
     ///
     /// # Errors
     /// When the folder cannot be removed.
@@ -178,14 +178,14 @@ impl Checkpoint {
     }
 }
 
-/// Against damage of the disk, not against malice: FNV-1a of 64 bits.
+/// FNV-1a of 64 bits. Detects damage, not tampering.
 fn checksum(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |sum, byte| {
         (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
     })
 }
 
-/// The first line in which two descriptions differ.
+/// The first line that differs between two descriptions.
 fn difference(found: &str, asked: &str) -> Option<String> {
     if found == asked {
         return None;
@@ -194,7 +194,7 @@ fn difference(found: &str, asked: &str) -> Option<String> {
     loop {
         match (before.next(), now.next()) {
             (Some(a), Some(b)) if a == b => {}
-            (None, None) => return Some("line ends".to_owned()),
+            (None, None) => return Some("line endings".to_owned()),
             (a, b) => {
                 let text = |line: Option<&str>| line.unwrap_or("nothing").to_owned();
                 return Some(format!("then \"{}\", now \"{}\"", text(a), text(b)));
@@ -208,10 +208,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_stored_comes_back_until_the_run_is_through() {
+    fn stored_values_are_loaded_until_the_run_is_complete() {
         let folder = tempfile::tempdir().unwrap();
         let begun = Checkpoint::open(folder.path(), "a\nb\n", false).unwrap();
-        // The last bit, and what JSON could not hold.
+        // Values that need every bit, and one that JSON cannot hold.
         let kept = vec![0.1 + 0.2, f64::MIN_POSITIVE, -0.0, f64::INFINITY];
         begun.store(3, &kept).unwrap();
         let resumed = Checkpoint::open(folder.path(), "a\nb\n", true).unwrap();
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn another_run_is_named_and_a_new_one_begins_empty() {
+    fn another_run_is_rejected_and_a_new_one_starts_empty() {
         let folder = tempfile::tempdir().unwrap();
         Checkpoint::open(folder.path(), "every 2\n", false)
             .unwrap()
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_files_are_as_good_as_absent() {
+    fn damaged_files_count_as_missing() {
         let folder = tempfile::tempdir().unwrap();
         let run = Checkpoint::open(folder.path(), "", false).unwrap();
         run.store(0, &vec![7_u32; 4]).unwrap();
@@ -260,7 +260,7 @@ mod tests {
         assert_eq!(run.load::<Vec<u32>>(0), None);
         std::fs::write(&path, b"cut").unwrap();
         assert_eq!(run.load::<Vec<u32>>(0), None);
-        // Whole, but of another kind.
+        // Undamaged, but of another type.
         run.store(0, &"text").unwrap();
         assert_eq!(run.load::<Vec<u32>>(0), None);
     }

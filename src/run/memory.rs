@@ -1,18 +1,18 @@
-//! How much memory the program holds, as the operating system tells, and a bound on it.
+//! Memory use of the process, and a limit for it.
 
 use std::str::FromStr;
 
-/// Largest memory that the program has held so far, in MB (10^6 bytes), where the operating system tells.
+/// Peak resident memory in MB (10^6 bytes); `None` where the system does not report it.
 pub fn peak_mb() -> Option<f64> {
     status_mb("VmHWM:")
 }
 
-/// Memory that the program holds now, in MB (10^6 bytes), where the operating system tells.
-pub fn held_mb() -> Option<f64> {
+/// Current resident memory in MB (10^6 bytes); `None` where the system does not report it.
+pub fn resident_mb() -> Option<f64> {
     status_mb("VmRSS:")
 }
 
-/// An entry of Linux' `/proc/self/status`, which is in units of 1024 bytes.
+/// An entry of Linux' `/proc/self/status`, in units of 1024 bytes.
 fn status_mb(entry: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with(entry))?;
@@ -20,7 +20,7 @@ fn status_mb(entry: &str) -> Option<f64> {
     Some((kibibytes * 1.024).round() / 1e3)
 }
 
-/// The most memory that a run may hold at the end of a keyframe.
+/// Limit for the resident memory at the end of a keyframe.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MemoryLimit {
     /// In MB (10^6 bytes).
@@ -40,7 +40,7 @@ impl FromStr for MemoryLimit {
             .and_then(|(number, factor)| Some(number.trim().parse::<f64>().ok()? * factor))
             .filter(|megabytes| megabytes.is_finite() && *megabytes > 0.0)
             .map(|megabytes| Self { megabytes })
-            .ok_or_else(|| "write it with its unit, for example 800M or 2G".to_owned())
+            .ok_or_else(|| "a number with a unit is needed, for example 800M or 2G".to_owned())
     }
 }
 
@@ -62,9 +62,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_is_no_more_than_the_peak() {
-        if let (Some(held), Some(peak)) = (held_mb(), peak_mb()) {
-            assert!(held > 0.1 && held <= peak, "{held} {peak}");
+    fn resident_memory_is_at_most_the_peak() {
+        if let (Some(resident), Some(peak)) = (resident_mb(), peak_mb()) {
+            assert!(resident > 0.1 && resident <= peak, "{resident} {peak}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What every run needs: checkpoint, cancellation, a bound on memory, progress, stage times.
+//! Services of a run: checkpoint, cancellation, memory limit, progress and stage times.
 
 mod cancel;
 mod checkpoint;
@@ -8,6 +8,6 @@ mod times;
 
 pub use cancel::{CancelToken, Cancelled, WatchError};
 pub use checkpoint::{Checkpoint, CheckpointError, FOLDER as CHECKPOINT_FOLDER};
-pub use memory::{MemoryLimit, held_mb, peak_mb};
+pub use memory::{MemoryLimit, peak_mb, resident_mb};
 pub use progress::{Progress, Verbosity};
 pub use times::{StageTimes, milliseconds};

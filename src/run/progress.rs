@@ -1,25 +1,28 @@
-//! Progress of long work on standard error: a bar with the time left on a terminal, plain lines otherwise.
+//! Progress on standard error: a bar on a terminal, plain lines otherwise.
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// Plain lines come at most this often.
+/// Least time between plain lines.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(5);
 
-/// How much is said.
+/// Template of the progress bar.
+const BAR_TEMPLATE: &str = "{prefix:>12} {bar:32} {pos}/{len} [{elapsed}<{eta}] {msg}";
+
+/// Amount of output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verbosity {
     /// Errors only.
     Quiet,
     /// Progress, warnings and results.
     Normal,
-    /// Also what was assumed and left out.
+    /// Also assumptions and omissions.
     Verbose,
 }
 
-/// The progress of one piece of work with a known number of steps.
+/// Progress of a task with a known number of steps.
 pub struct Progress {
     label: &'static str,
     verbosity: Verbosity,
@@ -31,16 +34,14 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts a piece of work of `total` steps, named by a word such as `keyframes`.
+    /// Starts a task of `total` steps, with a label such as `keyframes`.
     pub fn start(label: &'static str, total: usize, verbosity: Verbosity) -> Self {
         let visible = verbosity > Verbosity::Quiet;
         let bar = (visible && std::io::stderr().is_terminal()).then(|| {
             let bar =
                 ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr());
             // A malformed template is a programming error that the test below would show.
-            if let Ok(style) = ProgressStyle::with_template(
-                "{prefix:>12} {bar:32} {pos}/{len} [{elapsed}<{eta}] {msg}",
-            ) {
+            if let Ok(style) = ProgressStyle::with_template(BAR_TEMPLATE) {
                 bar.set_style(style);
             }
             bar.set_prefix(label);
@@ -57,12 +58,12 @@ impl Progress {
         }
     }
 
-    /// One step is done; `message` says in a few words what stands now.
+    /// Advances by one step; `message` is a short status.
     pub fn step(&mut self, message: impl FnOnce() -> String) {
         self.set(self.done + 1, message);
     }
 
-    /// `done` steps are done.
+    /// Sets the number of completed steps.
     pub fn set(&mut self, done: usize, message: impl FnOnce() -> String) {
         self.done = done;
         if self.verbosity == Verbosity::Quiet {
@@ -85,8 +86,8 @@ impl Progress {
         }
     }
 
-    /// Says something without tearing the bar; `Verbosity::Verbose` lines appear only when asked for.
-    pub fn say(&self, at: Verbosity, line: &str) {
+    /// Prints a line without breaking the bar, at verbosity `at` or higher.
+    pub fn print(&self, at: Verbosity, line: &str) {
         if self.verbosity < at {
             return;
         }
@@ -96,7 +97,7 @@ impl Progress {
         }
     }
 
-    /// The work is over; the bar is taken away.
+    /// Ends the task and removes the bar.
     pub fn finish(self) {
         if let Some(bar) = self.bar {
             bar.finish_and_clear();
@@ -124,24 +125,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plain_line_tells_share_and_time_left() {
+    fn a_plain_line_has_share_and_time_left() {
         let line = plain_line("keyframes", 12, 48, Duration::from_secs(3));
         assert_eq!(line, "keyframes 12/48 (25 %), 3 s, 9 s left");
     }
 
     #[test]
-    fn work_without_steps_is_whole() {
+    fn a_task_without_steps_is_complete() {
         let line = plain_line("frames", 0, 0, Duration::ZERO);
         assert_eq!(line, "frames 0/0 (100 %), 0 s");
     }
 
     #[test]
     fn the_bar_template_is_well_formed() {
-        assert!(
-            ProgressStyle::with_template(
-                "{prefix:>12} {bar:32} {pos}/{len} [{elapsed}<{eta}] {msg}"
-            )
-            .is_ok()
-        );
+        assert!(ProgressStyle::with_template(BAR_TEMPLATE).is_ok());
     }
 }

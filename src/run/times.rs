@@ -1,83 +1,78 @@
-//! Processor time of the stages of a keyframe.
+//! Processing times of a keyframe by stage.
 
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// Milliseconds of the stages of one keyframe.
+/// Milliseconds of each stage of a keyframe.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct StageTimes {
-    /// Reading and decoding images.
+    /// Reading and decoding of images.
     pub load: f64,
-    /// Depth of the keyframe in the colour camera.
+    /// Depth in the colour camera.
     pub depth: f64,
-    /// Edge chains.
+    /// Edge detection.
     pub edges: f64,
-    /// Features.
+    /// Feature detection.
     pub features: f64,
-    /// Segments fitted along the chains.
+    /// Segment fitting along the chains.
     pub fit: f64,
-    /// Segments joined to clusters.
+    /// Clustering of segments.
     pub cluster: f64,
-    /// Points chosen along the segments and matched with older ones.
+    /// Choice of points and association with landmarks.
     pub points: f64,
-    /// Points inserted, rays walked, cells labelled.
+    /// Insertion of points, ray walks and labelling.
     pub carve: f64,
-    /// The surface compared with the depth of keyframes, and corrected.
-    pub support: f64,
-    /// Surface extracted.
+    /// Validation and correction of the surface with dense depth.
+    #[serde(rename = "support")]
+    pub validation: f64,
+    /// Surface extraction.
     pub surface: f64,
-    /// Files written.
+    /// Writing of files.
     pub write: f64,
 }
 
 impl StageTimes {
-    /// All stages together.
+    fn values(&self) -> [f64; 11] {
+        let mut times = *self;
+        times.values_mut().map(|value| *value)
+    }
+
+    fn values_mut(&mut self) -> [&mut f64; 11] {
+        [
+            &mut self.load,
+            &mut self.depth,
+            &mut self.edges,
+            &mut self.features,
+            &mut self.fit,
+            &mut self.cluster,
+            &mut self.points,
+            &mut self.carve,
+            &mut self.validation,
+            &mut self.surface,
+            &mut self.write,
+        ]
+    }
+
+    /// Sum of all stages.
     pub fn total(&self) -> f64 {
-        self.load
-            + self.depth
-            + self.edges
-            + self.features
-            + self.fit
-            + self.cluster
-            + self.points
-            + self.carve
-            + self.support
-            + self.surface
-            + self.write
+        self.values().iter().sum()
     }
 
-    /// Stage by stage mean over `count`; zero of nothing.
+    /// Mean of each stage over `count`, rounded to microseconds; the sum when `count` is 0.
     pub fn divided_by(&self, count: usize) -> Self {
-        let mean = |sum: f64| (sum / count.max(1) as f64 * 1e3).round() / 1e3;
-        Self {
-            load: mean(self.load),
-            depth: mean(self.depth),
-            edges: mean(self.edges),
-            features: mean(self.features),
-            fit: mean(self.fit),
-            cluster: mean(self.cluster),
-            points: mean(self.points),
-            carve: mean(self.carve),
-            support: mean(self.support),
-            surface: mean(self.surface),
-            write: mean(self.write),
+        let mut mean = *self;
+        for value in mean.values_mut() {
+            *value = (*value / count.max(1) as f64 * 1e3).round() / 1e3;
         }
+        mean
     }
 
-    /// Stage by stage sum.
+    /// Adds the times of each stage.
     pub fn add(&mut self, other: &Self) {
-        self.load += other.load;
-        self.depth += other.depth;
-        self.edges += other.edges;
-        self.features += other.features;
-        self.fit += other.fit;
-        self.cluster += other.cluster;
-        self.points += other.points;
-        self.carve += other.carve;
-        self.support += other.support;
-        self.surface += other.surface;
-        self.write += other.write;
+        for (sum, value) in self.values_mut().into_iter().zip(other.values()) {
+            *sum += value;
+        }
     }
 }
 

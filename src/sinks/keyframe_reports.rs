@@ -51,7 +51,7 @@ impl Sink for KeyframeReports {
 
     fn skipped(&mut self, _number: usize, fault: &FrontEndError) {
         if let Some(progress) = &mut self.progress {
-            progress.say(Verbosity::Verbose, &format!("left out: {fault}"));
+            progress.print(Verbosity::Verbose, &format!("left out: {fault}"));
             progress.step(String::new);
         }
         self.skipped.push(fault.to_string());
@@ -71,7 +71,7 @@ fn keyframe_report(recording: &Recording, map: &Map, update: &KeyframeUpdate) ->
         cells: carver.tetrahedra().finite_cell_count(),
         triangles: carver.triangle_count(),
         changed_triangles: update.map.changed_triangles(),
-        awaited: update.awaited,
+        delay_keyframes: update.delay_keyframes,
         provisional_segments: map.provisional_segment_count(),
         map_points: update.map.features.map(|counts| MapPointReport {
             features: counts.features,

@@ -230,7 +230,7 @@ fn stage_timing(chosen: &[usize], reports: &[KeyframeReport]) -> Vec<StageTiming
         ("cluster", |times| times.cluster),
         ("points", |times| times.points),
         ("carve", |times| times.carve),
-        ("support", |times| times.support),
+        ("support", |times| times.validation),
         ("surface", |times| times.surface),
         ("write", |times| times.write),
     ];

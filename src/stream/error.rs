@@ -1,4 +1,4 @@
-//! Why messages cannot be acted on.
+//! Errors of a live session.
 
 use std::path::PathBuf;
 
@@ -10,113 +10,113 @@ use crate::front_end::{FrontEndError, ImagePosesError, ScaleError};
 use crate::map::MapError;
 use linecarve_sequence::SequenceError;
 
-/// Why a message has no effect. The session goes on as if it had not come.
+/// A message is rejected and has no effect. The session continues.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The first message must be `start`.
     #[error("a message of type `start` with the calibration must come first")]
     NotStarted,
-    /// `start` may come once.
-    #[error("the session has started already; begin another for other cameras")]
+    /// `start` is sent a second time.
+    #[error("the session has started already; start another session for other cameras")]
     StartedTwice,
-    /// The calibration is refused, or does not fit the first image.
-    #[error("the calibration is refused: {0}")]
+    /// The calibration is invalid, or does not fit the first image.
+    #[error("the calibration cannot be used: {0}")]
     Calibration(#[from] SequenceError),
-    /// A length or position in `start` is unusable.
+    /// A length or position in `start` is invalid.
     #[error("`{key}` is {value}: {expected}")]
     Start {
-        /// Which key.
+        /// The key.
         key: &'static str,
-        /// What it holds.
+        /// Its value.
         value: String,
-        /// What would do.
+        /// The expected value.
         expected: &'static str,
     },
-    /// A keyframe of this id is there already.
-    #[error("there is a keyframe {id} already; each needs an id of its own")]
+    /// A keyframe with this id exists already.
+    #[error("keyframe {id} exists already; ids must be unique")]
     KeyframeTwice {
         /// The id.
         id: u64,
     },
-    /// No keyframe of this id is there.
-    #[error("there is no keyframe {id}: it was refused, removed or never sent")]
+    /// There is no keyframe with this id.
+    #[error("there is no keyframe {id}: it was rejected, removed or never sent")]
     UnknownKeyframe {
         /// The id.
         id: u64,
     },
-    /// A pose is none.
+    /// A pose is invalid.
     #[error("the pose of keyframe {id} {problem}")]
     Pose {
         /// The id.
         id: u64,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
-    /// The bytes of an image are not base 64.
+    /// Image data is not valid base 64.
     #[error("an image of keyframe {id} is not base 64: {source}")]
     Base64 {
         /// The id.
         id: u64,
-        /// Where it ends to be.
+        /// The decoding error.
         source: base64::DecodeError,
     },
-    /// The bytes of an image cannot be put aside.
-    #[error("an image of keyframe {id} cannot be put into {}: {source}", folder.display())]
+    /// Image data cannot be stored in a temporary file.
+    #[error("an image of keyframe {id} cannot be stored in {}: {source}", folder.display())]
     Spool {
         /// The id.
         id: u64,
         /// The folder for temporary files.
         folder: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The first keyframe tells the unit of length, and needs depth for it.
+    /// The first keyframe has no depth, from which the length scale is measured.
     #[error(
-        "keyframe {id} has no depth, and the session none yet: the first keyframe needs a depth image, or `start` the \
-         key \"depth_source\": \"semi-dense\" for depth from the images alone"
+        "keyframe {id} has no depth: the first keyframe needs a depth image, or `start` needs \"depth_source\": \"semi-dense\" \
+         for depth from the images alone"
     )]
     FirstWithoutDepth {
         /// The id.
         id: u64,
     },
-    /// The images cannot be used.
+    /// The images of a keyframe cannot be used.
     #[error("keyframe {id}: {source}")]
     FrontEnd {
         /// The id.
         id: u64,
-        /// Why.
+        /// The cause.
         source: FrontEndError,
     },
-    /// The map has no room for a camera there.
+    /// A camera position is out of the range of the map.
     #[error("the pose of keyframe {id} is out of range: {source}")]
     Position {
         /// The id.
         id: u64,
-        /// Why.
+        /// The cause.
         source: PointError,
     },
-    /// The images do not tell the unit of length.
+    /// The length scale cannot be estimated from the images.
     #[error(transparent)]
     Scale(#[from] ScaleError),
-    /// The session is over, and the images have not told the unit of length.
+    /// The session ended before the images gave a length scale.
     #[error(
         "no depth can be estimated from the images of the {keyframes} keyframe(s): their edges do not match along the \
          epipolar lines that the poses give. Are the poses and the calibration right, and does the camera move sideways?"
     )]
     WithoutScale {
-        /// How many have come.
+        /// Number of keyframes.
         keyframes: usize,
     },
-    /// The images cannot be held against the poses.
+    /// The poses cannot be compared with the images.
     #[error(transparent)]
     ImagePoses(#[from] ImagePosesError),
     /// An option is out of range.
     #[error(transparent)]
     Extract(#[from] ExtractError),
-    /// The map refuses the keyframe.
+    /// The map rejects the keyframe.
     #[error(transparent)]
     Map(#[from] MapError),
-    /// The engine refuses the keyframe.
+    /// The engine rejects the keyframe.
     #[error(transparent)]
     Engine(#[from] Error),
 }

@@ -1,12 +1,12 @@
-//! The map of a session whose depth comes from images alone.
+//! The map of a session with depth from images alone.
 
 use linecarve_carving::accept_position;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
-use super::estimating::{Estimating, Member, empty_map};
-use super::live_map::LiveMap;
 use super::message::StartMessage;
+use super::semi_dense_mapper::{SemiDenseMapper, SessionKeyframe, empty_map};
+use super::session_map::SessionMap;
 use crate::front_end::{
     Arrival, DepthSource, FrontEnd, SemiDenseSource, correct_poses, far_origin, group_size,
     median_depth_from_images, run_in_groups,
@@ -16,25 +16,24 @@ use crate::mapper::Mapper;
 use crate::options::Options;
 use linecarve_sequence::{LiveFrame, LiveSequence};
 
-/// Keyframes with depth from each other. While they come, the front end does what it does in a run over a recording; a correction
-/// of poses moves what there is of each keyframe with it. At the end everything that a correction touched is made anew from
-/// the images, so that nothing is left of what was believed before.
+/// A map of keyframes with semi-dense depth. Pose corrections move existing estimates with their keyframe. At the end all
+/// outdated estimates are computed again, as in a batch run.
 pub(super) struct ImageMap {
     live: LiveSequence,
     given_depth: Option<f64>,
     given_origin: Option<Vector3<f64>>,
-    members: Vec<Member>,
-    /// `None` until the images have told the unit of length.
-    estimating: Option<Estimating>,
-    /// Whether every estimate is that of a run over the members at their poses.
-    is_as_recorded: bool,
+    keyframes: Vec<SessionKeyframe>,
+    /// `None` until the length scale is known.
+    mapping: Option<SemiDenseMapper>,
+    /// Whether all estimates equal those of a batch run over the keyframes at their current poses.
+    matches_batch_run: bool,
     corrected_poses: Vec<(u64, Isometry3<f64>)>,
     lens_k1: Option<f64>,
 }
 
-impl LiveMap for ImageMap {
+impl SessionMap for ImageMap {
     fn contains(&self, id: u64) -> bool {
-        self.place(id).is_ok()
+        self.index_of(id).is_ok()
     }
 
     fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError> {
@@ -47,51 +46,52 @@ impl LiveMap for ImageMap {
         poses: &[(u64, Isometry3<f64>)],
         options: &Options,
     ) -> Result<(), SessionError> {
-        let mut better = Vec::with_capacity(poses.len());
+        let mut corrected = Vec::with_capacity(poses.len());
         for (id, pose) in poses {
-            let frame = self.members[self.place(*id)?].frame;
+            let frame = self.keyframes[self.index_of(*id)?].frame;
             let pose = self.live.world_from_color(pose);
             check_position(*id, &pose)?;
-            better.push((frame, pose));
+            corrected.push((frame, pose));
         }
         let before = self.poses();
-        self.live.set_poses(better);
+        self.live.set_poses(corrected);
         if self.poses() == before {
             return Ok(());
         }
-        let outcome = self.follow_poses(options);
+        let outcome = self.rebuild_at_current_poses(options);
         if outcome.is_err() {
             self.live.set_poses(before);
-            self.move_estimates();
+            self.update_estimate_poses();
             return outcome;
         }
-        self.is_as_recorded = false;
-        self.move_front_end()
+        self.matches_batch_run = false;
+        self.update_front_end_poses()
     }
 
     fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
         for &id in ids {
-            self.place(id)?;
+            self.index_of(id)?;
         }
         if ids.is_empty() {
             return Ok(());
         }
-        let all = std::mem::take(&mut self.members);
-        let is_left = |member: &Member| !ids.contains(&member.id);
-        let (left, gone): (Vec<Member>, Vec<Member>) = all.into_iter().partition(is_left);
-        self.members = left;
-        let outcome = self.follow_poses(options);
+        let all = std::mem::take(&mut self.keyframes);
+        let is_kept = |keyframe: &SessionKeyframe| !ids.contains(&keyframe.id);
+        let (kept, removed): (Vec<SessionKeyframe>, Vec<SessionKeyframe>) =
+            all.into_iter().partition(is_kept);
+        self.keyframes = kept;
+        let outcome = self.rebuild_at_current_poses(options);
         if outcome.is_err() {
-            self.members.extend(gone);
-            self.members.sort_by_key(|member| member.frame);
+            self.keyframes.extend(removed);
+            self.keyframes.sort_by_key(|keyframe| keyframe.frame);
             return outcome;
         }
-        self.is_as_recorded = false;
-        self.move_front_end()
+        self.matches_batch_run = false;
+        self.update_front_end_poses()
     }
 
     fn finish(&mut self, options: &Options) -> Result<bool, SessionError> {
-        if self.members.is_empty() {
+        if self.keyframes.is_empty() {
             return Ok(false);
         }
         let frames = self.frames();
@@ -103,14 +103,14 @@ impl LiveMap for ImageMap {
                     keyframes: frames.len(),
                 })?,
         };
-        let told = self.poses();
+        let before = self.poses();
         let mut is_corrected = false;
         if options.pose_correction.enabled {
             let poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
             is_corrected = poses.summary.is_corrected;
             if is_corrected {
-                let better = frames.iter().copied().zip(poses.world_from_camera);
-                self.live.set_poses(better);
+                let corrected = frames.iter().copied().zip(poses.world_from_camera);
+                self.live.set_poses(corrected);
             }
             if let Some(k1) = poses.summary.lens_k1 {
                 self.live.set_radial_distortion(k1)?;
@@ -120,13 +120,13 @@ impl LiveMap for ImageMap {
         let outcome = self.finish_at(median_depth, is_corrected, options);
         match &outcome {
             Ok(()) if is_corrected => {
-                let ids = self.members.iter().map(|member| member.id);
+                let ids = self.keyframes.iter().map(|keyframe| keyframe.id);
                 let poses = self.poses().into_iter().map(|(_, pose)| pose);
                 self.corrected_poses = ids.zip(poses).collect();
             }
             Ok(()) => {}
             Err(_) => {
-                self.live.set_poses(told);
+                self.live.set_poses(before);
                 if self.lens_k1.take().is_some() {
                     self.live.set_radial_distortion(0.0)?;
                 }
@@ -136,20 +136,20 @@ impl LiveMap for ImageMap {
     }
 
     fn keyframe_count(&self) -> usize {
-        self.members.len()
+        self.keyframes.len()
     }
 
     fn map(&self) -> Option<&Map> {
-        Some(self.estimating.as_ref()?.mapper.map())
+        Some(self.mapping.as_ref()?.mapper.map())
     }
 
     fn origin(&self) -> Vector3<f64> {
-        let estimating = self.estimating.as_ref();
-        estimating.map_or_else(Vector3::zeros, |estimating| estimating.mapper.origin())
+        let mapping = self.mapping.as_ref();
+        mapping.map_or_else(Vector3::zeros, |mapping| mapping.mapper.origin())
     }
 
     fn median_depth(&self) -> Option<f64> {
-        Some(self.estimating.as_ref()?.source.median_depth)
+        Some(self.mapping.as_ref()?.source.median_depth)
     }
 
     fn corrected_poses(&self) -> Vec<(u64, Isometry3<f64>)> {
@@ -166,10 +166,10 @@ impl LiveMap for ImageMap {
 }
 
 impl ImageMap {
-    /// A map of the first keyframe.
+    /// Creates the map with the first keyframe.
     ///
     /// # Errors
-    /// When the calibration does not fit it, or it cannot be read.
+    /// When the calibration does not fit the keyframe, or its image cannot be read.
     pub(super) fn begin(
         start: &StartMessage,
         options: &Options,
@@ -183,9 +183,9 @@ impl ImageMap {
             live,
             given_depth: start.median_depth,
             given_origin: start.origin.map(Vector3::from),
-            members: Vec::new(),
-            estimating: None,
-            is_as_recorded: true,
+            keyframes: Vec::new(),
+            mapping: None,
+            matches_batch_run: true,
             corrected_poses: Vec::new(),
             lens_k1: None,
         };
@@ -193,23 +193,27 @@ impl ImageMap {
         Ok(map)
     }
 
-    /// Where a keyframe is in the list.
-    fn place(&self, id: u64) -> Result<usize, SessionError> {
-        self.members
+    /// Index of a keyframe.
+    fn index_of(&self, id: u64) -> Result<usize, SessionError> {
+        self.keyframes
             .iter()
-            .position(|member| member.id == id)
+            .position(|keyframe| keyframe.id == id)
             .ok_or(SessionError::UnknownKeyframe { id })
     }
 
     fn frames(&self) -> Vec<usize> {
-        self.members.iter().map(|member| member.frame).collect()
+        self.keyframes
+            .iter()
+            .map(|keyframe| keyframe.frame)
+            .collect()
     }
 
-    /// The poses of the members, by their frames.
+    /// Poses of the keyframes, with their frames.
     fn poses(&self) -> Vec<(usize, Isometry3<f64>)> {
         let frames = self.live.sequence().frames();
-        let pose = |member: &Member| (member.frame, frames[member.frame].world_from_camera);
-        self.members.iter().map(pose).collect()
+        let pose =
+            |keyframe: &SessionKeyframe| (keyframe.frame, frames[keyframe.frame].world_from_camera);
+        self.keyframes.iter().map(pose).collect()
     }
 
     fn measured_depth(
@@ -225,7 +229,7 @@ impl ImageMap {
         )?)
     }
 
-    /// What is taken off the coordinates of some frames.
+    /// The origin to subtract from all coordinates.
     fn origin_of(&self, frames: &[usize], median_depth: f64) -> Vector3<f64> {
         let all = self.live.sequence().frames();
         let position =
@@ -234,49 +238,49 @@ impl ImageMap {
             .unwrap_or_else(|| far_origin(frames.iter().map(position), median_depth))
     }
 
-    /// Takes a frame of the sequence as the next keyframe.
+    /// Adds a frame of the sequence as the next keyframe.
     fn push(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
         check_position(id, &self.live.sequence().frames()[frame].world_from_camera)?;
-        self.members.push(Member {
+        self.keyframes.push(SessionKeyframe {
             id,
             frame,
             estimate: None,
         });
-        let outcome = match self.estimating {
+        let outcome = match self.mapping {
             Some(_) => self.estimate(id, frame, options),
-            None => self.begin_estimating(id, frame, options),
+            None => self.start_mapping(id, frame, options),
         };
         if outcome.is_err() {
-            self.members.retain(|member| member.frame != frame);
+            self.keyframes.retain(|keyframe| keyframe.frame != frame);
         }
         outcome
     }
 
-    /// Makes the estimates that a frame of the sequence makes due.
+    /// Computes the estimates that a new frame makes due.
     fn estimate(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
-        let Some(estimating) = &mut self.estimating else {
+        let Some(mapping) = &mut self.mapping else {
             return Ok(());
         };
-        let Some(front_end) = &mut estimating.front_end else {
+        let Some(front_end) = &mut mapping.front_end else {
             return Ok(());
         };
         let arrivals = front_end
             .push(self.live.sequence(), frame)
             .map_err(|source| SessionError::FrontEnd { id, source })?;
         for arrival in arrivals {
-            if let Err(error) = estimating.take(id, arrival, &mut self.members) {
-                self.members.retain(|member| member.frame != frame);
-                self.is_as_recorded = false;
-                self.follow_poses(options)?;
-                self.move_front_end()?;
+            if let Err(error) = mapping.add_arrival(id, arrival, &mut self.keyframes) {
+                self.keyframes.retain(|keyframe| keyframe.frame != frame);
+                self.matches_batch_run = false;
+                self.rebuild_at_current_poses(options)?;
+                self.update_front_end_poses()?;
                 return Err(error);
             }
         }
         Ok(())
     }
 
-    /// Begins to estimate when the images of the members tell the unit of length, or it was given.
-    fn begin_estimating(
+    /// Starts the mapping once the length scale is given or can be measured.
+    fn start_mapping(
         &mut self,
         id: u64,
         newest: usize,
@@ -298,7 +302,7 @@ impl ImageMap {
             return Ok(());
         };
         let origin = self.origin_of(&frames, median_depth);
-        self.estimating = Some(Estimating::begin(
+        self.mapping = Some(SemiDenseMapper::begin(
             options,
             &self.live,
             median_depth,
@@ -306,9 +310,9 @@ impl ImageMap {
         )?);
         for frame in frames {
             if let Err(error) = self.estimate(id, frame, options) {
-                self.estimating = None;
-                for member in &mut self.members {
-                    member.estimate = None;
+                self.mapping = None;
+                for keyframe in &mut self.keyframes {
+                    keyframe.estimate = None;
                 }
                 return Err(error);
             }
@@ -316,49 +320,54 @@ impl ImageMap {
         Ok(())
     }
 
-    /// Gives what there is of each member the pose that the member has now.
-    fn move_estimates(&mut self) {
-        let Some(estimating) = &self.estimating else {
+    /// Moves all estimates to the current poses of their keyframes.
+    fn update_estimate_poses(&mut self) {
+        let Some(mapping) = &self.mapping else {
             return;
         };
         let frames = self.live.sequence().frames();
-        for member in &mut self.members {
-            if let Some(estimate) = &mut member.estimate {
-                let mut pose = frames[member.frame].world_from_camera;
-                pose.translation.vector -= estimating.mapper.origin();
+        for keyframe in &mut self.keyframes {
+            if let Some(estimate) = &mut keyframe.estimate {
+                let mut pose = frames[keyframe.frame].world_from_camera;
+                pose.translation.vector -= mapping.mapper.origin();
                 estimate.keyframe_mut().set_world_from_camera(pose);
             }
         }
     }
 
-    /// Brings the map to the members that there are at the poses that they have; when that fails, it stays as it is.
-    fn follow_poses(&mut self, options: &Options) -> Result<(), SessionError> {
-        self.move_estimates();
-        match &mut self.estimating {
-            Some(estimating) => estimating.remake_map(&self.members, options, &self.live),
+    /// Rebuilds the map from the keyframes at their current poses. On an error it is unchanged.
+    fn rebuild_at_current_poses(&mut self, options: &Options) -> Result<(), SessionError> {
+        self.update_estimate_poses();
+        match &mut self.mapping {
+            Some(mapping) => mapping.rebuild_map(&self.keyframes, options, &self.live),
             None => Ok(()),
         }
     }
 
-    /// Tells the front end which members there are and where.
-    fn move_front_end(&mut self) -> Result<(), SessionError> {
-        let Some(estimating) = &mut self.estimating else {
+    /// Updates the keyframes and poses of the front end.
+    fn update_front_end_poses(&mut self) -> Result<(), SessionError> {
+        let Some(mapping) = &mut self.mapping else {
             return Ok(());
         };
-        let Some(front_end) = &mut estimating.front_end else {
+        let Some(front_end) = &mut mapping.front_end else {
             return Ok(());
         };
-        let (members, frames) = (&self.members, self.live.sequence().frames());
-        let place = |frame: usize| members.binary_search_by_key(&frame, |member| member.frame);
+        let (keyframes, frames) = (&self.keyframes, self.live.sequence().frames());
+        let index_of =
+            |frame: usize| keyframes.binary_search_by_key(&frame, |keyframe| keyframe.frame);
         front_end
-            .move_to(|frame| place(frame).ok().map(|_| frames[frame].world_from_camera))
+            .set_poses(|frame| {
+                index_of(frame)
+                    .ok()
+                    .map(|_| frames[frame].world_from_camera)
+            })
             .map_err(|source| SessionError::FrontEnd {
-                id: members.last().map_or(0, |member| member.id),
+                id: keyframes.last().map_or(0, |keyframe| keyframe.id),
                 source,
             })
     }
 
-    /// The last estimates of all members: of those that wait for one, or of all anew when others than these are outdated.
+    /// Computes the final estimates: the remaining ones, or all of them when existing estimates are outdated.
     fn finish_at(
         &mut self,
         median_depth: f64,
@@ -367,18 +376,18 @@ impl ImageMap {
     ) -> Result<(), SessionError> {
         let frames = self.frames();
         let origin = self.origin_of(&frames, median_depth);
-        if let Some(estimating) = &mut self.estimating {
-            // The window is of no use for a run over all members.
-            let front_end = estimating.front_end.take();
-            let is_as_recorded = self.is_as_recorded
+        if let Some(mapping) = &mut self.mapping {
+            // The window of the front end does not fit a run over all keyframes.
+            let front_end = mapping.front_end.take();
+            let matches_batch_run = self.matches_batch_run
                 && !is_corrected
-                && estimating.source.median_depth.to_bits() == median_depth.to_bits()
-                && estimating.mapper.origin() == origin;
-            if is_as_recorded && let Some(mut front_end) = front_end {
-                let id = self.members.last().map_or(0, |newest| newest.id);
+                && mapping.source.median_depth.to_bits() == median_depth.to_bits()
+                && mapping.mapper.origin() == origin;
+            if matches_batch_run && let Some(mut front_end) = front_end {
+                let id = self.keyframes.last().map_or(0, |newest| newest.id);
                 for arrival in front_end.finish() {
-                    if let Err(error) = estimating.take(id, arrival, &mut self.members) {
-                        estimating.remake_map(&self.members, options, &self.live)?;
+                    if let Err(error) = mapping.add_arrival(id, arrival, &mut self.keyframes) {
+                        mapping.rebuild_map(&self.keyframes, options, &self.live)?;
                         return Err(error);
                     }
                 }
@@ -391,14 +400,14 @@ impl ImageMap {
         };
         let map = empty_map(options, &self.live, source)?;
         let mut mapper = Mapper::new(map, origin);
-        let members = &self.members;
+        let keyframes = &self.keyframes;
         let depth = DepthSource::SemiDense(source);
         let extract = options.extract();
         let mut front_end = FrontEnd::lines(&depth, frames.len(), extract, None, false)?;
-        let take = |number: usize, arrival: Arrival| -> Result<(), SessionError> {
+        let add_arrival = |number: usize, arrival: Arrival| -> Result<(), SessionError> {
             match arrival {
                 Arrival::Final(Err(source)) => {
-                    let id = members[number].id;
+                    let id = keyframes[number].id;
                     Err(SessionError::FrontEnd { id, source })
                 }
                 arrival => {
@@ -408,8 +417,15 @@ impl ImageMap {
             }
         };
         let sequence = self.live.sequence();
-        run_in_groups(&mut front_end, sequence, &frames, group_size(), None, take)?;
-        self.estimating = Some(Estimating {
+        run_in_groups(
+            &mut front_end,
+            sequence,
+            &frames,
+            group_size(),
+            None,
+            add_arrival,
+        )?;
+        self.mapping = Some(SemiDenseMapper {
             front_end: None,
             mapper,
             source,
@@ -418,7 +434,7 @@ impl ImageMap {
     }
 }
 
-/// Whether the carver can place a camera there: it is asked much later, when its estimate comes.
+/// Checks that the carver accepts the camera position. Otherwise it would only fail later, with its estimate.
 fn check_position(id: u64, world_from_camera: &Isometry3<f64>) -> Result<(), SessionError> {
     let center = Point3::from(world_from_camera.translation.vector);
     match accept_position(&center) {

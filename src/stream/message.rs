@@ -1,4 +1,4 @@
-//! What is said in either direction, as serde sees it.
+//! Messages and replies of a session, as serde types.
 
 use std::path::PathBuf;
 
@@ -12,49 +12,49 @@ use linecarve_sequence::rigid;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "type", rename_all = "kebab-case")]
 pub enum Message {
-    /// The cameras; the first message, once.
+    /// The cameras; the first message, sent once.
     Start(StartMessage),
     /// A keyframe.
     Keyframe(KeyframeMessage),
-    /// Better poses of keyframes that came before.
+    /// Corrected poses of earlier keyframes.
     Poses {
-        /// The keyframes concerned; all take effect at once.
+        /// The corrected keyframes; all take effect at once.
         poses: Vec<PoseUpdate>,
     },
-    /// Keyframes that are to be forgotten, as a SLAM system culls them.
+    /// Removes keyframes, as a SLAM system culls them.
     Remove {
-        /// The keyframes concerned.
+        /// Ids of the removed keyframes.
         ids: Vec<u64>,
     },
     /// Ends the session; the end of the input does the same.
     End {},
 }
 
-/// The cameras, and what a recorded sequence would tell.
+/// The cameras, and settings that a recorded sequence would provide.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartMessage {
     /// As in the sidecar file of a sequence: tables `color`, `depth`, `poses`.
     pub calibration: serde_json::Value,
-    /// Median depth of the scene in units of the poses; default: that of the first keyframe with depth. The lengths of all
-    /// stages are shares of it, so give the value of `report.json` to get the very result of a run over a recording.
+    /// Median scene depth in units of the poses; default: that of the first keyframe with depth. The value in `report.json`
+    /// of a run over a recording reproduces its result exactly.
     pub median_depth: Option<f64>,
-    /// Taken off all coordinates while computing, for maps far from zero; default: the first keyframe's position in whole
-    /// units where that is far away.
+    /// Origin subtracted from all coordinates, for maps far from zero; default: the rounded first position where that is far
+    /// away.
     pub origin: Option<[f64; 3]>,
-    /// Where the depth of keyframes comes from.
+    /// Source of the depth of keyframes.
     #[serde(default)]
     pub depth_source: DepthKind,
 }
 
-/// Where the depth of keyframes comes from.
+/// Source of the depth of keyframes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DepthKind {
-    /// Every keyframe brings a depth image.
+    /// Each keyframe has a depth image.
     #[default]
     Sensor,
-    /// The images of neighbouring keyframes; depth images are left alone.
+    /// Matching with neighbouring keyframes; depth images are ignored.
     SemiDense,
 }
 
@@ -62,37 +62,37 @@ pub enum DepthKind {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeyframeMessage {
-    /// Any number that no other keyframe has.
+    /// Unique number of the keyframe.
     pub id: u64,
-    /// Where its camera is: that which `poses.camera` of the calibration names, colour by default.
+    /// Pose of the camera that `poses.camera` of the calibration names, by default the colour camera.
     pub world_from_camera: Pose,
     /// The colour or grey image.
     pub color: ImageSource,
-    /// The depth image, 16 bits a pixel; none where depth comes from images alone.
+    /// The depth image, 16 bits per pixel; none with depth from images alone.
     pub depth: Option<ImageSource>,
 }
 
-/// A better pose.
+/// A corrected pose.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseUpdate {
-    /// Whose.
+    /// Id of the keyframe.
     pub id: u64,
-    /// The pose that replaces the one before.
+    /// The new pose.
     pub world_from_camera: Pose,
 }
 
-/// Where an image is: in a file, or in the message itself.
+/// An image: a file, or data in the message.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum ImageSource {
-    /// A file; relative to the working folder.
+    /// A path, relative to the working folder.
     Path(PathBuf),
-    /// The bytes of a file, in base 64.
+    /// Content of an image file, in base 64.
     Base64(String),
 }
 
-/// A rigid motion: `matrix`, four rows, or `translation` and `rotation`.
+/// A rigid transform: `matrix`, four rows, or `translation` and `rotation`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged, deny_unknown_fields)]
 pub enum Pose {
@@ -111,10 +111,10 @@ pub enum Pose {
 }
 
 impl Pose {
-    /// The motion.
+    /// The transform.
     ///
     /// # Errors
-    /// When the numbers are not finite or not those of a rotation; the text ends a sentence that begins with "the pose".
+    /// When the numbers are not finite or not those of a rotation; the text continues "the pose".
     pub fn to_isometry(&self) -> Result<Isometry3<f64>, String> {
         match self {
             Self::Matrix { matrix } => rigid::from_matrix(matrix),
@@ -127,39 +127,39 @@ impl Pose {
     }
 }
 
-/// An answer of a [`Session`](super::Session).
+/// A reply of a [`Session`](super::Session).
 #[derive(Debug, Clone, Serialize)]
 #[serde(tag = "type", rename_all = "kebab-case")]
 pub enum Reply {
-    /// The cameras are understood.
+    /// The cameras are accepted.
     Ready {
         /// Name and version of the program.
         generator: &'static str,
     },
     /// The surface after a message that changed the map.
     Surface {
-        /// Keyframes in the map.
+        /// Number of keyframes in the map.
         keyframes: usize,
-        /// Segments of all of them.
+        /// Number of their segments.
         segments: usize,
-        /// Triangles of the surface now.
+        /// Number of triangles of the surface.
         triangles: usize,
-        /// What differs from the surface before.
+        /// Difference from the previous surface.
         #[serde(flatten)]
         change: SurfaceChange,
-        /// From the arrival of the message to this reply.
+        /// Time from the message to this reply.
         milliseconds: f64,
     },
-    /// A message had no effect.
+    /// A message was rejected.
     Error {
-        /// Its line in the input, counted from 1.
+        /// Line of the message in the input, counted from 1.
         line: u64,
-        /// What is wrong with it.
+        /// The problem.
         message: String,
     },
-    /// The session is over.
+    /// The session ended.
     End {
-        /// Keyframes in the map.
+        /// Number of keyframes in the map.
         keyframes: usize,
         /// Vertices of the final surface.
         vertices: usize,
@@ -167,11 +167,11 @@ pub enum Reply {
         triangles: usize,
         /// Files in the output folder.
         files: Vec<String>,
-        /// Poses that the images contradicted, as they were corrected before the last estimates.
+        /// Poses corrected from images before the final estimates.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         corrected_poses: Vec<CorrectedPose>,
-        /// Radial distortion, `k1` of Brown's model, that images of a supposed pinhole turned out to have; taken out of them before
-        /// the last estimates.
+        /// Estimated radial distortion `k1` (Brown) of images given as those of a pinhole; removed before the final
+        /// estimates.
         #[serde(skip_serializing_if = "Option::is_none")]
         lens_k1: Option<f64>,
     },
@@ -180,13 +180,13 @@ pub enum Reply {
 /// The pose of a colour camera.
 #[derive(Debug, Clone, Serialize)]
 pub struct CorrectedPose {
-    /// Of which keyframe.
+    /// Id of the keyframe.
     pub id: u64,
     /// `point_in_world = pose * point_in_camera`.
     pub world_from_camera: PoseParts,
 }
 
-/// A rigid motion as messages have it.
+/// A rigid transform, as in messages.
 #[derive(Debug, Clone, Serialize)]
 pub struct PoseParts {
     /// x, y, z.
@@ -196,10 +196,10 @@ pub struct PoseParts {
 }
 
 impl From<&Isometry3<f64>> for PoseParts {
-    fn from(motion: &Isometry3<f64>) -> Self {
+    fn from(transform: &Isometry3<f64>) -> Self {
         Self {
-            translation: motion.translation.vector.into(),
-            rotation: motion.rotation.coords.into(),
+            translation: transform.translation.vector.into(),
+            rotation: transform.rotation.coords.into(),
         }
     }
 }
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_are_none_are_told() {
+    fn invalid_poses_are_rejected() {
         let nan = Pose::Parts {
             translation: [f64::NAN, 0.0, 0.0],
             rotation: [0.0, 0.0, 0.0, 1.0],

@@ -1,11 +1,11 @@
-//! The map of a session whose keyframes have depth images.
+//! The map of a session with depth images.
 
 use linecarve_lines::depth::DepthSensor;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
-use super::live_map::LiveMap;
 use super::message::StartMessage;
+use super::session_map::SessionMap;
 use crate::front_end::{
     Arrival, Keyframe, LineKeyframe, SensorFrontEnd, far_origin, median_scene_depth,
 };
@@ -14,20 +14,20 @@ use crate::mapper::{Mapper, Taken};
 use crate::options::Options;
 use linecarve_sequence::{FrameError, LiveFrame, LiveSequence};
 
-/// Each keyframe by itself: what its images yield stays, and moves with its pose.
+/// A map of independent keyframes, which move with their poses.
 pub(super) struct SensorMap {
     live: LiveSequence,
     sensor: DepthSensor,
     median_depth: f64,
     front_end: SensorFrontEnd,
-    /// Ids, and what the front end made of each, in the frame of computation.
+    /// Ids and keyframes, in the frame of computation.
     keyframes: Vec<(u64, Keyframe)>,
     mapper: Mapper,
 }
 
-impl LiveMap for SensorMap {
+impl SessionMap for SensorMap {
     fn contains(&self, id: u64) -> bool {
-        self.position(id).is_ok()
+        self.index_of(id).is_ok()
     }
 
     fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError> {
@@ -44,14 +44,14 @@ impl LiveMap for SensorMap {
         for (id, pose) in poses {
             let mut pose = self.live.world_from_color(pose);
             pose.translation.vector -= self.mapper.origin();
-            keyframes[self.position(*id)?].1.set_world_from_camera(pose);
+            keyframes[self.index_of(*id)?].1.set_world_from_camera(pose);
         }
         self.rebuild(keyframes, options)
     }
 
     fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
         for &id in ids {
-            self.position(id)?;
+            self.index_of(id)?;
         }
         let mut keyframes = self.keyframes.clone();
         keyframes.retain(|(id, _)| !ids.contains(id));
@@ -76,17 +76,17 @@ impl LiveMap for SensorMap {
 }
 
 impl SensorMap {
-    /// Where a keyframe is in the list.
-    fn position(&self, id: u64) -> Result<usize, SessionError> {
+    /// Index of a keyframe.
+    fn index_of(&self, id: u64) -> Result<usize, SessionError> {
         let mut ids = self.keyframes.iter().map(|(id, _)| *id);
         ids.position(|other| other == id)
             .ok_or(SessionError::UnknownKeyframe { id })
     }
 
-    /// A map of the first keyframe.
+    /// Creates the map with the first keyframe.
     ///
     /// # Errors
-    /// When the calibration does not fit it, it cannot be read, or it has no depth to tell the unit of length.
+    /// When the calibration does not fit the keyframe, or it has no readable depth.
     pub(super) fn begin(
         start: &StartMessage,
         options: &Options,
@@ -98,11 +98,11 @@ impl SensorMap {
         let Some(calibration) = sequence.depth_calibration() else {
             return Err(SessionError::FirstWithoutDepth { id });
         };
-        let of_frame = |source: FrameError| SessionError::FrontEnd {
+        let frame_error = |source: FrameError| SessionError::FrontEnd {
             id,
             source: source.into(),
         };
-        let measured = || median_scene_depth(sequence, &[0]).map_err(of_frame);
+        let measured = || median_scene_depth(sequence, &[0]).map_err(frame_error);
         let median_depth = match start.median_depth {
             Some(depth) => depth,
             None => measured()?.ok_or(SessionError::FirstWithoutDepth { id })?,
@@ -115,7 +115,7 @@ impl SensorMap {
         };
         let camera = sequence.color_camera();
         let map = Map::of_lines(options, camera, sensor.noise, median_depth)?;
-        let mut running = Self {
+        let mut session_map = Self {
             front_end: SensorFrontEnd::new(sensor.clone(), options.extract())?,
             live,
             sensor,
@@ -123,11 +123,11 @@ impl SensorMap {
             keyframes: Vec::new(),
             mapper: Mapper::new(map, origin),
         };
-        running.push(id, 0, options)?;
-        Ok(running)
+        session_map.push(id, 0, options)?;
+        Ok(session_map)
     }
 
-    /// Runs the front end on a frame of the sequence and joins the keyframe to the map.
+    /// Runs the front end on a frame of the sequence and adds the keyframe to the map.
     fn push(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
         let failed = |source| SessionError::FrontEnd { id, source };
         let number = self.keyframes.len();
@@ -144,7 +144,7 @@ impl SensorMap {
             Ok(Taken::Skipped(source)) => Err(failed(source)),
             Ok(Taken::Provisional) => Ok(()),
             Err(error) => {
-                // The map is not to be used after it has refused a keyframe half-way.
+                // The map must not be used after it rejected a keyframe.
                 let keyframes = std::mem::take(&mut self.keyframes);
                 self.rebuild(keyframes, options)?;
                 Err(error.into())
@@ -152,7 +152,7 @@ impl SensorMap {
         }
     }
 
-    /// Replaces the keyframes, and the map by one made of them; when that fails, all stays as it is.
+    /// Replaces the keyframes and rebuilds the map. On an error both are unchanged.
     fn rebuild(
         &mut self,
         mut keyframes: Vec<(u64, Keyframe)>,
@@ -165,14 +165,14 @@ impl SensorMap {
         }
         let camera = self.live.sequence().color_camera();
         let map = Map::of_lines(options, camera, self.sensor.noise, self.median_depth)?;
-        let of_map = keyframes.iter().map(|(_, keyframe)| keyframe);
-        self.mapper.rebuild(map, of_map, [])?;
+        let finals = keyframes.iter().map(|(_, keyframe)| keyframe);
+        self.mapper.rebuild(map, finals, [])?;
         self.keyframes = keyframes;
         Ok(())
     }
 }
 
-/// Gives the segments of a keyframe its number.
+/// Sets the keyframe number of all segments.
 fn renumber(keyframe: &mut LineKeyframe, number: u32) {
     for segment in &mut keyframe.segments {
         segment.keyframe = number;

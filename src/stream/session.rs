@@ -1,4 +1,4 @@
-//! The state between messages.
+//! A live session: handles messages and replies with surface changes.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -10,89 +10,88 @@ use nalgebra::{Isometry3, Vector3};
 use tempfile::TempDir;
 
 use super::SessionError;
-use super::follower::Follower;
 use super::image_map::ImageMap;
-use super::live_map::LiveMap;
 use super::message::{
     CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseUpdate, Reply,
     StartMessage,
 };
 use super::sensor_map::SensorMap;
+use super::session_map::SessionMap;
+use super::surface_diff::SurfaceDiff;
 use crate::options::Options;
 use crate::run::milliseconds;
 use linecarve_mesh::{LineSet, TriangleMesh};
 use linecarve_sequence::{LiveFrame, LiveSequence};
 
-/// Keyframes in, a surface out; see the [module](super) for its law.
+/// Turns keyframes into a surface; see the [module](super) for its invariant.
 ///
-/// Memory: the map and the segments of all keyframes; images only while they are looked at, and where depth comes from them
-/// alone as long as they may be neighbours of further keyframes.
+/// Memory: the map and the segments of all keyframes. Images are loaded while they are used; with depth from images alone, as
+/// long as they may be neighbours of later keyframes.
 pub struct Session {
     options: Options,
     start: Option<StartMessage>,
-    running: Option<Box<dyn LiveMap>>,
-    follower: Follower,
-    /// For images that come in messages.
-    spool: TempDir,
-    /// Those that may be looked at again, by keyframe.
-    spooled: BTreeMap<u64, Vec<PathBuf>>,
+    map: Option<Box<dyn SessionMap>>,
+    surface_diff: SurfaceDiff,
+    /// Temporary files of images sent in messages.
+    image_folder: TempDir,
+    /// Files that are still needed, by keyframe.
+    stored_images: BTreeMap<u64, Vec<PathBuf>>,
 }
 
-/// What a session ends with; all coordinates near zero, moved by `-origin` from the frame of the poses.
+/// Result of a session, moved by `-origin` from the frame of the poses.
 #[derive(Debug, Clone, Default)]
-pub struct Summary {
-    /// Keyframes in the map.
+pub struct SessionSummary {
+    /// Number of keyframes in the map.
     pub keyframes: usize,
     /// The surface.
     pub mesh: TriangleMesh,
     /// Segments of all keyframes.
     pub segments: LineSet,
-    /// What several keyframes agree on.
+    /// Clusters of segments.
     pub clusters: LineSet,
-    /// The shift that was taken off.
+    /// Origin subtracted from all coordinates.
     pub origin: Vector3<f64>,
-    /// Median depth in units of the poses; `None` when it was not given and no keyframe told it.
+    /// Median scene depth in units of the poses; `None` when it is unknown.
     pub median_depth: Option<f64>,
-    /// Poses that the images contradicted, as they were corrected.
+    /// Poses corrected from images.
     pub corrected_poses: Vec<CorrectedPose>,
-    /// Radial distortion, `k1` of Brown's model, that images of a supposed pinhole turned out to have.
+    /// Estimated radial distortion `k1` (Brown) of images given as those of a pinhole.
     pub lens_k1: Option<f64>,
 }
 
-/// What the end of a session brings.
+/// The end of a session.
 #[derive(Debug)]
-pub struct Ending {
-    /// What changed since the last message, when something did; an error when what waited cannot be done, which then leaves the
-    /// surface as it was.
-    pub last: Result<Option<Reply>, SessionError>,
-    /// What there is now.
-    pub summary: Summary,
+pub struct SessionEnd {
+    /// The last change of the surface, if any; or the error of the pending estimates, which leaves the surface unchanged.
+    pub last_change: Result<Option<Reply>, SessionError>,
+    /// The result.
+    pub summary: SessionSummary,
 }
 
 impl Session {
-    /// A session with the parameters of all stages.
+    /// A session with these options.
     ///
     /// # Errors
-    /// When there is no room for temporary files.
+    /// When no temporary folder can be created.
     pub fn new(options: Options) -> std::io::Result<Self> {
         Ok(Self {
             options,
             start: None,
-            running: None,
-            follower: Follower::default(),
-            spool: tempfile::tempdir()?,
-            spooled: BTreeMap::new(),
+            map: None,
+            surface_diff: SurfaceDiff::default(),
+            image_folder: tempfile::tempdir()?,
+            stored_images: BTreeMap::new(),
         })
     }
 
-    /// Acts on a message. The reply is `None` when there is nothing to say.
+    /// Handles a message. The reply is `None` when there is nothing to report.
     ///
     /// # Errors
-    /// When the message cannot be acted on; it then has no effect.
+    /// When the message is rejected; it then has no effect.
     ///
     /// # Complexity
-    /// A keyframe costs what it costs a run over a recording. Poses and removals cost the back end of all keyframes, once
-    /// for each message: its decisions on which points are one depend on the poses before, so they are made again.
+    /// A keyframe costs as much as in a run over a recording. A message with poses or removals rebuilds the map from all
+    /// keyframes, because data association depends on poses.
     pub fn handle(&mut self, message: &Message) -> Result<Option<Reply>, SessionError> {
         let arrived = Instant::now();
         match message {
@@ -110,22 +109,23 @@ impl Session {
         Ok(self.surface(arrived))
     }
 
-    /// The surface now; `None` when there has been no keyframe.
+    /// The change of the surface; `None` before the first keyframe.
     fn surface(&mut self, arrived: Instant) -> Option<Reply> {
-        let running = self.running.as_ref()?;
+        let map = self.map.as_ref()?;
+        let origin = map.origin();
         let mut surface = TriangleMesh::default();
         let mut segments = 0;
-        if let Some(map) = running.map() {
+        if let Some(map) = map.map() {
             surface = map.surface();
-            surface.translate(&running.origin());
+            surface.translate(&origin);
             let known = map
                 .segments()
                 .map_or(0, |segments| segments.segment_count());
             segments = known + map.provisional_segment_count();
         }
-        let change = self.follower.step(&surface);
+        let change = self.surface_diff.update(&surface);
         Some(Reply::Surface {
-            keyframes: running.keyframe_count(),
+            keyframes: map.keyframe_count(),
             segments,
             triangles: surface.triangles.len(),
             change,
@@ -163,8 +163,8 @@ impl Session {
     fn add(&mut self, message: &KeyframeMessage) -> Result<(), SessionError> {
         let start = self.start.as_ref().ok_or(SessionError::NotStarted)?;
         let id = message.id;
-        if let Some(running) = &self.running
-            && running.contains(id)
+        if let Some(map) = &self.map
+            && map.contains(id)
         {
             return Err(SessionError::KeyframeTwice { id });
         }
@@ -173,90 +173,90 @@ impl Session {
             DepthKind::Sensor => message.depth.as_ref(),
             DepthKind::SemiDense => None,
         };
-        let mut spooled = Vec::new();
-        let mut file = |source: &ImageSource| spool(&self.spool, id, source, &mut spooled);
+        let mut stored_images = Vec::new();
+        let mut file =
+            |source: &ImageSource| store_image(&self.image_folder, id, source, &mut stored_images);
         let frame = LiveFrame {
             name: id.to_string(),
             world_from_camera,
             color: file(&message.color)?,
             depth: depth.map(&mut file).transpose()?,
         };
-        let outcome = match &mut self.running {
-            Some(running) => running.add(id, frame, &self.options),
-            None => begin_map(start, &self.options, id, frame)
-                .map(|running| self.running = Some(running)),
+        let outcome = match &mut self.map {
+            Some(map) => map.add(id, frame, &self.options),
+            None => begin_map(start, &self.options, id, frame).map(|map| self.map = Some(map)),
         };
-        if outcome.is_ok() && self.running.as_ref().is_some_and(|map| map.keeps_images()) {
-            self.spooled.insert(id, spooled);
+        if outcome.is_ok() && self.map.as_ref().is_some_and(|map| map.keeps_images()) {
+            self.stored_images.insert(id, stored_images);
         } else {
-            delete(&spooled);
+            delete(&stored_images);
         }
         outcome
     }
 
     fn correct(&mut self, poses: &[PoseUpdate]) -> Result<(), SessionError> {
-        let running = self
-            .running
+        let map = self
+            .map
             .as_mut()
-            .ok_or_else(|| unknown(poses.first().map(|p| p.id)))?;
+            .ok_or_else(|| unknown_keyframe(poses.first().map(|p| p.id)))?;
         let better = poses
             .iter()
             .map(|update| {
-                if !running.contains(update.id) {
+                if !map.contains(update.id) {
                     return Err(SessionError::UnknownKeyframe { id: update.id });
                 }
                 Ok((update.id, isometry(update.id, &update.world_from_camera)?))
             })
             .collect::<Result<Vec<_>, _>>()?;
-        running.correct(&better, &self.options)
+        map.correct(&better, &self.options)
     }
 
     fn remove(&mut self, ids: &[u64]) -> Result<(), SessionError> {
-        let running = self
-            .running
+        let map = self
+            .map
             .as_mut()
-            .ok_or_else(|| unknown(ids.first().copied()))?;
-        running.remove(ids, &self.options)?;
+            .ok_or_else(|| unknown_keyframe(ids.first().copied()))?;
+        map.remove(ids, &self.options)?;
         for id in ids {
-            delete(&self.spooled.remove(id).unwrap_or_default());
+            delete(&self.stored_images.remove(id).unwrap_or_default());
         }
         Ok(())
     }
 
-    /// Ends the session: no keyframe and no correction will follow.
+    /// Ends the session.
     ///
     /// # Complexity
-    /// With depth images nothing is left to do. With depth from images alone the keyframes are waited out that still miss
-    /// neighbours, or, when poses were corrected or keyframes removed, everything is made anew as in a run over a recording.
-    pub fn finish(mut self) -> Ending {
+    /// None with depth images. With depth from images alone the remaining estimates, or, after corrected poses or removed
+    /// keyframes, those of a batch run.
+    pub fn finish(mut self) -> SessionEnd {
         let arrived = Instant::now();
-        let outcome = match &mut self.running {
-            Some(running) => running.finish(&self.options),
+        let outcome = match &mut self.map {
+            Some(map) => map.finish(&self.options),
             None => Ok(false),
         };
-        let last = match outcome {
+        let last_change = match outcome {
             Ok(true) => Ok(self.surface(arrived)),
             Ok(false) => Ok(None),
             Err(error) => Err(error),
         };
-        Ending {
-            last,
+        SessionEnd {
+            last_change,
             summary: self.summary(),
         }
     }
 
-    /// What there is now.
-    fn summary(&self) -> Summary {
-        let Some(running) = &self.running else {
-            return Summary::default();
+    /// The result.
+    fn summary(&self) -> SessionSummary {
+        let Some(map) = &self.map else {
+            return SessionSummary::default();
         };
-        let origin = running.origin();
-        let poses = running.corrected_poses();
-        let mut summary = Summary {
-            keyframes: running.keyframe_count(),
+        let origin = map.origin();
+        let poses = map.corrected_poses();
+        let mut summary = SessionSummary {
+            keyframes: map.keyframe_count(),
             origin,
-            median_depth: running.median_depth(),
-            lens_k1: running.lens_k1(),
+            median_depth: map.median_depth(),
+            lens_k1: map.lens_k1(),
             corrected_poses: poses
                 .iter()
                 .map(|(id, pose)| CorrectedPose {
@@ -264,9 +264,9 @@ impl Session {
                     world_from_camera: pose.into(),
                 })
                 .collect(),
-            ..Summary::default()
+            ..SessionSummary::default()
         };
-        if let Some(map) = running.map() {
+        if let Some(map) = map.map() {
             summary.mesh = map.surface();
             if let Some(segments) = map.segments() {
                 summary.segments = segments.segments();
@@ -277,28 +277,28 @@ impl Session {
     }
 }
 
-/// The map of the first keyframe.
+/// Creates the map with the first keyframe.
 fn begin_map(
     start: &StartMessage,
     options: &Options,
     id: u64,
     frame: LiveFrame,
-) -> Result<Box<dyn LiveMap>, SessionError> {
+) -> Result<Box<dyn SessionMap>, SessionError> {
     Ok(match start.depth_source {
         DepthKind::Sensor => Box::new(SensorMap::begin(start, options, id, frame)?),
         DepthKind::SemiDense => Box::new(ImageMap::begin(start, options, id, frame)?),
     })
 }
 
-/// Removes files that nobody needs any more; what is left behind goes with the folder at the latest.
+/// Removes unused files. Leftovers go with the temporary folder.
 fn delete(files: &[PathBuf]) {
     for path in files {
         let _ = std::fs::remove_file(path);
     }
 }
 
-/// The error of a message about keyframes when there are none.
-fn unknown(id: Option<u64>) -> SessionError {
+/// The error of a message that refers to keyframes before there are any.
+fn unknown_keyframe(id: Option<u64>) -> SessionError {
     id.map_or(SessionError::NotStarted, |id| {
         SessionError::UnknownKeyframe { id }
     })
@@ -309,12 +309,12 @@ fn isometry(id: u64, pose: &Pose) -> Result<Isometry3<f64>, SessionError> {
         .map_err(|problem| SessionError::Pose { id, problem })
 }
 
-/// The file of an image; bytes in a message are put into one, which is added to `spooled`.
-fn spool(
+/// The path of an image. Data in a message is written to a file, which is added to `stored_images`.
+fn store_image(
     folder: &TempDir,
     id: u64,
     source: &ImageSource,
-    spooled: &mut Vec<PathBuf>,
+    stored_images: &mut Vec<PathBuf>,
 ) -> Result<PathBuf, SessionError> {
     match source {
         ImageSource::Path(path) => Ok(path.clone()),
@@ -322,8 +322,8 @@ fn spool(
             let bytes = base64::engine::general_purpose::STANDARD
                 .decode(text)
                 .map_err(|source| SessionError::Base64 { id, source })?;
-            let path = folder.path().join(format!("{id}-{}", spooled.len()));
-            spooled.push(path.clone());
+            let path = folder.path().join(format!("{id}-{}", stored_images.len()));
+            stored_images.push(path.clone());
             std::fs::File::create(&path)
                 .and_then(|mut file| file.write_all(&bytes))
                 .map_err(|source| SessionError::Spool {

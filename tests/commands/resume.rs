@@ -151,7 +151,7 @@ fn a_signal_ends_a_run_with_its_keyframes_saved() {
     let said = stderr(&output);
     // Eleven keyframes are still to be read when the signal comes.
     assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("--resume goes on"), "{said}");
+    assert!(said.contains("continue with --resume"), "{said}");
     resume(&sequence, &out, &[], &expected);
 }
 
@@ -283,7 +283,7 @@ fn a_memory_limit_ends_a_run_that_can_go_on() {
         for part in [
             "after 1 of 8 keyframes",
             "MB, more than the 1 MB of --memory-limit",
-            "--resume with a higher --memory-limit goes on",
+            "continue with --resume and a higher --memory-limit",
         ] {
             assert!(said.contains(part), "{said}");
         }
@@ -308,7 +308,7 @@ fn other_runs_and_no_runs_are_not_resumed() {
     expect_status(1, arguments(&sequence, &out, &["--memory-limit", "1M"]));
     resumed[3] = "2";
     let said = stderr(&expect_status(2, &resumed));
-    assert!(said.contains("was begun differently"), "{said}");
+    assert!(said.contains("was started with other inputs"), "{said}");
     resumed[3] = "1";
     resumed.extend(["--from", "map-points"]);
     let said = stderr(&expect_status(2, &resumed));

@@ -154,7 +154,7 @@ fn bad_messages_are_answered_and_leave_the_session_as_it_was() {
         (r#"{"type":"bundle"}"#.to_owned(), "bundle"),
         ("[]".to_owned(), "not a message"),
         (recording.start.to_string(), "started already"),
-        (good.to_string(), "a keyframe 0 already"),
+        (good.to_string(), "keyframe 0 exists already"),
         (
             with("world_from_camera", nowhere.clone()),
             "the pose of keyframe 1",

@@ -98,12 +98,15 @@ fn first_depths_are_in_the_map_at_once_and_leave_nothing_behind() {
     let mut finished = 0;
     for (number, arrival) in arrivals(&sequence, true) {
         match arrival {
-            Arrival::Provisional { keyframe, awaited } => {
+            Arrival::Provisional {
+                keyframe,
+                delay_keyframes,
+            } => {
                 assert!(
-                    awaited < stage.future,
-                    "keyframe {number} came after {awaited} others"
+                    delay_keyframes < stage.future,
+                    "keyframe {number} came after {delay_keyframes} others"
                 );
-                assert!(awaited + number >= stage.first_neighbours);
+                assert!(delay_keyframes + number >= stage.first_neighbours);
                 let rays = refined.carver().ray_count();
                 refined
                     .push_provisional(&keyframe)

@@ -292,7 +292,7 @@ fn an_image_that_is_gone_at_the_end_leaves_the_surface_as_it_was() {
     assert!(triangles > 0);
     std::fs::remove_file(&recording.images[3]).unwrap();
     let ending = session.finish();
-    let error = ending.last.unwrap_err().to_string();
+    let error = ending.last_change.unwrap_err().to_string();
     assert!(error.contains("keyframe 3"), "{error}");
     assert_eq!(ending.summary.mesh.triangles.len(), triangles);
 }

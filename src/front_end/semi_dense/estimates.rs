@@ -1,4 +1,4 @@
-//! The estimates of a keyframe's depth, and what they make of it.
+//! Depth estimates of a keyframe, and the segments and points extracted from them.
 
 use std::time::{Duration, Instant};
 
@@ -7,16 +7,16 @@ use linecarve_lines::depth::semi_dense::{
     DepthView, MatchView, SemiDenseDepth, enforce_consistency,
 };
 
-use super::kept::Finished;
+use super::resume::CheckpointEntry;
 use super::schedule::Task;
-use super::{Due, Entry, Prepared, SemiDenseFrontEnd};
+use super::{KeyframeResult, ScheduledTask, SemiDenseFrontEnd, WindowEntry};
 use crate::front_end::edge_points::{EdgePoint, edge_points};
 use crate::front_end::error::FrontEndError;
 use crate::front_end::keyframe::LineKeyframe;
 use crate::run::{StageTimes, milliseconds};
 
 impl SemiDenseFrontEnd {
-    fn entry(&self, keyframe: usize) -> &Entry {
+    fn entry(&self, keyframe: usize) -> &WindowEntry {
         &self.window[keyframe - self.first]
     }
 
@@ -24,8 +24,7 @@ impl SemiDenseFrontEnd {
         self.entry(keyframe).name.clone()
     }
 
-    /// The view of a keyframe that a task names; those that could not be read are in no task, and tasks that need one of
-    /// the others are passed over.
+    /// The view of a keyframe. Tasks name readable keyframes only; a task whose view was dropped fails.
     fn view(&self, keyframe: usize) -> Result<&MatchView, FrontEndError> {
         let view = self.entry(keyframe).view.as_ref();
         view.ok_or_else(|| FrontEndError::WithoutDepth {
@@ -48,7 +47,7 @@ impl SemiDenseFrontEnd {
             })
     }
 
-    /// The first estimate of a keyframe, and how long it took.
+    /// The first estimate of a keyframe, and its duration.
     pub(super) fn first_estimate(
         &self,
         task: &Task,
@@ -58,35 +57,44 @@ impl SemiDenseFrontEnd {
         Ok((depth, start.elapsed()))
     }
 
-    /// What is kept of a keyframe, or else its last estimate, which is then kept.
-    pub(super) fn finish_keyframe(&self, due: &Due, extractor: &mut SegmentExtractor) -> Prepared {
+    /// The final keyframe, from the checkpoint or computed and stored there.
+    pub(super) fn final_keyframe(
+        &self,
+        due: &ScheduledTask,
+        extractor: &mut SegmentExtractor,
+    ) -> KeyframeResult {
         let number = due.task.keyframe;
-        if let Some(finished) = Finished::load(self.checkpoint.as_ref(), number, self.is_with_first)
+        if let Some(stored) =
+            CheckpointEntry::load(self.checkpoint.as_ref(), number, self.emits_provisional)
         {
             if let Some(checkpoint) = &self.checkpoint {
                 checkpoint.count_reused();
             }
-            return Ok(finished.last);
+            return Ok(stored.keyframe);
         }
         let first = self.entry(number).first.as_ref();
-        let mut last = self.confirmed(due, extractor)?;
-        last.times.load = milliseconds(self.entry(number).loading);
-        last.times.edges = milliseconds(self.entry(number).edges);
-        last.times.depth += milliseconds(first.map_or(Duration::ZERO, |first| first.duration));
-        let finished = Finished {
-            is_with_first: self.is_with_first,
-            first: first.and_then(|first| first.keyframe.clone()),
-            last,
+        let mut keyframe = self.consistent_keyframe(due, extractor)?;
+        keyframe.times.load = milliseconds(self.entry(number).loading);
+        keyframe.times.edges = milliseconds(self.entry(number).edges);
+        keyframe.times.depth += milliseconds(first.map_or(Duration::ZERO, |first| first.duration));
+        let entry = CheckpointEntry {
+            emits_provisional: self.emits_provisional,
+            provisional: first.and_then(|first| first.keyframe.clone()),
+            keyframe,
         };
         if let Some(checkpoint) = &self.checkpoint {
-            checkpoint.store(number, &finished)?;
+            checkpoint.store(number, &entry)?;
         }
-        Ok(finished.last)
+        Ok(entry.keyframe)
     }
 
-    /// An estimate, confirmed by the first estimates of its neighbours as far as they were there at that step, and the segments
-    /// along it. Its times are those of this alone.
-    pub(super) fn confirmed(&self, due: &Due, extractor: &mut SegmentExtractor) -> Prepared {
+    /// A keyframe from an estimate that is consistent with the first estimates that its neighbours had at that step. Its
+    /// times are those of this call alone.
+    pub(super) fn consistent_keyframe(
+        &self,
+        due: &ScheduledTask,
+        extractor: &mut SegmentExtractor,
+    ) -> KeyframeResult {
         let start = Instant::now();
         let task = &due.task;
         let mut depth = match &self.entry(task.keyframe).first {
@@ -95,13 +103,13 @@ impl SemiDenseFrontEnd {
             }
             _ => self.estimate(task)?,
         };
-        let mut witnesses = Vec::with_capacity(depth.pairs.len());
+        let mut depth_views = Vec::with_capacity(depth.pairs.len());
         for (pair, correction) in depth.pairs.iter().zip(&depth.corrections) {
             let other = task.neighbours[pair.neighbour];
             if let Some(first) = &self.entry(other).first
                 && first.step <= due.step
             {
-                witnesses.push(DepthView {
+                depth_views.push(DepthView {
                     view: self.view(other)?,
                     map: &first.depth.map,
                     correction: *correction,
@@ -111,18 +119,18 @@ impl SemiDenseFrontEnd {
         enforce_consistency(
             self.view(task.keyframe)?,
             &mut depth.map,
-            &witnesses,
+            &depth_views,
             &self.source.options.confirm,
         );
         let times = StageTimes {
             depth: milliseconds(start.elapsed()),
             ..StageTimes::default()
         };
-        self.keyframe(task, &depth, times, extractor)
+        self.extract_keyframe(task, &depth, times, extractor)
     }
 
-    /// The points between the edges of a keyframe.
-    fn between_edges(
+    /// Points between the edges of a keyframe.
+    fn points_between_edges(
         &self,
         task: &Task,
         view: &MatchView,
@@ -135,13 +143,13 @@ impl SemiDenseFrontEnd {
         Ok(points.into_iter().map(EdgePoint::from))
     }
 
-    fn keyframe(
+    fn extract_keyframe(
         &self,
         task: &Task,
         depth: &SemiDenseDepth,
         mut times: StageTimes,
         extractor: &mut SegmentExtractor,
-    ) -> Prepared {
+    ) -> KeyframeResult {
         let view = self.view(task.keyframe)?;
         let extraction = extractor
             .extract_along(
@@ -165,7 +173,7 @@ impl SemiDenseFrontEnd {
         );
         if task.is_final {
             let start = Instant::now();
-            edge_points.extend(self.between_edges(task, view, depth)?);
+            edge_points.extend(self.points_between_edges(task, view, depth)?);
             times.depth += milliseconds(start.elapsed());
         }
         Ok(LineKeyframe {

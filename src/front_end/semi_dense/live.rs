@@ -1,4 +1,4 @@
-//! Depth from neighbours while keyframes are still coming, and their poses are still changing.
+//! Semi-dense depth for a live session, where keyframes arrive one by one and poses change.
 
 use linecarve_lines::{ExtractError, ExtractOptions};
 use nalgebra::Isometry3;
@@ -8,8 +8,8 @@ use crate::front_end::{Arrivals, FrontEndError, SemiDenseSource};
 use linecarve_sequence::Sequence;
 
 impl SemiDenseFrontEnd {
-    /// A front end for keyframes whose number is not known beforehand. What it hands on, first estimates included, is what
-    /// [`run_in_groups`](crate::front_end::run_in_groups) hands on, as long as no pose changes.
+    /// A front end for an unknown number of keyframes. Without pose changes it returns the arrivals of
+    /// [`run_in_groups`](crate::front_end::run_in_groups), provisional ones included.
     ///
     /// # Errors
     /// When an option is out of range.
@@ -17,36 +17,35 @@ impl SemiDenseFrontEnd {
         Self::new(source, 0, options, None, true)
     }
 
-    /// Takes a frame of the sequence as the next keyframe; returns what is due by then, of this keyframe and others.
+    /// Adds a frame of the sequence as the next keyframe; returns all arrivals that became due.
     ///
     /// # Errors
-    /// When its image cannot be read or matched; it then is no keyframe.
+    /// When its image cannot be read or matched; the frame is then not a keyframe.
     pub fn push(&mut self, sequence: &Sequence, frame: usize) -> Result<Arrivals, FrontEndError> {
         let mut detector = self.detector.clone();
         let (entry, geometry) = self.read(sequence, frame, self.next_number(), &mut detector);
-        let step = self.enter((entry, Ok(geometry?)));
+        let step = self.push_loaded((entry, Ok(geometry?)));
         Ok(self.estimate_all(vec![step]))
     }
 
-    /// No keyframe will follow: the last estimates of those that wait for one.
+    /// Returns the final estimates of all remaining keyframes.
     pub fn finish(&mut self) -> Arrivals {
-        let rest = self.rest();
-        self.estimate_all(vec![rest])
+        let remaining_tasks = self.remaining_tasks();
+        self.estimate_all(vec![remaining_tasks])
     }
 
-    /// Gives keyframes other poses, by the position of their frame in the sequence: `None` takes one out. Those that wait for
-    /// their last estimate get one from the new poses. What was handed on is not made again, and first estimates that confirm
-    /// others stay as they are, in the frame of their own camera.
+    /// Replaces poses, by the position of the frame in the sequence; `None` removes a keyframe. Later final estimates use the
+    /// new poses. Earlier arrivals are not repeated, and first estimates stay as they are, in the frame of their camera.
     ///
     /// # Errors
-    /// When a pose is not finite; some may then have been changed.
-    pub fn move_to(
+    /// When a pose is not finite; other poses may have been replaced by then.
+    pub fn set_poses(
         &mut self,
         mut pose_of: impl FnMut(usize) -> Option<Isometry3<f64>>,
     ) -> Result<(), FrontEndError> {
-        for (place, entry) in self.window.iter_mut().enumerate() {
+        for (index, entry) in self.window.iter_mut().enumerate() {
             let pose = pose_of(entry.frame);
-            self.schedule.move_to(self.first + place, pose);
+            self.schedule.set_pose(self.first + index, pose);
             match (&mut entry.view, pose) {
                 (Some(view), Some(pose)) => {
                     view.set_world_from_camera(&pose).map_err(|source| {

@@ -1,9 +1,9 @@
-//! Keyframes whose depth comes from each other: estimated when the first neighbours have come, for a map that is not to wait and
-//! to be witnesses for others, and again when all have.
+//! Keyframes with depth from neighbouring keyframes. Each is estimated twice: provisionally with its first neighbours, which
+//! also supports the consistency check of others, and finally with all neighbours.
 
 mod estimates;
-mod kept;
 mod live;
+mod resume;
 mod schedule;
 
 use std::collections::VecDeque;
@@ -15,7 +15,7 @@ use linecarve_lines::edges::EdgeDetector;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use rayon::prelude::*;
 
-use kept::{Finished, Kept};
+use resume::{CheckpointEntry, ResumePlan};
 use schedule::{Schedule, Task};
 
 use super::colors::KeyframeColors;
@@ -26,86 +26,87 @@ use super::{Arrival, Arrivals, Group};
 use crate::run::Checkpoint;
 use linecarve_sequence::Sequence;
 
-type Prepared = Result<LineKeyframe, FrontEndError>;
+type KeyframeResult = Result<LineKeyframe, FrontEndError>;
 
-/// A keyframe in the window.
-pub(super) struct Entry {
-    /// Position of its frame in the sequence, and its name there.
+/// A keyframe in the sliding window.
+pub(super) struct WindowEntry {
+    /// Position and name of its frame in the sequence.
     pub(super) frame: usize,
     pub(super) name: String,
-    /// `None`: it could not be read or was taken out, or nothing that is still to be made needs it.
+    /// `None` when the image cannot be read, the keyframe was removed, or no pending estimate needs it.
     pub(super) view: Option<MatchView>,
     pub(super) colors: KeyframeColors,
-    /// Time for reading it and for drawing its edges.
+    /// Durations of loading and of edge detection.
     pub(super) loading: Duration,
     pub(super) edges: Duration,
-    /// Its first estimate, and the step at which that was made.
-    pub(super) first: Option<First>,
+    /// First depth estimate.
+    pub(super) first: Option<FirstEstimate>,
 }
 
-pub(super) struct First {
+pub(super) struct FirstEstimate {
     pub(super) step: usize,
     pub(super) neighbours: Vec<usize>,
     pub(super) depth: SemiDenseDepth,
-    /// Whether all poses are those that it was made with.
+    /// Whether it was made with the current poses.
     pub(super) is_current: bool,
     pub(super) duration: Duration,
-    /// What was handed on.
+    /// The provisional keyframe made from it.
     pub(super) keyframe: Option<LineKeyframe>,
 }
 
-/// An estimate that is due at a step: the number of keyframes that had come.
-pub(super) struct Due {
+/// A depth estimate due at a step, which is the number of keyframes read before.
+pub(super) struct ScheduledTask {
     pub(super) step: usize,
     pub(super) task: Task,
 }
 
-/// What a step hands on: the fault of its own keyframe, then what is due.
-pub(super) struct Step {
+/// The error of a step's own keyframe, and the estimates due.
+pub(super) struct StepTasks {
     fault: Option<(usize, FrontEndError)>,
-    due: Vec<Due>,
+    due: Vec<ScheduledTask>,
 }
 
-/// A keyframe as it was read: its place in the window, and its geometry or what is wrong with it.
-pub(super) type Read = (Entry, Result<ViewGeometry, FrontEndError>);
+/// A loaded frame, and its geometry or error.
+pub(super) type LoadedFrame = (WindowEntry, Result<ViewGeometry, FrontEndError>);
 
-/// Makes keyframes of images: takes them one after another, and hands on what is due.
+/// Computes keyframes from images in order, and returns them when their depth is due.
 ///
-/// Memory holds the keyframes that may still be neighbours: `past` and `future` of [`SemiDenseStage`](super::SemiDenseStage).
+/// Memory: the possible neighbours, `past` and `future` of [`SemiDenseStage`](super::SemiDenseStage).
 pub struct SemiDenseFrontEnd {
     pub(super) source: SemiDenseSource,
     pub(super) checkpoint: Option<Checkpoint>,
-    pub(super) is_with_first: bool,
-    kept: Kept,
+    pub(super) emits_provisional: bool,
+    resume_plan: ResumePlan,
     pub(super) estimator: SemiDense,
     pub(super) detector: EdgeDetector,
-    /// Copied for each thread: it keeps memory from one keyframe to the next.
+    /// Cloned for each thread; it reuses memory across keyframes.
     extractor: SegmentExtractor,
     pub(super) schedule: Schedule,
-    pub(super) window: VecDeque<Entry>,
+    pub(super) window: VecDeque<WindowEntry>,
     /// Number of the first keyframe in the window.
     pub(super) first: usize,
-    /// Keyframes that have been read.
+    /// Number of keyframes read.
     read: usize,
 }
 
 impl SemiDenseFrontEnd {
-    /// A front end before the first keyframe; what `checkpoint` has of the first `count` of them is not made again.
+    /// A front end for `count` keyframes; those in `checkpoint` are not computed again.
     pub(super) fn new(
         source: &SemiDenseSource,
         count: usize,
         mut options: ExtractOptions,
         checkpoint: Option<&Checkpoint>,
-        is_with_first: bool,
+        emits_provisional: bool,
     ) -> Result<Self, ExtractError> {
-        let is_kept = |keyframe| Finished::load(checkpoint, keyframe, is_with_first).is_some();
-        // The depth of an edge pixel was measured on the edge itself: there is no other side to choose.
+        let is_stored =
+            |keyframe| CheckpointEntry::load(checkpoint, keyframe, emits_provisional).is_some();
+        // Semi-dense depth is measured on the edge pixel itself, so there is no side to choose.
         options.edge_depth = EdgeDepthOptions::raw();
         Ok(Self {
             source: *source,
             checkpoint: checkpoint.cloned(),
-            is_with_first,
-            kept: Kept::new((0..count).map(is_kept).collect(), &source.options),
+            emits_provisional,
+            resume_plan: ResumePlan::new((0..count).map(is_stored).collect(), &source.options),
             estimator: SemiDense::new(source.options.matching)?,
             detector: EdgeDetector::new(options.edges)?,
             extractor: SegmentExtractor::new(options)?,
@@ -116,26 +117,29 @@ impl SemiDenseFrontEnd {
         })
     }
 
-    /// Takes the next few keyframes and hands on what is due by then; after the last of all, what is left.
+    /// Reads the next keyframes and returns the arrivals due; after the last group, all remaining ones.
     pub(super) fn prepare(&mut self, sequence: &Sequence, group: Group<'_>) -> Arrivals {
-        let read: Vec<Read> = group
+        let read: Vec<LoadedFrame> = group
             .frames
             .par_iter()
             .enumerate()
             .map_init(
                 || self.detector.clone(),
-                |detector, (place, frame)| self.read(sequence, *frame, self.read + place, detector),
+                |detector, (index, frame)| self.read(sequence, *frame, self.read + index, detector),
             )
             .collect();
-        let mut steps: Vec<Step> = read.into_iter().map(|read| self.enter(read)).collect();
+        let mut steps: Vec<StepTasks> = read
+            .into_iter()
+            .map(|read| self.push_loaded(read))
+            .collect();
         if group.is_last {
-            steps.push(self.rest());
+            steps.push(self.remaining_tasks());
         }
         self.estimate_all(steps)
     }
 
-    /// Puts the next keyframe into the window and asks what is due.
-    pub(super) fn enter(&mut self, (entry, geometry): Read) -> Step {
+    /// Adds the next keyframe to the window and schedules its estimates.
+    pub(super) fn push_loaded(&mut self, (entry, geometry): LoadedFrame) -> StepTasks {
         let step = self.read;
         let (geometry, fault) = match geometry {
             Ok(geometry) => (Some(geometry), None),
@@ -144,42 +148,48 @@ impl SemiDenseFrontEnd {
         let tasks = self.schedule.push(geometry);
         self.window.push_back(entry);
         self.read += 1;
-        Step {
+        StepTasks {
             fault,
-            due: tasks.into_iter().map(|task| Due { step, task }).collect(),
+            due: tasks
+                .into_iter()
+                .map(|task| ScheduledTask { step, task })
+                .collect(),
         }
     }
 
-    /// What is left when the last keyframe has come.
-    pub(super) fn rest(&self) -> Step {
+    /// Estimates that remain after the last keyframe.
+    pub(super) fn remaining_tasks(&self) -> StepTasks {
         let step = self.read;
         let tasks = self.schedule.finish();
-        Step {
+        StepTasks {
             fault: None,
-            due: tasks.into_iter().map(|task| Due { step, task }).collect(),
+            due: tasks
+                .into_iter()
+                .map(|task| ScheduledTask { step, task })
+                .collect(),
         }
     }
 
-    /// Makes what is due at a few steps, and hands it on in order.
-    pub(super) fn estimate_all(&mut self, steps: Vec<Step>) -> Arrivals {
-        // First estimates need images alone; last ones also the first estimates of others.
-        let tasks = |is_final: bool| -> Vec<&Due> {
+    /// Computes the estimates due and returns them in order.
+    pub(super) fn estimate_all(&mut self, steps: Vec<StepTasks>) -> Arrivals {
+        // First estimates depend on images alone, final ones also on first estimates of neighbours.
+        let tasks = |is_final: bool| -> Vec<&ScheduledTask> {
             steps
                 .iter()
                 .flat_map(|step| &step.due)
                 .filter(|due| due.task.is_final == is_final)
                 .collect()
         };
-        let first = self.in_parallel(&tasks(false), |this, _, due| {
-            let is_needed = this.kept.is_witness(due.task.keyframe);
-            // What makes it fail makes the last estimate fail too, which tells.
+        let first = self.map_in_parallel(&tasks(false), |this, _, due| {
+            let is_needed = this.resume_plan.needs_first_estimate(due.task.keyframe);
+            // A failure here repeats in the final estimate, which reports it.
             is_needed
                 .then(|| this.first_estimate(&due.task).ok())
                 .flatten()
         });
         for (due, first) in tasks(false).into_iter().zip(first) {
             self.window[due.task.keyframe - self.first].first =
-                first.map(|(depth, duration)| First {
+                first.map(|(depth, duration)| FirstEstimate {
                     step: due.step,
                     neighbours: due.task.neighbours.clone(),
                     depth,
@@ -188,11 +198,11 @@ impl SemiDenseFrontEnd {
                     keyframe: None,
                 });
         }
-        let handed_on = self.hand_on(&tasks(false));
-        let finished = self.in_parallel(&tasks(true), |this, extractor, due| {
-            this.finish_keyframe(due, extractor)
+        let provisional = self.provisional_keyframes(&tasks(false));
+        let finals = self.map_in_parallel(&tasks(true), |this, extractor, due| {
+            this.final_keyframe(due, extractor)
         });
-        let (mut handed_on, mut finished) = (handed_on.into_iter(), finished.into_iter());
+        let (mut provisional, mut finals) = (provisional.into_iter(), finals.into_iter());
         let mut arrivals = Vec::new();
         for step in steps {
             let fault = step.fault.map(|(number, fault)| (number, Err(fault)));
@@ -200,15 +210,15 @@ impl SemiDenseFrontEnd {
             for due in step.due {
                 let number = due.task.keyframe;
                 let arrival = if due.task.is_final {
-                    finished
+                    finals
                         .next()
-                        .map(|keyframe| Arrival::Final(keyframe.map(in_box)))
+                        .map(|keyframe| Arrival::Final(keyframe.map(boxed)))
                 } else {
-                    let awaited = due.step - number;
-                    let first = handed_on.next().flatten();
+                    let delay_keyframes = due.step - number;
+                    let first = provisional.next().flatten();
                     first.map(|keyframe| Arrival::Provisional {
-                        keyframe: in_box(keyframe),
-                        awaited,
+                        keyframe: boxed(keyframe),
+                        delay_keyframes,
                     })
                 };
                 arrivals.extend(arrival.map(|arrival| (number, arrival)));
@@ -221,16 +231,16 @@ impl SemiDenseFrontEnd {
         arrivals
     }
 
-    /// The keyframes of first estimates, when they are asked for.
-    fn hand_on(&mut self, due: &[&Due]) -> Vec<Option<LineKeyframe>> {
-        if !self.is_with_first {
+    /// Provisional keyframes, when requested.
+    fn provisional_keyframes(&mut self, due: &[&ScheduledTask]) -> Vec<Option<LineKeyframe>> {
+        if !self.emits_provisional {
             return vec![None; due.len()];
         }
-        let keyframes = self.in_parallel(due, |this, extractor, due| {
+        let keyframes = self.map_in_parallel(due, |this, extractor, due| {
             let number = due.task.keyframe;
-            match Finished::load(this.checkpoint.as_ref(), number, true) {
-                Some(finished) => finished.first,
-                None => this.confirmed(due, extractor).ok(),
+            match CheckpointEntry::load(this.checkpoint.as_ref(), number, true) {
+                Some(entry) => entry.provisional,
+                None => this.consistent_keyframe(due, extractor).ok(),
             }
         });
         for (due, keyframe) in due.iter().zip(&keyframes) {
@@ -241,10 +251,10 @@ impl SemiDenseFrontEnd {
         keyframes
     }
 
-    fn in_parallel<T: Send>(
+    fn map_in_parallel<T: Send>(
         &self,
-        due: &[&Due],
-        work: impl Fn(&Self, &mut SegmentExtractor, &Due) -> T + Sync,
+        due: &[&ScheduledTask],
+        work: impl Fn(&Self, &mut SegmentExtractor, &ScheduledTask) -> T + Sync,
     ) -> Vec<T> {
         due.par_iter()
             .map_init(
@@ -254,14 +264,14 @@ impl SemiDenseFrontEnd {
             .collect()
     }
 
-    /// Reads a frame that is, or will be, the keyframe of this number.
+    /// Loads the frame of a keyframe.
     pub(super) fn read(
         &self,
         sequence: &Sequence,
         frame: usize,
         keyframe: usize,
         detector: &mut EdgeDetector,
-    ) -> Read {
+    ) -> LoadedFrame {
         let start = Instant::now();
         let recorded = &sequence.frames()[frame];
         let size = sequence.color_size();
@@ -271,7 +281,7 @@ impl SemiDenseFrontEnd {
             width: size.width as usize,
             height: size.height as usize,
         };
-        let mut entry = Entry {
+        let mut entry = WindowEntry {
             frame,
             name: recorded.name.clone(),
             view: None,
@@ -280,7 +290,7 @@ impl SemiDenseFrontEnd {
             edges: Duration::ZERO,
             first: None,
         };
-        if !self.kept.is_seen(keyframe) {
+        if !self.resume_plan.needs_image(keyframe) {
             return (entry, Ok(geometry));
         }
         let (image, color) = match sequence.load_gray_and_color(frame) {
@@ -308,12 +318,12 @@ impl SemiDenseFrontEnd {
         }
     }
 
-    /// Number of the keyframe that comes next.
+    /// Number of the next keyframe.
     pub(super) fn next_number(&self) -> usize {
         self.read
     }
 }
 
-fn in_box(keyframe: LineKeyframe) -> Keyframe {
+fn boxed(keyframe: LineKeyframe) -> Keyframe {
     Keyframe::Lines(Box::new(keyframe))
 }

@@ -1,4 +1,4 @@
-//! When the depth of which keyframe is estimated, and from which others.
+//! Schedule of depth estimates: when a keyframe is estimated, and from which neighbours.
 
 use std::collections::VecDeque;
 
@@ -7,32 +7,32 @@ use nalgebra::Isometry3;
 
 use crate::front_end::SemiDenseSource;
 
-/// An estimate that is due.
+/// A depth estimate to compute.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::front_end) struct Task {
     /// Number of the keyframe.
     pub(super) keyframe: usize,
     /// Numbers of its neighbours, best first.
     pub(super) neighbours: Vec<usize>,
-    /// Whether this is its last estimate.
+    /// Whether this is its final estimate.
     pub(super) is_final: bool,
 }
 
-/// Decides from poses alone, keyframe by keyframe: a depth is due for the first time as soon as enough neighbours have come, and
-/// for the last time when the keyframes behind it that may be neighbours have.
+/// Schedules estimates from poses alone. The first estimate of a keyframe is due when it has enough neighbours, the final one
+/// when all later possible neighbours have arrived.
 #[derive(Debug)]
 pub(in crate::front_end) struct Schedule {
     source: SemiDenseSource,
-    /// The keyframes that may still be neighbours, oldest first; `None`: could not be read.
-    window: VecDeque<Option<Waiting>>,
-    /// Number of the first of them.
+    /// Possible neighbours, oldest first; `None` for unreadable keyframes.
+    window: VecDeque<Option<ScheduledView>>,
+    /// Number of the first keyframe in the window.
     first: usize,
 }
 
 #[derive(Debug)]
-struct Waiting {
+struct ScheduledView {
     geometry: ViewGeometry,
-    is_published: bool,
+    has_first_estimate: bool,
 }
 
 impl Schedule {
@@ -49,28 +49,29 @@ impl Schedule {
         self.first
     }
 
-    /// Takes the next keyframe, `None` when it could not be read, and returns what is due.
+    /// Adds the next keyframe, `None` when it is unreadable, and returns the tasks due.
     pub(super) fn push(&mut self, geometry: Option<ViewGeometry>) -> Vec<Task> {
         let options = &self.source.options;
-        self.window.push_back(geometry.map(|geometry| Waiting {
-            geometry,
-            is_published: false,
-        }));
+        self.window
+            .push_back(geometry.map(|geometry| ScheduledView {
+                geometry,
+                has_first_estimate: false,
+            }));
         let newest = self.first + self.window.len() - 1;
-        let awaiting = (newest + 1).saturating_sub(options.future).max(self.first);
+        let start = (newest + 1).saturating_sub(options.future).max(self.first);
         let mut tasks = Vec::new();
-        for keyframe in awaiting..=newest {
-            let is_open = self.window[keyframe - self.first]
+        for keyframe in start..=newest {
+            let is_pending = self.window[keyframe - self.first]
                 .as_ref()
-                .is_some_and(|waiting| !waiting.is_published);
-            if !is_open {
+                .is_some_and(|view| !view.has_first_estimate);
+            if !is_pending {
                 continue;
             }
             let neighbours = self.neighbours(keyframe);
             if neighbours.len() >= options.first_neighbours
-                && let Some(waiting) = &mut self.window[keyframe - self.first]
+                && let Some(view) = &mut self.window[keyframe - self.first]
             {
-                waiting.is_published = true;
+                view.has_first_estimate = true;
                 tasks.push(Task {
                     keyframe,
                     neighbours,
@@ -79,7 +80,7 @@ impl Schedule {
             }
         }
         if let Some(keyframe) = newest.checked_sub(options.future) {
-            tasks.extend(self.last_estimate(keyframe));
+            tasks.extend(self.final_task(keyframe));
         }
         while self.first + options.past + options.future < newest + 1 {
             self.window.pop_front();
@@ -88,30 +89,30 @@ impl Schedule {
         tasks
     }
 
-    /// Gives a keyframe of the window another pose; `None` takes it out: it is nobody's neighbour any more, and nothing of it is due.
-    pub(super) fn move_to(&mut self, keyframe: usize, pose: Option<Isometry3<f64>>) {
-        let place = keyframe.checked_sub(self.first);
-        let Some(slot) = place.and_then(|place| self.window.get_mut(place)) else {
+    /// Replaces the pose of a keyframe in the window; `None` removes it from all later tasks.
+    pub(super) fn set_pose(&mut self, keyframe: usize, pose: Option<Isometry3<f64>>) {
+        let index = keyframe.checked_sub(self.first);
+        let Some(slot) = index.and_then(|index| self.window.get_mut(index)) else {
             return;
         };
         match (slot.as_mut(), pose) {
-            (Some(waiting), Some(pose)) => waiting.geometry.world_from_camera = pose,
+            (Some(view), Some(pose)) => view.geometry.world_from_camera = pose,
             _ => *slot = None,
         }
     }
 
-    /// The sequence is over: the last estimates of what is left.
+    /// Final estimates of the remaining keyframes, after the last one.
     pub(super) fn finish(&self) -> Vec<Task> {
         let end = self.first + self.window.len();
         let start = end
             .saturating_sub(self.source.options.future)
             .max(self.first);
         (start..end)
-            .filter_map(|keyframe| self.last_estimate(keyframe))
+            .filter_map(|keyframe| self.final_task(keyframe))
             .collect()
     }
 
-    fn last_estimate(&self, keyframe: usize) -> Option<Task> {
+    fn final_task(&self, keyframe: usize) -> Option<Task> {
         self.window[keyframe - self.first].as_ref()?;
         Some(Task {
             keyframe,
@@ -120,7 +121,7 @@ impl Schedule {
         })
     }
 
-    /// The best neighbours among the keyframes that have come.
+    /// The best neighbours among the keyframes in the window.
     fn neighbours(&self, keyframe: usize) -> Vec<usize> {
         let options = &self.source.options;
         let Some(own) = &self.window[keyframe - self.first] else {
@@ -131,8 +132,8 @@ impl Schedule {
         let (numbers, candidates): (Vec<usize>, Vec<&ViewGeometry>) = (start..end)
             .filter(|&other| other != keyframe)
             .filter_map(|other| {
-                let waiting = self.window[other - self.first].as_ref()?;
-                Some((other, &waiting.geometry))
+                let view = self.window[other - self.first].as_ref()?;
+                Some((other, &view.geometry))
             })
             .unzip();
         choose_neighbours(
@@ -174,10 +175,10 @@ mod tests {
     }
 
     #[test]
-    fn every_keyframe_is_published_at_three_neighbours_and_finished_once() {
+    fn every_keyframe_has_a_first_and_a_final_estimate() {
         let mut schedule = schedule();
-        let mut published = vec![Vec::new(); 12];
-        let mut finished = vec![Vec::new(); 12];
+        let mut first_estimates = vec![Vec::new(); 12];
+        let mut final_estimates = vec![Vec::new(); 12];
         for step in 0..=12 {
             let tasks = if step < 12 {
                 schedule.push(Some(view(0.1 * step as f64)))
@@ -192,36 +193,36 @@ mod tests {
                 );
                 assert!(task.neighbours.len() >= 3);
                 if task.is_final {
-                    finished[task.keyframe].push(step);
+                    final_estimates[task.keyframe].push(step);
                 } else {
-                    published[task.keyframe].push(step);
+                    first_estimates[task.keyframe].push(step);
                 }
             }
             assert!(schedule.window.len() <= 8);
         }
         for keyframe in 0..12_usize {
-            // The first has three neighbours when its last has come: it is finished at once.
+            // The first keyframe gets its third neighbour together with its final estimate, so it has no first one.
             let expected = if keyframe == 0 {
                 vec![]
             } else {
                 vec![keyframe.max(3)]
             };
-            assert_eq!(published[keyframe], expected);
-            assert_eq!(finished[keyframe], [(keyframe + 3).min(12)]);
+            assert_eq!(first_estimates[keyframe], expected);
+            assert_eq!(final_estimates[keyframe], [(keyframe + 3).min(12)]);
         }
     }
 
     #[test]
-    fn keyframes_that_are_taken_out_are_in_no_task() {
+    fn removed_keyframes_are_in_no_task() {
         let mut schedule = schedule();
         for step in 0..4 {
             schedule.push(Some(view(0.1 * f64::from(step))));
         }
-        schedule.move_to(2, None);
-        // Numbers that are no longer there, or not yet, are nobody.
-        schedule.move_to(99, None);
-        // Far away, it sees nothing of what the others see.
-        schedule.move_to(1, Some(Isometry3::translation(50.0, 0.0, 0.0)));
+        schedule.set_pose(2, None);
+        // Numbers outside the window are ignored.
+        schedule.set_pose(99, None);
+        // Far away: no overlap with the others.
+        schedule.set_pose(1, Some(Isometry3::translation(50.0, 0.0, 0.0)));
         let mut tasks = schedule.push(Some(view(0.4)));
         tasks.extend(schedule.finish());
         assert!(!tasks.is_empty());
@@ -234,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn unreadable_and_lone_keyframes_are_passed_over() {
+    fn unreadable_keyframes_are_skipped() {
         let mut schedule = schedule();
         let mut tasks = schedule.push(Some(view(0.0)));
         for _ in 0..5 {

@@ -1,4 +1,4 @@
-//! A wall two units before the camera, and one point half way that no depth image knows of.
+//! A wall two units before the camera, and a spurious point half way to it.
 
 use std::ops::Range;
 
@@ -7,18 +7,18 @@ use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 use linecarve_lines::triangulation::SampleOptions;
 use nalgebra::Vector3;
 
-use super::super::vertex_points::VertexPoints;
+use super::super::vertex_landmarks::VertexLandmarks;
 use super::*;
 
 struct Room {
     carver: Carver,
     points: Vec<PointId>,
-    vertices: VertexPoints,
+    vertices: VertexLandmarks,
     validation: DepthValidation,
     stray: PointId,
 }
 
-/// The wall as the camera measures it; with a step of more than one, along some columns only.
+/// Depth of the wall in every `step`-th column.
 fn depth(step: usize) -> SurfaceSamples {
     let mut map = InverseDepthMap::unknown(160, 120).unwrap();
     for (x, y) in (0..160)
@@ -42,7 +42,7 @@ impl Room {
             positions.push([0.3 * f64::from(i), 0.3 * f64::from(j), 2.0 + relief]);
         }
         positions.push([0.05, 0.03, 1.0]);
-        // Behind the wall, so that there is matter.
+        // Behind the wall, so that there is occupied space.
         positions.push([0.0, 0.0, 3.0]);
         let points: Vec<PointId> = positions
             .iter()
@@ -53,13 +53,13 @@ impl Room {
         Self {
             carver,
             points,
-            vertices: VertexPoints::default(),
+            vertices: VertexLandmarks::default(),
             validation: DepthValidation::new(0.3, &camera, &SurfacePointOptions::default()),
             stray,
         }
     }
 
-    /// A view at `x` that sees everything but what is behind the wall.
+    /// A view at `x` that observes all points but the one behind the wall.
     fn look(&mut self, x: f64, surface: &SurfaceSamples) -> Vec<Point2<f64>> {
         let pose = Isometry3::translation(x, 0.0, 0.0);
         let mut transaction = self.carver.transaction();
@@ -70,13 +70,13 @@ impl Room {
         }
         let report = transaction.commit().unwrap();
         let landmarks = 0..self.points.len() as u32;
-        self.vertices.note(&self.carver, &self.points, landmarks);
-        let map = Observers::new(&self.carver, &self.points, &self.vertices);
+        self.vertices.update(&self.carver, &self.points, landmarks);
+        let map = VertexViews::new(&self.carver, &self.points, &self.vertices);
         self.validation
             .push(map, &report.surface, &seen, &pose, surface)
     }
 
-    /// Moves a landmark, which the last view goes on seeing.
+    /// Moves a landmark that the last view still observes.
     fn shift(&mut self, landmark: u32, by: [f64; 3]) {
         let point = self.points[landmark as usize];
         let position = self.carver.point(point).unwrap() + Vector3::from(by);
@@ -84,15 +84,15 @@ impl Room {
         transaction.move_point(point, position).unwrap();
         let report = transaction.commit().unwrap();
         self.vertices
-            .note(&self.carver, &self.points, std::iter::once(landmark));
-        let map = Observers::new(&self.carver, &self.points, &self.vertices);
-        self.validation.follow(map, &report.surface, &[]);
+            .update(&self.carver, &self.points, std::iter::once(landmark));
+        let map = VertexViews::new(&self.carver, &self.points, &self.vertices);
+        self.validation.update(map, &report.surface, &[]);
     }
 
-    /// What is known about each triangle, by the positions of its corners. What is said of places where another view agrees
-    /// depends on who is asked first, and does not count.
-    fn evidence(&self) -> BTreeMap<Vec<[u64; 3]>, Evidence> {
-        let counted = |evidence: &Evidence| Evidence {
+    /// Evidence of each triangle, by the positions of its corners. Contradictions of agreed samples depend on the order of
+    /// views and are left out.
+    fn evidence(&self) -> BTreeMap<Vec<[u64; 3]>, FacetEvidence> {
+        let counted = |evidence: &FacetEvidence| FacetEvidence {
             contradicted: evidence.contradicted & !evidence.agreed,
             ..*evidence
         };
@@ -113,8 +113,8 @@ impl Room {
             .collect()
     }
 
-    /// What is found about triangles on the wall, and about those of the stray point.
-    fn findings(&self) -> [Vec<FacetStatus>; 2] {
+    /// Status of the triangles on the wall, and of those at the stray point.
+    fn statuses(&self) -> [Vec<FacetStatus>; 2] {
         let stray = self.carver.vertex_of(self.stray).unwrap();
         let (mut wall, mut spike) = (Vec::new(), Vec::new());
         for triangle in self.carver.triangles() {
@@ -130,35 +130,35 @@ impl Room {
     }
 }
 
-fn are_all(findings: &[FacetStatus], expected: FacetStatus) -> bool {
-    findings.iter().all(|finding| *finding == expected)
+fn are_all(statuses: &[FacetStatus], expected: FacetStatus) -> bool {
+    statuses.iter().all(|status| *status == expected)
 }
 
 #[test]
-fn the_wall_is_measured_and_a_spike_before_it_is_not() {
+fn a_wall_is_measured_and_a_spike_before_it_is_not() {
     let mut room = Room::new();
-    let contradictions = room.look(0.02, &depth(1));
-    let [wall, spike] = room.findings();
+    let conflicts = room.look(0.02, &depth(1));
+    let [wall, spike] = room.statuses();
     assert!(!spike.is_empty());
     assert!(are_all(&wall, FacetStatus::Measured), "{wall:?}");
     assert!(are_all(&spike, FacetStatus::NotMeasured), "{spike:?}");
     // The spike covers the wall around its tip at (0.05, 0.03, 1).
-    assert!(!contradictions.is_empty());
-    for pixel in contradictions {
+    assert!(!conflicts.is_empty());
+    for pixel in conflicts {
         assert!((pixel - Point2::new(84.5, 62.5)).norm() < 40.0, "{pixel}");
     }
 }
 
 #[test]
-fn depth_along_edges_alone_is_no_witness() {
+fn sparse_depth_is_not_used() {
     let mut room = Room::new();
-    let contradictions = room.look(0.02, &depth(8));
-    let [wall, spike] = room.findings();
+    let conflicts = room.look(0.02, &depth(8));
+    let [wall, spike] = room.statuses();
     assert!(are_all(&wall, FacetStatus::Unobserved) && are_all(&spike, FacetStatus::Unobserved));
-    assert!(contradictions.is_empty());
+    assert!(conflicts.is_empty());
 }
 
-/// The wall as a camera measures it that knows it in some columns of its image only.
+/// Depth of the wall in a range of columns.
 fn part_of_a_wall(columns: Range<usize>) -> SurfaceSamples {
     let mut map = InverseDepthMap::unknown(160, 120).unwrap();
     for (x, y) in columns.flat_map(|x| (0..120).map(move |y| (x, y))) {
@@ -168,18 +168,18 @@ fn part_of_a_wall(columns: Range<usize>) -> SurfaceSamples {
 }
 
 #[test]
-fn what_is_known_does_not_depend_on_the_way_there() {
+fn evidence_does_not_depend_on_the_order_of_events() {
     let looks = [
         (-0.1, part_of_a_wall(0..40)),
         (0.02, part_of_a_wall(70..160)),
         (0.2, depth(8)),
         (0.25, part_of_a_wall(0..40)),
     ];
-    // Before the look of this number the stray point, and one of the wall, move.
-    let way = |order: [usize; 4], shifts: usize| {
+    // The stray point and one of the wall move before look number `shifts`.
+    let evidence_after = |order: [usize; 4], shifts: usize| {
         let mut room = Room::new();
-        for (place, look) in order.into_iter().enumerate() {
-            if place == shifts {
+        for (sample, look) in order.into_iter().enumerate() {
+            if sample == shifts {
                 room.shift(room.points.len() as u32 - 2, [0.03, -0.02, 0.1]);
                 room.shift(31, [0.01, 0.02, 0.0]);
             }
@@ -187,10 +187,13 @@ fn what_is_known_does_not_depend_on_the_way_there() {
         }
         room.evidence()
     };
-    let expected = way([0, 1, 2, 3], 0);
-    let partly = |evidence: &Evidence| evidence.agreed != 0 && !evidence.is_complete();
+    let expected = evidence_after([0, 1, 2, 3], 0);
+    let partly = |evidence: &FacetEvidence| evidence.agreed != 0 && !evidence.is_complete();
     assert!(expected.values().any(partly));
     for (order, shifts) in [([3, 2, 1, 0], 0), ([1, 3, 0, 2], 2), ([2, 0, 3, 1], 3)] {
-        assert!(way(order, shifts) == expected, "{order:?}, {shifts}");
+        assert!(
+            evidence_after(order, shifts) == expected,
+            "{order:?}, {shifts}"
+        );
     }
 }

@@ -1,42 +1,42 @@
-//! What a page holds, and how it is told to the viewer.
+//! The content of a page, and its JSON for the viewer.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
 
+use super::element_history::ElementHistory;
 use super::encode::{Positions, push_number, text};
 use super::history::SurfaceHistory;
 use super::images::KeyframeImage;
-use super::life_spans::LifeSpans;
 use linecarve_mesh::render::View;
 
-/// Everything on a page. Lengths are in units of the poses, in the frame in which the histories were recorded.
+/// The content of a page. Lengths are in units of the poses, in the frame of the recorded histories.
 #[derive(Debug, Clone)]
 pub struct Page {
     /// The heading.
     pub title: String,
-    /// A line beside the heading.
+    /// Text beside the heading.
     pub subtitle: String,
-    /// The program and its version.
+    /// Name and version of the program.
     pub generator: String,
     /// Upward direction of the scene.
     pub up: Vector3<f64>,
     /// Median depth of the scene.
     pub median_depth: f64,
-    /// The camera of the keyframes, for frustums and for the view of a keyframe.
+    /// Camera of the keyframes, for frustums and keyframe views.
     pub camera: PageCamera,
-    /// The view from outside.
+    /// The initial view of the scene.
     pub outside: OutsideView,
-    /// All keyframes of the run, also those that yielded nothing.
+    /// All keyframes of the run, skipped ones included.
     pub keyframes: Vec<PageKeyframe>,
-    /// One surface, or two beside each other.
+    /// One or two surfaces, shown side by side.
     pub surfaces: Vec<PageSurface>,
-    /// Colours of distances, when surfaces have errors.
+    /// Colour scale of the errors, when surfaces have errors.
     pub error_scale: Option<ErrorScale>,
     /// Tables, in order.
     pub tables: Vec<PageTable>,
-    /// Curves over keyframes.
+    /// Plots over keyframes.
     pub count_plots: Vec<CountPlot>,
-    /// Names and values about the run.
+    /// Names and values of the run.
     pub facts: Vec<(String, String)>,
     /// Warnings.
     pub warnings: Vec<String>,
@@ -61,21 +61,21 @@ pub struct PageCamera {
     pub height: u32,
 }
 
-/// From where a page shows the scene at first.
+/// The initial view of a page.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct OutsideView {
-    /// The eye.
+    /// Camera position.
     eye: [f64; 3],
-    /// What it looks at.
+    /// Centre of rotation.
     target: [f64; 3],
-    /// Vertical angle of view in radians.
+    /// Vertical field of view in radians.
     vertical: f64,
-    /// Width over height for which that holds the whole scene.
+    /// Aspect ratio for which the view holds the whole scene.
     aspect: f64,
 }
 
 impl OutsideView {
-    /// The place and lens of `view`, turning around a point at distance `distance` in its middle.
+    /// The camera of `view`, rotating around the point at `distance` on its axis.
     pub fn new(view: &View, distance: f64) -> Self {
         let eye = Point3::from(view.world_from_camera.translation.vector);
         let target = eye + view.world_from_camera.rotation * Vector3::z() * distance;
@@ -89,7 +89,7 @@ impl OutsideView {
     }
 }
 
-/// A keyframe's name and place.
+/// Name and pose of a keyframe.
 #[derive(Debug, Clone, Serialize)]
 pub struct PageKeyframe {
     name: String,
@@ -99,7 +99,7 @@ pub struct PageKeyframe {
 }
 
 impl PageKeyframe {
-    /// The keyframe of a frame called `name`.
+    /// A keyframe of the frame `name`.
     pub fn new(name: &str, world_from_camera: &Isometry3<f64>) -> Self {
         Self {
             name: name.to_owned(),
@@ -112,13 +112,13 @@ impl PageKeyframe {
 /// A surface on the page.
 #[derive(Debug, Clone)]
 pub struct PageSurface {
-    /// A word that names it, such as `lines`.
+    /// Short name, such as `lines`.
     pub name: &'static str,
-    /// What stands above it.
+    /// Title.
     pub label: String,
-    /// The surface over keyframes.
+    /// The surface over the keyframes.
     pub history: SurfaceHistory,
-    /// For each triangle of the history its distance to the ground truth as a share of the colour scale, 0 to 255.
+    /// Error of each triangle of the history, 0 to 255 on the error scale.
     pub errors: Option<Vec<u8>>,
     /// Milliseconds of each stage and keyframe.
     pub timing: Vec<StageTiming>,
@@ -127,40 +127,40 @@ pub struct PageSurface {
 /// Milliseconds of a stage.
 #[derive(Debug, Clone, Serialize)]
 pub struct StageTiming {
-    /// The stage.
+    /// Name of the stage.
     pub name: &'static str,
-    /// One entry a keyframe of the page; `None` for a keyframe that was left out.
+    /// One entry per keyframe of the page; `None` for a skipped one.
     pub milliseconds: Vec<Option<f64>>,
 }
 
-/// Colours of distances to the ground truth.
+/// Colour scale of distances to the ground truth.
 #[derive(Debug, Clone, Serialize)]
 pub struct ErrorScale {
-    /// What the colours say, unit included.
+    /// Label with unit.
     pub label: String,
     /// sRGB colours, evenly spaced from zero to the end of the scale.
     pub colors: Vec<[u8; 3]>,
-    /// Places on the scale, 0 to 1, and what stands there.
+    /// Ticks: position on the scale, 0 to 1, and label.
     pub ticks: Vec<(f64, String)>,
 }
 
-/// A table; cells are text.
+/// A table of text cells.
 #[derive(Debug, Clone, Serialize)]
 pub struct PageTable {
-    /// What stands above it.
+    /// Title.
     pub title: String,
-    /// Headings; the first is that of the row names.
+    /// Column headings; the first is that of the row names.
     pub columns: Vec<String>,
-    /// Rows, each as long as the headings.
+    /// Rows, as long as the headings.
     pub rows: Vec<Vec<String>>,
-    /// What stands below it.
+    /// Note below the table.
     pub note: String,
 }
 
-/// Curves over keyframes.
+/// Plots over keyframes.
 #[derive(Debug, Clone, Serialize)]
 pub struct CountPlot {
-    /// What stands above it.
+    /// Title.
     pub title: String,
     /// The curves.
     pub series: Vec<Series>,
@@ -169,13 +169,13 @@ pub struct CountPlot {
 /// A curve over keyframes.
 #[derive(Debug, Clone, Serialize)]
 pub struct Series {
-    /// Its name.
+    /// Name of the curve.
     pub name: String,
-    /// One value a keyframe of the page; `None` for a keyframe that was left out.
+    /// One value per keyframe of the page; `None` for a skipped one.
     pub values: Vec<Option<f64>>,
 }
 
-/// The page as the viewer reads it.
+/// The JSON of a page.
 #[derive(Serialize)]
 pub(super) struct PageData<'a> {
     format: u32,
@@ -184,9 +184,9 @@ pub(super) struct PageData<'a> {
     generator: &'a str,
     up: [f64; 3],
     median_depth: f64,
-    /// Length of the drawn frustums.
+    /// Length of drawn frustums.
     frustum: f64,
-    /// Distance within which everything lies.
+    /// Radius around the middle of the camera path that holds everything.
     radius: f64,
     camera: PageCamera,
     outside: OutsideView,
@@ -240,7 +240,8 @@ struct PointsData {
     color: &'static str,
     born: Vec<u32>,
     life: String,
-    places: Positions,
+    #[serde(rename = "places")]
+    positions: Positions,
 }
 
 impl<'a> PageData<'a> {
@@ -269,7 +270,7 @@ impl<'a> PageData<'a> {
     }
 }
 
-/// Distance from the middle of the path within which path, vertices and the view from outside lie.
+/// Radius around the middle of the camera path that holds all vertices and cameras.
 fn radius(page: &Page) -> f64 {
     let middle: Vector3<f64> = page
         .keyframes
@@ -277,15 +278,15 @@ fn radius(page: &Page) -> f64 {
         .map(|keyframe| Vector3::from(keyframe.position))
         .sum::<Vector3<f64>>()
         / page.keyframes.len().max(1) as f64;
-    let places = page
+    let positions = page
         .surfaces
         .iter()
         .flat_map(|surface| surface.history.positions())
         .map(|vertex| vertex.coords)
         .chain(page.keyframes.iter().map(|k| Vector3::from(k.position)))
         .chain([Vector3::from(page.outside.eye)]);
-    let farthest = places
-        .map(|place| (place - middle).norm())
+    let farthest = positions
+        .map(|position| (position - middle).norm())
         .filter(|distance| distance.is_finite())
         .fold(0.0, f64::max);
     if farthest > 0.0 { farthest } else { 1.0 }
@@ -299,16 +300,16 @@ impl<'a> SurfaceData<'a> {
         let mut lines = vec![LinesData {
             name: "segments",
             color: "#de5828",
-            born: steps(until),
-            // Segments stay.
+            born: increments(until),
+            // Segments are never removed.
             life: text(&vec![0; segments.len()]),
             ends: Positions::new(segments.as_flattened()),
         }];
         lines.push(LinesData {
             name: "clusters",
             color: "#2060c8",
-            born: history.clusters.births(),
-            life: life_of(&history.clusters),
+            born: history.clusters.added_counts(),
+            life: encode_lifetimes(&history.clusters),
             ends: Positions::new(&history.cluster_ends()),
         });
         lines.retain(|set| !set.born.iter().all(|many| *many == 0));
@@ -323,9 +324,9 @@ impl<'a> SurfaceData<'a> {
             lines,
             points: (!history.points.records().is_empty()).then(|| PointsData {
                 color: "#2060c8",
-                born: history.points.births(),
-                life: life_of(&history.points),
-                places: Positions::new(&history.point_positions()),
+                born: history.points.added_counts(),
+                life: encode_lifetimes(&history.points),
+                positions: Positions::new(&history.point_positions()),
             }),
             timing: TimingData {
                 stages: &surface.timing,
@@ -334,17 +335,17 @@ impl<'a> SurfaceData<'a> {
     }
 }
 
-/// How many states each element stays, 0 for good.
-fn life_of<T: Copy + Ord>(spans: &LifeSpans<T>) -> String {
+/// Number of states of each element, 0 for unlimited.
+fn encode_lifetimes<T: Copy + Ord>(history: &ElementHistory<T>) -> String {
     let mut life = Vec::new();
-    for (_, span) in spans.records() {
-        push_number(&mut life, span.death.map_or(0, |death| death - span.birth));
+    for (_, lifetime) in history.records() {
+        push_number(&mut life, lifetime.state_count());
     }
     text(&life)
 }
 
-/// The differences of a running total.
-fn steps(until: &[u32]) -> Vec<u32> {
+/// Increments of a running total.
+fn increments(until: &[u32]) -> Vec<u32> {
     let before = std::iter::once(0).chain(until.iter().copied());
     until
         .iter()
@@ -353,8 +354,8 @@ fn steps(until: &[u32]) -> Vec<u32> {
         .collect()
 }
 
-/// Vertices in use, and the triangles: of each the first corner after that of the one before, the other two after the
-/// first, and the number of states it stays, 0 for good.
+/// Used vertices and delta-coded triangles: the first corner relative to that of the previous triangle, the other two
+/// relative to the first, and the number of states, 0 for unlimited.
 fn triangles_of(history: &SurfaceHistory) -> (Positions, TrianglesData) {
     let records = history.triangles.records();
     let mut used = vec![false; history.positions().len()];
@@ -371,20 +372,20 @@ fn triangles_of(history: &SurfaceHistory) -> (Positions, TrianglesData) {
     }
     let mut data = Vec::with_capacity(8 * records.len());
     let (mut state, mut last) = (0, 0);
-    for (corners, span) in records {
-        if span.birth != state {
-            (state, last) = (span.birth, 0);
+    for (corners, lifetime) in records {
+        if lifetime.first_state != state {
+            (state, last) = (lifetime.first_state, 0);
         }
         let [a, b, c] = corners.map(|corner| rank[corner as usize]);
         push_number(&mut data, a - last);
         push_number(&mut data, b - a);
         push_number(&mut data, c - a);
-        push_number(&mut data, span.death.map_or(0, |death| death - span.birth));
+        push_number(&mut data, lifetime.state_count());
         last = a;
     }
     let triangles = TrianglesData {
         count: records.len(),
-        born: history.triangles.births(),
+        born: history.triangles.added_counts(),
         data: text(&data),
     };
     (Positions::new(&vertices), triangles)

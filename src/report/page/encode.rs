@@ -1,19 +1,19 @@
-//! Numbers and positions in few bytes, and bytes as text. `assets/report/viewer/decode.js` is the other side.
+//! Compact encoding of numbers and positions; decoded by `assets/report/viewer/decode.js`.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
-/// Largest value of a stored coordinate: three of 21 bits make eight bytes.
+/// Largest stored coordinate: three of 21 bits fit into eight bytes.
 const COORDINATE_STEPS: f64 = ((1u32 << 21) - 1) as f64;
 
-/// Bytes as base64.
+/// Encodes bytes as base64.
 pub(super) fn text(bytes: &[u8]) -> String {
     STANDARD.encode(bytes)
 }
 
-/// Appends a number, seven bits a byte, the lowest first; all bytes but the last have the eighth bit set.
+/// Appends a number as LEB128.
 pub(super) fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
     while number >= 0x80 {
         bytes.push(number as u8 | 0x80);
@@ -22,7 +22,7 @@ pub(super) fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
     bytes.push(number as u8);
 }
 
-/// Positions in the box around them, resolved to a two-millionth of its sides.
+/// Positions quantised within their bounding box, to a two-millionth of its sides.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Positions {
     count: usize,
@@ -32,7 +32,7 @@ pub(super) struct Positions {
 }
 
 impl Positions {
-    /// Stores positions; those that are not finite become the low corner of the box.
+    /// Encodes positions. Non-finite ones become the low corner of the box.
     pub(super) fn new(points: &[Point3<f64>]) -> Self {
         let finite = || points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
         let first = finite().next().copied().unwrap_or_else(Point3::origin);
@@ -41,9 +41,9 @@ impl Positions {
         let mut data = Vec::with_capacity(8 * points.len());
         for point in points {
             let [x, y, z]: [u64; 3] = std::array::from_fn(|axis| {
-                let steps = (point[axis] - low[axis]) / step[axis];
-                // A float becomes an integer within its range, what is not a number 0.
-                steps.round().clamp(0.0, COORDINATE_STEPS) as u64
+                let increments = (point[axis] - low[axis]) / step[axis];
+                // The cast saturates; NaN becomes 0.
+                increments.round().clamp(0.0, COORDINATE_STEPS) as u64
             });
             data.extend_from_slice(&(x | y << 21 | z << 42).to_le_bytes());
         }
@@ -67,8 +67,8 @@ mod tests {
             .map(|chunk| {
                 let packed = u64::from_le_bytes(chunk.try_into().unwrap());
                 let at = |axis: usize| {
-                    let steps = packed >> (21 * axis) & 0x1f_ffff;
-                    stored.low[axis] + stored.step[axis] * steps as f64
+                    let increments = packed >> (21 * axis) & 0x1f_ffff;
+                    stored.low[axis] + stored.step[axis] * increments as f64
                 };
                 Point3::new(at(0), at(1), at(2))
             })
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn positions_come_back_within_half_a_step() {
+    fn positions_are_decoded_within_half_a_step() {
         let points: Vec<Point3<f64>> = (0..50)
             .map(|i| {
                 let t = f64::from(i);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_and_nothing_at_all_are_stored() {
+    fn non_finite_and_empty_positions_are_encoded() {
         let stored = Positions::new(&[
             Point3::new(f64::NAN, 1.0, f64::INFINITY),
             Point3::new(1.0, 2.0, 3.0),

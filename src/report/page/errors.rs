@@ -1,15 +1,14 @@
-//! Distances of the triangles of a history to a ground truth.
+//! Errors of triangles against a ground truth.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::history::SurfaceHistory;
 
-/// For each triangle of a history its mean distance to a ground truth as a share of `end`, 0 to 255; beyond the end 255.
+/// Mean distance of each triangle of a history to the ground truth, as a share of `end` from 0 to 255; clamped.
 ///
-/// `distance` gives the distance of a point, anything above `end` for those farther away. It is asked about three points
-/// of each triangle, the nodes of the quadrature rule of second degree: corners lie on what was measured and would
-/// flatter what spans them. In parallel; the same for any number of threads.
+/// `distance` gives the distance of a point. It is evaluated at the three nodes of the quadrature rule of degree 2: corners
+/// are measured and would underestimate the error. Runs in parallel, with the same result for any number of threads.
 pub fn triangle_errors(
     history: &SurfaceHistory,
     end: f64,
@@ -24,11 +23,11 @@ pub fn triangle_errors(
             let sum: f64 = (0..3)
                 .map(|k| {
                     let [a, b, c] = [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]];
-                    let place = Point3::from((a * 4.0 + b + c) / 6.0);
-                    distance(&place).min(end)
+                    let point = Point3::from((a * 4.0 + b + c) / 6.0);
+                    distance(&point).min(end)
                 })
                 .sum();
-            // What is not a number becomes 0 by the cast; such a place is not drawn either.
+            // The cast turns NaN into 0; such a triangle is not drawn.
             (255.0 * sum / (3.0 * end)).round() as u8
         })
         .collect()

@@ -1,21 +1,22 @@
-//! A surface through a run.
+//! The history of a surface during a run.
 
 use nalgebra::Point3;
 
-use super::life_spans::LifeSpans;
+use super::element_history::ElementHistory;
 use linecarve_mesh::{LineSet, TriangleMesh};
 
-/// How much a history keeps.
+/// Size limits of a history.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HistoryLimits {
-    /// At most this many states; beyond, every second one is forgotten and from then on every second keyframe recorded.
+    /// Largest number of states. Beyond it every second state is dropped, and only every second keyframe is recorded from
+    /// then on.
     pub states: u32,
-    /// Likewise when this many stays of triangles are on record, as long as there are more than 16 states.
+    /// Largest number of triangle lifetimes, treated likewise; applies above 16 states.
     pub triangles: usize,
 }
 
 impl Default for HistoryLimits {
-    /// Some 60 MB of memory and 40 MB of page at most.
+    /// About 60 MB of memory and 40 MB of page.
     fn default() -> Self {
         Self {
             states: 512,
@@ -24,48 +25,48 @@ impl Default for HistoryLimits {
     }
 }
 
-/// What a surface is made from.
+/// The elements that a surface is made from.
 #[derive(Debug, Clone, Copy)]
 pub enum Elements<'a> {
-    /// Lines.
+    /// Segments and clusters.
     Lines {
-        /// All segments of the run so far; they never change.
+        /// All segments so far; they never change.
         segments: &'a [[Point3<f64>; 2]],
-        /// The clusters as they are.
+        /// Current clusters.
         clusters: &'a LineSet,
     },
-    /// Points as they are.
+    /// Current points.
     Points(&'a [Point3<f64>]),
 }
 
-/// A surface and its lines after one keyframe after another: what came and what went.
+/// A surface and its elements over keyframes, stored as changes.
 #[derive(Debug, Clone, Default)]
 pub struct SurfaceHistory {
     limits: HistoryLimits,
     /// Every `stride`-th keyframe is recorded.
     stride: usize,
     keyframes_seen: usize,
-    /// The keyframe of each state.
+    /// Keyframe of each state.
     keyframes: Vec<u32>,
     /// Vertices in the order of first use.
     positions: Vec<Point3<f64>>,
-    /// Vertices of the last state, sorted by position.
+    /// Vertices of the last state, sorted by key.
     current: Vec<(Key, u32)>,
-    pub(super) triangles: LifeSpans<[u32; 3]>,
-    pub(super) clusters: LifeSpans<[Key; 2]>,
-    pub(super) points: LifeSpans<Key>,
+    pub(super) triangles: ElementHistory<[u32; 3]>,
+    pub(super) clusters: ElementHistory<[Key; 2]>,
+    pub(super) points: ElementHistory<Key>,
     segments: Vec<[Point3<f64>; 2]>,
-    /// How many segments there were at each state.
+    /// Number of segments at each state.
     segments_until: Vec<u32>,
-    /// How many vertices the mesh had at each state: more than places, where a repair has given a place several.
+    /// Number of mesh vertices at each state. Manifold repair gives several vertices the same position.
     vertex_counts: Vec<u32>,
 }
 
-/// A position whose order is that of its bits: any order will do as long as equal positions are equal.
+/// Bits of a position. Their order is arbitrary, but equal positions are equal.
 pub(super) type Key = [u64; 3];
 
 fn key(point: &Point3<f64>) -> Key {
-    // Both zeros are one place.
+    // 0 and -0 are equal.
     std::array::from_fn(|axis| (point[axis] + 0.0).to_bits())
 }
 
@@ -74,7 +75,7 @@ fn position(key: &Key) -> Point3<f64> {
 }
 
 impl SurfaceHistory {
-    /// Nothing yet.
+    /// An empty history.
     pub fn new(limits: HistoryLimits) -> Self {
         Self {
             limits,
@@ -83,18 +84,18 @@ impl SurfaceHistory {
         }
     }
 
-    /// Counts a keyframe; whether its state is to be [recorded](Self::record).
+    /// Counts a keyframe. Returns whether its state has to be [recorded](Self::record).
     pub fn advance(&mut self) -> bool {
         self.keyframes_seen += 1;
         self.keyframes_seen.is_multiple_of(self.stride.max(1))
     }
 
-    /// Records the state after a keyframe: the surface and what it is made from.
+    /// Records the surface and its elements after a keyframe.
     ///
-    /// Of segments those beyond the ones of earlier states are taken. Triangles that name missing vertices are passed over.
+    /// Appends the segments that are new since the last state. Triangles with missing vertices are skipped.
     ///
     /// # Complexity
-    /// O(n log n) in the size of the surface, of clusters and points; memory grows with what changed.
+    /// O(n log n) in the size of the surface and its elements. Memory grows with the changes.
     pub fn record(&mut self, keyframe: usize, mesh: &TriangleMesh, elements: Elements<'_>) {
         let ids = self.vertex_ids(mesh);
         let triangles = mesh
@@ -137,42 +138,42 @@ impl SurfaceHistory {
         }
     }
 
-    /// Records the end of the run, unless the state of its last keyframe is there already.
+    /// Records the final state, unless its keyframe is already recorded.
     pub fn finish(&mut self, keyframe: usize, mesh: &TriangleMesh, elements: Elements<'_>) {
         for _ in 0..2 {
-            // Once more when the limits have made it forget the last state: then they hold.
+            // Recording may drop the state again to keep the limits; the second attempt then succeeds.
             if self.keyframes.last() != Some(&(keyframe as u32)) {
                 self.record(keyframe, mesh, elements);
             }
         }
     }
 
-    /// The keyframe of each state.
+    /// Keyframe of each state.
     pub fn keyframes(&self) -> &[u32] {
         &self.keyframes
     }
 
-    /// Number of vertices of the mesh at each state.
+    /// Number of mesh vertices at each state.
     pub(super) fn vertex_counts(&self) -> &[u32] {
         &self.vertex_counts
     }
 
-    /// Every vertex that any state has.
+    /// All vertices of all states.
     pub fn positions(&self) -> &[Point3<f64>] {
         &self.positions
     }
 
-    /// Every triangle that any state has, once for each of its stays.
+    /// All triangles of all states, once per lifetime.
     pub fn triangles(&self) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
         self.triangles.records().iter().map(|(corners, _)| *corners)
     }
 
-    /// Segments in the order of keyframes, and how many there were at each state.
+    /// Segments in the order of keyframes, and their number at each state.
     pub(super) fn segments(&self) -> (&[[Point3<f64>; 2]], &[u32]) {
         (&self.segments, &self.segments_until)
     }
 
-    /// The ends of every cluster that any state has.
+    /// End points of all clusters of all states.
     pub(super) fn cluster_ends(&self) -> Vec<Point3<f64>> {
         let records = self.clusters.records().iter();
         records
@@ -180,10 +181,10 @@ impl SurfaceHistory {
             .collect()
     }
 
-    /// Every point that any state is made from.
+    /// All points of all states.
     pub(super) fn point_positions(&self) -> Vec<Point3<f64>> {
         let records = self.points.records().iter();
-        records.map(|(place, _)| position(place)).collect()
+        records.map(|(key, _)| position(key)).collect()
     }
 
     fn thin(&mut self) {
@@ -197,29 +198,29 @@ impl SurfaceHistory {
         self.stride = 2 * self.stride.max(1);
     }
 
-    /// The number of each vertex of a mesh; vertices keep theirs as long as they stay.
+    /// Id of each mesh vertex. A vertex keeps its id while it stays.
     fn vertex_ids(&mut self, mesh: &TriangleMesh) -> Vec<u32> {
-        let mut by_place: Vec<(Key, u32)> = (0..)
+        let mut by_position: Vec<(Key, u32)> = (0..)
             .zip(&mesh.positions)
             .map(|(i, p)| (key(p), i))
             .collect();
-        by_place.sort_unstable();
+        by_position.sort_unstable();
         let mut ids = vec![0; mesh.positions.len()];
-        let mut now: Vec<(Key, u32)> = Vec::with_capacity(by_place.len());
+        let mut now: Vec<(Key, u32)> = Vec::with_capacity(by_position.len());
         let mut before = self.current.iter().peekable();
-        for (place, vertex) in by_place {
+        for (key, vertex) in by_position {
             let id = match now.last() {
-                Some((last, id)) if *last == place => *id,
+                Some((last, id)) if *last == key => *id,
                 _ => {
-                    while before.next_if(|(old, _)| *old < place).is_some() {}
-                    let id = match before.next_if(|(old, _)| *old == place) {
+                    while before.next_if(|(old, _)| *old < key).is_some() {}
+                    let id = match before.next_if(|(old, _)| *old == key) {
                         Some((_, id)) => *id,
                         None => {
-                            self.positions.push(position(&place));
+                            self.positions.push(position(&key));
                             (self.positions.len() - 1) as u32
                         }
                     };
-                    now.push((place, id));
+                    now.push((key, id));
                     id
                 }
             };
@@ -230,7 +231,7 @@ impl SurfaceHistory {
     }
 }
 
-/// The same triangle, its smallest corner first.
+/// The rotation of a triangle with its smallest corner first.
 fn smallest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
     if a <= b && a <= c {
         [a, b, c]

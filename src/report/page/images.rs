@@ -1,4 +1,4 @@
-//! Small images of keyframes with their segments.
+//! Thumbnails of keyframes with their segments.
 
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
@@ -7,23 +7,23 @@ use serde::Serialize;
 
 use super::encode::text;
 
-/// Width of the stored images in pixels; smaller ones keep theirs.
+/// Width of a thumbnail in pixels; smaller images keep theirs.
 const WIDTH: u32 = 320;
-/// JPEG quality of the stored images.
+/// JPEG quality of thumbnails.
 const QUALITY: u8 = 72;
-/// Coordinates are stored in this part of a pixel.
+/// Subpixel resolution of stored coordinates.
 const SUBPIXELS: f64 = 32.0;
 
-/// A small image of a keyframe and the segments found in it.
+/// A thumbnail of a keyframe and its segments.
 #[derive(Debug, Clone, Serialize)]
 pub struct KeyframeImage {
     keyframe: usize,
     jpeg: String,
-    /// Four 16-bit numbers a segment, in 32nds of a pixel of the stored image.
+    /// Four 16-bit numbers per segment, in 32nds of a pixel of the thumbnail.
     segments: String,
 }
 
-/// Makes the small image of a keyframe; `segments_px` are the ends of its segments in the full image.
+/// Creates the thumbnail of a keyframe; `segments_px` are segment ends in the full image.
 ///
 /// # Errors
 /// When the image cannot be encoded.
@@ -45,7 +45,7 @@ pub fn keyframe_image(
     )?;
     let mut segments = Vec::with_capacity(8 * segments_px.len());
     for coordinate in segments_px.as_flattened().as_flattened() {
-        // From centre to centre: pixel centres are whole numbers on both scales.
+        // Pixel centres are integers on both scales.
         let small = (coordinate + 0.5) * scale - 0.5;
         let stored = (small * SUBPIXELS).round();
         segments.extend_from_slice(&(stored.clamp(-32768.0, 32767.0) as i16).to_le_bytes());
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn large_images_become_small_and_coordinates_with_them() {
+    fn images_and_coordinates_are_scaled() {
         let image = RgbImage::new(640, 480);
         let stored = keyframe_image(3, &image, &[[[0.5, 0.5], [639.0, 1e9]]]).unwrap();
         assert_eq!(stored.keyframe, 3);
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_of_one_pixel_is_no_special_case() {
+    fn an_image_of_one_pixel_is_encoded() {
         assert!(keyframe_image(0, &RgbImage::new(1, 1), &[]).is_ok());
     }
 }

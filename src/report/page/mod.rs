@@ -1,15 +1,15 @@
-//! `report.html`: surfaces over keyframes, tables and plots on one page that needs nothing else.
+//! `report.html`: surfaces over keyframes, tables and plots in one self-contained page.
 //!
-//! A [`SurfaceHistory`] follows a surface through a run and keeps what came and went, not one mesh a keyframe. A
-//! [`Page`] holds one or two of them with tables and texts; [`write_page`] puts it, as JSON with binary parts in
-//! base64, beside the viewer of `assets/report` into a single HTML file. The file works from disk, without a network.
+//! A [`SurfaceHistory`] records the changes of a surface during a run. A [`Page`] holds one or two histories with tables and
+//! texts. [`write_page`] writes it as JSON, with binary parts in base64, and the viewer of `assets/report` into one HTML file
+//! that works offline.
 
 mod data;
+mod element_history;
 mod encode;
 mod errors;
 mod history;
 mod images;
-mod life_spans;
 mod write;
 
 pub use data::{

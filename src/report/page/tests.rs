@@ -1,4 +1,4 @@
-//! Histories of surfaces.
+//! Tests of surface histories.
 
 use nalgebra::Point3;
 use proptest::prelude::*;
@@ -8,7 +8,7 @@ use linecarve_mesh::TriangleMesh;
 
 const NOTHING: Elements<'static> = Elements::Points(&[]);
 
-/// A mesh of triangles among points on a line, its vertices in any order.
+/// A mesh of triangles between points on a line, its vertices rotated by `turn`.
 fn mesh(triangles: &[[u8; 3]], turn: usize) -> TriangleMesh {
     let mut names: Vec<u8> = triangles.iter().flatten().copied().collect();
     names.sort_unstable();
@@ -30,19 +30,22 @@ fn mesh(triangles: &[[u8; 3]], turn: usize) -> TriangleMesh {
     }
 }
 
-/// The triangles that a history has at a state, by the names of their corners, the smallest first.
+/// The triangles of a history at a state, by the names of their corners, the smallest first.
 fn at(history: &SurfaceHistory, state: u32) -> Vec<[u8; 3]> {
     let name = |corner: u32| history.positions()[corner as usize].x as u8;
     let records = history.triangles.records().iter();
-    let mut alive: Vec<[u8; 3]> = records
-        .filter(|(_, span)| span.birth <= state && span.death.is_none_or(|death| state < death))
-        .map(|(corners, _)| turned(corners.map(name)))
+    let mut current: Vec<[u8; 3]> = records
+        .filter(|(_, lifetime)| {
+            lifetime.first_state <= state
+                && lifetime.end_state.is_none_or(|end_state| state < end_state)
+        })
+        .map(|(corners, _)| smallest_first(corners.map(name)))
         .collect();
-    alive.sort_unstable();
-    alive
+    current.sort_unstable();
+    current
 }
 
-fn turned(mut corners: [u8; 3]) -> [u8; 3] {
+fn smallest_first(mut corners: [u8; 3]) -> [u8; 3] {
     while corners[0] > corners[1] || corners[0] > corners[2] {
         corners.rotate_left(1);
     }
@@ -57,7 +60,7 @@ fn triangle() -> impl Strategy<Value = [u8; 3]> {
 
 proptest! {
     #[test]
-    fn a_history_tells_the_surface_of_every_state(
+    fn a_history_holds_the_surface_of_every_state(
         states in prop::collection::vec(prop::collection::vec(triangle(), 0..7), 1..24),
         most in 2u32..9,
     ) {
@@ -75,7 +78,7 @@ proptest! {
         prop_assert!(history.keyframes().is_sorted());
         for (state, keyframe) in (0..).zip(history.keyframes()) {
             let mut expected: Vec<[u8; 3]> =
-                states[*keyframe as usize].iter().map(|corners| turned(*corners)).collect();
+                states[*keyframe as usize].iter().map(|corners| smallest_first(*corners)).collect();
             expected.sort_unstable();
             expected.dedup();
             prop_assert_eq!(at(&history, state), expected);
@@ -84,7 +87,7 @@ proptest! {
 }
 
 #[test]
-fn a_surface_that_stays_costs_nothing_more() {
+fn an_unchanged_surface_needs_no_memory() {
     let mut history = SurfaceHistory::new(HistoryLimits::default());
     for number in 0..100 {
         assert!(history.advance());
@@ -97,7 +100,7 @@ fn a_surface_that_stays_costs_nothing_more() {
 }
 
 #[test]
-fn broken_meshes_are_passed_over() {
+fn invalid_triangles_are_skipped() {
     let mut broken = mesh(&[[0, 1, 2]], 0);
     broken.triangles.push([0, 1, 99]);
     broken.positions[1].y = f64::NAN;

@@ -1,4 +1,4 @@
-//! The page as one file.
+//! Writes the page as one file.
 
 use std::io::Write;
 use std::path::Path;
@@ -11,7 +11,7 @@ const STYLE: &str = include_str!("../../../assets/report/report.css");
 const VIEWER: &str = include_str!("../../../assets/report/viewer.min.js");
 const LICENCE: &str = include_str!("../../../assets/report/LICENSE-three.txt");
 
-/// Writes a page, whole or not at all.
+/// Writes a page atomically.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -19,13 +19,15 @@ pub fn write_page(path: &Path, page: &Page) -> Result<(), WriteError> {
     write_atomically(path, |out| fill(out, page))
 }
 
-/// Fills the places `{{name}}` of the template from left to right, so that nothing that is filled in is looked at again.
+/// Replaces each `{{name}}` of the template. Inserted text is not searched again.
 fn fill(out: &mut dyn Write, page: &Page) -> std::io::Result<()> {
     let mut rest = TEMPLATE;
     while let Some((before, after)) = rest.split_once("{{") {
         out.write_all(before.as_bytes())?;
         let Some((name, after)) = after.split_once("}}") else {
-            return Err(std::io::Error::other("the template of the page is broken"));
+            return Err(std::io::Error::other(
+                "the page template has an unclosed placeholder",
+            ));
         };
         match name {
             "style" => out.write_all(STYLE.as_bytes())?,
@@ -37,7 +39,7 @@ fn fill(out: &mut dyn Write, page: &Page) -> std::io::Result<()> {
                 out.write_all(inside_script(&text).as_bytes())?;
             }
             unknown => {
-                let message = format!("the template of the page asks for {unknown}");
+                let message = format!("the page template has the unknown placeholder {unknown}");
                 return Err(std::io::Error::other(message));
             }
         }
@@ -46,8 +48,7 @@ fn fill(out: &mut dyn Write, page: &Page) -> std::io::Result<()> {
     out.write_all(rest.as_bytes())
 }
 
-/// JSON that cannot end the script element that it stands in, whatever names the input has: `<` appears in strings only
-/// and may be escaped there.
+/// JSON that cannot end its script element: `<` occurs in strings only and is escaped.
 fn inside_script(json: &str) -> String {
     json.replace('<', "\\u003c")
 }
@@ -66,8 +67,8 @@ mod tests {
     }
 
     #[test]
-    fn the_viewer_can_stand_in_a_script() {
-        // An inline script ends at the first of these, wherever it stands.
+    fn the_viewer_can_be_inlined() {
+        // Any of these ends an inline script.
         assert!(!VIEWER.to_ascii_lowercase().contains("</script"));
         assert!(!VIEWER.contains("<!--"));
         assert!(!STYLE.to_ascii_lowercase().contains("</style"));

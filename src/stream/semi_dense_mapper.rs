@@ -1,4 +1,4 @@
-//! The estimates of keyframes whose depth comes from each other, and the map of what there is of them.
+//! Incremental semi-dense depth and the map made from it.
 
 use nalgebra::Vector3;
 
@@ -10,37 +10,37 @@ use crate::options::Options;
 use linecarve_sequence::LiveSequence;
 
 /// A keyframe of the session.
-pub(super) struct Member {
+pub(super) struct SessionKeyframe {
     pub(super) id: u64,
     /// Position in the sequence.
     pub(super) frame: usize,
     pub(super) estimate: Option<Estimate>,
 }
 
-/// What the front end made of a keyframe; the pose is that of the map, shifted.
+/// The latest estimate of a keyframe; its pose is in the frame of computation.
 pub(super) enum Estimate {
-    First(Keyframe),
-    Last(Keyframe),
+    Provisional(Keyframe),
+    Final(Keyframe),
 }
 
 impl Estimate {
     pub(super) fn keyframe_mut(&mut self) -> &mut Keyframe {
         match self {
-            Self::First(keyframe) | Self::Last(keyframe) => keyframe,
+            Self::Provisional(keyframe) | Self::Final(keyframe) => keyframe,
         }
     }
 }
 
-/// Estimates under way, and the map of what there is of them.
-pub(super) struct Estimating {
-    /// `None` when the session is over.
+/// The front end of a live session and the map of its estimates.
+pub(super) struct SemiDenseMapper {
+    /// `None` after the end of the session.
     pub(super) front_end: Option<SemiDenseFrontEnd>,
     pub(super) mapper: Mapper,
     pub(super) source: SemiDenseSource,
 }
 
-impl Estimating {
-    /// Estimates of nothing yet.
+impl SemiDenseMapper {
+    /// An empty map.
     pub(super) fn begin(
         options: &Options,
         live: &LiveSequence,
@@ -58,13 +58,13 @@ impl Estimating {
         })
     }
 
-    /// Puts what the front end hands on into map and members; keyframe `id` was the reason. After an error the map is not to be
-    /// used any further.
-    pub(super) fn take(
+    /// Adds a result of the front end to the map and its keyframe; errors name keyframe `id`. The map must not be used after
+    /// an error.
+    pub(super) fn add_arrival(
         &mut self,
         id: u64,
         (number, arrival): (usize, Arrival),
-        members: &mut [Member],
+        keyframes: &mut [SessionKeyframe],
     ) -> Result<(), SessionError> {
         let (keyframe, is_final) = match &arrival {
             Arrival::Provisional { keyframe, .. } => (keyframe, false),
@@ -76,40 +76,44 @@ impl Estimating {
                 return Err(SessionError::FrontEnd { id, source });
             }
         };
-        // Those that wait are among the newest.
+        // Keyframes with pending estimates are among the newest.
         let frame = frame_of(keyframe);
-        let mut newest_first = members.iter_mut().rev();
-        let Some(member) = newest_first.find(|member| Some(member.frame) == frame) else {
+        let mut newest_first = keyframes.iter_mut().rev();
+        let Some(session_keyframe) = newest_first.find(|other| Some(other.frame) == frame) else {
             return Ok(());
         };
         let mut keyframe = keyframe.clone();
         keyframe.translate(&-self.mapper.origin());
         self.mapper.take(number, arrival, false)?;
-        member.estimate = Some(if is_final {
-            Estimate::Last(keyframe)
+        session_keyframe.estimate = Some(if is_final {
+            Estimate::Final(keyframe)
         } else {
-            Estimate::First(keyframe)
+            Estimate::Provisional(keyframe)
         });
         Ok(())
     }
 
-    /// Makes the map anew of what there is of the members; when that fails, it stays as it is.
-    pub(super) fn remake_map(
+    /// Rebuilds the map from the current estimates. On an error it is unchanged.
+    pub(super) fn rebuild_map(
         &mut self,
-        members: &[Member],
+        keyframes: &[SessionKeyframe],
         options: &Options,
         live: &LiveSequence,
     ) -> Result<(), SessionError> {
         let map = empty_map(options, live, self.source)?;
-        let final_ones = members.iter().filter_map(|member| match &member.estimate {
-            Some(Estimate::Last(keyframe)) => Some(keyframe),
-            _ => None,
-        });
-        let provisional = members.iter().filter_map(|member| match &member.estimate {
-            Some(Estimate::First(keyframe)) => Some(keyframe),
-            _ => None,
-        });
-        Ok(self.mapper.rebuild(map, final_ones, provisional)?)
+        let finals = keyframes
+            .iter()
+            .filter_map(|keyframe| match &keyframe.estimate {
+                Some(Estimate::Final(keyframe)) => Some(keyframe),
+                _ => None,
+            });
+        let provisional = keyframes
+            .iter()
+            .filter_map(|keyframe| match &keyframe.estimate {
+                Some(Estimate::Provisional(keyframe)) => Some(keyframe),
+                _ => None,
+            });
+        Ok(self.mapper.rebuild(map, finals, provisional)?)
     }
 }
 

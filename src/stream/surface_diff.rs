@@ -1,4 +1,4 @@
-//! Differences between a surface and the one before.
+//! Differences between successive surfaces.
 
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
@@ -6,47 +6,47 @@ use serde::Serialize;
 
 use linecarve_mesh::TriangleMesh;
 
-/// What turns the surface before into the surface now.
+/// The difference between two surfaces.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SurfaceChange {
-    /// Number of the first of the new vertices; numbers are never used twice.
+    /// Id of the first new vertex; ids are never reused.
     pub first_vertex: u64,
-    /// Positions of new vertices, in the frame of the poses.
+    /// Positions of the new vertices, in the frame of the poses.
     pub vertices: Vec<[f64; 3]>,
-    /// Triangles that are new, as numbers of vertices, the smallest first, counter-clockwise seen from free space.
+    /// New triangles by vertex ids, the smallest first, counter-clockwise seen from free space.
     pub added: Vec<[u64; 3]>,
-    /// Triangles that are gone.
+    /// Removed triangles.
     pub removed: Vec<[u64; 3]>,
 }
 
-/// Follows a surface: numbers its vertices, and finds which triangles came and went.
+/// Assigns ids to the vertices of a changing surface, and finds its added and removed triangles.
 ///
-/// Vertices are told apart by position. A vertex keeps its number as long as a triangle has it; where a surface has several
-/// vertices at one position, as the repair of pinched places makes them, they share a number.
+/// Vertices are identified by position and keep their id while a triangle uses them. Vertices at the same position, as
+/// manifold repair creates them, share an id.
 ///
 /// # Complexity
-/// Linear in the size of the surface for each step, without regard to what changed.
+/// Linear in the size of the surface at each update.
 #[derive(Debug, Default)]
-pub struct Follower {
+pub struct SurfaceDiff {
     numbers: FxHashMap<[u64; 3], u64>,
     next: u64,
     /// Sorted.
     triangles: Vec<[u64; 3]>,
 }
 
-/// The bits of a position; 0 and -0 are the same place.
+/// The bits of a position; 0 and -0 are equal.
 fn key(position: &Point3<f64>) -> [u64; 3] {
     [position.x, position.y, position.z].map(|c| (c + 0.0).to_bits())
 }
 
-/// A triangle in the least of its three rotations.
+/// The lexicographically smallest rotation of a triangle.
 fn rotated<T: Ord + Copy>([a, b, c]: [T; 3]) -> [T; 3] {
     [a, b, c].min([b, c, a]).min([c, a, b])
 }
 
-impl Follower {
-    /// Takes note of the surface now.
-    pub fn step(&mut self, surface: &TriangleMesh) -> SurfaceChange {
+impl SurfaceDiff {
+    /// Difference from the previous surface to this one.
+    pub fn update(&mut self, surface: &TriangleMesh) -> SurfaceChange {
         let mut change = SurfaceChange {
             first_vertex: self.next,
             ..SurfaceChange::default()
@@ -75,13 +75,13 @@ impl Follower {
     }
 }
 
-/// What the sorted list `these` holds more often than the sorted list `those`.
-fn difference(these: &[[u64; 3]], those: &[[u64; 3]], rest: &mut Vec<[u64; 3]>) {
+/// Multiset difference of sorted lists.
+fn difference(these: &[[u64; 3]], those: &[[u64; 3]], difference: &mut Vec<[u64; 3]>) {
     let mut those = those.iter().peekable();
     for this in these {
         while those.next_if(|that| *that < this).is_some() {}
         if those.next_if(|that| *that == this).is_none() {
-            rest.push(*this);
+            difference.push(*this);
         }
     }
 }
@@ -102,17 +102,17 @@ mod tests {
     }
 
     proptest! {
-        /// Whoever applies the changes has the surface.
+        /// Applying all changes gives the surface.
         #[test]
         fn changes_add_up_to_the_surface(
             steps in prop::collection::vec(
                 (prop::collection::vec(prop::array::uniform3(0_u32..8), 0..12), 0_u8..3), 1..6),
         ) {
-            let mut follower = Follower::default();
+            let mut diff = SurfaceDiff::default();
             let (mut positions, mut triangles): (Vec<[f64; 3]>, Vec<[u64; 3]>) = (vec![], vec![]);
             for (faces, shift) in steps {
                 let surface = mesh(&faces, f64::from(shift));
-                let change = follower.step(&surface);
+                let change = diff.update(&surface);
                 prop_assert_eq!(change.first_vertex, positions.len() as u64);
                 positions.extend(&change.vertices);
                 for gone in &change.removed {
@@ -121,8 +121,8 @@ mod tests {
                     triangles.swap_remove(at.unwrap());
                 }
                 triangles.extend(&change.added);
-                let place = |t: &[u64; 3]| t.map(|v| positions[v as usize].map(f64::to_bits));
-                let mut have: Vec<_> = triangles.iter().map(|t| rotated(place(t))).collect();
+                let positions_of = |t: &[u64; 3]| t.map(|v| positions[v as usize].map(f64::to_bits));
+                let mut have: Vec<_> = triangles.iter().map(|t| rotated(positions_of(t))).collect();
                 let mut want: Vec<_> = faces
                     .iter()
                     .map(|t| rotated(t.map(|v| key(&surface.positions[v as usize]))))
@@ -135,11 +135,11 @@ mod tests {
     }
 
     #[test]
-    fn nothing_changes_where_nothing_does() {
-        let mut follower = Follower::default();
-        let first = follower.step(&mesh(&[[0, 1, 2], [2, 1, 3]], 0.0));
+    fn equal_surfaces_have_no_difference() {
+        let mut diff = SurfaceDiff::default();
+        let first = diff.update(&mesh(&[[0, 1, 2], [2, 1, 3]], 0.0));
         assert_eq!((first.vertices.len(), first.added.len()), (4, 2));
-        let again = follower.step(&mesh(&[[3, 2, 1], [1, 2, 0]], 0.0));
+        let again = diff.update(&mesh(&[[3, 2, 1], [1, 2, 0]], 0.0));
         assert_eq!(
             again,
             SurfaceChange {

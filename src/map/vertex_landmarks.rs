@@ -1,21 +1,20 @@
-//! Which point of the map lies at a vertex of the tetrahedralisation.
+//! The landmark at each vertex of the tetrahedralisation.
 
 use linecarve_carving::VertexId;
 use linecarve_carving::{Carver, PointId, ViewId};
 
-/// No landmark at a vertex.
+/// Marks a vertex without landmark.
 const NONE: u32 = u32::MAX;
 
-/// The landmark, and so the point, at each vertex. Of several at one place the one noted last.
+/// The landmark at each vertex. Of several at one position, the one updated last.
 #[derive(Debug, Clone, Default)]
-pub(super) struct VertexPoints {
+pub(super) struct VertexLandmarks {
     landmarks: Vec<u32>,
 }
 
-impl VertexPoints {
-    /// Notes where landmarks lie now; `points` gives the carver's id of each landmark. Those that were removed are
-    /// passed over: their vertices are no longer corners of anything.
-    pub(super) fn note(
+impl VertexLandmarks {
+    /// Updates the vertices of landmarks; `points` gives the carver's id of each. Removed landmarks are skipped.
+    pub(super) fn update(
         &mut self,
         carver: &Carver,
         points: &[PointId],
@@ -39,20 +38,20 @@ impl VertexPoints {
     }
 }
 
-/// Who sees what: the map as [`DepthValidation`](super::depth_validation::DepthValidation) asks it.
+/// The views that observe each vertex, for [`DepthValidation`](super::depth_validation::DepthValidation).
 #[derive(Clone, Copy)]
-pub(super) struct Observers<'a> {
+pub(super) struct VertexViews<'a> {
     carver: &'a Carver,
     points: &'a [PointId],
-    vertices: &'a VertexPoints,
+    vertices: &'a VertexLandmarks,
 }
 
-impl<'a> Observers<'a> {
+impl<'a> VertexViews<'a> {
     /// `points` gives the carver's id of each landmark.
     pub(super) fn new(
         carver: &'a Carver,
         points: &'a [PointId],
-        vertices: &'a VertexPoints,
+        vertices: &'a VertexLandmarks,
     ) -> Self {
         Self {
             carver,
@@ -66,12 +65,12 @@ impl<'a> Observers<'a> {
         self.carver
     }
 
-    /// The vertex of a landmark; `None` when it was given up.
+    /// The vertex of a landmark; `None` when it was removed.
     pub(super) fn vertex(&self, landmark: u32) -> Option<VertexId> {
         self.carver.vertex_of(self.points[landmark as usize])
     }
 
-    /// The views that see the point at a vertex.
+    /// The views that observe a vertex.
     pub(super) fn views(&self, vertex: VertexId) -> impl Iterator<Item = ViewId> + '_ {
         self.vertices
             .landmark(vertex)

@@ -1,0 +1,59 @@
+//! Common interface of the maps of a session, for all depth sources.
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::SessionError;
+use crate::map::Map;
+use crate::options::Options;
+use linecarve_sequence::LiveFrame;
+
+/// The keyframes of a session and their map. A method that fails leaves everything unchanged.
+pub(super) trait SessionMap {
+    /// Whether there is a keyframe with this id.
+    fn contains(&self, id: u64) -> bool;
+
+    /// Adds a keyframe with a new id.
+    fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError>;
+
+    /// Replaces poses of keyframes, given as in the messages.
+    fn correct(
+        &mut self,
+        poses: &[(u64, Isometry3<f64>)],
+        options: &Options,
+    ) -> Result<(), SessionError>;
+
+    /// Removes keyframes.
+    fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError>;
+
+    /// Finishes pending estimates after the last keyframe. Returns whether the map may have changed.
+    fn finish(&mut self, _options: &Options) -> Result<bool, SessionError> {
+        Ok(false)
+    }
+
+    /// Number of keyframes.
+    fn keyframe_count(&self) -> usize;
+
+    /// The map; `None` until the length scale is known.
+    fn map(&self) -> Option<&Map>;
+
+    /// Origin subtracted from all coordinates.
+    fn origin(&self) -> Vector3<f64>;
+
+    /// Median scene depth in units of the poses, once it is known.
+    fn median_depth(&self) -> Option<f64>;
+
+    /// Ids and colour camera poses that were corrected from images.
+    fn corrected_poses(&self) -> Vec<(u64, Isometry3<f64>)> {
+        Vec::new()
+    }
+
+    /// Estimated radial distortion `k1` of images given as those of a pinhole.
+    fn lens_k1(&self) -> Option<f64> {
+        None
+    }
+
+    /// Whether image files are still needed after a keyframe was added.
+    fn keeps_images(&self) -> bool {
+        false
+    }
+}
