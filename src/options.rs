@@ -290,7 +290,8 @@ mod tests {
 
     #[test]
     fn faults_name_the_key() {
-        let faults: [(fn(&mut Options), &str); 5] = [
+        type Fault = fn(&mut Options);
+        let faults: [(Fault, &str); 5] = [
             (|o| o.landmarks.lateral_px = -1.0, "landmarks.lateral_px"),
             (|o| o.carving.free_threshold = 0, "carving.free_threshold"),
             (

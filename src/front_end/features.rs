@@ -58,7 +58,7 @@ impl FeatureFrontEnd {
             group,
             checkpoint,
             |front_end, _, frame| front_end.process(sequence, frame),
-            Keyframe::Features,
+            |keyframe| Keyframe::Features(Box::new(keyframe)),
         )
     }
 }

@@ -18,7 +18,7 @@ pub enum Keyframe {
     /// Segments and surface samples.
     Lines(Box<LineKeyframe>),
     /// Features.
-    Features(FeatureKeyframe),
+    Features(Box<FeatureKeyframe>),
     /// Views of a model, by index.
     Views(Range<usize>),
 }

@@ -59,7 +59,7 @@ pub type Arrivals = Vec<(usize, Arrival)>;
 /// The kinds of front end.
 pub enum FrontEnd {
     /// 3D segments, with depth from depth images.
-    Sensor(SensorFrontEnd),
+    Sensor(Box<SensorFrontEnd>),
     /// 3D segments, with depth from neighbouring keyframes.
     SemiDense(Box<SemiDenseFrontEnd>),
     /// ORB features.
@@ -94,7 +94,7 @@ impl FrontEnd {
     ) -> Result<Self, ExtractError> {
         Ok(match source {
             DepthSource::Sensor(sensor) => {
-                Self::Sensor(SensorFrontEnd::new(sensor.clone(), options)?)
+                Self::Sensor(Box::new(SensorFrontEnd::new(sensor.clone(), options)?))
             }
             DepthSource::SemiDense(source) => {
                 let front_end =

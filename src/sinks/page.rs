@@ -78,7 +78,7 @@ impl PageRecorder {
     pub(crate) fn finish(&mut self, run: &Reconstruction, mesh: &TriangleMesh) {
         let last = run.numbers().last().copied().unwrap_or(0);
         with_elements(run.map(), |elements| {
-            self.history.finish(last, mesh, elements)
+            self.history.finish(last, mesh, elements);
         });
     }
 

@@ -122,6 +122,7 @@ impl<'a> Output<'a> {
             timing: TimingSummary {
                 mean_milliseconds: sum.divided_by(keyframes.len()),
                 seconds: started.elapsed().as_secs_f64(),
+                resumed_keyframes: 0,
                 peak_memory_mb: peak_mb(),
             },
             keyframes,
