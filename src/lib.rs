@@ -21,6 +21,7 @@ pub mod cli;
 pub mod commands;
 pub mod compare;
 pub mod configuration;
+mod error;
 pub mod front_end;
 pub mod map;
 mod mapper;
@@ -34,7 +35,8 @@ pub mod sinks;
 pub mod stream;
 mod text;
 
+pub use error::{Error, SinkError};
 pub use mapper::KeyframeUpdate;
 pub use options::Options;
-pub use reconstruction::{Error, Reconstruction, RunOptions, Sink, SinkError};
+pub use reconstruction::{Reconstruction, RunOptions, Sink};
 pub use recording::{DepthChoice, Input, Recording, RecordingError, Selection, Source};

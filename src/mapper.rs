@@ -6,9 +6,9 @@ use std::time::Instant;
 use linecarve_mesh::TriangleMesh;
 use nalgebra::Vector3;
 
+use crate::error::Error;
 use crate::front_end::{Arrival, FrontEndError, Keyframe};
 use crate::map::{Map, MapError, MapUpdate};
-use crate::reconstruction::Error;
 use crate::run::{StageTimes, milliseconds};
 
 /// What one keyframe changed.

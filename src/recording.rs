@@ -14,7 +14,7 @@ use crate::front_end::{
     DepthSource, ImagePosesError, PoseSummary, ScaleError, SemiDenseSource, correct_poses,
     far_origin, median_depth_from_images, median_feature_depth, median_scene_depth,
 };
-use crate::options::Options;
+use crate::options::{Options, OptionsError};
 use crate::run::{Progress, Verbosity};
 
 /// What a map is made of.
@@ -116,6 +116,9 @@ pub enum RecordingError {
     /// The estimated lens is no camera.
     #[error(transparent)]
     Lens(#[from] linecarve_lines::camera::CameraError),
+    /// A parameter is out of range.
+    #[error(transparent)]
+    Options(#[from] OptionsError),
     /// The recording lacks what was asked for; the text says what, and the remedy.
     #[error("{0}")]
     Missing(String),
@@ -152,6 +155,7 @@ impl Recording {
     /// # Errors
     /// When the sequence cannot be read or lacks what was asked for; the text names file and remedy.
     pub fn open(input: &Input, options: Options) -> Result<Self, RecordingError> {
+        options.validate()?;
         let sequence = Sequence::open(&input.path, &input.open)?;
         let mut recording = Self {
             warnings: sequence

@@ -4,7 +4,7 @@ use clap::ValueEnum;
 use linecarve_mesh::diff::Check;
 use linecarve_synth::{SceneKind, SequenceLayout};
 
-use crate::map::LabelKind;
+use crate::options::LabelKind;
 use crate::sinks::Format;
 
 /// Declares the command-line form of a library's enum: the same variants, with help texts and a conversion.

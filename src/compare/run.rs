@@ -5,7 +5,7 @@ use linecarve_mesh::LineSet;
 use nalgebra::Point3;
 
 use super::result::ComparedSurface;
-use crate::reconstruction::{Reconstruction, RunOptions};
+use crate::reconstruction::{Reconstruction, RunOptions, Sink};
 use crate::recording::{Recording, Source, lens_warning};
 use crate::run::{CancelToken, Verbosity};
 use crate::sinks::{KeyframeReports, PageRecorder, crosses};
@@ -44,7 +44,7 @@ pub(crate) fn compared_run(
     let mut run = Reconstruction::new(recording, RunOptions::default())?;
     let mut recorder = PageRecorder::new();
     let mut keyframes = KeyframeReports::new(label, count, verbosity);
-    let sinks: &mut [&mut dyn crate::Sink] = &mut [&mut recorder, &mut keyframes];
+    let sinks: &mut [&mut dyn Sink] = &mut [&mut recorder, &mut keyframes];
     run.run(CancelToken::default(), sinks)?;
     keyframes.finish_progress();
     let mut warnings = Vec::new();

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::table::{Key, Number, OutOfRange, Setting, Table, Values, table};
 use super::tolerance;
-use crate::map::LabelKind;
+use crate::options::LabelKind;
 use crate::options::Options;
 
 const FLAG: Values = Values::any("true or false");

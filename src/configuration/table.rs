@@ -2,7 +2,7 @@
 
 use linecarve_mesh::diff::Tolerance;
 
-use crate::map::LabelKind;
+use crate::options::LabelKind;
 
 /// A table of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]

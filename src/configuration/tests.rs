@@ -6,7 +6,7 @@ use linecarve_mesh::diff::Tolerance;
 
 use super::read::parse;
 use super::{Configuration, ConfigurationError, Table};
-use crate::map::LabelKind;
+use crate::options::LabelKind;
 use crate::options::Options;
 
 fn read(text: &str) -> Result<Configuration, ConfigurationError> {

@@ -1,9 +1,8 @@
 //! Source of the depth of keyframes.
 
-use linecarve_lines::depth::semi_dense::{
-    ConsistencyOptions, NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions,
-};
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
+
+use crate::options::SemiDenseStage;
 
 /// Source of the depth of keyframes.
 #[derive(Debug, Clone)]
@@ -40,67 +39,5 @@ impl DepthSource {
             Self::Sensor(_) => "sensor",
             Self::SemiDense(_) => "semi-dense",
         }
-    }
-}
-
-/// Parameters of depth from neighbouring keyframes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SemiDenseStage {
-    /// Number of earlier keyframes that may be neighbours.
-    pub past: usize,
-    /// Number of later keyframes that may be neighbours. The final estimate waits for them.
-    pub future: usize,
-    /// Number of neighbours for the first estimate.
-    pub first_neighbours: usize,
-    /// Depth error that averaging along an edge does not reduce, as a share of the median depth. It stems from pose errors,
-    /// which all pixels share.
-    pub relative_noise: f64,
-    /// Spacing of points on edges without segment; 0: none.
-    pub edge_point_spacing_px: usize,
-    /// Choice of neighbours.
-    pub neighbours: NeighbourOptions,
-    /// Matching of edge pixels.
-    pub matching: SemiDenseOptions,
-    /// Consistency with the depth of other keyframes.
-    pub confirm: ConsistencyOptions,
-    /// Points between edges.
-    pub sweep: SweepOptions,
-}
-
-impl Default for SemiDenseStage {
-    fn default() -> Self {
-        Self {
-            past: 12,
-            future: 10,
-            first_neighbours: 3,
-            relative_noise: 0.002,
-            edge_point_spacing_px: 10,
-            neighbours: NeighbourOptions::default(),
-            matching: SemiDenseOptions::default(),
-            confirm: ConsistencyOptions::default(),
-            sweep: SweepOptions::default(),
-        }
-    }
-}
-
-impl SemiDenseStage {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// The first value out of range.
-    pub fn validate(&self) -> Result<(), SemiDenseOptionsError> {
-        self.matching.validate()?;
-        self.sweep.validate()?;
-        for (name, value) in [
-            ("relative_noise", self.relative_noise),
-            ("neighbours.precision", self.neighbours.precision),
-            ("neighbours.match_sigma_px", self.neighbours.match_sigma_px),
-            ("confirm.chi2", self.confirm.chi2),
-        ] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(SemiDenseOptionsError { name, value });
-            }
-        }
-        Ok(())
     }
 }

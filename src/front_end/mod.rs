@@ -26,7 +26,7 @@ use serde::de::DeserializeOwned;
 use crate::run::Checkpoint;
 
 pub use colors::KeyframeColors;
-pub use depth_source::{DepthSource, SemiDenseSource, SemiDenseStage};
+pub use depth_source::{DepthSource, SemiDenseSource};
 pub use edge_points::EdgePoint;
 pub use error::FrontEndError;
 pub use feature_scale::median_feature_depth;

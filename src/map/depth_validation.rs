@@ -17,8 +17,9 @@ use nalgebra::{Isometry3, Point2, Point3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
-use super::surface_points::{KeyframeSurface, SurfacePointOptions};
+use super::surface_points::KeyframeSurface;
 use super::vertex_landmarks::VertexViews;
+use crate::options::SurfacePointOptions;
 
 /// Subdivisions of each edge of a triangle; the centres of the upright sub-triangles are its samples.
 const SUBDIVISIONS: u32 = 6;

@@ -6,9 +6,10 @@ use nalgebra::Point3;
 
 use super::landmarks::{Association, LandmarkUpdate, Landmarks, Measurement};
 use super::nearly_parallel::{SegmentViews, is_near_segment};
-use super::surface_points::{KeyframeSurface, SurfaceCheck, SurfacePointOptions};
+use super::surface_points::{KeyframeSurface, SurfaceCheck};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
+use crate::options::SurfacePointOptions;
 
 /// Marks a missing vertex or landmark.
 const NONE: u32 = u32::MAX;

@@ -9,30 +9,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use rstar::primitives::GeomWithData;
 use rstar::{AABB, RTree};
 
-/// Data association of measurements with landmarks.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LandmarkOptions {
-    /// Whether measurements are fused; otherwise each is a point of its own, as in the paper.
-    pub join: bool,
-    /// Association gate across the view ray, in pixels. Tuned on two indoor sequences with sensor depth.
-    pub lateral_px: f64,
-    /// Association gate along the view ray, in standard deviations of the depth.
-    pub depth_sigmas: f64,
-    /// A landmark moves only when the mean of its measurements is further away than this share of the standard deviation of
-    /// one measurement. Smaller moves are not worth the re-triangulation.
-    pub settling_share: f64,
-}
-
-impl Default for LandmarkOptions {
-    fn default() -> Self {
-        Self {
-            join: true,
-            lateral_px: 6.0,
-            depth_sigmas: 3.0,
-            settling_share: 0.5,
-        }
-    }
-}
+use crate::options::LandmarkOptions;
 
 /// A point measured by a keyframe.
 #[derive(Debug, Clone, Copy)]

@@ -5,7 +5,6 @@
 
 mod depth_validation;
 mod error;
-mod labels;
 mod landmark_fusion;
 mod landmarks;
 mod lines;
@@ -37,12 +36,10 @@ use model::ModelMap;
 use points::FeatureMap;
 
 pub use error::MapError;
-pub use labels::{CutSettings, LabelKind};
-pub use landmarks::{LandmarkOptions, Measurement};
-pub use model::{ModelCounts, PointModelOptions};
+pub use landmarks::Measurement;
+pub use model::ModelCounts;
 pub use segment_map::SegmentMap;
-pub use segment_points::{SegmentPointOptions, measurements};
-pub use surface_points::SurfacePointOptions;
+pub use segment_points::measurements;
 pub use update::{MapTimes, MapUpdate};
 
 /// Segments, points and free space of the keyframes so far.

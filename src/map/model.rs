@@ -10,27 +10,7 @@ use nalgebra::Point3;
 
 use super::error::MapError;
 use super::update::MapUpdate;
-
-/// Filter for the points of a model.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PointModelOptions {
-    /// Least number of views that observe a point.
-    pub min_views: usize,
-    /// Least parallax: largest angle between two rays to a point. Depth is uncertain below it.
-    pub parallax_degrees: f64,
-    /// Largest reprojection error of an observation, where the model gives a pixel and a camera.
-    pub max_reprojection_px: f64,
-}
-
-impl Default for PointModelOptions {
-    fn default() -> Self {
-        Self {
-            min_views: 3,
-            parallax_degrees: 1.0,
-            max_reprojection_px: 4.0,
-        }
-    }
-}
+use crate::options::PointModelOptions;
 
 /// Numbers of carved and rejected points of a model.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -7,21 +7,7 @@ use nalgebra::{Isometry3, Point2, Point3, Unit};
 
 use super::landmarks::Measurement;
 use crate::front_end::EdgePoint;
-
-/// Sampling of points along segments.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SegmentPointOptions {
-    /// Largest distance of neighbouring points of a segment in the image. `None`: end points only, as in the paper.
-    pub spacing_px: Option<f64>,
-}
-
-impl Default for SegmentPointOptions {
-    fn default() -> Self {
-        Self {
-            spacing_px: Some(48.0),
-        }
-    }
-}
+use crate::options::SegmentPointOptions;
 
 impl SegmentPointOptions {
     /// Evenly spaced parameters in [0, 1] of the points of a segment of `length_px`, 0 and 1 included.

@@ -4,40 +4,12 @@ use std::cmp::Ordering;
 
 use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::{
-    ImageTriangulation, ImageVertex, RefineOptions, SampleOptions, SurfaceSamples,
+    ImageTriangulation, ImageVertex, RefineOptions, SurfaceSamples,
 };
 use nalgebra::{Isometry3, Point2, Point3, Unit};
 
 use super::landmarks::Measurement;
-
-/// Points between segments, where depth is dense.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SurfacePointOptions {
-    /// Whether they are used; otherwise segments alone make the map.
-    pub enabled: bool,
-    /// Tolerance in standard deviations within which a keyframe's surface agrees with a landmark. A surface further behind
-    /// contradicts it.
-    pub agreement_sigmas: f64,
-    /// Measurements that lie behind the carved surface by more than this many standard deviations become points, whose rays
-    /// carve it away. Infinite: never.
-    pub correction_sigmas: f64,
-    /// Sampling of the depth.
-    pub samples: SampleOptions,
-    /// Refinement of the keyframe's triangulation towards the samples.
-    pub refine: RefineOptions,
-}
-
-impl Default for SurfacePointOptions {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            agreement_sigmas: 3.0,
-            correction_sigmas: 4.0,
-            samples: SampleOptions::default(),
-            refine: RefineOptions::default(),
-        }
-    }
-}
+use crate::options::SurfacePointOptions;
 
 /// The dense surface of a keyframe with its camera and pose.
 pub(super) struct KeyframeSurface<'a> {
@@ -221,6 +193,7 @@ mod tests {
     use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 
     use super::*;
+    use linecarve_lines::triangulation::SampleOptions;
 
     fn wall() -> (SurfaceSamples, Camera, Isometry3<f64>) {
         let mut map = InverseDepthMap::unknown(160, 120).unwrap();

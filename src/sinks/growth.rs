@@ -5,9 +5,10 @@ use std::time::Instant;
 use linecarve_mesh::write_glb;
 
 use super::output::{OutputFolder, surface_part};
+use crate::error::SinkError;
 use crate::map::Map;
 use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Sink, SinkError};
+use crate::reconstruction::Sink;
 use crate::recording::Recording;
 use crate::run::milliseconds;
 

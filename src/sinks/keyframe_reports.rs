@@ -1,9 +1,10 @@
 //! What the report says of each keyframe, and the progress bar.
 
+use crate::error::SinkError;
 use crate::front_end::{FrontEndError, Keyframe, LineKeyframe};
 use crate::map::Map;
 use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Sink, SinkError};
+use crate::reconstruction::Sink;
 use crate::recording::Recording;
 use crate::report::{KeyframeReport, MapPointReport};
 use crate::run::{Progress, Verbosity};

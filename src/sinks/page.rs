@@ -7,10 +7,11 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::page_run::PageRun;
+use crate::error::SinkError;
 use crate::front_end::Keyframe;
 use crate::map::Map;
 use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Reconstruction, Sink, SinkError};
+use crate::reconstruction::{Reconstruction, Sink};
 use crate::recording::Recording;
 use crate::report::page::{
     CountPlot, Elements, HistoryLimits, KeyframeImage, OutsideView, Page, PageKeyframe,

@@ -8,10 +8,11 @@ use linecarve_sequence::{ModelView, Sequence};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::page_run::view_camera;
+use crate::error::SinkError;
 use crate::front_end::Keyframe;
 use crate::map::Map;
 use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Reconstruction, Sink, SinkError};
+use crate::reconstruction::{Reconstruction, Sink};
 use crate::recording::Recording;
 use crate::run::{Progress, Verbosity};
 

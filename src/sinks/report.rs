@@ -7,10 +7,11 @@ use serde::Serialize;
 
 use super::keyframe_reports::KeyframeReports;
 use crate::configuration::Configuration;
+use crate::error::SinkError;
 use crate::front_end::FrontEndError;
 use crate::map::Map;
 use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Sink, SinkError};
+use crate::reconstruction::Sink;
 use crate::recording::{Recording, Source};
 use crate::report::{
     KeyframeReport, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary, write_report,

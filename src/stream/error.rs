@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use linecarve_carving::PointError;
 use linecarve_lines::ExtractError;
 
-use crate::Error;
+use crate::error::Error;
 use crate::front_end::{FrontEndError, ImagePosesError, ScaleError};
 use crate::map::MapError;
 use linecarve_sequence::SequenceError;

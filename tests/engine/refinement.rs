@@ -6,10 +6,10 @@ use std::path::Path;
 use crate::program::{contents, expect_status, small_sequence};
 use linecarve::Options;
 use linecarve::front_end::{
-    Arrival, DepthSource, FrontEnd, Keyframe, SemiDenseSource, SemiDenseStage, group_size,
-    run_in_groups,
+    Arrival, DepthSource, FrontEnd, Keyframe, SemiDenseSource, group_size, run_in_groups,
 };
 use linecarve::map::Map;
+use linecarve::options::SemiDenseStage;
 use linecarve_mesh::{LineSet, TriangleMesh};
 use linecarve_sequence::{OpenOptions, Sequence};
 

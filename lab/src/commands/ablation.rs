@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use anyhow::ensure;
 use linecarve::Options;
 use linecarve::commands::Outcome;
-use linecarve::map::LabelKind;
+use linecarve::options::LabelKind;
 use linecarve::run::{Progress, Verbosity};
 use linecarve_mesh::{Shape, read_geometry};
 use serde::Serialize;

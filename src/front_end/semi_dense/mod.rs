@@ -71,7 +71,7 @@ pub(super) type LoadedFrame = (WindowEntry, Result<ViewGeometry, FrontEndError>)
 
 /// Computes keyframes from images in order, and returns them when their depth is due.
 ///
-/// Memory: the possible neighbours, `past` and `future` of [`SemiDenseStage`](super::SemiDenseStage).
+/// Memory: the possible neighbours, `past` and `future` of [`SemiDenseStage`](crate::options::SemiDenseStage).
 pub struct SemiDenseFrontEnd {
     pub(super) source: SemiDenseSource,
     pub(super) checkpoint: Option<Checkpoint>,

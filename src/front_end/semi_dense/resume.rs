@@ -4,8 +4,8 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-use crate::front_end::SemiDenseStage;
 use crate::front_end::keyframe::LineKeyframe;
+use crate::options::SemiDenseStage;
 use crate::run::Checkpoint;
 
 /// A finished keyframe in the checkpoint.

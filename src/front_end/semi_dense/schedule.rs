@@ -151,7 +151,7 @@ impl Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::front_end::SemiDenseStage;
+    use crate::options::SemiDenseStage;
     use linecarve_lines::camera::Camera;
 
     fn view(x: f64) -> ViewGeometry {

@@ -5,7 +5,7 @@ use std::num::NonZeroU64;
 use linecarve_carving::{CutOptions, Labels, Votes};
 use serde::{Deserialize, Serialize};
 
-use crate::options::CarvingOptions;
+use super::CarvingOptions;
 
 /// How tetrahedra are labelled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

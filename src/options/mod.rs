@@ -1,5 +1,9 @@
 //! Parameters of all stages. Users set the subset in [`crate::configuration::Configuration`].
 
+mod labels;
+mod map;
+mod semi_dense;
+
 use std::fmt::Display;
 
 use linecarve_carving::CutOptionsError;
@@ -10,14 +14,13 @@ use linecarve_lines::depth::{EdgeDepthOptions, SensorNoise};
 use linecarve_lines::edges::EdgeOptions;
 use linecarve_lines::fit::FitOptions;
 
-use crate::front_end::SemiDenseStage;
-use crate::map::{
-    CutSettings, LabelKind, LandmarkOptions, PointModelOptions, SegmentPointOptions,
-    SurfacePointOptions,
-};
 use linecarve_mesh::diff::Tolerance;
 use linecarve_points::{MapPointOptions, PointOptionsError, PoseCorrectionOptions};
 use linecarve_sequence::KeyframeOptions;
+
+pub use labels::{CutSettings, LabelKind};
+pub use map::{LandmarkOptions, PointModelOptions, SegmentPointOptions, SurfacePointOptions};
+pub use semi_dense::SemiDenseStage;
 
 /// Parameters of all stages.
 #[derive(Debug, Clone, Default, PartialEq)]
