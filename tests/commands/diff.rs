@@ -171,7 +171,7 @@ fn what_cannot_be_compared_is_status_2_and_an_error_in_the_report() {
     std::fs::write(path("cloud.xyz"), "0 0 0\n1 1 1\n").unwrap();
     std::fs::write(path("broken.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n").unwrap();
     for (name, word) in [
-        ("cloud.xyz", "points and no triangle"),
+        ("cloud.xyz", "points but no triangles"),
         ("broken.obj", "broken.obj"),
         ("missing.ply", "cannot read"),
     ] {
