@@ -3,13 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use base64::Engine;
-use linecarve_points::{Descriptor, Features};
-use linecarve::pipeline::colors::KeyframeColors;
-use linecarve::pipeline::edge_points::EdgePoint;
-use linecarve::pipeline::{Keyframe, PointKeyframe};
-use linecarve::report::StageTimes;
+use linecarve::front_end::{EdgePoint, FeatureKeyframe, KeyframeColors, LineKeyframe};
+use linecarve::run::StageTimes;
 use linecarve_lines::fit::Segment;
 use linecarve_lines::triangulation::SurfaceSamples;
+use linecarve_points::{Descriptor, Features};
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
 use serde::Serialize;
 use tempfile::TempDir;
@@ -309,7 +307,7 @@ fn kept<T: Serialize>(yielded: &T) -> Vec<u8> {
     rmp_serde::to_vec(yielded).expect("bytes of a keyframe")
 }
 
-fn lines_keyframe() -> Keyframe {
+fn lines_keyframe() -> LineKeyframe {
     let segment = Segment {
         keyframe: 0,
         ends_in_camera: [Point3::new(0.0, 0.0, 1.0), Point3::new(1.0, 0.0, 1.0)],
@@ -324,7 +322,7 @@ fn lines_keyframe() -> Keyframe {
         depth_rms_sigmas: 1.0,
         mean_gradient: Vector2::new(0.0, 9.0),
     };
-    Keyframe {
+    LineKeyframe {
         frame: 0,
         world_from_camera: poses(2)[1],
         segments: vec![segment],
@@ -342,8 +340,8 @@ fn lines_keyframe() -> Keyframe {
     }
 }
 
-fn points_keyframe() -> PointKeyframe {
-    PointKeyframe {
+fn points_keyframe() -> FeatureKeyframe {
+    FeatureKeyframe {
         frame: 0,
         world_from_camera: poses(2)[1],
         features: Features {

@@ -25,14 +25,16 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use libfuzzer_sys::fuzz_target;
-use linecarve::checkpoint::{Checkpoint, FOLDER};
+use linecarve::Options;
+use linecarve::front_end::{FeatureKeyframe, Keyframe, LineKeyframe};
+use linecarve::map::Map;
+use linecarve::run::{CHECKPOINT_FOLDER, Checkpoint};
+use linecarve::stream::{Message, Session};
+use linecarve_mesh::read_geometry;
 use linecarve_sequence::export::{
     TrajectoryFormat, posed_images, write_colmap, write_trajectory, write_transforms,
 };
-use linecarve_mesh::read_geometry;
-use linecarve::pipeline::{Keyframe, ModelCarver, Options, PointKeyframe};
 use linecarve_sequence::{InspectOptions, OpenOptions, Sequence, inspect};
-use linecarve::stream::{Message, Session};
 
 use cases::{Case, Cases, Kind};
 
@@ -126,10 +128,10 @@ fn sequence(case: &Case, path: &Path, length: usize) {
         }
         2 => {
             if let Some(model) = sequence.sparse_model()
-                && let Ok(mut carver) = ModelCarver::new(model, &Options::default())
-                && carver.push_all().is_ok()
+                && let Ok(mut map) = Map::of_model(&Options::default(), model.clone())
+                && map.push(&Keyframe::Views(0..model.views.len())).is_ok()
             {
-                let _ = carver.surface();
+                let _ = map.surface();
             }
         }
         _ => {}
@@ -165,9 +167,9 @@ fn resume(output: &Path, bytes: &[u8]) {
     let sum = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |sum, byte| {
         (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
     });
-    let file = output.join(FOLDER).join("000000.keyframe");
+    let file = output.join(CHECKPOINT_FOLDER).join("000000.keyframe");
     std::fs::write(file, [bytes, &sum.to_le_bytes()].concat())
         .expect("a file in a temporary folder");
-    let _ = run.load::<Keyframe>(0);
-    let _ = run.load::<PointKeyframe>(0);
+    let _ = run.load::<LineKeyframe>(0);
+    let _ = run.load::<FeatureKeyframe>(0);
 }
