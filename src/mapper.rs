@@ -147,6 +147,9 @@ impl Mapper {
         for keyframe in provisional {
             map.push_provisional(keyframe)?;
         }
+        if self.is_finished {
+            map.finish()?;
+        }
         self.map = map;
         Ok(())
     }

@@ -181,7 +181,7 @@ impl Reconstruction {
         }
     }
 
-    /// Takes all keyframes into the map and tells the sinks of each; while one group of keyframes is in the map and the sinks,
+    /// Takes all keyframes that are left into the map and tells the sinks of each; while one group of keyframes is in the map and the sinks,
     /// the next is read. Memory holds the map and two groups, each of one keyframe a thread. Returns what ended the run before
     /// its last keyframe; the map is finished in either case.
     ///
@@ -195,7 +195,7 @@ impl Reconstruction {
         let wants_surface = sinks.iter().any(|sink| sink.wants_surface());
         let (recording, run, mapper) = (&self.recording, &self.run, &mut self.mapper);
         let keyframes = &mut self.keyframes;
-        let consume = |number: usize, arrival: Arrival| -> Result<(), Stop> {
+        let mut consume = |number: usize, arrival: Arrival| -> Result<(), Stop> {
             cancel
                 .check(mapper.numbers().len())
                 .map_err(Stop::Cancelled)?;
@@ -218,14 +218,22 @@ impl Reconstruction {
             }
             Ok(())
         };
-        let ended = run_in_groups(
-            &mut self.front_end,
-            &recording.sequence,
-            &recording.keyframes,
-            self.group,
-            run.checkpoint.as_ref(),
-            consume,
-        );
+        // What earlier calls of `advance` had read ahead.
+        let ahead = std::mem::take(&mut self.ready);
+        let ended = ahead
+            .into_iter()
+            .try_for_each(|(number, arrival)| consume(number, arrival))
+            .and_then(|()| {
+                run_in_groups(
+                    &mut self.front_end,
+                    &recording.sequence,
+                    &recording.keyframes,
+                    self.read,
+                    self.group,
+                    run.checkpoint.as_ref(),
+                    consume,
+                )
+            });
         self.read = self.recording.keyframes.len();
         let cancelled = match ended {
             Ok(()) => None,

@@ -99,7 +99,15 @@ pub fn correct_poses(
         progress();
         Ok(())
     };
-    run_in_groups(&mut front_end, sequence, frames, group_size(), None, take)?;
+    run_in_groups(
+        &mut front_end,
+        sequence,
+        frames,
+        0,
+        group_size(),
+        None,
+        take,
+    )?;
     map.adjust_all();
 
     let mut world_from_camera: Vec<Isometry3<f64>> = frames

@@ -147,19 +147,22 @@ fn prepare_independent<W: Clone + Send + Sync, T: Serialize + DeserializeOwned>(
 
 /// Sends all `frames` through a front end in groups of `group` keyframes, and each arrival to `consume` in order. One group
 /// is consumed while the next is prepared. Memory: two groups.
+/// `read` frames went through the front end before and are passed over.
 ///
 /// # Errors
 /// When `consume` fails.
+#[allow(clippy::too_many_arguments, reason = "one call runs a whole recording")]
 pub fn run_in_groups<E: Send>(
     front_end: &mut FrontEnd,
     sequence: &Sequence,
     frames: &[usize],
+    read: usize,
     group: usize,
     checkpoint: Option<&Checkpoint>,
     mut consume: impl FnMut(usize, Arrival) -> Result<(), E> + Send,
 ) -> Result<(), E> {
-    let mut groups = frames.chunks(group.max(1));
-    let mut first = 0;
+    let mut groups = frames[read..].chunks(group.max(1));
+    let mut first = read;
     let mut prepare = || {
         let frames = groups.next()?;
         let group = Group {

@@ -421,6 +421,7 @@ impl ImageMap {
             &mut front_end,
             sequence,
             &frames,
+            0,
             group_size(),
             None,
             add_arrival,

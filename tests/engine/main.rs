@@ -6,5 +6,6 @@
 mod program;
 
 mod image_poses;
+mod reconstruction;
 mod refinement;
 mod stream_images;

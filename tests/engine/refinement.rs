@@ -35,6 +35,7 @@ fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
         &mut front_end,
         sequence,
         &frames,
+        0,
         group_size(),
         None,
         collect,

@@ -1,0 +1,75 @@
+//! The engine as a library: keyframe by keyframe, all at once, and with corrected poses.
+
+use std::path::Path;
+
+use crate::program::small_sequence;
+use linecarve::run::CancelToken;
+use linecarve::{Input, Options, Reconstruction, Recording, RunOptions, Selection, Source};
+use nalgebra::Vector3;
+
+const FRAMES: usize = 6;
+
+fn recording(path: &Path, source: Source) -> Recording {
+    let input = Input {
+        source,
+        selection: Selection {
+            every: Some(1),
+            ..Selection::default()
+        },
+        ..Input::from(path)
+    };
+    Recording::open(&input, Options::default()).expect("a sequence of this program")
+}
+
+fn begin(recording: Recording) -> Reconstruction {
+    let run = RunOptions {
+        keeps_keyframes: true,
+        ..RunOptions::default()
+    };
+    Reconstruction::new(recording, run).expect("default options are in range")
+}
+
+#[test]
+fn a_run_goes_on_where_single_steps_ended() {
+    let folder = small_sequence(FRAMES, "tum");
+    let path = folder.path().join("sequence");
+    let mut whole = begin(recording(&path, Source::Lines));
+    whole.run(CancelToken::default(), &mut []).expect("a run");
+    for steps in [1, 3, FRAMES] {
+        let mut stepped = begin(recording(&path, Source::Lines));
+        for _ in 0..steps {
+            assert!(stepped.advance().expect("a step").is_some());
+        }
+        stepped.run(CancelToken::default(), &mut []).expect("a run");
+        assert_eq!(stepped.numbers(), whole.numbers());
+        assert!(stepped.surface() == whole.surface(), "after {steps} steps");
+    }
+    assert!(!whole.surface().is_empty());
+}
+
+#[test]
+fn corrected_poses_give_the_map_of_a_run_over_them() {
+    let folder = small_sequence(FRAMES, "tum");
+    let path = folder.path().join("sequence");
+    for source in [Source::Lines, Source::MapPoints] {
+        let mut moved = recording(&path, source);
+        let mut poses = Vec::new();
+        for number in [1, 4] {
+            let mut pose = moved.sequence.frames()[number].world_from_camera;
+            pose.translation.vector += Vector3::new(0.01, -0.005, 0.004);
+            poses.push((number, pose));
+        }
+        moved.sequence.set_poses(poses.iter().copied());
+        let mut expected = begin(moved);
+        expected
+            .run(CancelToken::default(), &mut [])
+            .expect("a run");
+        let mut corrected = begin(recording(&path, source));
+        corrected
+            .run(CancelToken::default(), &mut [])
+            .expect("a run");
+        assert!(corrected.surface() != expected.surface());
+        corrected.correct_poses(&poses).expect("poses in range");
+        assert!(corrected.surface() == expected.surface(), "{source:?}");
+    }
+}
