@@ -75,7 +75,7 @@ fn sorted(map: &FxHashMap<u32, PendingChange>) -> Vec<(u32, PendingChange)> {
 
 impl Plan {
     /// Removes affected observations of one kind from the cells, unless all lists are built again anyway, and those that
-    /// end from the table. Returns the others.
+    /// end from the table. Returns the others, some of them under other numbers.
     fn withdraw<const N: usize>(
         &self,
         planned: &PlannedWeights<N>,
@@ -83,10 +83,10 @@ impl Plan {
         space: &mut Space<'_>,
         (affected, is_rebuilt): (Vec<ObservationId>, bool),
     ) -> Vec<ObservationId> {
-        if !is_rebuilt {
-            visibility.remove(space, &affected);
-        }
         let mut remaining = affected;
+        if !is_rebuilt {
+            visibility.remove(space, &mut remaining);
+        }
         remaining.retain(|&id| {
             let is_removed = self.removes(visibility.table(), planned, id);
             if is_removed {

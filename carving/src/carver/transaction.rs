@@ -9,12 +9,10 @@ use super::ids::{PointId, ViewId};
 use super::{Carver, ordered};
 use crate::tetrahedralization::accept_position;
 use crate::visibility::rays::Rays;
-use crate::visibility::{ObservationTable, SegmentVisibility, Visibility};
+use crate::visibility::{ObservationTable, RayVisibility, SegmentVisibility, Visibility};
 
 /// Largest number of points of a carver.
 const MAX_POINTS: usize = 1 << 26;
-/// Largest number of observations of a carver.
-const MAX_RAYS: usize = (u32::MAX - 1) as usize;
 
 /// The pending change of a point or view that existed before the transaction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -203,7 +201,7 @@ impl<'a> Transaction<'a> {
         if weight == 0 {
             return Err(TransactionError::ZeroWeight { view, point });
         }
-        if self.carver.rays.table().len() + self.plan.rays.len() >= MAX_RAYS {
+        if self.carver.rays.table().capacity() + self.plan.rays.len() >= RayVisibility::MAX_RAYS {
             return Err(TransactionError::Full);
         }
         let before = self.weight(view, point).unwrap_or(0);

@@ -127,9 +127,9 @@ pub(crate) trait Visibility<const N: usize> {
     /// Adds observations that no cell lists to the cells that they pass through; may sort `ids`.
     fn add(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]);
 
-    /// Removes observations from the cells that they pass through. Nothing that they depend on may have changed since
-    /// they were added.
-    fn remove(&mut self, space: &mut Space<'_>, ids: &[ObservationId]);
+    /// Removes observations from the cells that they pass through; they stay in the table, under the numbers that replace
+    /// those in `ids`. Nothing that they depend on may have changed since they were added.
+    fn remove(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]);
 
     /// Restores the lists after `changes`, which have just been made. Afterwards all observations listed by cells that
     /// existed before are listed by all cells that they pass through now.

@@ -45,9 +45,14 @@ pub(crate) struct RayVisibility {
     anchors: OccupiedAnchors,
     walk: WalkScratch,
     scratch: RewalkScratch,
+    /// Numbers of rays that no list has any more; reused memory.
+    unlisted: Vec<u32>,
 }
 
 impl RayVisibility {
+    /// Largest number of rays, old numbers that lists may still hold included.
+    pub(crate) const MAX_RAYS: usize = Crossings::MAX_ID;
+
     /// No rays; with evidence where a softness is given.
     pub(crate) fn new(softness: Option<Softness>) -> Self {
         Self {
@@ -57,6 +62,7 @@ impl RayVisibility {
             anchors: OccupiedAnchors::default(),
             walk: WalkScratch::default(),
             scratch: RewalkScratch::default(),
+            unlisted: Vec::new(),
         }
     }
 
@@ -89,7 +95,7 @@ impl Visibility<1> for RayVisibility {
         self.add_all(space, ids);
     }
 
-    fn remove(&mut self, space: &mut Space<'_>, ids: &[ObservationId]) {
+    fn remove(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]) {
         self.remove_all(space, ids);
     }
 
@@ -98,7 +104,8 @@ impl Visibility<1> for RayVisibility {
     }
 
     fn clear(&mut self) {
-        self.crossings.clear();
+        self.crossings.clear(&mut self.unlisted);
+        self.table.release(&mut self.unlisted);
         self.anchors.clear();
     }
 

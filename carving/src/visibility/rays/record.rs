@@ -4,12 +4,12 @@ use rayon::prelude::*;
 
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId, hilbert_rank};
 
-use super::super::crossings::Crossings;
+use super::super::crossings::{Crossings, Entrance};
 use super::super::segment_cell::Exit;
 use super::super::{Cells, ObservationId, ObservationTable, Softness, Space};
 use super::RayVisibility;
 use super::evidence::RayEvidence;
-use super::walk::Walker;
+use super::walk::{Step, Walker};
 
 /// Number of rays that one thread walks at a time: enough to be worth a task.
 const PARALLEL_CHUNK: usize = 64;
@@ -43,17 +43,16 @@ impl<'a> Recorded<'a> {
         }
     }
 
-    /// Adds the ray to a cell that it crosses and leaves by `exit`.
+    /// Adds the ray to a cell that it crosses.
     #[inline]
     pub(super) fn add(
         &self,
         (tetrahedra, crossings, cells): (&Tetrahedralization, &mut Crossings, &mut Cells),
-        cell: CellId,
-        exit: Exit,
+        step: Step,
     ) {
-        crossings.add(cell, self.ray);
-        cells.add_weight(cell, self.weight);
-        self.change_evidence(tetrahedra, cells, (cell, exit), |sum, cost| *sum += cost);
+        crossings.add(step.cell, self.ray, step.entrance);
+        cells.add_weight(step.cell, self.weight);
+        self.change_evidence(tetrahedra, cells, step, |sum, cost| *sum += cost);
     }
 
     #[inline]
@@ -61,7 +60,7 @@ impl<'a> Recorded<'a> {
         &self,
         tetrahedra: &Tetrahedralization,
         cells: &mut Cells,
-        (cell, exit): (CellId, Exit),
+        Step { cell, exit, .. }: Step,
         by: impl FnOnce(&mut u64, u64),
     ) {
         if let Some(evidence) = &self.evidence
@@ -103,27 +102,25 @@ impl RayVisibility {
     /// Records rays after they have been walked in parallel: walks only read. The lists are those of [`Self::add_one`].
     fn add_block(&mut self, space: &mut Space<'_>, block: &[ObservationId]) {
         let walker = self.walker(space);
-        // For each chunk the cells of its rays one after another with the exits, and for each ray where they end, if it is
-        // not degenerate.
-        type Walked = ((Vec<CellId>, Vec<Exit>), Vec<Option<usize>>);
+        // For each chunk the steps of its rays one after another, and for each ray where they end, if it is not degenerate.
+        type Walked = (Vec<Step>, Vec<Option<usize>>);
         let walked: Vec<Walked> = block
             .par_chunks(PARALLEL_CHUNK)
             .map(|chunk| {
-                let (mut cells, mut exits) = (Vec::new(), Vec::new());
+                let mut steps = Vec::new();
                 let mut ends = Vec::with_capacity(chunk.len());
                 for &ray in chunk {
-                    let before = cells.len();
-                    let strict = walker.walk_strict(ray, (&mut cells, &mut exits));
+                    let before = steps.len();
+                    let strict = walker.walk_strict(ray, &mut steps);
                     if strict.is_err() {
-                        cells.truncate(before);
-                        exits.truncate(before);
+                        steps.truncate(before);
                     }
-                    ends.push(strict.ok().map(|()| cells.len()));
+                    ends.push(strict.ok().map(|()| steps.len()));
                 }
-                ((cells, exits), ends)
+                (steps, ends)
             })
             .collect();
-        for (chunk, ((cells, exits), ends)) in block.chunks(PARALLEL_CHUNK).zip(&walked) {
+        for (chunk, (steps, ends)) in block.chunks(PARALLEL_CHUNK).zip(&walked) {
             let mut begin = 0;
             for (&ray, end) in chunk.iter().zip(ends) {
                 let Some(end) = *end else {
@@ -131,7 +128,7 @@ impl RayVisibility {
                     continue;
                 };
                 self.table.set_degenerate(ray, false);
-                self.record(space, ray, (&cells[begin..end], &exits[begin..end], &[]));
+                self.record(space, ray, &steps[begin..end], &[]);
                 begin = end;
             }
         }
@@ -141,7 +138,7 @@ impl RayVisibility {
         let mut walk = std::mem::take(&mut self.walk);
         let degenerate = self.walker(space).walk(ray, &mut walk);
         self.table.set_degenerate(ray, degenerate);
-        self.record(space, ray, (&walk.cells, &walk.exits, &walk.alongside));
+        self.record(space, ray, &walk.steps, &walk.alongside);
         self.walk = walk;
     }
 
@@ -150,7 +147,8 @@ impl RayVisibility {
         &mut self,
         space: &mut Space<'_>,
         ray: ObservationId,
-        (cells, exits, alongside): (&[CellId], &[Exit], &[CellId]),
+        steps: &[Step],
+        alongside: &[CellId],
     ) {
         let tetrahedra = space.tetrahedra;
         let walker = Walker {
@@ -159,11 +157,11 @@ impl RayVisibility {
             rays: &self.table,
         };
         let recorded = Recorded::new(&walker, ray, self.softness);
-        for (&cell, &exit) in cells.iter().zip(exits) {
-            recorded.add((tetrahedra, &mut self.crossings, space.cells), cell, exit);
+        for &step in steps {
+            recorded.add((tetrahedra, &mut self.crossings, space.cells), step);
         }
         for &cell in alongside {
-            self.crossings.add(cell, ray);
+            self.crossings.add(cell, ray, Entrance::Unknown);
         }
         self.attach(space, ray);
     }
@@ -182,48 +180,41 @@ impl RayVisibility {
         }
     }
 
-    /// Removes rays from all lists. The lists are found by walking each ray once more; each list is then filtered once
-    /// for all rays.
-    pub(super) fn remove_all(&mut self, space: &mut Space<'_>, rays: &[ObservationId]) {
+    /// Removes rays from the cells that they cross, and replaces their numbers: those that the lists still hold are
+    /// withdrawn.
+    pub(super) fn remove_all(&mut self, space: &mut Space<'_>, rays: &mut [ObservationId]) {
         let tetrahedra = space.tetrahedra;
         if tetrahedra.dimension() < 3 || rays.is_empty() {
             return;
         }
-        let walker = Walker {
-            tetrahedra,
-            views: space.views,
-            rays: &self.table,
-        };
-        let (walk, scratch) = (&mut self.walk, &mut self.scratch);
-        scratch.begin(self.table.capacity());
-        scratch.is_listed.resize(
-            tetrahedra.cell_capacity().max(scratch.is_listed.len()),
-            false,
-        );
-        let mut affected: Vec<CellId> = Vec::new();
-        for &ray in rays {
-            scratch.mark(ray);
-            walker.walk(ray, walk);
-            let recorded = Recorded::new(&walker, ray, self.softness);
-            for (&cell, &exit) in walk.cells.iter().zip(&walk.exits) {
-                space.cells.subtract_weight(cell, recorded.weight);
+        let mut stale = 0;
+        for ray in rays {
+            let walker = Walker {
+                tetrahedra,
+                views: space.views,
+                rays: &self.table,
+            };
+            let walk = &mut self.walk;
+            walker.walk(*ray, walk);
+            let recorded = Recorded::new(&walker, *ray, self.softness);
+            for &step in &walk.steps {
+                space.cells.subtract_weight(step.cell, recorded.weight);
                 let by = |sum: &mut u64, cost| *sum -= cost;
-                recorded.change_evidence(tetrahedra, space.cells, (cell, exit), by);
+                recorded.change_evidence(tetrahedra, space.cells, step, by);
             }
             if let Some(evidence) = recorded.evidence
                 && let Some(cell) = self.anchors.detach(ray.0)
             {
                 space.cells.evidence.of_mut(cell).occupied -= evidence.anchor_weight();
             }
-            for &cell in walk.cells.iter().chain(&walk.alongside) {
-                if !std::mem::replace(&mut scratch.is_listed[cell.index()], true) {
-                    affected.push(cell);
-                }
-            }
+            let entries = walk.steps.len() + walk.alongside.len();
+            self.crossings.withdraw(*ray, entries);
+            stale += entries;
+            *ray = self.table.renumber(*ray);
         }
-        for cell in affected {
-            scratch.is_listed[cell.index()] = false;
-            self.crossings.retain(cell, |ray| !scratch.is_marked(ray));
-        }
+        let mut unlisted = std::mem::take(&mut self.unlisted);
+        self.crossings.sweep(stale, &mut unlisted);
+        self.table.release(&mut unlisted);
+        self.unlisted = unlisted;
     }
 }

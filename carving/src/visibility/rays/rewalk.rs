@@ -3,11 +3,12 @@
 //! The destroyed cells and the created ones fill the same region, so only the rays in the lists of destroyed cells are
 //! affected, and only inside the region. Seen from its vertex, each such ray
 //!
-//! * enters the region from a surviving cell through the interior of a facet: the facet belongs to a destroyed cell
-//!   that lists the ray, and the walk goes on in the created cell that is now behind the facet;
-//! * or starts in the region: the destroyed cell in which it started lists the ray and has its vertex as a corner;
+//! * enters the region from a surviving cell through the interior of a facet: the facet belongs to a destroyed cell whose
+//!   list says that the ray enters there, and the walk goes on in the created cell that is now behind the facet;
+//! * or starts in the region: the list of the destroyed cell in which it started says so;
 //! * or ends on the border between a hull facet that survives and one that is new (`queue_at_hull`);
-//! * or is marked as degenerate, or turns out to be so now: it is walked over its full length.
+//! * or is marked as degenerate, or turns out to be so now, or has an entry of unknown origin: it is walked over its
+//!   full length.
 //!
 //! A ray is marked as degenerate unless each of its steps from cell to cell was found to pierce the interior of a
 //! facet; steps between surviving cells have not changed, so the mark stays right.
@@ -19,17 +20,18 @@
 
 use crate::tetrahedralization::{CellId, Changes, VertexId};
 
+use super::super::crossings::{Entrance, Entry};
 use super::super::segment_cell::crosses_ghost;
 use super::super::{ObservationId, ObservationTable, Space};
 use super::RayVisibility;
 use super::record::Recorded;
-use super::walk::{WalkScratch, Walker};
+use super::walk::Walker;
 
 /// Reused memory of updates.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RewalkScratch {
     /// Rays of one destroyed cell.
-    listed: Vec<ObservationId>,
+    listed: Vec<Entry>,
     /// Rays to walk from their vertex over their full length.
     whole: Vec<ObservationId>,
     /// Anchors whose cell is gone.
@@ -37,13 +39,11 @@ pub(super) struct RewalkScratch {
     /// For each ray the number of the update that marked it last.
     marks: Vec<u32>,
     update: u32,
-    /// For each cell whether a removal has seen it.
-    pub(super) is_listed: Vec<bool>,
 }
 
 impl RewalkScratch {
-    /// Begins an update: no ray is queued or marked.
-    pub(super) fn begin(&mut self, rays: usize) {
+    /// Begins an update: no ray is queued.
+    fn begin(&mut self, rays: usize) {
         self.whole.clear();
         self.marks.resize(rays.max(self.marks.len()), 0);
         self.update = self.update.wrapping_add(1);
@@ -53,18 +53,10 @@ impl RewalkScratch {
         }
     }
 
-    /// Marks a ray; returns whether it was marked before.
-    pub(super) fn mark(&mut self, ray: ObservationId) -> bool {
-        std::mem::replace(&mut self.marks[ray.0 as usize], self.update) == self.update
-    }
-
-    pub(super) fn is_marked(&self, ray: ObservationId) -> bool {
-        self.marks[ray.0 as usize] == self.update
-    }
-
     /// Queues a ray once.
     fn queue(&mut self, ray: ObservationId) {
-        if !self.mark(ray) {
+        let mark = &mut self.marks[ray.0 as usize];
+        if std::mem::replace(mark, self.update) != self.update {
             self.whole.push(ray);
         }
     }
@@ -110,78 +102,64 @@ impl RayVisibility {
     }
 
     /// Walks on inside the region where the rays of a destroyed cell enter it.
-    fn rewalk_cell(&mut self, space: &mut Space<'_>, cell: CellId, listed: &[ObservationId]) {
-        let tetrahedra = space.tetrahedra;
-        let vertices = tetrahedra.cell_vertices(cell);
-        let is_ghost = vertices[3].is_ghost();
+    fn rewalk_cell(&mut self, space: &mut Space<'_>, cell: CellId, listed: &[Entry]) {
+        let is_ghost = space.tetrahedra.cell_vertices(cell)[3].is_ghost();
         let border = space.border(cell);
-        for &ray in listed {
-            if self.table.is_degenerate(ray) {
-                self.scratch.queue(ray);
-                continue;
-            }
-            let target = VertexId::from_index(self.table.vertex(ray) as usize);
-            let starts_here = vertices.contains(&target);
-            if starts_here && is_ghost {
+        for entry in listed {
+            let start = match entry.entrance() {
+                Entrance::Facet(facet) => match border[usize::from(facet)] {
+                    Some(outer) => Some(outer),
+                    // The ray comes from a destroyed cell.
+                    None => continue,
+                },
                 // The ray may be listed by several ghost cells around its vertex.
-                self.scratch.queue(ray);
-            } else if starts_here {
-                self.walk_inside(space, ray, None);
-            } else {
-                for entry in border.into_iter().flatten() {
-                    if self.walk_inside(space, ray, Some(entry)) {
-                        break;
-                    }
+                Entrance::Start if !is_ghost => None,
+                Entrance::Start | Entrance::Unknown => {
+                    self.scratch.queue(entry.id());
+                    continue;
                 }
+            };
+            if self.table.is_degenerate(entry.id()) {
+                self.scratch.queue(entry.id());
+            } else {
+                self.walk_inside(space, entry.id(), start);
             }
         }
     }
 
     /// Records the created cells that a ray crosses from a facet on (or from its vertex) until it leaves the region.
-    /// False if the ray does not enter there.
     fn walk_inside(
         &mut self,
         space: &mut Space<'_>,
         ray: ObservationId,
-        entry: Option<(CellId, usize)>,
-    ) -> bool {
+        start: Option<(CellId, usize)>,
+    ) {
         let tetrahedra = space.tetrahedra;
         let walker = Walker {
             tetrahedra,
             views: space.views,
             rays: &self.table,
         };
-        let WalkScratch { cells, exits, .. } = &mut self.walk;
-        cells.clear();
-        exits.clear();
+        let steps = &mut self.walk.steps;
+        steps.clear();
         let within = |cell: CellId| space.cells.is_new(cell);
         let line = walker.line(ray);
-        let walked = match entry {
-            Some((outer, back)) => {
-                let Some(front) = walker.pierces(&line, outer, back) else {
-                    return false;
-                };
-                walker
-                    .last_cell(ray)
-                    .and_then(|last| walker.follow(&line, front, last, within, (cells, exits)))
+        let walked = walker.last_cell(ray).and_then(|last| match start {
+            Some((outer, facet)) => {
+                let front = walker.front(&line, outer, facet);
+                walker.follow(&line, front, last, within, steps)
             }
-            None => walker.last_cell(ray).and_then(|last| {
-                walker.follow_from_vertex(&line, ray, last, within, (cells, exits))
-            }),
-        };
-        match walked {
-            Ok(()) => {
-                let recorded = Recorded::new(&walker, ray, self.softness);
-                for (&cell, &exit) in cells.iter().zip(&*exits) {
-                    recorded.add((tetrahedra, &mut self.crossings, space.cells), cell, exit);
-                }
-            }
-            Err(_) => {
-                self.table.set_degenerate(ray, true);
-                self.scratch.queue(ray);
-            }
+            None => walker.follow_from_vertex(&line, ray, last, within, steps),
+        });
+        if walked.is_err() {
+            self.table.set_degenerate(ray, true);
+            self.scratch.queue(ray);
+            return;
         }
-        true
+        let recorded = Recorded::new(&walker, ray, self.softness);
+        for &step in &*steps {
+            recorded.add((tetrahedra, &mut self.crossings, space.cells), step);
+        }
     }
 
     /// Queues rays that enter the hull on the border between a surviving and a created hull facet.
@@ -230,14 +208,14 @@ impl RayVisibility {
             let degenerate = walker.walk(ray, &mut self.walk);
             let recorded = Recorded::new(&walker, ray, self.softness);
             // Another part of the ray may have been recorded before it was found to be degenerate.
-            for (&cell, &exit) in self.walk.cells.iter().zip(&self.walk.exits) {
-                if space.cells.is_new(cell) && !self.crossings.contains(cell, ray) {
-                    recorded.add((tetrahedra, &mut self.crossings, space.cells), cell, exit);
+            for &step in &self.walk.steps {
+                if space.cells.is_new(step.cell) && !self.crossings.contains(step.cell, ray) {
+                    recorded.add((tetrahedra, &mut self.crossings, space.cells), step);
                 }
             }
             for &cell in &self.walk.alongside {
                 if space.cells.is_new(cell) && !self.crossings.contains(cell, ray) {
-                    self.crossings.add(cell, ray);
+                    self.crossings.add(cell, ray, Entrance::Unknown);
                 }
             }
             self.table.set_degenerate(ray, degenerate);

@@ -31,6 +31,8 @@ pub(crate) struct Rays {
     first_of_point: Vec<u32>,
     first_of_view: Vec<u32>,
     free: Vec<u32>,
+    /// Number of old numbers in use.
+    renumbered: usize,
     /// Standard deviation of the point of each ray; empty unless asked for.
     sigmas: Vec<Option<f64>>,
     has_sigmas: bool,
@@ -67,6 +69,47 @@ impl Rays {
         self.records[ray.0 as usize].view & DEGENERATE != 0
     }
 
+    /// Takes a ray out of the lists of its point and its view.
+    fn unlink(&mut self, ray: ObservationId) {
+        let view = self.view(ray);
+        let Links {
+            point,
+            of_point,
+            of_view,
+        } = self.links[ray.0 as usize];
+        match of_point[0] {
+            NONE => self.first_of_point[point as usize] = of_point[1],
+            before => self.links[before as usize].of_point[1] = of_point[1],
+        }
+        if of_point[1] != NONE {
+            self.links[of_point[1] as usize].of_point[0] = of_point[0];
+        }
+        match of_view[0] {
+            NONE => self.first_of_view[view as usize] = of_view[1],
+            before => self.links[before as usize].of_view[1] = of_view[1],
+        }
+        if of_view[1] != NONE {
+            self.links[of_view[1] as usize].of_view[0] = of_view[0];
+        }
+    }
+
+    /// Gives a ray another number. The old one is in use until it is [released](Self::release).
+    pub(super) fn renumber(&mut self, ray: ObservationId) -> ObservationId {
+        let (view, points, weight) = (self.view(ray), self.points(ray), self.weight(ray));
+        let (vertices, sigmas) = (self.vertices(ray), self.sigmas(ray));
+        self.unlink(ray);
+        let new = self.insert(view, points, weight);
+        self.set_ends(new, vertices, sigmas);
+        self.renumbered += 1;
+        new
+    }
+
+    /// Makes old numbers of rays those of the next rays.
+    pub(super) fn release(&mut self, numbers: &mut Vec<u32>) {
+        self.renumbered -= numbers.len();
+        self.free.append(numbers);
+    }
+
     pub(crate) fn set_degenerate(&mut self, ray: ObservationId, degenerate: bool) {
         let view = &mut self.records[ray.0 as usize].view;
         *view = if degenerate {
@@ -79,7 +122,7 @@ impl Rays {
 
 impl ObservationTable<1> for Rays {
     fn len(&self) -> usize {
-        self.records.len() - self.free.len()
+        self.records.len() - self.free.len() - self.renumbered
     }
 
     /// All rays, view by view.
@@ -184,26 +227,7 @@ impl ObservationTable<1> for Rays {
     }
 
     fn remove(&mut self, ray: ObservationId) {
-        let view = self.view(ray);
-        let Links {
-            point,
-            of_point,
-            of_view,
-        } = self.links[ray.0 as usize];
-        match of_point[0] {
-            NONE => self.first_of_point[point as usize] = of_point[1],
-            before => self.links[before as usize].of_point[1] = of_point[1],
-        }
-        if of_point[1] != NONE {
-            self.links[of_point[1] as usize].of_point[0] = of_point[0];
-        }
-        match of_view[0] {
-            NONE => self.first_of_view[view as usize] = of_view[1],
-            before => self.links[before as usize].of_view[1] = of_view[1],
-        }
-        if of_view[1] != NONE {
-            self.links[of_view[1] as usize].of_view[0] = of_view[0];
-        }
+        self.unlink(ray);
         self.free.push(ray.0);
     }
 

@@ -7,6 +7,7 @@
 use crate::predicates::orient3d;
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 
+use super::super::crossings::Entrance;
 use super::super::segment_cell::{Exit, Relation, crosses_ghost, exit, relate};
 use super::super::views::{Viewpoint, Views};
 use super::super::{ObservationId, ObservationTable, Softness};
@@ -34,13 +35,19 @@ enum Departure {
     Away(CellId),
 }
 
+/// A cell that a ray crosses.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Step {
+    pub(super) cell: CellId,
+    pub(super) entrance: Entrance,
+    pub(super) exit: Exit,
+}
+
 /// Reused memory of walks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct WalkScratch {
     /// Cells that the ray of the latest walk crosses.
-    pub(super) cells: Vec<CellId>,
-    /// The exit from each of them.
-    pub(super) exits: Vec<Exit>,
+    pub(super) steps: Vec<Step>,
     /// Cells that it does not cross but in whose boundary a part of it runs; for ghost cells, in their hull facet.
     pub(super) alongside: Vec<CellId>,
     queue: Vec<CellId>,
@@ -59,6 +66,15 @@ impl WalkScratch {
             self.seen.fill(0);
             self.walk = 1;
         }
+    }
+
+    /// Appends a cell that the wide walk found to be crossed.
+    fn cross(&mut self, cell: CellId, exit: Exit) {
+        self.steps.push(Step {
+            cell,
+            entrance: Entrance::Unknown,
+            exit,
+        });
     }
 
     fn see(&mut self, cell: CellId) -> bool {
@@ -125,32 +141,21 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Whether the ray passes through the interior of a facet of the cell `inner`, leaving that cell.
-    ///
-    /// `None` also when it passes through the facet's boundary.
+    /// The ray as it leaves the cell `inner` through the interior of a facet, which it is known to pierce.
     #[inline]
-    pub(super) fn pierces(&self, line: &ShearedLine, inner: CellId, facet: usize) -> Option<Front> {
+    pub(super) fn front(&self, line: &ShearedLine, inner: CellId, facet: usize) -> Front {
         let vertices = self.tetrahedra.cell_vertices(inner);
-        let [i, j, k] = Tetrahedralization::FACET[facet];
-        let a = self.corner(line, vertices[i]);
-        let b = self.corner(line, vertices[j]);
-        if self.side(line, &a, &b) <= 0.0 {
-            return None;
-        }
-        let c = self.corner(line, vertices[k]);
-        if self.side(line, &b, &c) <= 0.0 || self.side(line, &c, &a) <= 0.0 {
-            return None;
-        }
+        let corners = Tetrahedralization::FACET[facet].map(|k| self.corner(line, vertices[k]));
         let (cell, back) = self.tetrahedra.neighbor(inner, facet);
-        Some(Front {
+        Front {
             cell,
             back,
-            corners: [a, b, c],
-        })
+            corners,
+        }
     }
 
-    /// Appends the cells from `front` on, with the exit from each, up to the last that satisfies `within`, the last cell of
-    /// the ray, or the ghost cell through which the ray leaves the hull.
+    /// Appends the cells from `front` on, up to the last that satisfies `within`, the last cell of the ray, or the ghost
+    /// cell through which the ray leaves the hull.
     #[inline]
     pub(super) fn follow(
         &self,
@@ -158,7 +163,7 @@ impl<'a> Walker<'a> {
         front: Front,
         last: Option<CellId>,
         within: impl Fn(CellId) -> bool,
-        (cells, exits): (&mut Vec<CellId>, &mut Vec<Exit>),
+        steps: &mut Vec<Step>,
     ) -> Result<(), Degenerate> {
         let Front {
             mut cell,
@@ -166,14 +171,19 @@ impl<'a> Walker<'a> {
             corners: [mut a, mut b, mut c],
         } = front;
         while within(cell) {
-            cells.push(cell);
+            let mut step = Step {
+                cell,
+                entrance: Entrance::Facet(back as u8),
+                exit: Exit::AtCenter,
+            };
             if last == Some(cell) {
-                exits.push(Exit::AtCenter);
+                steps.push(step);
                 break;
             }
             let vertices = self.tetrahedra.cell_vertices(cell);
             if vertices[3].is_ghost() {
-                exits.push(Exit::Elsewhere);
+                step.exit = Exit::Elsewhere;
+                steps.push(step);
                 break;
             }
             // The ray leaves through the facet of the new corner whose two outer edges it passes on the right side.
@@ -208,7 +218,8 @@ impl<'a> Walker<'a> {
                 _ => std::mem::replace(&mut c, v),
             };
             let exit = slot_of(&vertices, dropped.vertex);
-            exits.push(Exit::Through(exit));
+            step.exit = Exit::Through(exit);
+            steps.push(step);
             (cell, back) = self.tetrahedra.neighbor(cell, exit);
         }
         Ok(())
@@ -262,34 +273,40 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Appends the cells from the ray's vertex on, with the exit from each, up to the last that satisfies `within`.
+    /// Appends the cells from the ray's vertex on, up to the last that satisfies `within`.
     pub(super) fn follow_from_vertex(
         &self,
         line: &ShearedLine,
         ray: ObservationId,
         last: Option<CellId>,
         within: impl Fn(CellId) -> bool,
-        (cells, exits): (&mut Vec<CellId>, &mut Vec<Exit>),
+        steps: &mut Vec<Step>,
     ) -> Result<(), Degenerate> {
         match self.depart(line, self.target(ray))? {
             Departure::Away(ghost) => {
-                self.ghosts_in_sight(ray, ghost, within, cells);
-                exits.resize(cells.len(), Exit::Elsewhere);
+                self.ghosts_in_sight(ray, ghost, within, steps);
                 Ok(())
             }
             Departure::Into(cell, front) => {
                 if !within(cell) {
                     return Ok(());
                 }
-                cells.push(cell);
-                if last == Some(cell) {
-                    exits.push(Exit::AtCenter);
+                let vertices = self.tetrahedra.cell_vertices(cell);
+                let is_last = last == Some(cell);
+                let exit = if is_last {
+                    Exit::AtCenter
+                } else {
+                    Exit::Through(slot_of(&vertices, self.rays.vertex(ray)))
+                };
+                steps.push(Step {
+                    cell,
+                    entrance: Entrance::Start,
+                    exit,
+                });
+                if is_last {
                     return Ok(());
                 }
-                let vertices = self.tetrahedra.cell_vertices(cell);
-                let target = self.rays.vertex(ray);
-                exits.push(Exit::Through(slot_of(&vertices, target)));
-                self.follow(line, front, last, within, (cells, exits))
+                self.follow(line, front, last, within, steps)
             }
         }
     }
@@ -303,14 +320,18 @@ impl<'a> Walker<'a> {
         ray: ObservationId,
         start: CellId,
         within: impl Fn(CellId) -> bool,
-        cells: &mut Vec<CellId>,
+        steps: &mut Vec<Step>,
     ) {
         let tetrahedra = self.tetrahedra;
         let target = self.target(ray);
         let center = self.views.center(self.rays.view(ray));
         let mut accept = |cell| {
             if within(cell) {
-                cells.push(cell);
+                steps.push(Step {
+                    cell,
+                    entrance: Entrance::Start,
+                    exit: Exit::Elsewhere,
+                });
             }
         };
         accept(start);
@@ -342,26 +363,24 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Fills `scratch.cells` with all cells that the ray crosses and `scratch.alongside` with those in whose boundary it
+    /// Fills `scratch.steps` with all cells that the ray crosses and `scratch.alongside` with those in whose boundary it
     /// runs. Returns whether the ray may be degenerate.
     ///
     /// # Complexity
     ///
     /// Linear in the number of cells crossed; for degenerate rays in that of cells touched.
     pub(super) fn walk(&self, ray: ObservationId, scratch: &mut WalkScratch) -> bool {
-        scratch.cells.clear();
-        scratch.exits.clear();
+        scratch.steps.clear();
         scratch.alongside.clear();
-        let strict = self.walk_strict(ray, (&mut scratch.cells, &mut scratch.exits));
+        let strict = self.walk_strict(ray, &mut scratch.steps);
         if strict == Err(Degenerate) {
-            scratch.cells.clear();
-            scratch.exits.clear();
+            scratch.steps.clear();
             self.walk_wide(ray, scratch);
         }
         strict == Err(Degenerate)
     }
 
-    /// Appends the cells that the ray crosses, with the exit from each.
+    /// Appends the cells that the ray crosses.
     ///
     /// # Errors
     ///
@@ -369,7 +388,7 @@ impl<'a> Walker<'a> {
     pub(super) fn walk_strict(
         &self,
         ray: ObservationId,
-        steps: (&mut Vec<CellId>, &mut Vec<Exit>),
+        steps: &mut Vec<Step>,
     ) -> Result<(), Degenerate> {
         let last = self.last_cell(ray)?;
         self.follow_from_vertex(&self.line(ray), ray, last, |_| true, steps)
@@ -398,8 +417,7 @@ impl<'a> Walker<'a> {
             if vertices[3].is_ghost() {
                 let facet = [0, 1, 2].map(|k| tetrahedra.coordinates(vertices[k]));
                 if crosses_ghost(center, end, facet) {
-                    scratch.cells.push(cell);
-                    scratch.exits.push(Exit::Elsewhere);
+                    scratch.cross(cell, Exit::Elsewhere);
                 }
                 continue;
             }
@@ -407,8 +425,7 @@ impl<'a> Walker<'a> {
             let relation = relate(center, end, corners);
             match relation {
                 Relation::Crosses => {
-                    scratch.cells.push(cell);
-                    scratch.exits.push(exit(center, end, corners));
+                    scratch.cross(cell, exit(center, end, corners));
                 }
                 Relation::RunsInBoundary { facets } => {
                     scratch.alongside.push(cell);

@@ -53,7 +53,7 @@ pub(crate) struct SegmentVisibility {
 
 impl SegmentVisibility {
     /// Largest number of segments: anchors are numbered with 32 bits.
-    pub(crate) const MAX_SEGMENTS: usize = (u32::MAX - 1) as usize / evidence::ANCHORS;
+    pub(crate) const MAX_SEGMENTS: usize = Crossings::MAX_ID / evidence::ANCHORS;
 
     /// No segments; with evidence where a softness is given.
     pub(crate) fn new(softness: Option<Softness>) -> Self {
@@ -89,7 +89,7 @@ impl Visibility<2> for SegmentVisibility {
         self.add_all(space, ids);
     }
 
-    fn remove(&mut self, space: &mut Space<'_>, ids: &[ObservationId]) {
+    fn remove(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]) {
         self.remove_all(space, ids);
     }
 
@@ -98,7 +98,7 @@ impl Visibility<2> for SegmentVisibility {
     }
 
     fn clear(&mut self) {
-        self.crossings.clear();
+        self.crossings.clear(&mut Vec::new());
         self.anchors.clear();
     }
 

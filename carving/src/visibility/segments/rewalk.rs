@@ -8,6 +8,7 @@
 
 use crate::tetrahedralization::{CellId, Changes, VertexId};
 
+use super::super::crossings::Entry;
 use super::super::{ObservationId, Space};
 use super::SegmentVisibility;
 use super::evidence::ANCHORS;
@@ -27,7 +28,7 @@ enum Start {
 #[derive(Clone, Debug, Default)]
 pub(super) struct RewalkScratch {
     /// Segments of one destroyed cell.
-    listed: Vec<ObservationId>,
+    listed: Vec<Entry>,
     starts: Vec<(ObservationId, Start)>,
     /// Anchors whose cell is gone.
     orphaned: Vec<u32>,
@@ -92,13 +93,13 @@ impl SegmentVisibility {
         &self,
         space: &Space<'_>,
         cell: CellId,
-        listed: &[ObservationId],
+        listed: &[Entry],
         starts: &mut Vec<(ObservationId, Start)>,
     ) {
         let tetrahedra = space.tetrahedra;
         let vertices = tetrahedra.cell_vertices(cell);
         let border = space.border(cell);
-        for &id in listed {
+        for id in listed.iter().map(|entry| entry.id()) {
             starts.push((id, Start::Nowhere));
             for (outer, back) in border.into_iter().flatten() {
                 starts.push((id, Start::Cell(tetrahedra.neighbor(outer, back).0)));

@@ -5,6 +5,7 @@
 
 use crate::tetrahedralization::{CellId, IncidentCells, Tetrahedralization, VertexId};
 
+use super::super::crossings::Entrance;
 use super::super::{CellEvidence, Cells, ObservationId, Softness, Space, Views};
 use super::SegmentVisibility;
 use super::evidence::{ANCHORS, Frame, SegmentEvidence};
@@ -247,13 +248,13 @@ impl SegmentVisibility {
         let recorded = Recorded::new(evidence, self.softness.as_ref());
         for &met in &self.search.met {
             if !only_new || space.cells.is_new(met.0) {
-                self.crossings.add(met.0, id);
+                self.crossings.add(met.0, id, Entrance::Unknown);
                 recorded.add(tetrahedra, space.cells, met);
             }
         }
         for &cell in &self.search.alongside {
             if !only_new || space.cells.is_new(cell) {
-                self.crossings.add(cell, id);
+                self.crossings.add(cell, id, Entrance::Unknown);
             }
         }
     }
