@@ -1,11 +1,12 @@
 //! Fuses the measurements of a keyframe into landmarks and points of the carver.
 
-use linecarve_carving::{PointId, Transaction, TransactionError, ViewId};
+use linecarve_carving::{Carver, PointId, Transaction, TransactionError, ViewId};
 use linecarve_lines::triangulation::ImageVertex;
 use nalgebra::Point3;
 
 use super::landmarks::{Association, LandmarkUpdate, Landmarks, Measurement};
-use super::nearly_parallel::{SegmentViews, is_near_segment};
+use super::ray_selection::{RayChange, RaySelection};
+use super::segment_views::SegmentViews;
 use super::surface_points::{KeyframeSurface, SurfaceCheck};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
@@ -21,16 +22,16 @@ pub(super) struct LandmarkFusion {
     points: Vec<PointId>,
     /// Factor on standard deviations for the carver.
     sigma_factor: f64,
-    /// Tangent of the least angle between rays to one point.
-    least_tangent: f64,
+    /// The observations of each landmark, and its rays among them.
+    rays: RaySelection,
     /// Views with visibility triangles to sub-segments.
     segment_views: SegmentViews,
     /// Landmarks that the keyframe observes; unsorted and with repetitions until colours are added.
     seen: Vec<u32>,
     /// Landmarks among them that got a ray.
     observed: Vec<u32>,
-    /// Provisional views; their rays are not compared with new ones.
-    provisional: Vec<ViewId>,
+    /// Landmarks that the keyframe moved.
+    moved: Vec<u32>,
     /// Landmarks in front of a measured surface.
     contradicted: Vec<u32>,
     /// End landmarks of the observed sub-segments.
@@ -50,11 +51,11 @@ impl LandmarkFusion {
             landmarks: Landmarks::new(options.landmarks),
             points: Vec::new(),
             sigma_factor: options.carving.cut.sigma_factor,
-            least_tangent: options.carving.least_ray_angle_deg.to_radians().tan(),
+            rays: RaySelection::new(options.carving.least_ray_angle_deg),
             segment_views: SegmentViews::new(options.carving.least_segment_angle_deg),
             seen: Vec::new(),
             observed: Vec::new(),
-            provisional: Vec::new(),
+            moved: Vec::new(),
             contradicted: Vec::new(),
             sub_segments: Vec::new(),
             checks: Vec::new(),
@@ -77,12 +78,6 @@ impl LandmarkFusion {
     /// Landmarks that the keyframe observes; ascending after [`add_colors`](Self::add_colors).
     pub(super) fn seen(&self) -> &[u32] {
         &self.seen
-    }
-
-    /// Sets the provisional views, whose rays are not compared with new ones.
-    pub(super) fn ignore_views(&mut self, views: impl Iterator<Item = ViewId>) {
-        self.provisional.clear();
-        self.provisional.extend(views);
     }
 
     /// Landmarks that got a ray in the last call of [`add_observations`](Self::add_observations), ascending.
@@ -259,52 +254,69 @@ impl LandmarkFusion {
         &mut self,
         transaction: &mut Transaction<'_>,
     ) -> Result<(usize, usize), TransactionError> {
-        let (mut moved, mut removed) = (0, 0);
+        let mut removed = 0;
+        self.moved.clear();
         for &landmark in self.contradicted.iter().chain(&self.seen) {
             let point = self.points[landmark as usize];
             match self.landmarks.update(landmark) {
                 LandmarkUpdate::Unchanged => {}
                 LandmarkUpdate::Moved(position) => {
                     transaction.move_point(point, position)?;
-                    moved += 1;
+                    self.moved.push(landmark);
                 }
                 LandmarkUpdate::Removed => {
                     transaction.remove_point(point)?;
+                    self.rays.remove(landmark);
                     removed += 1;
                 }
             }
         }
         let landmarks = &self.landmarks;
         self.seen.retain(|landmark| landmarks.is_in_use(*landmark));
-        Ok((moved, removed))
+        Ok((self.moved.len(), removed))
     }
 
-    /// Adds one ray from the view to each observed landmark, unless the point has a nearly parallel one.
+    /// Adds a ray from the view to each observed landmark whose bin of directions and distances has none, and selects the
+    /// rays of landmarks that moved anew.
     ///
     /// # Complexity
-    /// Linear in the observed landmarks times the views that observe them.
+    /// Linear in the rays of the observed landmarks, and in the observations of those that moved.
     pub(super) fn add_observations(
         &mut self,
         transaction: &mut Transaction<'_>,
         view: ViewId,
         center: &Point3<f64>,
     ) -> Result<(), TransactionError> {
-        self.observed.clear();
-        for &landmark in &self.seen {
+        let center_of = |before: &Carver, other: ViewId| {
+            if other == view {
+                *center
+            } else {
+                before.view(other).unwrap_or(*center)
+            }
+        };
+        for landmark in self.moved.drain(..) {
             let point = self.points[landmark as usize];
             let position = self.landmarks.position(landmark);
-            let distance = self.least_tangent * (position - center).norm();
-            let carver = transaction.before();
-            let mut centers = carver
-                .views_of(point)
-                .filter(|view| !self.provisional.contains(view))
-                .filter_map(|view| carver.view(view));
-            if !centers.any(|other| is_near_segment(center, [&position, &other], distance)) {
-                self.observed.push(landmark);
+            let changes = (self.rays).select(landmark, &position, |other| {
+                center_of(transaction.before(), other)
+            });
+            for change in changes {
+                match *change {
+                    RayChange::Add(view) => transaction.add_observation(view, point, 1)?,
+                    RayChange::Remove(view) => transaction.remove_observation(view, point)?,
+                }
             }
         }
-        for landmark in &self.observed {
-            transaction.add_observation(view, self.points[*landmark as usize], 1)?;
+        self.observed.clear();
+        for &landmark in &self.seen {
+            let position = self.landmarks.position(landmark);
+            let has_ray = self.rays.observe(landmark, &position, view, |other| {
+                center_of(transaction.before(), other)
+            });
+            if has_ray {
+                self.observed.push(landmark);
+                transaction.add_observation(view, self.points[landmark as usize], 1)?;
+            }
         }
         Ok(())
     }

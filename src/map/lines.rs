@@ -179,7 +179,6 @@ impl LineMap {
         let pose = &keyframe.world_from_camera;
         let center = Point3::from(pose.translation.vector);
         let landmarks = &mut self.landmarks;
-        landmarks.ignore_views(self.provisional.views());
         let mut transaction = carver.transaction();
         self.provisional.remove(keyframe.frame, &mut transaction)?;
         let view = transaction.add_view(center)?;

@@ -127,7 +127,7 @@ impl Default for CarvingOptions {
             labels: LabelKind::default(),
             free_threshold: 1,
             segment_weight: 0,
-            least_ray_angle_deg: 2.0,
+            least_ray_angle_deg: std::env::var("RAYDEG").map_or(10.0, |v| v.parse().unwrap()),
             least_segment_angle_deg: 15.0,
             cut: CutSettings::default(),
         }
