@@ -51,7 +51,7 @@ impl LandmarkFusion {
             landmarks: Landmarks::new(options.landmarks),
             points: Vec::new(),
             sigma_factor: options.carving.cut.sigma_factor,
-            rays: RaySelection::new(options.carving.least_ray_angle_deg),
+            rays: RaySelection::new(options.carving.ray_angle_deg),
             segment_views: SegmentViews::new(options.carving.least_segment_angle_deg),
             seen: Vec::new(),
             observed: Vec::new(),
@@ -388,23 +388,26 @@ mod tests {
     }
 
     #[test]
-    fn nearly_parallel_rays_are_not_added() {
+    fn a_landmark_gets_one_ray_from_each_direction_and_octave_of_distance() {
         let options = Options::default();
-        // 2 degrees at 2 units are 0.07: equal and close centres add no ray, a distant one does.
-        let lateral = rays_from(
-            &options,
-            &[[0.0; 3], [0.06, 0.0, 0.0], [0.0; 3], [0.1, 0.0, 0.0]],
-        );
         let both = vec![0, 1];
-        assert_eq!(
-            lateral,
-            [both.clone(), Vec::new(), Vec::new(), both.clone()]
+        // Equal and close centres add no ray; one aside does, and one at twice the distance.
+        let rays = rays_from(
+            &options,
+            &[
+                [0.0; 3],
+                [0.06, 0.0, 0.0],
+                [0.0; 3],
+                [3.0, 0.0, 0.0],
+                [0.0, 0.0, -3.0],
+            ],
         );
-        // Half way to the first point along its ray. From further behind the ray is longer and carves more.
-        let along = rays_from(&options, &[[0.0; 3], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
-        assert_eq!(along, [both.clone(), vec![1], both.clone()]);
+        assert_eq!(
+            rays,
+            [both.clone(), vec![], vec![], both.clone(), both.clone()]
+        );
         let mut all = Options::default();
-        all.carving.least_ray_angle_deg = 0.0;
+        all.carving.ray_angle_deg = 0.0;
         assert_eq!(
             rays_from(&all, &[[0.0; 3], [1e-9, 0.0, 0.0]]),
             [both.clone(), both]

@@ -145,11 +145,6 @@ impl ProvisionalKeyframes {
         self.keyframes.keys().copied().collect()
     }
 
-    /// Views of the provisional keyframes.
-    pub(super) fn views(&self) -> impl Iterator<Item = ViewId> + '_ {
-        self.keyframes.values().map(|provisional| provisional.view)
-    }
-
     /// Whether there are no provisional keyframes.
     pub(super) fn is_empty(&self) -> bool {
         self.keyframes.is_empty()

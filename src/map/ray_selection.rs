@@ -26,6 +26,13 @@ struct Lists {
     rays: u32,
 }
 
+impl Lists {
+    const EMPTY: Lists = Lists {
+        observations: NONE,
+        rays: NONE,
+    };
+}
+
 /// A change of the rays of a landmark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum RayChange {
@@ -41,8 +48,9 @@ pub(super) struct RaySelection {
     lists: Vec<Lists>,
     entries: Vec<Entry>,
     free: u32,
-    /// Reused memory: views of a landmark, ascending, and the bins that are taken.
-    views: Vec<ViewId>,
+    /// Reused memory: rays of a landmark before, its observations, the bins that are taken, and the result.
+    before: Vec<ViewId>,
+    observations: Vec<ViewId>,
     taken: Vec<Bin>,
     changes: Vec<RayChange>,
 }
@@ -65,7 +73,7 @@ impl RaySelection {
         }
     }
 
-    fn bin(&self, grid: f64, position: &Point3<f64>, center: &Point3<f64>) -> Bin {
+    fn bin(grid: f64, position: &Point3<f64>, center: &Point3<f64>) -> Bin {
         let ray: Vector3<f64> = center - position;
         let axis = ray.iamax();
         let length = ray[axis].abs();
@@ -78,7 +86,7 @@ impl RaySelection {
             face: 2 * axis as u8 + u8::from(ray[axis] < 0.0),
             cell: [along(1), along(2)],
             // The exponent of the length.
-            octave: if std::env::var_os("NOOCT").is_some() { 0 } else { (ray.norm().to_bits() >> 52) as u16 },
+            octave: (ray.norm().to_bits() >> 52) as u16,
         }
     }
 
@@ -123,20 +131,17 @@ impl RaySelection {
         view: ViewId,
         center_of: impl Fn(ViewId) -> Point3<f64>,
     ) -> bool {
-        let empty = Lists {
-            observations: NONE,
-            rays: NONE,
-        };
-        let index = landmark as usize;
-        self.lists.resize(self.lists.len().max(index + 1), empty);
         let Some(grid) = self.grid else {
             return true;
         };
+        let index = landmark as usize;
+        self.lists
+            .resize(self.lists.len().max(index + 1), Lists::EMPTY);
         self.lists[index].observations = self.push(view, self.lists[index].observations);
-        let bin = self.bin(grid, position, &center_of(view));
+        let bin = Self::bin(grid, position, &center_of(view));
         let is_taken = self
             .list(self.lists[index].rays)
-            .any(|other| self.bin(grid, position, &center_of(other)) == bin);
+            .any(|other| Self::bin(grid, position, &center_of(other)) == bin);
         if !is_taken {
             self.lists[index].rays = self.push(view, self.lists[index].rays);
         }
@@ -160,16 +165,17 @@ impl RaySelection {
         let Some(&lists) = self.lists.get(landmark as usize) else {
             return &self.changes;
         };
-        let mut before = std::mem::take(&mut self.views);
+        let mut before = std::mem::take(&mut self.before);
         before.clear();
         before.extend(self.list(lists.rays));
         self.release(lists.rays);
-        let mut observations: Vec<ViewId> = self.list(lists.observations).collect();
-        observations.reverse();
+        let mut observations = std::mem::take(&mut self.observations);
+        observations.clear();
+        observations.extend(self.list(lists.observations));
         self.taken.clear();
         let mut rays = NONE;
-        for view in observations {
-            let bin = self.bin(grid, position, &center_of(view));
+        for &view in observations.iter().rev() {
+            let bin = Self::bin(grid, position, &center_of(view));
             if self.taken.contains(&bin) {
                 continue;
             }
@@ -182,8 +188,10 @@ impl RaySelection {
                 None => self.changes.push(RayChange::Add(view)),
             }
         }
-        self.changes.extend(before.iter().map(|view| RayChange::Remove(*view)));
-        self.views = before;
+        self.changes
+            .extend(before.iter().map(|view| RayChange::Remove(*view)));
+        self.before = before;
+        self.observations = observations;
         self.lists[landmark as usize].rays = rays;
         &self.changes
     }
@@ -191,15 +199,92 @@ impl RaySelection {
     /// Forgets a landmark that was removed.
     pub(super) fn remove(&mut self, landmark: u32) {
         if let Some(lists) = self.lists.get_mut(landmark as usize) {
-            let Lists { observations, rays } = std::mem::replace(
-                lists,
-                Lists {
-                    observations: NONE,
-                    rays: NONE,
-                },
-            );
+            let Lists { observations, rays } = std::mem::replace(lists, Lists::EMPTY);
             self.release(observations);
             self.release(rays);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A view on a spiral around the origin.
+    fn center(view: ViewId) -> Point3<f64> {
+        let turn = 0.37 * f64::from(view.0);
+        let distance = 1.0 + 0.05 * f64::from(view.0);
+        Point3::new(
+            distance * turn.cos(),
+            distance * turn.sin(),
+            0.3 * turn.sin(),
+        )
+    }
+
+    /// The rays that these changes lead to.
+    fn rays_of(selection: &RaySelection, landmark: u32) -> Vec<ViewId> {
+        let mut rays: Vec<ViewId> = selection
+            .list(selection.lists[landmark as usize].rays)
+            .collect();
+        rays.sort_unstable();
+        rays
+    }
+
+    #[test]
+    fn the_rays_depend_on_the_observations_and_the_last_position_alone() {
+        let places: Vec<Point3<f64>> = (0..5)
+            .map(|k| Point3::new(0.1 * f64::from(k), -0.05 * f64::from(k), 0.02))
+            .collect();
+        let mut moved = RaySelection::new(15.0);
+        let mut kept: Vec<ViewId> = Vec::new();
+        for view in 0..60 {
+            let place = &places[view as usize / 12];
+            if view % 12 == 0 {
+                for change in moved.select(0, place, center) {
+                    match change {
+                        RayChange::Add(view) => kept.push(*view),
+                        RayChange::Remove(view) => kept.retain(|other| other != view),
+                    }
+                }
+            }
+            if moved.observe(0, place, ViewId(view), center) {
+                kept.push(ViewId(view));
+            }
+        }
+        let mut at_once = RaySelection::new(15.0);
+        for view in 0..60 {
+            at_once.observe(0, &places[4], ViewId(view), center);
+        }
+        assert_eq!(rays_of(&moved, 0), rays_of(&at_once, 0));
+        kept.sort_unstable();
+        assert_eq!(kept, rays_of(&at_once, 0));
+        assert!(kept.len() > 5 && kept.len() < 60);
+    }
+
+    #[test]
+    fn the_number_of_rays_saturates_while_a_camera_stays() {
+        let mut selection = RaySelection::new(15.0);
+        let stays = |view: ViewId| Point3::new(1.0, 1e-3 * f64::from(view.0 % 7), 0.1);
+        let rays = (0..1000)
+            .filter(|view| selection.observe(3, &Point3::origin(), ViewId(*view), stays))
+            .count();
+        assert_eq!(rays, 1);
+        selection.remove(3);
+        let entries = selection.entries.len();
+        assert!(selection.observe(4, &Point3::origin(), ViewId(1000), stays));
+        assert_eq!(selection.entries.len(), entries);
+    }
+
+    #[test]
+    fn without_bins_every_observation_is_a_ray() {
+        let mut selection = RaySelection::new(0.0);
+        for view in 0..3 {
+            assert!(
+                selection.observe(0, &Point3::origin(), ViewId(view), |_| Point3::new(
+                    1.0, 0.0, 0.0
+                ))
+            );
+        }
+        assert!(selection.select(0, &Point3::origin(), center).is_empty());
     }
 }

@@ -22,7 +22,7 @@ impl Default for LandmarkOptions {
             join: true,
             lateral_px: 6.0,
             depth_sigmas: 3.0,
-            settling_share: 0.5,
+            settling_share: 1.0,
         }
     }
 }

@@ -113,8 +113,9 @@ pub struct CarvingOptions {
     /// 0: none. Cells that the triangle crosses are free, except those that the sub-segment itself passes through. With the
     /// cut, free space behind the sub-segment is penalised, as behind a point. A keyframe takes two to three times as long.
     pub segment_weight: u32,
-    /// Least angle in degrees between the rays to a point; 0: no limit. Nearly parallel rays add cost, but no evidence.
-    pub least_ray_angle_deg: f64,
+    /// Width in degrees of the bins of directions in each of which a point has at most one ray; 0: all rays. Rays from
+    /// similar directions add cost, but little evidence.
+    pub ray_angle_deg: f64,
     /// Least angle in degrees between the visibility triangles to a sub-segment; 0: no limit.
     pub least_segment_angle_deg: f64,
     /// Settings of the minimum cut.
@@ -127,7 +128,7 @@ impl Default for CarvingOptions {
             labels: LabelKind::default(),
             free_threshold: 1,
             segment_weight: 0,
-            least_ray_angle_deg: std::env::var("RAYDEG").map_or(10.0, |v| v.parse().unwrap()),
+            ray_angle_deg: 15.0,
             least_segment_angle_deg: 15.0,
             cut: CutSettings::default(),
         }
@@ -263,7 +264,7 @@ impl Options {
             "a share from 0 to 1 is needed",
         )?;
         let carving = &self.carving;
-        angle("carving.least_ray_angle_deg", carving.least_ray_angle_deg)?;
+        angle("carving.ray_angle_deg", carving.ray_angle_deg)?;
         angle(
             "carving.least_segment_angle_deg",
             carving.least_segment_angle_deg,
@@ -298,8 +299,8 @@ mod tests {
             (|o| o.landmarks.lateral_px = -1.0, "landmarks.lateral_px"),
             (|o| o.carving.free_threshold = 0, "carving.free_threshold"),
             (
-                |o| o.carving.least_ray_angle_deg = f64::NAN,
-                "carving.least_ray_angle_deg",
+                |o| o.carving.ray_angle_deg = f64::NAN,
+                "carving.ray_angle_deg",
             ),
             (
                 |o| o.carving.least_segment_angle_deg = 46.0,
