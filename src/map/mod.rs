@@ -16,6 +16,8 @@ mod segment_map;
 mod segment_points;
 mod surface;
 mod surface_points;
+#[cfg(test)]
+pub(crate) mod test_surface;
 mod update;
 mod vertex_landmarks;
 
@@ -350,7 +352,9 @@ impl Map {
     /// Linear in the size of the surface, plus sorting of its vertices.
     pub fn surface(&self) -> TriangleMesh {
         match self.followed_surface() {
-            Some(surface) if surface.is_current() => surface.to_mesh(),
+            Some(surface) if surface.is_current(self.export_options().longest_edge) => {
+                surface.to_mesh()
+            }
             _ => self.extract_surface(),
         }
     }

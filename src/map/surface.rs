@@ -82,14 +82,15 @@ impl MapSurface {
         pending.recolored.extend(&update.recolored);
     }
 
-    /// Whether the mesh has followed all changes.
-    pub(super) fn is_current(&self) -> bool {
+    /// Whether the mesh has followed all changes, with this longest edge.
+    pub(super) fn is_current(&self, longest_edge: Option<f64>) -> bool {
         let Pending {
             deltas,
             revalidated,
             recolored,
         } = &self.pending;
-        deltas.is_empty() && revalidated.is_empty() && recolored.is_empty()
+        let is_pending = !(deltas.is_empty() && revalidated.is_empty() && recolored.is_empty());
+        !is_pending && self.longest_edge == longest_edge
     }
 
     /// Follows the changes noted, and returns that of the exported surface. `role` says how a triangle is exported, `color` gives
