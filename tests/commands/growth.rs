@@ -48,8 +48,15 @@ impl Reader {
             .chunks_exact(4)
             .map(|word| u32::from_le_bytes(word.try_into().unwrap()))
             .collect();
-        let [vertices, triangles, removed, freed, placed, recolored, added] =
-            [0, 1, 2, 3, 4, 5, 6].map(|at| words[at] as usize);
+        let [
+            vertices,
+            triangles,
+            removed,
+            freed,
+            placed,
+            recolored,
+            added,
+        ] = [0, 1, 2, 3, 4, 5, 6].map(|at| words[at] as usize);
         let mut rest = &words[7..];
         let mut take = |count: usize| {
             let (list, after) = rest.split_at(count);
@@ -72,14 +79,18 @@ impl Reader {
             assert!(self.triangles.insert(corners.try_into().unwrap()));
         }
         assert!(rest.is_empty());
-        assert_eq!((self.positions.len(), self.triangles.len()), (vertices, triangles));
+        assert_eq!(
+            (self.positions.len(), self.triangles.len()),
+            (vertices, triangles)
+        );
     }
 
     /// The triangles by positions, sorted.
     fn surface(&self) -> Vec<Corners> {
         let triangles = self.triangles.iter();
-        let mut surface: Vec<Corners> =
-            triangles.map(|t| rotated(t.map(|number| self.positions[&number]))).collect();
+        let mut surface: Vec<Corners> = triangles
+            .map(|t| rotated(t.map(|number| self.positions[&number])))
+            .collect();
         surface.sort_unstable();
         surface
     }
@@ -104,7 +115,10 @@ fn compare_growth(sequence: &Path, root: &Path, more: &[&str]) -> usize {
         };
         reader.apply(&bytes);
         let expected = triangles_of(&file(&whole, "glb"));
-        assert!(reader.surface() == expected, "keyframe {count} of {sequence:?}");
+        assert!(
+            reader.surface() == expected,
+            "keyframe {count} of {sequence:?}"
+        );
         count += 1;
     }
     let files = |out: &Path| std::fs::read_dir(out.join("keyframes")).unwrap().count();
@@ -135,7 +149,14 @@ fn changes_add_up_to_the_whole_surfaces() {
 fn changes_of_provisional_keyframes_add_up() {
     let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
     let out = tempfile::tempdir().unwrap();
-    let more = ["--every", "2", "--depth", "semi-dense", "--max-keyframes", "12"];
+    let more = [
+        "--every",
+        "2",
+        "--depth",
+        "semi-dense",
+        "--max-keyframes",
+        "12",
+    ];
     assert_eq!(compare_growth(&room, out.path(), &more), 12);
 }
 
@@ -161,7 +182,11 @@ fn the_client_rebuilds_the_surfaces() {
     let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/read_growth.py");
     let run = |keyframes: &Path, more: &[&str]| {
         let mut command = Command::new("python3");
-        command.arg(&client).arg(keyframes).arg("--out").arg(&rebuilt);
+        command
+            .arg(&client)
+            .arg(keyframes)
+            .arg("--out")
+            .arg(&rebuilt);
         command.args(more).output().unwrap()
     };
     let done = run(&delta.join("keyframes"), &["--every", "2"]);
@@ -176,8 +201,14 @@ fn the_client_rebuilds_the_surfaces() {
     std::fs::remove_file(delta.join("keyframes/000002.delta")).unwrap();
     let done = run(&delta.join("keyframes"), &[]);
     let message = String::from_utf8_lossy(&done.stderr).into_owned();
-    assert!(!done.status.success() && message.contains("000003.delta"), "{message}");
+    assert!(
+        !done.status.success() && message.contains("000003.delta"),
+        "{message}"
+    );
     let done = run(&whole, &[]);
     let message = String::from_utf8_lossy(&done.stderr).into_owned();
-    assert!(!done.status.success() && message.contains("--growth delta"), "{message}");
+    assert!(
+        !done.status.success() && message.contains("--growth delta"),
+        "{message}"
+    );
 }
