@@ -62,7 +62,10 @@ class Surface:
         for number, x, y, z, *color in placed:
             self.vertices[number] = ((x, y, z), tuple(color))
         for number, *color in recolored:
-            self.vertices[number] = (self.vertices[number][0], tuple(color))
+            position, _ = self.vertices.get(number, (None, None))
+            if position is None:
+                raise ValueError(f"{path}: does not continue the files before it; is one missing?")
+            self.vertices[number] = (position, tuple(color))
         self.triangles.update(added)
         if (len(self.vertices), len(self.triangles)) != (vertices, triangles):
             raise ValueError(f"{path}: does not continue the files before it; is one missing?")
