@@ -19,7 +19,7 @@ pub use diff::DiffArgs;
 pub use evaluate::{AlignBy, EvaluateArgs};
 pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
-pub use values::{CheckChoice, FormatChoice, LabelChoice, LayoutChoice, SceneChoice};
+pub use values::{CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice};
 pub use view::ViewArgs;
 
 use crate::run::MemoryLimit;
@@ -206,7 +206,11 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "LENGTH|N%", num_args = 0..=1, default_missing_value = crate::sinks::DEFAULT_TOLERANCE_TEXT)]
     pub simplify: Option<Tolerance>,
 
-    /// Leave out the surface of every single keyframe (`keyframes/NNNNNN.glb`).
+    /// What is written of the surface after every single keyframe.
+    #[arg(long, value_enum, default_value_t = GrowthChoice::Whole, conflicts_with = "final_only")]
+    pub growth: GrowthChoice,
+
+    /// Leave out the surface of every single keyframe.
     #[arg(long)]
     pub final_only: bool,
 

@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use linecarve_mesh::TriangleMesh;
 use nalgebra::Vector3;
 
 use crate::error::Error;
 use crate::front_end::{Arrival, FrontEndError, Keyframe};
-use crate::map::{Map, MapError, MapUpdate};
+use crate::map::{Map, MapError, MapUpdate, SurfaceChange};
 use crate::run::{StageTimes, milliseconds};
 
 /// What one keyframe changed.
@@ -24,8 +23,9 @@ pub struct KeyframeUpdate {
     pub map: MapUpdate,
     /// Keyframes that were read between this one and its first, provisional appearance in the map.
     pub delay_keyframes: Option<usize>,
-    /// The surface after the keyframe in the frame of computation, when a sink asks for it.
-    pub surface: Option<TriangleMesh>,
+    /// What it did to the exported surface, when a sink asks for it. The surface itself is that which the map
+    /// [follows](Map::followed_surface).
+    pub surface: Option<SurfaceChange>,
     /// Processor time of all stages so far.
     pub times: StageTimes,
 }
@@ -67,7 +67,8 @@ impl Mapper {
         }
     }
 
-    /// Takes what a front end hands on into the map. With `wants_surface` the update brings the whole surface.
+    /// Takes what a front end hands on into the map. With `wants_surface` the update brings the change of the exported surface,
+    /// which the map then has to [follow](Self::follow_surface).
     ///
     /// # Errors
     /// When the fault is not limited to one frame, or the map refuses the keyframe.
@@ -111,12 +112,12 @@ impl Mapper {
             times.add(&earlier);
             delay_keyframes = Some(keyframes);
         }
-        let surface = wants_surface.then(|| {
+        let mut surface = None;
+        if wants_surface {
             let start = Instant::now();
-            let surface = self.map.surface();
+            surface = self.map.take_surface_change();
             times.surface = milliseconds(start.elapsed());
-            surface
-        });
+        }
         let order = self.numbers.len();
         self.numbers.push(number);
         Ok(Taken::Keyframe(Box::new(KeyframeUpdate {
@@ -150,8 +151,21 @@ impl Mapper {
         if self.is_finished {
             map.finish()?;
         }
+        if self.map.followed_surface().is_some() {
+            map.follow_surface();
+        }
         self.map = map;
         Ok(())
+    }
+
+    /// Keeps the exported surface up to date from now on.
+    pub(crate) fn follow_surface(&mut self) {
+        self.map.follow_surface();
+    }
+
+    /// The change of the exported surface since it was last asked for; `None` when it is not followed.
+    pub(crate) fn take_surface_change(&mut self) -> Option<SurfaceChange> {
+        self.map.take_surface_change()
     }
 
     /// Ends the map after the last keyframe, see [`Map::finish`].

@@ -14,7 +14,7 @@ use crate::front_end::{
     Arrival, DepthSource, FeatureFrontEnd, FrontEnd, FrontEndError, Group, Keyframe, group_size,
     run_in_groups,
 };
-use crate::map::Map;
+use crate::map::{Map, SurfaceChange};
 use crate::mapper::{KeyframeUpdate, Mapper, Taken};
 use crate::options::Options;
 use crate::recording::{Input, Recording, RecordingError, Source};
@@ -34,7 +34,7 @@ impl<E: Into<Error>> From<E> for Stop {
 
 /// Receives what a reconstruction does: files, report, page, progress.
 pub trait Sink: Send {
-    /// Whether updates are to bring the whole surface.
+    /// Whether updates are to bring the change of the exported surface.
     fn wants_surface(&self) -> bool {
         false
     }
@@ -49,6 +49,9 @@ pub trait Sink: Send {
         map: &Map,
         update: &mut KeyframeUpdate,
     ) -> Result<(), SinkError>;
+
+    /// The map is finished, which may have changed the exported surface once more.
+    fn finished(&mut self, _change: &SurfaceChange) {}
 
     /// A keyframe is left out, as its own images cannot be used.
     fn skipped(&mut self, _number: usize, _fault: &FrontEndError) {}
@@ -193,6 +196,9 @@ impl Reconstruction {
         sinks: &mut [&mut dyn Sink],
     ) -> Result<Option<Cancelled>, Error> {
         let wants_surface = sinks.iter().any(|sink| sink.wants_surface());
+        if wants_surface {
+            self.mapper.follow_surface();
+        }
         let (recording, run, mapper) = (&self.recording, &self.run, &mut self.mapper);
         let keyframes = &mut self.keyframes;
         let mut consume = |number: usize, arrival: Arrival| -> Result<(), Stop> {
@@ -250,6 +256,11 @@ impl Reconstruction {
             return Err(Error::NoKeyframe { count, first });
         }
         self.mapper.finish()?;
+        if wants_surface && let Some(change) = self.mapper.take_surface_change() {
+            for sink in sinks {
+                sink.finished(&change);
+            }
+        }
         Ok(cancelled)
     }
 

@@ -23,7 +23,10 @@ pub use carver::{
 };
 pub use flow::FlowViolation;
 pub use labels::{CutOptions, CutOptionsError, Labels, Votes};
-pub use surface::{ExportOptions, Hull, IndexedMesh, SurfaceDelta, SurfaceViolation, Triangle};
+pub use surface::{
+    ChangeLog, ExportOptions, Face, Hull, IncrementalMesh, IndexedMesh, MeshChange, SurfaceDelta,
+    SurfaceViolation, Triangle, TriangleRole,
+};
 pub use tetrahedralization::{
     BatchError, CellId, Changes, Edit, IncidentCells, Insertion, Location, MAX_COORDINATE,
     MIN_COORDINATE, Move, MoveError, PointError, Tetrahedralization, TetrahedralizationViolation,

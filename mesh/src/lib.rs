@@ -15,8 +15,8 @@ mod test_room;
 mod types;
 
 pub use io::{
-    Geometry, GlbPart, MeshFileError, ReadError, read_geometry, write_glb, write_lines_obj,
-    write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
+    Geometry, GlbPart, GlbWriter, MeshFileError, ReadError, read_geometry, write_glb,
+    write_lines_obj, write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
 };
 pub use shape::{Shape, ShapeKind};
 pub use types::{GeometryError, LineSet, TriangleMesh};

@@ -5,7 +5,7 @@ use linecarve_mesh::diff::Check;
 use linecarve_synth::{SceneKind, SequenceLayout};
 
 use crate::options::LabelKind;
-use crate::sinks::Format;
+use crate::sinks::{Format, Growth};
 
 /// Declares the command-line form of a library's enum: the same variants, with help texts and a conversion.
 macro_rules! choice {
@@ -41,6 +41,17 @@ choice! {
         Obj,
         /// Binary PLY in the frame of the poses.
         Ply,
+    }
+}
+
+choice! {
+    /// What is written of the surface after each keyframe.
+    GrowthChoice for Growth {
+        /// The whole surface, as `keyframes/NNNNNN.glb`.
+        Whole,
+        /// What came and went, as `keyframes/NNNNNN.delta`: the size and cost of a file are those of the change. See
+        /// docs/outputs.md.
+        Delta,
     }
 }
 

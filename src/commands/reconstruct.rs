@@ -67,7 +67,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let cancelled = {
         let mut growth = match args.final_only {
             true => None,
-            false => Some(GrowthFiles::new(&mut output)?),
+            false => Some(GrowthFiles::new(&mut output, args.growth.into())?),
         };
         let mut sinks: Vec<&mut dyn Sink> = vec![&mut richest];
         if let Some(growth) = &mut growth {

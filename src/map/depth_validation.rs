@@ -69,6 +69,8 @@ pub(super) struct DepthValidation {
     /// Indexed by view.
     dense_views: Vec<Option<DenseView>>,
     triangles: FxHashMap<Triangle, FacetEvidence>,
+    /// Triangles whose status may have changed.
+    changed: Vec<Triangle>,
 }
 
 impl FacetEvidence {
@@ -77,6 +79,14 @@ impl FacetEvidence {
         let looked_through = self.contradicted & !self.agreed;
         let balance = self.agreed.count_ones() as i32 - looked_through.count_ones() as i32;
         f64::from(balance) >= least_share * f64::from(SAMPLE_COUNT)
+    }
+
+    fn status(&self, least_share: f64) -> FacetStatus {
+        match (self.is_observed, self.is_measured(least_share)) {
+            (false, _) => FacetStatus::Unobserved,
+            (true, true) => FacetStatus::Measured,
+            (true, false) => FacetStatus::NotMeasured,
+        }
     }
 
     /// Whether further views cannot change the evidence.
@@ -94,21 +104,21 @@ impl DepthValidation {
             options: *options,
             dense_views: Vec::new(),
             triangles: FxHashMap::default(),
+            changed: Vec::new(),
         }
     }
 
     /// Whether dense depth confirms a triangle of the surface.
     pub(super) fn status(&self, triangle: &Triangle) -> FacetStatus {
-        match self.triangles.get(triangle) {
-            Some(evidence) if evidence.is_observed => {
-                if evidence.is_measured(self.least_share) {
-                    FacetStatus::Measured
-                } else {
-                    FacetStatus::NotMeasured
-                }
-            }
-            _ => FacetStatus::Unobserved,
-        }
+        let evidence = self.triangles.get(triangle);
+        evidence.map_or(FacetStatus::Unobserved, |evidence| {
+            evidence.status(self.least_share)
+        })
+    }
+
+    /// Triangles whose status may have changed since the last call, in no particular order.
+    pub(super) fn take_changed(&mut self) -> Vec<Triangle> {
+        std::mem::take(&mut self.changed)
     }
 
     /// Adds a view with depth `surface`, which observes the landmarks `seen`, after its commit. Returns the pixels of that view
@@ -197,7 +207,7 @@ impl DepthValidation {
         let newest = self.dense_view(last);
         let least_share = self.least_share;
         let bound = self.options.correction_sigmas;
-        let updated: Vec<(Triangle, FacetEvidence, Option<DepthConflict>)> = triangles
+        let updated: Vec<(Triangle, UpdatedEvidence)> = triangles
             .into_par_iter()
             .map_init(Vec::new, |views, (triangle, known)| {
                 views.clear();
@@ -224,14 +234,24 @@ impl DepthValidation {
                     }
                     _ => None,
                 };
-                (triangle, evidence, conflict)
+                let status = evidence.status(least_share);
+                let is_changed = known.is_none_or(|known| known.status(least_share) != status);
+                let updated = UpdatedEvidence {
+                    evidence,
+                    is_changed,
+                    conflict,
+                };
+                (triangle, updated)
             })
             .collect();
         let mut largest: BTreeMap<[i64; 2], DepthConflict> = BTreeMap::new();
         let side = self.options.refine.minimum_distance_px;
-        for (triangle, evidence, conflict) in updated {
-            self.triangles.insert(triangle, evidence);
-            let Some(conflict) = conflict else {
+        for (triangle, updated) in updated {
+            self.triangles.insert(triangle, updated.evidence);
+            if updated.is_changed {
+                self.changed.push(triangle);
+            }
+            let Some(conflict) = updated.conflict else {
                 continue;
             };
             let cell =
@@ -246,6 +266,15 @@ impl DepthValidation {
             .map(|conflict| conflict.pixel)
             .collect()
     }
+}
+
+/// The evidence for a triangle after an update.
+struct UpdatedEvidence {
+    evidence: FacetEvidence,
+    /// Whether its status may be another one than before.
+    is_changed: bool,
+    /// Where the last view conflicts with it.
+    conflict: Option<DepthConflict>,
 }
 
 /// Depth behind a triangle.

@@ -4,11 +4,11 @@ use std::time::Instant;
 
 use linecarve_carving::VertexId;
 use linecarve_carving::{Carver, TransactionError};
-use linecarve_carving::{ExportOptions, SurfaceDelta, Triangle};
+use linecarve_carving::{SurfaceDelta, Triangle, TriangleRole};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
-use linecarve_mesh::TriangleMesh;
 use nalgebra::Point3;
+use rustc_hash::FxHashMap;
 
 use super::depth_validation::{DepthValidation, FacetStatus};
 use super::error::MapError;
@@ -21,9 +21,6 @@ use super::update::MapUpdate;
 use super::vertex_landmarks::{VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
-
-/// Colour of vertices without an observed colour: middle grey.
-const DEFAULT_COLOR: [u8; 3] = [128; 3];
 
 impl MapUpdate {
     /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
@@ -86,6 +83,9 @@ impl LineMap {
             keyframe: keyframe.frame,
             source,
         };
+        let mut update = MapUpdate::default();
+        let replaced = self.provisional.vertices(carver, keyframe.frame);
+        update.recolored.extend(replaced);
         let context = ProvisionalContext {
             options,
             camera: &self.camera,
@@ -98,9 +98,9 @@ impl LineMap {
             .add(keyframe, context, &mut transaction)
             .map_err(rejected)?;
         let report = transaction.commit().map_err(rejected)?;
-        self.update_validation(carver, &report.surface);
-        let mut update = MapUpdate::default();
-        update.deltas.push(report.surface);
+        let added = self.provisional.vertices(carver, keyframe.frame);
+        update.recolored.extend(added);
+        self.update_validation(carver, report.surface, &mut update);
         update.times.carving = start.elapsed();
         Ok(update)
     }
@@ -113,26 +113,31 @@ impl LineMap {
         &mut self,
         carver: &mut Carver,
         last: usize,
-    ) -> Result<(), MapError> {
+    ) -> Result<MapUpdate, MapError> {
+        let mut update = MapUpdate::default();
         if self.provisional.is_empty() {
-            return Ok(());
+            return Ok(update);
         }
         let rejected = |keyframe| move |source| MapError::Keyframe { keyframe, source };
         let mut transaction = carver.transaction();
         for frame in self.provisional.frames() {
+            let vertices = self.provisional.vertices(transaction.before(), frame);
+            update.recolored.extend(vertices);
             self.provisional
                 .remove(frame, &mut transaction)
                 .map_err(rejected(frame))?;
         }
         let report = transaction.commit().map_err(rejected(last))?;
-        self.update_validation(carver, &report.surface);
-        Ok(())
+        self.update_validation(carver, report.surface, &mut update);
+        Ok(update)
     }
 
     /// Updates depth validation after a commit without a new view.
-    fn update_validation(&mut self, carver: &Carver, delta: &SurfaceDelta) {
+    fn update_validation(&mut self, carver: &Carver, delta: SurfaceDelta, update: &mut MapUpdate) {
         let views = VertexViews::new(carver, self.landmarks.points(), &self.vertices);
-        self.validation.update(views, delta, &[]);
+        self.validation.update(views, &delta, &[]);
+        update.revalidated.extend(self.validation.take_changed());
+        update.deltas.push(delta);
     }
 
     /// Number of segments of provisional keyframes.
@@ -179,6 +184,8 @@ impl LineMap {
         let pose = &keyframe.world_from_camera;
         let center = Point3::from(pose.translation.vector);
         let landmarks = &mut self.landmarks;
+        let replaced = self.provisional.vertices(carver, keyframe.frame);
+        update.recolored.extend(replaced);
         let mut transaction = carver.transaction();
         self.provisional.remove(keyframe.frame, &mut transaction)?;
         let view = transaction.add_view(center)?;
@@ -222,8 +229,9 @@ impl LineMap {
         update.times.carving = carved - update.times.matching;
 
         let affected = landmarks.contradicted().iter().chain(landmarks.seen());
-        self.vertices
-            .update(carver, landmarks.points(), affected.copied());
+        let recolored = &mut update.recolored;
+        let (points, affected) = (landmarks.points(), affected.copied());
+        self.vertices.update(carver, points, affected, recolored);
         let conflicts = self.validation.push(
             VertexViews::new(carver, landmarks.points(), &self.vertices),
             &report.surface,
@@ -244,57 +252,71 @@ impl LineMap {
             landmarks.add_observations(&mut transaction, view, &center)?;
             update.count_points(landmarks, known);
             let report = transaction.commit()?;
-            self.vertices
-                .update(carver, landmarks.points(), landmarks.seen().iter().copied());
+            let recolored = &mut update.recolored;
+            let (points, affected) = (landmarks.points(), landmarks.seen().iter().copied());
+            self.vertices.update(carver, points, affected, recolored);
             let views = VertexViews::new(carver, landmarks.points(), &self.vertices);
             self.validation
                 .update(views, &report.surface, landmarks.observed());
             update.deltas.push(report.surface);
         }
+        update.revalidated.extend(self.validation.take_changed());
         update.times.validation = start.elapsed() - carved;
         Ok(())
     }
 
-    /// The surface without triangles that depth contradicts and, where depth is not dense, without those that have an edge
-    /// longer than `options.longest_edge`.
-    pub(super) fn surface(&self, carver: &Carver, options: &ExportOptions) -> TriangleMesh {
-        let export = ExportOptions {
-            longest_edge: None,
-            ..*options
-        };
-        let is_exported = |triangle: Triangle| match self.validation.status(&triangle) {
+    /// How a triangle is exported: not when depth contradicts it, nor, where depth is not dense, when an edge is longer than
+    /// `longest`.
+    pub(super) fn role(
+        &self,
+        carver: &Carver,
+        triangle: &Triangle,
+        longest: Option<f64>,
+    ) -> TriangleRole {
+        let is_exported = match self.validation.status(triangle) {
             FacetStatus::Measured => true,
             FacetStatus::NotMeasured => false,
-            FacetStatus::Unobserved => (options.longest_edge)
-                .is_none_or(|longest| carver.has_edges_within(&triangle, longest)),
+            FacetStatus::Unobserved => {
+                longest.is_none_or(|longest| carver.has_edges_within(triangle, longest))
+            }
         };
-        let (mesh, origins) = carver.mesh_where(&export, is_exported);
-        TriangleMesh {
-            positions: mesh.vertices,
-            triangles: mesh.triangles,
-            colors: self.colors(carver, &origins),
+        match is_exported {
+            true => TriangleRole::Exported,
+            false => TriangleRole::Counted,
         }
     }
 
-    /// Colours of the exported vertices, by their vertices in the triangulation; `None` when none has a colour.
-    fn colors(&self, carver: &Carver, origins: &[Option<VertexId>]) -> Option<Vec<[u8; 3]>> {
-        let provisional = self.provisional.colors(carver);
-        let colors: Vec<Option<[u8; 3]>> = origins
-            .iter()
-            .map(|vertex| {
-                let vertex = (*vertex)?;
-                // Vertex ids are reused: this one may have belonged to a landmark.
-                if let Some(color) = provisional.get(&vertex) {
-                    return Some(*color);
-                }
-                let landmark = self.vertices.landmark(vertex)?;
-                self.landmarks.landmarks().color(landmark)
-            })
-            .collect();
-        let has_any = colors.iter().any(Option::is_some);
-        has_any.then(|| {
-            let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
-            colors.into_iter().map(color).collect()
-        })
+    /// The colours of vertices.
+    pub(super) fn colors<'a>(&'a self, carver: &'a Carver) -> VertexColors<'a> {
+        VertexColors {
+            carver,
+            provisional: self.provisional.colors(carver),
+            vertices: &self.vertices,
+            landmarks: &self.landmarks,
+        }
+    }
+}
+
+/// The colours of the vertices of the triangulation.
+pub(super) struct VertexColors<'a> {
+    carver: &'a Carver,
+    provisional: FxHashMap<VertexId, [u8; 3]>,
+    vertices: &'a VertexLandmarks,
+    landmarks: &'a LandmarkFusion,
+}
+
+impl VertexColors<'_> {
+    /// The colour of a vertex, when one was observed.
+    pub(super) fn get(&self, vertex: VertexId) -> Option<[u8; 3]> {
+        if let Some(color) = self.provisional.get(&vertex) {
+            return Some(*color);
+        }
+        let landmark = self.vertices.landmark(vertex)?;
+        // Vertex ids are reused: this one may have belonged to a landmark.
+        let point = self.landmarks.points()[landmark as usize];
+        let is_there = self.carver.vertex_of(point) == Some(vertex);
+        is_there
+            .then(|| self.landmarks.landmarks().color(landmark))
+            .flatten()
     }
 }

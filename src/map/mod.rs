@@ -15,14 +15,17 @@ mod ray_selection;
 mod segment_map;
 mod segment_points;
 mod segment_views;
+mod surface;
 mod surface_points;
+#[cfg(test)]
+pub(crate) mod test_surface;
 mod update;
 mod vertex_landmarks;
 
 use std::time::Instant;
 
 use linecarve_carving::{Carver, CarverOptions};
-use linecarve_carving::{ExportOptions, Hull};
+use linecarve_carving::{ExportOptions, Hull, Triangle, TriangleRole, VertexId};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
 use linecarve_mesh::TriangleMesh;
@@ -35,12 +38,14 @@ use crate::options::Options;
 use lines::LineMap;
 use model::ModelMap;
 use points::FeatureMap;
+use surface::DEFAULT_COLOR;
 
 pub use error::MapError;
 pub use landmarks::Measurement;
 pub use model::ModelCounts;
 pub use segment_map::SegmentMap;
 pub use segment_points::measurements;
+pub use surface::{MapSurface, SurfaceChange};
 pub use update::{MapTimes, MapUpdate};
 
 /// Segments, points and free space of the keyframes so far.
@@ -52,6 +57,8 @@ pub struct Map {
     contents: Contents,
     /// Median scene depth, where it does not come from feature points.
     median_depth: Option<f64>,
+    /// The exported surface, where it is followed.
+    surface: Option<Box<MapSurface>>,
     /// Number of keyframes added.
     keyframes: usize,
 }
@@ -138,6 +145,7 @@ impl Map {
             options: options.clone(),
             contents,
             median_depth,
+            surface: None,
             keyframes: 0,
         }
     }
@@ -175,6 +183,7 @@ impl Map {
         };
         update.clusters = self.segments().map_or(0, SegmentMap::cluster_count);
         self.keyframes += 1;
+        self.note(&update);
         Ok(update)
     }
 
@@ -184,12 +193,14 @@ impl Map {
     /// # Errors
     /// As [`push`](Self::push).
     pub fn push_provisional(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
-        match (&mut self.contents, keyframe) {
+        let update = match (&mut self.contents, keyframe) {
             (Contents::Lines(lines), Keyframe::Lines(keyframe)) => {
-                lines.push_provisional(&mut self.carver, &self.options, keyframe)
+                lines.push_provisional(&mut self.carver, &self.options, keyframe)?
             }
-            _ => Err(MapError::WrongKeyframe),
-        }
+            _ => return Err(MapError::WrongKeyframe),
+        };
+        self.note(&update);
+        Ok(update)
     }
 
     /// Finishes the map after the last keyframe: removes provisional keyframes, or adjusts all feature points and poses
@@ -199,10 +210,61 @@ impl Map {
     /// As [`push`](Self::push).
     pub fn finish(&mut self) -> Result<(), MapError> {
         let last = self.keyframes;
-        match &mut self.contents {
-            Contents::Lines(lines) => lines.remove_provisional(&mut self.carver, last),
-            Contents::Features(features) => features.finish(&mut self.carver, last),
-            Contents::Segments(_) | Contents::Model(_) => Ok(()),
+        let update = match &mut self.contents {
+            Contents::Lines(lines) => lines.remove_provisional(&mut self.carver, last)?,
+            Contents::Features(features) => features.finish(&mut self.carver, last)?,
+            Contents::Segments(_) | Contents::Model(_) => MapUpdate::default(),
+        };
+        self.note(&update);
+        Ok(())
+    }
+
+    fn note(&mut self, update: &MapUpdate) {
+        if let Some(surface) = &mut self.surface {
+            surface.note(update);
+        }
+    }
+
+    /// Keeps the exported surface up to date from now on, for [`take_surface_change`](Self::take_surface_change).
+    pub fn follow_surface(&mut self) {
+        if self.surface.is_none() {
+            let surface = MapSurface::new(&self.carver, &self.export_options());
+            self.surface = Some(Box::new(surface));
+        }
+    }
+
+    /// Brings the followed surface up to date, and returns its change since the last call; `None` when it is not followed.
+    ///
+    /// # Complexity
+    /// That of the change.
+    pub fn take_surface_change(&mut self) -> Option<SurfaceChange> {
+        let mut surface = self.surface.take()?;
+        let longest = self.export_options().longest_edge;
+        let role = |triangle: &Triangle| self.role(triangle, longest);
+        let change = match &self.contents {
+            Contents::Lines(lines) => {
+                let colors = lines.colors(&self.carver);
+                surface.update(&self.carver, longest, role, |vertex| colors.get(vertex))
+            }
+            _ => surface.update(&self.carver, longest, role, |_| None),
+        };
+        self.surface = Some(surface);
+        Some(change)
+    }
+
+    /// The followed surface as of the last [`take_surface_change`](Self::take_surface_change).
+    pub fn followed_surface(&self) -> Option<&MapSurface> {
+        self.surface.as_deref()
+    }
+
+    /// How a triangle of the carved surface is exported.
+    fn role(&self, triangle: &Triangle, longest: Option<f64>) -> TriangleRole {
+        if let Contents::Lines(lines) = &self.contents {
+            return lines.role(&self.carver, triangle, longest);
+        }
+        match longest.is_none_or(|longest| self.carver.has_edges_within(triangle, longest)) {
+            true => TriangleRole::Exported,
+            false => TriangleRole::Ignored,
         }
     }
 
@@ -290,24 +352,61 @@ impl Map {
     /// # Complexity
     /// Linear in the size of the surface, plus sorting of its vertices.
     pub fn surface(&self) -> TriangleMesh {
-        let surface = &self.options.surface;
-        let longest_edge = self
-            .median_depth()
-            .zip(surface.longest_edge_share)
-            .map(|(depth, share)| share * depth);
-        let export = ExportOptions {
-            longest_edge,
-            minimum_component: surface.minimum_component,
-            manifold: surface.manifold,
-        };
-        if let Contents::Lines(lines) = &self.contents {
-            return lines.surface(&self.carver, &export);
+        match self.followed_surface() {
+            Some(surface) if surface.is_current(self.export_options().longest_edge) => {
+                surface.to_mesh()
+            }
+            _ => self.extract_surface(),
         }
-        let mesh = self.carver.mesh(&export);
+    }
+
+    /// The current surface, made anew from the carver.
+    fn extract_surface(&self) -> TriangleMesh {
+        let export = self.export_options();
+        let (mesh, origins) = match &self.contents {
+            Contents::Lines(lines) => {
+                let longest = export.longest_edge;
+                let is_exported = |triangle: Triangle| {
+                    lines.role(&self.carver, &triangle, longest) == TriangleRole::Exported
+                };
+                let all = ExportOptions {
+                    longest_edge: None,
+                    ..export
+                };
+                self.carver.mesh_where(&all, is_exported)
+            }
+            _ => self.carver.mesh_where(&export, |_| true),
+        };
         TriangleMesh {
             positions: mesh.vertices,
             triangles: mesh.triangles,
-            colors: None,
+            colors: self.colors_of(&origins),
+        }
+    }
+
+    /// Colours of exported vertices, by their vertices in the triangulation; `None` when none has a colour.
+    fn colors_of(&self, origins: &[Option<VertexId>]) -> Option<Vec<[u8; 3]>> {
+        let Contents::Lines(lines) = &self.contents else {
+            return None;
+        };
+        let observed = lines.colors(&self.carver);
+        let colors = origins.iter().map(|vertex| observed.get((*vertex)?));
+        let colors: Vec<Option<[u8; 3]>> = colors.collect();
+        let has_any = colors.iter().any(Option::is_some);
+        let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
+        has_any.then(|| colors.into_iter().map(color).collect())
+    }
+
+    /// Filters and repair of the exported surface.
+    fn export_options(&self) -> ExportOptions {
+        let surface = &self.options.surface;
+        ExportOptions {
+            longest_edge: self
+                .median_depth()
+                .zip(surface.longest_edge_share)
+                .map(|(depth, share)| share * depth),
+            minimum_component: surface.minimum_component,
+            manifold: surface.manifold,
         }
     }
 }

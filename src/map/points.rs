@@ -66,11 +66,17 @@ impl FeatureMap {
     ///
     /// # Errors
     /// As [`push`](Self::push).
-    pub(super) fn finish(&mut self, carver: &mut Carver, count: usize) -> Result<(), MapError> {
+    pub(super) fn finish(
+        &mut self,
+        carver: &mut Carver,
+        count: usize,
+    ) -> Result<MapUpdate, MapError> {
         let keyframe = count.saturating_sub(1);
         self.map.adjust_all();
-        self.apply_changes(carver, &mut MapUpdate::default())
-            .map_err(|source| MapError::Keyframe { keyframe, source })
+        let mut update = MapUpdate::default();
+        self.apply_changes(carver, &mut update)
+            .map_err(|source| MapError::Keyframe { keyframe, source })?;
+        Ok(update)
     }
 
     /// Applies the changes of the points to the carver.

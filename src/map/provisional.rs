@@ -156,6 +156,13 @@ impl ProvisionalKeyframes {
         self.keyframes.values().map(segments).sum()
     }
 
+    /// Vertices of the points of a frame's keyframe.
+    pub(super) fn vertices(&self, carver: &Carver, frame: usize) -> impl Iterator<Item = VertexId> {
+        let keyframe = self.keyframes.get(&frame).into_iter();
+        let points = keyframe.flat_map(|provisional| &provisional.points);
+        points.filter_map(|(point, _)| carver.vertex_of(*point))
+    }
+
     /// Colours of their vertices.
     pub(super) fn colors(&self, carver: &Carver) -> FxHashMap<VertexId, [u8; 3]> {
         self.keyframes

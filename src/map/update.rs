@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use linecarve_carving::SurfaceDelta;
+use linecarve_carving::{SurfaceDelta, Triangle, VertexId};
 use linecarve_points::PointCounts;
 
 /// Changes of the map by one keyframe.
@@ -22,6 +22,10 @@ pub struct MapUpdate {
     pub features: Option<PointCounts>,
     /// Changes of the carved surface, to be applied in order.
     pub deltas: Vec<SurfaceDelta>,
+    /// Triangles of the carved surface that depth may confirm or contradict now and did not before, or the reverse.
+    pub revalidated: Vec<Triangle>,
+    /// Vertices whose colour may have changed.
+    pub recolored: Vec<VertexId>,
     /// Processor time of the stages.
     pub times: MapTimes,
 }

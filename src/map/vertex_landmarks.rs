@@ -10,21 +10,32 @@ const NONE: u32 = u32::MAX;
 #[derive(Debug, Clone, Default)]
 pub(super) struct VertexLandmarks {
     landmarks: Vec<u32>,
+    /// The vertex of each landmark when it was last updated, [`NONE`] without one.
+    vertices: Vec<u32>,
 }
 
 impl VertexLandmarks {
-    /// Updates the vertices of landmarks; `points` gives the carver's id of each. Removed landmarks are skipped.
+    /// Updates the vertices of landmarks; `points` gives the carver's id of each. Appends their vertices before and after.
     pub(super) fn update(
         &mut self,
         carver: &Carver,
         points: &[PointId],
         landmarks: impl Iterator<Item = u32>,
+        changed: &mut Vec<VertexId>,
     ) {
         self.landmarks
             .resize(carver.tetrahedra().vertex_capacity(), NONE);
+        self.vertices.resize(points.len(), NONE);
         for landmark in landmarks {
-            if let Some(vertex) = carver.vertex_of(points[landmark as usize]) {
+            let vertex = carver.vertex_of(points[landmark as usize]);
+            let now = vertex.map_or(NONE, |vertex| vertex.index() as u32);
+            let before = std::mem::replace(&mut self.vertices[landmark as usize], now);
+            if before != now && before != NONE {
+                changed.push(VertexId::from_index(before as usize));
+            }
+            if let Some(vertex) = vertex {
                 self.landmarks[vertex.index()] = landmark;
+                changed.push(vertex);
             }
         }
     }

@@ -1,9 +1,11 @@
-//! The surface after each keyframe, as `keyframes/NNNNNN.glb`.
+//! The surface after each keyframe: as a whole, or what came and went.
 
 use std::time::Instant;
 
-use linecarve_mesh::write_glb;
+use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::{GlbWriter, MeshFileError, TriangleMesh};
 
+use super::growth_delta::encode;
 use super::output::{OutputFolder, surface_part};
 use crate::error::SinkError;
 use crate::map::Map;
@@ -12,12 +14,26 @@ use crate::reconstruction::Sink;
 use crate::recording::Recording;
 use crate::run::milliseconds;
 
-/// Folder of the surfaces after each keyframe.
+/// Folder of the files of keyframes.
 const FOLDER: &str = "keyframes";
 
-/// Writes the surface after each keyframe that could be read, numbered from 0.
+/// What is written of the surface after each keyframe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Growth {
+    /// The whole surface, as `keyframes/NNNNNN.glb`.
+    Whole,
+    /// Its change, as `keyframes/NNNNNN.delta`.
+    Delta,
+}
+
+/// Writes a file for each keyframe that could be read, numbered from 0.
 pub(crate) struct GrowthFiles<'a> {
     output: &'a mut OutputFolder,
+    growth: Growth,
+    /// Reused memory.
+    mesh: TriangleMesh,
+    writer: GlbWriter,
+    bytes: Vec<u8>,
 }
 
 impl<'a> GrowthFiles<'a> {
@@ -25,9 +41,15 @@ impl<'a> GrowthFiles<'a> {
     ///
     /// # Errors
     /// When the folder cannot be made or cleared.
-    pub(crate) fn new(output: &'a mut OutputFolder) -> anyhow::Result<Self> {
+    pub(crate) fn new(output: &'a mut OutputFolder, growth: Growth) -> anyhow::Result<Self> {
         output.numbered(FOLDER)?;
-        Ok(Self { output })
+        Ok(Self {
+            output,
+            growth,
+            mesh: TriangleMesh::default(),
+            writer: GlbWriter::default(),
+            bytes: Vec::new(),
+        })
     }
 }
 
@@ -39,19 +61,28 @@ impl Sink for GrowthFiles<'_> {
     fn update(
         &mut self,
         recording: &Recording,
-        _map: &Map,
+        map: &Map,
         update: &mut KeyframeUpdate,
     ) -> Result<(), SinkError> {
-        let Some(surface) = &update.surface else {
+        let (Some(surface), Some(change)) = (map.followed_surface(), &update.surface) else {
             return Ok(());
         };
         let start = Instant::now();
-        let mut surface = surface.clone();
-        surface.translate(&recording.origin);
-        let path = self
-            .output
-            .file(&format!("{FOLDER}/{:06}.glb", update.order));
-        write_glb(&path, &[surface_part(&surface)], &recording.origin)?;
+        let name = format!("{FOLDER}/{:06}", update.order);
+        match self.growth {
+            Growth::Whole => {
+                let path = self.output.file(&format!("{name}.glb"));
+                surface.copy_to(&mut self.mesh);
+                let parts = [surface_part(&self.mesh)];
+                (self.writer).write_shifted(&path, &parts, &recording.origin)?;
+            }
+            Growth::Delta => {
+                let path = self.output.file(&format!("{name}.delta"));
+                encode(surface, change, &recording.origin, &mut self.bytes);
+                write_atomically(&path, |out| out.write_all(&self.bytes))
+                    .map_err(MeshFileError::from)?;
+            }
+        }
         update.times.write = milliseconds(start.elapsed());
         Ok(())
     }

@@ -3,6 +3,7 @@
 mod empty;
 mod feature_edges;
 mod growth;
+mod growth_delta;
 mod keyframe_reports;
 mod output;
 mod page;
@@ -16,6 +17,7 @@ mod surface_page;
 
 pub(crate) use empty::{model_left_out, reason_for_nothing};
 pub(crate) use feature_edges::final_mesh_edges;
+pub use growth::Growth;
 pub(crate) use growth::GrowthFiles;
 pub(crate) use keyframe_reports::KeyframeReports;
 pub use output::Format;

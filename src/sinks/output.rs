@@ -91,9 +91,10 @@ impl OutputFolder {
     }
 }
 
-/// Whether a file name is six digits and `.glb`, as this program writes them.
+/// Whether a file name is six digits and `.glb` or `.delta`, as this program writes them.
 fn is_numbered(name: &str) -> bool {
     name.strip_suffix(".glb")
+        .or_else(|| name.strip_suffix(".delta"))
         .is_some_and(|stem| stem.len() == 6 && stem.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
@@ -218,11 +219,19 @@ mod tests {
         let output = OutputFolder::create(&root).unwrap();
         let inside = output.numbered("keyframes").unwrap();
         let unfinished = ".linecarve-unfinished-aB3";
-        for name in ["000041.glb", "notes.txt", "1.glb", unfinished] {
+        for name in [
+            "000041.glb",
+            "000041.delta",
+            "notes.txt",
+            "1.glb",
+            unfinished,
+        ] {
             std::fs::write(inside.join(name), "old").unwrap();
         }
         output.numbered("keyframes").unwrap();
-        assert!(!inside.join("000041.glb").exists() && !inside.join(unfinished).exists());
+        for name in ["000041.glb", "000041.delta", unfinished] {
+            assert!(!inside.join(name).exists(), "{name}");
+        }
         assert!(inside.join("notes.txt").exists() && inside.join("1.glb").exists());
     }
 }

@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 
 use anyhow::Context;
+use linecarve_carving::MeshChange;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::page_run::PageRun;
 use crate::error::SinkError;
 use crate::front_end::Keyframe;
-use crate::map::Map;
+use crate::map::{Map, SurfaceChange};
 use crate::mapper::KeyframeUpdate;
 use crate::reconstruction::{Reconstruction, Sink};
 use crate::recording::Recording;
@@ -43,15 +44,18 @@ impl Sink for PageRecorder {
         map: &Map,
         update: &mut KeyframeUpdate,
     ) -> Result<(), SinkError> {
-        let Some(surface) = &update.surface else {
+        let (Some(surface), Some(change)) = (map.followed_surface(), &update.surface) else {
             return Ok(());
         };
+        self.history.note(change);
         if !self.history.advance() {
             return Ok(());
         }
         let number = update.number;
         with_elements(map, |elements| {
-            self.history.record(number, surface, elements);
+            let position = |vertex: u32| surface.position(vertex);
+            let vertices = surface.vertex_count();
+            self.history.record(number, position, vertices, elements);
         });
         if let Keyframe::Lines(keyframe) = &update.keyframe {
             let segments = keyframe.segments.iter();
@@ -65,6 +69,10 @@ impl Sink for PageRecorder {
         }
         Ok(())
     }
+
+    fn finished(&mut self, change: &SurfaceChange) {
+        self.history.note(change);
+    }
 }
 
 impl PageRecorder {
@@ -75,11 +83,21 @@ impl PageRecorder {
         }
     }
 
-    /// Records the end of the run, with the final mesh.
+    /// Records the end of the run; with the final mesh, when the surface was not followed.
     pub(crate) fn finish(&mut self, run: &Reconstruction, mesh: &TriangleMesh) {
         let last = run.numbers().last().copied().unwrap_or(0);
-        with_elements(run.map(), |elements| {
-            self.history.finish(last, mesh, elements);
+        with_elements(run.map(), |elements| match run.map().followed_surface() {
+            Some(surface) => {
+                let position = |vertex: u32| surface.position(vertex);
+                let vertices = surface.vertex_count();
+                self.history.finish(last, position, vertices, elements);
+            }
+            None => {
+                self.history.note(&change_to(mesh));
+                let position = |vertex: u32| mesh.positions[vertex as usize];
+                let vertices = mesh.positions.len();
+                self.history.finish(last, position, vertices, elements);
+            }
         });
     }
 
@@ -101,6 +119,19 @@ impl PageRecorder {
             .collect();
         let images = images.context("the images of the page cannot be encoded")?;
         Ok(images.into_iter().flatten().collect())
+    }
+}
+
+/// The change from nothing to a mesh.
+fn change_to(mesh: &TriangleMesh) -> SurfaceChange {
+    SurfaceChange {
+        mesh: MeshChange {
+            placed: (0..mesh.positions.len() as u32).collect(),
+            added: mesh.triangles.clone(),
+            ..MeshChange::default()
+        },
+        is_anew: true,
+        ..SurfaceChange::default()
     }
 }
 

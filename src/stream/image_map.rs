@@ -11,7 +11,7 @@ use crate::front_end::{
     Arrival, DepthSource, FrontEnd, SemiDenseSource, correct_poses, far_origin, group_size,
     median_depth_from_images, run_in_groups,
 };
-use crate::map::Map;
+use crate::map::{Map, SurfaceChange};
 use crate::mapper::Mapper;
 use crate::options::Options;
 use linecarve_sequence::{LiveFrame, LiveSequence};
@@ -141,6 +141,10 @@ impl SessionMap for ImageMap {
 
     fn map(&self) -> Option<&Map> {
         Some(self.mapping.as_ref()?.mapper.map())
+    }
+
+    fn take_surface_change(&mut self) -> Option<SurfaceChange> {
+        self.mapping.as_mut()?.mapper.take_surface_change()
     }
 
     fn origin(&self) -> Vector3<f64> {
@@ -426,6 +430,7 @@ impl ImageMap {
             None,
             add_arrival,
         )?;
+        mapper.follow_surface();
         self.mapping = Some(SemiDenseMapper {
             front_end: None,
             mapper,

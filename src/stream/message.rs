@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use super::SurfaceChange;
+use super::SurfaceDifference;
 use linecarve_sequence::rigid;
 
 /// A message to a [`Session`](super::Session).
@@ -146,7 +146,7 @@ pub enum Reply {
         triangles: usize,
         /// Difference from the previous surface.
         #[serde(flatten)]
-        change: SurfaceChange,
+        change: SurfaceDifference,
         /// Time from the message to this reply.
         milliseconds: f64,
     },

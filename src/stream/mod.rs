@@ -22,4 +22,4 @@ pub use message::{
     Reply, StartMessage,
 };
 pub use session::{Session, SessionEnd, SessionSummary};
-pub use surface_diff::{SurfaceChange, SurfaceDiff};
+pub use surface_diff::{SurfaceDiff, SurfaceDifference};

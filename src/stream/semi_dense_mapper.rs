@@ -51,9 +51,11 @@ impl SemiDenseMapper {
             options: options.semi_dense,
             median_depth,
         };
+        let mut mapper = Mapper::new(empty_map(options, live, source)?, origin);
+        mapper.follow_surface();
         Ok(Self {
             front_end: Some(SemiDenseFrontEnd::live(&source, options.extract())?),
-            mapper: Mapper::new(empty_map(options, live, source)?, origin),
+            mapper,
             source,
         })
     }

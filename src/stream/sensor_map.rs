@@ -9,7 +9,7 @@ use super::session_map::SessionMap;
 use crate::front_end::{
     Arrival, Keyframe, LineKeyframe, SensorFrontEnd, far_origin, median_scene_depth,
 };
-use crate::map::Map;
+use crate::map::{Map, SurfaceChange};
 use crate::mapper::{Mapper, Taken};
 use crate::options::Options;
 use linecarve_sequence::{FrameError, LiveFrame, LiveSequence};
@@ -64,6 +64,10 @@ impl SessionMap for SensorMap {
 
     fn map(&self) -> Option<&Map> {
         Some(self.mapper.map())
+    }
+
+    fn take_surface_change(&mut self) -> Option<SurfaceChange> {
+        self.mapper.take_surface_change()
     }
 
     fn origin(&self) -> Vector3<f64> {
@@ -123,6 +127,7 @@ impl SensorMap {
             keyframes: Vec::new(),
             mapper: Mapper::new(map, origin),
         };
+        session_map.mapper.follow_surface();
         session_map.push(id, 0, options)?;
         Ok(session_map)
     }

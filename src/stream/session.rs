@@ -111,24 +111,28 @@ impl Session {
 
     /// The change of the surface; `None` before the first keyframe.
     fn surface(&mut self, arrived: Instant) -> Option<Reply> {
-        let map = self.map.as_ref()?;
+        let map = self.map.as_mut()?;
         let origin = map.origin();
-        let mut surface = TriangleMesh::default();
+        let change = map.take_surface_change();
         let mut segments = 0;
+        let mut triangles = 0;
+        let mut difference = None;
         if let Some(map) = map.map() {
-            surface = map.surface();
-            surface.translate(&origin);
+            if let Some((surface, change)) = map.followed_surface().zip(change) {
+                triangles = surface.triangle_count();
+                let position = |number: u32| surface.position(number) + origin;
+                difference = Some(self.surface_diff.update(&change, position));
+            }
             let known = map
                 .segments()
                 .map_or(0, |segments| segments.segment_count());
             segments = known + map.provisional_segment_count();
         }
-        let change = self.surface_diff.update(&surface);
         Some(Reply::Surface {
             keyframes: map.keyframe_count(),
             segments,
-            triangles: surface.triangles.len(),
-            change,
+            triangles,
+            change: difference.unwrap_or_else(|| self.surface_diff.clear()),
             milliseconds: milliseconds(arrived.elapsed()),
         })
     }

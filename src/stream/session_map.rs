@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::SessionError;
-use crate::map::Map;
+use crate::map::{Map, SurfaceChange};
 use crate::options::Options;
 use linecarve_sequence::LiveFrame;
 
@@ -35,6 +35,9 @@ pub(super) trait SessionMap {
 
     /// The map; `None` until the length scale is known.
     fn map(&self) -> Option<&Map>;
+
+    /// The change of the surface since it was last asked for; `None` without a map.
+    fn take_surface_change(&mut self) -> Option<SurfaceChange>;
 
     /// Origin subtracted from all coordinates.
     fn origin(&self) -> Vector3<f64>;

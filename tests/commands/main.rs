@@ -10,6 +10,7 @@ mod compare;
 mod convert;
 mod diff;
 mod evaluate;
+mod growth;
 mod image_size;
 mod invariance;
 mod map_points;

@@ -21,7 +21,9 @@ pub use transaction::Transaction;
 use nalgebra::Point3;
 
 use crate::labels::{Cut, Labels, Votes};
-use crate::surface::{ExportOptions, Facets, Hull, IndexedMesh, Triangle};
+use crate::surface::{
+    Carved, ExportOptions, Facets, Hull, IncrementalMesh, IndexedMesh, Triangle, TriangleRole,
+};
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
 use crate::visibility::{
     Cells, ObservationTable, RayVisibility, SegmentVisibility, Views, Visibility,
@@ -318,6 +320,27 @@ impl Carver {
         is_wanted: impl Fn(Triangle) -> bool,
     ) -> (IndexedMesh, Vec<Option<VertexId>>) {
         crate::surface::extract(&self.tetrahedra, &self.facets, options, is_wanted)
+    }
+
+    /// Brings a mesh up to date with the surface. `deltas` are those of all commits since its last update, in order, `touched`
+    /// the other triangles whose role may have changed; `role` says how a triangle is exported. A new mesh takes over the
+    /// surface by a delta with all [`triangles`](Self::triangles) added.
+    ///
+    /// # Complexity
+    ///
+    /// Linear in the number of cells around the vertices of all triangles that changed or came to be exported or left out.
+    pub fn update_mesh(
+        &self,
+        mesh: &mut IncrementalMesh,
+        deltas: &[crate::surface::SurfaceDelta],
+        touched: &[Triangle],
+        role: impl Fn(&Triangle) -> TriangleRole,
+    ) {
+        let carved = Carved {
+            tetrahedra: &self.tetrahedra,
+            facets: &self.facets,
+        };
+        mesh.update(carved, deltas, touched, role);
     }
 
     /// Begins a transaction: changes that take effect together.

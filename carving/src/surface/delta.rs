@@ -18,6 +18,9 @@ pub struct SurfaceDelta {
     pub removed: Vec<Triangle>,
     /// Vertices whose id existed before at another position, in increasing order.
     pub moved: Vec<VertexId>,
+    /// With [`Hull::Drop`](super::Hull::Drop), corners of hull facets that came or went, in increasing order. At a border
+    /// there, triangles may have become neighbours or ceased to be, though none of them changed.
+    pub border: Vec<VertexId>,
 }
 
 impl SurfaceDelta {
@@ -78,7 +81,7 @@ mod tests {
         let mut delta = SurfaceDelta {
             added: vec![t(3, 4, 5), t(0, 1, 2), t(0, 2, 1), t(1, 2, 3)],
             removed: vec![t(1, 2, 3), t(0, 1, 2), t(0, 1, 9)],
-            moved: vec![],
+            ..SurfaceDelta::default()
         };
         delta.normalize();
         assert_eq!(delta.added, [t(0, 2, 1), t(3, 4, 5)]);

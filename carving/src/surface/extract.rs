@@ -183,27 +183,33 @@ fn split_repeated_edges(mesh: &mut IndexedMesh, edges: &[[u32; 3]]) {
     let whole = std::mem::take(&mut mesh.triangles);
     for (triangle, numbers) in whole.into_iter().zip(edges) {
         let middle = numbers.map(|number| midpoints.get(&number).copied());
-        // The boundary of the triangle with its midpoints, cut into ears at the midpoints.
-        let mut boundary: Vec<(u32, bool)> = Vec::with_capacity(6);
-        for k in 0..3 {
-            boundary.push((triangle[k], false));
-            boundary.extend(middle[k].map(|m| (m, true)));
-        }
-        while boundary.len() > 3 {
-            // A corner between two other vertices of which one is a midpoint makes a triangle with them.
-            let n = boundary.len();
-            let ear = (0..n).find(|&k| {
-                !boundary[k].1 && (boundary[(k + 1) % n].1 || boundary[(k + n - 1) % n].1)
-            });
-            let Some(ear) = ear else { break };
-            let [before, at, after] =
-                [(ear + n - 1) % n, ear, (ear + 1) % n].map(|k| boundary[k].0);
-            mesh.triangles.push([before, at, after]);
-            boundary.remove(ear);
-        }
-        mesh.triangles
-            .push([boundary[0].0, boundary[1].0, boundary[2].0]);
+        cut_at_midpoints(triangle, middle, &mut mesh.triangles);
     }
+}
+
+/// Appends the parts of a triangle whose edges have the given vertices in their middle; the triangle itself when there are none.
+pub(super) fn cut_at_midpoints(
+    triangle: [u32; 3],
+    middle: [Option<u32>; 3],
+    parts: &mut Vec<[u32; 3]>,
+) {
+    // The boundary of the triangle with its midpoints, cut into ears at the midpoints.
+    let mut boundary: Vec<(u32, bool)> = Vec::with_capacity(6);
+    for k in 0..3 {
+        boundary.push((triangle[k], false));
+        boundary.extend(middle[k].map(|m| (m, true)));
+    }
+    while boundary.len() > 3 {
+        // A corner between two other vertices of which one is a midpoint makes a triangle with them.
+        let n = boundary.len();
+        let ear = (0..n)
+            .find(|&k| !boundary[k].1 && (boundary[(k + 1) % n].1 || boundary[(k + n - 1) % n].1));
+        let Some(ear) = ear else { break };
+        let [before, at, after] = [(ear + n - 1) % n, ear, (ear + 1) % n].map(|k| boundary[k].0);
+        parts.push([before, at, after]);
+        boundary.remove(ear);
+    }
+    parts.push([boundary[0].0, boundary[1].0, boundary[2].0]);
 }
 
 /// Whether no edge of a triangle is longer than `longest`.

@@ -127,6 +127,9 @@ impl Facets {
             }
         }
         self.relabelled = relabelled;
+        if self.hull == Hull::Drop {
+            list_border(tetrahedra, changes, &mut delta.border);
+        }
         delta.normalize();
     }
 
@@ -156,6 +159,18 @@ impl Facets {
             self.count -= 1;
         }
     }
+}
+
+/// Lists the corners of hull facets that came or went, in increasing order.
+fn list_border(tetrahedra: &Tetrahedralization, changes: &Changes, border: &mut Vec<VertexId>) {
+    for &cell in changes.destroyed.iter().chain(&changes.created) {
+        let corners = tetrahedra.cell_vertices(cell);
+        if corners.iter().any(|corner| corner.is_ghost()) {
+            border.extend(corners.iter().filter(|corner| !corner.is_ghost()));
+        }
+    }
+    border.sort_unstable();
+    border.dedup();
 }
 
 /// The facet of a free cell as seen from inside that cell.

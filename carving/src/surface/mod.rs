@@ -1,12 +1,13 @@
 //! The surface: facets between free and occupied cells.
 //!
 //! Triangles are counter-clockwise seen from free space. [`SurfaceDelta`] is the change by one update, [`IndexedMesh`] a copy of
-//! the surface in an order that does not depend on history.
+//! the surface in an order that does not depend on history, [`IncrementalMesh`] such a copy kept up to date.
 
 mod check;
 mod delta;
 mod extract;
 mod facets;
+mod incremental;
 mod repair;
 
 pub use check::SurfaceViolation;
@@ -15,6 +16,8 @@ pub use delta::{SurfaceDelta, Triangle};
 pub use extract::{ExportOptions, IndexedMesh};
 pub(crate) use extract::{extract, has_edges_within};
 pub(crate) use facets::{Facets, triangle};
+pub(crate) use incremental::Carved;
+pub use incremental::{ChangeLog, Face, IncrementalMesh, MeshChange, TriangleRole};
 
 /// Treatment of facets between a free cell and the outside of the hull.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

@@ -36,7 +36,7 @@ impl Sets {
 }
 
 /// The surface facet that bounds the same free wedge around the edge `a b` as the given one; `None` at a border.
-fn across(
+pub(super) fn across(
     tetrahedra: &Tetrahedralization,
     facets: &Facets,
     (cell, facet): (CellId, usize),

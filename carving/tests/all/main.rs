@@ -5,6 +5,7 @@
 mod carver;
 mod cut;
 mod helpers;
+mod incremental;
 mod mesh;
 #[cfg(feature = "serde")]
 mod serialization;

@@ -48,19 +48,62 @@ pub fn write_glb(
     parts: &[GlbPart<'_>],
     origin: &Vector3<f64>,
 ) -> Result<(), MeshFileError> {
-    let mut builder = Builder::default();
-    for part in parts {
-        match part.geometry {
-            Geometry::Mesh(mesh) => mesh.validate(),
-            Geometry::Lines(lines) => lines.validate(),
-        }
-        .map_err(MeshFileError::geometry(path))?;
-        builder.add(part, origin);
+    GlbWriter::default().write(path, parts, origin, origin)
+}
+
+/// Writes files of similar size one after another: it keeps its memory.
+#[derive(Debug, Default)]
+pub struct GlbWriter {
+    binary: Vec<u8>,
+}
+
+impl GlbWriter {
+    /// Writes the same file as [`write_glb`], of parts from whose positions `origin` is already subtracted.
+    ///
+    /// # Errors
+    /// As [`write_glb`].
+    pub fn write_shifted(
+        &mut self,
+        path: &Path,
+        parts: &[GlbPart<'_>],
+        origin: &Vector3<f64>,
+    ) -> Result<(), MeshFileError> {
+        self.write(path, parts, &Vector3::zeros(), origin)
     }
-    let (json, binary) = builder.finish(origin).map_err(|error| WriteError {
-        path: path.to_owned(),
-        source: error.into(),
-    })?;
+
+    /// Subtracts `shift` from all positions and notes `origin`.
+    fn write(
+        &mut self,
+        path: &Path,
+        parts: &[GlbPart<'_>],
+        shift: &Vector3<f64>,
+        origin: &Vector3<f64>,
+    ) -> Result<(), MeshFileError> {
+        self.binary.clear();
+        let mut builder = Builder {
+            root: Root::default(),
+            binary: std::mem::take(&mut self.binary),
+        };
+        for part in parts {
+            match part.geometry {
+                Geometry::Mesh(mesh) => mesh.validate(),
+                Geometry::Lines(lines) => lines.validate(),
+            }
+            .map_err(MeshFileError::geometry(path))?;
+            builder.add(part, shift);
+        }
+        let (json, binary) = builder.finish(origin).map_err(|error| WriteError {
+            path: path.to_owned(),
+            source: error.into(),
+        })?;
+        let outcome = write_chunks(path, &json, &binary);
+        self.binary = binary;
+        outcome
+    }
+}
+
+/// Writes the two chunks of a file.
+fn write_chunks(path: &Path, json: &[u8], binary: &[u8]) -> Result<(), MeshFileError> {
     let binary_chunk = if binary.is_empty() {
         0
     } else {
@@ -79,11 +122,11 @@ pub fn write_glb(
         out.write_all(&total.to_le_bytes())?;
         out.write_all(&(json.len() as u32).to_le_bytes())?;
         out.write_all(b"JSON")?;
-        out.write_all(&json)?;
+        out.write_all(json)?;
         if !binary.is_empty() {
             out.write_all(&(binary.len() as u32).to_le_bytes())?;
             out.write_all(b"BIN\0")?;
-            out.write_all(&binary)?;
+            out.write_all(binary)?;
         }
         Ok(())
     })?;
@@ -91,7 +134,6 @@ pub fn write_glb(
 }
 
 /// The document under construction: JSON tree and binary chunk.
-#[derive(Default)]
 struct Builder<'a> {
     root: Root<'a>,
     binary: Vec<u8>,
@@ -169,8 +211,9 @@ impl<'a> Builder<'a> {
             for axis in 0..3 {
                 low[axis] = low[axis].min(stored[axis]);
                 high[axis] = high[axis].max(stored[axis]);
-                self.binary.extend(stored[axis].to_le_bytes());
             }
+            let bytes = stored.map(f32::to_le_bytes);
+            self.binary.extend_from_slice(bytes.as_flattened());
         }
         let buffer_view = self.add_view(start, Target::ArrayBuffer);
         push(
@@ -190,12 +233,13 @@ impl<'a> Builder<'a> {
     /// Colours as 16-bit linear RGBA: vertex colours of the format are linear, and 8 bits would show bands in the dark.
     fn add_colors(&mut self, colors: &[[u8; 3]]) -> usize {
         let start = self.binary.len();
-        for color in colors {
-            for channel in color {
-                let linear = (linear_from_srgb(*channel) * 65535.0).round() as u16;
-                self.binary.extend(linear.to_le_bytes());
-            }
-            self.binary.extend(u16::MAX.to_le_bytes());
+        let linear: [u16; 256] =
+            std::array::from_fn(|value| (linear_from_srgb(value as u8) * 65535.0).round() as u16);
+        for [red, green, blue] in colors {
+            let channels = [red, green, blue].map(|channel| linear[usize::from(*channel)]);
+            let [red, green, blue] = channels.map(u16::to_le_bytes);
+            let bytes = [red, green, blue, u16::MAX.to_le_bytes()];
+            self.binary.extend_from_slice(bytes.as_flattened());
         }
         let buffer_view = self.add_view(start, Target::ArrayBuffer);
         push(
@@ -215,7 +259,7 @@ impl<'a> Builder<'a> {
     fn add_indices(&mut self, indices: &[u32]) -> usize {
         let start = self.binary.len();
         for index in indices {
-            self.binary.extend(index.to_le_bytes());
+            self.binary.extend_from_slice(&index.to_le_bytes());
         }
         let buffer_view = self.add_view(start, Target::ElementArrayBuffer);
         push(

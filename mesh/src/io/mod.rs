@@ -8,7 +8,7 @@ mod ply;
 mod read;
 
 pub use error::MeshFileError;
-pub use glb::{Geometry, GlbPart, write_glb};
+pub use glb::{Geometry, GlbPart, GlbWriter, write_glb};
 pub use obj::{write_lines_obj, write_mesh_obj};
 pub use ply::{write_lines_ply, write_mesh_ply, write_points_ply};
 pub use read::{ReadError, read_geometry};

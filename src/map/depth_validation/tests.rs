@@ -70,7 +70,8 @@ impl Room {
         }
         let report = transaction.commit().unwrap();
         let landmarks = 0..self.points.len() as u32;
-        self.vertices.update(&self.carver, &self.points, landmarks);
+        self.vertices
+            .update(&self.carver, &self.points, landmarks, &mut Vec::new());
         let map = VertexViews::new(&self.carver, &self.points, &self.vertices);
         self.validation
             .push(map, &report.surface, &seen, &pose, surface)
@@ -83,8 +84,12 @@ impl Room {
         let mut transaction = self.carver.transaction();
         transaction.move_point(point, position).unwrap();
         let report = transaction.commit().unwrap();
-        self.vertices
-            .update(&self.carver, &self.points, std::iter::once(landmark));
+        self.vertices.update(
+            &self.carver,
+            &self.points,
+            std::iter::once(landmark),
+            &mut Vec::new(),
+        );
         let map = VertexViews::new(&self.carver, &self.points, &self.vertices);
         self.validation.update(map, &report.surface, &[]);
     }

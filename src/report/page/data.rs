@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
 
-use super::element_history::ElementHistory;
+use super::element_history::Lifetime;
 use super::encode::{Positions, push_number, text};
 use super::history::SurfaceHistory;
 use super::images::KeyframeImage;
@@ -309,7 +309,7 @@ impl<'a> SurfaceData<'a> {
             name: "clusters",
             color: "#2060c8",
             born: history.clusters.added_counts(),
-            life: encode_lifetimes(&history.clusters),
+            life: encode_lifetimes(history.clusters.records()),
             ends: Positions::new(&history.cluster_ends()),
         });
         lines.retain(|set| !set.born.iter().all(|many| *many == 0));
@@ -325,7 +325,7 @@ impl<'a> SurfaceData<'a> {
             points: (!history.points.records().is_empty()).then(|| PointsData {
                 color: "#2060c8",
                 born: history.points.added_counts(),
-                life: encode_lifetimes(&history.points),
+                life: encode_lifetimes(history.points.records()),
                 positions: Positions::new(&history.point_positions()),
             }),
             timing: TimingData {
@@ -336,9 +336,9 @@ impl<'a> SurfaceData<'a> {
 }
 
 /// Number of states of each element, 0 for unlimited.
-fn encode_lifetimes<T: Copy + Ord>(history: &ElementHistory<T>) -> String {
+fn encode_lifetimes<T>(records: &[(T, Lifetime)]) -> String {
     let mut life = Vec::new();
-    for (_, lifetime) in history.records() {
+    for (_, lifetime) in records {
         push_number(&mut life, lifetime.state_count());
     }
     text(&life)

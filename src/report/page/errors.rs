@@ -36,22 +36,16 @@ pub fn triangle_errors(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::test_surface::TestSurface;
     use crate::report::page::{Elements, HistoryLimits};
-    use linecarve_mesh::TriangleMesh;
 
     #[test]
     fn errors_are_means_over_the_triangle() {
-        let mesh = TriangleMesh {
-            positions: vec![
-                Point3::origin(),
-                Point3::new(3.0, 0.0, 0.0),
-                Point3::new(0.0, 3.0, 0.0),
-            ],
-            triangles: vec![[0, 1, 2]],
-            colors: None,
-        };
+        let positions = [[0.0; 3], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]].map(Point3::from);
+        let mut surface = TestSurface::default();
         let mut history = SurfaceHistory::new(HistoryLimits::default());
-        history.record(0, &mesh, Elements::Points(&[]));
+        history.note(&surface.change_to(&[[0, 1, 2]], &positions));
+        history.record(0, |v| surface.position(v), 3, Elements::Points(&[]));
         // The mean of x over the triangle is 1.
         assert_eq!(triangle_errors(&history, 10.0, &|point| point.x), [26]);
         assert_eq!(triangle_errors(&history, 10.0, &|_| f64::INFINITY), [255]);

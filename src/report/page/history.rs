@@ -1,9 +1,12 @@
 //! The history of a surface during a run.
 
+use linecarve_carving::{ChangeLog, Face};
+use linecarve_mesh::LineSet;
 use nalgebra::Point3;
 
 use super::element_history::ElementHistory;
-use linecarve_mesh::{LineSet, TriangleMesh};
+use super::triangle_history::TriangleHistory;
+use crate::map::SurfaceChange;
 
 /// Size limits of a history.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,9 +53,13 @@ pub struct SurfaceHistory {
     keyframes: Vec<u32>,
     /// Vertices in the order of first use.
     positions: Vec<Point3<f64>>,
-    /// Vertices of the last state, sorted by key.
-    current: Vec<(Key, u32)>,
-    pub(super) triangles: ElementHistory<[u32; 3]>,
+    /// The vertex of the page at each vertex of the surface, as of the last state.
+    ids: Vec<u32>,
+    /// Changes since the last state.
+    log: ChangeLog,
+    /// Whether the numbers of the surface were given out anew since the last state.
+    is_anew: bool,
+    pub(super) triangles: TriangleHistory,
     pub(super) clusters: ElementHistory<[Key; 2]>,
     pub(super) points: ElementHistory<Key>,
     segments: Vec<[Point3<f64>; 2]>,
@@ -86,30 +93,62 @@ impl SurfaceHistory {
 
     /// Counts a keyframe. Returns whether its state has to be [recorded](Self::record).
     pub fn advance(&mut self) -> bool {
+        self.thin_when_crowded();
         self.keyframes_seen += 1;
         self.keyframes_seen.is_multiple_of(self.stride.max(1))
     }
 
-    /// Records the surface and its elements after a keyframe.
+    /// Notes a change of the surface, for the next state.
+    pub fn note(&mut self, change: &SurfaceChange) {
+        if change.is_anew {
+            self.log = ChangeLog::default();
+            self.is_anew = true;
+        }
+        self.log.append(&change.mesh);
+    }
+
+    /// Records the surface as of the last change noted, and its elements, after a keyframe. `position` gives the positions of
+    /// the surface's vertices, `vertices` is their number.
     ///
-    /// Appends the segments that are new since the last state. Triangles with missing vertices are skipped.
+    /// Appends the segments that are new since the last state.
     ///
     /// # Complexity
-    /// O(n log n) in the size of the surface and its elements. Memory grows with the changes.
-    pub fn record(&mut self, keyframe: usize, mesh: &TriangleMesh, elements: Elements<'_>) {
-        let ids = self.vertex_ids(mesh);
-        let triangles = mesh
-            .triangles
-            .iter()
-            .filter_map(|corners| {
-                let [Some(a), Some(b), Some(c)] = corners.map(|c| ids.get(c as usize).copied())
-                else {
-                    return None;
-                };
-                Some(smallest_first([a, b, c]))
-            })
-            .collect();
-        self.triangles.push(triangles);
+    /// O(n log n) in the change of the surface and the size of its elements. Memory grows with the changes.
+    pub fn record(
+        &mut self,
+        keyframe: usize,
+        position: impl Fn(u32) -> Point3<f64>,
+        vertices: usize,
+        elements: Elements<'_>,
+    ) {
+        self.record_triangles(position);
+        self.record_elements(elements);
+        self.vertex_counts.push(vertices as u32);
+        self.keyframes.push(keyframe as u32);
+    }
+
+    fn record_triangles(&mut self, position: impl Fn(u32) -> Point3<f64>) {
+        let change = self.log.take();
+        let mut gone = [&change.removed[..], &change.reshaped].concat();
+        if std::mem::take(&mut self.is_anew) {
+            gone = self.triangles.faces();
+            self.ids.clear();
+        }
+        let capacity = change.placed.last().map_or(0, |last| *last as usize + 1);
+        if capacity > self.ids.len() {
+            self.ids.resize(capacity, 0);
+        }
+        for &number in &change.placed {
+            self.ids[number as usize] = self.positions.len() as u32;
+            self.positions.push(position(number));
+        }
+        let ids = &self.ids;
+        let came = change.added.iter().chain(&change.reshaped);
+        let came = came.map(|face: &Face| (*face, smallest_first(face.map(|v| ids[v as usize]))));
+        self.triangles.push(gone, came);
+    }
+
+    fn record_elements(&mut self, elements: Elements<'_>) {
         match elements {
             Elements::Lines { segments, clusters } => {
                 let ends = |line: &[u32; 2]| -> Option<[Key; 2]> {
@@ -128,23 +167,19 @@ impl SurfaceHistory {
             }
         }
         self.segments_until.push(self.segments.len() as u32);
-        self.vertex_counts.push(mesh.positions.len() as u32);
-        self.keyframes.push(keyframe as u32);
-        let crowded = self.keyframes.len() > self.limits.states.max(2) as usize
-            || (self.keyframes.len() > 16
-                && self.triangles.records().len() > self.limits.triangles);
-        if crowded {
-            self.thin();
-        }
     }
 
-    /// Records the final state, unless its keyframe is already recorded.
-    pub fn finish(&mut self, keyframe: usize, mesh: &TriangleMesh, elements: Elements<'_>) {
-        for _ in 0..2 {
-            // Recording may drop the state again to keep the limits; the second attempt then succeeds.
-            if self.keyframes.last() != Some(&(keyframe as u32)) {
-                self.record(keyframe, mesh, elements);
-            }
+    /// Records the final state, unless its keyframe is already recorded; arguments as in [`record`](Self::record).
+    pub fn finish(
+        &mut self,
+        keyframe: usize,
+        position: impl Fn(u32) -> Point3<f64>,
+        vertices: usize,
+        elements: Elements<'_>,
+    ) {
+        if self.keyframes.last() != Some(&(keyframe as u32)) {
+            self.thin_when_crowded();
+            self.record(keyframe, position, vertices, elements);
         }
     }
 
@@ -187,6 +222,16 @@ impl SurfaceHistory {
         records.map(|(key, _)| position(key)).collect()
     }
 
+    /// Makes room for another state. Only an even number of states is thinned, so that the last one stays.
+    fn thin_when_crowded(&mut self) {
+        let states = self.keyframes.len();
+        let most = self.limits.states.max(2) as usize & !1;
+        let is_large = states > 16 && self.triangles.records().len() > self.limits.triangles;
+        if states >= most || (is_large && states.is_multiple_of(2)) {
+            self.thin();
+        }
+    }
+
     fn thin(&mut self) {
         self.triangles.thin();
         self.clusters.thin();
@@ -196,38 +241,6 @@ impl SurfaceHistory {
         self.segments_until = every_second(&self.segments_until);
         self.vertex_counts = every_second(&self.vertex_counts);
         self.stride = 2 * self.stride.max(1);
-    }
-
-    /// Id of each mesh vertex. A vertex keeps its id while it stays.
-    fn vertex_ids(&mut self, mesh: &TriangleMesh) -> Vec<u32> {
-        let mut by_position: Vec<(Key, u32)> = (0..)
-            .zip(&mesh.positions)
-            .map(|(i, p)| (key(p), i))
-            .collect();
-        by_position.sort_unstable();
-        let mut ids = vec![0; mesh.positions.len()];
-        let mut now: Vec<(Key, u32)> = Vec::with_capacity(by_position.len());
-        let mut before = self.current.iter().peekable();
-        for (key, vertex) in by_position {
-            let id = match now.last() {
-                Some((last, id)) if *last == key => *id,
-                _ => {
-                    while before.next_if(|(old, _)| *old < key).is_some() {}
-                    let id = match before.next_if(|(old, _)| *old == key) {
-                        Some((_, id)) => *id,
-                        None => {
-                            self.positions.push(position(&key));
-                            (self.positions.len() - 1) as u32
-                        }
-                    };
-                    now.push((key, id));
-                    id
-                }
-            };
-            ids[vertex as usize] = id;
-        }
-        self.current = now;
-        ids
     }
 }
 

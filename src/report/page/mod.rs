@@ -10,6 +10,7 @@ mod encode;
 mod errors;
 mod history;
 mod images;
+mod triangle_history;
 mod write;
 
 pub use data::{

@@ -4,37 +4,32 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::{Elements, HistoryLimits, SurfaceHistory};
-use linecarve_mesh::TriangleMesh;
+use crate::map::test_surface::TestSurface;
 
 const NOTHING: Elements<'static> = Elements::Points(&[]);
 
-/// A mesh of triangles between points on a line, its vertices rotated by `turn`.
-fn mesh(triangles: &[[u8; 3]], turn: usize) -> TriangleMesh {
-    let mut names: Vec<u8> = triangles.iter().flatten().copied().collect();
-    names.sort_unstable();
-    names.dedup();
-    let shift = turn % names.len().max(1);
-    names.rotate_left(shift);
-    TriangleMesh {
-        positions: names
-            .iter()
-            .map(|name| Point3::new(f64::from(*name), 0.0, -0.0))
-            .collect(),
-        triangles: triangles
-            .iter()
-            .map(|corners| {
-                corners.map(|name| names.iter().position(|other| *other == name).unwrap() as u32)
-            })
-            .collect(),
-        colors: None,
-    }
+/// Points on a line, one of them elsewhere.
+fn positions(turn: usize) -> Vec<Point3<f64>> {
+    let height = |name: usize| if name == 4 { (turn % 3) as f64 } else { 0.0 };
+    (0..9)
+        .map(|name| Point3::new(name as f64, height(name), -0.0))
+        .collect()
 }
 
-/// The triangles of a history at a state, by the names of their corners, the smallest first.
-fn at(history: &SurfaceHistory, state: u32) -> Vec<[u8; 3]> {
-    let name = |corner: u32| history.positions()[corner as usize].x as u8;
+/// Notes the change to these triangles.
+fn note(history: &mut SurfaceHistory, surface: &mut TestSurface, faces: &[[u8; 3]], turn: usize) {
+    let faces: Vec<[u32; 3]> = faces.iter().map(|face| face.map(u32::from)).collect();
+    history.note(&surface.change_to(&faces, &positions(turn)));
+}
+
+/// The triangles of a history at a state, by names and heights of their corners, the smallest first.
+fn at(history: &SurfaceHistory, state: u32) -> Vec<[(u8, u64); 3]> {
+    let name = |corner: u32| {
+        let position = history.positions()[corner as usize];
+        (position.x as u8, position.y.to_bits())
+    };
     let records = history.triangles.records().iter();
-    let mut current: Vec<[u8; 3]> = records
+    let mut current: Vec<[(u8, u64); 3]> = records
         .filter(|(_, lifetime)| {
             lifetime.first_state <= state
                 && lifetime.end_state.is_none_or(|end_state| state < end_state)
@@ -45,7 +40,7 @@ fn at(history: &SurfaceHistory, state: u32) -> Vec<[u8; 3]> {
     current
 }
 
-fn smallest_first(mut corners: [u8; 3]) -> [u8; 3] {
+fn smallest_first<T: Ord + Copy>(mut corners: [T; 3]) -> [T; 3] {
     while corners[0] > corners[1] || corners[0] > corners[2] {
         corners.rotate_left(1);
     }
@@ -63,48 +58,53 @@ proptest! {
     fn a_history_holds_the_surface_of_every_state(
         states in prop::collection::vec(prop::collection::vec(triangle(), 0..7), 1..24),
         most in 2u32..9,
+        anew in 0usize..24,
     ) {
         let limits = HistoryLimits { states: most, triangles: 1000 };
         let mut history = SurfaceHistory::new(limits);
+        let mut surface = TestSurface::default();
         for (number, triangles) in states.iter().enumerate() {
+            if number == anew {
+                surface = TestSurface::default();
+            }
+            note(&mut history, &mut surface, triangles, number);
             if history.advance() {
-                history.record(number, &mesh(triangles, number), NOTHING);
+                history.record(number, |v| surface.position(v), number, NOTHING);
             }
         }
         let last = states.len() - 1;
-        history.finish(last, &mesh(&states[last], 0), NOTHING);
+        history.finish(last, |v| surface.position(v), last, NOTHING);
         prop_assert_eq!(history.keyframes().last(), Some(&(last as u32)));
         prop_assert!(history.keyframes().len() <= most as usize);
         prop_assert!(history.keyframes().is_sorted());
+        prop_assert_eq!(history.vertex_counts(), history.keyframes());
         for (state, keyframe) in (0..).zip(history.keyframes()) {
-            let mut expected: Vec<[u8; 3]> =
-                states[*keyframe as usize].iter().map(|corners| smallest_first(*corners)).collect();
+            let height = |name: u8| if name == 4 { f64::from(keyframe % 3) } else { 0.0 };
+            let mut expected: Vec<[(u8, u64); 3]> = states[*keyframe as usize]
+                .iter()
+                .map(|face| smallest_first(face.map(|name| (name, height(name).to_bits()))))
+                .collect();
             expected.sort_unstable();
             expected.dedup();
             prop_assert_eq!(at(&history, state), expected);
         }
+        let records = history.triangles.records();
+        prop_assert!(records.is_sorted_by_key(|(ids, lifetime)| (lifetime.first_state, *ids)));
+        prop_assert!(records.iter().all(|(ids, _)| ids[0] < ids[1] && ids[0] < ids[2]));
     }
 }
 
 #[test]
 fn an_unchanged_surface_needs_no_memory() {
     let mut history = SurfaceHistory::new(HistoryLimits::default());
+    let mut surface = TestSurface::default();
     for number in 0..100 {
+        note(&mut history, &mut surface, &[[0, 1, 2], [2, 1, 3]], 0);
         assert!(history.advance());
-        history.record(number, &mesh(&[[0, 1, 2], [2, 1, 3]], number), NOTHING);
+        history.record(number, |v| surface.position(v), 4, NOTHING);
     }
     assert_eq!(
         (history.triangles().len(), history.positions().len()),
         (2, 4)
     );
-}
-
-#[test]
-fn invalid_triangles_are_skipped() {
-    let mut broken = mesh(&[[0, 1, 2]], 0);
-    broken.triangles.push([0, 1, 99]);
-    broken.positions[1].y = f64::NAN;
-    let mut history = SurfaceHistory::new(HistoryLimits::default());
-    history.record(0, &broken, NOTHING);
-    assert_eq!(history.triangles().len(), 1);
 }

@@ -1,0 +1,313 @@
+//! Follows the changes of the carved surface.
+
+use nalgebra::Point3;
+use rustc_hash::{FxHashMap, FxHashSet};
+
+use super::super::delta::{SurfaceDelta, Triangle};
+use super::super::extract::cut_at_midpoints;
+use super::components::ComponentSearch;
+use super::locate::{Carved, Located};
+use super::splits::EdgeGroup;
+use super::{IncrementalMesh, NONE, Record, TriangleRole};
+use crate::tetrahedralization::{IncidentCells, VertexId};
+
+impl IncrementalMesh {
+    /// See [`Carver::update_mesh`](crate::Carver::update_mesh).
+    pub(crate) fn update(
+        &mut self,
+        carved: Carved<'_>,
+        deltas: &[SurfaceDelta],
+        touched: &[Triangle],
+        role: impl Fn(&Triangle) -> TriangleRole,
+    ) {
+        let mut update = Update::new(self, carved);
+        let mut candidates = touched.to_vec();
+        update.apply(deltas, &mut candidates);
+        update.visit_moved(&mut candidates);
+        let mut changed = update.evaluate(candidates, role);
+        update.settle_components(&mut changed);
+        update.withdraw(changed);
+        let dirty = update.sort_dirty();
+        for &vertex in &dirty {
+            update.settle_fans(vertex);
+        }
+        update.place_copies(&dirty);
+        update.settle_edges();
+        update.rebuild_faces();
+        update.reshape_faces();
+        update.free_vertices();
+    }
+}
+
+/// An update under way.
+pub(super) struct Update<'a> {
+    pub(super) mesh: &'a mut IncrementalMesh,
+    pub(super) carved: Carved<'a>,
+    pub(super) scratch: IncidentCells,
+    /// Reused memory: the triangles around a vertex, and their fans.
+    pub(super) around: Vec<Located>,
+    pub(super) fans: Vec<usize>,
+    /// Vertices around which fans are looked at anew; sorted for [`is_dirty`](Self::is_dirty).
+    dirty: Vec<VertexId>,
+    moved: Vec<VertexId>,
+    /// The edges at them.
+    pub(super) edges: Vec<EdgeGroup>,
+    /// Midpoints that have their edge.
+    pub(super) taken: FxHashSet<u32>,
+    /// Triangles whose faces have to be made anew.
+    pub(super) stale: Vec<Triangle>,
+    /// Triangles with a corner or midpoint that may be at another position.
+    pub(super) reshaped: Vec<Triangle>,
+    placed: FxHashSet<u32>,
+    unused: Vec<u32>,
+}
+
+impl<'a> Update<'a> {
+    fn new(mesh: &'a mut IncrementalMesh, carved: Carved<'a>) -> Self {
+        Self {
+            mesh,
+            carved,
+            scratch: IncidentCells::new(),
+            around: Vec::new(),
+            fans: Vec::new(),
+            dirty: Vec::new(),
+            moved: Vec::new(),
+            edges: Vec::new(),
+            taken: FxHashSet::default(),
+            stale: Vec::new(),
+            reshaped: Vec::new(),
+            placed: FxHashSet::default(),
+            unused: Vec::new(),
+        }
+    }
+
+    /// Whether fans are looked at anew around a vertex.
+    pub(super) fn is_dirty(&self, vertex: VertexId) -> bool {
+        self.dirty.binary_search(&vertex).is_ok()
+    }
+
+    fn sort_dirty(&mut self) -> Vec<VertexId> {
+        self.dirty.sort_unstable();
+        self.dirty.dedup();
+        self.dirty.clone()
+    }
+
+    /// Takes over which triangles there are. Those that went and came back keep what is known about them.
+    fn apply(&mut self, deltas: &[SurfaceDelta], candidates: &mut Vec<Triangle>) {
+        let records = &mut self.mesh.records;
+        let mut gone: FxHashMap<Triangle, Record> = FxHashMap::default();
+        for delta in deltas {
+            for triangle in &delta.removed {
+                if let Some(record) = records.remove(triangle) {
+                    gone.insert(*triangle, record);
+                }
+            }
+            for triangle in &delta.added {
+                let record = gone.remove(triangle).unwrap_or_default();
+                records.insert(*triangle, record);
+            }
+            let changed = delta.added.iter().chain(&delta.removed);
+            self.dirty.extend(changed.flatten());
+            self.dirty.extend(&delta.border);
+            self.moved.extend(&delta.moved);
+            candidates.extend(&delta.added);
+        }
+        let mut gone: Vec<(Triangle, Record)> = gone.into_iter().collect();
+        gone.sort_unstable_by_key(|(triangle, _)| *triangle);
+        for (triangle, record) in gone {
+            self.remove_faces(&triangle, record.face);
+            self.mesh.repeated.remove(&triangle);
+        }
+    }
+
+    /// Triangles at vertices that moved may be exported differently, and edges there be split differently.
+    fn visit_moved(&mut self, candidates: &mut Vec<Triangle>) {
+        self.moved.sort_unstable();
+        self.moved.dedup();
+        let mut around = std::mem::take(&mut self.around);
+        for &vertex in &self.moved {
+            self.carved.around(vertex, &mut self.scratch, &mut around);
+            for located in &around {
+                candidates.push(located.corners);
+                if self.mesh.repeated.contains(&located.corners) {
+                    self.dirty.extend(&located.corners);
+                }
+            }
+        }
+        self.around = around;
+    }
+
+    /// Asks for the roles of triangles; returns those with another one than before.
+    fn evaluate(
+        &mut self,
+        mut candidates: Vec<Triangle>,
+        role: impl Fn(&Triangle) -> TriangleRole,
+    ) -> Vec<Triangle> {
+        candidates.sort_unstable();
+        candidates.dedup();
+        let dirty = &mut self.dirty;
+        let records = &mut self.mesh.records;
+        candidates.retain(|triangle| {
+            let Some(record) = records.get_mut(triangle) else {
+                return false;
+            };
+            let now = role(triangle);
+            let before = std::mem::replace(&mut record.role, now);
+            if (before == TriangleRole::Ignored) != (now == TriangleRole::Ignored) {
+                dirty.extend(triangle);
+            }
+            before != now
+        });
+        candidates
+    }
+
+    /// Decides the components of triangles that may have other neighbours than before.
+    fn settle_components(&mut self, changed: &mut Vec<Triangle>) {
+        let dirty = self.sort_dirty();
+        let minimum = self.mesh.minimum_component;
+        let mut search = ComponentSearch::new(self.carved, minimum, &mut self.mesh.records);
+        for vertex in dirty {
+            let around = &mut self.around;
+            self.carved.around(vertex, &mut self.scratch, around);
+            for located in around {
+                search.settle(*located, changed);
+            }
+        }
+    }
+
+    /// Withdraws the changed triangles that are not exported any more.
+    fn withdraw(&mut self, mut changed: Vec<Triangle>) {
+        changed.sort_unstable();
+        changed.dedup();
+        for triangle in changed {
+            self.dirty.extend(&triangle);
+            let Some(record) = self.mesh.records.get_mut(&triangle) else {
+                continue;
+            };
+            if !record.is_exported() {
+                record.corners = [NONE; 3];
+                let face = std::mem::replace(&mut record.face, NONE);
+                self.remove_faces(&triangle, face);
+            }
+        }
+    }
+
+    /// Removes the faces of a triangle, `face` or those of a split one.
+    fn remove_faces(&mut self, triangle: &Triangle, face: u32) {
+        let split = self.mesh.splits.remove(triangle);
+        let mesh = &mut *self.mesh;
+        let split = split.map_or_else(Vec::new, |split| split.faces);
+        for face in split.into_iter().chain((face != NONE).then_some(face)) {
+            let unused = &mut self.unused;
+            (mesh.faces).remove(face, &mut mesh.vertices, unused, &mut mesh.log);
+        }
+    }
+
+    /// Adds a copy of a vertex.
+    pub(super) fn add_vertex(&mut self, origin: Option<VertexId>) -> u32 {
+        let position = origin.map_or_else(Point3::origin, |v| self.carved.tetrahedra.position(v));
+        let number = self.mesh.vertices.add(position, origin);
+        self.mesh.log.place(number);
+        number
+    }
+
+    /// Moves a vertex of the mesh.
+    pub(super) fn place(&mut self, number: u32, position: Point3<f64>) {
+        if self.mesh.vertices.place(number, position) {
+            self.mesh.log.place(number);
+            self.placed.insert(number);
+        }
+    }
+
+    /// Moves the copies of vertices to where these are.
+    fn place_copies(&mut self, dirty: &[VertexId]) {
+        let moved = std::mem::take(&mut self.moved);
+        let mut around = std::mem::take(&mut self.around);
+        for &vertex in moved.iter().chain(dirty) {
+            if !self.carved.tetrahedra.is_vertex(vertex) {
+                continue;
+            }
+            let position = self.carved.tetrahedra.position(vertex);
+            let before = self.placed.len();
+            let copies: Vec<u32> = self.mesh.vertices.copies(vertex).collect();
+            for copy in copies {
+                self.place(copy, position);
+            }
+            if self.placed.len() > before {
+                self.carved.around(vertex, &mut self.scratch, &mut around);
+                self.reshaped.extend(around.iter().map(|it| it.corners));
+            }
+        }
+        self.around = around;
+    }
+
+    /// Makes the faces of stale triangles anew.
+    fn rebuild_faces(&mut self) {
+        let mut stale = std::mem::take(&mut self.stale);
+        stale.sort_unstable();
+        stale.dedup();
+        let mut fresh: Vec<(Triangle, Vec<[u32; 3]>)> = Vec::new();
+        for triangle in stale {
+            let Some(record) = self.mesh.records.get_mut(&triangle) else {
+                continue;
+            };
+            if record.corners.contains(&NONE) {
+                continue;
+            }
+            let corners = record.corners;
+            let old = std::mem::replace(&mut record.face, NONE);
+            let midpoints = (self.mesh.splits.get(&triangle)).map(|split| split.midpoints);
+            self.remove_faces(&triangle, old);
+            let mut pieces = Vec::with_capacity(1);
+            let middle = midpoints.unwrap_or([NONE; 3]);
+            let middle = middle.map(|number| (number != NONE).then_some(number));
+            cut_at_midpoints(corners, middle, &mut pieces);
+            if let Some(midpoints) = midpoints.filter(|it| *it != [NONE; 3]) {
+                let faces = Vec::new();
+                let split = super::Split { midpoints, faces };
+                self.mesh.splits.insert(triangle, split);
+            }
+            fresh.push((triangle, pieces));
+        }
+        for (triangle, pieces) in fresh {
+            let mesh = &mut *self.mesh;
+            let mut add = |piece| mesh.faces.add(piece, &mut mesh.vertices, &mut mesh.log);
+            if let Some(split) = mesh.splits.get_mut(&triangle) {
+                split.faces.extend(pieces.into_iter().map(&mut add));
+            } else if let Some(record) = mesh.records.get_mut(&triangle) {
+                record.face = pieces.into_iter().map(&mut add).next().unwrap_or(NONE);
+            }
+        }
+    }
+
+    /// Lists the faces that stayed while a corner moved.
+    fn reshape_faces(&mut self) {
+        let mesh = &mut *self.mesh;
+        for triangle in &self.reshaped {
+            let record = mesh.records.get(triangle);
+            let face = record
+                .map(|record| record.face)
+                .filter(|face| *face != NONE);
+            let split = mesh.splits.get(triangle).map(|split| &split.faces);
+            for face in split.into_iter().flatten().copied().chain(face) {
+                let corners = mesh.faces.corners(face);
+                if corners.iter().any(|corner| self.placed.contains(corner)) {
+                    mesh.log.reshape(corners);
+                }
+            }
+        }
+    }
+
+    /// Frees the vertices that no face uses any more.
+    fn free_vertices(&mut self) {
+        let mut unused = std::mem::take(&mut self.unused);
+        unused.sort_unstable();
+        unused.dedup();
+        for number in unused {
+            if !self.mesh.vertices.is_vertex(number) {
+                self.mesh.vertices.free(number);
+                self.mesh.log.free(number);
+            }
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! The files of keyframes: the whole surface, or its changes.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::process::Command;
+
+use linecarve_mesh::read_geometry;
+
+use crate::program::{data, expect_status, small_sequence, text};
+
+fn reconstruct(sequence: &Path, out: &Path, more: &[&str]) {
+    let fixed = ["reconstruct", text(sequence), "--quiet", "--out", text(out)];
+    let lean = ["--no-picture", "--no-page", "--format", "ply"];
+    expect_status(0, [&fixed[..], &lean, more].concat());
+}
+
+/// A triangle by its corners: positions as they are stored, and colours.
+type Corners = [[u32; 3]; 3];
+
+fn rotated([a, b, c]: Corners) -> Corners {
+    [a, b, c].min([b, c, a]).min([c, a, b])
+}
+
+/// The triangles of a mesh file, sorted. Coordinates of files of keyframes are single precision.
+fn triangles_of(path: &Path) -> Vec<Corners> {
+    let shape = read_geometry(path).unwrap();
+    let corner = |index: u32| {
+        let position = shape.positions[index as usize];
+        [position.x, position.y, position.z].map(|value| (value as f32 + 0.0).to_bits())
+    };
+    let triangles = shape.triangles.iter();
+    let mut triangles: Vec<Corners> = triangles.map(|t| rotated(t.map(corner))).collect();
+    triangles.sort_unstable();
+    triangles
+}
+
+/// A reader of changes, apart from that in `clients`.
+#[derive(Default)]
+struct Reader {
+    positions: BTreeMap<u32, [u32; 3]>,
+    triangles: BTreeSet<[u32; 3]>,
+}
+
+impl Reader {
+    fn apply(&mut self, bytes: &[u8]) {
+        assert_eq!(&bytes[..8], b"LCDELTA1");
+        let words: Vec<u32> = bytes[32..]
+            .chunks_exact(4)
+            .map(|word| u32::from_le_bytes(word.try_into().unwrap()))
+            .collect();
+        let [
+            vertices,
+            triangles,
+            removed,
+            freed,
+            placed,
+            recolored,
+            added,
+        ] = [0, 1, 2, 3, 4, 5, 6].map(|at| words[at] as usize);
+        let mut rest = &words[7..];
+        let mut take = |count: usize| {
+            let (list, after) = rest.split_at(count);
+            rest = after;
+            list
+        };
+        for corners in take(3 * removed).chunks_exact(3) {
+            assert!(self.triangles.remove(corners));
+        }
+        for number in take(freed) {
+            self.positions.remove(number);
+        }
+        for vertex in take(5 * placed).chunks_exact(5) {
+            let position = [vertex[1], vertex[2], vertex[3]];
+            let position = position.map(|bits| (f32::from_bits(bits) + 0.0).to_bits());
+            self.positions.insert(vertex[0], position);
+        }
+        take(2 * recolored);
+        for corners in take(3 * added).chunks_exact(3) {
+            assert!(self.triangles.insert(corners.try_into().unwrap()));
+        }
+        assert!(rest.is_empty());
+        assert_eq!(
+            (self.positions.len(), self.triangles.len()),
+            (vertices, triangles)
+        );
+    }
+
+    /// The triangles by positions, sorted.
+    fn surface(&self) -> Vec<Corners> {
+        let triangles = self.triangles.iter();
+        let mut surface: Vec<Corners> = triangles
+            .map(|t| rotated(t.map(|number| self.positions[&number])))
+            .collect();
+        surface.sort_unstable();
+        surface
+    }
+}
+
+/// Reconstructs a sequence with files of both kinds and compares them keyframe by keyframe; returns their number.
+fn compare_growth(sequence: &Path, root: &Path, more: &[&str]) -> usize {
+    let [whole, delta, last] = ["whole", "delta", "last"].map(|name| root.join(name));
+    reconstruct(sequence, &whole, more);
+    reconstruct(sequence, &delta, &[&["--growth", "delta"], more].concat());
+    reconstruct(sequence, &last, &[&["--final-only"], more].concat());
+    let mesh = |out: &Path| std::fs::read(out.join("mesh.ply")).unwrap();
+    assert!(mesh(&whole) == mesh(&last), "followed and made anew");
+    assert!(mesh(&whole) == mesh(&delta));
+    assert!(!last.join("keyframes").exists());
+    let mut reader = Reader::default();
+    let mut count = 0;
+    loop {
+        let file = |out: &Path, end: &str| out.join(format!("keyframes/{count:06}.{end}"));
+        let Ok(bytes) = std::fs::read(file(&delta, "delta")) else {
+            break;
+        };
+        reader.apply(&bytes);
+        let expected = triangles_of(&file(&whole, "glb"));
+        assert!(
+            reader.surface() == expected,
+            "keyframe {count} of {sequence:?}"
+        );
+        count += 1;
+    }
+    let files = |out: &Path| std::fs::read_dir(out.join("keyframes")).unwrap().count();
+    assert_eq!((files(&whole), files(&delta)), (count, count));
+    // The end of a run removes provisional keyframes and adjusts map points once more.
+    let changes_at_end = more.contains(&"semi-dense") || more.contains(&"map-points");
+    if !changes_at_end {
+        assert!(reader.surface() == triangles_of(&whole.join("mesh.ply")));
+    }
+    count
+}
+
+#[test]
+fn changes_add_up_to_the_whole_surfaces() {
+    let folder = small_sequence(6, "tum");
+    let sequence = folder.path().join("sequence");
+    for (name, more) in [
+        ("cut", &["--every", "1"][..]),
+        ("votes", &["--every", "1", "--labels", "votes"]),
+        ("points", &["--every", "1", "--from", "map-points"]),
+    ] {
+        let count = compare_growth(&sequence, &folder.path().join(name), more);
+        assert_eq!(count, 6, "{name}");
+    }
+}
+
+#[test]
+fn changes_of_provisional_keyframes_add_up() {
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
+    let out = tempfile::tempdir().unwrap();
+    let more = [
+        "--every",
+        "2",
+        "--depth",
+        "semi-dense",
+        "--max-keyframes",
+        "12",
+    ];
+    assert_eq!(compare_growth(&room, out.path(), &more), 12);
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn changes_of_recorded_sequences_add_up() {
+    for name in ["seven-scenes", "livingroom-synthetic"] {
+        let out = tempfile::tempdir().unwrap();
+        let count = compare_growth(&data(name), out.path(), &["--every", "6"]);
+        assert!(count > 8, "{name}: {count}");
+    }
+}
+
+#[test]
+#[ignore = "needs python3"]
+fn the_client_rebuilds_the_surfaces() {
+    let folder = small_sequence(5, "tum");
+    let [whole, delta, rebuilt] =
+        ["whole", "delta", "rebuilt"].map(|name| folder.path().join(name));
+    let sequence = folder.path().join("sequence");
+    reconstruct(&sequence, &whole, &["--every", "1"]);
+    reconstruct(&sequence, &delta, &["--every", "1", "--growth", "delta"]);
+    let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/read_growth.py");
+    let run = |keyframes: &Path, more: &[&str]| {
+        let mut command = Command::new("python3");
+        command
+            .arg(&client)
+            .arg(keyframes)
+            .arg("--out")
+            .arg(&rebuilt);
+        command.args(more).output().unwrap()
+    };
+    let done = run(&delta.join("keyframes"), &["--every", "2"]);
+    assert!(done.status.success(), "{done:?}");
+    assert_eq!(std::fs::read_dir(&rebuilt).unwrap().count(), 3);
+    for number in [0, 2, 4] {
+        let found = triangles_of(&rebuilt.join(format!("{number:06}.ply")));
+        let expected = triangles_of(&whole.join(format!("keyframes/{number:06}.glb")));
+        assert!(found == expected, "keyframe {number}");
+    }
+    // One file is missing.
+    std::fs::remove_file(delta.join("keyframes/000002.delta")).unwrap();
+    let done = run(&delta.join("keyframes"), &[]);
+    let message = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert!(
+        !done.status.success() && message.contains("000003.delta"),
+        "{message}"
+    );
+    let done = run(&whole, &[]);
+    let message = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert!(
+        !done.status.success() && message.contains("--growth delta"),
+        "{message}"
+    );
+}
