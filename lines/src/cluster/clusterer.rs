@@ -1,10 +1,11 @@
 //! Incremental clustering: each segment joins the best fitting cluster or starts a new one.
 
 use nalgebra::Point3;
+use rstar::primitives::{GeomWithData, Rectangle};
+use rstar::{AABB, RTree};
 
 use super::options::{ClusterOptions, ClusterOptionsError};
 use super::representative::{EndMoments, WorldSegment};
-use super::segment_grid::SegmentGrid;
 
 /// Id of an inserted segment, numbered from 0 in the order of insertion; never reused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -44,6 +45,8 @@ pub struct Cluster {
     members: [u32; 2],
 }
 
+type Entry = GeomWithData<Rectangle<[f64; 3]>, u32>;
+
 /// Groups segments into clusters incrementally and reports the changes.
 ///
 /// A segment fits a cluster when the angle between them is at most 10 degrees, the distance measure d at most lambda_d, and
@@ -54,8 +57,8 @@ pub struct Cluster {
 /// depth included, scales or moves the clusters.
 ///
 /// # Complexity
-/// Constant per segment where the density of clusters is bounded: a grid of voxels yields the candidates, and running sums avoid a
-/// second pass over the members.
+/// About O(log n) per segment for n clusters of bounded density: an R-tree over bounding boxes yields the candidates, and running sums
+/// avoid a second pass over the members.
 ///
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
@@ -73,8 +76,7 @@ pub struct SegmentClusterer {
     clusters: Vec<Option<Cluster>>,
     /// How many of them have the minimum size.
     large: usize,
-    /// The representatives.
-    grid: SegmentGrid,
+    tree: RTree<Entry>,
     /// The member after each segment in its cluster; the last one points to itself.
     next_member: Vec<u32>,
     candidates: Vec<u32>,
@@ -93,16 +95,14 @@ impl SegmentClusterer {
                 value: median_depth,
             });
         }
-        let distance = options.distance_share * median_depth;
-        let offset = options.offset_share * median_depth;
         Ok(Self {
             options,
             minimum_cosine: options.maximum_angle_rad.cos(),
-            distance,
-            offset,
+            distance: options.distance_share * median_depth,
+            offset: options.offset_share * median_depth,
             clusters: Vec::new(),
             large: 0,
-            grid: SegmentGrid::new(reach(distance, offset)),
+            tree: RTree::new(),
             next_member: Vec::new(),
             candidates: Vec::new(),
         })
@@ -172,7 +172,7 @@ impl SegmentClusterer {
                 members: [id, id],
             }));
             self.count_change(0, 1);
-            self.grid.insert(&segment, cluster);
+            self.tree.insert(entry(&segment, cluster));
             events.push(ClusterEvent::Created(ClusterId(cluster)));
             return Some((SegmentId(id), ClusterId(cluster)));
         };
@@ -215,8 +215,8 @@ impl SegmentClusterer {
         events: &mut Vec<ClusterEvent>,
     ) {
         if before != after {
-            self.grid.remove(before, cluster);
-            self.grid.insert(after, cluster);
+            self.tree.remove(&entry(before, cluster));
+            self.tree.insert(entry(after, cluster));
             events.push(ClusterEvent::Moved(ClusterId(cluster)));
         }
     }
@@ -234,7 +234,7 @@ impl SegmentClusterer {
         let Some(gone) = self.clusters[from as usize].take() else {
             return into;
         };
-        self.grid.remove(&gone.representative, from);
+        self.tree.remove(&entry(&gone.representative, from));
         events.push(ClusterEvent::Merged {
             into: ClusterId(into),
             from: ClusterId(from),
@@ -268,10 +268,15 @@ impl SegmentClusterer {
         offset: f64,
     ) -> Option<u32> {
         let mut candidates = std::mem::take(&mut self.candidates);
-        if self.grid.near(segment, &mut candidates).is_none() {
-            candidates.clear();
-            candidates.extend(0..self.clusters.len() as u32);
-        }
+        candidates.clear();
+        let reach = self.offset.max(0.5 * self.distance);
+        let (low, high) = corners(segment);
+        let query = AABB::from_corners(low.map(|c| c - reach), high.map(|c| c + reach));
+        candidates.extend(
+            self.tree
+                .locate_in_envelope_intersecting(query)
+                .map(|entry| entry.data),
+        );
         let best = candidates
             .iter()
             .filter(|&&id| Some(id) != except)
@@ -307,13 +312,14 @@ impl SegmentClusterer {
     }
 }
 
-/// How near an end of one of two segments is to the other when they fit, at most.
-///
-/// Along an endless line, an end at offset `o` whose detour is `d` lies `(d^2 + o^2) / 2 d` from the end of the line. An end of
-/// the longer segment may lie `d / 2` beyond the shorter one and as far aside as the ends of that do.
-fn reach(distance: f64, offset: f64) -> f64 {
-    let along = (distance * distance + offset * offset) / (2.0 * distance);
-    along.max(0.5 * distance + 1.1 * offset)
+fn corners(segment: &WorldSegment) -> ([f64; 3], [f64; 3]) {
+    let [a, b] = &segment.ends;
+    (a.inf(b).into(), a.sup(b).into())
+}
+
+fn entry(segment: &WorldSegment, cluster: u32) -> Entry {
+    let (low, high) = corners(segment);
+    GeomWithData::new(Rectangle::from_corners(low, high), cluster)
 }
 
 #[cfg(test)]

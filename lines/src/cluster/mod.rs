@@ -3,7 +3,6 @@
 mod clusterer;
 mod options;
 mod representative;
-mod segment_grid;
 
 pub use clusterer::{Cluster, ClusterEvent, ClusterId, SegmentClusterer, SegmentId};
 pub use options::{ClusterOptions, ClusterOptionsError};

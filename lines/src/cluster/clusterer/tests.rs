@@ -42,7 +42,7 @@ fn check(clusterer: &SegmentClusterer) {
         }
     }
     assert!(seen.iter().all(|&s| s));
-    assert_eq!(clusterer.grid.len(), clusterer.all_clusters().count());
+    assert_eq!(clusterer.tree.size(), clusterer.all_clusters().count());
     assert_eq!(clusterer.cluster_count(), clusterer.clusters().count());
 }
 
