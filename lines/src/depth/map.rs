@@ -14,7 +14,9 @@ pub struct InverseDepth {
 impl InverseDepth {
     /// A measurement; `None` unless both values are positive and finite.
     pub fn new(rho: f32, sigma: f32) -> Option<Self> {
-        let is_valid = rho > 0.0 && rho.is_finite() && sigma > 0.0 && sigma.is_finite();
+        // Without branches, for loops over pixels.
+        let is_valid =
+            (rho > 0.0) & (rho < f32::INFINITY) & (sigma > 0.0) & (sigma < f32::INFINITY);
         is_valid.then_some(Self { rho, sigma })
     }
 
@@ -49,8 +51,17 @@ impl InverseDepthMap {
     /// # Errors
     /// When a side exceeds 65535 pixels.
     pub fn unknown(width: usize, height: usize) -> Result<Self, ImageError> {
+        Self::new(width, height, vec![UNKNOWN; width * height])
+    }
+
+    /// A map of samples, row by row: measurements or [`UNKNOWN`].
+    pub(super) fn new(
+        width: usize,
+        height: usize,
+        samples: Vec<InverseDepth>,
+    ) -> Result<Self, ImageError> {
         Ok(Self {
-            samples: Plane::new(width, height, vec![UNKNOWN; width * height])?,
+            samples: Plane::new(width, height, samples)?,
         })
     }
 
@@ -112,11 +123,6 @@ impl InverseDepthMap {
     /// The samples, row by row, [`UNKNOWN`] for unknown pixels.
     pub(super) fn raw(&self) -> &[InverseDepth] {
         self.samples.samples()
-    }
-
-    /// The mutable samples, row by row: measurements or [`UNKNOWN`].
-    pub(super) fn raw_mut(&mut self) -> &mut [InverseDepth] {
-        self.samples.samples_mut()
     }
 }
 

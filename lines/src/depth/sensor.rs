@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use thiserror::Error;
 
-use super::map::{InverseDepth, InverseDepthMap};
+use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
 use super::registration::{Registration, register};
 use crate::camera::Camera;
 use crate::image::{ImageError, Plane};
@@ -146,13 +146,12 @@ impl DepthSensor {
         height: usize,
     ) -> Result<InverseDepthMap, SensorError> {
         self.check(depth, color, width, height)?;
-        let mut map = InverseDepthMap::unknown(width, height)?;
-        if self.is_registered {
-            for (out, &z) in map.raw_mut().iter_mut().zip(depth.samples()) {
-                if let Some(measured) = self.measurement(f64::from(z)) {
-                    *out = measured;
-                }
-            }
+        let samples = if self.is_registered {
+            depth
+                .samples()
+                .iter()
+                .map(|z| self.measurement(*z))
+                .collect()
         } else {
             let registration = Registration {
                 depth_camera: &self.camera,
@@ -160,9 +159,9 @@ impl DepthSensor {
                 color_from_depth: &self.color_from_depth,
                 noise: &self.noise,
             };
-            register(depth, &registration, &mut map);
-        }
-        Ok(map)
+            register(depth, &registration, width, height)
+        };
+        Ok(InverseDepthMap::new(width, height, samples)?)
     }
 
     fn check(
@@ -204,9 +203,12 @@ impl DepthSensor {
         Ok(())
     }
 
-    fn measurement(&self, depth: f64) -> Option<InverseDepth> {
-        let rho = 1.0 / depth;
-        InverseDepth::new(rho as f32, self.noise.sigma(rho) as f32)
+    /// The measurement of a depth, or [`UNKNOWN`].
+    #[inline]
+    fn measurement(&self, depth: f32) -> InverseDepth {
+        let rho = 1.0 / f64::from(depth);
+        let (rho, sigma) = (rho as f32, self.noise.sigma(rho) as f32);
+        InverseDepth::new(rho, sigma).unwrap_or(UNKNOWN)
     }
 }
 

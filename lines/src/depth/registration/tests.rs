@@ -1,12 +1,18 @@
-use nalgebra::{Point2, Point3, Translation3, UnitQuaternion};
+use nalgebra::{Point2, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
+use crate::depth::InverseDepthMap;
 
 const WIDTH: usize = 80;
 const HEIGHT: usize = 60;
 
 fn noise() -> SensorNoise {
     SensorNoise::relative_at(0.003, 2.0, 0.0)
+}
+
+fn map_of(depth: &Plane<f32>, registration: &Registration<'_>) -> InverseDepthMap {
+    let samples = register(depth, registration, WIDTH, HEIGHT);
+    InverseDepthMap::new(WIDTH, HEIGHT, samples).unwrap()
 }
 
 /// Renders a scene given as depth along a ray (direction with z = 1 and origin, both in the depth frame).
@@ -45,9 +51,7 @@ fn registered(
         color_from_depth: &color_from_depth,
         noise: &noise(),
     };
-    let mut map = InverseDepthMap::unknown(WIDTH, HEIGHT).unwrap();
-    register(&depth, &registration, &mut map);
-    (map, truth)
+    (map_of(&depth, &registration), truth)
 }
 
 /// Ray parameter at which a ray meets the plane `normal . x = offset`; with z = 1 directions it is the depth.
@@ -149,9 +153,8 @@ fn hostile_depth_is_unknown() {
         })
         .collect();
     let depth = Plane::new(WIDTH, HEIGHT, hostile).unwrap();
-    let mut map = InverseDepthMap::unknown(WIDTH, HEIGHT).unwrap();
     // Everything lies behind a camera that looks the other way.
-    register(&depth, &registration, &mut map);
+    let map = map_of(&depth, &registration);
     assert_eq!(map.known_count(), 0);
     // A depth camera far beside and just behind: huge pixel coordinates.
     let aside = Isometry3::translation(1e30, -1e30, -1.0 + 1e-7);
@@ -159,13 +162,13 @@ fn hostile_depth_is_unknown() {
         color_from_depth: &aside,
         ..registration
     };
-    register(&depth, &far, &mut map);
+    let map = map_of(&depth, &far);
     assert_eq!(map.known_count(), 0);
     let straight = Registration {
         color_from_depth: &Isometry3::identity(),
         ..registration
     };
-    register(&depth, &straight, &mut map);
+    let map = map_of(&depth, &straight);
     assert!(
         map.known()
             .all(|(_, _, s)| s.rho.is_finite() && s.sigma > 0.0 && s.sigma.is_finite())
