@@ -120,6 +120,11 @@ impl InverseDepthMap {
         Some(1.0 / f64::from(rho))
     }
 
+    /// The samples of a row; unknown pixels have an inverse depth of 0.
+    pub(crate) fn row(&self, y: usize) -> &[InverseDepth] {
+        self.samples.row(y)
+    }
+
     /// The samples, row by row, [`UNKNOWN`] for unknown pixels.
     pub(super) fn raw(&self) -> &[InverseDepth] {
         self.samples.samples()

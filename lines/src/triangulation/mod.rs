@@ -17,6 +17,7 @@
 mod options;
 mod refine;
 mod samples;
+mod window;
 
 pub use options::{RefineOptions, SampleOptions, TriangulationOptionsError};
 pub use refine::{ImageTriangle, ImageTriangulation, ImageVertex};

@@ -1,8 +1,9 @@
 //! Planes fitted to depth windows on a pixel grid.
 
-use nalgebra::{Matrix3, Point2, Vector3};
+use nalgebra::Point2;
 
 use super::options::SampleOptions;
+use super::window::PlaneWindows;
 use crate::depth::InverseDepthMap;
 
 /// The local surface plane at a pixel.
@@ -29,45 +30,6 @@ pub struct SurfaceSamples {
     samples: Vec<SurfaceSample>,
 }
 
-/// Normal equations of a plane over pixel offsets.
-#[derive(Default)]
-struct PlaneSums {
-    count: f64,
-    x: f64,
-    y: f64,
-    xx: f64,
-    xy: f64,
-    yy: f64,
-    r: f64,
-    xr: f64,
-    yr: f64,
-}
-
-impl PlaneSums {
-    #[inline]
-    fn add(&mut self, x: f64, y: f64, r: f64) {
-        self.count += 1.0;
-        self.x += x;
-        self.y += y;
-        self.xx += x * x;
-        self.xy += x * y;
-        self.yy += y * y;
-        self.r += r;
-        self.xr += x * r;
-        self.yr += y * r;
-    }
-
-    /// (value at the origin, slopes); `None` for collinear pixels.
-    fn plane(&self) -> Option<Vector3<f64>> {
-        let normal = Matrix3::new(
-            self.count, self.x, self.y, self.x, self.xx, self.xy, self.y, self.xy, self.yy,
-        );
-        normal
-            .try_inverse()
-            .map(|inverse| inverse * Vector3::new(self.r, self.xr, self.yr))
-    }
-}
-
 impl SurfaceSamples {
     /// Samples a dense depth map; semi-dense maps give few samples or none.
     ///
@@ -78,12 +40,13 @@ impl SurfaceSamples {
     pub fn measure(map: &InverseDepthMap, options: &SampleOptions) -> Self {
         let step = options.step_px.max(1) as usize;
         let (columns, rows) = (map.width() / step, map.height() / step);
+        let mut windows = PlaneWindows::new(map, options);
         let mut samples = Vec::with_capacity(columns * rows);
         for row in 0..rows {
-            for column in 0..columns {
-                let (x, y) = (column * step + step / 2, row * step + step / 2);
-                samples.push(fit(map, x, y, options).unwrap_or_default());
-            }
+            let y = row * step + step / 2;
+            windows.advance(y);
+            let fit = |column| windows.fit(column * step + step / 2, y).unwrap_or_default();
+            samples.extend((0..columns).map(fit));
         }
         Self {
             step_px: step as u32,
@@ -179,51 +142,6 @@ impl SurfaceSamples {
             ..*sample
         })
     }
-}
-
-/// The dominant plane of the window around a pixel; `None` with too few inliers.
-///
-/// The first fit gates on the depth of the centre pixel with twice the tolerance; the second on the first plane.
-fn fit(
-    map: &InverseDepthMap,
-    x: usize,
-    y: usize,
-    options: &SampleOptions,
-) -> Option<SurfaceSample> {
-    let center = map.get(x, y)?;
-    let (rho, sigma) = (f64::from(center.rho), f64::from(center.sigma));
-    let radius = options.window_radius_px as usize;
-    let gate = options.gate_sigmas * sigma;
-    // The wider first gate allows for the slope of the plane.
-    let mut plane = Vector3::new(rho, 0.0, 0.0);
-    for gate in [2.0 * gate, gate] {
-        let mut sums = PlaneSums::default();
-        for row in y.saturating_sub(radius)..=(y + radius).min(map.height().saturating_sub(1)) {
-            let dy = row as f64 - y as f64;
-            for column in x.saturating_sub(radius)..=(x + radius).min(map.width().saturating_sub(1))
-            {
-                let Some(depth) = map.get(column, row) else {
-                    continue;
-                };
-                let dx = column as f64 - x as f64;
-                let rho = f64::from(depth.rho);
-                if (rho - plane.x - dx * plane.y - dy * plane.z).abs() <= gate {
-                    sums.add(dx, dy, rho);
-                }
-            }
-        }
-        let side = 2.0 * f64::from(options.window_radius_px) + 1.0;
-        if sums.count < options.minimum_share * side * side {
-            return None;
-        }
-        plane = sums.plane()?;
-    }
-    let is_positive = plane.x > 0.0 && plane.iter().all(|value| value.is_finite());
-    is_positive.then_some(SurfaceSample {
-        rho: plane.x as f32,
-        slope: [plane.y as f32, plane.z as f32],
-        sigma: center.sigma,
-    })
 }
 
 #[cfg(test)]
