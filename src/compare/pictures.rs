@@ -85,16 +85,16 @@ impl<'a> Gallery<'a> {
         let mut painted = Vec::new();
         for (surface, renderer) in &self.surfaces {
             let marks = marked.then_some(&surface.marks);
-            let picture = renderer.draw(marks, camera, &options, &|_, _| {})?;
-            shapes.push(Some(with_caption(&picture, surface.label)));
-            if let Some(errors) = errors {
-                let paint = |point: &Point3<f64>| errors.scale.color(errors.distance(point));
-                let picture = renderer.draw_colored(&paint, None, camera, &options, &|_, _| {})?;
-                painted.push(Some(with_caption(
-                    &picture,
-                    &format!("{}, error", surface.label),
-                )));
-            }
+            let Some(errors) = errors else {
+                let picture = renderer.draw(marks, camera, &options, &|_, _| {})?;
+                shapes.push(Some(with_caption(&picture, surface.label)));
+                continue;
+            };
+            let paint = |point: &Point3<f64>| errors.scale.color(errors.distance(point));
+            let [shape, error] = renderer.draw_both(&paint, marks, camera, &options)?;
+            shapes.push(Some(with_caption(&shape, surface.label)));
+            let label = format!("{}, error", surface.label);
+            painted.push(Some(with_caption(&error, &label)));
         }
         let truth = match &self.ground_truth {
             Some(renderer) => {

@@ -60,10 +60,15 @@ impl PreparedRay {
         for axis in 0..3 {
             let first = (low[axis] - self.origin[axis]) * self.inverse_direction[axis];
             let second = (high[axis] - self.origin[axis]) * self.inverse_direction[axis];
-            // A ray in the plane of a face gives 0 * infinity; `min` and `max` ignore the NaN, which
-            // keeps the box.
-            near = near.max(first.min(second));
-            far = far.min(first.max(second));
+            let (entry, exit) = if first < second {
+                (first, second)
+            } else {
+                (second, first)
+            };
+            // A ray in the plane of a face gives 0 * infinity. Comparisons with NaN are false, which keeps the box;
+            // `min` and `max` of the library cost several instructions more.
+            near = if entry > near { entry } else { near };
+            far = if exit < far { exit } else { far };
         }
         // Margin for three roundings on either side: the ray enters and leaves a flat box at the same
         // distance.

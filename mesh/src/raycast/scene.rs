@@ -138,7 +138,25 @@ impl RayScene {
         max: f64,
         visible: impl Fn(u32, bool) -> bool,
     ) -> Option<RayHit> {
+        self.cast_guessing(origin, direction, max, None, visible)
+    }
+
+    /// [`RayScene::cast_where`] with a guess of the triangle that is hit, which shortens the search: that of a
+    /// neighbouring ray.
+    pub(crate) fn cast_guessing(
+        &self,
+        origin: &Point3<f64>,
+        direction: &Vector3<f64>,
+        max: f64,
+        guess: Option<u32>,
+        visible: impl Fn(u32, bool) -> bool,
+    ) -> Option<RayHit> {
         let ray = PreparedRay::new(origin, direction)?;
+        let guessed = guess.and_then(|triangle| {
+            let hit = ray.hits_triangle(self.corners(triangle), max)?;
+            visible(triangle, hit.is_front_face).then_some(hit.distance)
+        });
+        let max = guessed.unwrap_or(max);
         let (leaf, found) = self.tree.find_best(
             // The search finds costs below the bound; hits at the bound count, too.
             max.next_up(),

@@ -88,16 +88,12 @@ impl SampleBuffer {
             .par_chunks_mut(width)
             .enumerate()
             .for_each(|(row, line)| {
+                let mut last = None;
                 for (column, sample) in line.iter_mut().enumerate() {
                     let direction = rays.direction(column, row);
-                    let hit = match back_faces {
-                        BackFaces::Hidden => {
-                            scene.cast_where(&origin, &direction, f64::MAX, |_, front| front)
-                        }
-                        BackFaces::Tinted | BackFaces::Shown => {
-                            scene.cast(&origin, &direction, f64::MAX)
-                        }
-                    };
+                    let is_drawn = |_, front| front || back_faces != BackFaces::Hidden;
+                    let hit = scene.cast_guessing(&origin, &direction, f64::MAX, last, is_drawn);
+                    last = hit.map(|hit| hit.triangle).or(last);
                     *sample = hit.map(|hit| {
                         let normal = scene.normal(hit.triangle);
                         let facing = if hit.is_front_face { normal } else { -normal };

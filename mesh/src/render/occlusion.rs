@@ -8,20 +8,38 @@ use super::options::BackFaces;
 use super::view::View;
 use crate::raycast::RayScene;
 
-/// Side of the pixel block that shares one set of directions; averages over such a block have no noise on planes.
+/// Openness varies over a share of the visible width, [`REACH`]: large pictures are measured at every second or third pixel.
+const MEASURED_PIXELS_PER_SIDE: u32 = 160;
+const LARGEST_SPACING: u32 = 3;
+/// Side of the block of measured pixels that shares one set of directions; averages over such a block have no noise on
+/// planes.
 const PATTERN: usize = 5;
 /// Length of occlusion rays relative to the visible width at the median depth of the picture.
 const REACH: f64 = 0.14;
 
-/// Openness, 0 (closed) to 1, of one sample per pixel.
+/// Openness, 0 (closed) to 1, at the pixels of a grid.
 pub(super) struct Openness {
+    /// Spacing of the grid in pixels.
+    spacing: usize,
+    /// Number of measured columns and rows.
     width: usize,
     height: usize,
-    values: Vec<f32>,
+    /// Row by row; `None` without a surface.
+    values: Vec<Option<Measured>>,
+}
+
+/// Openness of a measured pixel.
+#[derive(Clone, Copy)]
+struct Measured {
+    /// Its surface, from the viewer.
+    point: Vector3<f64>,
+    normal: Vector3<f64>,
+    openness: f32,
 }
 
 impl Openness {
-    /// Casts `rays_per_pixel` short rays from the first sample of each pixel, cosine-weighted around its normal.
+    /// Casts `rays_per_pixel` short rays from the first sample of each measured pixel, cosine-weighted around its normal.
+    /// `row_done` is called after each row of the picture.
     ///
     /// Directions are stratified over blocks of pixels and the same in every block, so that the result depends on nothing
     /// but the view.
@@ -32,10 +50,14 @@ impl Openness {
         (rays_per_pixel, back_faces): (u32, BackFaces),
         row_done: &(dyn Fn() + Sync),
     ) -> Self {
-        let (width, height) = (view.width as usize, view.height as usize);
-        let mut values = vec![1.0_f32; width * height];
+        let spacing = view.width.min(view.height) / MEASURED_PIXELS_PER_SIDE;
+        let spacing = spacing.clamp(1, LARGEST_SPACING) as usize;
+        let width = (view.width as usize).div_ceil(spacing);
+        let height = (view.height as usize).div_ceil(spacing);
+        let mut values = vec![None; width * height];
         let Some(median_depth) = buffer.median_depth() else {
             return Self {
+                spacing,
                 width,
                 height,
                 values,
@@ -56,14 +78,16 @@ impl Openness {
             .enumerate()
             .for_each(|(row, line)| {
                 for (column, value) in line.iter_mut().enumerate() {
-                    let (x, y) = (column * buffer.supersampling, row * buffer.supersampling);
+                    let step = spacing * buffer.supersampling;
+                    let (x, y) = (column * step, row * step);
                     let Some(sample) = buffer.at(x, y) else {
                         continue;
                     };
                     let depth = f64::from(sample.depth);
                     let normal = sample.normal();
                     let lift = normal * (depth * 1e-5);
-                    let point = rays.origin() + rays.direction(x, y) * depth + lift;
+                    let from_viewer = rays.direction(x, y) * depth;
+                    let point = rays.origin() + from_viewer + lift;
                     let (tangent, bitangent) = tangents(&normal);
                     // Neighbouring pixels use directions far apart in the sequence.
                     let index = column % PATTERN + row % PATTERN * PATTERN;
@@ -79,18 +103,25 @@ impl Openness {
                             open += 1;
                         }
                     }
-                    *value = open as f32 / count.max(1) as f32;
+                    *value = Some(Measured {
+                        point: from_viewer,
+                        normal,
+                        openness: open as f32 / count.max(1) as f32,
+                    });
                 }
-                row_done();
+                for _ in row * spacing..((row + 1) * spacing).min(view.height as usize) {
+                    row_done();
+                }
             });
         Self {
+            spacing,
             width,
             height,
             values,
         }
     }
 
-    /// Openness at a sample: the mean over the surrounding pixel block on about the same surface.
+    /// Openness at a sample: the mean over the surrounding block of measured pixels on about the same surface.
     pub(super) fn at(
         &self,
         buffer: &SampleBuffer,
@@ -98,11 +129,11 @@ impl Openness {
         sample: &Sample,
         (column, row): (usize, usize),
     ) -> f64 {
-        let step = buffer.supersampling;
+        let step = self.spacing * buffer.supersampling;
         let normal = sample.normal();
         let depth = f64::from(sample.depth);
         let point: Vector3<f64> = rays.direction(column, row) * depth;
-        // Approximate size of the patch of a pixel; points farther from the plane belong to another surface.
+        // Approximate distance of measured pixels; points farther from the plane belong to another surface.
         let patch =
             (rays.direction(column + step, row) - rays.direction(column, row)).norm() * depth;
         let half = PATTERN / 2;
@@ -110,14 +141,13 @@ impl Openness {
         let (mut sum, mut weights) = (0.0, 0.0);
         for y in centre_y.saturating_sub(half)..(centre_y + half + 1).min(self.height) {
             for x in centre_x.saturating_sub(half)..(centre_x + half + 1).min(self.width) {
-                let Some(other) = buffer.at(x * step, y * step) else {
+                let Some(other) = &self.values[y * self.width + x] else {
                     continue;
                 };
-                let other_point = rays.direction(x * step, y * step) * f64::from(other.depth);
-                let off_plane = normal.dot(&(other_point - point)) / (2.0 * patch);
-                let alike = normal.dot(&other.normal()).max(0.0);
+                let off_plane = normal.dot(&(other.point - point)) / (2.0 * patch);
+                let alike = normal.dot(&other.normal).max(0.0);
                 let weight = alike.powi(4) / (1.0 + off_plane.powi(4)) + 1e-6;
-                sum += weight * f64::from(self.values[y * self.width + x]);
+                sum += weight * f64::from(other.openness);
                 weights += weight;
             }
         }

@@ -42,6 +42,26 @@ pub struct Renderer<'a> {
     scene: RayScene,
 }
 
+/// What a view shows of a mesh, whatever its colours.
+struct Geometry<'v> {
+    view: &'v View,
+    buffer: SampleBuffer,
+    openness: Option<Openness>,
+    progress: &'v (dyn Fn(usize, usize) + Sync),
+    /// Rows done and to do.
+    done: AtomicUsize,
+    total: usize,
+}
+
+/// What the samples of a pixel on one triangle share: they are close to each other.
+#[derive(Clone, Copy)]
+struct Known {
+    triangle: u32,
+    open: f64,
+    /// Linear colour, when a function gives it.
+    paint: Option<[f64; 3]>,
+}
+
 /// A function from surface position to sRGB colour.
 pub type PointColor<'a> = dyn Fn(&Point3<f64>) -> [u8; 3] + Sync + 'a;
 
@@ -108,7 +128,8 @@ impl<'a> Renderer<'a> {
         options: &RenderOptions,
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<RgbImage, PictureError> {
-        self.draw_with(None, lines, view, options, progress)
+        let geometry = self.geometry(1, view, options, progress)?;
+        Ok(geometry.draw(self, None, lines, options))
     }
 
     /// [`Renderer::draw`] with colours from a function of the surface position instead of vertex colours, so that
@@ -124,17 +145,37 @@ impl<'a> Renderer<'a> {
         options: &RenderOptions,
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<RgbImage, PictureError> {
-        self.draw_with(Some(paint), lines, view, options, progress)
+        let geometry = self.geometry(1, view, options, progress)?;
+        Ok(geometry.draw(self, Some(paint), lines, options))
     }
 
-    fn draw_with(
+    /// [`Renderer::draw`] and, without segments, [`Renderer::draw_colored`] from one view, in little more time than one of
+    /// them.
+    ///
+    /// # Errors
+    /// As [`Renderer::draw`].
+    pub fn draw_both(
         &self,
-        paint: Option<&PointColor<'_>>,
+        paint: &PointColor<'_>,
         lines: Option<&LineSet>,
         view: &View,
         options: &RenderOptions,
-        progress: &(dyn Fn(usize, usize) + Sync),
-    ) -> Result<RgbImage, PictureError> {
+    ) -> Result<[RgbImage; 2], PictureError> {
+        let geometry = self.geometry(2, view, options, &|_, _| {})?;
+        Ok([
+            geometry.draw(self, None, lines, options),
+            geometry.draw(self, Some(paint), None, options),
+        ])
+    }
+
+    /// Casts the rays of `pictures` pictures.
+    fn geometry<'v>(
+        &self,
+        pictures: usize,
+        view: &'v View,
+        options: &RenderOptions,
+        progress: &'v (dyn Fn(usize, usize) + Sync),
+    ) -> Result<Geometry<'v>, PictureError> {
         options.validate()?;
         let count = u64::from(view.width)
             * u64::from(view.height)
@@ -149,66 +190,83 @@ impl<'a> Renderer<'a> {
         let step = options.supersampling as usize;
         let height = view.height as usize;
         let occluded = options.occlusion_rays > 0;
-        let total = height * step + if occluded { 2 * height } else { height };
+        let total = height * step + (usize::from(occluded) + pictures) * height;
         let done = AtomicUsize::new(0);
         let row_done = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
-
         let buffer = SampleBuffer::cast(&self.scene, view, step, options.back_faces, &row_done);
-        let openness = occluded.then(|| {
-            Openness::measure(
-                &self.scene,
-                view,
-                &buffer,
-                (options.occlusion_rays, options.back_faces),
-                &row_done,
-            )
-        });
-        let mut light = self.light_of(view, &buffer, openness.as_ref(), paint, options, &row_done);
+        let occlusion = (options.occlusion_rays, options.back_faces);
+        let openness =
+            occluded.then(|| Openness::measure(&self.scene, view, &buffer, occlusion, &row_done));
+        Ok(Geometry {
+            view,
+            buffer,
+            openness,
+            progress,
+            done,
+            total,
+        })
+    }
+}
+
+impl Geometry<'_> {
+    /// One picture of it.
+    fn draw(
+        &self,
+        renderer: &Renderer<'_>,
+        paint: Option<&PointColor<'_>>,
+        lines: Option<&LineSet>,
+        options: &RenderOptions,
+    ) -> RgbImage {
+        let (view, buffer) = (self.view, &self.buffer);
+        let mut light = self.light(renderer.mesh, paint, options);
         if let Some(lines) = lines {
-            draw_segments(&mut light, lines, view, &buffer, options);
+            draw_segments(&mut light, lines, view, buffer, options);
         }
         let mut picture = RgbImage::new(view.width, view.height);
         for (pixel, color) in picture.pixels_mut().zip(&light) {
             *pixel = Rgb(encoded_color(*color));
         }
-        Ok(picture)
+        picture
+    }
+
+    fn row_done(&self) {
+        (self.progress)(self.done.fetch_add(1, Ordering::Relaxed) + 1, self.total);
     }
 
     /// Linear light of each pixel, without segments.
-    fn light_of(
+    fn light(
         &self,
-        view: &View,
-        buffer: &SampleBuffer,
-        openness: Option<&Openness>,
+        mesh: &TriangleMesh,
         paint: Option<&PointColor<'_>>,
         options: &RenderOptions,
-        row_done: &(dyn Fn() + Sync),
     ) -> Vec<[f64; 3]> {
+        let (view, buffer, openness) = (self.view, &self.buffer, self.openness.as_ref());
         let step = buffer.supersampling;
         let width = view.width as usize;
         let rays = ViewRays::new(view, step);
-        let albedo = Albedo::new(self.mesh, options.clay);
+        let albedo = Albedo::new(mesh, options.clay);
         let rotation = &view.world_from_camera.rotation;
         let lamps = Light::new(
             &view.up,
             &(rotation * Vector3::x()),
             &(rotation * Vector3::z()),
         );
-        let sample_light = |column: usize, row: usize, known: &mut Option<(u32, [f64; 3])>| {
+        let sample_light = |column: usize, row: usize, known: &mut Option<Known>| {
             let sample = buffer.at(column, row)?;
-            let open = openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row)));
-            let toward_viewer = -rays.direction(column, row).normalize();
-            let surface = match (paint, &known) {
-                (None, _) => albedo.at(self.mesh.triangles[sample.triangle as usize], sample),
-                (Some(_), Some((triangle, color))) if *triangle == sample.triangle => *color,
-                (Some(paint), _) => {
-                    let ray = rays.direction(column, row);
-                    let color =
-                        linear_color(paint(&(rays.origin() + ray * f64::from(sample.depth))));
-                    *known = Some((sample.triangle, color));
-                    color
-                }
+            let ray = rays.direction(column, row);
+            let Known { open, paint, .. } = match known {
+                Some(known) if known.triangle == sample.triangle => *known,
+                _ => *known.insert(Known {
+                    triangle: sample.triangle,
+                    open: openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row))),
+                    paint: paint.map(|paint| {
+                        linear_color(paint(&(rays.origin() + ray * f64::from(sample.depth))))
+                    }),
+                }),
             };
+            let toward_viewer = -ray.normalize();
+            let surface = paint
+                .unwrap_or_else(|| albedo.at(mesh.triangles[sample.triangle as usize], sample));
             let color = lamps.shade(surface, sample, &toward_viewer, open, options);
             let (jump, fold) = outline_at(buffer, sample, (column, row));
             let kept =
@@ -222,7 +280,6 @@ impl<'a> Renderer<'a> {
             .for_each(|(y, line)| {
                 let behind = background(options.background, y, view.height);
                 for (x, pixel) in line.iter_mut().enumerate() {
-                    // Samples of a pixel are so close that one colour per triangle suffices.
                     let mut known = None;
                     for row in y * step..(y + 1) * step {
                         for column in x * step..(x + 1) * step {
@@ -236,7 +293,7 @@ impl<'a> Renderer<'a> {
                     }
                     *pixel = pixel.map(|sum| sum / (step * step) as f64);
                 }
-                row_done();
+                self.row_done();
             });
         light
     }
