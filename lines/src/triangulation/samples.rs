@@ -124,14 +124,18 @@ impl SurfaceSamples {
     /// infinite depth.
     pub fn near(&self, pixel: &Point2<f64>) -> Option<SurfaceSample> {
         let step = f64::from(self.step_px);
-        let index = |along: f64| (along / step).round();
+        // The nearest whole number; halves go up. The comparison also rejects NaN.
+        let index = |along: f64| {
+            let along = along / step;
+            if !(along > -0.5 && along < 65535.0) {
+                return None;
+            }
+            let below = along as i64;
+            let fraction = along - below as f64;
+            Some((below + i64::from(fraction >= 0.5)) as usize)
+        };
         let offset = f64::from(self.step_px / 2);
-        let (column, row) = (index(pixel.x - offset), index(pixel.y - offset));
-        // The negation also rejects NaN.
-        if !(column >= 0.0 && row >= 0.0 && column < 65536.0 && row < 65536.0) {
-            return None;
-        }
-        let (column, row) = (column as usize, row as usize);
+        let (column, row) = (index(pixel.x - offset)?, index(pixel.y - offset)?);
         let sample = self.get(column, row)?;
         let away = pixel - self.pixel(column, row);
         let rho = f64::from(sample.rho)
