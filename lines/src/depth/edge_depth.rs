@@ -56,7 +56,6 @@ impl EdgeDepthOptions {
 pub struct EdgeDepths {
     samples: Vec<InverseDepth>,
     pixels: Vec<WindowPixel>,
-    extremes: Extremes,
 }
 
 /// A known pixel of a window, relative to the window centre.
@@ -106,9 +105,6 @@ impl EdgeDepths {
     ) {
         self.samples.clear();
         self.samples.reserve(chains.pixels().len());
-        if options.radius_px > 0 {
-            self.extremes.prepare(map, options.radius_px);
-        }
         for &[x, y] in chains.pixels() {
             let (x, y) = (usize::from(x), usize::from(y));
             if x >= map.width() || y >= map.height() {
@@ -120,7 +116,7 @@ impl EdgeDepths {
                 center: (x, y),
             };
             let near = if options.radius_px > 0 {
-                let (nearest, farthest) = self.extremes.around(x, y);
+                let (nearest, farthest) = window.extremes(options.radius_px);
                 near_side(&window, nearest, farthest, options, &mut self.pixels)
             } else {
                 None
@@ -131,57 +127,6 @@ impl EdgeDepths {
     }
 }
 
-/// Nearest and farthest inverse depth around a pixel, a fast test for windows without a jump.
-#[derive(Debug, Clone, Default)]
-struct Extremes {
-    /// The padded map; unknown pixels are 0.
-    nearest: Vec<f32>,
-    /// The padded map; unknown pixels are infinite.
-    farthest: Vec<f32>,
-    stride: usize,
-    side: usize,
-}
-
-impl Extremes {
-    fn prepare(&mut self, map: &InverseDepthMap, radius: usize) {
-        self.side = 2 * radius + 1;
-        self.stride = map.width() + 2 * radius;
-        let size = self.stride * (map.height() + 2 * radius);
-        self.nearest.clear();
-        self.nearest.resize(size, 0.0);
-        self.farthest.clear();
-        self.farthest.resize(size, f32::INFINITY);
-        for (y, row) in map.raw().chunks_exact(map.width().max(1)).enumerate() {
-            let start = (y + radius) * self.stride + radius;
-            let nearest = &mut self.nearest[start..start + row.len()];
-            let farthest = &mut self.farthest[start..start + row.len()];
-            for ((near, far), sample) in nearest.iter_mut().zip(farthest).zip(row) {
-                *near = sample.rho;
-                *far = if sample.rho > 0.0 {
-                    sample.rho
-                } else {
-                    f32::INFINITY
-                };
-            }
-        }
-    }
-
-    /// The extremes of the window around a pixel; 0 and infinity when all its pixels are unknown.
-    fn around(&self, x: usize, y: usize) -> (f32, f32) {
-        let (mut nearest, mut farthest) = (0.0_f32, f32::INFINITY);
-        for row in y..y + self.side {
-            let start = row * self.stride + x;
-            for &rho in &self.nearest[start..start + self.side] {
-                nearest = if rho > nearest { rho } else { nearest };
-            }
-            for &rho in &self.farthest[start..start + self.side] {
-                farthest = if rho < farthest { rho } else { farthest };
-            }
-        }
-        (nearest, farthest)
-    }
-}
-
 /// A window around a pixel.
 struct Window<'a> {
     map: &'a InverseDepthMap,
@@ -189,6 +134,28 @@ struct Window<'a> {
 }
 
 impl Window<'_> {
+    /// Nearest and farthest inverse depth within a radius, a fast test for windows without a jump; 0 and infinity when all
+    /// pixels are unknown.
+    fn extremes(&self, radius: usize) -> (f32, f32) {
+        let (x, y) = self.center;
+        let (width, height) = (self.map.width(), self.map.height());
+        let (left, right) = (x.saturating_sub(radius), (x + radius).min(width - 1));
+        let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(height - 1));
+        let (mut nearest, mut farthest) = (0.0_f32, f32::INFINITY);
+        for row in top..=bottom {
+            for sample in &self.map.row(row)[left..=right] {
+                let rho = sample.rho;
+                nearest = if rho > nearest { rho } else { nearest };
+                farthest = if (rho < farthest) & (rho > 0.0) {
+                    rho
+                } else {
+                    farthest
+                };
+            }
+        }
+        (nearest, farthest)
+    }
+
     /// Calls `visit` with the offset and the inverse depth of each known pixel within a radius.
     fn for_each(&self, radius: usize, mut visit: impl FnMut(WindowPixel)) {
         let (x, y) = self.center;
