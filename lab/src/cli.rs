@@ -40,6 +40,8 @@ pub(crate) enum Command {
     Ablation(AblationArgs),
     /// Time, memory and F of the reconstruction beside those of rivals.
     Benchmarks(BenchmarksArgs),
+    /// Time of a keyframe by stage as the map grows.
+    Cost(CostArgs),
     /// One run of the reconstruction as JSON: what `benchmarks` starts for each sequence, in a process of its own.
     Measure(MeasureArgs),
 }
@@ -162,6 +164,38 @@ pub(crate) struct BenchmarksArgs {
     /// Where the table goes.
     #[command(flatten)]
     pub(crate) output: OutputArgs,
+}
+
+/// Arguments of `cost`.
+#[derive(Debug, Args)]
+pub(crate) struct CostArgs {
+    /// Folder of the sequence.
+    pub(crate) sequence: PathBuf,
+
+    /// The keyframes.
+    #[command(flatten)]
+    pub(crate) selection: KeyframeArgs,
+
+    /// Parts of the run with a column each.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub(crate) parts: usize,
+
+    /// The program `linecarve`; default: the one beside this program.
+    #[arg(long, value_name = "PROGRAM")]
+    pub(crate) program: Option<PathBuf>,
+
+    /// Another program on the same keyframes: a command that prints JSON with `integrate_ms.mean`; `{out}` stands for a file
+    /// that it may write.
+    #[arg(long, value_name = "NAME=COMMAND")]
+    pub(crate) rival: Option<String>,
+
+    /// Where the table goes.
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
+
+    /// Further options of `linecarve reconstruct`, after `--`.
+    #[arg(last = true)]
+    pub(crate) pass: Vec<String>,
 }
 
 /// Where a published table goes.

@@ -109,7 +109,7 @@ fn benchmarks(args: &BenchmarksArgs) -> Vec<Benchmark> {
 }
 
 /// Keyframe options as a command line.
-fn flags(selection: &KeyframeArgs) -> Vec<String> {
+pub(super) fn flags(selection: &KeyframeArgs) -> Vec<String> {
     let list = selection.keyframes.as_ref();
     [
         ("--every", selection.every.map(|n| n.to_string())),

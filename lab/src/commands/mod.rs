@@ -2,6 +2,7 @@
 
 mod ablation;
 mod benchmarks;
+mod cost;
 mod lines;
 mod lines_output;
 mod measure;
@@ -30,7 +31,9 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
     };
     let reports_times = match &cli.command {
         Command::Tables(_) | Command::Lines(_) => false,
-        Command::Ablation(_) | Command::Benchmarks(_) | Command::Measure(_) => true,
+        Command::Ablation(_) | Command::Benchmarks(_) | Command::Cost(_) | Command::Measure(_) => {
+            true
+        }
     };
     let threads = cli.threads.or(reports_times.then_some(1));
     // `lines` may pass on to the product, which starts the threads itself.
@@ -42,6 +45,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Lines(args) => lines::run(args, threads, verbosity),
         Command::Ablation(args) => ablation::run(&args, verbosity),
         Command::Benchmarks(args) => benchmarks::run(&args, threads, verbosity),
+        Command::Cost(args) => cost::run(&args, threads),
         Command::Measure(args) => measure::run(&args),
     }
 }
