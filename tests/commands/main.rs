@@ -19,3 +19,4 @@ mod resume;
 mod sample;
 mod simplify;
 mod stream;
+mod track;
