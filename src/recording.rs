@@ -167,7 +167,13 @@ impl Recording {
     pub fn open(input: &Input, options: Options) -> Result<Self, RecordingError> {
         options.validate()?;
         let noise = options.sensor.relative_noise;
-        let opened = open_or_track(&input.path, &input.open, input.track, noise, input.verbosity)?;
+        let opened = open_or_track(
+            &input.path,
+            &input.open,
+            input.track,
+            noise,
+            input.verbosity,
+        )?;
         let mut warnings: Vec<String> = opened
             .sequence
             .warnings()

@@ -105,7 +105,9 @@ pub enum ComparisonError {
         reference: usize,
     },
     /// The positions do not determine the rotation.
-    #[error("the positions lie on a line or in a point, which determines no alignment: use --align none")]
+    #[error(
+        "the positions lie on a line or in a point, which determines no alignment: use --align none"
+    )]
     Straight,
 }
 
@@ -130,7 +132,9 @@ impl TimedPoses {
         poses.dedup_by_key(|(stamp, _)| *stamp);
         let list = path.with_file_name("rgb.txt");
         let frames = std::fs::read_to_string(list).ok().map(|text| {
-            let stamps = text.lines().filter(|line| !line.trim_start().starts_with('#'));
+            let stamps = text
+                .lines()
+                .filter(|line| !line.trim_start().starts_with('#'));
             let mut frames: Vec<i64> = stamps
                 .filter_map(|line| parse_stamp_ns(line.split_whitespace().next()?))
                 .collect();
@@ -288,7 +292,10 @@ mod tests {
         let pose = |k: i64| {
             let t = k as f64 * 0.1;
             let at = Vector3::new(t.sin(), t.cos(), 0.1 * t);
-            (k * 100_000_000, Isometry3::new(at, Vector3::new(0.0, t, 0.1)))
+            (
+                k * 100_000_000,
+                Isometry3::new(at, Vector3::new(0.0, t, 0.1)),
+            )
         };
         TimedPoses {
             poses: (0..count).map(pose).collect(),
@@ -307,11 +314,20 @@ mod tests {
             moved.translation.vector *= 0.5;
             *pose = moved;
         }
-        let found = estimate.compare_with(&truth, TrajectoryAlignment::Sim3).unwrap();
+        let found = estimate
+            .compare_with(&truth, TrajectoryAlignment::Sim3)
+            .unwrap();
         assert!((found.scale - 2.0).abs() < 1e-9 && found.position.max < 1e-9);
         assert_eq!((found.pairs, found.frames, found.coverage), (30, 30, 0.0));
-        assert!(found.relative.iter().all(|one| one.translation < 1e-9 && one.rotation_degrees < 1e-5));
-        let rigid = estimate.compare_with(&truth, TrajectoryAlignment::Se3).unwrap();
+        assert!(
+            found
+                .relative
+                .iter()
+                .all(|one| one.translation < 1e-9 && one.rotation_degrees < 1e-5)
+        );
+        let rigid = estimate
+            .compare_with(&truth, TrajectoryAlignment::Se3)
+            .unwrap();
         assert!(rigid.position.rmse > 0.1 && rigid.scale == 1.0);
     }
 
@@ -321,7 +337,9 @@ mod tests {
         let mut estimate = truth.clone();
         estimate.poses[4].1.translation.vector.x += 0.1;
         estimate.poses.remove(9);
-        let found = estimate.compare_with(&truth, TrajectoryAlignment::None).unwrap();
+        let found = estimate
+            .compare_with(&truth, TrajectoryAlignment::None)
+            .unwrap();
         assert_eq!(found.pairs, 14);
         assert!((found.coverage - 14.0 / 15.0).abs() < 1e-12);
         let one = found.relative[0];

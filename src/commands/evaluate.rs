@@ -35,10 +35,7 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
         step: args.step,
     };
     options.validate()?;
-    let (shape, truth) = rayon::join(
-        || read_geometry(shape_file),
-        || read_geometry(truth_file),
-    );
+    let (shape, truth) = rayon::join(|| read_geometry(shape_file), || read_geometry(truth_file));
     let (shape, truth) = (shape?, truth?);
     if shape.kind() == ShapeKind::Empty {
         return Ok(Outcome::Negative(format!(
@@ -50,14 +47,8 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
         Some(folder) => Some(observe(&shape, folder, args, verbosity)?),
         None => None,
     };
-    let evaluation =
-        evaluate_observed(&shape, observed.as_ref(), &truth, &options).with_context(|| {
-            format!(
-                "{} against {}",
-                shape_file.display(),
-                truth_file.display()
-            )
-        })?;
+    let evaluation = evaluate_observed(&shape, observed.as_ref(), &truth, &options)
+        .with_context(|| format!("{} against {}", shape_file.display(), truth_file.display()))?;
     if let Some(path) = &args.heat_map {
         heat_map(path, &shape, &truth, &evaluation)?;
     }

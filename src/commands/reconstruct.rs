@@ -41,7 +41,11 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let recording = Recording::open(&input, options)?;
     if recording.is_tracked {
         let images = posed_images(&recording.sequence);
-        write_trajectory(&output.file("trajectory.txt"), TrajectoryFormat::Tum, &images)?;
+        write_trajectory(
+            &output.file("trajectory.txt"),
+            TrajectoryFormat::Tum,
+            &images,
+        )?;
     }
     let is_model = recording.source == Source::Model;
     ensure!(

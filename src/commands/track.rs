@@ -43,7 +43,9 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     }
     Ok(if report.tracked == 0 {
         let reason = report.without_pose.first();
-        let reason = reason.map_or_else(String::new, |one| format!(" ({}: {})", one.frame, one.reason));
+        let reason = reason.map_or_else(String::new, |one| {
+            format!(" ({}: {})", one.frame, one.reason)
+        });
         Outcome::Negative(format!("no frame has a pose{reason}"))
     } else {
         Outcome::Done
@@ -67,11 +69,18 @@ fn describe(report: &TrackReport, verbosity: Verbosity) {
         );
     }
     let lost = report.without_pose.len();
-    let shown = if verbosity > Verbosity::Normal { lost } else { 3 };
+    let shown = if verbosity > Verbosity::Normal {
+        lost
+    } else {
+        3
+    };
     for one in report.without_pose.iter().take(shown) {
         eprintln!("warning: frame {} has no pose: {}", one.frame, one.reason);
     }
     if lost > shown {
-        eprintln!("warning: {} more frames have no pose (track.json)", lost - shown);
+        eprintln!(
+            "warning: {} more frames have no pose (track.json)",
+            lost - shown
+        );
     }
 }

@@ -42,13 +42,20 @@ pub(crate) fn open_or_track(
                 let Some(sequence) = sequence else {
                     return Err(error.into());
                 };
-                warnings.push(format!("no poses are read ({error}): they are found from the images"));
+                warnings.push(format!(
+                    "no poses are read ({error}): they are found from the images"
+                ));
                 sequence
             }
         }
     };
     let mut sequence = sequence;
-    let tracked = track_sequence(&sequence, TrackingOptions::default(), relative_noise, verbosity)?;
+    let tracked = track_sequence(
+        &sequence,
+        TrackingOptions::default(),
+        relative_noise,
+        verbosity,
+    )?;
     let poses: Vec<_> = tracked.poses().collect();
     let total = sequence.frames().len();
     if poses.is_empty() {

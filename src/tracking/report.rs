@@ -118,7 +118,11 @@ impl TrackReport {
                     frames: submap.frames,
                     first: name(first),
                     last: name(ends.last().unwrap_or(first)),
-                    keyframes: submap.keyframes.iter().map(|at| name(*at as usize)).collect(),
+                    keyframes: submap
+                        .keyframes
+                        .iter()
+                        .map(|at| name(*at as usize))
+                        .collect(),
                     points: submap.points.len(),
                 }
             })

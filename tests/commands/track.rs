@@ -21,7 +21,11 @@ fn room_without_poses(frames: usize) -> tempfile::TempDir {
         }
         std::fs::write(folder.path().join(format!("{name}.txt")), lines.join("\n")).unwrap();
     }
-    std::fs::copy(room().join("linecarve.toml"), folder.path().join("linecarve.toml")).unwrap();
+    std::fs::copy(
+        room().join("linecarve.toml"),
+        folder.path().join("linecarve.toml"),
+    )
+    .unwrap();
     folder
 }
 
@@ -41,12 +45,23 @@ fn the_sample_is_tracked_and_every_frame_has_a_pose() {
         let folder = out.path().join(threads);
         expect_status(
             0,
-            ["track", &text(room()), "--out", &text(&folder), "--threads", threads, "--quiet"],
+            [
+                "track",
+                &text(room()),
+                "--out",
+                &text(&folder),
+                "--threads",
+                threads,
+                "--quiet",
+            ],
         );
         let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
         outputs.push((read("poses.txt"), read("points.ply")));
     }
-    assert!(outputs[0] == outputs[1], "the number of threads changes poses or points");
+    assert!(
+        outputs[0] == outputs[1],
+        "the number of threads changes poses or points"
+    );
     let folder = out.path().join("1");
     let report = json(&folder.join("track.json"));
     assert_eq!(report["frames"], report["tracked"], "{report}");
@@ -63,7 +78,10 @@ fn the_sample_is_tracked_and_every_frame_has_a_pose() {
         ],
     );
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let (rmse, path) = (found["position"]["rmse"].as_f64().unwrap(), found["path"].as_f64().unwrap());
+    let (rmse, path) = (
+        found["position"]["rmse"].as_f64().unwrap(),
+        found["path"].as_f64().unwrap(),
+    );
     assert!(rmse < 0.005 * path && rmse < 0.02, "{found}");
     assert_eq!(found["coverage"], 1.0);
 }
@@ -73,9 +91,20 @@ fn modes_that_are_not_built_are_refused() {
     for mode in ["stereo", "mono"] {
         let out = tempfile::tempdir().unwrap();
         let folder = out.path().join("out");
-        let arguments = ["track", &text(room()), "--out", &text(&folder), "--mode", mode];
+        let arguments = [
+            "track",
+            &text(room()),
+            "--out",
+            &text(&folder),
+            "--mode",
+            mode,
+        ];
         let output = expect_status(2, arguments);
-        assert!(stderr(&output).contains("not built yet"), "{}", stderr(&output));
+        assert!(
+            stderr(&output).contains("not built yet"),
+            "{}",
+            stderr(&output)
+        );
         assert!(!folder.exists());
     }
 }
@@ -84,23 +113,46 @@ fn modes_that_are_not_built_are_refused() {
 fn black_frames_have_no_pose_and_do_not_harm_the_others() {
     let folder = room_without_poses(12);
     let list = std::fs::read_to_string(folder.path().join("rgb.txt")).unwrap();
-    let files: Vec<&str> = list.lines().skip(1).filter_map(|line| line.split(' ').nth(1)).collect();
+    let files: Vec<&str> = list
+        .lines()
+        .skip(1)
+        .filter_map(|line| line.split(' ').nth(1))
+        .collect();
     for file in &files[5..7] {
         let path = folder.path().join(file);
         image::RgbImage::new(640, 480).save(path).unwrap();
     }
     let out = tempfile::tempdir().unwrap();
-    let output = expect_status(0, ["track", &text(folder.path()), "--out", &text(out.path())]);
+    let output = expect_status(
+        0,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
     assert!(stderr(&output).contains("dark"), "{}", stderr(&output));
     let report = json(&out.path().join("track.json"));
-    assert_eq!(report["without_pose"].as_array().unwrap().len(), 2, "{report}");
-    assert_eq!((&report["tracked"], &report["frames"]), (&10.into(), &12.into()));
+    assert_eq!(
+        report["without_pose"].as_array().unwrap().len(),
+        2,
+        "{report}"
+    );
+    assert_eq!(
+        (&report["tracked"], &report["frames"]),
+        (&10.into(), &12.into())
+    );
 
     for file in &files {
-        image::RgbImage::new(640, 480).save(folder.path().join(file)).unwrap();
+        image::RgbImage::new(640, 480)
+            .save(folder.path().join(file))
+            .unwrap();
     }
-    let output = expect_status(1, ["track", &text(folder.path()), "--out", &text(out.path())]);
-    assert!(stderr(&output).contains("no frame has a pose"), "{}", stderr(&output));
+    let output = expect_status(
+        1,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
+    assert!(
+        stderr(&output).contains("no frame has a pose"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]
@@ -108,8 +160,15 @@ fn without_depth_there_is_a_clear_error() {
     let folder = room_without_poses(3);
     std::fs::remove_file(folder.path().join("depth.txt")).unwrap();
     let out = tempfile::tempdir().unwrap();
-    let output = expect_status(2, ["track", &text(folder.path()), "--out", &text(out.path())]);
-    assert!(stderr(&output).contains("no depth images"), "{}", stderr(&output));
+    let output = expect_status(
+        2,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
+    assert!(
+        stderr(&output).contains("no depth images"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]
@@ -118,10 +177,28 @@ fn a_recording_without_poses_is_reconstructed() {
     let out = tempfile::tempdir().unwrap();
     let output = expect_status(
         0,
-        ["reconstruct", &text(folder.path()), "--out", &text(out.path()), "--final-only", "--no-page", "--no-picture"],
+        [
+            "reconstruct",
+            &text(folder.path()),
+            "--out",
+            &text(out.path()),
+            "--final-only",
+            "--no-page",
+            "--no-picture",
+        ],
     );
-    assert!(stderr(&output).contains("found from the images"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("found from the images"),
+        "{}",
+        stderr(&output)
+    );
     let trajectory = std::fs::read_to_string(out.path().join("trajectory.txt")).unwrap();
-    assert_eq!(trajectory.lines().filter(|line| !line.starts_with('#')).count(), 8);
+    assert_eq!(
+        trajectory
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .count(),
+        8
+    );
     assert!(out.path().join("poses.txt").exists());
 }

@@ -66,10 +66,6 @@ impl Pinhole {
             1.0,
         )
     }
-
-    pub(crate) fn focal(&self) -> f64 {
-        0.5 * (self.fx + self.fy)
-    }
 }
 
 /// A pixel with its standard deviation, and the inverse depth there, if it was measured.
@@ -204,6 +200,10 @@ mod tests {
             let column: Vector3<f64> = at.by_pose.column(axis).into();
             assert!((difference - column).norm() < 1e-3 * column.norm().max(1.0));
         }
-        assert!(measurement.residual(&camera, &Point3::new(0.0, 0.0, -1.0)).is_none());
+        assert!(
+            measurement
+                .residual(&camera, &Point3::new(0.0, 0.0, -1.0))
+                .is_none()
+        );
     }
 }

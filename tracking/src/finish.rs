@@ -16,6 +16,9 @@ const GLOBAL_STEPS: [usize; 2] = [10, 15];
 /// Fewest frames of a sub-map that is believed, unless it is the only one.
 const MIN_SUBMAP_FRAMES: usize = 5;
 
+/// Sub-map, `world_from_camera` and number of matches of a frame.
+type FoundPose = (u32, Isometry3<f64>, usize);
+
 /// The pose of a frame, or why there is none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FramePose {
@@ -67,19 +70,15 @@ impl Tracker {
             }
             self.retry_missing();
         }
-        let found: Vec<Result<(u32, Isometry3<f64>, usize), NoPose>> = self
+        let found: Vec<Result<FoundPose, NoPose>> = self
             .records
             .iter()
             .map(|record| match record {
                 FrameRecord::Missing { reason, .. } => Err(*reason),
-                FrameRecord::Posed(frame) if self.options.looks_ahead => {
-                    Ok(self.final_pose(frame))
+                FrameRecord::Posed(frame) if self.options.looks_ahead => Ok(self.final_pose(frame)),
+                FrameRecord::Posed(frame) => {
+                    Ok((frame.live_submap, frame.live.inverse(), frame.inliers))
                 }
-                FrameRecord::Posed(frame) => Ok((
-                    frame.live_submap,
-                    frame.live.inverse(),
-                    frame.inliers,
-                )),
             })
             .collect();
         self.times.finish_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -131,10 +130,7 @@ impl Tracker {
     }
 
     /// Numbers the sub-maps by their frames, and drops short ones.
-    fn summarise(
-        self,
-        found: Vec<Result<(u32, Isometry3<f64>, usize), NoPose>>,
-    ) -> TrackedRecording {
+    fn summarise(self, found: Vec<Result<FoundPose, NoPose>>) -> TrackedRecording {
         let mut counts = vec![0_usize; self.submaps as usize];
         for (submap, _, _) in found.iter().flatten() {
             counts[*submap as usize] += 1;

@@ -21,3 +21,6 @@ pub use frame::{FrameDetector, FrameFeatures};
 pub use options::{TrackingOptions, TrackingOptionsError};
 pub use records::{FrameOutcome, LoopReport, NoPose, StageTimes};
 pub use tracker::Tracker;
+
+#[cfg(test)]
+mod tests;

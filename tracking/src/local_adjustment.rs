@@ -78,13 +78,19 @@ impl Tracker {
             points: adjusted,
             ..
         } = bundle;
-        for ((id, pose), _) in cameras.iter().zip(poses).zip(is_free).filter(|(_, free)| *free) {
+        for ((id, pose), _) in cameras
+            .iter()
+            .zip(poses)
+            .zip(is_free)
+            .filter(|(_, free)| *free)
+        {
             self.map.move_keyframe(*id, pose);
         }
         for (id, point) in points.iter().zip(adjusted) {
             self.map.point_mut(*id).position = point.position;
             for observation in point.observations.iter().filter(|o| !o.is_used) {
-                self.map.remove_observation(*id, cameras[observation.camera as usize]);
+                self.map
+                    .remove_observation(*id, cameras[observation.camera as usize]);
             }
             if self.map.point(*id).is_alive {
                 self.map.update_view_range(*id);

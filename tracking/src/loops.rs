@@ -59,8 +59,12 @@ impl Tracker {
     fn loop_candidates(&self, id: KeyframeId) -> Vec<KeyframeId> {
         let keyframe = self.map.keyframe(id);
         let total = self.map.keyframes.len();
-        let scores = self.places.query(&keyframe.view.features.descriptors, total);
-        let shared = self.map.shared_points(self.points_of(id).into_iter(), Some(id));
+        let scores = self
+            .places
+            .query(&keyframe.view.features.descriptors, total);
+        let shared = self
+            .map
+            .shared_points(self.points_of(id).into_iter(), Some(id));
         let mut is_near = vec![false; total];
         for (other, _) in &shared {
             is_near[other.index()] = true;
@@ -74,8 +78,8 @@ impl Tracker {
             .into_iter()
             .filter(|(other, score)| {
                 let candidate = self.map.keyframe(*other);
-                let is_far = candidate.submap != keyframe.submap
-                    || other.0 + MIN_KEYFRAMES_BETWEEN < id.0;
+                let is_far =
+                    candidate.submap != keyframe.submap || other.0 + MIN_KEYFRAMES_BETWEEN < id.0;
                 candidate.is_alive && is_far && !is_near[other.index()] && *score >= least
             })
             .map(|(other, _)| other)
@@ -93,7 +97,8 @@ impl Tracker {
         let mut found = None;
         for (stage, candidate) in (100..).zip(candidates) {
             let keyframe = self.map.keyframe(id);
-            let mut frame = Frame::new(keyframe.frame, keyframe.view.clone(), Isometry3::identity());
+            let mut frame =
+                Frame::new(keyframe.frame, keyframe.view.clone(), Isometry3::identity());
             if self.match_keyframe(&mut frame, *candidate, stage)
                 && self.track_local_map(&mut frame, 5.0)
                 && self.track_local_map(&mut frame, 3.0)
@@ -222,7 +227,10 @@ impl Tracker {
         }
         for index in 0..self.map.points.len() {
             let point = &mut self.map.points[index];
-            let first = point.observations.first().map(|(keyframe, _)| keyframe.index());
+            let first = point
+                .observations
+                .first()
+                .map(|(keyframe, _)| keyframe.index());
             if let Some(slot) = first.and_then(|at| slot_of[at]) {
                 point.position = motions[slot] * point.position;
                 self.map.update_view_range(PointId(index as u32));
@@ -235,7 +243,10 @@ impl Tracker {
         // `to_world` is the frame of the other side, in which the keyframe was found.
         let to_from_own =
             found.camera_from_world.inverse() * self.map.keyframe(id).camera_from_world;
-        let (own, other) = (self.map.keyframe(id).submap, self.map.keyframe(found.to).submap);
+        let (own, other) = (
+            self.map.keyframe(id).submap,
+            self.map.keyframe(found.to).submap,
+        );
         let (moving, staying, motion, at) = if own > other {
             (own, other, to_from_own, found.to)
         } else {

@@ -69,7 +69,14 @@ impl Tracker {
         self.cull_recent_points(id);
         self.triangulate(id);
         self.fuse_neighborhood(id);
-        let points: Vec<PointId> = self.map.keyframe(id).points.iter().flatten().copied().collect();
+        let points: Vec<PointId> = self
+            .map
+            .keyframe(id)
+            .points
+            .iter()
+            .flatten()
+            .copied()
+            .collect();
         for point in points {
             self.map.update_point(point);
         }
@@ -172,7 +179,9 @@ impl Tracker {
         });
         let point = refine_point(&self.camera.camera, &observations, start)?.point_in_world;
         let cosine = parallax_cosine(&rays.map(|(center, _)| center), &point);
-        let fits = views.iter().all(|(keyframe, feature)| self.agrees(*keyframe, *feature, &point));
+        let fits = views
+            .iter()
+            .all(|(keyframe, feature)| self.agrees(*keyframe, *feature, &point));
         (cosine < MAX_PARALLAX_COSINE && fits).then_some(point)
     }
 
@@ -227,7 +236,13 @@ impl Tracker {
     }
 
     pub(crate) fn points_of(&self, id: KeyframeId) -> Vec<PointId> {
-        self.map.keyframe(id).points.iter().flatten().copied().collect()
+        self.map
+            .keyframe(id)
+            .points
+            .iter()
+            .flatten()
+            .copied()
+            .collect()
     }
 
     /// Looks for points in a keyframe: they gain an observation, or are fused with the point that is there. Returns how many were

@@ -79,25 +79,32 @@ fn best_feature(
     let radius = expected.radius_px as f32;
     let mut best: Option<(u32, u32)> = None;
     let mut second: Option<(u32, u32)> = None;
-    view.grid.near_box([x - radius, y - radius], [x + radius, y + radius], |feature| {
-        let octave = view.octave(feature);
-        let [at_x, at_y] = view.features.pixels[feature as usize];
-        if octave < expected.octaves[0]
-            || octave > expected.octaves[1]
-            || (at_x - x).abs() > radius
-            || (at_y - y).abs() > radius
-            || is_taken(feature)
-        {
-            return;
-        }
-        let found = (expected.descriptor.distance(view.descriptor(feature)), feature);
-        if best.is_none_or(|other| found < other) {
-            second = best;
-            best = Some(found);
-        } else if second.is_none_or(|other| found < other) {
-            second = Some(found);
-        }
-    });
+    view.grid.near_box(
+        [x - radius, y - radius],
+        [x + radius, y + radius],
+        |feature| {
+            let octave = view.octave(feature);
+            let [at_x, at_y] = view.features.pixels[feature as usize];
+            if octave < expected.octaves[0]
+                || octave > expected.octaves[1]
+                || (at_x - x).abs() > radius
+                || (at_y - y).abs() > radius
+                || is_taken(feature)
+            {
+                return;
+            }
+            let found = (
+                expected.descriptor.distance(view.descriptor(feature)),
+                feature,
+            );
+            if best.is_none_or(|other| found < other) {
+                second = best;
+                best = Some(found);
+            } else if second.is_none_or(|other| found < other) {
+                second = Some(found);
+            }
+        },
+    );
     let (distance, feature) = best.filter(|(distance, _)| *distance <= rules.max_distance)?;
     if let Some((other, rival)) = second
         && view.octave(rival) == view.octave(feature)

@@ -85,7 +85,11 @@ mod tests {
     fn the_same_place_scores_highest() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(4);
         let scenes: Vec<Vec<Descriptor>> = (0..20)
-            .map(|_| (0..500).map(|_| Descriptor([(); 4].map(|()| random.random()))).collect())
+            .map(|_| {
+                (0..500)
+                    .map(|_| Descriptor([(); 4].map(|()| random.random())))
+                    .collect()
+            })
             .collect();
         let mut places = Places::default();
         for (index, scene) in scenes.iter().enumerate() {

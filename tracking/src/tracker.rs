@@ -271,13 +271,20 @@ impl Tracker {
     }
 
     /// Matches the points of a keyframe by descriptor alone; the pose follows by consensus.
-    pub(crate) fn match_keyframe(&self, frame: &mut Frame, keyframe: KeyframeId, stage: u32) -> bool {
+    pub(crate) fn match_keyframe(
+        &self,
+        frame: &mut Frame,
+        keyframe: KeyframeId,
+        stage: u32,
+    ) -> bool {
         let keyframe = self.map.keyframe(keyframe);
         let (points, known): (Vec<PointId>, Vec<Descriptor>) = keyframe
             .points
             .iter()
             .enumerate()
-            .filter_map(|(feature, point)| Some(((*point)?, *keyframe.view.descriptor(feature as u32))))
+            .filter_map(|(feature, point)| {
+                Some(((*point)?, *keyframe.view.descriptor(feature as u32)))
+            })
             .unzip();
         let rules = Rules {
             max_distance: NEAR_DESCRIPTOR + 14,
@@ -296,13 +303,21 @@ impl Tracker {
             .collect();
         let mut is_inlier = Vec::new();
         let random = Random::new(frame.number, stage);
-        let Some(found) =
-            pose_by_consensus(&self.camera, &matches, MIN_DESCRIBED, random, &mut is_inlier)
-        else {
+        let Some(found) = pose_by_consensus(
+            &self.camera,
+            &matches,
+            MIN_DESCRIBED,
+            random,
+            &mut is_inlier,
+        ) else {
             return false;
         };
         frame.points.fill(None);
-        for ((feature, at), _) in pairs.iter().zip(&is_inlier).filter(|(_, is_inlier)| **is_inlier) {
+        for ((feature, at), _) in pairs
+            .iter()
+            .zip(&is_inlier)
+            .filter(|(_, is_inlier)| **is_inlier)
+        {
             frame.points[*feature] = Some(points[*at]);
         }
         frame.camera_from_world = found.camera_from_world;
@@ -316,7 +331,11 @@ impl Tracker {
         let Some(found) = refine_pose(&self.camera, start, &matches, &mut is_inlier) else {
             return 0;
         };
-        for (feature, _) in features.iter().zip(&is_inlier).filter(|(_, is_inlier)| !**is_inlier) {
+        for (feature, _) in features
+            .iter()
+            .zip(&is_inlier)
+            .filter(|(_, is_inlier)| !**is_inlier)
+        {
             frame.points[*feature] = None;
         }
         frame.camera_from_world = found.camera_from_world;
@@ -357,7 +376,8 @@ impl Tracker {
                 if *mark != self.generation {
                     *mark = self.generation;
                     let camera = &self.camera;
-                    let one = expect_point(&self.map, camera, &pose, &center, *point, radius_factor);
+                    let one =
+                        expect_point(&self.map, camera, &pose, &center, *point, radius_factor);
                     expected.extend(one);
                 }
             }
@@ -376,7 +396,11 @@ impl Tracker {
         if frame.inliers < self.options.min_matches {
             return false;
         }
-        for point in matched.iter().copied().chain(expected.iter().map(|one| one.point)) {
+        for point in matched
+            .iter()
+            .copied()
+            .chain(expected.iter().map(|one| one.point))
+        {
             self.map.point_mut(point).visible += 1;
         }
         for point in frame.points.iter().flatten() {
@@ -432,17 +456,12 @@ impl Tracker {
         false
     }
 
-    /// Whether a frame becomes a keyframe, as in ORB-SLAM2.
+    /// Whether a frame becomes a keyframe: it sees too few points of its reference, or too few with depth, or the last is old.
+    ///
+    /// *Differs* from ORB-SLAM2: all points of the reference count, so that keyframes are more frequent.
     fn is_keyframe_due(&self, frame: &Frame) -> bool {
         let reference = self.map.keyframe(self.reference);
-        let count = self.map.keyframes.len();
-        let least = if count <= 2 { 2 } else { 3 };
-        let seen_before = reference
-            .points
-            .iter()
-            .flatten()
-            .filter(|point| self.map.point(**point).observations.len() >= least)
-            .count();
+        let seen_before = reference.point_count();
         let (mut tracked, mut untracked) = (0, 0);
         for (depth, point) in frame.view.inverse_depths.iter().zip(&frame.points) {
             if depth.is_some() {
@@ -451,7 +470,7 @@ impl Tracker {
             }
         }
         let needs_points = tracked < 100 && untracked > 70;
-        let share = if count < 2 { 0.4 } else { self.options.keyframe_share };
+        let share = self.options.keyframe_share;
         let is_weak = (frame.inliers as f64) < share * seen_before as f64;
         let is_old = frame.number >= self.last_keyframe_frame + self.options.keyframe_frames;
         frame.inliers > 15 && (is_weak || needs_points || is_old)

@@ -188,8 +188,7 @@ impl Bundle<'_> {
                 let of_pixel = huber(pixel, CHI2_PIXEL).1;
                 let of_depth = cauchy(depth, CHI2_DEPTH).1;
                 let weights = Vector3::new(of_pixel, of_pixel, of_depth);
-                let by_point =
-                    at.by_point_in_camera * pose.rotation.to_rotation_matrix().matrix();
+                let by_point = at.by_point_in_camera * pose.rotation.to_rotation_matrix().matrix();
                 let weighted_point = Matrix3::from_diagonal(&weights) * by_point;
                 let weighted_residual = weights.component_mul(&at.residual);
                 normal += by_point.tr_mul(&weighted_point);
@@ -267,7 +266,10 @@ mod tests {
         let truth: Vec<Isometry3<f64>> = (0..6)
             .map(|i| {
                 let along = f64::from(i) * 0.1;
-                Isometry3::new(Vector3::new(along, 0.02 * along, 0.0), Vector3::new(0.0, 0.1 * along, 0.0))
+                Isometry3::new(
+                    Vector3::new(along, 0.02 * along, 0.0),
+                    Vector3::new(0.0, 0.1 * along, 0.0),
+                )
             })
             .collect();
         let mut points = Vec::new();
@@ -279,14 +281,17 @@ mod tests {
                 .filter_map(|(camera_index, pose)| {
                     let in_camera = pose * position;
                     let pixel = camera.project_inside(&in_camera)?;
-                    let wrong = if index % 20 == 0 && camera_index == 2 { 25.0 } else { 0.0 };
+                    let wrong = if index % 20 == 0 && camera_index == 2 {
+                        25.0
+                    } else {
+                        0.0
+                    };
                     Some(BundleObservation {
                         camera: camera_index as u32,
                         measurement: Measurement {
                             pixel: Point2::new(pixel.x + wrong, pixel.y),
                             sigma_px: 1.0,
-                            inverse_depth: (index % 2 == 0)
-                                .then_some([1.0 / in_camera.z, 1.4e-3]),
+                            inverse_depth: (index % 2 == 0).then_some([1.0 / in_camera.z, 1.4e-3]),
                         },
                         is_used: true,
                     })

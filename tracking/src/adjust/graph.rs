@@ -42,7 +42,14 @@ impl PoseEdge {
         let error = self.to_from.inverse() * (poses[self.to] * poses[self.from].inverse());
         let (t, r) = (error.translation.vector, error.rotation.scaled_axis());
         let [of_t, of_r] = self.sigma;
-        Vector6::new(t.x / of_t, t.y / of_t, t.z / of_t, r.x / of_r, r.y / of_r, r.z / of_r)
+        Vector6::new(
+            t.x / of_t,
+            t.y / of_t,
+            t.z / of_t,
+            r.x / of_r,
+            r.y / of_r,
+            r.z / of_r,
+        )
     }
 }
 
@@ -126,8 +133,8 @@ impl PoseGraph {
             ));
             // error = Z^-1 exp(to) T_to T_from^-1 exp(-from); for small errors both sides move it by their adjoints.
             let by_to = scale * adjoint(&edge.to_from.inverse());
-            let relative = edge.to_from.inverse()
-                * (self.poses[edge.to] * self.poses[edge.from].inverse());
+            let relative =
+                edge.to_from.inverse() * (self.poses[edge.to] * self.poses[edge.from].inverse());
             let by_from = -(scale * adjoint(&relative));
             let sides = [(slots[edge.to], by_to), (slots[edge.from], by_from)];
             for (slot, jacobian) in &sides {
@@ -173,7 +180,10 @@ mod tests {
     }
 
     fn edge(poses: &[Isometry3<f64>], from: usize, to: usize, drift: f64) -> PoseEdge {
-        let error = Isometry3::new(Vector3::new(drift, 0.0, drift), Vector3::new(0.0, drift, 0.0));
+        let error = Isometry3::new(
+            Vector3::new(drift, 0.0, drift),
+            Vector3::new(0.0, drift, 0.0),
+        );
         PoseEdge {
             from,
             to,

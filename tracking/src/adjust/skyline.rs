@@ -74,7 +74,10 @@ impl Skyline {
                 let other_start = 6 * self.first[column / 6];
                 let from = start.max(other_start);
                 let other = &above[column];
-                let dot: f64 = dot(&line[from - start..column - start], &other[from - other_start..column - other_start]);
+                let dot: f64 = dot(
+                    &line[from - start..column - start],
+                    &other[from - other_start..column - other_start],
+                );
                 let diagonal = other[column - other_start];
                 line[column - start] = (line[column - start] - dot) / diagonal;
             }
@@ -142,15 +145,16 @@ mod tests {
         let mut random = Random::new(5, 5);
         let mut matrix = Skyline::new(first.clone());
         let mut dense = DMatrix::<f64>::zeros(30, 30);
-        for row in 0..5 {
-            for column in first[row]..=row {
-                let mut values =
-                    Matrix6::from_fn(|_, _| random.below(2001) as f64 / 1000.0 - 1.0);
+        for (row, &start) in first.iter().enumerate() {
+            for column in start..=row {
+                let mut values = Matrix6::from_fn(|_, _| random.below(2001) as f64 / 1000.0 - 1.0);
                 if row == column {
                     values = values * values.transpose() + Matrix6::identity() * 20.0;
                 }
                 matrix.add(row, column, &values);
-                dense.view_mut((6 * row, 6 * column), (6, 6)).copy_from(&values);
+                dense
+                    .view_mut((6 * row, 6 * column), (6, 6))
+                    .copy_from(&values);
                 dense
                     .view_mut((6 * column, 6 * row), (6, 6))
                     .copy_from(&values.transpose());

@@ -38,7 +38,8 @@ pub(crate) struct Keyframe {
 
 impl Keyframe {
     pub(crate) fn center(&self) -> Point3<f64> {
-        self.camera_from_world.inverse_transform_point(&Point3::origin())
+        self.camera_from_world
+            .inverse_transform_point(&Point3::origin())
     }
 
     /// Number of features with a point.

@@ -116,7 +116,12 @@ impl Map {
     }
 
     /// Records that a keyframe sees a point. Nothing happens when the feature has a point or the keyframe sees the point already.
-    pub(crate) fn add_observation(&mut self, point: PointId, keyframe: KeyframeId, feature: u32) -> bool {
+    pub(crate) fn add_observation(
+        &mut self,
+        point: PointId,
+        keyframe: KeyframeId,
+        feature: u32,
+    ) -> bool {
         let slot = &self.keyframe(keyframe).points[feature as usize];
         if slot.is_some() || self.point(point).feature_in(keyframe).is_some() {
             return false;
@@ -154,7 +159,11 @@ impl Map {
             return;
         }
         let count = |id: PointId| self.point(id).observations.len();
-        let (kept, gone) = if (count(b), a) > (count(a), b) { (b, a) } else { (a, b) };
+        let (kept, gone) = if (count(b), a) > (count(a), b) {
+            (b, a)
+        } else {
+            (a, b)
+        };
         let observations = std::mem::take(&mut self.point_mut(gone).observations);
         for (keyframe, feature) in observations {
             self.keyframe_mut(keyframe).points[feature as usize] = None;
@@ -191,7 +200,9 @@ impl Map {
         let mut normal = Vector3::zeros();
         for (keyframe, _) in &point.observations {
             let center = self.keyframe(*keyframe).center();
-            normal += (center - point.position).try_normalize(1e-12).unwrap_or_default();
+            normal += (center - point.position)
+                .try_normalize(1e-12)
+                .unwrap_or_default();
         }
         let Some((keyframe, feature)) = point.observations.first() else {
             return;
@@ -244,7 +255,9 @@ impl Map {
             for point in keyframe.points.iter().flatten() {
                 let sees = self.point(*point).feature_in(KeyframeId(index as u32));
                 if !keyframe.is_alive || sees.is_none() {
-                    return Err(format!("keyframe {index} holds {point:?}, which does not know"));
+                    return Err(format!(
+                        "keyframe {index} holds {point:?}, which does not know"
+                    ));
                 }
             }
         }

@@ -13,7 +13,11 @@ pub(crate) fn align_points(pairs: &[[Point3<f64>; 2]]) -> Option<Isometry3<f64>>
     }
     let count = pairs.len() as f64;
     let mean = |side: usize| -> Vector3<f64> {
-        pairs.iter().map(|pair| pair[side].coords).sum::<Vector3<f64>>() / count
+        pairs
+            .iter()
+            .map(|pair| pair[side].coords)
+            .sum::<Vector3<f64>>()
+            / count
     };
     let (from, to) = (mean(0), mean(1));
     let mut covariance = Matrix3::zeros();

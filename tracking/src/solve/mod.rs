@@ -6,8 +6,6 @@ mod pnp;
 mod pose;
 mod random;
 
-pub(crate) use align::align_points;
-pub(crate) use p3p::perspective_three_point;
 pub(crate) use pnp::{Correspondence, pose_by_consensus};
-pub(crate) use pose::{PoseEstimate, refine_pose};
+pub(crate) use pose::refine_pose;
 pub(crate) use random::Random;

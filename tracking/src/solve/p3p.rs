@@ -48,8 +48,8 @@ pub(crate) fn perspective_three_point(
     let mut poses = Vec::new();
     for v in real_roots([a0, a1, a2_, a3, a4]) {
         let below = 2.0 * (cos_g - v * cos_a);
-        let u = ((difference - 1.0) * v * v - 2.0 * difference * cos_b * v + 1.0 + difference)
-            / below;
+        let u =
+            ((difference - 1.0) * v * v - 2.0 * difference * cos_b * v + 1.0 + difference) / below;
         let first = (b2 / (1.0 + v * v - 2.0 * v * cos_b)).sqrt();
         let distances = [first, u * first, v * first];
         if !distances.iter().all(|d| d.is_finite() && *d > 0.0) {
@@ -103,8 +103,8 @@ mod tests {
                 Vector3::new(number(1.0), number(1.0), number(1.0)),
                 Vector3::new(number(1.5), number(1.5), number(1.5)),
             );
-            let in_camera = [(); 3]
-                .map(|()| Point3::new(number(1.0), number(1.0), 2.5 + number(1.0)));
+            let in_camera =
+                [(); 3].map(|()| Point3::new(number(1.0), number(1.0), 2.5 + number(1.0)));
             let world = in_camera.map(|point| pose.inverse() * point);
             let rays = in_camera.map(|point| Unit::new_normalize(point.coords));
             let error = perspective_three_point(&world, &rays)

@@ -47,10 +47,8 @@ pub(crate) fn pose_by_consensus(
     while round < rounds {
         round += 1;
         let sample = random.three(matches.len());
-        let poses = perspective_three_point(
-            &sample.map(|at| matches[at].0),
-            &sample.map(|at| rays[at]),
-        );
+        let poses =
+            perspective_three_point(&sample.map(|at| matches[at].0), &sample.map(|at| rays[at]));
         for pose in poses {
             let score = agreeing(camera, matches, &pose);
             if score <= best_score || score < 6 {
@@ -91,7 +89,11 @@ fn refine_agreeing(
         pose = refine_pose(camera, &pose, &agreeing, is_inlier)?.camera_from_world;
     }
     is_inlier.clear();
-    is_inlier.extend(matches.iter().map(|one| agrees(camera, one, &pose, CHI2_PIXEL)));
+    is_inlier.extend(
+        matches
+            .iter()
+            .map(|one| agrees(camera, one, &pose, CHI2_PIXEL)),
+    );
     Some(PoseEstimate {
         camera_from_world: pose,
         inliers: is_inlier.iter().filter(|agrees| **agrees).count(),
@@ -128,9 +130,8 @@ mod tests {
         let camera = Pinhole::new(&camera, 640, 480);
         let truth = Isometry3::new(Vector3::new(0.5, 0.1, -0.3), Vector3::new(0.4, 1.2, -0.3));
         let mut random = Random::new(9, 9);
-        let mut number = |low: f64, high: f64| {
-            low + (high - low) * random.below(1_000_001) as f64 / 1_000_000.0
-        };
+        let mut number =
+            |low: f64, high: f64| low + (high - low) * random.below(1_000_001) as f64 / 1_000_000.0;
         let matches: Vec<Correspondence> = (0..150)
             .map(|index| {
                 let pixel = Point2::new(number(0.0, 640.0), number(0.0, 480.0));

@@ -179,16 +179,19 @@ mod tests {
         let camera = Pinhole::new(&camera, 640, 480);
         let truth = Isometry3::new(Vector3::new(0.3, -0.1, 0.2), Vector3::new(0.1, -0.2, 0.3));
         let mut random = Random::new(3, 4);
-        let mut number = |low: f64, high: f64| {
-            low + (high - low) * random.below(1_000_001) as f64 / 1_000_000.0
-        };
+        let mut number =
+            |low: f64, high: f64| low + (high - low) * random.below(1_000_001) as f64 / 1_000_000.0;
         let mut matches = Vec::new();
         for index in 0..200 {
             let pixel = Point2::new(number(0.0, 640.0), number(0.0, 480.0));
             let depth = number(1.0, 4.0);
             let point = truth.inverse() * Point3::from(camera.ray(&pixel) * depth);
             // A quarter of the matches is wrong in the image, another quarter in depth.
-            let wrong = if index % 4 == 0 { number(20.0, 80.0) } else { 0.0 };
+            let wrong = if index % 4 == 0 {
+                number(20.0, 80.0)
+            } else {
+                0.0
+            };
             let wrong_depth = if index % 4 == 1 { 0.2 } else { 0.0 };
             let rho = 1.0 / depth + wrong_depth + number(-1e-3, 1e-3);
             matches.push((
@@ -200,8 +203,10 @@ mod tests {
                 },
             ));
         }
-        let start = Isometry3::new(Vector3::new(0.03, -0.02, 0.04), Vector3::new(0.02, 0.01, 0.0))
-            * truth;
+        let start = Isometry3::new(
+            Vector3::new(0.03, -0.02, 0.04),
+            Vector3::new(0.02, 0.01, 0.0),
+        ) * truth;
         let mut inliers = Vec::new();
         let found = refine_pose(&camera, &start, &matches, &mut inliers).unwrap();
         let error = found.camera_from_world * truth.inverse();
