@@ -5,6 +5,7 @@ mod camera;
 mod finish;
 mod frame;
 mod local_adjustment;
+mod localise;
 mod loops;
 mod map;
 mod mapping;

@@ -102,6 +102,7 @@ impl Tracker {
             if self.match_keyframe(&mut frame, *candidate, stage)
                 && self.track_local_map(&mut frame, 5.0)
                 && self.track_local_map(&mut frame, 3.0)
+                && frame.is_credible()
                 && frame.inliers >= self.options.min_relocated
             {
                 found = Some(FoundLoop {

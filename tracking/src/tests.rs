@@ -29,7 +29,9 @@ fn tracker() -> Tracker {
 fn frame(wall: usize, number: usize) -> FrameFeatures {
     let grey = |x: usize, y: usize| {
         let block = ((x / 9) * 7919 + (y / 7) * 104_729 + wall * 1_299_709 + 1) as u64;
-        (block.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56) as u8
+        let mixed = (block ^ (block >> 7)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (mixed >> 56) as u8
     };
     let samples = (0..WIDTH * HEIGHT)
         .map(|i| grey(i % WIDTH + 4 * number, i / WIDTH))
