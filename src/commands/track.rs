@@ -6,8 +6,8 @@ use crate::cli::{TrackArgs, TrackMode};
 use crate::commands::Outcome;
 use crate::options::Options;
 use crate::run::Verbosity;
-use crate::sinks::{OutputFolder, print_object};
-use crate::tracking::{TrackReport, track_sequence, write_tracked};
+use crate::sinks::{OutputFolder, print_object, write_tracked};
+use crate::tracking::{TrackReport, track_sequence};
 use linecarve_sequence::{OpenOptions, Sequence};
 use linecarve_tracking::TrackingOptions;
 

@@ -3,9 +3,8 @@
 mod open;
 mod report;
 mod run;
-mod write;
 
 pub(crate) use open::open_or_track;
 pub use report::TrackReport;
+pub(crate) use report::poses_file;
 pub use run::{TrackError, TrackedSequence, track_sequence};
-pub(crate) use write::write_tracked;

@@ -5,8 +5,7 @@ use std::path::Path;
 use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 use linecarve_tracking::TrackingOptions;
 
-use super::run::track_sequence;
-use crate::recording::RecordingError;
+use super::run::{TrackError, track_sequence};
 use crate::run::Verbosity;
 
 /// A sequence with poses.
@@ -24,7 +23,7 @@ pub(crate) fn open_or_track(
     track: bool,
     relative_noise: f64,
     verbosity: Verbosity,
-) -> Result<Opened, RecordingError> {
+) -> Result<Opened, TrackError> {
     let mut warnings = Vec::new();
     let sequence = if track {
         Sequence::open_without_poses(path, options)?
@@ -59,7 +58,7 @@ pub(crate) fn open_or_track(
     let poses: Vec<_> = tracked.poses().collect();
     let total = sequence.frames().len();
     if poses.is_empty() {
-        return Err(RecordingError::Missing(format!(
+        return Err(TrackError::Missing(format!(
             "{}: no pose can be found for any of the {total} frames (linecarve track says why)",
             path.display()
         )));

@@ -186,7 +186,7 @@ fn reason(pose: &FramePose) -> Option<String> {
 }
 
 /// Name of the file with the poses of a sub-map.
-pub(super) fn poses_file(submap: usize) -> String {
+pub(crate) fn poses_file(submap: usize) -> String {
     match submap {
         0 => "poses.txt".to_owned(),
         other => format!("poses-{}.txt", other + 1),

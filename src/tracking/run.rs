@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use linecarve_lines::depth::{DepthSensor, SensorError};
-use linecarve_sequence::{FrameError, Sequence};
+use linecarve_sequence::{FrameError, Sequence, SequenceError};
 use linecarve_tracking::{
     FrameDetector, FrameFeatures, FramePose, TrackedRecording, Tracker, TrackingOptions,
     TrackingOptionsError,
@@ -20,6 +20,9 @@ const AHEAD: usize = 4;
 /// Why a sequence cannot be tracked.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
+    /// The sequence cannot be read.
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
     /// An image cannot be read.
     #[error(transparent)]
     Frame(#[from] FrameError),
@@ -61,7 +64,7 @@ impl TrackedSequence {
         self.poses_in(0)
     }
 
-    pub(super) fn poses_in(&self, number: usize) -> impl Iterator<Item = (usize, Isometry3<f64>)> {
+    pub(crate) fn poses_in(&self, number: usize) -> impl Iterator<Item = (usize, Isometry3<f64>)> {
         let poses = self.recording.poses.iter().enumerate();
         poses.filter_map(move |(frame, pose)| match pose {
             FramePose::Known {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::program::{expect_status, stderr};
+use crate::program::{data, expect_status, stderr};
 
 /// The sample of the project: 36 frames, 0.1 s apart, with exact poses and depth.
 fn room() -> PathBuf {
@@ -201,4 +201,47 @@ fn a_recording_without_poses_is_reconstructed() {
         8
     );
     assert!(out.path().join("poses.txt").exists());
+}
+
+/// Position error in metres and coverage of a recording that is tracked.
+fn tracked(name: &str, reference: &str) -> (f64, f64) {
+    let out = tempfile::tempdir().unwrap();
+    expect_status(
+        0,
+        [
+            "track",
+            &text(data(name)),
+            "--out",
+            &text(out.path()),
+            "--quiet",
+        ],
+    );
+    let output = expect_status(
+        0,
+        [
+            "evaluate",
+            "--trajectory",
+            &text(out.path().join("poses.txt")),
+            "--reference",
+            &text(data(name).join(reference)),
+            "--json",
+        ],
+    );
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let rmse = found["position"]["rmse"].as_f64().unwrap();
+    (rmse, found["coverage"].as_f64().unwrap())
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn a_hand_held_camera_that_turns_fast_is_tracked() {
+    let (rmse, coverage) = tracked("tum-fr1-rpy", "groundtruth.txt");
+    assert!(rmse < 0.026 && coverage > 0.98, "{rmse} m, {coverage}");
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn a_rendered_living_room_is_tracked() {
+    let (rmse, coverage) = tracked("livingroom-synthetic", "");
+    assert!(rmse < 0.014 && coverage == 1.0, "{rmse} m, {coverage}");
 }

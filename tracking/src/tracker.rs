@@ -13,7 +13,7 @@ use crate::places::Places;
 use crate::records::{FrameOutcome, FrameRecord, LoopReport, NoPose, StageTimes};
 
 /// Least share of the matches near predicted positions that agree with a pose: of a wrong pose, few matches do.
-const MIN_AGREEING: f64 = 0.4;
+const MIN_AGREEING: f64 = 0.3;
 
 /// A frame that is being tracked, or the last one.
 #[derive(Debug, Clone)]

@@ -8,9 +8,8 @@ use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{PosedImage, TrajectoryFormat, posed_images, write_trajectory};
 use nalgebra::Isometry3;
 
-use super::report::{TrackReport, poses_file};
-use super::run::TrackedSequence;
-use crate::sinks::OutputFolder;
+use super::output::OutputFolder;
+use crate::tracking::{TrackReport, TrackedSequence, poses_file};
 
 /// Writes the poses of each sub-map, the points of the largest, and the report, which is last.
 pub(crate) fn write_tracked(
