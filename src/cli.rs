@@ -6,6 +6,7 @@ mod diff;
 mod evaluate;
 mod simplify;
 mod stream;
+mod track;
 mod values;
 mod view;
 
@@ -19,6 +20,7 @@ pub use diff::DiffArgs;
 pub use evaluate::{AlignBy, EvaluateArgs};
 pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
+pub use track::{TrackArgs, TrackMode};
 pub use values::{CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice};
 pub use view::ViewArgs;
 
@@ -53,6 +55,8 @@ pub struct Cli {
 pub enum Command {
     /// Sequence in, surface out: one update and one file per keyframe, the final mesh, segments, picture, report.
     Reconstruct(ReconstructArgs),
+    /// The camera poses of a recording, from its images: trajectory, map points, report.
+    Track(TrackArgs),
     /// Only the 3D line segments of a sequence and their clusters.
     Lines(LinesArgs),
     /// Keyframes of a running SLAM as JSON lines on standard input, changes of the surface on standard output.
@@ -184,6 +188,10 @@ pub struct ReconstructArgs {
     /// Folder for everything that comes out; made when missing.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+
+    /// Find the poses from the images with depth, and do not read those of the recording. Without poses this is done in any case.
+    #[arg(long, conflicts_with = "poses")]
+    pub track: bool,
 
     /// Which keyframes.
     #[command(flatten)]

@@ -34,6 +34,7 @@ mod server;
 pub mod sinks;
 pub mod stream;
 mod text;
+pub mod tracking;
 
 pub use error::{Error, SinkError};
 pub use mapper::KeyframeUpdate;

@@ -339,12 +339,13 @@ impl Reconstruction {
         self.mapper.skipped()
     }
 
-    /// Poses of the keyframes in the map where the images corrected them, with the positions of their frames in the sequence,
+    /// Poses of the keyframes in the map where the images corrected or gave them, with the positions of their frames in the sequence,
     /// in the frame of the poses; `None` where poses are taken as given.
     pub fn corrected_poses(&self) -> Option<Vec<(usize, Isometry3<f64>)>> {
         let recording = &self.recording;
         let frames = recording.sequence.frames();
-        if recording.poses.is_some_and(|poses| poses.is_corrected) {
+        let is_tracked = recording.is_tracked && recording.source == Source::Lines;
+        if is_tracked || recording.poses.is_some_and(|poses| poses.is_corrected) {
             let pose = |&frame: &usize| (frame, frames[frame].world_from_camera);
             return Some(recording.keyframes.iter().map(pose).collect());
         }

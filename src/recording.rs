@@ -16,6 +16,7 @@ use crate::front_end::{
 };
 use crate::options::{Options, OptionsError};
 use crate::run::{Progress, Verbosity};
+use crate::tracking::{TrackError, open_or_track};
 
 /// What a map is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,6 +69,9 @@ pub struct Input {
     pub source: Source,
     /// Where the depth of segments comes from.
     pub depth: DepthChoice,
+    /// Whether poses are found from the images although the recording may have some. Without poses they are in any case, where
+    /// there is depth.
+    pub track: bool,
     /// What is shown on standard error while the recording is prepared.
     pub verbosity: Verbosity,
 }
@@ -81,6 +85,7 @@ impl<P: AsRef<Path>> From<P> for Input {
             selection: Selection::default(),
             source: Source::Lines,
             depth: DepthChoice::Auto,
+            track: false,
             verbosity: Verbosity::Quiet,
         }
     }
@@ -119,6 +124,9 @@ pub enum RecordingError {
     /// A parameter is out of range.
     #[error(transparent)]
     Options(#[from] OptionsError),
+    /// Poses cannot be found from the images.
+    #[error(transparent)]
+    Track(#[from] TrackError),
     /// The recording lacks what was asked for; the text says what, and the remedy.
     #[error("{0}")]
     Missing(String),
@@ -145,6 +153,8 @@ pub struct Recording {
     pub poses: Option<PoseSummary>,
     /// The model that is carved, in the frame of computation.
     pub model: Option<SparseModel>,
+    /// Whether poses were found from the images; frames without one are left out.
+    pub is_tracked: bool,
     /// What was left out or assumed.
     pub warnings: Vec<String>,
 }
@@ -156,14 +166,25 @@ impl Recording {
     /// When the sequence cannot be read or lacks what was asked for; the text names file and remedy.
     pub fn open(input: &Input, options: Options) -> Result<Self, RecordingError> {
         options.validate()?;
-        let sequence = Sequence::open(&input.path, &input.open)?;
+        let noise = options.sensor.relative_noise;
+        let opened = open_or_track(
+            &input.path,
+            &input.open,
+            input.track,
+            noise,
+            input.verbosity,
+        )?;
+        let mut warnings: Vec<String> = opened
+            .sequence
+            .warnings()
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        warnings.extend(opened.warnings);
         let mut recording = Self {
-            warnings: sequence
-                .warnings()
-                .iter()
-                .map(ToString::to_string)
-                .collect(),
-            sequence,
+            warnings,
+            is_tracked: opened.is_tracked,
+            sequence: opened.sequence,
             options,
             source: input.source,
             keyframes: Vec::new(),

@@ -19,6 +19,7 @@ mod poses;
 pub mod rigid;
 mod sparse_model;
 mod text;
+mod trajectory_comparison;
 mod trajectory_error;
 mod undistortion;
 mod warning;
@@ -49,6 +50,10 @@ use open::pinhole_of;
 use pose_convention::{Extrinsics, PoseConvention, QuaternionOrder};
 pub use sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 pub(crate) use text::parse_stamp_ns;
+pub use trajectory_comparison::{
+    ComparisonError, PositionError, RelativeError, TimedPoses, TrajectoryAlignment,
+    TrajectoryComparison,
+};
 pub use trajectory_error::{Trajectory, TrajectoryError};
 use undistortion::Undistortion;
 pub use warning::Warning;
@@ -173,6 +178,26 @@ impl Sequence {
         for (index, world_from_camera) in poses {
             self.frames[index].world_from_camera = world_from_camera;
         }
+    }
+
+    /// Keeps some frames, given by ascending frame index.
+    pub fn retain_frames(&mut self, indices: &[usize]) {
+        let kept = |index: usize| indices.binary_search(&index).is_ok();
+        let mut index = 0;
+        self.frames.retain(|_| {
+            index += 1;
+            kept(index - 1)
+        });
+        let mut index = 0;
+        self.recorded_poses.retain(|_| {
+            index += 1;
+            kept(index - 1)
+        });
+        let mut index = 0;
+        self.camera_of_frame.retain(|_| {
+            index += 1;
+            kept(index - 1)
+        });
     }
 
     /// Whether the files calibrate lens distortion, or the images come from several cameras.

@@ -37,6 +37,35 @@ impl Sequence {
     /// line or byte); if no frame has both an image and a pose and there are no points; if the calibration does not fit
     /// the image size.
     pub fn open(input: &Path, options: &OpenOptions) -> Result<Self, SequenceError> {
+        let source = match options.poses {
+            Some(_) => PoseSource::External,
+            None => PoseSource::Layout,
+        };
+        Self::open_from(input, options, source)
+    }
+
+    /// Opens a folder as [`Sequence::open`] does, but reads no poses: all frames have the identity until
+    /// [`Sequence::set_poses`]. Images need no pose to be listed.
+    ///
+    /// # Errors
+    /// As [`Sequence::open`], except for poses.
+    pub fn open_without_poses(input: &Path, options: &OpenOptions) -> Result<Self, SequenceError> {
+        let options = OpenOptions {
+            poses: None,
+            ..options.clone()
+        };
+        let mut sequence = Self::open_from(input, &options, PoseSource::External)?;
+        for frame in &mut sequence.frames {
+            frame.world_from_camera = Isometry3::identity();
+        }
+        Ok(sequence)
+    }
+
+    fn open_from(
+        input: &Path,
+        options: &OpenOptions,
+        source: PoseSource,
+    ) -> Result<Self, SequenceError> {
         let folder = Folder::of_input(input)?;
         let sidecar = match &options.calibration {
             Some(path) => Some((path.clone(), Sidecar::read(path)?)),
@@ -47,10 +76,6 @@ impl Sequence {
                 }
                 None => None,
             },
-        };
-        let source = match options.poses {
-            Some(_) => PoseSource::External,
-            None => PoseSource::Layout,
         };
         let (layout, others) = recognise(&folder, options.layout.as_deref(), source)?;
         let mut recording = layout.read(&folder, source)?;

@@ -12,16 +12,25 @@ use linecarve_mesh::evaluate::Region;
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
     /// Mesh, lines or cloud: GLB, glTF, OBJ, PLY, STL, or text with rows `x y z`.
-    pub shape: PathBuf,
+    #[arg(required_unless_present = "trajectory")]
+    pub shape: Option<PathBuf>,
 
     /// Mesh or cloud to measure against, in any of those formats. Distances are in its unit.
-    #[arg(long, value_name = "FILE")]
-    pub ground_truth: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "trajectory")]
+    pub ground_truth: Option<PathBuf>,
 
-    /// How the two are brought into one frame. Alignments are fitted to samples of their own, drawn apart from those that
-    /// are scored; none uses the region of interest.
-    #[arg(long, value_enum, default_value_t = AlignBy::None)]
-    pub align: AlignBy,
+    /// A trajectory to measure in place of a shape: rows `seconds tx ty tz qx qy qz qw`.
+    #[arg(long, value_name = "FILE", requires = "reference", conflicts_with_all = ["shape", "ground_truth"])]
+    pub trajectory: Option<PathBuf>,
+
+    /// The true trajectory: a file of such rows, or the folder of a sequence with poses.
+    #[arg(long, value_name = "PATH", requires = "trajectory")]
+    pub reference: Option<PathBuf>,
+
+    /// How the two are brought into one frame; default: none for shapes, se3 for trajectories. Alignments of shapes are fitted
+    /// to samples of their own, drawn apart from those that are scored; none uses the region of interest.
+    #[arg(long, value_enum)]
+    pub align: Option<AlignBy>,
 
     /// Camera positions of the reconstruction and of the ground truth, both as rows `seconds tx ty tz ...`: what
     /// `--align trajectories` uses, and where `icp` and `sim3` begin.
@@ -92,9 +101,11 @@ pub struct EvaluateArgs {
 pub enum AlignBy {
     /// They are in one frame.
     None,
+    /// A rigid motion of positions, for trajectories.
+    Se3,
     /// A rigid motion, by trimmed ICP from where they stand or from where the trajectories put them.
     Icp,
-    /// A similarity, by trimmed ICP with a scale.
+    /// A similarity: of shapes by trimmed ICP with a scale, of trajectories by their positions.
     Sim3,
     /// The similarity between two trajectories.
     Trajectories,

@@ -11,14 +11,20 @@ use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::observed::observe;
 use crate::run::Verbosity;
 use crate::sinks::{print_object, print_text};
-use crate::text::evaluation_text;
+use crate::text::{evaluation_text, trajectory_text};
 use linecarve_mesh::evaluate::{
     Alignment, Evaluation, EvaluationOptions, NearestPointIndex, evaluate_observed,
 };
 use linecarve_mesh::{Shape, ShapeKind, read_geometry};
-use linecarve_sequence::Trajectory;
+use linecarve_sequence::{TimedPoses, Trajectory, TrajectoryAlignment};
 
 pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    if let (Some(estimate), Some(reference)) = (&args.trajectory, &args.reference) {
+        return evaluate_trajectory(estimate, reference, args);
+    }
+    let (Some(shape_file), Some(truth_file)) = (&args.shape, &args.ground_truth) else {
+        bail!("give a shape with --ground-truth, or --trajectory with --reference");
+    };
     let options = EvaluationOptions {
         thresholds: args.thresholds.clone(),
         samples: args.samples,
@@ -29,29 +35,20 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
         step: args.step,
     };
     options.validate()?;
-    let (shape, truth) = rayon::join(
-        || read_geometry(&args.shape),
-        || read_geometry(&args.ground_truth),
-    );
+    let (shape, truth) = rayon::join(|| read_geometry(shape_file), || read_geometry(truth_file));
     let (shape, truth) = (shape?, truth?);
     if shape.kind() == ShapeKind::Empty {
         return Ok(Outcome::Negative(format!(
             "{} holds no point: there is nothing to evaluate",
-            args.shape.display()
+            shape_file.display()
         )));
     }
     let observed = match &args.observed {
         Some(folder) => Some(observe(&shape, folder, args, verbosity)?),
         None => None,
     };
-    let evaluation =
-        evaluate_observed(&shape, observed.as_ref(), &truth, &options).with_context(|| {
-            format!(
-                "{} against {}",
-                args.shape.display(),
-                args.ground_truth.display()
-            )
-        })?;
+    let evaluation = evaluate_observed(&shape, observed.as_ref(), &truth, &options)
+        .with_context(|| format!("{} against {}", shape_file.display(), truth_file.display()))?;
     if let Some(path) = &args.heat_map {
         heat_map(path, &shape, &truth, &evaluation)?;
     }
@@ -68,8 +65,33 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
     if evaluation.accuracy.is_none() {
         return Ok(Outcome::Negative(format!(
             "no part of {} was measured",
-            args.shape.display()
+            shape_file.display()
         )));
+    }
+    Ok(Outcome::Done)
+}
+
+fn evaluate_trajectory(
+    estimate: &Path,
+    reference: &Path,
+    args: &EvaluateArgs,
+) -> anyhow::Result<Outcome> {
+    let alignment = match args.align {
+        None | Some(AlignBy::Se3) => TrajectoryAlignment::Se3,
+        Some(AlignBy::Sim3) => TrajectoryAlignment::Sim3,
+        Some(AlignBy::None) => TrajectoryAlignment::None,
+        Some(AlignBy::Icp | AlignBy::Trajectories) => {
+            bail!("--trajectory is aligned by its positions: --align takes se3, sim3 or none")
+        }
+    };
+    let (estimated, truth) = (TimedPoses::read(estimate)?, TimedPoses::read(reference)?);
+    let found = estimated
+        .compare_with(&truth, alignment)
+        .with_context(|| format!("{} against {}", estimate.display(), reference.display()))?;
+    if args.json {
+        print_object(&found)?;
+    } else {
+        print_text(&trajectory_text(&found))?;
     }
     Ok(Outcome::Done)
 }
@@ -86,7 +108,8 @@ fn alignment(args: &EvaluateArgs) -> anyhow::Result<Alignment> {
         }
         None => None,
     };
-    Ok(match args.align {
+    Ok(match args.align.unwrap_or(AlignBy::None) {
+        AlignBy::Se3 => bail!("--align se3 is for --trajectory: shapes take none, icp, sim3 or trajectories"),
         AlignBy::None => {
             ensure!(
                 start.is_none(),

@@ -30,6 +30,7 @@ pub fn input(
             DepthArg::Sensor => DepthChoice::Sensor,
             DepthArg::SemiDense => DepthChoice::SemiDense,
         },
+        track: false,
         verbosity,
     }
 }

@@ -15,6 +15,7 @@ mod render;
 mod simplify;
 mod stream;
 mod synth;
+mod track;
 mod view;
 
 use anyhow::Context;
@@ -53,6 +54,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
     }
     match &cli.command {
         Command::Reconstruct(args) => reconstruct::run(args, verbosity),
+        Command::Track(args) => track::run(args, verbosity),
         Command::Lines(args) => lines::run(args, verbosity),
         Command::Stream(args) => stream::run(args, verbosity),
         Command::Info(args) => info::run(args, verbosity),

@@ -15,6 +15,7 @@ use crate::sinks::{
     GrowthFiles, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     model_left_out, reason_for_nothing, write_results,
 };
+use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajectory};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     check_tolerance(args.simplify)?;
@@ -29,14 +30,23 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         SurfaceSource::Lines => Source::Lines,
         SurfaceSource::MapPoints => Source::MapPoints,
     };
-    let input = input(
+    let mut input = input(
         &args.input,
         &args.selection,
         args.stages.depth,
         source,
         verbosity,
     );
+    input.track = args.track;
     let recording = Recording::open(&input, options)?;
+    if recording.is_tracked {
+        let images = posed_images(&recording.sequence);
+        write_trajectory(
+            &output.file("trajectory.txt"),
+            TrajectoryFormat::Tum,
+            &images,
+        )?;
+    }
     let is_model = recording.source == Source::Model;
     ensure!(
         !(is_model && args.final_only && args.memory_limit.is_some()),

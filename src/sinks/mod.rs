@@ -14,6 +14,7 @@ mod results;
 mod simplified;
 mod surface_files;
 mod surface_page;
+mod tracked;
 
 pub(crate) use empty::{model_left_out, reason_for_nothing};
 pub(crate) use feature_edges::final_mesh_edges;
@@ -32,3 +33,4 @@ pub(crate) use report::{RunLog, print_object, print_text};
 pub(crate) use results::{ResultSettings, write_results};
 pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends};
 pub(crate) use surface_files::SurfaceFiles;
+pub(crate) use tracked::write_tracked;

@@ -20,3 +20,4 @@ mod resume;
 mod sample;
 mod simplify;
 mod stream;
+mod track;

@@ -255,7 +255,9 @@ fn join(
 fn intrinsics(folder: &Folder) -> Result<CalibratedCamera, CameraError> {
     let name = folder.base_name().to_ascii_lowercase();
     let has = |sensor: &str| {
-        name.contains(&format!("freiburg{sensor}")) || name.contains(&format!("fr{sensor}_"))
+        ["freiburg{}", "fr{}_", "fr{}-"]
+            .iter()
+            .any(|pattern| name.contains(&pattern.replace("{}", sensor)))
     };
     let brown = |k1, k2, p1, p2, k3| Distortion::RadialTangential { k1, k2, p1, p2, k3 };
     let (camera, sensor) = if has("1") {

@@ -1,0 +1,353 @@
+//! Errors of an estimated trajectory against a reference.
+
+use std::path::Path;
+
+use linecarve_mesh::evaluate::fit_similarity;
+use nalgebra::{Isometry3, Point3, Similarity3};
+use serde::Serialize;
+
+use crate::export::posed_images;
+use crate::parse_stamp_ns;
+use crate::poses::{Poses, read_stamped_quaternions};
+use crate::{OpenOptions, Sequence, SequenceError};
+
+/// Largest time difference of associated poses, as in the tools of the TUM benchmark.
+const MAX_DIFFERENCE_NS: u64 = 20_000_000;
+
+/// Largest time difference between a pose and its own frame.
+const SAME_FRAME_NS: u64 = 1_000_000;
+
+/// Poses over time, ascending: `point_in_world = world_from_camera * point_in_camera`.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TimedPoses {
+    /// Time in nanoseconds and pose.
+    pub poses: Vec<(i64, Isometry3<f64>)>,
+    /// Times of the frames that should have a pose, if known.
+    pub frames: Option<Vec<i64>>,
+}
+
+/// How an estimate is brought into the frame of the reference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TrajectoryAlignment {
+    /// It is there.
+    None,
+    /// A rigid motion that minimises the squared distances of positions.
+    Se3,
+    /// The same with a scale.
+    Sim3,
+}
+
+/// Errors between frames a fixed number apart: root mean squares.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RelativeError {
+    /// Number of frames from one to the other.
+    pub frames_apart: usize,
+    /// Pairs of frames.
+    pub pairs: usize,
+    /// Translation, in the unit of the reference.
+    pub translation: f64,
+    /// Rotation.
+    pub rotation_degrees: f64,
+}
+
+/// Errors of positions: absolute trajectory error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PositionError {
+    /// Root mean square.
+    pub rmse: f64,
+    /// Median.
+    pub median: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// Errors of an estimated trajectory.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrajectoryComparison {
+    /// How the two were aligned.
+    pub alignment: TrajectoryAlignment,
+    /// Scale of the alignment.
+    pub scale: f64,
+    /// Poses of the estimate that have a partner in the reference.
+    pub pairs: usize,
+    /// Frames that should have a pose.
+    pub frames: usize,
+    /// Share of them that has one.
+    pub coverage: f64,
+    /// Length of the path of the reference between the associated poses.
+    pub path: f64,
+    /// Root mean square distance of the reference positions from their mean: the error of a camera that stands still.
+    pub spread: f64,
+    /// Errors of positions after alignment.
+    pub position: PositionError,
+    /// Errors between frames one and ten apart, where all between them have poses.
+    pub relative: Vec<RelativeError>,
+}
+
+/// Why trajectories cannot be compared.
+#[derive(Debug, thiserror::Error)]
+pub enum ComparisonError {
+    /// A file or folder cannot be read.
+    #[error(transparent)]
+    Read(#[from] SequenceError),
+    /// Too few poses can be associated by time.
+    #[error(
+        "only {pairs} of {estimated} estimated and {reference} reference poses lie within 20 ms of one another, three are needed: check \
+         that both are of the same recording and clock"
+    )]
+    TooFewPairs {
+        /// Number of associated poses.
+        pairs: usize,
+        /// Poses of the estimate.
+        estimated: usize,
+        /// Poses of the reference.
+        reference: usize,
+    },
+    /// The positions do not determine the rotation.
+    #[error(
+        "the positions lie on a line or in a point, which determines no alignment: use --align none"
+    )]
+    Straight,
+}
+
+impl TimedPoses {
+    /// Reads a trajectory in TUM format, or the poses of the sequence in a folder, whose frames then count for coverage. An image
+    /// list `rgb.txt` beside a file is the list of frames.
+    ///
+    /// # Errors
+    /// If the file or folder cannot be read; the text names file and line.
+    pub fn read(path: &Path) -> Result<Self, SequenceError> {
+        if path.is_dir() {
+            return Self::of_sequence(path);
+        }
+        let Poses::Stamped(rows) = read_stamped_quaternions(path)?.poses else {
+            return Ok(Self::default());
+        };
+        let mut poses: Vec<(i64, Isometry3<f64>)> = rows
+            .into_iter()
+            .filter_map(|(stamp, pose)| Some((stamp.as_written_ns()?, pose)))
+            .collect();
+        poses.sort_by_key(|(stamp, _)| *stamp);
+        poses.dedup_by_key(|(stamp, _)| *stamp);
+        let list = path.with_file_name("rgb.txt");
+        let frames = std::fs::read_to_string(list).ok().map(|text| {
+            let stamps = text
+                .lines()
+                .filter(|line| !line.trim_start().starts_with('#'));
+            let mut frames: Vec<i64> = stamps
+                .filter_map(|line| parse_stamp_ns(line.split_whitespace().next()?))
+                .collect();
+            frames.sort_unstable();
+            frames
+        });
+        Ok(Self { poses, frames })
+    }
+
+    fn of_sequence(folder: &Path) -> Result<Self, SequenceError> {
+        let sequence = Sequence::open(folder, &OpenOptions::default())?;
+        let poses: Vec<(i64, Isometry3<f64>)> = posed_images(&sequence)
+            .into_iter()
+            .map(|image| (image.timestamp_ns, image.world_from_camera))
+            .collect();
+        let frames = poses.iter().map(|(stamp, _)| *stamp).collect();
+        Ok(Self {
+            poses,
+            frames: Some(frames),
+        })
+    }
+
+    /// Errors of these poses against a reference. Each pose is compared with the nearest in time, within 20 ms.
+    ///
+    /// # Errors
+    /// If fewer than three poses are associated, or the positions determine no alignment.
+    pub fn compare_with(
+        &self,
+        reference: &Self,
+        alignment: TrajectoryAlignment,
+    ) -> Result<TrajectoryComparison, ComparisonError> {
+        let own_frames: Vec<i64> = reference.poses.iter().map(|(stamp, _)| *stamp).collect();
+        let frames = reference.frames.as_ref().unwrap_or(&own_frames);
+        let reference_stamps = &own_frames;
+        let pairs: Vec<Pair> = self
+            .poses
+            .iter()
+            .filter_map(|(stamp, estimated)| {
+                let partner = nearest(reference_stamps, *stamp, MAX_DIFFERENCE_NS)?;
+                Some(Pair {
+                    frame: nearest(frames, *stamp, u64::MAX)?,
+                    estimated: *estimated,
+                    truth: reference.poses[partner].1,
+                })
+            })
+            .collect();
+        if pairs.len() < 3 {
+            return Err(ComparisonError::TooFewPairs {
+                pairs: pairs.len(),
+                estimated: self.poses.len(),
+                reference: reference.poses.len(),
+            });
+        }
+        let position = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
+        let from: Vec<Point3<f64>> = pairs.iter().map(|pair| position(&pair.estimated)).collect();
+        let to: Vec<Point3<f64>> = pairs.iter().map(|pair| position(&pair.truth)).collect();
+        let truth_from_estimate = match alignment {
+            TrajectoryAlignment::None => Similarity3::identity(),
+            TrajectoryAlignment::Se3 => {
+                fit_similarity(&from, &to, false).ok_or(ComparisonError::Straight)?
+            }
+            TrajectoryAlignment::Sim3 => {
+                fit_similarity(&from, &to, true).ok_or(ComparisonError::Straight)?
+            }
+        };
+        let errors = from
+            .iter()
+            .zip(&to)
+            .map(|(from, to)| (truth_from_estimate * from - to).norm());
+        let scale = truth_from_estimate.scaling();
+        let stamps: Vec<i64> = self.poses.iter().map(|(stamp, _)| *stamp).collect();
+        let covered = frames
+            .iter()
+            .filter(|frame| nearest(&stamps, **frame, SAME_FRAME_NS).is_some())
+            .count();
+        let mean = to.iter().map(|p| p.coords).sum::<nalgebra::Vector3<f64>>() / to.len() as f64;
+        Ok(TrajectoryComparison {
+            alignment,
+            scale,
+            pairs: pairs.len(),
+            frames: frames.len(),
+            coverage: covered as f64 / frames.len() as f64,
+            path: to.windows(2).map(|ends| (ends[1] - ends[0]).norm()).sum(),
+            spread: root_mean_square(to.iter().map(|p| (p.coords - mean).norm())),
+            position: position_error(errors.collect()),
+            relative: [1, 10]
+                .into_iter()
+                .filter_map(|apart| relative_error(&pairs, apart, scale))
+                .collect(),
+        })
+    }
+}
+
+/// An estimated pose, that of the reference, and the number of the frame.
+struct Pair {
+    frame: usize,
+    estimated: Isometry3<f64>,
+    truth: Isometry3<f64>,
+}
+
+/// Index of the nearest of ascending stamps within a difference; the earlier of equals.
+fn nearest(stamps: &[i64], stamp: i64, most: u64) -> Option<usize> {
+    let after = stamps.partition_point(|other| *other < stamp);
+    [after.checked_sub(1), Some(after)]
+        .into_iter()
+        .flatten()
+        .filter(|index| *index < stamps.len())
+        .min_by_key(|index| stamps[*index].abs_diff(stamp))
+        .filter(|index| stamps[*index].abs_diff(stamp) <= most)
+}
+
+fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len().max(1) as f64;
+    (values.map(|value| value * value).sum::<f64>() / count).sqrt()
+}
+
+fn position_error(mut errors: Vec<f64>) -> PositionError {
+    let rmse = root_mean_square(errors.iter().copied());
+    errors.sort_by(f64::total_cmp);
+    let (low, high) = ((errors.len() - 1) / 2, errors.len() / 2);
+    PositionError {
+        rmse,
+        median: 0.5 * (errors[low] + errors[high]),
+        max: errors[errors.len() - 1],
+    }
+}
+
+fn relative_error(pairs: &[Pair], apart: usize, scale: f64) -> Option<RelativeError> {
+    let (mut translations, mut rotations) = (Vec::new(), Vec::new());
+    for (first, last) in pairs.iter().zip(pairs.iter().skip(apart)) {
+        if last.frame != first.frame + apart {
+            continue;
+        }
+        let mut estimated = first.estimated.inverse() * last.estimated;
+        estimated.translation.vector *= scale;
+        let truth = first.truth.inverse() * last.truth;
+        let error = truth.inverse() * estimated;
+        translations.push(error.translation.vector.norm());
+        rotations.push(error.rotation.angle().to_degrees());
+    }
+    (!translations.is_empty()).then(|| RelativeError {
+        frames_apart: apart,
+        pairs: translations.len(),
+        translation: root_mean_square(translations.into_iter()),
+        rotation_degrees: root_mean_square(rotations.into_iter()),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    fn path(count: i64) -> TimedPoses {
+        let pose = |k: i64| {
+            let t = k as f64 * 0.1;
+            let at = Vector3::new(t.sin(), t.cos(), 0.1 * t);
+            (
+                k * 100_000_000,
+                Isometry3::new(at, Vector3::new(0.0, t, 0.1)),
+            )
+        };
+        TimedPoses {
+            poses: (0..count).map(pose).collect(),
+            frames: None,
+        }
+    }
+
+    #[test]
+    fn a_moved_and_scaled_path_has_no_error() {
+        let truth = path(30);
+        let motion = Isometry3::new(Vector3::new(3.0, 1.0, -2.0), Vector3::new(0.3, -0.4, 1.0));
+        let mut estimate = truth.clone();
+        for (stamp, pose) in &mut estimate.poses {
+            *stamp += 3_000_000;
+            let mut moved = motion * *pose;
+            moved.translation.vector *= 0.5;
+            *pose = moved;
+        }
+        let found = estimate
+            .compare_with(&truth, TrajectoryAlignment::Sim3)
+            .unwrap();
+        assert!((found.scale - 2.0).abs() < 1e-9 && found.position.max < 1e-9);
+        assert_eq!((found.pairs, found.frames, found.coverage), (30, 30, 0.0));
+        assert!(
+            found
+                .relative
+                .iter()
+                .all(|one| one.translation < 1e-9 && one.rotation_degrees < 1e-5)
+        );
+        let rigid = estimate
+            .compare_with(&truth, TrajectoryAlignment::Se3)
+            .unwrap();
+        assert!(rigid.position.rmse > 0.1 && rigid.scale == 1.0);
+    }
+
+    #[test]
+    fn errors_between_frames_need_all_frames_between() {
+        let truth = path(15);
+        let mut estimate = truth.clone();
+        estimate.poses[4].1.translation.vector.x += 0.1;
+        estimate.poses.remove(9);
+        let found = estimate
+            .compare_with(&truth, TrajectoryAlignment::None)
+            .unwrap();
+        assert_eq!(found.pairs, 14);
+        assert!((found.coverage - 14.0 / 15.0).abs() < 1e-12);
+        let one = found.relative[0];
+        assert_eq!((one.frames_apart, one.pairs), (1, 12));
+        // Two of twelve pairs are wrong by a tenth.
+        assert!((one.translation - (2.0 * 0.01 / 12.0_f64).sqrt()).abs() < 1e-9);
+        assert!((found.position.rmse - 0.1 / 14.0_f64.sqrt()).abs() < 1e-12);
+        let few = path(2);
+        assert!(few.compare_with(&truth, TrajectoryAlignment::Se3).is_err());
+    }
+}

@@ -1,0 +1,10 @@
+//! Poses for recordings that have none: images through `linecarve-tracking`.
+
+mod open;
+mod report;
+mod run;
+
+pub(crate) use open::open_or_track;
+pub use report::TrackReport;
+pub(crate) use report::poses_file;
+pub use run::{TrackError, TrackedSequence, track_sequence};

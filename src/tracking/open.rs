@@ -1,0 +1,99 @@
+//! Sequences whose poses are found from their images when they have none.
+
+use std::path::Path;
+
+use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
+use linecarve_tracking::TrackingOptions;
+
+use super::run::{TrackError, track_sequence};
+use crate::run::Verbosity;
+
+/// A sequence with poses.
+pub(crate) struct Opened {
+    pub(crate) sequence: Sequence,
+    /// Whether the poses were found from the images.
+    pub(crate) is_tracked: bool,
+    pub(crate) warnings: Vec<String>,
+}
+
+/// Opens a sequence; finds its poses from images with depth when it has none, or when `track` says so.
+pub(crate) fn open_or_track(
+    path: &Path,
+    options: &OpenOptions,
+    track: bool,
+    relative_noise: f64,
+    verbosity: Verbosity,
+) -> Result<Opened, TrackError> {
+    let mut warnings = Vec::new();
+    let sequence = if track {
+        Sequence::open_without_poses(path, options)?
+    } else {
+        match Sequence::open(path, options) {
+            Ok(sequence) => {
+                return Ok(Opened {
+                    sequence,
+                    is_tracked: false,
+                    warnings,
+                });
+            }
+            Err(error) => {
+                let sequence = without_poses(path, options, &error);
+                let Some(sequence) = sequence else {
+                    return Err(error.into());
+                };
+                warnings.push(format!(
+                    "no poses are read ({error}): they are found from the images"
+                ));
+                sequence
+            }
+        }
+    };
+    let mut sequence = sequence;
+    let tracked = track_sequence(
+        &sequence,
+        TrackingOptions::default(),
+        relative_noise,
+        verbosity,
+    )?;
+    let poses: Vec<_> = tracked.poses().collect();
+    let total = sequence.frames().len();
+    if poses.is_empty() {
+        return Err(TrackError::Missing(format!(
+            "{}: no pose can be found for any of the {total} frames (linecarve track says why)",
+            path.display()
+        )));
+    }
+    if poses.len() < total {
+        let others = tracked.recording.submaps.len() - 1;
+        let of_others = match others {
+            0 => String::new(),
+            count => format!(", some of them in {count} other sub-maps"),
+        };
+        warnings.push(format!(
+            "{} of {total} frames have no pose in the largest map and are left out{of_others} (linecarve track says why)",
+            total - poses.len()
+        ));
+    }
+    let kept: Vec<usize> = poses.iter().map(|(frame, _)| *frame).collect();
+    sequence.set_poses(poses);
+    sequence.retain_frames(&kept);
+    Ok(Opened {
+        sequence,
+        is_tracked: true,
+        warnings,
+    })
+}
+
+/// The sequence without poses, when an error may mean that it has none, and it has depth.
+fn without_poses(path: &Path, options: &OpenOptions, error: &SequenceError) -> Option<Sequence> {
+    let may_lack_poses = match error {
+        SequenceError::NoFrames { .. } | SequenceError::UnknownLayout { .. } => true,
+        SequenceError::Content { path, .. } => !path.exists(),
+        _ => false,
+    };
+    if !may_lack_poses || options.poses.is_some() {
+        return None;
+    }
+    let sequence = Sequence::open_without_poses(path, options).ok()?;
+    sequence.depth_calibration().is_some().then_some(sequence)
+}

@@ -1,0 +1,247 @@
+//! `track`, `evaluate --trajectory`, and `reconstruct` without poses, on the rendered sample and on bad input.
+
+use std::path::{Path, PathBuf};
+
+use crate::program::{data, expect_status, stderr};
+
+/// The sample of the project: 36 frames, 0.1 s apart, with exact poses and depth.
+fn room() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room")
+}
+
+/// The sample without its poses.
+fn room_without_poses(frames: usize) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["rgb", "depth"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        let list = std::fs::read_to_string(room().join(format!("{name}.txt"))).unwrap();
+        let lines: Vec<&str> = list.lines().take(frames + 1).collect();
+        for file in lines[1..].iter().filter_map(|line| line.split(' ').nth(1)) {
+            std::fs::copy(room().join(file), folder.path().join(file)).unwrap();
+        }
+        std::fs::write(folder.path().join(format!("{name}.txt")), lines.join("\n")).unwrap();
+    }
+    std::fs::copy(
+        room().join("linecarve.toml"),
+        folder.path().join("linecarve.toml"),
+    )
+    .unwrap();
+    folder
+}
+
+fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+fn text(path: impl AsRef<Path>) -> String {
+    path.as_ref().to_str().unwrap().to_owned()
+}
+
+#[test]
+fn the_sample_is_tracked_and_every_frame_has_a_pose() {
+    let out = tempfile::tempdir().unwrap();
+    let mut outputs = Vec::new();
+    for threads in ["1", "2"] {
+        let folder = out.path().join(threads);
+        expect_status(
+            0,
+            [
+                "track",
+                &text(room()),
+                "--out",
+                &text(&folder),
+                "--threads",
+                threads,
+                "--quiet",
+            ],
+        );
+        let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
+        outputs.push((read("poses.txt"), read("points.ply")));
+    }
+    assert!(
+        outputs[0] == outputs[1],
+        "the number of threads changes poses or points"
+    );
+    let folder = out.path().join("1");
+    let report = json(&folder.join("track.json"));
+    assert_eq!(report["frames"], report["tracked"], "{report}");
+    assert_eq!(report["submaps"].as_array().unwrap().len(), 1);
+    let output = expect_status(
+        0,
+        [
+            "evaluate",
+            "--trajectory",
+            &text(folder.join("poses.txt")),
+            "--reference",
+            &text(room().join("groundtruth.txt")),
+            "--json",
+        ],
+    );
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let (rmse, path) = (
+        found["position"]["rmse"].as_f64().unwrap(),
+        found["path"].as_f64().unwrap(),
+    );
+    assert!(rmse < 0.005 * path && rmse < 0.02, "{found}");
+    assert_eq!(found["coverage"], 1.0);
+}
+
+#[test]
+fn modes_that_are_not_built_are_refused() {
+    for mode in ["stereo", "mono"] {
+        let out = tempfile::tempdir().unwrap();
+        let folder = out.path().join("out");
+        let arguments = [
+            "track",
+            &text(room()),
+            "--out",
+            &text(&folder),
+            "--mode",
+            mode,
+        ];
+        let output = expect_status(2, arguments);
+        assert!(
+            stderr(&output).contains("not built yet"),
+            "{}",
+            stderr(&output)
+        );
+        assert!(!folder.exists());
+    }
+}
+
+#[test]
+fn black_frames_have_no_pose_and_do_not_harm_the_others() {
+    let folder = room_without_poses(12);
+    let list = std::fs::read_to_string(folder.path().join("rgb.txt")).unwrap();
+    let files: Vec<&str> = list
+        .lines()
+        .skip(1)
+        .filter_map(|line| line.split(' ').nth(1))
+        .collect();
+    for file in &files[5..7] {
+        let path = folder.path().join(file);
+        image::RgbImage::new(640, 480).save(path).unwrap();
+    }
+    let out = tempfile::tempdir().unwrap();
+    let output = expect_status(
+        0,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
+    assert!(stderr(&output).contains("dark"), "{}", stderr(&output));
+    let report = json(&out.path().join("track.json"));
+    assert_eq!(
+        report["without_pose"].as_array().unwrap().len(),
+        2,
+        "{report}"
+    );
+    assert_eq!(
+        (&report["tracked"], &report["frames"]),
+        (&10.into(), &12.into())
+    );
+
+    for file in &files {
+        image::RgbImage::new(640, 480)
+            .save(folder.path().join(file))
+            .unwrap();
+    }
+    let output = expect_status(
+        1,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
+    assert!(
+        stderr(&output).contains("no frame has a pose"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn without_depth_there_is_a_clear_error() {
+    let folder = room_without_poses(3);
+    std::fs::remove_file(folder.path().join("depth.txt")).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let output = expect_status(
+        2,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
+    assert!(
+        stderr(&output).contains("no depth images"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn a_recording_without_poses_is_reconstructed() {
+    let folder = room_without_poses(8);
+    let out = tempfile::tempdir().unwrap();
+    let output = expect_status(
+        0,
+        [
+            "reconstruct",
+            &text(folder.path()),
+            "--out",
+            &text(out.path()),
+            "--final-only",
+            "--no-page",
+            "--no-picture",
+        ],
+    );
+    assert!(
+        stderr(&output).contains("found from the images"),
+        "{}",
+        stderr(&output)
+    );
+    let trajectory = std::fs::read_to_string(out.path().join("trajectory.txt")).unwrap();
+    assert_eq!(
+        trajectory
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .count(),
+        8
+    );
+    assert!(out.path().join("poses.txt").exists());
+}
+
+/// Position error in metres and coverage of a recording that is tracked.
+fn tracked(name: &str, reference: &str) -> (f64, f64) {
+    let out = tempfile::tempdir().unwrap();
+    expect_status(
+        0,
+        [
+            "track",
+            &text(data(name)),
+            "--out",
+            &text(out.path()),
+            "--quiet",
+        ],
+    );
+    let output = expect_status(
+        0,
+        [
+            "evaluate",
+            "--trajectory",
+            &text(out.path().join("poses.txt")),
+            "--reference",
+            &text(data(name).join(reference)),
+            "--json",
+        ],
+    );
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let rmse = found["position"]["rmse"].as_f64().unwrap();
+    (rmse, found["coverage"].as_f64().unwrap())
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn a_hand_held_camera_that_turns_fast_is_tracked() {
+    let (rmse, coverage) = tracked("tum-fr1-rpy", "groundtruth.txt");
+    assert!(rmse < 0.026 && coverage > 0.98, "{rmse} m, {coverage}");
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn a_rendered_living_room_is_tracked() {
+    let (rmse, coverage) = tracked("livingroom-synthetic", "");
+    assert!(rmse < 0.014 && coverage == 1.0, "{rmse} m, {coverage}");
+}

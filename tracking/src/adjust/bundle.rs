@@ -1,0 +1,336 @@
+//! Bundle adjustment with measured depths.
+
+use nalgebra::{DVector, Isometry3, Matrix3, Matrix6, Matrix6x3, Point3, Vector3};
+
+use super::skyline::{Skyline, block};
+use crate::camera::{CHI2_DEPTH, CHI2_PIXEL, Measurement, Pinhole, cauchy, huber, moved, squared};
+
+/// A step that lowers the cost by less than this share ends a round.
+const LAST_GAIN: f64 = 1e-5;
+
+/// Cost of an observation behind the camera.
+const BEHIND: f64 = 1e3;
+
+/// A measurement of a point by a camera.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BundleObservation {
+    /// Index of the camera.
+    pub(crate) camera: u32,
+    pub(crate) measurement: Measurement,
+    /// Whether it counts.
+    pub(crate) is_used: bool,
+}
+
+/// A point and the measurements of it.
+#[derive(Debug, Clone)]
+pub(crate) struct BundlePoint {
+    pub(crate) position: Point3<f64>,
+    pub(crate) observations: Vec<BundleObservation>,
+}
+
+/// Poses and points to adjust together.
+#[derive(Debug)]
+pub(crate) struct Bundle<'a> {
+    pub(crate) camera: &'a Pinhole,
+    /// Poses `camera_from_world`.
+    pub(crate) poses: Vec<Isometry3<f64>>,
+    /// Whether each pose is adjusted; at least one should not be.
+    pub(crate) is_free: Vec<bool>,
+    pub(crate) points: Vec<BundlePoint>,
+}
+
+/// What the elimination of a point leaves for the others.
+struct Eliminated {
+    inverse: Matrix3<f64>,
+    gradient: Vector3<f64>,
+    /// Blocks between poses and the point, by the slot of the pose.
+    blocks: Vec<(usize, Matrix6x3<f64>)>,
+}
+
+impl Bundle<'_> {
+    /// Minimises the errors of pixels and depths: a robust round, removal of outliers, and a round without them. Returns the cost
+    /// before and after the last round. The cost of a round never grows.
+    ///
+    /// Levenberg-Marquardt; points are eliminated by the Schur complement.
+    ///
+    /// # Complexity
+    /// Per step: quadratic in the cameras of each point; the system of the poses as in [`Skyline`].
+    ///
+    /// # Reference
+    /// Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment: a modern synthesis", 2000, section 6.1.
+    pub(crate) fn adjust(&mut self, robust_steps: usize, last_steps: usize) -> [f64; 2] {
+        self.minimise(robust_steps);
+        self.drop_outliers();
+        self.minimise(last_steps)
+    }
+
+    /// Marks observations whose pixel contradicts their point.
+    fn drop_outliers(&mut self) {
+        for point in &mut self.points {
+            for observation in &mut point.observations {
+                let in_camera = self.poses[observation.camera as usize] * point.position;
+                let residual = observation.measurement.residual(self.camera, &in_camera);
+                let (pixel, depth) = residual.map_or((f64::INFINITY, 0.0), |r| squared(&r));
+                observation.is_used = pixel <= CHI2_PIXEL;
+                if depth > 4.0 * CHI2_DEPTH {
+                    observation.measurement.inverse_depth = None;
+                }
+            }
+        }
+    }
+
+    fn minimise(&mut self, steps: usize) -> [f64; 2] {
+        let mut slots: Vec<Option<usize>> = Vec::with_capacity(self.poses.len());
+        let mut free = 0;
+        for &is_free in &self.is_free {
+            slots.push(is_free.then_some(free));
+            free += usize::from(is_free);
+        }
+        let mut system = Skyline::new(self.envelope(&slots, free));
+        let mut cost = self.cost(&self.poses, None);
+        let before = cost;
+        let mut damping = 1e-4;
+        let mut growth = 2.0;
+        for _ in 0..steps {
+            let (right, eliminated) = self.linearize(&slots, damping, &mut system);
+            let Some(step) = system.solve(&right) else {
+                damping *= 10.0;
+                continue;
+            };
+            let poses: Vec<Isometry3<f64>> = self
+                .poses
+                .iter()
+                .zip(&slots)
+                .map(|(pose, slot)| slot.map_or(*pose, |slot| moved(pose, &block(&step, slot))))
+                .collect();
+            let positions = self.moved_points(&step, &eliminated);
+            let next = self.cost(&poses, Some(&positions));
+            if next <= cost {
+                let gain = (cost - next) / cost.max(1e-12);
+                self.poses = poses;
+                for (point, position) in self.points.iter_mut().zip(positions) {
+                    point.position = position;
+                }
+                cost = next;
+                damping = (damping / 3.0).max(1e-9);
+                growth = 2.0;
+                if gain < LAST_GAIN {
+                    break;
+                }
+            } else {
+                damping *= growth;
+                growth *= 2.0;
+                if damping > 1e8 {
+                    break;
+                }
+            }
+        }
+        [before, cost]
+    }
+
+    /// First block of each row: the first free pose that shares a point with the pose of the row.
+    fn envelope(&self, slots: &[Option<usize>], free: usize) -> Vec<usize> {
+        let mut first: Vec<usize> = (0..free).collect();
+        for point in &self.points {
+            let mine = || {
+                let used = point.observations.iter().filter(|o| o.is_used);
+                used.filter_map(|o| slots[o.camera as usize])
+            };
+            if let Some(lowest) = mine().min() {
+                for slot in mine() {
+                    first[slot] = first[slot].min(lowest);
+                }
+            }
+        }
+        first
+    }
+
+    fn cost(&self, poses: &[Isometry3<f64>], positions: Option<&[Point3<f64>]>) -> f64 {
+        let mut sum = 0.0;
+        for (index, point) in self.points.iter().enumerate() {
+            let position = positions.map_or(point.position, |all| all[index]);
+            for observation in point.observations.iter().filter(|o| o.is_used) {
+                let in_camera = poses[observation.camera as usize] * position;
+                sum += match observation.measurement.residual(self.camera, &in_camera) {
+                    Some(residual) => {
+                        let (pixel, depth) = squared(&residual);
+                        huber(pixel, CHI2_PIXEL).0 + cauchy(depth, CHI2_DEPTH).0
+                    }
+                    None => BEHIND,
+                };
+            }
+        }
+        sum
+    }
+
+    /// Fills the system of the poses; returns its right side and what is needed for the points.
+    fn linearize(
+        &self,
+        slots: &[Option<usize>],
+        damping: f64,
+        system: &mut Skyline,
+    ) -> (DVector<f64>, Vec<Eliminated>) {
+        system.clear();
+        let size = system.size();
+        let mut diagonal = vec![Matrix6::<f64>::zeros(); size / 6];
+        let mut right = DVector::zeros(size);
+        let mut eliminated = Vec::with_capacity(self.points.len());
+        for point in &self.points {
+            let (mut normal, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+            let mut blocks: Vec<(usize, Matrix6x3<f64>)> = Vec::new();
+            for observation in point.observations.iter().filter(|o| o.is_used) {
+                let pose = &self.poses[observation.camera as usize];
+                let in_camera = pose * point.position;
+                let Some(at) = observation.measurement.linearize(self.camera, &in_camera) else {
+                    continue;
+                };
+                let (pixel, depth) = squared(&at.residual);
+                let of_pixel = huber(pixel, CHI2_PIXEL).1;
+                let of_depth = cauchy(depth, CHI2_DEPTH).1;
+                let weights = Vector3::new(of_pixel, of_pixel, of_depth);
+                let by_point = at.by_point_in_camera * pose.rotation.to_rotation_matrix().matrix();
+                let weighted_point = Matrix3::from_diagonal(&weights) * by_point;
+                let weighted_residual = weights.component_mul(&at.residual);
+                normal += by_point.tr_mul(&weighted_point);
+                gradient += by_point.tr_mul(&weighted_residual);
+                if let Some(slot) = slots[observation.camera as usize] {
+                    let mut weighted_pose = at.by_pose;
+                    for row in 0..3 {
+                        weighted_pose.row_mut(row).scale_mut(weights[row]);
+                    }
+                    diagonal[slot] += at.by_pose.tr_mul(&weighted_pose);
+                    let mut rows = right.fixed_rows_mut::<6>(6 * slot);
+                    rows -= at.by_pose.tr_mul(&weighted_residual);
+                    blocks.push((slot, at.by_pose.tr_mul(&weighted_point)));
+                }
+            }
+            for axis in 0..3 {
+                normal[(axis, axis)] *= 1.0 + damping;
+            }
+            // An undetermined point stays.
+            let inverse = normal.try_inverse().unwrap_or_else(Matrix3::zeros);
+            for (slot, block) in &blocks {
+                let through = block * inverse;
+                let mut rows = right.fixed_rows_mut::<6>(6 * slot);
+                rows += through * gradient;
+                for (other, other_block) in &blocks {
+                    if other <= slot {
+                        system.add(*slot, *other, &(-(through * other_block.transpose())));
+                    }
+                }
+            }
+            eliminated.push(Eliminated {
+                inverse,
+                gradient,
+                blocks,
+            });
+        }
+        for (slot, mut block) in diagonal.into_iter().enumerate() {
+            for axis in 0..6 {
+                block[(axis, axis)] *= 1.0 + damping;
+            }
+            system.add(slot, slot, &block);
+        }
+        system.damp(0.0);
+        (right, eliminated)
+    }
+
+    fn moved_points(&self, step: &DVector<f64>, eliminated: &[Eliminated]) -> Vec<Point3<f64>> {
+        self.points
+            .iter()
+            .zip(eliminated)
+            .map(|(point, parts)| {
+                let mut right = parts.gradient;
+                for (slot, of_pose) in &parts.blocks {
+                    right += of_pose.tr_mul(&block(step, *slot));
+                }
+                point.position - parts.inverse * right
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::Random;
+    use linecarve_lines::camera::Camera;
+    use nalgebra::Point2;
+
+    #[test]
+    fn poses_and_points_are_found_again() {
+        let camera = Camera::pinhole(525.0, 525.0, 319.5, 239.5).unwrap();
+        let camera = Pinhole::new(&camera, 640, 480);
+        let mut random = Random::new(8, 8);
+        let mut number = |scale: f64| scale * (random.below(20_001) as f64 / 10_000.0 - 1.0);
+        let truth: Vec<Isometry3<f64>> = (0..6)
+            .map(|i| {
+                let along = f64::from(i) * 0.1;
+                Isometry3::new(
+                    Vector3::new(along, 0.02 * along, 0.0),
+                    Vector3::new(0.0, 0.1 * along, 0.0),
+                )
+            })
+            .collect();
+        let mut points = Vec::new();
+        for index in 0..150 {
+            let position = Point3::new(number(1.0), number(0.8), 2.5 + number(0.8));
+            let observations = truth
+                .iter()
+                .enumerate()
+                .filter_map(|(camera_index, pose)| {
+                    let in_camera = pose * position;
+                    let pixel = camera.project_inside(&in_camera)?;
+                    let wrong = if index % 20 == 0 && camera_index == 2 {
+                        25.0
+                    } else {
+                        0.0
+                    };
+                    Some(BundleObservation {
+                        camera: camera_index as u32,
+                        measurement: Measurement {
+                            pixel: Point2::new(pixel.x + wrong, pixel.y),
+                            sigma_px: 1.0,
+                            inverse_depth: (index % 2 == 0).then_some([1.0 / in_camera.z, 1.4e-3]),
+                        },
+                        is_used: true,
+                    })
+                })
+                .collect();
+            let offset = Vector3::new(number(0.03), number(0.03), number(0.05));
+            points.push(BundlePoint {
+                position: position + offset,
+                observations,
+            });
+        }
+        let poses = truth
+            .iter()
+            .enumerate()
+            .map(|(index, pose)| {
+                let off = f64::from(u8::from(index > 0));
+                let shift = Vector3::new(number(0.02), number(0.02), number(0.02)) * off;
+                let turn = Vector3::new(number(0.01), number(0.01), number(0.01)) * off;
+                Isometry3::new(shift, turn) * pose
+            })
+            .collect();
+        let mut bundle = Bundle {
+            camera: &camera,
+            poses,
+            is_free: (0..6).map(|index| index > 0).collect(),
+            points,
+        };
+        let [_, after] = bundle.adjust(15, 15);
+        assert!(after < 1e-3, "{after}");
+        for (found, expected) in bundle.poses.iter().zip(&truth) {
+            let error = found * expected.inverse();
+            assert!(error.translation.vector.norm() < 1e-4, "{error}");
+        }
+        let dropped: usize = bundle
+            .points
+            .iter()
+            .flat_map(|point| &point.observations)
+            .filter(|observation| !observation.is_used)
+            .count();
+        assert!((6..=8).contains(&dropped), "{dropped}");
+    }
+}

@@ -1,0 +1,193 @@
+//! The end of a run: global adjustment, and a pose for every frame.
+
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Point3};
+
+use crate::camera::Measurement;
+use crate::map::{KeyframeId, Map, PointId};
+use crate::records::{FrameRecord, LoopReport, NoPose, PosedFrame, StageTimes};
+use crate::solve::refine_pose;
+use crate::tracker::Tracker;
+
+/// Steps of the robust and of the last round of the global adjustment.
+const GLOBAL_STEPS: [usize; 2] = [10, 15];
+
+/// Fewest frames of a sub-map that is believed, unless it is the only one.
+const MIN_SUBMAP_FRAMES: usize = 5;
+
+/// Sub-map, `world_from_camera` and number of matches of a frame.
+type FoundPose = (u32, Isometry3<f64>, usize);
+
+/// The pose of a frame, or why there is none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FramePose {
+    /// In the frame of a sub-map.
+    Known {
+        /// Number of the sub-map, 0 for the one with most frames.
+        submap: usize,
+        /// `point_in_world = world_from_camera * point_in_camera`.
+        world_from_camera: Isometry3<f64>,
+        /// Number of features that agree.
+        matches: usize,
+    },
+    /// There is none.
+    Unknown(NoPose),
+}
+
+/// A part of the recording with a common frame of coordinates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Submap {
+    /// Frames with a pose in it.
+    pub frames: usize,
+    /// Frame numbers of its keyframes.
+    pub keyframes: Vec<u32>,
+    /// Its points that at least two keyframes see.
+    pub points: Vec<Point3<f64>>,
+}
+
+/// The result of tracking a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackedRecording {
+    /// The pose of each frame, in order.
+    pub poses: Vec<FramePose>,
+    /// The sub-maps, that with most frames first.
+    pub submaps: Vec<Submap>,
+    /// Loops that were closed or refused.
+    pub loops: Vec<LoopReport>,
+    /// Durations.
+    pub times: StageTimes,
+}
+
+impl Tracker {
+    /// Ends the run: adjusts each sub-map as a whole, and finds the pose of every frame in the final map.
+    pub fn finish(mut self) -> TrackedRecording {
+        let start = Instant::now();
+        if self.options.looks_ahead {
+            self.join_submaps();
+            for submap in 0..self.submaps {
+                self.adjust_submap(submap);
+            }
+            self.retry_missing();
+        }
+        let found: Vec<Result<FoundPose, NoPose>> = self
+            .records
+            .iter()
+            .map(|record| match record {
+                FrameRecord::Missing { reason, .. } => Err(*reason),
+                FrameRecord::Posed(frame) if self.options.looks_ahead => Ok(self.final_pose(frame)),
+                FrameRecord::Posed(frame) => {
+                    Ok((frame.live_submap, frame.live.inverse(), frame.inliers))
+                }
+            })
+            .collect();
+        self.times.finish_ms = start.elapsed().as_secs_f64() * 1e3;
+        self.summarise(found)
+    }
+
+    fn adjust_submap(&mut self, submap: u32) {
+        let keyframes: Vec<KeyframeId> = self.map.keyframes_of(submap).collect();
+        if keyframes.len() >= 2 {
+            self.adjust(&keyframes, GLOBAL_STEPS);
+        }
+    }
+
+    /// Pose of a frame from the final map.
+    fn final_pose(&self, frame: &PosedFrame) -> (u32, Isometry3<f64>, usize) {
+        let start = frame.from_reference * self.map.pose_of(frame.reference);
+        let submap = self.map.keyframe(frame.reference).submap;
+        let matches: Vec<(Point3<f64>, Measurement)> = frame
+            .seen
+            .iter()
+            .filter_map(|(point, measurement)| {
+                let point = self.map.current(*point)?;
+                Some((self.map.point(point).position, *measurement))
+            })
+            .collect();
+        let mut is_inlier = Vec::new();
+        let refined = refine_pose(&self.camera, &start, &matches, &mut is_inlier)
+            .filter(|found| 2 * found.inliers >= frame.inliers.min(2 * self.options.min_matches));
+        let (pose, inliers) = refined.map_or((start, frame.inliers), |found| {
+            (found.camera_from_world, found.inliers)
+        });
+        (submap, pose.inverse(), inliers)
+    }
+
+    /// Looks for frames without a pose in the final map.
+    fn retry_missing(&mut self) {
+        for number in 0..self.records.len() {
+            let FrameRecord::Missing { view, .. } = &mut self.records[number] else {
+                continue;
+            };
+            if view.len() < self.options.min_matches {
+                continue;
+            }
+            let view = std::mem::take(&mut **view);
+            if let Some(record) = self.retry(number as u32, view) {
+                self.records[number] = record;
+            }
+        }
+    }
+
+    /// Numbers the sub-maps by their frames, and drops short ones.
+    fn summarise(self, found: Vec<Result<FoundPose, NoPose>>) -> TrackedRecording {
+        let mut counts = vec![0_usize; self.submaps as usize];
+        for (submap, _, _) in found.iter().flatten() {
+            counts[*submap as usize] += 1;
+        }
+        let mut order: Vec<usize> = (0..counts.len()).filter(|&at| counts[at] > 0).collect();
+        order.sort_by_key(|&at| (std::cmp::Reverse(counts[at]), at));
+        let mut rank = 0;
+        order.retain(|&at| {
+            rank += 1;
+            rank == 1 || counts[at] >= MIN_SUBMAP_FRAMES
+        });
+        let poses = found
+            .into_iter()
+            .map(|one| match one {
+                Ok((submap, world_from_camera, matches)) => {
+                    let number = order.iter().position(|&at| at == submap as usize);
+                    number.map_or(FramePose::Unknown(NoPose::ShortMap), |submap| {
+                        FramePose::Known {
+                            submap,
+                            world_from_camera,
+                            matches,
+                        }
+                    })
+                }
+                Err(reason) => FramePose::Unknown(reason),
+            })
+            .collect();
+        let submaps = order
+            .iter()
+            .map(|&at| submap_of(&self.map, at as u32, counts[at]))
+            .collect();
+        TrackedRecording {
+            poses,
+            submaps,
+            loops: self.loops,
+            times: self.times,
+        }
+    }
+}
+
+fn submap_of(map: &Map, submap: u32, frames: usize) -> Submap {
+    let keyframes: Vec<u32> = map
+        .keyframes_of(submap)
+        .map(|id| map.keyframe(id).frame)
+        .collect();
+    let points = (0..map.points.len() as u32)
+        .map(|id| map.point(PointId(id)))
+        .filter(|point| {
+            point.is_alive
+                && point.observations.len() >= 2
+                && map.keyframe(point.observations[0].0).submap == submap
+        })
+        .map(|point| point.position)
+        .collect();
+    Submap {
+        frames,
+        keyframes,
+        points,
+    }
+}

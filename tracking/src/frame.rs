@@ -1,0 +1,142 @@
+//! Features of an image with their depths.
+
+use linecarve_lines::depth::InverseDepthMap;
+use linecarve_lines::image::GrayImage;
+use linecarve_points::{Descriptor, FeatureDetector, FeatureGrid, Features};
+use nalgebra::Point2;
+
+use crate::camera::Measurement;
+use crate::options::TrackingOptions;
+
+/// Ratio of the sizes of successive pyramid levels, as in the feature detector.
+pub(crate) const SCALE_FACTOR: f64 = 1.2;
+
+/// Number of pyramid levels.
+pub(crate) const LEVELS: u8 = 8;
+
+/// Depths within this many pixels of a feature are compared: beside a depth edge the depth of a corner is uncertain.
+const DEPTH_REACH_PX: usize = 2;
+
+/// Largest relative standard deviation of a depth that is used.
+const MAX_RELATIVE_SIGMA: f32 = 0.1;
+
+/// Size of a pixel of a pyramid level in pixels of the image.
+pub(crate) fn level_scale(octave: u8) -> f64 {
+    SCALE_FACTOR.powi(i32::from(octave))
+}
+
+/// Finds the features of images.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameDetector {
+    detector: FeatureDetector,
+    feature_sigma_px: f64,
+}
+
+impl FrameDetector {
+    /// A detector with the options of tracking.
+    pub fn new(options: &TrackingOptions) -> Self {
+        Self {
+            detector: FeatureDetector::new(options.feature_options()),
+            feature_sigma_px: options.feature_sigma_px,
+        }
+    }
+
+    /// The features of a pinhole image and their depths; `depth` has the size of the image, or is absent.
+    pub fn detect(&self, image: &GrayImage, depth: Option<&InverseDepthMap>) -> FrameFeatures {
+        let features = self.detector.detect(image);
+        let depth_at = |pixel: &[f32; 2]| depth.and_then(|map| depth_near(map, pixel));
+        let inverse_depths = features.pixels.iter().map(depth_at).collect();
+        FrameFeatures {
+            grid: FeatureGrid::new(&features.pixels),
+            features,
+            inverse_depths,
+            feature_sigma_px: self.feature_sigma_px,
+        }
+    }
+}
+
+/// Inverse depth and standard deviation at a pixel; the variation around it counts as uncertainty.
+fn depth_near(map: &InverseDepthMap, pixel: &[f32; 2]) -> Option<[f32; 2]> {
+    let [x, y] = pixel.map(|at| at.round().max(0.0) as usize);
+    let at = map.get(x, y)?;
+    let (mut count, mut sum) = (0.0_f32, 0.0_f32);
+    for row in y.saturating_sub(DEPTH_REACH_PX)..=y + DEPTH_REACH_PX {
+        for column in x.saturating_sub(DEPTH_REACH_PX)..=x + DEPTH_REACH_PX {
+            if let Some(other) = map.get(column, row) {
+                sum += (other.rho - at.rho) * (other.rho - at.rho);
+                count += 1.0;
+            }
+        }
+    }
+    let sigma = (at.sigma * at.sigma + sum / count).sqrt();
+    (sigma <= MAX_RELATIVE_SIGMA * at.rho).then_some([at.rho, sigma])
+}
+
+/// Features of an image with their depths.
+#[derive(Debug, Clone, Default)]
+pub struct FrameFeatures {
+    pub(crate) features: Features,
+    pub(crate) grid: FeatureGrid,
+    /// Inverse depth and standard deviation of each feature.
+    pub(crate) inverse_depths: Vec<Option<[f32; 2]>>,
+    feature_sigma_px: f64,
+}
+
+impl FrameFeatures {
+    /// Number of features.
+    pub fn len(&self) -> usize {
+        self.features.len()
+    }
+
+    /// Whether there are no features.
+    pub fn is_empty(&self) -> bool {
+        self.features.is_empty()
+    }
+
+    /// Number of features whose depth is known.
+    pub fn with_depth(&self) -> usize {
+        self.inverse_depths.iter().flatten().count()
+    }
+
+    pub(crate) fn pixel(&self, feature: u32) -> Point2<f64> {
+        let [x, y] = self.features.pixels[feature as usize];
+        Point2::new(f64::from(x), f64::from(y))
+    }
+
+    pub(crate) fn octave(&self, feature: u32) -> u8 {
+        self.features.octaves[feature as usize]
+    }
+
+    pub(crate) fn descriptor(&self, feature: u32) -> &Descriptor {
+        &self.features.descriptors[feature as usize]
+    }
+
+    pub(crate) fn measurement(&self, feature: u32) -> Measurement {
+        Measurement {
+            pixel: self.pixel(feature),
+            sigma_px: self.feature_sigma_px * level_scale(self.octave(feature)),
+            inverse_depth: self.inverse_depths[feature as usize].map(|pair| pair.map(f64::from)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use linecarve_lines::depth::InverseDepth;
+
+    #[test]
+    fn depths_beside_an_edge_are_uncertain() {
+        let mut map = InverseDepthMap::unknown(20, 10).unwrap();
+        for y in 0..10 {
+            for x in 0..18 {
+                let rho = if x < 10 { 1.0 } else { 0.5 };
+                map.set(x, y, InverseDepth::new(rho, 0.001));
+            }
+        }
+        assert_eq!(depth_near(&map, &[4.0, 4.0]), Some([1.0, 0.001]));
+        assert_eq!(depth_near(&map, &[9.0, 4.0]), None);
+        assert_eq!(depth_near(&map, &[19.0, 4.0]), None);
+        assert_eq!(depth_near(&map, &[-0.5, 40.0]), None);
+    }
+}

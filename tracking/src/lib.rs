@@ -1,0 +1,27 @@
+#![doc = include_str!("../README.md")]
+
+mod adjust;
+mod camera;
+mod finish;
+mod frame;
+mod local_adjustment;
+mod localise;
+mod loops;
+mod map;
+mod mapping;
+mod matching;
+mod options;
+mod places;
+mod records;
+mod solve;
+mod submaps;
+mod tracker;
+
+pub use finish::{FramePose, Submap, TrackedRecording};
+pub use frame::{FrameDetector, FrameFeatures};
+pub use options::{TrackingOptions, TrackingOptionsError};
+pub use records::{FrameOutcome, LoopReport, NoPose, StageTimes};
+pub use tracker::Tracker;
+
+#[cfg(test)]
+mod tests;

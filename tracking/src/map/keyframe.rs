@@ -1,0 +1,49 @@
+//! Keyframes of the map.
+
+use nalgebra::{Isometry3, Point3};
+
+use super::point::PointId;
+use crate::frame::FrameFeatures;
+
+/// Number of a keyframe, in the order of insertion; never reused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct KeyframeId(pub(crate) u32);
+
+impl KeyframeId {
+    pub(crate) fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// A keyframe.
+#[derive(Debug)]
+pub(crate) struct Keyframe {
+    /// Number of its frame.
+    pub(crate) frame: u32,
+    pub(crate) submap: u32,
+    pub(crate) camera_from_world: Isometry3<f64>,
+    pub(crate) view: FrameFeatures,
+    /// Point of each feature.
+    pub(crate) points: Vec<Option<PointId>>,
+    /// Keyframes that share points, with their number, most first.
+    pub(crate) neighbors: Vec<(KeyframeId, u32)>,
+    /// The keyframe that shared most points at insertion.
+    pub(crate) parent: Option<KeyframeId>,
+    /// Keyframes of loops, with `this_from_other`.
+    pub(crate) loops: Vec<(KeyframeId, Isometry3<f64>)>,
+    pub(crate) is_alive: bool,
+    /// Where a removed keyframe is: another keyframe, and `this_from_other`.
+    pub(crate) replaced_by: Option<(KeyframeId, Isometry3<f64>)>,
+}
+
+impl Keyframe {
+    pub(crate) fn center(&self) -> Point3<f64> {
+        self.camera_from_world
+            .inverse_transform_point(&Point3::origin())
+    }
+
+    /// Number of features with a point.
+    pub(crate) fn point_count(&self) -> usize {
+        self.points.iter().flatten().count()
+    }
+}

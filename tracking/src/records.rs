@@ -1,0 +1,151 @@
+//! What is known of each frame, and what a run reports.
+
+use nalgebra::Isometry3;
+use serde::Serialize;
+
+use crate::camera::Measurement;
+use crate::frame::FrameFeatures;
+use crate::map::{KeyframeId, PointId};
+
+/// Why a frame has no pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(tag = "reason", rename_all = "kebab-case")]
+pub enum NoPose {
+    /// The image has too few corners: dark, blurred, covered, or without texture.
+    FewFeatures {
+        /// Number of features.
+        found: usize,
+    },
+    /// No map exists yet, and too few features have a depth to start one.
+    FewDepths {
+        /// Number of features with depth.
+        found: usize,
+    },
+    /// Too few features agree with the map.
+    NoMatch {
+        /// Number of features that agree with the best pose.
+        matched: usize,
+    },
+    /// The sub-map around it is too short to be believed.
+    ShortMap,
+}
+
+impl std::fmt::Display for NoPose {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::FewFeatures { found } => write!(
+                f,
+                "only {found} corners: the image is dark, blurred, covered or without texture"
+            ),
+            Self::FewDepths { found } => {
+                write!(f, "only {found} corners with depth, too few to start a map")
+            }
+            Self::NoMatch { matched } => {
+                write!(f, "only {matched} corners agree with the map")
+            }
+            Self::ShortMap => write!(f, "the sub-map around it has too few frames"),
+        }
+    }
+}
+
+/// What became of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameOutcome {
+    /// It has a pose.
+    Tracked {
+        /// Whether it became a keyframe.
+        is_keyframe: bool,
+        /// The sub-map in which it has it.
+        submap: u32,
+    },
+    /// It has none for now.
+    Lost(NoPose),
+}
+
+/// A loop that was closed or refused.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LoopReport {
+    /// Frame number of the keyframe that came back.
+    pub frame: u32,
+    /// Frame number of the keyframe of the same place.
+    pub to_frame: u32,
+    /// Features that agree.
+    pub matches: usize,
+    /// Correction at the frame: distance in the unit of the depth images.
+    pub translation: f64,
+    /// Correction at the frame in degrees.
+    pub rotation_degrees: f64,
+    /// Whether the map was corrected; a refused loop contradicts the motion between its ends.
+    pub is_closed: bool,
+    /// Whether the two ends were of different sub-maps, which became one.
+    pub joins_submaps: bool,
+}
+
+/// Durations in milliseconds, summed over all frames.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct StageTimes {
+    /// Keyframes made.
+    pub keyframes: usize,
+    /// All of tracking, without features.
+    pub total_ms: f64,
+    /// Keyframes: mapping, adjustment, loops.
+    pub keyframes_ms: f64,
+    /// Of that, local bundle adjustment.
+    pub adjustment_ms: f64,
+    /// Of that, search and closing of loops.
+    pub loops_ms: f64,
+    /// After the last frame: global adjustment, and tracking again.
+    pub finish_ms: f64,
+}
+
+/// A frame, tracked or not.
+#[derive(Debug)]
+pub(crate) enum FrameRecord {
+    Posed(PosedFrame),
+    Missing {
+        reason: NoPose,
+        /// To try again with the final map.
+        view: Box<FrameFeatures>,
+    },
+}
+
+/// A frame with a pose.
+#[derive(Debug)]
+pub(crate) struct PosedFrame {
+    pub(crate) reference: KeyframeId,
+    /// `camera_from_reference`.
+    pub(crate) from_reference: Isometry3<f64>,
+    /// `camera_from_world` when it was tracked.
+    pub(crate) live: Isometry3<f64>,
+    /// Sub-map when it was tracked.
+    pub(crate) live_submap: u32,
+    pub(crate) seen: Vec<(PointId, Measurement)>,
+    pub(crate) inliers: usize,
+}
+
+impl FrameRecord {
+    pub(crate) fn without_pose(view: FrameFeatures, reason: NoPose) -> Self {
+        Self::Missing {
+            reason,
+            view: Box::new(view),
+        }
+    }
+
+    pub(crate) fn with_pose(
+        reference: KeyframeId,
+        from_reference: Isometry3<f64>,
+        live: Isometry3<f64>,
+        seen: Vec<(PointId, Measurement)>,
+        inliers: usize,
+        live_submap: u32,
+    ) -> Self {
+        Self::Posed(PosedFrame {
+            reference,
+            from_reference,
+            live,
+            live_submap,
+            seen,
+            inliers,
+        })
+    }
+}

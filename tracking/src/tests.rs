@@ -1,0 +1,128 @@
+//! Whole runs on walls of random blocks.
+
+use linecarve_lines::camera::Camera;
+use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
+use linecarve_lines::image::GrayImage;
+
+use crate::finish::FramePose;
+use crate::frame::{FrameDetector, FrameFeatures};
+use crate::options::TrackingOptions;
+use crate::records::{FrameOutcome, NoPose};
+use crate::tracker::Tracker;
+
+const WIDTH: usize = 320;
+const HEIGHT: usize = 240;
+
+/// Metres that the camera moves to the right in a frame: four pixels of a wall at 2 m.
+const STEP_M: f64 = 0.04;
+
+fn tracker() -> Tracker {
+    let options = TrackingOptions {
+        lost_frames: 3,
+        ..Default::default()
+    };
+    let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
+    Tracker::new(options, &camera, WIDTH, HEIGHT).unwrap()
+}
+
+/// Frame `number` of a camera that moves along a wall.
+fn frame(wall: usize, number: usize) -> FrameFeatures {
+    let grey = |x: usize, y: usize| {
+        let block = ((x / 9) * 7919 + (y / 7) * 104_729 + wall * 1_299_709 + 1) as u64;
+        let mixed = (block ^ (block >> 7)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (mixed >> 56) as u8
+    };
+    let samples = (0..WIDTH * HEIGHT)
+        .map(|i| grey(i % WIDTH + 4 * number, i / WIDTH))
+        .collect();
+    let image = GrayImage::new(WIDTH, HEIGHT, samples).unwrap();
+    let mut depth = InverseDepthMap::unknown(WIDTH, HEIGHT).unwrap();
+    for at in 0..WIDTH * HEIGHT {
+        depth.set(at % WIDTH, at / WIDTH, InverseDepth::new(0.5, 0.0015));
+    }
+    FrameDetector::new(&TrackingOptions::default()).detect(&image, Some(&depth))
+}
+
+fn covered() -> FrameFeatures {
+    let image = GrayImage::new(WIDTH, HEIGHT, vec![3; WIDTH * HEIGHT]).unwrap();
+    FrameDetector::new(&TrackingOptions::default()).detect(&image, None)
+}
+
+/// Sub-map and position along the wall.
+fn place(pose: &FramePose) -> Option<(usize, f64)> {
+    match pose {
+        FramePose::Known {
+            submap,
+            world_from_camera,
+            ..
+        } => Some((*submap, world_from_camera.translation.x)),
+        FramePose::Unknown(_) => None,
+    }
+}
+
+#[test]
+fn covered_frames_are_lost_and_the_way_is_found_again() {
+    let mut tracker = tracker();
+    for number in 0..20 {
+        let features = if (8..12).contains(&number) {
+            covered()
+        } else {
+            frame(0, number)
+        };
+        tracker.track(features);
+        tracker.map.check().unwrap();
+    }
+    let found = tracker.finish();
+    assert_eq!(found.submaps.len(), 1);
+    for (number, pose) in found.poses.iter().enumerate() {
+        match place(pose) {
+            Some((submap, x)) => {
+                assert_eq!(submap, 0);
+                let error = x - number as f64 * STEP_M;
+                assert!(error.abs() < 0.01, "frame {number}: {error}");
+            }
+            None => {
+                assert!((8..12).contains(&number), "frame {number}");
+                let reason = FramePose::Unknown(NoPose::FewFeatures { found: 0 });
+                assert_eq!(*pose, reason);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_cut_to_another_place_begins_another_submap() {
+    let mut tracker = tracker();
+    for number in 0..10 {
+        tracker.track(frame(0, number));
+    }
+    let mut lost = 0;
+    for number in 0..12 {
+        let outcome = tracker.track(frame(1, number));
+        lost += usize::from(matches!(
+            outcome,
+            FrameOutcome::Lost(NoPose::NoMatch { .. })
+        ));
+    }
+    assert_eq!(lost, 3);
+    tracker.map.check().unwrap();
+    let found = tracker.finish();
+    assert_eq!(found.submaps.len(), 2);
+    // The second wall has more frames, so it is the first sub-map; no frame is in the map of the other wall.
+    for (number, pose) in found.poses.iter().enumerate() {
+        let (submap, _) = place(pose).unwrap();
+        assert_eq!(submap, usize::from(number < 10), "frame {number}");
+    }
+}
+
+#[test]
+fn two_frames_and_none_are_enough_to_end_well() {
+    assert!(tracker().finish().poses.is_empty());
+    let mut tracker = tracker();
+    tracker.track(frame(0, 0));
+    tracker.track(frame(0, 1));
+    let found = tracker.finish();
+    let (_, x) = place(&found.poses[1]).unwrap();
+    assert!((x - STEP_M).abs() < 0.005, "{x}");
+}

@@ -1,0 +1,274 @@
+//! Tracking, frame by frame.
+
+use std::time::Instant;
+
+use linecarve_lines::camera::Camera;
+use nalgebra::Isometry3;
+
+use crate::camera::Pinhole;
+use crate::frame::FrameFeatures;
+use crate::map::{KeyframeId, Map, PointId};
+use crate::options::{TrackingOptions, TrackingOptionsError};
+use crate::places::Places;
+use crate::records::{FrameOutcome, FrameRecord, LoopReport, NoPose, StageTimes};
+
+/// Least share of the matches near predicted positions that agree with a pose: of a wrong pose, few matches do.
+const MIN_AGREEING: f64 = 0.3;
+
+/// A frame that is being tracked, or the last one.
+#[derive(Debug, Clone)]
+pub(crate) struct Frame {
+    pub(crate) number: u32,
+    pub(crate) view: FrameFeatures,
+    pub(crate) points: Vec<Option<PointId>>,
+    pub(crate) camera_from_world: Isometry3<f64>,
+    pub(crate) inliers: usize,
+    /// Share of the matches that agree with the pose.
+    pub(crate) agreeing: f64,
+}
+
+impl Frame {
+    pub(crate) fn new(number: u32, view: FrameFeatures, camera_from_world: Isometry3<f64>) -> Self {
+        Self {
+            number,
+            points: vec![None; view.len()],
+            view,
+            camera_from_world,
+            inliers: 0,
+            agreeing: 0.0,
+        }
+    }
+
+    /// Whether enough of the matches agree with the pose for it to be right.
+    pub(crate) fn is_credible(&self) -> bool {
+        self.agreeing >= MIN_AGREEING
+    }
+
+    pub(crate) fn matched(&self) -> usize {
+        self.points.iter().flatten().count()
+    }
+}
+
+/// Tracks the frames of a recording in order, and builds the map that it tracks against.
+///
+/// Nothing depends on time or on the number of threads: frame k sees the map after the keyframes before it.
+///
+/// # Reference
+/// Mur-Artal and Tardos, "ORB-SLAM2", T-RO 2017. *Differs:* depth is a residual of its own with the standard deviation of the
+/// sensor; words are fixed bits of the descriptor; everything runs in lock-step.
+#[derive(Debug)]
+pub struct Tracker {
+    pub(crate) options: TrackingOptions,
+    pub(crate) camera: Pinhole,
+    pub(crate) map: Map,
+    pub(crate) places: Places,
+    pub(crate) records: Vec<FrameRecord>,
+    pub(crate) loops: Vec<LoopReport>,
+    pub(crate) times: StageTimes,
+    pub(crate) submaps: u32,
+    pub(crate) recent_points: Vec<PointId>,
+    last: Option<Frame>,
+    /// `camera_from_last_camera` of the last two tracked frames.
+    pub(crate) velocity: Isometry3<f64>,
+    pub(crate) reference: KeyframeId,
+    last_keyframe_frame: u32,
+    lost_for: u32,
+    pub(crate) last_loop: Option<KeyframeId>,
+    /// Marks of points that were visited, by generation.
+    pub(crate) marks: Vec<u32>,
+    pub(crate) generation: u32,
+}
+
+impl Tracker {
+    /// A tracker for pinhole images of one camera.
+    ///
+    /// # Errors
+    /// The first option out of range.
+    pub fn new(
+        options: TrackingOptions,
+        camera: &Camera,
+        width: usize,
+        height: usize,
+    ) -> Result<Self, TrackingOptionsError> {
+        options.validate()?;
+        Ok(Self {
+            options,
+            camera: Pinhole::new(camera, width, height),
+            map: Map::default(),
+            places: Places::default(),
+            records: Vec::new(),
+            loops: Vec::new(),
+            times: StageTimes::default(),
+            submaps: 0,
+            recent_points: Vec::new(),
+            last: None,
+            velocity: Isometry3::identity(),
+            reference: KeyframeId(0),
+            last_keyframe_frame: 0,
+            lost_for: 0,
+            last_loop: None,
+            marks: Vec::new(),
+            generation: 0,
+        })
+    }
+
+    /// Tracks the next frame.
+    pub fn track(&mut self, view: FrameFeatures) -> FrameOutcome {
+        let start = Instant::now();
+        let number = self.records.len() as u32;
+        let outcome = if view.len() < self.options.min_matches {
+            let found = view.len();
+            self.miss(view, NoPose::FewFeatures { found })
+        } else if self.map.keyframes.is_empty() {
+            self.start_map(number, view)
+        } else {
+            self.track_in_map(number, view)
+        };
+        self.times.total_ms += start.elapsed().as_secs_f64() * 1e3;
+        outcome
+    }
+
+    /// Records a frame without a pose.
+    fn miss(&mut self, view: FrameFeatures, reason: NoPose) -> FrameOutcome {
+        self.records.push(FrameRecord::without_pose(view, reason));
+        self.lost_for += 1;
+        FrameOutcome::Lost(reason)
+    }
+
+    /// Starts a sub-map whose frame is the camera of this image.
+    fn start_map(&mut self, number: u32, view: FrameFeatures) -> FrameOutcome {
+        let found = view.with_depth();
+        if found < self.options.start_features {
+            return self.miss(view, NoPose::FewDepths { found });
+        }
+        let submap = self.submaps;
+        self.submaps += 1;
+        let mut frame = Frame::new(number, view, Isometry3::identity());
+        self.velocity = Isometry3::identity();
+        self.lost_for = 0;
+        let keyframe = self.insert_keyframe(&mut frame, submap);
+        self.map.update_neighbors(keyframe);
+        frame.inliers = frame.matched();
+        self.record(&frame);
+        self.last = Some(frame);
+        FrameOutcome::Tracked {
+            is_keyframe: true,
+            submap,
+        }
+    }
+
+    fn track_in_map(&mut self, number: u32, view: FrameFeatures) -> FrameOutcome {
+        let mut frame = Frame::new(number, view, Isometry3::identity());
+        let is_found = match (self.lost_for, self.last.take()) {
+            (0, Some(last)) => {
+                let is_found = self.follow(&mut frame, &last) || self.relocate(&mut frame);
+                self.last = Some(last);
+                is_found
+            }
+            _ => self.relocate(&mut frame),
+        };
+        if !is_found {
+            let can_start = self.lost_for >= self.options.lost_frames
+                && frame.view.with_depth() >= self.options.start_features;
+            if can_start {
+                return self.start_map(number, frame.view);
+            }
+            let matched = frame.inliers;
+            return self.miss(frame.view, NoPose::NoMatch { matched });
+        }
+        self.velocity = match (&self.last, self.lost_for) {
+            (Some(last), 0) if last.number + 1 == number => {
+                frame.camera_from_world * last.camera_from_world.inverse()
+            }
+            _ => Isometry3::identity(),
+        };
+        self.lost_for = 0;
+        let submap = self.map.keyframe(self.reference).submap;
+        let is_keyframe = self.is_keyframe_due(&frame);
+        if is_keyframe {
+            let start = Instant::now();
+            let keyframe = self.insert_keyframe(&mut frame, submap);
+            self.extend_map(keyframe);
+            // Poses of the map may have moved.
+            frame.camera_from_world = self.map.keyframe(keyframe).camera_from_world;
+            frame.points.clone_from(&self.map.keyframe(keyframe).points);
+            self.times.keyframes_ms += start.elapsed().as_secs_f64() * 1e3;
+        }
+        self.record(&frame);
+        self.last = Some(frame);
+        FrameOutcome::Tracked {
+            is_keyframe,
+            submap,
+        }
+    }
+
+    /// Whether a frame becomes a keyframe: it sees too few points of its reference, or too few with depth, or the last is old.
+    ///
+    /// *Differs* from ORB-SLAM2: all points of the reference count, so that keyframes are more frequent.
+    fn is_keyframe_due(&self, frame: &Frame) -> bool {
+        let reference = self.map.keyframe(self.reference);
+        let seen_before = reference.point_count();
+        let (mut tracked, mut untracked) = (0, 0);
+        for (depth, point) in frame.view.inverse_depths.iter().zip(&frame.points) {
+            if depth.is_some() {
+                tracked += usize::from(point.is_some());
+                untracked += usize::from(point.is_none());
+            }
+        }
+        let needs_points = tracked < 100 && untracked > 70;
+        let share = self.options.keyframe_share;
+        let is_weak = (frame.inliers as f64) < share * seen_before as f64;
+        let is_old = frame.number >= self.last_keyframe_frame + self.options.keyframe_frames;
+        frame.inliers > 15 && (is_weak || needs_points || is_old)
+    }
+
+    /// Adds a frame to the map as a keyframe, with points at its measured depths.
+    fn insert_keyframe(&mut self, frame: &mut Frame, submap: u32) -> KeyframeId {
+        let keyframe = self.map.insert_keyframe(
+            frame.number,
+            submap,
+            frame.camera_from_world,
+            frame.view.clone(),
+            frame.points.clone(),
+        );
+        self.reference = keyframe;
+        self.times.keyframes += 1;
+        self.last_keyframe_frame = frame.number;
+        self.create_from_depth(keyframe);
+        self.places.add(keyframe, &frame.view.features.descriptors);
+        frame.points.clone_from(&self.map.keyframe(keyframe).points);
+        keyframe
+    }
+
+    /// Records a frame with its pose.
+    fn record(&mut self, frame: &Frame) {
+        let reference = self.map.keyframe(self.reference);
+        let from_reference = frame.camera_from_world * reference.camera_from_world.inverse();
+        let seen = frame
+            .points
+            .iter()
+            .enumerate()
+            .filter_map(|(feature, point)| {
+                Some(((*point)?, frame.view.measurement(feature as u32)))
+            })
+            .collect();
+        self.records.push(FrameRecord::with_pose(
+            self.reference,
+            from_reference,
+            frame.camera_from_world,
+            seen,
+            frame.inliers,
+            reference.submap,
+        ));
+    }
+
+    /// A frame to be tracked again.
+    pub(crate) fn retry(&mut self, number: u32, view: FrameFeatures) -> Option<FrameRecord> {
+        let mut frame = Frame::new(number, view, Isometry3::identity());
+        if !self.relocate(&mut frame) {
+            return None;
+        }
+        self.record(&frame);
+        self.records.pop()
+    }
+}
