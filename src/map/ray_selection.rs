@@ -1,8 +1,7 @@
 //! Which observations of a landmark become rays.
 //!
-//! Rays to a landmark from similar directions and distances carve the same space, so a landmark has at most one ray for each
-//! *bin*: a cell of a grid of directions, and an octave of distances. Of the views in a bin that observe the landmark, the
-//! first has the ray. The rays are therefore a function of the observations and of the landmark's position, and their number
+//! Rays to a landmark from similar directions carve the same space, so a landmark has at most one ray for each *bin*, a cell
+//! of a grid of directions. Of the views in a bin that observe the landmark, the first has the ray. The rays are therefore a function of the observations and of the landmark's position, and their number
 //! saturates while a camera stays.
 
 use linecarve_carving::ViewId;
@@ -43,7 +42,8 @@ pub(super) enum RayChange {
 /// The observations of each landmark, and those of them that are rays.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RaySelection {
-    /// Cells of the direction grid along an edge of the cube; none where every observation is a ray.
+    /// Cells of the direction grid along an edge of the cube, an odd number, so that the axes are not on a border; none where
+    /// every observation is a ray.
     grid: Option<f64>,
     lists: Vec<Lists>,
     entries: Vec<Entry>,
@@ -55,19 +55,18 @@ pub(super) struct RaySelection {
     changes: Vec<RayChange>,
 }
 
-/// A cell of the direction grid and an octave of distances.
+/// A cell of the direction grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Bin {
     face: u8,
     cell: [i16; 2],
-    octave: u16,
 }
 
 impl RaySelection {
     /// No landmarks yet. Direction bins are about `angle_deg` wide; with 0 every observation is a ray.
     pub(super) fn new(angle_deg: f64) -> Self {
         Self {
-            grid: (angle_deg > 0.0).then(|| (90.0 / angle_deg).max(1.0).round()),
+            grid: (angle_deg > 0.0).then(|| 2.0 * (45.0 / angle_deg).floor() + 1.0),
             free: NONE,
             ..Self::default()
         }
@@ -85,8 +84,6 @@ impl RaySelection {
         Bin {
             face: 2 * axis as u8 + u8::from(ray[axis] < 0.0),
             cell: [along(1), along(2)],
-            // The exponent of the length.
-            octave: (ray.norm().to_bits() >> 52) as u16,
         }
     }
 
