@@ -193,6 +193,10 @@ pub(super) fn cut_at_midpoints(
     middle: [Option<u32>; 3],
     parts: &mut Vec<[u32; 3]>,
 ) {
+    if middle == [None; 3] {
+        parts.push(triangle);
+        return;
+    }
     // The boundary of the triangle with its midpoints, cut into ears at the midpoints.
     let mut boundary: Vec<(u32, bool)> = Vec::with_capacity(6);
     for k in 0..3 {

@@ -223,14 +223,16 @@ impl<'a> Update<'a> {
     fn place_copies(&mut self, dirty: &[VertexId]) {
         let moved = std::mem::take(&mut self.moved);
         let mut around = std::mem::take(&mut self.around);
+        let mut copies = Vec::new();
         for &vertex in moved.iter().chain(dirty) {
             if !self.carved.tetrahedra.is_vertex(vertex) {
                 continue;
             }
             let position = self.carved.tetrahedra.position(vertex);
             let before = self.placed.len();
-            let copies: Vec<u32> = self.mesh.vertices.copies(vertex).collect();
-            for copy in copies {
+            copies.clear();
+            copies.extend(self.mesh.vertices.copies(vertex));
+            for &copy in &copies {
                 self.place(copy, position);
             }
             if self.placed.len() > before {
@@ -246,7 +248,9 @@ impl<'a> Update<'a> {
         let mut stale = std::mem::take(&mut self.stale);
         stale.sort_unstable();
         stale.dedup();
-        let mut fresh: Vec<(Triangle, Vec<[u32; 3]>)> = Vec::new();
+        // Old faces go before new ones come, so that their numbers are used again. For each triangle the end of its pieces.
+        let mut pieces: Vec<[u32; 3]> = Vec::new();
+        let mut fresh: Vec<(Triangle, usize)> = Vec::with_capacity(stale.len());
         for triangle in stale {
             let Some(record) = self.mesh.records.get_mut(&triangle) else {
                 continue;
@@ -258,7 +262,6 @@ impl<'a> Update<'a> {
             let old = std::mem::replace(&mut record.face, NONE);
             let midpoints = (self.mesh.splits.get(&triangle)).map(|split| split.midpoints);
             self.remove_faces(&triangle, old);
-            let mut pieces = Vec::with_capacity(1);
             let middle = midpoints.unwrap_or([NONE; 3]);
             let middle = middle.map(|number| (number != NONE).then_some(number));
             cut_at_midpoints(corners, middle, &mut pieces);
@@ -267,15 +270,18 @@ impl<'a> Update<'a> {
                 let split = super::Split { midpoints, faces };
                 self.mesh.splits.insert(triangle, split);
             }
-            fresh.push((triangle, pieces));
+            fresh.push((triangle, pieces.len()));
         }
-        for (triangle, pieces) in fresh {
+        let mut begin = 0;
+        for (triangle, end) in fresh {
             let mesh = &mut *self.mesh;
-            let mut add = |piece| mesh.faces.add(piece, &mut mesh.vertices, &mut mesh.log);
+            let mut add =
+                |piece: &[u32; 3]| mesh.faces.add(*piece, &mut mesh.vertices, &mut mesh.log);
+            let pieces = &pieces[std::mem::replace(&mut begin, end)..end];
             if let Some(split) = mesh.splits.get_mut(&triangle) {
-                split.faces.extend(pieces.into_iter().map(&mut add));
+                split.faces.extend(pieces.iter().map(add));
             } else if let Some(record) = mesh.records.get_mut(&triangle) {
-                record.face = pieces.into_iter().map(&mut add).next().unwrap_or(NONE);
+                record.face = pieces.first().map_or(NONE, &mut add);
             }
         }
     }

@@ -51,9 +51,11 @@ pub(crate) struct SegmentVisibility {
     scratch: RewalkScratch,
 }
 
+const _: () = assert!(SegmentVisibility::MAX_SEGMENTS * evidence::ANCHORS < u32::MAX as usize);
+
 impl SegmentVisibility {
-    /// Largest number of segments: anchors are numbered with 32 bits.
-    pub(crate) const MAX_SEGMENTS: usize = Crossings::MAX_ID / evidence::ANCHORS;
+    /// Largest number of segments: that of an entry in the lists. Anchors are numbered with 32 bits.
+    pub(crate) const MAX_SEGMENTS: usize = Crossings::MAX_ID;
 
     /// No segments; with evidence where a softness is given.
     pub(crate) fn new(softness: Option<Softness>) -> Self {
