@@ -276,8 +276,8 @@ impl LandmarkFusion {
         Ok((self.moved.len(), removed))
     }
 
-    /// Adds a ray from the view to each observed landmark whose bin of directions has none, and selects the
-    /// rays of landmarks that moved anew.
+    /// Adds a ray from the view to each observed landmark whose bin of directions has none. Selects anew the rays of
+    /// landmarks that moved.
     ///
     /// # Complexity
     /// Linear in the rays of the observed landmarks, and in the observations of those that moved.
@@ -297,7 +297,7 @@ impl LandmarkFusion {
         for landmark in self.moved.drain(..) {
             let point = self.points[landmark as usize];
             let position = self.landmarks.position(landmark);
-            let changes = (self.rays).select(landmark, &position, |other| {
+            let changes = self.rays.select(landmark, &position, |other| {
                 center_of(transaction.before(), other)
             });
             for change in changes {

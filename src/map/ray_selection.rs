@@ -218,7 +218,7 @@ mod tests {
         )
     }
 
-    /// The rays that these changes lead to.
+    /// The rays of a landmark, ascending.
     fn rays_of(selection: &RaySelection, landmark: u32) -> Vec<ViewId> {
         let mut rays: Vec<ViewId> = selection
             .list(selection.lists[landmark as usize].rays)
