@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use super::image_segments::ImageSegments;
 use super::line_detection::{LineDetectorOptions, LineSegment2d};
 use super::method::{Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe};
-use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
+use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::edges::EdgeOptions;
 use linecarve_lines::fit::DepthModel;
 
@@ -78,7 +78,7 @@ struct Sample {
 }
 
 /// The decoupled baseline. [`LineDetector`](super::LineDetector) finds segments in the image. RANSAC fits a line to the depths
-/// of the nearest pixels along each segment, with one iteration for each depth, and least squares refines it over the inliers.
+/// along each segment, with one iteration for each depth, and least squares refines it over the inliers.
 /// The 3D ends are those of the image segment at the depth of the line.
 ///
 /// # Reference
@@ -125,10 +125,10 @@ impl Decoupled {
         for step in 0..pixels {
             let share = step as f64 / (pixels - 1).max(1) as f64;
             let pixel = segment.ends_px[0] + share * along;
-            if let Some(measured) = nearest(depth, &pixel) {
+            if let Some(rho) = inverse_depth(depth, &pixel, 2.0 * self.options.depth_tolerance) {
                 self.samples.push(Sample {
                     share,
-                    value: self.value(measured),
+                    value: self.value(rho),
                 });
             }
         }
@@ -156,10 +156,10 @@ impl Decoupled {
             .then_some(depths)
     }
 
-    fn value(&self, measured: InverseDepth) -> f64 {
+    fn value(&self, rho: f64) -> f64 {
         match self.options.depth_model {
-            DepthModel::InverseDepth => f64::from(measured.rho),
-            DepthModel::Depth => measured.depth(),
+            DepthModel::InverseDepth => rho,
+            DepthModel::Depth => 1.0 / rho,
         }
     }
 
@@ -242,12 +242,24 @@ impl Decoupled {
     }
 }
 
-/// The depth of the pixel nearest to a position.
-fn nearest(depth: &InverseDepthMap, pixel: &Point2<f64>) -> Option<InverseDepth> {
-    let (x, y) = (pixel.x.round(), pixel.y.round());
-    (x >= 0.0 && y >= 0.0)
-        .then(|| depth.get(x as usize, y as usize))
-        .flatten()
+/// The inverse depth at a position: bilinear between the four pixels around it, which is exact on a plane, or that of the nearest
+/// pixel where one is unknown or they differ by more than the share `jump`.
+fn inverse_depth(depth: &InverseDepthMap, pixel: &Point2<f64>, jump: f64) -> Option<f64> {
+    let rho = |x: f64, y: f64| {
+        let measured = (x >= 0.0 && y >= 0.0).then(|| depth.get(x as usize, y as usize))?;
+        Some(f64::from(measured?.rho))
+    };
+    let (x, y) = (pixel.x.floor(), pixel.y.floor());
+    let (right, down) = (pixel.x - x, pixel.y - y);
+    let around = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
+    if let [Some(a), Some(b), Some(c), Some(d)] = around.map(|(dx, dy)| rho(x + dx, y + dy)) {
+        let (least, most) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
+        if most - least <= jump * most {
+            let (above, below) = (a + right * (b - a), c + right * (d - c));
+            return Some(above + down * (below - above));
+        }
+    }
+    rho(pixel.x.round(), pixel.y.round())
 }
 
 impl LineMethod for Decoupled {
@@ -282,5 +294,37 @@ impl LineMethod for Decoupled {
         }
         findings.add_time("fit", start.elapsed());
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use linecarve_lines::depth::InverseDepth;
+
+    use super::*;
+
+    #[test]
+    fn depth_is_that_of_the_position_and_not_across_a_jump() {
+        let mut depth = InverseDepthMap::unknown(8, 6).unwrap();
+        let plane = |x: f64, y: f64| 0.5 + 0.002 * x + 0.001 * y;
+        for (x, y) in (0..6).flat_map(|y| (0..7).map(move |x| (x, y))) {
+            let rho = if x < 5 {
+                plane(x as f64, y as f64)
+            } else {
+                0.3
+            };
+            depth.set(x, y, InverseDepth::new(rho as f32, 0.01));
+        }
+        let at = |x, y| inverse_depth(&depth, &Point2::new(x, y), 0.02);
+        for (x, y) in [(2.0, 3.0), (2.4, 3.7), (0.0, 0.5), (3.9, 4.9)] {
+            assert!((at(x, y).unwrap() - plane(x, y)).abs() < 1e-6);
+        }
+        // Beside the jump and the unknown column that of the nearest pixel, beyond none.
+        assert!((at(4.4, 2.0).unwrap() - plane(4.0, 2.0)).abs() < 1e-6);
+        assert!((at(6.3, 2.0).unwrap() - 0.3).abs() < 1e-6);
+        assert_eq!(
+            (at(6.8, 2.0), at(-1.0, 2.0), at(f64::NAN, 2.0)),
+            (None, None, None)
+        );
     }
 }

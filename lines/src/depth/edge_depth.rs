@@ -2,12 +2,16 @@
 //!
 //! An image edge at a depth discontinuity is the occluding contour of the *near* surface. Edge localisation, registration and the contour
 //! in the depth image each err by a pixel or more, so that many pixels of such an edge have the depth of the far surface or none. Raw
-//! depths would move or split segments. At a depth jump near an edge pixel, the near side is therefore extrapolated as a plane to the pixel.
-//! Elsewhere the pixel keeps its depth, optionally smoothed.
+//! depths would move or split segments. At a depth jump near an edge pixel, the near side is therefore extrapolated as a plane to the edge.
+//! Elsewhere the depth is that of a plane through adjacent pixels.
+//!
+//! Both planes are evaluated at the sub-pixel position of the edge. It lies up to half a pixel from the pixel centre, on the same side
+//! for many consecutive pixels, so that depths of pixel centres would be off by half a pixel of slope, which no fit averages out.
 //!
 //! *Differs from He et al., ICPR 2018*: the paper takes the raw depth of the pixel, as [`EdgeDepthOptions::raw`] does.
 
 use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
+use super::near_side::{JumpLimits, Window, WindowPixel};
 use crate::edges::EdgeChains;
 
 /// Options of [`EdgeDepths::compute`].
@@ -17,7 +21,7 @@ use crate::edges::EdgeChains;
 pub struct EdgeDepthOptions {
     /// Radius of the window in which a depth jump is detected, in pixels; 0 takes the raw depth of the pixel.
     pub radius_px: usize,
-    /// Radius of the plane fit that smooths depths without a jump, in pixels; 0 disables smoothing.
+    /// Radius of the plane through adjacent pixels where there is no jump, in pixels; 0 takes the depth of the pixel centre.
     pub smoothing_radius_px: usize,
     /// Least gap of inverse depths at a jump, in standard deviations of a difference; `jump_relative` must hold too.
     pub jump_sigmas: f64,
@@ -41,7 +45,7 @@ impl Default for EdgeDepthOptions {
 }
 
 impl EdgeDepthOptions {
-    /// The raw depth of each pixel, as in the paper.
+    /// The depth stored at each pixel: for maps that are valid at the edge itself, and for fits to whole pixels, as in the paper.
     pub fn raw() -> Self {
         Self {
             radius_px: 0,
@@ -51,19 +55,11 @@ impl EdgeDepthOptions {
     }
 }
 
-/// The inverse depth of each pixel of a set of chains, in the order of [`EdgeChains::pixels`].
+/// The inverse depth of each pixel of a set of chains at its sub-pixel position, in the order of [`EdgeChains::pixels`].
 #[derive(Debug, Clone, Default)]
 pub struct EdgeDepths {
     samples: Vec<InverseDepth>,
     pixels: Vec<WindowPixel>,
-}
-
-/// A known pixel of a window, relative to the window centre.
-#[derive(Debug, Clone, Copy)]
-struct WindowPixel {
-    dx: f32,
-    dy: f32,
-    rho: f32,
 }
 
 impl EdgeDepths {
@@ -105,191 +101,48 @@ impl EdgeDepths {
     ) {
         self.samples.clear();
         self.samples.reserve(chains.pixels().len());
-        for &[x, y] in chains.pixels() {
-            let (x, y) = (usize::from(x), usize::from(y));
-            if x >= map.width() || y >= map.height() {
+        let limits = JumpLimits {
+            radius_px: options.radius_px,
+            sigmas: options.jump_sigmas as f32,
+            relative: options.jump_relative as f32,
+            least_support: options.least_support,
+        };
+        for (&[x, y], position) in chains.pixels().iter().zip(chains.positions()) {
+            let center = (usize::from(x), usize::from(y));
+            if center.0 >= map.width() || center.1 >= map.height() {
                 self.samples.push(UNKNOWN);
                 continue;
             }
             let window = Window {
                 map,
-                center: (x, y),
+                center,
+                offset: [position[0] - f32::from(x), position[1] - f32::from(y)],
             };
-            let near = if options.radius_px > 0 {
-                let (nearest, farthest) = window.extremes(options.radius_px);
-                near_side(&window, nearest, farthest, options, &mut self.pixels)
-            } else {
-                None
-            };
+            let near = (options.radius_px > 0)
+                .then(|| window.near_side(&limits, &mut self.pixels))
+                .flatten()
+                .and_then(|(rho, sigma)| InverseDepth::new(rho, sigma));
             self.samples
                 .push(near.unwrap_or_else(|| smoothed(&window, options, &mut self.pixels)));
         }
     }
 }
 
-/// A window around a pixel.
-struct Window<'a> {
-    map: &'a InverseDepthMap,
-    center: (usize, usize),
-}
-
-impl Window<'_> {
-    /// Nearest and farthest inverse depth within a radius, a fast test for windows without a jump; 0 and infinity when all
-    /// pixels are unknown.
-    fn extremes(&self, radius: usize) -> (f32, f32) {
-        let (x, y) = self.center;
-        let (width, height) = (self.map.width(), self.map.height());
-        let (left, right) = (x.saturating_sub(radius), (x + radius).min(width - 1));
-        let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(height - 1));
-        let (mut nearest, mut farthest) = (0.0_f32, f32::INFINITY);
-        for row in top..=bottom {
-            for sample in &self.map.row(row)[left..=right] {
-                let rho = sample.rho;
-                nearest = if rho > nearest { rho } else { nearest };
-                farthest = if (rho < farthest) & (rho > 0.0) {
-                    rho
-                } else {
-                    farthest
-                };
-            }
-        }
-        (nearest, farthest)
-    }
-
-    /// Calls `visit` with the offset and the inverse depth of each known pixel within a radius.
-    fn for_each(&self, radius: usize, mut visit: impl FnMut(WindowPixel)) {
-        let (x, y) = self.center;
-        let (width, height) = (self.map.width(), self.map.height());
-        let (left, right) = (x.saturating_sub(radius), (x + radius).min(width - 1));
-        let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(height - 1));
-        for row in top..=bottom {
-            let samples = &self.map.raw()[row * width + left..=row * width + right];
-            let dy = row as f32 - y as f32;
-            let first = left as f32 - x as f32;
-            for (column, sample) in samples.iter().enumerate() {
-                if sample.rho > 0.0 {
-                    visit(WindowPixel {
-                        dx: first + column as f32,
-                        dy,
-                        rho: sample.rho,
-                    });
-                }
-            }
-        }
-    }
-
-    /// Standard deviation at a pixel of the window.
-    fn sigma(&self, pixel: &WindowPixel) -> f32 {
-        let x = (self.center.0 as f32 + pixel.dx) as usize;
-        let y = (self.center.1 as f32 + pixel.dy) as usize;
-        self.map.raw()[y * self.map.width() + x].sigma
-    }
-}
-
-/// The depth without a jump: a plane fit to close pixels, or the own depth of the pixel.
+/// The depth without a jump: a plane through close pixels, or the own depth of the pixel.
 fn smoothed(
     window: &Window<'_>,
     options: &EdgeDepthOptions,
     pixels: &mut Vec<WindowPixel>,
 ) -> InverseDepth {
     let (x, y) = window.center;
-    let own = window.map.raw()[y * window.map.width() + x];
+    let own = window.map.row(y)[x];
     if options.smoothing_radius_px == 0 || own.rho <= 0.0 {
         return own;
     }
-    pixels.clear();
-    window.for_each(options.smoothing_radius_px, |pixel| pixels.push(pixel));
-    if pixels.len() < options.least_support {
-        return own;
-    }
-    InverseDepth::new(plane_at_centre(pixels), own.sigma).unwrap_or(own)
-}
-
-/// The depth at a jump: the plane of the near side at the window centre; `None` without a jump.
-///
-/// The near side comes from a histogram of inverse depths with bins of half a jump, from near to far: it ends at the first empty bin after
-/// enough pixels. Smaller groups in front of it are flying pixels and are ignored.
-fn near_side(
-    window: &Window<'_>,
-    nearest: f32,
-    farthest: f32,
-    options: &EdgeDepthOptions,
-    pixels: &mut Vec<WindowPixel>,
-) -> Option<InverseDepth> {
-    const BINS: usize = 64;
-    let relative = options.jump_relative as f32 * nearest;
-    if nearest - farthest <= relative {
-        return None;
-    }
-    // The noise of the nearest pixel: sigma varies slowly with inverse depth.
-    let mut sigma = 0.0_f32;
-    window.for_each(options.radius_px, |pixel| {
-        if pixel.rho == nearest {
-            sigma = window.sigma(&pixel);
-        }
-    });
-    let jump = relative.max(options.jump_sigmas as f32 * std::f32::consts::SQRT_2 * sigma);
-    if nearest - farthest <= jump {
-        return None;
-    }
-    let per_bin = 2.0 / jump;
-    // The last bin takes all farther pixels.
-    let bin = |rho: f32| (((nearest - rho) * per_bin) as usize).min(BINS - 1);
-    let mut counts = [0_usize; BINS];
-    window.for_each(options.radius_px, |pixel| counts[bin(pixel.rho)] += 1);
-    let (mut first, mut support) = (0, 0);
-    for (index, &pixels_in_bin) in counts.iter().enumerate() {
-        if pixels_in_bin > 0 {
-            support += pixels_in_bin;
-            continue;
-        }
-        if support >= options.least_support {
-            if counts[index..].iter().sum::<usize>() == 0 {
-                return None;
-            }
-            pixels.clear();
-            window.for_each(options.radius_px, |pixel| {
-                if (first..index).contains(&bin(pixel.rho)) {
-                    pixels.push(pixel);
-                }
-            });
-            return InverseDepth::new(plane_at_centre(pixels), sigma);
-        }
-        first = index + 1;
-        support = 0;
-    }
-    None
-}
-
-/// The value of the least-squares plane `rho = a + b dx + c dy` at the window centre; the mean when the variance of the plane there exceeds
-/// twice that of a single pixel.
-fn plane_at_centre(pixels: &[WindowPixel]) -> f32 {
-    let n = pixels.len() as f32;
-    let (mut x, mut y, mut rho) = (0.0_f32, 0.0_f32, 0.0_f32);
-    for p in pixels {
-        x += p.dx;
-        y += p.dy;
-        rho += p.rho;
-    }
-    let (x, y, rho) = (x / n, y / n, rho / n);
-    let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
-    for p in pixels {
-        let (dx, dy, dr) = (p.dx - x, p.dy - y, p.rho - rho);
-        xx += dx * dx;
-        xy += dx * dy;
-        yy += dy * dy;
-        xr += dx * dr;
-        yr += dy * dr;
-    }
-    let determinant = xx * yy - xy * xy;
-    // Variance of the plane at the centre in units of one pixel's: 1/n + d' S^-1 d. Offsets are small whole numbers.
-    let lever = yy * x * x - 2.0 * xy * x * y + xx * y * y;
-    if determinant <= 0.0 || lever > (2.0 - 1.0 / n) * determinant {
-        return rho;
-    }
-    let slope_x = (yy * xr - xy * yr) / determinant;
-    let slope_y = (xx * yr - xy * xr) / determinant;
-    rho - slope_x * x - slope_y * y
+    window
+        .plane(options.smoothing_radius_px, options.least_support, pixels)
+        .and_then(|rho| InverseDepth::new(rho, own.sigma))
+        .unwrap_or(own)
 }
 
 #[cfg(test)]
@@ -399,5 +252,110 @@ mod tests {
                 .iter()
                 .all(Option::is_none)
         );
+    }
+
+    /// A row of edge pixels whose edge lies `below` the centres of the pixels.
+    fn row(y: u32, below: f32) -> EdgeChains {
+        let mut chains = EdgeChains::new(SIZE, SIZE);
+        let indices: Vec<u32> = (0..SIZE as u32).map(|x| y * SIZE as u32 + x).collect();
+        let positions: Vec<[f32; 2]> = (0..SIZE).map(|x| [x as f32, y as f32 + below]).collect();
+        chains.push_at(&indices, &positions);
+        chains
+    }
+
+    /// Largest relative error along a row, without the borders of the image.
+    fn worst_error(
+        map: &InverseDepthMap,
+        chains: &EdgeChains,
+        truth: impl Fn(f64, f64) -> f64,
+    ) -> f64 {
+        let mut depths = EdgeDepths::default();
+        depths.compute(map, chains, &EdgeDepthOptions::default());
+        (4..SIZE - 4)
+            .map(|i| {
+                let [x, y] = chains.positions()[i].map(f64::from);
+                let found = f64::from(depths.get(i).expect("depth is everywhere").rho);
+                (found / truth(x, y) - 1.0).abs()
+            })
+            .fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn depth_is_that_of_the_edge_not_of_the_pixel_centre() {
+        let slanted = |x: f64, y: f64| 0.5 + 0.001 * x + 0.004 * y;
+        let step = |x: f64, y: f64| if y < 20.5 { slanted(x, y) } else { 0.3 };
+        for below in [-0.5, -0.2, 0.0, 0.3, 0.5] {
+            let without = worst_error(&map(slanted), &row(20, below), slanted);
+            let with_jump = worst_error(&map(step), &row(20, below), slanted);
+            // Half a pixel of slope is 0.3 %.
+            assert!(
+                without.max(with_jump) < 1e-5,
+                "{below}: {without} {with_jump}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_plane_at_a_grazing_angle_has_no_jump() {
+        // A floor seen by a camera that looks along it: inverse depth grows from 0 at the horizon. Also tilted, and with the
+        // horizon along the columns.
+        for below_horizon in [20.0, 50.0, 70.0, 150.0] {
+            for tilt in [-0.7, 0.0, 0.1, 1.0] {
+                let floor = |x: f64, y: f64| 0.004 * (below_horizon + y - 20.0 + tilt * (x - 20.0));
+                if floor(0.0, 0.0).min(floor(SIZE as f64, 0.0)) <= 0.0 {
+                    continue;
+                }
+                let error = worst_error(&map(floor), &row(20, 0.3), floor);
+                assert!(
+                    error < 1e-5,
+                    "{below_horizon} px below the horizon, tilt {tilt}: {error}"
+                );
+                let wall = |x: f64, y: f64| floor(y, x);
+                let error = worst_error(&map(wall), &row(20, 0.3), wall);
+                assert!(
+                    error < 1e-5,
+                    "{below_horizon} px beside, tilt {tilt}: {error}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_near_side_of_a_jump_may_be_seen_at_a_grazing_angle() {
+        let table = |_: f64, y: f64| 0.004 * (60.0 + y - 20.0);
+        let wall = |_: f64, _: f64| 0.15;
+        let floor = |_: f64, y: f64| 0.003 * (60.0 + y - 20.0);
+        let cupboard = |_: f64, _: f64| 0.4;
+        // The near surface starts or ends at row 20; the edge is found up to two rows beyond it.
+        for (name, near, far, is_near_above) in [
+            (
+                "table before wall",
+                &table as &dyn Fn(f64, f64) -> f64,
+                &wall as &dyn Fn(f64, f64) -> f64,
+                false,
+            ),
+            ("table before floor", &table, &floor, false),
+            ("table above floor", &table, &floor, true),
+            ("cupboard above floor", &cupboard, &floor, true),
+            ("cupboard before floor", &cupboard, &floor, false),
+        ] {
+            for beyond in 0..=2 {
+                let (scene, y): (InverseDepthMap, u32) = if is_near_above {
+                    (
+                        map(|x, y| if y < 20.5 { near(x, y) } else { far(x, y) }),
+                        20 + beyond,
+                    )
+                } else {
+                    (
+                        map(|x, y| if y > 19.5 { near(x, y) } else { far(x, y) }),
+                        20 - beyond,
+                    )
+                };
+                for below in [-0.4, 0.0, 0.4] {
+                    let error = worst_error(&scene, &row(y, below), near);
+                    assert!(error < 1e-4, "{name}, {beyond} beyond, {below}: {error}");
+                }
+            }
+        }
     }
 }

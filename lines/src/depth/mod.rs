@@ -5,6 +5,7 @@
 
 mod edge_depth;
 mod map;
+mod near_side;
 mod registration;
 pub mod semi_dense;
 mod sensor;
