@@ -19,7 +19,7 @@ struct End {
     covariance: Matrix3<f64>,
 }
 
-/// The 3D segment of a fit; `None` when a depth is not positive, inliers are too sparse or the segment is nearly parallel to a view ray.
+/// The 3D segment of a fit; `None` when a depth is not positive or the segment is nearly parallel to a view ray.
 pub(super) fn build(
     fitted: &Fitted,
     pixels: Range<u32>,
@@ -29,9 +29,6 @@ pub(super) fn build(
     is_inlier: impl Fn(usize) -> bool,
 ) -> Option<Segment> {
     let inliers = fitted.sums.image.n;
-    if inliers < options.minimum_inlier_share * f64::from(pixels.end - pixels.start) {
-        return None;
-    }
     let chain_pixels = input.chains.chain(chain as usize);
     let [first, last] = fitted.ends;
     let ends = [

@@ -1,5 +1,7 @@
 //! Growing of segments along edge chains (Algorithm 1 of the paper).
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 
 use super::build::build;
@@ -30,8 +32,9 @@ pub struct FitInput<'a> {
 ///
 /// A segment grows pixel by pixel along its chain as two 2D lines: one in the image, one of depth over the position along the first. The
 /// initial fit uses a window of L pixels. A pixel is an inlier when it lies within e1 of the image line and its depth within e2 of the
-/// depth line; a pixel without depth is an outlier. L consecutive outliers end the segment. Both lines are then refitted to the
-/// inliers, and the first and last inlier, projected onto the lines, are the ends.
+/// depth line; a pixel without depth is an outlier. L consecutive outliers end the segment, which is cut back to the longest
+/// beginning with the least share of inliers. Both lines are then refitted to the inliers, and the first and last inlier,
+/// projected onto the lines, are the ends.
 ///
 /// # Complexity
 /// Linear in the number of chain pixels: running sums make the cost of a fit independent of its length.
@@ -47,6 +50,8 @@ pub struct FitInput<'a> {
 /// - Both lines are refitted while the segment grows, because the direction of L pixels is too inaccurate to extrapolate.
 /// - Pixels are taken at the sub-pixel gradient maximum. On an edge nearly parallel to the pixel rows, whole pixels have the direction of
 ///   the row, and e1 is smaller than the step to the next row.
+/// - A segment is cut back where its inliers become sparse. Single inliers at short intervals, as on a line that the chain crosses
+///   again and again, would otherwise extend it without support.
 /// - The search continues after the last inlier of a segment, not after its trailing outliers, which may start the next segment.
 #[derive(Debug, Clone)]
 pub struct SegmentFitter {
@@ -81,6 +86,15 @@ pub(super) struct Sums {
     pub(super) depth: DepthMoments,
     /// Focal length over the reference depth for [`DepthModel::Depth`].
     pub(super) scale: Option<f64>,
+}
+
+/// The inliers of a range of chain pixels.
+struct Inliers {
+    sums: Sums,
+    /// From the first inlier to after the last one.
+    range: Range<usize>,
+    /// End of the longest part from the first inlier on with the least share of inliers.
+    dense_end: usize,
 }
 
 /// A fitted segment before its conversion to 3D.
@@ -339,29 +353,69 @@ impl Chain<'_> {
                 refit_at = sums.image.n * 1.125;
             }
         }
-        // Classify all pixels again with the lines of all inliers.
-        let lines = self.lines(&sums, lines.image.direction)?;
-        let mut refined = empty;
-        let mut ends = None;
-        for position in begin..=last {
-            if let Some(depth) = self.inlier(position, &sums, &lines) {
-                self.add_inlier(position, depth, &mut refined);
-                ends = Some((ends.map_or(position, |(first, _)| first), position));
+        self.settle(begin..last + 1, sums, lines.image.direction)
+    }
+
+    /// Classifies the pixels of a range again, with the lines of all its inliers, and cuts it back to the longest beginning with
+    /// the least share of inliers. `None` when too few inliers are left.
+    ///
+    /// # Complexity
+    /// Linear in the length of the range without a cut. Each cut repeats it on the rest.
+    fn settle(
+        &self,
+        mut range: Range<usize>,
+        mut sums: Sums,
+        direction: Vector2<f64>,
+    ) -> Option<Fitted> {
+        loop {
+            let lines = self.lines(&sums, direction)?;
+            let found = self.classify(range.clone(), &sums, &lines)?;
+            if found.sums.image.n <= self.limits.window as f64 {
+                return None;
+            }
+            if found.dense_end == found.range.end {
+                let Range { start: first, end } = found.range;
+                let last = end - 1;
+                let ends = [first, last].map(|position| self.pixel(position) - found.sums.origin);
+                return Some(Fitted {
+                    lines: self.lines(&found.sums, direction)?,
+                    sums: found.sums,
+                    first,
+                    last,
+                    ends,
+                });
+            }
+            range = found.range.start..found.dense_end;
+            sums = self.classify(range.clone(), &sums, &lines)?.sums;
+        }
+    }
+
+    /// The inliers of a range; `None` without any.
+    fn classify(&self, range: Range<usize>, sums: &Sums, lines: &Lines) -> Option<Inliers> {
+        let mut inliers = Inliers {
+            sums: Sums {
+                image: ImageMoments::default(),
+                depth: DepthMoments::default(),
+                ..*sums
+            },
+            range: 0..0,
+            dense_end: 0,
+        };
+        for position in range {
+            let Some(depth) = self.inlier(position, sums, lines) else {
+                continue;
+            };
+            self.add_inlier(position, depth, &mut inliers.sums);
+            if inliers.range.is_empty() {
+                inliers.range.start = position;
+            }
+            inliers.range.end = position + 1;
+            let share = inliers.sums.image.n / inliers.range.len() as f64;
+            if share >= self.options.minimum_inlier_share {
+                inliers.dense_end = position + 1;
             }
         }
-        let (first, last) = ends?;
-        if refined.image.n <= window as f64 {
-            return None;
-        }
-        let lines = self.lines(&refined, lines.image.direction)?;
-        let ends = [first, last].map(|position| self.pixel(position) - refined.origin);
-        Some(Fitted {
-            sums: refined,
-            lines,
-            first,
-            last,
-            ends,
-        })
+        (!inliers.range.is_empty()).then_some(inliers)
     }
 }
 

@@ -379,3 +379,37 @@ fn closed_and_tiny_chains_are_harmless() {
     scene.chains.push(&[]);
     assert_eq!(scene.fit(FitOptions::default()).len(), 4);
 }
+
+#[test]
+fn a_good_beginning_is_kept_when_inliers_become_sparse() {
+    let (a, b) = (Point3::new(-0.6, 0.1, 2.0), Point3::new(0.6, 0.12, 2.0));
+    // The first 80 pixels have a depth, then one in eight.
+    let mut scene = Scene::new();
+    scene.draw(&[a, b], |pixel| {
+        (pixel < 80 || pixel % 8 == 0).then_some(0.0)
+    });
+    let segments = scene.fit(FitOptions::default());
+    assert_eq!(segments.len(), 1);
+    let segment = &segments[0];
+    assert_eq!(segment.pixels.start, 0);
+    assert!(segment.pixels.end >= 80, "{:?}", segment.pixels);
+    assert!(f64::from(segment.inliers) >= 0.5 * segment.pixels.len() as f64);
+}
+
+#[test]
+fn a_stretch_behind_sparse_inliers_is_found() {
+    let (a, b) = (Point3::new(-0.6, 0.1, 2.0), Point3::new(0.6, 0.12, 2.0));
+    let mut scene = Scene::new();
+    scene.draw(&[a, b], |pixel| {
+        (pixel < 40 || pixel % 8 == 0 || pixel >= 250).then_some(0.0)
+    });
+    let segments = scene.fit(FitOptions::default());
+    assert_eq!(segments.len(), 2);
+    for (segment, range) in segments.iter().zip([0..40, 260..300]) {
+        assert!(
+            segment.pixels.start <= range.start && segment.pixels.end >= range.end,
+            "{:?} against {range:?}",
+            segment.pixels
+        );
+    }
+}
