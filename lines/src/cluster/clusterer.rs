@@ -1,6 +1,6 @@
 //! Incremental clustering: each segment joins the best fitting cluster or starts a new one.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 
@@ -72,8 +72,12 @@ pub struct SegmentClusterer {
     minimum_cosine: f64,
     distance: f64,
     offset: f64,
+    /// How far a segment may be from a cluster that it fits.
+    reach: f64,
     /// `None` where a cluster was merged away.
     clusters: Vec<Option<Cluster>>,
+    /// Direction of each cluster. Most candidates have another one, and are not looked at any further.
+    directions: Vec<Vector3<f64>>,
     /// How many of them have the minimum size.
     large: usize,
     tree: RTree<Entry>,
@@ -95,12 +99,16 @@ impl SegmentClusterer {
                 value: median_depth,
             });
         }
+        let distance = options.distance_share * median_depth;
+        let offset = options.offset_share * median_depth;
         Ok(Self {
             options,
             minimum_cosine: options.maximum_angle_rad.cos(),
-            distance: options.distance_share * median_depth,
-            offset: options.offset_share * median_depth,
+            distance,
+            offset,
+            reach: reach(distance, offset, options.maximum_angle_rad),
             clusters: Vec::new(),
+            directions: Vec::new(),
             large: 0,
             tree: RTree::new(),
             next_member: Vec::new(),
@@ -171,6 +179,7 @@ impl SegmentClusterer {
                 moments: EndMoments::new(&segment),
                 members: [id, id],
             }));
+            self.directions.push(segment.direction());
             self.count_change(0, 1);
             self.tree.insert(entry(&segment, cluster));
             events.push(ClusterEvent::Created(ClusterId(cluster)));
@@ -215,6 +224,7 @@ impl SegmentClusterer {
         events: &mut Vec<ClusterEvent>,
     ) {
         if before != after {
+            self.directions[cluster as usize] = after.direction();
             self.tree.remove(&entry(before, cluster));
             self.tree.insert(entry(after, cluster));
             events.push(ClusterEvent::Moved(ClusterId(cluster)));
@@ -269,14 +279,13 @@ impl SegmentClusterer {
     ) -> Option<u32> {
         let mut candidates = std::mem::take(&mut self.candidates);
         candidates.clear();
-        let reach = self.offset.max(0.5 * self.distance);
         let (low, high) = corners(segment);
-        let query = AABB::from_corners(low.map(|c| c - reach), high.map(|c| c + reach));
-        candidates.extend(
-            self.tree
-                .locate_in_envelope_intersecting(query)
-                .map(|entry| entry.data),
-        );
+        let query = AABB::from_corners(low.map(|c| c - self.reach), high.map(|c| c + self.reach));
+        let towards = segment.direction();
+        let is_parallel =
+            |id: &u32| self.directions[*id as usize].dot(&towards).abs() >= self.minimum_cosine;
+        let found = self.tree.locate_in_envelope_intersecting(query);
+        candidates.extend(found.map(|entry| entry.data).filter(is_parallel));
         let best = candidates
             .iter()
             .filter(|&&id| Some(id) != except)
@@ -320,6 +329,21 @@ fn corners(segment: &WorldSegment) -> ([f64; 3], [f64; 3]) {
 fn entry(segment: &WorldSegment, cluster: u32) -> Entry {
     let (low, high) = corners(segment);
     GeomWithData::new(Rectangle::from_corners(low, high), cluster)
+}
+
+/// Upper bound of the distance between a segment and a cluster that it fits.
+///
+/// Let `r` be the distance of an end `p` of one from the nearest end `q` of the other. Seen from `p`, the other runs away from it
+/// at an angle `t` with the line `pq`, so that its detour via `p` is at least `r + r cos t`, which is at most `distance`. An end
+/// lies within `offset` of the line of the longer one, and the two directions differ by at most `angle`: `t` is at most
+/// `asin(offset / r) + angle`. With parallel lines the largest `r` is `(distance^2 + offset^2) / (2 distance)`; the bound of `t`
+/// falls with `r`, so that its value there bounds the others.
+fn reach(distance: f64, offset: f64, angle: f64) -> f64 {
+    let parallel = 0.5 * (distance + offset * offset / distance);
+    let turned = (offset / parallel).min(1.0).asin() + angle;
+    let reach = distance / (1.0 + turned.cos().max(0.0));
+    // Beside the middle of a long segment there is no detour.
+    reach.max(offset)
 }
 
 #[cfg(test)]

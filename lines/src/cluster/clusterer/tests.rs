@@ -168,3 +168,77 @@ fn bad_scale_is_refused() {
         assert!(SegmentClusterer::new(ClusterOptions::default(), bad).is_err());
     }
 }
+
+/// Pairs of segments near the limits of a fit.
+fn near_limits(rng: &mut ChaCha8Rng) -> [[Point3<f64>; 2]; 2] {
+    let mut vector = |scale: f64| Vector3::from_fn(|_, _| rng.random_range(-scale..scale));
+    // Near an axis, where boxes are thin.
+    let direction = (Vector3::x() + vector(0.3)).normalize();
+    let across = direction.cross(&vector(1.0)).normalize();
+    let turned = (direction + vector(0.1)).normalize();
+    let [length, other] = [vector(1.0), vector(1.0)].map(|v| v.x.abs() + 0.01);
+    let gap = vector(0.012);
+    let start = Point3::from(vector(1.0));
+    let next = start + direction * (length + gap.x) + across * gap.y;
+    [
+        [start, start + direction * length],
+        [next, next + turned * other],
+    ]
+}
+
+#[test]
+fn no_cluster_that_fits_is_missed() {
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    let (mut fitting, mut beyond_half_distance) = (0, 0);
+    for _ in 0..200_000 {
+        let pair = near_limits(&mut rng);
+        let [first, second] = pair.map(|ends| WorldSegment::new(ends).unwrap());
+        let mut clusterer = clusterer();
+        clusterer.insert(pair[0], &mut Vec::new()).unwrap();
+        let fits = clusterer
+            .misfit(&first, &second)
+            .is_some_and(|misfit| misfit <= clusterer.offset);
+        let found = clusterer.best_cluster(&second, None, clusterer.offset);
+        assert_eq!(found.is_some(), fits, "{pair:?}");
+        fitting += usize::from(fits);
+        let (a, b) = (corners(&first), corners(&second));
+        let gap = (0..3)
+            .map(|axis| (a.0[axis] - b.1[axis]).max(b.0[axis] - a.1[axis]))
+            .fold(f64::NEG_INFINITY, f64::max);
+        beyond_half_distance += usize::from(fits && gap > 0.01);
+    }
+    assert!(
+        fitting > 10_000 && beyond_half_distance > 10,
+        "{fitting} {beyond_half_distance}"
+    );
+}
+
+#[test]
+fn lines_of_opposite_direction_share_a_cluster() {
+    // The sign of a direction is arbitrary.
+    for direction in [
+        Vector3::x(),
+        Vector3::y(),
+        Vector3::z(),
+        Vector3::new(0.0, -1.0, 1.0),
+    ] {
+        for turn in [
+            Vector3::zeros(),
+            Vector3::new(0.1, -0.1, 0.05),
+            Vector3::new(-0.05, 0.1, -0.1),
+        ] {
+            let mut clusterer = clusterer();
+            let center = Point3::new(0.3, -0.2, 2.0);
+            let half = 0.02 * direction.normalize();
+            let turned = 0.02 * (direction.normalize() + turn).normalize();
+            let ends = [
+                [center - half, center + half],
+                [center + turned, center - turned],
+            ];
+            for ends in ends {
+                clusterer.insert(ends, &mut Vec::new()).unwrap();
+            }
+            assert_eq!(clusterer.all_clusters().count(), 1, "{direction} {turn}");
+        }
+    }
+}
