@@ -92,6 +92,7 @@ impl LandmarkFusion {
 
     /// Clears the state of the previous keyframe.
     pub(super) fn begin_keyframe(&mut self) {
+        self.landmarks.begin_keyframe();
         self.seen.clear();
         self.contradicted.clear();
         self.sub_segments.clear();
@@ -260,9 +261,12 @@ impl LandmarkFusion {
             let point = self.points[landmark as usize];
             match self.landmarks.update(landmark) {
                 LandmarkUpdate::Unchanged => {}
-                LandmarkUpdate::Moved(position) => {
-                    transaction.move_point(point, position)?;
-                    self.moved.push(landmark);
+                LandmarkUpdate::Settled { position, sigma } => {
+                    transaction.set_sigma(point, Some(self.sigma_factor * sigma))?;
+                    if let Some(position) = position {
+                        transaction.move_point(point, position)?;
+                        self.moved.push(landmark);
+                    }
                 }
                 LandmarkUpdate::Removed => {
                     transaction.remove_point(point)?;

@@ -44,6 +44,12 @@ pub(super) struct Landmark {
     weight: f64,
     /// Number of measurements.
     measurements: u32,
+    /// Number of keyframes that measured it.
+    keyframes: u32,
+    /// The last of them.
+    last_keyframe: u32,
+    /// How many had measured it when it was last settled.
+    settled_at: u32,
     /// Number of keyframes that measured a surface behind it.
     contradictions: u32,
     /// Sum of its observed sRGB colours, and their number.
@@ -52,21 +58,35 @@ pub(super) struct Landmark {
 }
 
 impl Landmark {
-    fn add(&mut self, measurement: &Measurement) {
+    fn add(&mut self, measurement: &Measurement, keyframe: u32) {
         let weight = 1.0 / (measurement.sigma * measurement.sigma);
         self.weighted += weight * measurement.point_in_world.coords;
         self.weight += weight;
         self.measurements += 1;
+        if self.keyframes == 0 || self.last_keyframe != keyframe {
+            self.keyframes += 1;
+            self.last_keyframe = keyframe;
+        }
+    }
+
+    /// Standard deviation of one measurement.
+    fn sigma(&self) -> f64 {
+        (f64::from(self.measurements) / self.weight).sqrt()
     }
 }
 
 /// Outcome of [`Landmarks::update`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LandmarkUpdate {
-    /// The position is unchanged.
+    /// Position and deviation are unchanged.
     Unchanged,
-    /// The landmark moved to this position.
-    Moved(Point3<f64>),
+    /// The measurements of all keyframes so far are taken into account.
+    Settled {
+        /// The new position; `None` when it is close to the old one.
+        position: Option<Point3<f64>>,
+        /// Standard deviation of the position along the view rays.
+        sigma: f64,
+    },
     /// The landmark was removed from the map.
     Removed,
 }
@@ -77,6 +97,8 @@ pub(super) struct Landmarks {
     options: LandmarkOptions,
     records: Vec<Landmark>,
     tree: RTree<GeomWithData<[f64; 3], u32>>,
+    /// Number of the current keyframe.
+    keyframe: u32,
 }
 
 impl Landmarks {
@@ -86,7 +108,13 @@ impl Landmarks {
             options,
             records: Vec::new(),
             tree: RTree::new(),
+            keyframe: 0,
         }
+    }
+
+    /// Measurements and contradictions from here on are those of another keyframe.
+    pub(super) fn begin_keyframe(&mut self) {
+        self.keyframe += 1;
     }
 
     /// Position of a landmark.
@@ -132,11 +160,14 @@ impl Landmarks {
             weighted: Vector3::zeros(),
             weight: 0.0,
             measurements: 0,
+            keyframes: 0,
+            last_keyframe: 0,
+            settled_at: 0,
             contradictions: 0,
             colors: [0; 4],
             is_removed: false,
         };
-        landmark.add(measurement);
+        landmark.add(measurement, self.keyframe);
         self.records.push(landmark);
         self.tree
             .insert(GeomWithData::new(position.coords.into(), id));
@@ -156,7 +187,7 @@ impl Landmarks {
     /// # Panics
     /// When the index is out of range.
     pub(super) fn add_measurement(&mut self, id: u32, measurement: &Measurement) {
-        self.records[id as usize].add(measurement);
+        self.records[id as usize].add(measurement, self.keyframe);
     }
 
     /// Adds an observed sRGB colour to a landmark.
@@ -189,7 +220,8 @@ impl Landmarks {
 
     /// Moves a landmark to the mean of its measurements, or removes it when more keyframes contradict than measured it.
     ///
-    /// It moves only with its 2nd, 4th, 8th... measurement, as the mean changes little between them.
+    /// It is settled when the number of keyframes that measured it has passed 1, 2, 4, 8..., as the mean changes little between
+    /// them. The errors of several measurements by one keyframe are those of the same depth image, and do not average out.
     ///
     /// # Panics
     /// When the index is out of range.
@@ -199,23 +231,29 @@ impl Landmarks {
             return LandmarkUpdate::Unchanged;
         }
         let indexed = GeomWithData::new(landmark.position.coords.into(), id);
-        if landmark.contradictions > landmark.measurements {
+        if landmark.contradictions > landmark.keyframes {
             landmark.is_removed = true;
             self.tree.remove(&indexed);
             return LandmarkUpdate::Removed;
         }
+        if landmark.keyframes.checked_ilog2() == landmark.settled_at.checked_ilog2() {
+            return LandmarkUpdate::Unchanged;
+        }
+        landmark.settled_at = landmark.keyframes;
         let mean = Point3::from(landmark.weighted / landmark.weight);
-        let sigma = (f64::from(landmark.measurements) / landmark.weight).sqrt();
+        let sigma = landmark.sigma();
         let moved = (mean - landmark.position).norm();
         // False also for a NaN mean.
         let is_significant = moved > self.options.settling_share * sigma;
-        if !landmark.measurements.is_power_of_two() || !is_significant {
-            return LandmarkUpdate::Unchanged;
+        if is_significant {
+            landmark.position = mean;
+            self.tree.remove(&indexed);
+            self.tree.insert(GeomWithData::new(mean.coords.into(), id));
         }
-        landmark.position = mean;
-        self.tree.remove(&indexed);
-        self.tree.insert(GeomWithData::new(mean.coords.into(), id));
-        LandmarkUpdate::Moved(mean)
+        LandmarkUpdate::Settled {
+            position: is_significant.then_some(mean),
+            sigma: sigma / f64::from(landmark.keyframes).sqrt(),
+        }
     }
 
     fn nearest_within_gates(&self, measurement: &Measurement) -> Option<u32> {
@@ -308,16 +346,69 @@ mod tests {
         let mut landmarks = Landmarks::new(NARROW);
         landmarks.associate(&at(0.0, 0.0, 2.0));
         landmarks.add_measurement(0, &at(0.0, 0.0, 2.02));
-        let LandmarkUpdate::Moved(mean) = landmarks.update(0) else {
-            panic!("a centimetre is a standard deviation");
-        };
+        let mean = settled_position(landmarks.update(0)).expect("a centimetre is a deviation");
         assert!((mean - Point3::new(0.0, 0.0, 2.01)).norm() < 1e-12);
         assert_eq!(
             landmarks.associate(&at(0.0, 0.0, 2.029)),
             Association::Existing(0)
         );
-        // Three measurements are no power of two.
+        // Still the first keyframe.
         assert_eq!(landmarks.update(0), LandmarkUpdate::Unchanged);
+    }
+
+    fn settled_position(update: LandmarkUpdate) -> Option<Point3<f64>> {
+        match update {
+            LandmarkUpdate::Settled { position, .. } => position,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_landmark_settles_with_any_number_of_measurements_a_keyframe() {
+        // Three is no power of two, nor is any multiple of it.
+        let mut landmarks = Landmarks::new(NARROW);
+        let mut settled = Vec::new();
+        for keyframe in 1..=9 {
+            landmarks.begin_keyframe();
+            let z = if keyframe == 1 { 2.0 } else { 2.015 };
+            for _ in 0..3 {
+                assert_ne!(landmarks.associate(&at(0.0, 0.0, z)), Association::New(1));
+            }
+            if let LandmarkUpdate::Settled { sigma, .. } = landmarks.update(0) {
+                assert!((sigma - 0.01 / f64::from(keyframe).sqrt()).abs() < 1e-12);
+                settled.push(keyframe);
+            }
+        }
+        assert_eq!(settled, [1, 2, 4, 8]);
+        // The mean of the first eight keyframes; after four it was too close to the position to move.
+        assert!((landmarks.position(0).z - (2.0 + 7.0 * 2.015) / 8.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_landmark_settles_after_it_has_passed_a_power_of_two() {
+        let mut landmarks = Landmarks::new(NARROW);
+        landmarks.associate(&at(0.0, 0.0, 2.0));
+        landmarks.update(0);
+        // Measured after the update of the second keyframe, as corrections are.
+        for _ in 0..2 {
+            landmarks.begin_keyframe();
+            landmarks.add_measurement(0, &at(0.0, 0.0, 2.018));
+        }
+        let mean = settled_position(landmarks.update(0)).expect("more than half a deviation");
+        assert!((mean.z - 2.012).abs() < 1e-12);
+    }
+
+    #[test]
+    fn keyframes_are_weighed_against_keyframes() {
+        let mut landmarks = Landmarks::new(NARROW);
+        for _ in 0..5 {
+            landmarks.associate(&at(0.0, 0.0, 2.0));
+        }
+        for _ in 0..2 {
+            landmarks.begin_keyframe();
+            landmarks.add_contradiction(0);
+        }
+        assert_eq!(landmarks.update(0), LandmarkUpdate::Removed);
     }
 
     #[test]
@@ -325,7 +416,7 @@ mod tests {
         let mut landmarks = Landmarks::new(NARROW);
         landmarks.associate(&at(0.0, 0.0, 2.0));
         landmarks.add_contradiction(0);
-        assert_eq!(landmarks.update(0), LandmarkUpdate::Unchanged);
+        assert_eq!(settled_position(landmarks.update(0)), None);
         landmarks.add_contradiction(0);
         assert_eq!(landmarks.update(0), LandmarkUpdate::Removed);
         assert_eq!((landmarks.tree.size(), landmarks.is_in_use(0)), (0, false));
