@@ -23,6 +23,13 @@ pub enum MapChange {
         /// Its new position.
         point_in_world: Point3<f64>,
     },
+    /// The deviation of a point is known, or has changed by more than a tenth.
+    SetSigma {
+        /// The point.
+        point: MapPointId,
+        /// Standard deviation along the rays to it, in units of the poses.
+        sigma: f64,
+    },
     /// The camera centre of a keyframe has moved.
     MoveKeyframe {
         /// Number of the keyframe in the map.
@@ -71,6 +78,9 @@ impl PointMap {
     }
 }
 
+/// Changes of a deviation by a smaller factor are not published: they would change the evidence of all rays to the point.
+const SIGMA_FACTOR: f64 = 1.1;
+
 fn publish_point(
     options: &MapPointOptions,
     id: MapPointId,
@@ -81,6 +91,8 @@ fn publish_point(
         keyframe,
         point: id,
     };
+    let sigma = point.sigma_along_rays();
+    let deviation = MapChange::SetSigma { point: id, sigma };
     match (&mut point.published, point.is_established) {
         (None, false) => {}
         (Some(_), false) => {
@@ -92,10 +104,12 @@ fn publish_point(
                 point: id,
                 point_in_world: point.point_in_world,
             });
+            changes.push(deviation);
             let keyframes: Vec<u32> = point.observations.iter().map(|s| s.keyframe).collect();
             changes.extend(keyframes.iter().copied().map(observed_by));
             point.published = Some(Published {
                 point_in_world: point.point_in_world,
+                sigma,
                 keyframes,
             });
         }
@@ -111,6 +125,11 @@ fn publish_point(
                     point: id,
                     point_in_world: point.point_in_world,
                 });
+            }
+            let ratio = sigma / published.sigma;
+            if !(SIGMA_FACTOR.recip()..=SIGMA_FACTOR).contains(&ratio) && sigma.is_finite() {
+                published.sigma = sigma;
+                changes.push(deviation);
             }
             // Merge of two ascending lists.
             let mut old = published.keyframes.iter().copied().peekable();

@@ -46,6 +46,7 @@ pub struct MapPoint {
 #[derive(Debug, Clone)]
 pub(super) struct Published {
     pub(super) point_in_world: Point3<f64>,
+    pub(super) sigma: f64,
     /// Observing keyframes, ascending.
     pub(super) keyframes: Vec<u32>,
 }
@@ -54,6 +55,14 @@ impl MapPoint {
     /// Whether the point is established: it has enough observations and parallax, and a small relative uncertainty.
     pub fn is_established(&self) -> bool {
         self.is_established
+    }
+
+    /// Standard deviation along the mean direction of the rays to it.
+    pub fn sigma_along_rays(&self) -> f64 {
+        self.viewing
+            .dot(&(self.covariance * self.viewing))
+            .max(0.0)
+            .sqrt()
     }
 
     /// The observation in a keyframe.

@@ -127,7 +127,8 @@ impl Map {
     /// # Errors
     /// When an observation names a view that does not exist.
     pub fn of_model(options: &Options, model: SparseModel) -> Result<Self, MapError> {
-        let model = ModelMap::new(model, &options.point_model)?;
+        let factor = options.carving.cut.sigma_factor;
+        let model = ModelMap::new(model, &options.point_model, factor)?;
         let median_depth = model.median_depth();
         Ok(Self::new(options, Contents::Model(model), median_depth))
     }

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use linecarve_carving::{Carver, PointId, Transaction};
 use linecarve_points::parallax_cosine;
-use linecarve_sequence::{ModelPoint, SparseModel};
-use nalgebra::Point3;
+use linecarve_sequence::{ModelPoint, ModelView, SparseModel};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::error::MapError;
 use super::update::MapUpdate;
@@ -34,6 +34,8 @@ pub(super) struct ModelMap {
     /// Points that each view observes, ascending.
     points_of_view: Vec<Vec<u32>>,
     points: Vec<Option<PointId>>,
+    /// Standard deviation of each point for the carver, if known.
+    sigmas: Vec<Option<f64>>,
     median_depth: Option<f64>,
 }
 
@@ -43,11 +45,16 @@ impl ModelMap {
     ///
     /// # Errors
     /// When an observation names a view that does not exist.
-    pub(super) fn new(model: SparseModel, options: &PointModelOptions) -> Result<Self, MapError> {
+    pub(super) fn new(
+        model: SparseModel,
+        options: &PointModelOptions,
+        sigma_factor: f64,
+    ) -> Result<Self, MapError> {
         let mut counts = ModelCounts::default();
         let mut points_of_view = vec![Vec::new(); model.views.len()];
         let mut depths = Vec::new();
         let mut views = Vec::new();
+        let mut sigmas = vec![None; model.points.len()];
         for (index, point) in model.points.iter().enumerate() {
             if let Some(observation) = point
                 .observations
@@ -64,6 +71,9 @@ impl ModelMap {
                 for view in &views {
                     points_of_view[*view as usize].push(index as u32);
                 }
+                let seen_from = views.iter().map(|view| &model.views[*view as usize]);
+                sigmas[index] = sigma_along_rays(&point.point_in_world, seen_from)
+                    .map(|sigma| sigma_factor * sigma);
             }
         }
         let middle = depths.len() / 2;
@@ -73,6 +83,7 @@ impl ModelMap {
             counts,
             points_of_view,
             points: vec![None; model.points.len()],
+            sigmas,
             median_depth,
             model,
         })
@@ -93,7 +104,7 @@ impl ModelMap {
         let mut transaction = carver.transaction();
         for view in views {
             let points_of_view = &self.points_of_view[view];
-            let points = &mut self.points;
+            let points = (&mut self.points[..], &self.sigmas[..]);
             add_view(
                 &mut transaction,
                 &self.model,
@@ -207,13 +218,38 @@ fn select_point(
     is_selected
 }
 
+/// Standard deviation of a point along the mean direction of its rays, when each of its pixels is accurate to [`PIXEL_SIGMA_PX`];
+/// `None` when a view has no camera, or the rays are parallel.
+fn sigma_along_rays<'a>(
+    point: &Point3<f64>,
+    views: impl Iterator<Item = &'a ModelView>,
+) -> Option<f64> {
+    let mut information = Matrix3::zeros();
+    let mut towards = Vector3::zeros();
+    for view in views {
+        let ray = point - Point3::from(view.world_from_camera.translation.vector);
+        let direction = ray.normalize();
+        // A ray says where the point is across it.
+        let across = Matrix3::identity() - direction * direction.transpose();
+        let sigma = PIXEL_SIGMA_PX * ray.norm() / view.camera.as_ref()?.mean_focal_px();
+        information += across / (sigma * sigma);
+        towards += direction;
+    }
+    let towards = towards.try_normalize(0.0)?;
+    let sigma = towards.dot(&(information.try_inverse()? * towards)).sqrt();
+    (sigma.is_finite() && sigma > 0.0).then_some(sigma)
+}
+
+/// Assumed standard deviation of the pixels of a model, which do not come with one.
+const PIXEL_SIGMA_PX: f64 = 1.0;
+
 /// Adds a view, its observations and its new points.
 fn add_view(
     transaction: &mut Transaction<'_>,
     model: &SparseModel,
     view: usize,
     points_of_view: &[u32],
-    points: &mut [Option<PointId>],
+    (points, sigmas): (&mut [Option<PointId>], &[Option<f64>]),
     update: &mut MapUpdate,
 ) -> Result<(), MapError> {
     let record = &model.views[view];
@@ -239,6 +275,9 @@ fn add_view(
                         point: index as usize,
                         source,
                     })?;
+                transaction
+                    .set_sigma(point, sigmas[index as usize])
+                    .map_err(rejected)?;
                 *slot.insert(point)
             }
         };

@@ -17,6 +17,8 @@ pub(super) struct FeatureMap {
     views: Vec<ViewId>,
     /// The carver's id of each carved point.
     points: Vec<Option<PointId>>,
+    /// Factor on standard deviations for the carver.
+    sigma_factor: f64,
 }
 
 impl FeatureMap {
@@ -29,6 +31,7 @@ impl FeatureMap {
             map: empty_point_map(sequence, options)?,
             views: Vec::new(),
             points: Vec::new(),
+            sigma_factor: options.carving.cut.sigma_factor,
         })
     }
 
@@ -117,6 +120,10 @@ impl FeatureMap {
                 } => {
                     transaction.move_point(carved(&self.points, point.0), point_in_world)?;
                     update.moved_points += 1;
+                }
+                MapChange::SetSigma { point, sigma } => {
+                    let sigma = self.sigma_factor * sigma;
+                    transaction.set_sigma(carved(&self.points, point.0), Some(sigma))?;
                 }
                 MapChange::MoveKeyframe { keyframe, center } => {
                     transaction.move_view(self.views[keyframe as usize], center)?;

@@ -104,6 +104,7 @@ fn distance_to_room(point: &Point3<f64>) -> f64 {
 #[derive(Default, Debug, PartialEq)]
 struct Follower {
     points: BTreeMap<u32, (Point3<f64>, Vec<u32>)>,
+    sigmas: BTreeMap<u32, f64>,
     centers: BTreeMap<u32, Point3<f64>>,
     moves: usize,
 }
@@ -126,11 +127,16 @@ impl Follower {
                     self.points.get_mut(&point.0).unwrap().0 = point_in_world;
                     self.moves += 1;
                 }
+                MapChange::SetSigma { point, sigma } => {
+                    assert!(self.points.contains_key(&point.0));
+                    self.sigmas.insert(point.0, sigma);
+                }
                 MapChange::MoveKeyframe { keyframe, center } => {
                     self.centers.insert(keyframe, center);
                 }
                 MapChange::RemovePoint { point } => {
                     self.points.remove(&point.0).unwrap();
+                    self.sigmas.remove(&point.0).unwrap();
                 }
                 MapChange::AddObservation { keyframe, point } => {
                     let views = &mut self.points.get_mut(&point.0).unwrap().1;
@@ -146,7 +152,7 @@ impl Follower {
         }
     }
 
-    /// Compares points and observations, and positions within the tolerance of the options.
+    /// Compares points and observations, positions within the tolerance of the options, and deviations within a tenth.
     fn check(&self, map: &PointMap) {
         assert_eq!(self.points.len(), map.established().count());
         for (id, point) in map.established() {
@@ -163,6 +169,8 @@ impl Follower {
                 .dot(&(point.covariance.try_inverse().unwrap() * step))
                 .sqrt();
             assert!(sigmas <= map.options.move_sigmas + 1e-9, "{sigmas}");
+            let ratio = self.sigmas[&id.0] / point.sigma_along_rays();
+            assert!((0.9..1.12).contains(&ratio), "{ratio}");
         }
     }
 }

@@ -117,3 +117,31 @@ fn nothing_has_an_empty_surface() {
     assert!(map.surface().is_empty());
     assert_eq!(map.median_depth(), None);
 }
+
+#[test]
+fn the_deviation_of_a_point_is_that_of_its_rays() {
+    let view = |x: f64| ModelView {
+        name: String::new(),
+        world_from_camera: Isometry3::translation(x, 0.0, 0.0),
+        camera: Some(Camera::pinhole(500.0, 500.0, 320.0, 240.0).unwrap()),
+        size_px: None,
+    };
+    let point = Point3::new(0.05, 0.0, 4.0);
+    // z^2 / (f b) for the disparity of two pixels; the mean of four such pairs is half of it.
+    let stereo = 16.0 / (500.0 * 0.1) * 2.0_f64.sqrt();
+    for pairs in [1, 4] {
+        let views: Vec<_> = (0..2 * pairs)
+            .map(|i| view(0.1 * f64::from(i % 2)))
+            .collect();
+        let sigma = sigma_along_rays(&point, views.iter()).unwrap();
+        let expected = stereo / f64::from(pairs).sqrt();
+        assert!(
+            (sigma / expected - 1.0).abs() < 0.02,
+            "{sigma}, not {expected}"
+        );
+    }
+    assert_eq!(
+        sigma_along_rays(&point, [view(0.0), view(0.0)].iter()),
+        None
+    );
+}
