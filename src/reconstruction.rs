@@ -376,7 +376,7 @@ fn empty_map(recording: &Recording) -> Result<Map, Error> {
                 Source::Segments => Map::of_segments(options, median_depth)?,
                 _ => {
                     let camera = sequence.color_camera();
-                    Map::of_lines(options, camera, depth.noise(), median_depth)?
+                    Map::of_lines(options, camera, depth, median_depth)?
                 }
             }
         }

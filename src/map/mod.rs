@@ -27,13 +27,12 @@ use std::time::Instant;
 use linecarve_carving::{Carver, CarverOptions};
 use linecarve_carving::{ExportOptions, Hull, Triangle, TriangleRole, VertexId};
 use linecarve_lines::camera::Camera;
-use linecarve_lines::depth::SensorNoise;
 use linecarve_mesh::TriangleMesh;
 use linecarve_points::PointMap;
 use linecarve_sequence::{Sequence, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
-use crate::front_end::Keyframe;
+use crate::front_end::{DepthSource, Keyframe};
 use crate::options::Options;
 use lines::LineMap;
 use model::ModelMap;
@@ -86,22 +85,24 @@ impl Map {
         ))
     }
 
-    /// An empty map of segments observed by `camera` with depth `noise`; `median_depth` is in units of the poses.
+    /// An empty map of segments observed by `camera` with depth of this source; `median_depth` is in units of the poses.
+    ///
+    /// Depth images confirm or reject each triangle, those on the convex hull of all points too: a wall that is measured
+    /// without error lies on it. Without them nothing says that there is a surface on the hull, and none is exported.
     ///
     /// # Errors
     /// When an option is out of range.
     pub fn of_lines(
         options: &Options,
         camera: &Camera,
-        noise: SensorNoise,
+        depth: &DepthSource,
         median_depth: f64,
     ) -> Result<Self, MapError> {
-        let lines = LineMap::new(options, camera, noise, median_depth)?;
-        Ok(Self::new(
-            options,
-            Contents::Lines(Box::new(lines)),
-            Some(median_depth),
-        ))
+        let lines = LineMap::new(options, camera, depth.noise(), median_depth)?;
+        let mut options = options.clone();
+        options.surface.keep_hull |= matches!(depth, DepthSource::Sensor(_));
+        let contents = Contents::Lines(Box::new(lines));
+        Ok(Self::new(&options, contents, Some(median_depth)))
     }
 
     /// An empty map of points triangulated from features of `sequence`. Without `median_depth` the length scale is that of

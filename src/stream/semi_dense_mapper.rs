@@ -131,7 +131,7 @@ pub(super) fn empty_map(
     live: &LiveSequence,
     source: SemiDenseSource,
 ) -> Result<Map, SessionError> {
-    let noise = DepthSource::SemiDense(source).noise();
+    let depth = DepthSource::SemiDense(source);
     let camera = live.sequence().color_camera();
-    Ok(Map::of_lines(options, camera, noise, source.median_depth)?)
+    Ok(Map::of_lines(options, camera, &depth, source.median_depth)?)
 }

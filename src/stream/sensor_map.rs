@@ -7,7 +7,7 @@ use super::SessionError;
 use super::message::StartMessage;
 use super::session_map::SessionMap;
 use crate::front_end::{
-    Arrival, Keyframe, LineKeyframe, SensorFrontEnd, far_origin, median_scene_depth,
+    Arrival, DepthSource, Keyframe, LineKeyframe, SensorFrontEnd, far_origin, median_scene_depth,
 };
 use crate::map::{Map, SurfaceChange};
 use crate::mapper::{Mapper, Taken};
@@ -118,7 +118,8 @@ impl SensorMap {
             None => far_origin([Point3::from(first)], median_depth),
         };
         let camera = sequence.color_camera();
-        let map = Map::of_lines(options, camera, sensor.noise, median_depth)?;
+        let depth = DepthSource::Sensor(sensor.clone());
+        let map = Map::of_lines(options, camera, &depth, median_depth)?;
         let mut session_map = Self {
             front_end: SensorFrontEnd::new(sensor.clone(), options.extract())?,
             live,
@@ -169,7 +170,8 @@ impl SensorMap {
             }
         }
         let camera = self.live.sequence().color_camera();
-        let map = Map::of_lines(options, camera, self.sensor.noise, self.median_depth)?;
+        let depth = DepthSource::Sensor(self.sensor.clone());
+        let map = Map::of_lines(options, camera, &depth, self.median_depth)?;
         let finals = keyframes.iter().map(|(_, keyframe)| keyframe);
         self.mapper.rebuild(map, finals, [])?;
         self.keyframes = keyframes;

@@ -50,13 +50,8 @@ fn map(sequence: &Sequence) -> Map {
         options: options.semi_dense,
         median_depth: MEDIAN_DEPTH,
     });
-    Map::of_lines(
-        &options,
-        sequence.color_camera(),
-        source.noise(),
-        MEDIAN_DEPTH,
-    )
-    .expect("default options are in range")
+    Map::of_lines(&options, sequence.color_camera(), &source, MEDIAN_DEPTH)
+        .expect("default options are in range")
 }
 
 fn segments_of(keyframe: &Keyframe) -> usize {
