@@ -1,6 +1,6 @@
 //! Calibration of a sequence, and the sidecar file that overrides the layout's calibration.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::Isometry3;
@@ -88,6 +88,10 @@ pub(super) struct Calibration {
     pub(super) depth: Option<DepthGeometry>,
     /// Raw depth units per pose unit.
     pub(super) depth_scale: f64,
+    /// Floating-point depths per pose unit.
+    pub(super) float_depth_scale: f64,
+    /// Folder with the standard deviation of each depth.
+    pub(super) sigma: Option<PathBuf>,
     /// `point_in_body = body_from_color * point_in_color`, if known.
     pub(super) body_from_color: Option<Isometry3<f64>>,
     /// Convention of the recorded poses.
@@ -101,6 +105,8 @@ impl Calibration {
             color,
             depth: None,
             depth_scale: 1000.0,
+            float_depth_scale: 1.0,
+            sigma: None,
             body_from_color: None,
             pose_convention: PoseConvention::default(),
         }
@@ -113,6 +119,8 @@ pub(super) struct Sidecar {
     pub(super) color: Option<CalibratedCamera>,
     pub(super) depth: Option<DepthGeometry>,
     pub(super) depth_scale: Option<f64>,
+    /// Folder with the standard deviation of each depth.
+    pub(super) sigma: Option<PathBuf>,
     pub(super) body_from_color: Option<Isometry3<f64>>,
     poses: PosesSection,
 }
@@ -145,14 +153,22 @@ impl Sidecar {
             .color
             .map(|section| section.camera("color", source))
             .transpose()?;
+        let sigma = file.depth.as_ref().and_then(|depth| depth.sigma.clone());
         let (depth, depth_scale) = match file.depth {
             Some(section) => section.split(source)?,
             None => (None, None),
         };
+        if sigma.is_some() && depth.is_some() {
+            return Err(
+                "[depth] sigma needs depth that is registered to colour: remove fx, fy, cx and cy, or sigma"
+                    .to_owned(),
+            );
+        }
         Ok(Self {
             color,
             depth,
             depth_scale,
+            sigma,
             body_from_color: file
                 .poses
                 .as_ref()
@@ -174,6 +190,16 @@ impl Sidecar {
         }
         if let Some(scale) = self.depth_scale {
             calibration.depth_scale = scale;
+            calibration.float_depth_scale = scale;
+        }
+        if let Some(sigma) = self.sigma {
+            if calibration.depth.is_some() {
+                return Err(
+                    "[depth] sigma needs depth that is registered to colour; that of this layout is not"
+                        .to_owned(),
+                );
+            }
+            calibration.sigma = Some(sigma);
         }
         if let Some(body_from_color) = self.body_from_color {
             calibration.body_from_color = Some(body_from_color);
@@ -242,6 +268,7 @@ struct DepthSection {
     width: Option<u32>,
     height: Option<u32>,
     scale: Option<f64>,
+    sigma: Option<PathBuf>,
     color_from_depth: Option<[[f64; 4]; 4]>,
 }
 

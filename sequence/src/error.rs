@@ -155,9 +155,9 @@ pub enum FrameError {
         /// Principal point y in pixels.
         cy: f64,
     },
-    /// The depth image does not have one 16-bit channel.
+    /// The depth image does not have one channel of 16 bits or of floating-point values.
     #[error(
-        "{} has {found}, a depth image needs one channel of 16 bits: \
+        "{} has {found}; a depth image needs one channel of 16 bits, or of floating-point values in a TIFF or NPY file: \
          give the original depth images, not 8-bit previews",
         path.display()
     )]
@@ -167,12 +167,40 @@ pub enum FrameError {
         /// Channels and bits of the image.
         found: String,
     },
+    /// The depth image has integers and the first one of the sequence floating-point values, or the other way round.
+    #[error(
+        "{} has {found}, the first depth image of the sequence {expected}: \
+         their units differ; write all depth images of a sequence with one type",
+        path.display()
+    )]
+    DepthType {
+        /// The image.
+        path: PathBuf,
+        /// Type of its values.
+        found: &'static str,
+        /// Type of the values of the first image.
+        expected: &'static str,
+    },
+    /// A depth image has no image of standard deviations.
+    #[error(
+        "no image {}.* with the standard deviations of {}: write one for each depth image, or remove sigma from [depth] of linecarve.toml",
+        stem.display(), depth.display()
+    )]
+    SigmaMissing {
+        /// The depth image.
+        depth: PathBuf,
+        /// The path of the missing file without its extension.
+        stem: PathBuf,
+    },
 }
 
 impl FrameError {
     /// Whether only this frame is affected, so that a caller may skip it. Otherwise the sequence or its calibration is
     /// invalid.
     pub fn is_limited_to_frame(&self) -> bool {
-        matches!(self, Self::Unreadable { .. } | Self::Undecodable { .. })
+        matches!(
+            self,
+            Self::Unreadable { .. } | Self::Undecodable { .. } | Self::SigmaMissing { .. }
+        )
     }
 }

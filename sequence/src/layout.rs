@@ -231,8 +231,9 @@ impl Folder {
     }
 }
 
-/// Supported image extensions, in order of preference.
-pub(super) const IMAGE_EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff"];
+/// Supported image extensions, in order of preference; arrays are for depth.
+pub(super) const IMAGE_EXTENSIONS: [&str; 8] =
+    ["png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff", "npy"];
 
 /// File name without its image extension; `None` if it is not an image.
 pub(super) fn image_stem(name: &str) -> Option<&str> {

@@ -3,6 +3,7 @@
 mod associate;
 mod bytes;
 mod calibration;
+mod depth_image;
 mod downsampling;
 mod error;
 pub mod export;
@@ -81,6 +82,8 @@ pub struct DepthCalibration {
     pub camera: Camera,
     /// Raw depth units per pose unit (1000 for millimetres with poses in metres).
     pub scale: f64,
+    /// Whether raw depths are floating-point values, which are not rounded; otherwise integers.
+    pub is_float: bool,
     /// `point_in_color = color_from_depth * point_in_depth`; identity when registered.
     pub color_from_depth: Isometry3<f64>,
     /// Whether depth is registered: depth and colour pixels with equal coordinates show the same point.
@@ -91,7 +94,7 @@ impl DepthCalibration {
     /// The depth sensor: this camera with a standard deviation of `relative_noise * median_depth` at the median scene
     /// depth, in pose units.
     pub fn sensor(&self, relative_noise: f64, median_depth: f64) -> DepthSensor {
-        let step = 1.0 / self.scale;
+        let step = if self.is_float { 0.0 } else { 1.0 / self.scale };
         DepthSensor {
             camera: self.camera.clone(),
             color_from_depth: self.color_from_depth,
@@ -132,6 +135,8 @@ pub struct Sequence {
     /// Source of the expected colour image size, for messages.
     color_size_source: String,
     depth: Option<DepthCalibration>,
+    /// Folder with the standard deviation of each depth.
+    sigma_folder: Option<PathBuf>,
     stored_depth_size: Option<ImageSize>,
     color_undistortion: Option<Undistortion>,
     /// Downsampling, applied after undistortion.

@@ -3,15 +3,17 @@
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use image::{DynamicImage, ImageFormat, ImageReader};
 use linecarve_lines::camera::UndistortionMap;
 use linecarve_lines::image::{GrayImage, Plane};
 
 use super::calibration::ImageSize;
+use super::depth_image::{RawDepth, decode_depth};
+use super::layout::IMAGE_EXTENSIONS;
 use super::undistortion::{Undistortion, undistortion_map};
-use super::{FrameError, Sequence};
+use super::{DepthCalibration, FrameError, Sequence};
 
 /// Depth z of each pixel in pose units; 0 where unknown.
 pub type DepthImage = Plane<f32>;
@@ -110,11 +112,12 @@ impl Sequence {
         Ok(self.reduced_color(color))
     }
 
-    /// Loads the depth image of a frame, undistorted; `None` if it has none. Raw values 0 and 65535 are unknown. Its camera
-    /// is [`DepthCalibration::camera`](super::DepthCalibration::camera).
+    /// Loads the depth image of a frame, undistorted; `None` if it has none. Unknown are the integers 0 and 65535, and the
+    /// floating-point values 0, negative and not finite. Its camera is
+    /// [`DepthCalibration::camera`](super::DepthCalibration::camera).
     ///
     /// # Errors
-    /// As [`Sequence::load_gray`], and if the image does not have one channel of 16 bits.
+    /// As [`Sequence::load_gray`], and if the image does not have one channel of 16 bits or of floating-point values.
     ///
     /// # Panics
     /// If the index is out of range.
@@ -122,35 +125,90 @@ impl Sequence {
         let (Some(path), Some(calibration)) = (&self.frames[index].depth, &self.depth) else {
             return Ok(None);
         };
-        let raw = match decode(path, |size| self.check_depth_size(path, size))? {
-            DynamicImage::ImageLuma16(raw) => raw,
-            other => {
-                return Err(FrameError::DepthFormat {
-                    path: path.clone(),
-                    found: describe_format(&other),
+        self.depth_values(index, path, calibration).map(Some)
+    }
+
+    /// Loads the standard deviation of each depth of a frame, in pose units, like its depth image; `None` if the frame has no
+    /// depth or the sequence no standard deviations (`[depth] sigma` in `linecarve.toml`).
+    ///
+    /// # Errors
+    /// As [`Sequence::load_depth`], and if there is no such image.
+    ///
+    /// # Panics
+    /// If the index is out of range.
+    pub fn load_depth_sigma(&self, index: usize) -> Result<Option<DepthImage>, FrameError> {
+        let (Some(depth), Some(folder), Some(calibration)) =
+            (&self.frames[index].depth, &self.sigma_folder, &self.depth)
+        else {
+            return Ok(None);
+        };
+        let stem = folder.join(depth.file_stem().unwrap_or_default());
+        let with_extension = |extension| {
+            // Not `with_extension`, which takes what follows a dot in the name away.
+            let mut name = stem.clone().into_os_string();
+            name.push(".");
+            name.push(extension);
+            PathBuf::from(name)
+        };
+        let path = IMAGE_EXTENSIONS
+            .into_iter()
+            .map(with_extension)
+            .find(|path| path.is_file())
+            .ok_or_else(|| FrameError::SigmaMissing {
+                depth: depth.clone(),
+                stem: stem.clone(),
+            })?;
+        self.depth_values(index, &path, calibration).map(Some)
+    }
+
+    /// Reads depths, or standard deviations of them, in pose units.
+    fn depth_values(
+        &self,
+        index: usize,
+        path: &Path,
+        calibration: &DepthCalibration,
+    ) -> Result<DepthImage, FrameError> {
+        let (size, raw) = decode_depth(path, |size| self.check_depth_size(path, size))?;
+        let unit = 1.0 / calibration.scale;
+        let in_pose_units = |value: f64| (value * unit) as f32;
+        let name = |is_float| match is_float {
+            true => "floating-point values",
+            false => "integers",
+        };
+        let samples: Vec<f32> = match (raw, calibration.is_float) {
+            (RawDepth::Integer(raw), false) => raw
+                .into_iter()
+                .map(|value| match value {
+                    0 | u16::MAX => 0.0,
+                    known => in_pose_units(f64::from(known)),
+                })
+                .collect(),
+            (RawDepth::Float(raw), true) => raw
+                .into_iter()
+                .map(|value| match value > 0.0 && value.is_finite() {
+                    true => in_pose_units(f64::from(value)),
+                    false => 0.0,
+                })
+                .collect(),
+            (_, is_float) => {
+                return Err(FrameError::DepthType {
+                    path: path.to_owned(),
+                    found: name(!is_float),
+                    expected: name(is_float),
                 });
             }
         };
-        let unit = 1.0 / calibration.scale;
-        let samples = raw
-            .as_raw()
-            .iter()
-            .map(|&value| match value {
-                0 | u16::MAX => 0.0,
-                known => (f64::from(known) * unit) as f32,
-            })
-            .collect();
-        let depth = Plane::new(raw.width() as usize, raw.height() as usize, samples)
+        let depth = Plane::new(size.width as usize, size.height as usize, samples)
             .map_err(|error| undecodable(path, error.to_string()))?;
         let map = if calibration.registered {
             self.map_of_frame(index, path)?
         } else {
             borrowed_map(self.depth_undistortion.as_ref(), path)?
         };
-        Ok(Some(match map {
+        Ok(match map {
             Some(map) => map.resample_depth(&depth),
             None => depth,
-        }))
+        })
     }
 
     fn decode_color(&self, path: &Path) -> Result<DynamicImage, FrameError> {
@@ -205,7 +263,7 @@ pub(super) fn size_error(
     }
 }
 
-fn undecodable(path: &Path, reason: String) -> FrameError {
+pub(super) fn undecodable(path: &Path, reason: String) -> FrameError {
     FrameError::Undecodable {
         path: path.to_owned(),
         reason,
@@ -273,6 +331,18 @@ fn open(path: &Path) -> Result<File, FrameError> {
     })
 }
 
+/// The bytes of a regular file.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>, FrameError> {
+    let mut bytes = Vec::new();
+    open(path)?
+        .read_to_end(&mut bytes)
+        .map_err(|source| FrameError::Unreadable {
+            path: path.to_owned(),
+            source,
+        })?;
+    Ok(bytes)
+}
+
 /// Image size, from the header.
 pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
     let unreadable = |source| FrameError::Unreadable {
@@ -298,20 +368,14 @@ fn decode(
     path: &Path,
     check: impl FnOnce(ImageSize) -> Result<(), FrameError>,
 ) -> Result<DynamicImage, FrameError> {
-    let mut bytes = Vec::new();
-    open(path)?
-        .read_to_end(&mut bytes)
-        .map_err(|source| FrameError::Unreadable {
-            path: path.to_owned(),
-            source,
-        })?;
+    let bytes = read(path)?;
     let size = size_of(&bytes).map_err(|reason| undecodable(path, reason))?;
     check(size)?;
     decode_bytes(&bytes).map_err(|reason| undecodable(path, reason))
 }
 
 /// Image size of encoded bytes, from their header.
-fn size_of(bytes: &[u8]) -> Result<ImageSize, String> {
+pub(super) fn size_of(bytes: &[u8]) -> Result<ImageSize, String> {
     if bytes.is_empty() {
         return Err("the file is empty".to_owned());
     }
@@ -322,7 +386,7 @@ fn size_of(bytes: &[u8]) -> Result<ImageSize, String> {
     Ok(ImageSize { width, height })
 }
 
-fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
+pub(super) fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
     if bytes.is_empty() {
         return Err("the file is empty".to_owned());
     }
@@ -350,7 +414,7 @@ fn is_complete_jpeg(bytes: &[u8]) -> bool {
     }
 }
 
-fn describe_format(image: &DynamicImage) -> String {
+pub(super) fn describe_format(image: &DynamicImage) -> String {
     let channels = image.color().channel_count();
     let bits = image.color().bits_per_pixel() / u16::from(channels.max(1));
     format!("{channels} channel(s) of {bits} bits")

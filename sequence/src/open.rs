@@ -8,6 +8,7 @@ use nalgebra::Isometry3;
 use super::calibration::{
     CalibratedCamera, Calibration, ImageSize, PoseCamera, SIDECAR_FILE, Sidecar,
 };
+use super::depth_image::depth_header;
 use super::layout::{Folder, PoseSource, RecordedFrame, Recording, recognise};
 use super::load::{image_size, size_error};
 use super::pose_convention::{Extrinsics, PoseConvention};
@@ -181,17 +182,29 @@ pub(super) fn assemble(
     if !frames.is_empty() {
         check_color_size(&color, &color_size)?;
     }
-    let depth_size = frames
+    let depth_header = frames
         .iter()
         .filter_map(|frame| frame.depth.as_deref())
-        .find_map(|path| image_size(path).ok().map(|size| (path.to_owned(), size)));
+        .find_map(|path| {
+            depth_header(path)
+                .ok()
+                .map(|header| (path.to_owned(), header))
+        });
+    let is_float = depth_header
+        .as_ref()
+        .is_some_and(|(_, header)| header.is_float);
+    let depth_size = depth_header.map(|(path, header)| (path, header.size));
     let color_undistortion = (!frames.is_empty())
         .then(|| Undistortion::new(&color.camera, color_size.size))
         .flatten();
     let color_camera = pinhole_of(&color.camera, color_undistortion.as_ref());
     let has_depth = frames.iter().any(|frame| frame.depth.is_some());
     let (depth, depth_undistortion) = if has_depth {
-        let (depth, map) = depth_calibration(&calibration, &color_camera, depth_size.as_ref());
+        let (mut depth, map) = depth_calibration(&calibration, &color_camera, depth_size.as_ref());
+        if is_float {
+            depth.is_float = true;
+            depth.scale = calibration.float_depth_scale;
+        }
         conventions.push(describe_depth(&depth, calibration.pose_convention.camera));
         (Some(depth), map)
     } else {
@@ -213,6 +226,7 @@ pub(super) fn assemble(
         color_source: color.source,
         color_size: color_size.size,
         depth,
+        sigma_folder: calibration.sigma.map(|sigma| folder.join(sigma)),
         stored_depth_size: calibration
             .depth
             .as_ref()
@@ -288,6 +302,7 @@ fn depth_calibration(
         let registered = DepthCalibration {
             camera: color_camera.clone(),
             scale: calibration.depth_scale,
+            is_float: false,
             color_from_depth: Isometry3::identity(),
             registered: true,
         };
@@ -299,6 +314,7 @@ fn depth_calibration(
     let depth = DepthCalibration {
         camera: pinhole_of(stored, map.as_ref()),
         scale: calibration.depth_scale,
+        is_float: false,
         color_from_depth: geometry.color_from_depth,
         registered: false,
     };
@@ -319,8 +335,18 @@ fn describe_depth(depth: &DepthCalibration, pose_camera: PoseCamera) -> String {
         (false, PoseCamera::Depth) => "with a separate camera, to which the recorded poses refer",
         (false, PoseCamera::Color | PoseCamera::Body) => "with a separate camera",
     };
+    let values = if depth.is_float {
+        "floating-point values"
+    } else {
+        "16 bits"
+    };
+    let unknown = if depth.is_float {
+        "0, negative and not finite"
+    } else {
+        "0 and 65535"
+    };
     format!(
-        "depth: 16 bits, {} per pose unit, 0 and 65535 unknown, {camera}",
+        "depth: {values}, {} per pose unit, {unknown} unknown, {camera}",
         depth.scale
     )
 }

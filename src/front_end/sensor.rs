@@ -63,15 +63,20 @@ impl SensorFrontEnd {
         let depth = sequence
             .load_depth(frame)?
             .ok_or_else(|| FrontEndError::WithoutDepth { frame: name() })?;
+        let sigma = sequence.load_depth_sigma(frame)?;
         let loaded = start.elapsed();
         let camera = sequence.color_camera();
-        let map = self
-            .sensor
-            .inverse_depth(&depth, camera, image.width(), image.height())
-            .map_err(|source| FrontEndError::Depth {
-                frame: name(),
-                source,
-            })?;
+        let (width, height) = (image.width(), image.height());
+        let map = match &sigma {
+            Some(sigma) => self
+                .sensor
+                .inverse_depth_with_sigma(&depth, sigma, camera, width, height),
+            None => self.sensor.inverse_depth(&depth, camera, width, height),
+        };
+        let map = map.map_err(|source| FrontEndError::Depth {
+            frame: name(),
+            source,
+        })?;
         let registered = start.elapsed() - loaded;
         let extraction = self
             .extractor

@@ -95,6 +95,12 @@ pub enum SensorError {
         /// Height of the colour image.
         color_height: usize,
     },
+    /// Standard deviations come with depth that is not registered.
+    #[error(
+        "depth with a standard deviation for each pixel must be registered to the colour images; register both, or leave out the \
+         standard deviations"
+    )]
+    SigmaNotRegistered,
     /// A camera has lens distortion.
     #[error("the {which} camera has lens distortion; undistort its images first")]
     Distorted {
@@ -161,6 +167,36 @@ impl DepthSensor {
             };
             register(depth, &registration, width, height)
         };
+        Ok(InverseDepthMap::new(width, height, samples)?)
+    }
+
+    /// [`inverse_depth`](Self::inverse_depth) of a registered depth image with the standard deviation of each depth, in units of the
+    /// poses, in place of that of the sensor. Where it is 0, negative or not finite, the depth is unknown.
+    ///
+    /// # Errors
+    /// As [`inverse_depth`](Self::inverse_depth), and when depth is not registered or the two images differ in size.
+    pub fn inverse_depth_with_sigma(
+        &self,
+        depth: &Plane<f32>,
+        sigma: &Plane<f32>,
+        color: &Camera,
+        width: usize,
+        height: usize,
+    ) -> Result<InverseDepthMap, SensorError> {
+        if !self.is_registered {
+            return Err(SensorError::SigmaNotRegistered);
+        }
+        for image in [depth, sigma] {
+            self.check(image, color, width, height)?;
+        }
+        let pairs = depth.samples().iter().zip(sigma.samples());
+        let samples = pairs
+            .map(|(&z, &sigma)| {
+                // d rho = rho^2 d z
+                let rho = 1.0 / z;
+                InverseDepth::new(rho, sigma * rho * rho).unwrap_or(UNKNOWN)
+            })
+            .collect();
         Ok(InverseDepthMap::new(width, height, samples)?)
     }
 
@@ -237,6 +273,34 @@ mod tests {
         let sigma_depth = f64::from(far.sigma) * 16.0;
         assert!((sigma_depth - 0.024).abs() < 1e-4);
         assert_eq!(map.median_depth(), Some(2.0));
+    }
+
+    #[test]
+    fn each_depth_can_have_its_own_deviation() {
+        let noise = SensorNoise::relative_at(0.003, 2.0, 0.0);
+        let mut sensor = DepthSensor::registered(&camera(), noise);
+        let depth = Plane::new(40, 30, vec![2.0; 1200]).unwrap();
+        let mut sigmas = vec![0.04; 1200];
+        sigmas[..4].copy_from_slice(&[0.0, -1.0, f32::NAN, f32::INFINITY]);
+        let sigma = Plane::new(40, 30, sigmas).unwrap();
+        let measure = |sensor: &DepthSensor, sigma| {
+            sensor.inverse_depth_with_sigma(&depth, sigma, &camera(), 40, 30)
+        };
+        let map = measure(&sensor, &sigma).unwrap();
+        assert!((0..4).all(|x| map.get(x, 0).is_none()));
+        let known = map.get(4, 0).unwrap();
+        assert_eq!(known.rho, 0.5);
+        assert!((known.sigma - 0.01).abs() < 1e-7);
+        let small = Plane::new(20, 30, vec![0.04; 600]).unwrap();
+        assert!(matches!(
+            measure(&sensor, &small),
+            Err(SensorError::Size { .. })
+        ));
+        sensor.is_registered = false;
+        assert_eq!(
+            measure(&sensor, &sigma),
+            Err(SensorError::SigmaNotRegistered)
+        );
     }
 
     #[test]

@@ -250,6 +250,7 @@ fn calibration(path: &Path, settings: &Settings) -> Result<Calibration, String> 
             return Err(format!("DepthMapFactor {factor} must be positive"));
         }
         calibration.depth_scale = factor;
+        calibration.float_depth_scale = factor;
     }
     if let Some(matrix) = &s.body_from_camera {
         let motion = matrix

@@ -181,6 +181,7 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
             )));
         }
         calibration.depth_scale = 1.0 / factor;
+        calibration.float_depth_scale = 1.0 / factor;
     }
     let mut recording = Recording::new(frames, calibration);
     recording.cameras = cameras;

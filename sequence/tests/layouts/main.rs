@@ -5,6 +5,7 @@
 mod damage;
 mod export;
 mod faults;
+mod float_depth;
 mod geometry_files;
 mod layouts;
 mod models;

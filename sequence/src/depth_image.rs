@@ -1,0 +1,341 @@
+//! Decoding of depth images: 16-bit integers in any image format, floating-point values in TIFF and NPY files.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::DynamicImage;
+use npyz::{DType, NpyFile, Order};
+use tiff::decoder::{Decoder, DecodingResult};
+
+use super::FrameError;
+use super::calibration::ImageSize;
+use super::load::{decode_bytes, describe_format, read, size_of, undecodable};
+
+/// Values of a depth image as stored, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum RawDepth {
+    /// 0 and 65535 are unknown.
+    Integer(Vec<u16>),
+    /// 0, negative, infinite and NaN are unknown.
+    Float(Vec<f32>),
+}
+
+/// How a depth file is stored; its first bytes decide, not its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Container {
+    Npy,
+    Tiff,
+    Other,
+}
+
+/// Size of a depth image, and whether it has floating-point values, from the header.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct DepthHeader {
+    pub(super) size: ImageSize,
+    pub(super) is_float: bool,
+}
+
+impl Container {
+    fn of(bytes: &[u8]) -> Self {
+        if bytes.starts_with(b"\x93NUMPY") {
+            Self::Npy
+        } else if bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*") {
+            Self::Tiff
+        } else {
+            Self::Other
+        }
+    }
+}
+
+/// Reads the header of a depth image.
+pub(super) fn depth_header(path: &Path) -> Result<DepthHeader, FrameError> {
+    let bytes = read(path)?;
+    header_of(&bytes).map_err(|reason| undecodable(path, reason))
+}
+
+fn header_of(bytes: &[u8]) -> Result<DepthHeader, String> {
+    let (size, is_float) = match Container::of(bytes) {
+        Container::Npy => {
+            let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
+            (npy_size(&file)?, !is_u16(&file.dtype()))
+        }
+        Container::Tiff => {
+            let (mut decoder, size) = open_tiff(bytes)?;
+            let color = decoder.colortype().map_err(|error| error.to_string())?;
+            (size, matches!(color, tiff::ColorType::Gray(32 | 64)))
+        }
+        Container::Other => (size_of(bytes)?, false),
+    };
+    Ok(DepthHeader { size, is_float })
+}
+
+/// Decodes a depth image. The size is checked before memory is allocated, since corrupt headers can claim any size.
+pub(super) fn decode_depth(
+    path: &Path,
+    check: impl FnOnce(ImageSize) -> Result<(), FrameError>,
+) -> Result<(ImageSize, RawDepth), FrameError> {
+    let bytes = read(path)?;
+    let header = header_of(&bytes).map_err(|reason| undecodable(path, reason))?;
+    check(header.size)?;
+    let raw = match Container::of(&bytes) {
+        Container::Npy => npy_samples(&bytes),
+        Container::Tiff => tiff_samples(&bytes),
+        Container::Other => image_samples(&bytes),
+    };
+    let raw = raw.map_err(|problem| match problem {
+        Problem::Damaged(reason) => undecodable(path, reason),
+        Problem::Format(found) => FrameError::DepthFormat {
+            path: path.to_owned(),
+            found,
+        },
+    })?;
+    let count = match &raw {
+        RawDepth::Integer(samples) => samples.len(),
+        RawDepth::Float(samples) => samples.len(),
+    };
+    let expected = u64::from(header.size.width) * u64::from(header.size.height);
+    if count as u64 != expected {
+        let reason = format!("it has {count} values in place of {expected}");
+        return Err(undecodable(path, reason));
+    }
+    Ok((header.size, raw))
+}
+
+/// Why a file with a readable header is no depth image.
+enum Problem {
+    Damaged(String),
+    /// The format that was found.
+    Format(String),
+}
+
+impl Problem {
+    fn damaged(error: impl std::fmt::Display) -> Self {
+        Self::Damaged(error.to_string())
+    }
+}
+
+fn image_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
+    match decode_bytes(bytes).map_err(Problem::Damaged)? {
+        DynamicImage::ImageLuma16(raw) => Ok(RawDepth::Integer(raw.into_raw())),
+        other => Err(Problem::Format(describe_format(&other))),
+    }
+}
+
+fn open_tiff(bytes: &[u8]) -> Result<(Decoder<Cursor<&[u8]>>, ImageSize), String> {
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(|error| error.to_string())?;
+    let (width, height) = decoder.dimensions().map_err(|error| error.to_string())?;
+    Ok((decoder, size(u64::from(width), u64::from(height))?))
+}
+
+fn tiff_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
+    let (mut decoder, _) = open_tiff(bytes).map_err(Problem::Damaged)?;
+    let color = decoder.colortype().map_err(Problem::damaged)?;
+    let tiff::ColorType::Gray(_) = color else {
+        return Err(Problem::Format(format!("the TIFF format {color:?}")));
+    };
+    match decoder.read_image().map_err(Problem::damaged)? {
+        DecodingResult::U16(samples) => Ok(RawDepth::Integer(samples)),
+        DecodingResult::F32(samples) => Ok(RawDepth::Float(samples)),
+        DecodingResult::F64(samples) => Ok(RawDepth::Float(narrowed(&samples))),
+        _ => Err(Problem::Format(format!("integers as {color:?}"))),
+    }
+}
+
+fn narrowed(samples: &[f64]) -> Vec<f32> {
+    samples.iter().map(|&value| value as f32).collect()
+}
+
+fn npy_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
+    let file = NpyFile::new(bytes).map_err(Problem::damaged)?;
+    if file.order() == Order::Fortran {
+        let found = "columns one after the other (numpy.ascontiguousarray gives rows)";
+        return Err(Problem::Format(found.to_owned()));
+    }
+    let file = match file.try_data::<f32>() {
+        Ok(values) => return collect(values).map(RawDepth::Float),
+        Err(file) => file,
+    };
+    let file = match file.try_data::<f64>() {
+        Ok(values) => {
+            return collect(values).map(|values: Vec<f64>| RawDepth::Float(narrowed(&values)));
+        }
+        Err(file) => file,
+    };
+    match file.try_data::<u16>() {
+        Ok(values) => collect(values).map(RawDepth::Integer),
+        Err(file) => Err(Problem::Format(format!(
+            "values of type {}",
+            file.dtype().descr()
+        ))),
+    }
+}
+
+/// All values; a truncated file ends with an error.
+fn collect<T>(values: impl Iterator<Item = std::io::Result<T>>) -> Result<Vec<T>, Problem> {
+    values.collect::<Result<_, _>>().map_err(Problem::damaged)
+}
+
+fn is_u16(dtype: &DType) -> bool {
+    matches!(dtype.descr().as_str(), "'<u2'" | "'>u2'" | "<u2" | ">u2")
+}
+
+/// Size of an array of rows.
+fn npy_size(file: &NpyFile<&[u8]>) -> Result<ImageSize, String> {
+    match *file.shape() {
+        [height, width] => size(width, height),
+        ref other => Err(format!(
+            "an array of shape {other:?}, not of rows and columns"
+        )),
+    }
+}
+
+fn size(width: u64, height: u64) -> Result<ImageSize, String> {
+    match (u32::try_from(width), u32::try_from(height)) {
+        (Ok(width @ 1..), Ok(height @ 1..)) => Ok(ImageSize { width, height }),
+        _ => Err(format!("a size of {width} x {height}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use npyz::WriterBuilder;
+    use proptest::prelude::*;
+    use tiff::encoder::{TiffEncoder, colortype};
+
+    use super::*;
+
+    const SIZE: ImageSize = ImageSize {
+        width: 5,
+        height: 3,
+    };
+
+    fn values() -> Vec<f32> {
+        (0..15).map(|i| 0.25 * i as f32 - 0.5).collect()
+    }
+
+    fn tiff_of(values: &[f32]) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        TiffEncoder::new(&mut bytes)
+            .unwrap()
+            .write_image::<colortype::Gray32Float>(SIZE.width, SIZE.height, values)
+            .unwrap();
+        bytes.into_inner()
+    }
+
+    fn npy_of<T: npyz::Serialize + npyz::AutoSerialize + Copy>(
+        values: &[T],
+        shape: &[u64],
+        order: Order,
+    ) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut writer = npyz::WriteOptions::new()
+            .default_dtype()
+            .shape(shape)
+            .order(order)
+            .writer(&mut bytes)
+            .begin_nd()
+            .unwrap();
+        writer.extend(values.iter().copied()).unwrap();
+        writer.finish().unwrap();
+        bytes
+    }
+
+    fn decode(bytes: &[u8]) -> Result<(ImageSize, RawDepth), FrameError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.any");
+        std::fs::write(&path, bytes).unwrap();
+        decode_depth(&path, |_| Ok(()))
+    }
+
+    #[test]
+    fn floating_point_depth_is_read_exactly() {
+        let wide: Vec<f64> = values().into_iter().map(f64::from).collect();
+        for bytes in [
+            tiff_of(&values()),
+            npy_of(&values(), &[3, 5], Order::C),
+            npy_of(&wide, &[3, 5], Order::C),
+        ] {
+            assert_eq!(decode(&bytes).unwrap(), (SIZE, RawDepth::Float(values())));
+            let header = DepthHeader {
+                size: SIZE,
+                is_float: true,
+            };
+            assert_eq!(header_of(&bytes), Ok(header));
+        }
+        let integers: Vec<u16> = (0..15).map(|i| 4000 + i).collect();
+        let bytes = npy_of(&integers, &[3, 5], Order::C);
+        assert_eq!(decode(&bytes).unwrap(), (SIZE, RawDepth::Integer(integers)));
+        assert!(!header_of(&bytes).unwrap().is_float);
+    }
+
+    #[test]
+    fn what_is_no_depth_image_is_refused_with_a_reason() {
+        for (bytes, reason) in [
+            (npy_of(&values(), &[15], Order::C), "rows and columns"),
+            (
+                npy_of(&values(), &[3, 5], Order::Fortran),
+                "ascontiguousarray",
+            ),
+            (npy_of(&[1_i32; 15], &[3, 5], Order::C), "i4"),
+            (npy_of::<f32>(&[], &[0, 5], Order::C), "5 x 0"),
+        ] {
+            let error = decode(&bytes).unwrap_err().to_string();
+            assert!(
+                error.contains(reason) && error.contains("depth.any"),
+                "{error}"
+            );
+        }
+        // A header that claims more than memory holds.
+        let mut bytes = npy_of(&values(), &[3, 5], Order::C);
+        let at = bytes
+            .windows(4)
+            .position(|window| window == b"3, 5")
+            .unwrap();
+        for claim in [b"9,99", b"9, 5", b"3,5e", b"0, 5"] {
+            bytes[at..at + 4].copy_from_slice(claim);
+            assert!(decode(&bytes).is_err());
+        }
+    }
+
+    #[test]
+    fn truncated_files_are_refused() {
+        for bytes in [tiff_of(&values()), npy_of(&values(), &[3, 5], Order::C)] {
+            assert!(decode(&bytes).is_ok());
+            let cuts = [0, 1, 5, 7, 9, 40, bytes.len() / 2, bytes.len() - 1];
+            for cut in cuts {
+                let Err(error) = decode(&bytes[..cut]) else {
+                    panic!("cut to {cut} of {}", bytes.len());
+                };
+                assert!(error.to_string().contains("depth.any"), "{error}");
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn damaged_files_are_decoded_or_refused(
+            is_npy in any::<bool>(),
+            flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+        ) {
+            let mut bytes = match is_npy {
+                true => npy_of(&values(), &[3, 5], Order::C),
+                false => tiff_of(&values()),
+            };
+            for (at, value) in flips {
+                let at = at.index(bytes.len());
+                bytes[at] = value;
+            }
+            // As a sequence does, which knows the size of its images.
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("depth.any");
+            std::fs::write(&path, &bytes).unwrap();
+            let check = |size: ImageSize| match size == SIZE {
+                true => Ok(()),
+                false => Err(undecodable(&path, "another size".to_owned())),
+            };
+            if let Ok((size, _)) = decode_depth(&path, check) {
+                prop_assert_eq!(size, SIZE);
+            }
+        }
+    }
+}
