@@ -121,7 +121,9 @@ fn image_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
     }
 }
 
-fn open_tiff(bytes: &[u8]) -> Result<(Decoder<Cursor<&[u8]>>, ImageSize), String> {
+type TiffDecoder<'a> = Decoder<Cursor<&'a [u8]>>;
+
+fn open_tiff(bytes: &[u8]) -> Result<(TiffDecoder<'_>, ImageSize), String> {
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(|error| error.to_string())?;
     let (width, height) = decoder.dimensions().map_err(|error| error.to_string())?;
     Ok((decoder, size(u64::from(width), u64::from(height))?))
