@@ -11,7 +11,7 @@
 //! *Differs from He et al., ICPR 2018*: the paper takes the raw depth of the pixel, as [`EdgeDepthOptions::raw`] does.
 
 use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
-use super::near_side::{JumpLimits, Window, WindowPixel};
+use super::near_side::{JumpLimits, LARGEST_RADIUS, Window, WindowPixel};
 use crate::edges::EdgeChains;
 
 /// Options of [`EdgeDepths::compute`].
@@ -19,7 +19,7 @@ use crate::edges::EdgeChains;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct EdgeDepthOptions {
-    /// Radius of the window in which a depth jump is detected, in pixels; 0 takes the raw depth of the pixel.
+    /// Radius of the window in which a depth jump is detected, in pixels, at most 4; 0 takes the raw depth of the pixel.
     pub radius_px: usize,
     /// Radius of the plane through adjacent pixels where there is no jump, in pixels; 0 takes the depth of the pixel centre.
     pub smoothing_radius_px: usize,
@@ -102,7 +102,7 @@ impl EdgeDepths {
         self.samples.clear();
         self.samples.reserve(chains.pixels().len());
         let limits = JumpLimits {
-            radius_px: options.radius_px,
+            radius_px: options.radius_px.min(LARGEST_RADIUS),
             sigmas: options.jump_sigmas as f32,
             relative: options.jump_relative as f32,
             least_support: options.least_support,

@@ -124,11 +124,6 @@ impl InverseDepthMap {
     pub(crate) fn row(&self, y: usize) -> &[InverseDepth] {
         self.samples.row(y)
     }
-
-    /// The samples, row by row, [`UNKNOWN`] for unknown pixels.
-    pub(super) fn raw(&self) -> &[InverseDepth] {
-        self.samples.samples()
-    }
 }
 
 #[cfg(test)]

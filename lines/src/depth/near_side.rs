@@ -99,35 +99,20 @@ impl Window<'_> {
         }
     }
 
-    /// Slope of the map at a pixel of the window along an axis; NaN unless three pixels in a row, one of them this, are collinear
-    /// within `tolerance`. The straightest such triple is taken, so that the slope beside a jump is that of the own surface.
-    fn slope(&self, pixel: &WindowPixel, axis: usize, tolerance: f32) -> f32 {
-        let x = (self.center.0 as f32 + pixel.offset[0]) as usize;
-        let y = (self.center.1 as f32 + pixel.offset[1]) as usize;
-        let width = self.map.width();
-        let (along, count, stride) = match axis {
-            0 => (x, width, 1),
-            _ => (y, self.map.height(), width),
-        };
-        let start = y * width + x - along * stride;
-        // Two pixels on either side; 0 where unknown and outside of the image.
-        let samples = self.map.raw();
-        let row: [f32; 5] = std::array::from_fn(|k| {
-            let at = (along + k).wrapping_sub(2);
-            match at < count {
-                true => samples[start + at * stride].rho,
-                false => 0.0,
-            }
-        });
-        let (mut least, mut slope) = (tolerance, f32::NAN);
-        for triple in row.windows(3) {
-            let bend = (triple[0] - 2.0 * triple[1] + triple[2]).abs();
-            let is_known = (triple[0] > 0.0) & (triple[1] > 0.0) & (triple[2] > 0.0);
-            if is_known & (bend <= least) {
-                (least, slope) = (bend, 0.5 * (triple[2] - triple[0]));
+    /// Inverse depths of the window and two pixels around it; 0 where unknown and outside of the image.
+    fn surroundings(&self, radius: usize) -> Surroundings {
+        let mut rho = [[0.0; SURROUNDINGS]; SURROUNDINGS];
+        let reach = radius + 2;
+        let bounds = self.bounds(reach);
+        let left = bounds.left + reach - self.center.0;
+        for row in bounds.top..=bounds.bottom {
+            let samples = &self.map.row(row)[bounds.left..=bounds.right];
+            let slots = &mut rho[row + reach - self.center.1][left..];
+            for (slot, sample) in slots.iter_mut().zip(samples) {
+                *slot = sample.rho;
             }
         }
-        slope
+        Surroundings { rho, reach }
     }
 
     /// Whether inverse depths within a radius may have a gap; false only when there is none.
@@ -184,8 +169,9 @@ impl Window<'_> {
         }
         self.collect(limits.radius_px, pixels);
         let straight = STRAIGHT_SHARE * jump;
+        let surroundings = self.surroundings(limits.radius_px);
         for pixel in pixels.iter_mut() {
-            pixel.slope = [0, 1].map(|axis| self.slope(pixel, axis, straight));
+            pixel.slope = surroundings.slopes(pixel.offset, straight);
         }
         let slope = usual_slope(pixels);
         detrend(pixels, slope);
@@ -207,6 +193,44 @@ impl Window<'_> {
         Some((rest + dot(slope, self.offset), sigma))
     }
 }
+
+/// Inverse depths around a pixel.
+struct Surroundings {
+    rho: [[f32; SURROUNDINGS]; SURROUNDINGS],
+    /// Row and column of the pixel.
+    reach: usize,
+}
+
+impl Surroundings {
+    /// Slopes of the map at an offset along either axis.
+    fn slopes(&self, offset: [f32; 2], tolerance: f32) -> [f32; 2] {
+        // Of the first of five pixels whose middle is at the offset.
+        let x = (offset[0] as isize + self.reach as isize) as usize - 2;
+        let y = (offset[1] as isize + self.reach as isize) as usize - 2;
+        let row: [f32; 5] = std::array::from_fn(|k| self.rho[y + 2][x + k]);
+        let column: [f32; 5] = std::array::from_fn(|k| self.rho[y + k][x + 2]);
+        [row, column].map(|line| slope(&line, tolerance))
+    }
+}
+
+/// Slope at the middle one of five pixels in a row; NaN unless three of them, one of which it is, are collinear within
+/// `tolerance`. The straightest such triple is taken, so that the slope beside a jump is that of the own surface.
+fn slope(row: &[f32; 5], tolerance: f32) -> f32 {
+    let (mut least, mut slope) = (tolerance, f32::NAN);
+    for triple in row.windows(3) {
+        let bend = (triple[0] - 2.0 * triple[1] + triple[2]).abs();
+        let is_known = (triple[0] > 0.0) & (triple[1] > 0.0) & (triple[2] > 0.0);
+        if is_known & (bend <= least) {
+            (least, slope) = (bend, 0.5 * (triple[2] - triple[0]));
+        }
+    }
+    slope
+}
+
+/// Largest radius of a window.
+pub(super) const LARGEST_RADIUS: usize = 4;
+/// Pixels along a side of the surroundings of the largest window.
+const SURROUNDINGS: usize = 2 * (LARGEST_RADIUS + 2) + 1;
 
 /// Gaps of this share of a jump separate two surfaces. Tuned on the kitchen of 7-Scenes and a synthetic living room.
 const GAP_SHARE: f32 = 0.75;
@@ -250,8 +274,8 @@ fn usual_slope(pixels: &[WindowPixel]) -> [f32; 2] {
 /// A slope of fewer pixels is that of noise or of a small step.
 const LEAST_SLOPES: usize = 3;
 
-/// A median takes at most so many pixels: those of a window with a radius of 4.
-const MOST_PIXELS: usize = 81;
+/// A median takes at most so many pixels: those of the largest window.
+const MOST_PIXELS: usize = (2 * LARGEST_RADIUS + 1) * (2 * LARGEST_RADIUS + 1);
 
 /// Whether a gap follows the pixel at `index`, which is not the last one.
 fn is_gap_after(pixels: &[WindowPixel], index: usize, gap: f32) -> bool {
