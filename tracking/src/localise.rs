@@ -2,6 +2,8 @@
 
 use linecarve_points::Descriptor;
 use nalgebra::{Isometry3, Point3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 
 use crate::camera::Measurement;
 use crate::frame::level_scale;
@@ -10,7 +12,7 @@ use crate::matching::{
     Expected, FAR_DESCRIPTOR, NEAR_DESCRIPTOR, Rules, expect_point, match_descriptors,
     match_expected,
 };
-use crate::solve::{Correspondence, Random, pose_by_consensus, refine_pose};
+use crate::solve::{Correspondence, pose_by_consensus, refine_pose};
 use crate::tracker::{Frame, Tracker};
 
 /// Largest number of keyframes whose points are looked for in a frame.
@@ -151,12 +153,13 @@ impl Tracker {
             })
             .collect();
         let mut is_inlier = Vec::new();
-        let random = Random::new(frame.number, stage);
+        let seed = (u64::from(frame.number) << 32) | u64::from(stage);
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
         let Some(found) = pose_by_consensus(
             &self.camera,
             &matches,
             MIN_DESCRIBED,
-            random,
+            &mut random,
             &mut is_inlier,
         ) else {
             return false;

@@ -1,8 +1,7 @@
 //! Camera poses from three points.
 
+use linecarve_mesh::evaluate::fit_similarity;
 use nalgebra::{Isometry3, Matrix4, Point3, Unit, Vector3};
-
-use super::align::align_points;
 
 /// Largest imaginary part of a root, relative to its magnitude, that counts as rounding.
 const MAX_IMAGINARY: f64 = 1e-6;
@@ -55,11 +54,8 @@ pub(crate) fn perspective_three_point(
         if !distances.iter().all(|d| d.is_finite() && *d > 0.0) {
             continue;
         }
-        let pairs = [0, 1, 2].map(|i| {
-            let in_camera = Point3::from(rays[i].into_inner() * distances[i]);
-            [world[i], in_camera]
-        });
-        poses.extend(align_points(&pairs));
+        let in_camera = [0, 1, 2].map(|i| Point3::from(rays[i].into_inner() * distances[i]));
+        poses.extend(fit_similarity(world, &in_camera, false).map(|fit| fit.isometry));
     }
     poses
 }
@@ -91,12 +87,12 @@ fn real_roots([a0, a1, a2, a3, a4]: [f64; 5]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::Random;
+    use rand::{RngExt, SeedableRng};
 
     #[test]
     fn one_of_the_poses_is_the_true_one() {
-        let mut random = Random::new(1, 2);
-        let mut number = |scale: f64| scale * (random.below(20_001) as f64 / 10_000.0 - 1.0);
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let mut number = |scale: f64| random.random_range(-scale..scale);
         let mut found = 0;
         for _ in 0..200 {
             let pose = Isometry3::new(

@@ -1,10 +1,11 @@
 //! A pose from matches of which many may be wrong.
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use rand::seq::index::sample_array;
+use rand_chacha::ChaCha8Rng;
 
 use super::p3p::perspective_three_point;
 use super::pose::{PoseEstimate, refine_pose};
-use super::random::Random;
 use crate::camera::{CHI2_PIXEL, Measurement, Pinhole};
 
 /// Largest number of samples.
@@ -29,7 +30,7 @@ pub(crate) fn pose_by_consensus(
     camera: &Pinhole,
     matches: &[Correspondence],
     least: usize,
-    mut random: Random,
+    random: &mut ChaCha8Rng,
     is_inlier: &mut Vec<bool>,
 ) -> Option<PoseEstimate> {
     if matches.len() < least.max(4) {
@@ -46,7 +47,9 @@ pub(crate) fn pose_by_consensus(
     let mut round = 0;
     while round < rounds {
         round += 1;
-        let sample = random.three(matches.len());
+        let Some(sample) = sample_array::<_, 3>(random, matches.len()) else {
+            break;
+        };
         let poses =
             perspective_three_point(&sample.map(|at| matches[at].0), &sample.map(|at| rays[at]));
         for pose in poses {
@@ -123,15 +126,15 @@ mod tests {
     use super::*;
     use linecarve_lines::camera::Camera;
     use nalgebra::Point2;
+    use rand::{RngExt, SeedableRng};
 
     #[test]
     fn a_third_of_right_matches_suffices() {
         let camera = Camera::pinhole(525.0, 525.0, 319.5, 239.5).unwrap();
         let camera = Pinhole::new(&camera, 640, 480);
         let truth = Isometry3::new(Vector3::new(0.5, 0.1, -0.3), Vector3::new(0.4, 1.2, -0.3));
-        let mut random = Random::new(9, 9);
-        let mut number =
-            |low: f64, high: f64| low + (high - low) * random.below(1_000_001) as f64 / 1_000_000.0;
+        let mut random = ChaCha8Rng::seed_from_u64(9);
+        let mut number = |low: f64, high: f64| random.random_range(low..high);
         let matches: Vec<Correspondence> = (0..150)
             .map(|index| {
                 let pixel = Point2::new(number(0.0, 640.0), number(0.0, 480.0));
@@ -149,8 +152,7 @@ mod tests {
             })
             .collect();
         let mut inliers = Vec::new();
-        let found =
-            pose_by_consensus(&camera, &matches, 30, Random::new(0, 0), &mut inliers).unwrap();
+        let found = pose_by_consensus(&camera, &matches, 30, &mut random, &mut inliers).unwrap();
         let error = found.camera_from_world * truth.inverse();
         assert!(error.translation.vector.norm() < 0.01 && error.rotation.angle() < 0.005);
         assert!(found.inliers >= 49);
@@ -161,6 +163,6 @@ mod tests {
             .filter(|(index, _)| index % 3 != 0)
             .map(|(_, one)| *one)
             .collect();
-        assert!(pose_by_consensus(&camera, &wrong, 20, Random::new(0, 0), &mut inliers).is_none());
+        assert!(pose_by_consensus(&camera, &wrong, 20, &mut random, &mut inliers).is_none());
     }
 }

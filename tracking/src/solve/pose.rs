@@ -169,18 +169,17 @@ impl Problem<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::Random;
     use linecarve_lines::camera::Camera;
     use nalgebra::{Point2, Vector3};
+    use rand::{RngExt, SeedableRng};
 
     #[test]
     fn a_pose_is_found_among_outliers() {
         let camera = Camera::pinhole(525.0, 525.0, 319.5, 239.5).unwrap();
         let camera = Pinhole::new(&camera, 640, 480);
         let truth = Isometry3::new(Vector3::new(0.3, -0.1, 0.2), Vector3::new(0.1, -0.2, 0.3));
-        let mut random = Random::new(3, 4);
-        let mut number =
-            |low: f64, high: f64| low + (high - low) * random.below(1_000_001) as f64 / 1_000_000.0;
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut number = |low: f64, high: f64| random.random_range(low..high);
         let mut matches = Vec::new();
         for index in 0..200 {
             let pixel = Point2::new(number(0.0, 640.0), number(0.0, 480.0));
