@@ -13,6 +13,9 @@ use crate::tracker::Tracker;
 /// Steps of the robust and of the last round of the global adjustment.
 const GLOBAL_STEPS: [usize; 2] = [10, 15];
 
+/// Sweeps over frames without a pose, backwards and forwards in turn.
+const MAX_SWEEPS: usize = 4;
+
 /// Fewest frames of a sub-map that is believed, unless it is the only one.
 const MIN_SUBMAP_FRAMES: usize = 5;
 
@@ -63,12 +66,20 @@ impl Tracker {
     /// Ends the run: adjusts each sub-map as a whole, and finds the pose of every frame in the final map.
     pub fn finish(mut self) -> TrackedRecording {
         let start = Instant::now();
+        while !self.waiting.is_empty() {
+            self.start_from_waiting();
+        }
         if self.options.looks_ahead {
+            if !self.map.keyframes.is_empty() {
+                self.resume_missing();
+            }
             self.join_submaps();
             for submap in 0..self.submaps {
                 self.adjust_submap(submap);
             }
-            self.retry_missing();
+            if !self.map.keyframes.is_empty() {
+                self.retry_missing();
+            }
         }
         let found: Vec<Result<FoundPose, NoPose>> = self
             .records
@@ -87,8 +98,36 @@ impl Tracker {
 
     fn adjust_submap(&mut self, submap: u32) {
         let keyframes: Vec<KeyframeId> = self.map.keyframes_of(submap).collect();
-        if keyframes.len() >= 2 {
+        if keyframes.len() < 2 {
+            return;
+        }
+        self.adjust(&keyframes, GLOBAL_STEPS);
+        // With depth the points of a place hardly drift apart.
+        if self.options.is_monocular {
+            self.match_again(submap, &keyframes);
             self.adjust(&keyframes, GLOBAL_STEPS);
+        }
+    }
+
+    /// Looks for all points of a sub-map in all of its keyframes, and triangulates what still has no point.
+    fn match_again(&mut self, submap: u32, keyframes: &[KeyframeId]) {
+        let points: Vec<PointId> = (0..self.map.points.len() as u32)
+            .map(PointId)
+            .filter(|id| {
+                let seen = self.map.point(*id).observations.first();
+                seen.is_some_and(|(at, _)| self.map.keyframe(*at).submap == submap)
+            })
+            .collect();
+        for &id in keyframes {
+            self.fuse_into(id, &points, 1.0);
+            self.map.update_neighbors(id);
+        }
+        for &id in keyframes {
+            self.triangulate(id);
+            for point in self.points_of(id) {
+                self.map.update_point(point);
+            }
+            self.map.update_neighbors(id);
         }
     }
 
@@ -111,6 +150,32 @@ impl Tracker {
             (found.camera_from_world, found.inliers)
         });
         (submap, pose.inverse(), inliers)
+    }
+
+    /// Tracks frames without a pose again, from either side, against the map of all frames, which they extend.
+    fn resume_missing(&mut self) {
+        for sweep in 0..MAX_SWEEPS {
+            let mut order: Vec<usize> = (0..self.records.len()).collect();
+            if sweep % 2 == 0 {
+                order.reverse();
+            }
+            let mut gained = 0;
+            self.forget_last();
+            for number in order {
+                let FrameRecord::Missing { view, .. } = &mut self.records[number] else {
+                    self.forget_last();
+                    continue;
+                };
+                if view.len() < self.options.min_matches {
+                    continue;
+                }
+                let view = std::mem::take(&mut **view);
+                gained += usize::from(self.track_missing(number as u32, view));
+            }
+            if gained == 0 {
+                break;
+            }
+        }
     }
 
     /// Looks for frames without a pose in the final map.

@@ -4,6 +4,7 @@ mod adjust;
 mod camera;
 mod finish;
 mod frame;
+mod initialise;
 mod local_adjustment;
 mod localise;
 mod loops;

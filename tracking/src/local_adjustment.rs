@@ -9,6 +9,11 @@ use crate::tracker::Tracker;
 /// Steps of the robust and of the last round around a keyframe.
 const LOCAL_STEPS: [usize; 2] = [4, 6];
 
+/// A step that lowers the cost by less than this share ends a round. Without depth, motions that change the scale along the path
+/// cost little.
+const LAST_GAIN: f64 = 1e-5;
+const LAST_GAIN_MONOCULAR: f64 = 1e-6;
+
 impl Tracker {
     /// Adjusts a keyframe, its neighbours and their points.
     pub(crate) fn adjust_locally(&mut self, id: KeyframeId) {
@@ -70,6 +75,10 @@ impl Tracker {
             poses,
             is_free,
             points: of_bundle,
+            last_gain: match self.options.is_monocular {
+                true => LAST_GAIN_MONOCULAR,
+                false => LAST_GAIN,
+            },
         };
         bundle.adjust(steps[0], steps[1]);
         let Bundle {

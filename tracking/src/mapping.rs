@@ -95,6 +95,7 @@ impl Tracker {
     /// Removes recent points that were not seen again.
     fn cull_recent_points(&mut self, newest: KeyframeId) {
         let recent = std::mem::take(&mut self.recent_points);
+        let least = if self.options.is_monocular { 3 } else { 2 };
         for id in recent {
             let point = self.map.point(id);
             if !point.is_alive {
@@ -103,7 +104,7 @@ impl Tracker {
             let age = newest.0 - point.first_keyframe.0;
             let is_rarely_found =
                 f64::from(point.found) < MIN_FOUND_SHARE * f64::from(point.visible);
-            let is_alone = age >= PROBATION && point.observations.len() < 2;
+            let is_alone = age >= PROBATION && point.observations.len() < least;
             if is_rarely_found || is_alone {
                 self.map.remove_point(id);
             } else if age <= PROBATION {
@@ -113,7 +114,7 @@ impl Tracker {
     }
 
     /// Triangulates features that have neither a point nor a depth.
-    fn triangulate(&mut self, id: KeyframeId) {
+    pub(crate) fn triangulate(&mut self, id: KeyframeId) {
         let options = self.options.feature_options();
         let neighbors = self.map.neighbors(id, NEIGHBORS);
         let Some(depth) = self.median_depth(id) else {

@@ -27,6 +27,8 @@ pub struct TrackingOptions {
     pub local_keyframes: usize,
     /// Frames without a pose after which another sub-map is started.
     pub lost_frames: u32,
+    /// Whether images have no depth: the map starts from two views, and its scale is that with a median depth of one.
+    pub is_monocular: bool,
     /// Whether loops are looked for.
     pub loops: bool,
     /// Whether poses may use later frames: global adjustment, and all frames tracked again in the final map.
@@ -48,6 +50,7 @@ impl Default for TrackingOptions {
             keyframe_frames: 8,
             local_keyframes: 10,
             lost_frames: 15,
+            is_monocular: false,
             loops: true,
             looks_ahead: true,
         }
@@ -67,6 +70,15 @@ pub struct TrackingOptionsError {
 }
 
 impl TrackingOptions {
+    /// Defaults for images of one camera without depth: more features, as their depth must come from parallax.
+    pub fn monocular() -> Self {
+        Self {
+            features: 1500,
+            is_monocular: true,
+            ..Self::default()
+        }
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors

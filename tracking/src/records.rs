@@ -21,6 +21,8 @@ pub enum NoPose {
         /// Number of features with depth.
         found: usize,
     },
+    /// No two images determine a map: the camera did not move sideways, or sees too little.
+    NoStart,
     /// Too few features agree with the map.
     NoMatch {
         /// Number of features that agree with the best pose.
@@ -40,6 +42,10 @@ impl std::fmt::Display for NoPose {
             Self::FewDepths { found } => {
                 write!(f, "only {found} corners with depth, too few to start a map")
             }
+            Self::NoStart => write!(
+                f,
+                "no two images around it start a map: the camera hardly moves sideways, or sees too little texture"
+            ),
             Self::NoMatch { matched } => {
                 write!(f, "only {matched} corners agree with the map")
             }

@@ -126,3 +126,60 @@ fn two_frames_and_none_are_enough_to_end_well() {
     let (_, x) = place(&found.poses[1]).unwrap();
     assert!((x - STEP_M).abs() < 0.005, "{x}");
 }
+
+/// Frame `number` of a camera without depth that moves along a wall whose blocks stand at two distances.
+fn relief(number: usize) -> FrameFeatures {
+    let grey = |x: usize, y: usize| {
+        let row = y / 24;
+        // Near rows move six pixels a frame, far ones three.
+        let shift = if row.is_multiple_of(2) { 6 } else { 3 };
+        let block = (((x + shift * number) / 9) * 7919 + (y / 8) * 104_729 + 5) as u64;
+        let mixed = (block ^ (block >> 7)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (mixed >> 56) as u8
+    };
+    let samples = (0..WIDTH * HEIGHT)
+        .map(|i| grey(i % WIDTH, i / WIDTH))
+        .collect();
+    let image = GrayImage::new(WIDTH, HEIGHT, samples).unwrap();
+    FrameDetector::new(&TrackingOptions::monocular()).detect(&image, None)
+}
+
+#[test]
+fn one_camera_finds_its_path_up_to_scale() {
+    let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
+    let mut tracker = Tracker::new(TrackingOptions::monocular(), &camera, WIDTH, HEIGHT).unwrap();
+    for number in 0..16 {
+        tracker.track(relief(number));
+    }
+    let found = tracker.finish();
+    assert_eq!(found.submaps.len(), 1);
+    let path: Vec<_> = found
+        .poses
+        .iter()
+        .map(|pose| match pose {
+            FramePose::Known {
+                world_from_camera, ..
+            } => world_from_camera.translation.vector,
+            FramePose::Unknown(reason) => panic!("{reason}"),
+        })
+        .collect();
+    let whole = path[15] - path[0];
+    for (number, position) in path.iter().enumerate() {
+        let expected = path[0] + whole * (number as f64 / 15.0);
+        let error = (position - expected).norm() / whole.norm();
+        assert!(error < 0.03, "frame {number}: {error}");
+    }
+}
+
+#[test]
+fn one_camera_that_stands_still_has_no_map() {
+    let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
+    let mut tracker = Tracker::new(TrackingOptions::monocular(), &camera, WIDTH, HEIGHT).unwrap();
+    for _ in 0..6 {
+        tracker.track(relief(0));
+    }
+    let found = tracker.finish();
+    assert!(found.submaps.is_empty());
+    assert_eq!(found.poses, [FramePose::Unknown(NoPose::NoStart); 6]);
+}

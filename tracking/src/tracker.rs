@@ -15,6 +15,9 @@ use crate::records::{FrameOutcome, FrameRecord, LoopReport, NoPose, StageTimes};
 /// Least share of the matches near predicted positions that agree with a pose: of a wrong pose, few matches do.
 const MIN_AGREEING: f64 = 0.3;
 
+/// Views of one camera among which the first two of a map are chosen.
+const START_VIEWS: usize = 200;
+
 /// A frame that is being tracked, or the last one.
 #[derive(Debug, Clone)]
 pub(crate) struct Frame {
@@ -63,6 +66,10 @@ pub struct Tracker {
     pub(crate) map: Map,
     pub(crate) places: Places,
     pub(crate) records: Vec<FrameRecord>,
+    /// Number of frames given so far.
+    frames: u32,
+    /// Views of one camera from which no map was started yet: the last ones.
+    pub(crate) waiting: Vec<FrameFeatures>,
     pub(crate) loops: Vec<LoopReport>,
     pub(crate) times: StageTimes,
     pub(crate) submaps: u32,
@@ -97,6 +104,8 @@ impl Tracker {
             map: Map::default(),
             places: Places::default(),
             records: Vec::new(),
+            frames: 0,
+            waiting: Vec::new(),
             loops: Vec::new(),
             times: StageTimes::default(),
             submaps: 0,
@@ -115,22 +124,78 @@ impl Tracker {
     /// Tracks the next frame.
     pub fn track(&mut self, view: FrameFeatures) -> FrameOutcome {
         let start = Instant::now();
-        let number = self.records.len() as u32;
-        let outcome = if view.len() < self.options.min_matches {
-            let found = view.len();
-            self.miss(view, NoPose::FewFeatures { found })
-        } else if self.map.keyframes.is_empty() {
-            self.start_map(number, view)
+        let number = self.frames;
+        self.frames += 1;
+        let outcome = if self.options.is_monocular && self.map.keyframes.is_empty() {
+            self.waiting.push(view);
+            if self.waiting.len() >= START_VIEWS {
+                self.start_from_waiting();
+            }
+            FrameOutcome::Lost(NoPose::NoStart)
         } else {
-            self.track_in_map(number, view)
+            self.track_frame(number, view)
         };
         self.times.total_ms += start.elapsed().as_secs_f64() * 1e3;
         outcome
     }
 
+    fn track_frame(&mut self, number: u32, view: FrameFeatures) -> FrameOutcome {
+        if view.len() < self.options.min_matches {
+            let found = view.len();
+            self.miss(number, view, NoPose::FewFeatures { found })
+        } else if self.map.keyframes.is_empty() {
+            self.start_map(number, view)
+        } else {
+            self.track_in_map(number, view)
+        }
+    }
+
+    /// Starts the map of one camera from the views that wait, and tracks the others of them: backwards from the second view of
+    /// the first map, then forwards. Without a map, the older half stops waiting.
+    pub(crate) fn start_from_waiting(&mut self) {
+        let mut waiting = std::mem::take(&mut self.waiting);
+        let first = self.frames - waiting.len() as u32;
+        let Some(([a, b], frame)) = self.start_from_pair(&waiting, first) else {
+            let rest = waiting.split_off(waiting.len().div_ceil(2));
+            for (number, view) in (first..).zip(waiting) {
+                self.miss(number, view, NoPose::NoStart);
+            }
+            self.waiting = rest;
+            return;
+        };
+        self.lost_for = 0;
+        self.last = Some(frame.clone());
+        let reference = self.reference;
+        for at in (0..b).rev().filter(|at| *at != a) {
+            let view = std::mem::take(&mut waiting[at]);
+            self.track_frame(first + at as u32, view);
+        }
+        self.lost_for = 0;
+        self.last = Some(frame);
+        self.reference = reference;
+        self.velocity = Isometry3::identity();
+        for (number, view) in (first..).zip(waiting).skip(b + 1) {
+            self.track_frame(number, view);
+        }
+    }
+
+    /// The next frame follows none.
+    pub(crate) fn forget_last(&mut self) {
+        self.last = None;
+    }
+
+    /// Tracks a frame without a pose against the map, which it may extend; `false` when it stays without.
+    pub(crate) fn track_missing(&mut self, number: u32, view: FrameFeatures) -> bool {
+        self.lost_for = u32::from(self.last.is_none());
+        matches!(
+            self.track_in_map(number, view),
+            FrameOutcome::Tracked { .. }
+        )
+    }
+
     /// Records a frame without a pose.
-    fn miss(&mut self, view: FrameFeatures, reason: NoPose) -> FrameOutcome {
-        self.records.push(FrameRecord::without_pose(view, reason));
+    fn miss(&mut self, number: u32, view: FrameFeatures, reason: NoPose) -> FrameOutcome {
+        self.put(number, FrameRecord::without_pose(view, reason));
         self.lost_for += 1;
         FrameOutcome::Lost(reason)
     }
@@ -139,7 +204,7 @@ impl Tracker {
     fn start_map(&mut self, number: u32, view: FrameFeatures) -> FrameOutcome {
         let found = view.with_depth();
         if found < self.options.start_features {
-            return self.miss(view, NoPose::FewDepths { found });
+            return self.miss(number, view, NoPose::FewDepths { found });
         }
         let submap = self.submaps;
         self.submaps += 1;
@@ -174,10 +239,10 @@ impl Tracker {
                 return self.start_map(number, frame.view);
             }
             let matched = frame.inliers;
-            return self.miss(frame.view, NoPose::NoMatch { matched });
+            return self.miss(number, frame.view, NoPose::NoMatch { matched });
         }
         self.velocity = match (&self.last, self.lost_for) {
-            (Some(last), 0) if last.number + 1 == number => {
+            (Some(last), 0) if last.number.abs_diff(number) == 1 => {
                 frame.camera_from_world * last.camera_from_world.inverse()
             }
             _ => Isometry3::identity(),
@@ -218,12 +283,13 @@ impl Tracker {
         let needs_points = tracked < 100 && untracked > 70;
         let share = self.options.keyframe_share;
         let is_weak = (frame.inliers as f64) < share * seen_before as f64;
-        let is_old = frame.number >= self.last_keyframe_frame + self.options.keyframe_frames;
+        let is_old =
+            frame.number.abs_diff(self.last_keyframe_frame) >= self.options.keyframe_frames;
         frame.inliers > 15 && (is_weak || needs_points || is_old)
     }
 
     /// Adds a frame to the map as a keyframe, with points at its measured depths.
-    fn insert_keyframe(&mut self, frame: &mut Frame, submap: u32) -> KeyframeId {
+    pub(crate) fn insert_keyframe(&mut self, frame: &mut Frame, submap: u32) -> KeyframeId {
         let keyframe = self.map.insert_keyframe(
             frame.number,
             submap,
@@ -241,7 +307,22 @@ impl Tracker {
     }
 
     /// Records a frame with its pose.
-    fn record(&mut self, frame: &Frame) {
+    pub(crate) fn record(&mut self, frame: &Frame) {
+        let record = self.record_of(frame);
+        self.put(frame.number, record);
+    }
+
+    /// Sets the record of a frame. Frames before it that have none yet miss their pose.
+    fn put(&mut self, number: u32, record: FrameRecord) {
+        let at = number as usize;
+        while self.records.len() <= at {
+            let none = FrameRecord::without_pose(FrameFeatures::default(), NoPose::NoStart);
+            self.records.push(none);
+        }
+        self.records[at] = record;
+    }
+
+    fn record_of(&self, frame: &Frame) -> FrameRecord {
         let reference = self.map.keyframe(self.reference);
         let from_reference = frame.camera_from_world * reference.camera_from_world.inverse();
         let seen = frame
@@ -252,14 +333,14 @@ impl Tracker {
                 Some(((*point)?, frame.view.measurement(feature as u32)))
             })
             .collect();
-        self.records.push(FrameRecord::with_pose(
+        FrameRecord::with_pose(
             self.reference,
             from_reference,
             frame.camera_from_world,
             seen,
             frame.inliers,
             reference.submap,
-        ));
+        )
     }
 
     /// A frame to be tracked again.
@@ -268,7 +349,6 @@ impl Tracker {
         if !self.relocate(&mut frame) {
             return None;
         }
-        self.record(&frame);
-        self.records.pop()
+        Some(self.record_of(&frame))
     }
 }

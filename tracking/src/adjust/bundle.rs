@@ -5,9 +5,6 @@ use nalgebra::{DVector, Isometry3, Matrix3, Matrix6, Matrix6x3, Point3, Vector3}
 use super::skyline::{Skyline, block};
 use crate::camera::{CHI2_DEPTH, CHI2_PIXEL, Measurement, Pinhole, cauchy, huber, moved, squared};
 
-/// A step that lowers the cost by less than this share ends a round.
-const LAST_GAIN: f64 = 1e-5;
-
 /// Cost of an observation behind the camera.
 const BEHIND: f64 = 1e3;
 
@@ -37,6 +34,8 @@ pub(crate) struct Bundle<'a> {
     /// Whether each pose is adjusted; at least one should not be.
     pub(crate) is_free: Vec<bool>,
     pub(crate) points: Vec<BundlePoint>,
+    /// A step that lowers the cost by less than this share ends a round.
+    pub(crate) last_gain: f64,
 }
 
 /// What the elimination of a point leaves for the others.
@@ -114,7 +113,7 @@ impl Bundle<'_> {
                 cost = next;
                 damping = (damping / 3.0).max(1e-9);
                 growth = 2.0;
-                if gain < LAST_GAIN {
+                if gain < self.last_gain {
                     break;
                 }
             } else {
@@ -317,6 +316,7 @@ mod tests {
             poses,
             is_free: (0..6).map(|index| index > 0).collect(),
             points,
+            last_gain: 1e-6,
         };
         let [_, after] = bundle.adjust(15, 15);
         assert!(after < 1e-3, "{after}");

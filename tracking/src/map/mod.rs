@@ -216,6 +216,18 @@ impl Map {
         point.near = far / level_scale(LEVELS - 1);
     }
 
+    /// Multiplies all lengths by a factor.
+    pub(crate) fn rescale(&mut self, factor: f64) {
+        for keyframe in &mut self.keyframes {
+            keyframe.camera_from_world.translation.vector *= factor;
+        }
+        for point in &mut self.points {
+            point.position *= factor;
+            point.far *= factor;
+            point.near *= factor;
+        }
+    }
+
     /// Moves a keyframe, and the points that only it sees with it.
     pub(crate) fn move_keyframe(&mut self, id: KeyframeId, camera_from_world: Isometry3<f64>) {
         let motion = camera_from_world.inverse() * self.keyframe(id).camera_from_world;

@@ -3,6 +3,8 @@
 mod p3p;
 mod pnp;
 mod pose;
+mod relative;
 
 pub(crate) use pnp::{Correspondence, pose_by_consensus};
 pub(crate) use pose::refine_pose;
+pub(crate) use relative::{RayMatch, moved_sigmas, relative_pose};

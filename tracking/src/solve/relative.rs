@@ -1,0 +1,372 @@
+//! The relative pose of two views from matched rays.
+
+use nalgebra::{
+    Isometry3, Matrix2x3, Matrix3, Matrix5, Rotation3, Translation3, Unit, UnitQuaternion, Vector2,
+    Vector3, Vector5,
+};
+use rand::seq::index::sample_array;
+use rand_chacha::ChaCha8Rng;
+
+use crate::camera::cauchy;
+
+/// Samples of two matches from which a rotation is sought.
+const ROTATION_ROUNDS: usize = 60;
+
+/// Scales of the robust kernel in standard deviations squared, from coarse to fine: steps at each.
+const SCALES: [(f64, usize); 4] = [(2500.0, 6), (100.0, 6), (16.0, 6), (4.0, 6)];
+
+/// A match agrees with a pose within this squared distance from the epipolar line in variances: 95 % of one degree of freedom.
+const BOUND: f64 = 3.841;
+
+/// Poses with which this share of the largest number of matches agree compete by the points in front.
+const NEARLY_AS_MANY: f64 = 0.95;
+
+/// Directions of translation from which the refinement starts: those of a cube's faces, edges and corners, one of each pair.
+const DIRECTIONS: [[f64; 3]; 13] = [
+    [1.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0],
+    [0.0, 0.0, 1.0],
+    [1.0, 1.0, 0.0],
+    [1.0, -1.0, 0.0],
+    [1.0, 0.0, 1.0],
+    [1.0, 0.0, -1.0],
+    [0.0, 1.0, 1.0],
+    [0.0, 1.0, -1.0],
+    [1.0, 1.0, 1.0],
+    [1.0, 1.0, -1.0],
+    [1.0, -1.0, 1.0],
+    [-1.0, 1.0, 1.0],
+];
+
+/// Rays (with z = 1) of a point in two views, and the standard deviation of the second in that plane.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RayMatch {
+    pub(crate) first: Vector3<f64>,
+    pub(crate) second: Vector3<f64>,
+    pub(crate) sigma: f64,
+}
+
+/// A relative pose up to scale.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RelativePose {
+    /// `second_from_first`, whose translation has length one.
+    pub(crate) second_from_first: Isometry3<f64>,
+    /// Number of matches that agree with it.
+    pub(crate) inliers: usize,
+    /// Number of matches that agree with the best clearly different pose.
+    pub(crate) rival: usize,
+    /// The rotation that explains the matches best without any translation.
+    pub(crate) rotation_alone: UnitQuaternion<f64>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Motion {
+    rotation: UnitQuaternion<f64>,
+    direction: Unit<Vector3<f64>>,
+}
+
+/// The relative pose with which matches agree best; `None` for fewer than eight matches.
+///
+/// A rotation alone, and none, start the search; they are refined together with the translation from directions all around, by
+/// Gauss-Newton steps on the distances from epipolar lines with a kernel that narrows. Of poses with which nearly as many agree
+/// (a plane has two), that with most points in front of both views is taken; further views must confirm it. No minimal solver and
+/// no choice between planes and general scenes is needed, because views of a video turn by less than a quarter turn.
+pub(crate) fn relative_pose(matches: &[RayMatch], random: &mut ChaCha8Rng) -> Option<RelativePose> {
+    if matches.len() < 8 {
+        return None;
+    }
+    let rotation = common_rotation(matches, random)?;
+    let mut found: Vec<(f64, Motion)> = [rotation, UnitQuaternion::identity()]
+        .into_iter()
+        .flat_map(|rotation| DIRECTIONS.map(|direction| (rotation, direction)))
+        .map(|(rotation, direction)| {
+            let start = Motion {
+                rotation,
+                direction: Unit::new_normalize(Vector3::from(direction)),
+            };
+            let motion = refine(matches, start);
+            (cost(matches, &motion, BOUND), motion)
+        })
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let most = agreeing(matches, &found[0].1);
+    let (mut best, mut in_front) = (found[0].1, 0);
+    for (_, motion) in &found {
+        let count = votes(matches, motion).unsigned_abs();
+        if agreeing(matches, motion) as f64 >= NEARLY_AS_MANY * most as f64
+            && count as f64 > 1.05 * in_front as f64
+        {
+            (best, in_front) = (*motion, count);
+        }
+    }
+    let rival = found
+        .iter()
+        .find(|(_, other)| {
+            let along = other.direction.dot(&best.direction).abs();
+            along < 0.9 || other.rotation.angle_to(&best.rotation) > 0.1
+        })
+        .map_or(0, |(_, other)| agreeing(matches, other));
+    let sign = if votes(matches, &best) < 0 { -1.0 } else { 1.0 };
+    Some(RelativePose {
+        second_from_first: Isometry3::from_parts(
+            Translation3::from(best.direction.into_inner() * sign),
+            best.rotation,
+        ),
+        inliers: agreeing(matches, &best),
+        rival,
+        rotation_alone: refine_rotation(matches, rotation),
+    })
+}
+
+/// Distance of a match from a rotation alone, in standard deviations.
+pub(crate) fn moved_sigmas(one: &RayMatch, rotation: &UnitQuaternion<f64>) -> f64 {
+    let turned = rotation * one.first;
+    let at = turned.xy() / turned.z.max(1e-6);
+    (at - one.second.xy()).norm() / one.sigma
+}
+
+/// Minimises the distances from a rotation alone.
+fn refine_rotation(matches: &[RayMatch], start: UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    let mut rotation = start;
+    for (scale, steps) in SCALES {
+        for _ in 0..steps {
+            let (mut normal, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+            for one in matches {
+                let p = rotation * one.first;
+                let inverse = 1.0 / p.z.max(1e-6);
+                let (x, y) = (p.x * inverse, p.y * inverse);
+                let residual = (Vector2::new(x, y) - one.second.xy()) / one.sigma;
+                let by_point = Matrix2x3::new(1.0, 0.0, -x, 0.0, 1.0, -y) * (inverse / one.sigma);
+                let jacobian = -by_point * p.cross_matrix();
+                let weight = cauchy(residual.norm_squared(), scale).1;
+                normal += weight * jacobian.tr_mul(&jacobian);
+                gradient += weight * jacobian.tr_mul(&residual);
+            }
+            let Some(inverse) = normal.try_inverse() else {
+                return rotation;
+            };
+            let step = -(inverse * gradient);
+            rotation = UnitQuaternion::from_scaled_axis(step.cap_magnitude(0.2)) * rotation;
+        }
+    }
+    rotation
+}
+
+/// The rotation that maps most rays roughly to their partners, from samples of two.
+fn common_rotation(matches: &[RayMatch], random: &mut ChaCha8Rng) -> Option<UnitQuaternion<f64>> {
+    let basis = |a: Vector3<f64>, b: Vector3<f64>| {
+        let first = a.try_normalize(1e-9)?;
+        let across = a.cross(&b).try_normalize(1e-9)?;
+        Some(Matrix3::from_columns(&[
+            first,
+            across,
+            first.cross(&across),
+        ]))
+    };
+    let mut best = None;
+    let mut least = f64::INFINITY;
+    for _ in 0..ROTATION_ROUNDS {
+        let sample = sample_array::<_, 2>(random, matches.len())?;
+        let [a, b] = sample.map(|at| matches[at]);
+        let (Some(from), Some(to)) = (basis(a.first, b.first), basis(a.second, b.second)) else {
+            continue;
+        };
+        let rotation = to * from.transpose();
+        // Translation moves rays, so that the bound is wide.
+        let sum: f64 = matches
+            .iter()
+            .map(|one| {
+                let error = (rotation * one.first.normalize() - one.second.normalize()).norm();
+                cauchy(error * error, 0.05 * 0.05).0
+            })
+            .sum();
+        if sum < least {
+            least = sum;
+            best = Some(rotation);
+        }
+    }
+    best.map(|matrix| {
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
+    })
+}
+
+/// Signed distance of a match from its epipolar lines in standard deviations (Sampson's approximation), the numerator's scale,
+/// and the rotated first ray.
+fn distance(one: &RayMatch, motion: &Motion) -> (f64, f64, Vector3<f64>) {
+    let turned = motion.rotation * one.first;
+    let line = motion.direction.cross(&turned);
+    let back = motion
+        .rotation
+        .inverse_transform_vector(&one.second.cross(&motion.direction));
+    let norm = (line.x * line.x + line.y * line.y + back.x * back.x + back.y * back.y)
+        .sqrt()
+        .max(1e-9);
+    let scale = 1.0 / (norm * one.sigma);
+    (one.second.dot(&line) * scale, scale, turned)
+}
+
+fn cost(matches: &[RayMatch], motion: &Motion, bound: f64) -> f64 {
+    let of = |one: &RayMatch| cauchy(distance(one, motion).0.powi(2), bound).0;
+    matches.iter().map(of).sum()
+}
+
+fn agreeing(matches: &[RayMatch], motion: &Motion) -> usize {
+    matches
+        .iter()
+        .filter(|one| distance(one, motion).0.powi(2) <= BOUND)
+        .count()
+}
+
+fn refine(matches: &[RayMatch], start: Motion) -> Motion {
+    let mut motion = start;
+    for (scale, steps) in SCALES {
+        for _ in 0..steps {
+            let (mut normal, mut gradient) = (Matrix5::zeros(), Vector5::zeros());
+            let (u, v) = tangent(&motion.direction);
+            for one in matches {
+                let (residual, factor, turned) = distance(one, &motion);
+                let weight = cauchy(residual * residual, scale).1;
+                let by_direction = turned.cross(&one.second) * factor;
+                let by_rotation = turned.cross(&one.second.cross(&motion.direction)) * factor;
+                let jacobian = Vector5::new(
+                    by_rotation.x,
+                    by_rotation.y,
+                    by_rotation.z,
+                    by_direction.dot(&u),
+                    by_direction.dot(&v),
+                );
+                normal += weight * jacobian * jacobian.transpose();
+                gradient += weight * residual * jacobian;
+            }
+            for axis in 0..5 {
+                normal[(axis, axis)] *= 1.0 + 1e-3;
+            }
+            let Some(factor) = normal.cholesky() else {
+                break;
+            };
+            let mut step = factor.solve(&-gradient);
+            let length = step.norm();
+            if length > 0.3 {
+                step *= 0.3 / length;
+            }
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
+            motion.rotation = turn * motion.rotation;
+            motion.direction =
+                Unit::new_normalize(motion.direction.into_inner() + u * step[3] + v * step[4]);
+            if length < 1e-6 {
+                break;
+            }
+        }
+    }
+    motion
+}
+
+/// Two directions across a direction.
+fn tangent(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
+    let axis = match direction.iamin() {
+        0 => Vector3::x(),
+        1 => Vector3::y(),
+        _ => Vector3::z(),
+    };
+    let u = direction.cross(&axis).normalize();
+    (u, direction.cross(&u))
+}
+
+/// Number of points that agree and lie in front of both views, less those that lie behind both.
+fn votes(matches: &[RayMatch], motion: &Motion) -> i64 {
+    let mut votes = 0_i64;
+    for one in matches {
+        if distance(one, motion).0.powi(2) > BOUND {
+            continue;
+        }
+        // d2 second = d1 turned + t: depths along both rays by least squares.
+        let turned = motion.rotation * one.first;
+        let (a, b, c) = (
+            turned.norm_squared(),
+            -turned.dot(&one.second),
+            one.second.norm_squared(),
+        );
+        let (p, q) = (
+            -turned.dot(&motion.direction),
+            one.second.dot(&motion.direction),
+        );
+        let determinant = a * c - b * b;
+        if determinant > 1e-9 {
+            let first = (c * p - b * q) / determinant;
+            let second = (a * q - b * p) / determinant;
+            if first > 0.0 && second > 0.0 {
+                votes += 1;
+            } else if first < 0.0 && second < 0.0 {
+                votes -= 1;
+            }
+        }
+    }
+    votes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+    use rand::{RngExt, SeedableRng};
+
+    fn scene(truth: &Isometry3<f64>, is_plane: bool, seed: u64) -> Vec<RayMatch> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut number = |low: f64, high: f64| random.random_range(low..high);
+        (0..200)
+            .map(|index| {
+                let (x, y) = (number(-1.0, 1.0), number(-0.8, 0.8));
+                let z = if is_plane {
+                    2.0 + 0.4 * x
+                } else {
+                    number(1.2, 3.5)
+                };
+                let second = truth * Point3::new(x, y, z);
+                let mut noise = || number(-1.0, 1.0) / 525.0;
+                let mut seen = second.coords / second.z;
+                seen += Vector3::new(noise(), noise(), 0.0);
+                if index % 5 == 0 {
+                    seen += Vector3::new(40.0 * noise(), 40.0 * noise(), 0.0);
+                }
+                RayMatch {
+                    first: Vector3::new(x / z, y / z, 1.0),
+                    second: seen,
+                    sigma: 0.7 / 525.0,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn poses_are_found_in_rooms_and_on_planes() {
+        for (seed, is_plane) in [(1, false), (2, true), (3, false)] {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let mut number = |scale: f64| random.random_range(-scale..scale);
+            let truth = Isometry3::new(
+                Vector3::new(0.3, 0.1, number(0.2)),
+                Vector3::new(number(0.2), number(0.2), number(0.2)),
+            );
+            let matches = scene(&truth, is_plane, seed);
+            let found = relative_pose(&matches, &mut random).unwrap();
+            let turn = found.second_from_first.rotation.angle_to(&truth.rotation);
+            let along = found
+                .second_from_first
+                .translation
+                .vector
+                .dot(&truth.translation.vector.normalize());
+            assert!(found.inliers > 130, "{found:?}");
+            // A plane seen twice has two solutions.
+            assert!(
+                is_plane || (turn < 0.02 && along > 0.98),
+                "{seed}: {turn} {along}"
+            );
+        }
+    }
+
+    #[test]
+    fn few_matches_give_no_pose() {
+        let matches = scene(&Isometry3::translation(0.3, 0.0, 0.0), false, 1);
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        assert!(relative_pose(&matches[..7], &mut random).is_none());
+    }
+}
