@@ -7,27 +7,32 @@ use crate::commands::Outcome;
 use crate::options::Options;
 use crate::run::Verbosity;
 use crate::sinks::{OutputFolder, print_object, write_tracked};
-use crate::tracking::{TrackReport, track_sequence};
+use crate::tracking::{TrackReport, track_sequence, tracking_options};
 use linecarve_sequence::{OpenOptions, Sequence};
 use linecarve_tracking::TrackingOptions;
 
 pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    match args.mode {
-        None | Some(TrackMode::Rgbd) => {}
-        Some(TrackMode::Stereo) => bail!("--mode stereo is not built yet: only rgbd is"),
-        Some(TrackMode::Mono) => bail!("--mode mono is not built yet: only rgbd is"),
-    }
     let open = OpenOptions {
         calibration: args.calibration.clone(),
         poses: None,
         layout: args.layout.clone(),
     };
     let sequence = Sequence::open_without_poses(&args.input, &open)?;
-    let mut output = OutputFolder::create(&args.out)?;
-    let options = TrackingOptions {
-        looks_ahead: !args.causal,
-        ..TrackingOptions::default()
+    let mut options = match args.mode {
+        None => tracking_options(&sequence),
+        Some(TrackMode::Rgbd) => TrackingOptions::default(),
+        Some(TrackMode::Mono) => TrackingOptions::monocular(),
+        Some(TrackMode::Stereo) => {
+            bail!("--mode stereo is not built yet: only rgbd and mono are")
+        }
     };
+    if args.causal && options.is_monocular {
+        bail!(
+            "--causal needs depth images: one camera begins its map with two views chosen among later ones"
+        );
+    }
+    options.looks_ahead = !args.causal;
+    let mut output = OutputFolder::create(&args.out)?;
     let noise = Options::default().sensor.relative_noise;
     let tracked = track_sequence(&sequence, options, noise, verbosity)?;
     let mut report = TrackReport::new(&tracked, &sequence, args.causal);

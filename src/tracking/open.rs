@@ -3,9 +3,8 @@
 use std::path::Path;
 
 use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
-use linecarve_tracking::TrackingOptions;
 
-use super::run::{TrackError, track_sequence};
+use super::run::{TrackError, track_sequence, tracking_options};
 use crate::run::Verbosity;
 
 /// A sequence with poses.
@@ -51,10 +50,22 @@ pub(crate) fn open_or_track(
     let mut sequence = sequence;
     let tracked = track_sequence(
         &sequence,
-        TrackingOptions::default(),
+        tracking_options(&sequence),
         relative_noise,
         verbosity,
     )?;
+    if sequence.depth_calibration().is_none() {
+        warnings.push(
+            "there is no depth: the unit of all lengths is the median depth of the first two views that start the map"
+                .to_owned(),
+        );
+    }
+    warnings.extend(
+        tracked
+            .unreadable
+            .iter()
+            .map(|(_, error)| format!("{error}: the frame is left out")),
+    );
     let poses: Vec<_> = tracked.poses().collect();
     let total = sequence.frames().len();
     if poses.is_empty() {

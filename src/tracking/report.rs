@@ -13,6 +13,8 @@ pub struct TrackReport {
     pub version: &'static str,
     /// What the poses were found from.
     pub mode: &'static str,
+    /// Unit of lengths.
+    pub unit: &'static str,
     /// Layout of the recording.
     pub layout: String,
     /// Whether poses use earlier frames only.
@@ -134,7 +136,12 @@ impl TrackReport {
         let per_keyframe = |sum: f64| sum / times.keyframes.max(1) as f64;
         Self {
             version: env!("CARGO_PKG_VERSION"),
-            mode: "rgbd",
+            mode: if tracked.has_depth { "rgbd" } else { "mono" },
+            unit: if tracked.has_depth {
+                "unit of the depth images divided by their scale"
+            } else {
+                "median depth of the two views that start the map"
+            },
             layout: sequence.layout().to_owned(),
             causal,
             calibration: CalibrationReport {
@@ -143,7 +150,10 @@ impl TrackReport {
                 fy: camera.fy(),
                 cx: camera.cx(),
                 cy: camera.cy(),
-                depth_scale: sequence.depth_calibration().map(|depth| depth.scale),
+                depth_scale: sequence
+                    .depth_calibration()
+                    .filter(|_| tracked.has_depth)
+                    .map(|depth| depth.scale),
             },
             frames,
             tracked: tracked_frames,
@@ -165,7 +175,7 @@ impl TrackReport {
                 .filter_map(|frame| {
                     Some(FrameWithoutPose {
                         frame: name(frame),
-                        reason: reason(&recording.poses[frame])?,
+                        reason: reason(tracked, frame)?,
                     })
                 })
                 .collect(),
@@ -175,8 +185,12 @@ impl TrackReport {
 }
 
 /// Why a frame has no pose in `poses.txt`; `None` when it has one.
-fn reason(pose: &FramePose) -> Option<String> {
-    match pose {
+fn reason(tracked: &TrackedSequence, frame: usize) -> Option<String> {
+    let mut unreadable = tracked.unreadable.iter();
+    if let Some((_, error)) = unreadable.find(|(other, _)| *other == frame) {
+        return Some(error.clone());
+    }
+    match &tracked.recording.poses[frame] {
         FramePose::Known { submap: 0, .. } => None,
         FramePose::Known { submap, .. } => {
             Some(format!("in another sub-map: {}", poses_file(*submap)))

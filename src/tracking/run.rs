@@ -55,6 +55,10 @@ pub(super) struct PrepareTimes {
 pub struct TrackedSequence {
     /// Poses, sub-maps, loops.
     pub recording: TrackedRecording,
+    /// Frames whose images cannot be read, with the error, which names the file.
+    pub unreadable: Vec<(usize, String)>,
+    /// Whether depth was used.
+    pub(super) has_depth: bool,
     pub(super) times: PrepareTimes,
 }
 
@@ -77,10 +81,19 @@ impl TrackedSequence {
     }
 }
 
-/// Finds the pose of each frame of a sequence with depth images. Poses of the sequence are not used.
+/// Options that fit a sequence: with depth images when it has some, else as images of one camera.
+pub fn tracking_options(sequence: &Sequence) -> TrackingOptions {
+    match sequence.depth_calibration() {
+        Some(_) => TrackingOptions::default(),
+        None => TrackingOptions::monocular(),
+    }
+}
+
+/// Finds the pose of each frame of a sequence, with depth images unless `options.is_monocular`. Poses of the sequence are not
+/// used. Frames whose images cannot be read have no pose.
 ///
 /// # Errors
-/// When an image cannot be read, or there is no depth.
+/// When no image can be read, or there is no depth and `options` need it.
 pub fn track_sequence(
     sequence: &Sequence,
     options: TrackingOptions,
@@ -89,52 +102,85 @@ pub fn track_sequence(
 ) -> Result<TrackedSequence, TrackError> {
     let folder = sequence.folder().display();
     let all: Vec<usize> = (0..sequence.frames().len()).collect();
-    let Some(calibration) = sequence.depth_calibration() else {
-        return Err(TrackError::Missing(format!(
-            "{folder} has no depth images (layout {}): poses are found from colour with depth so far; give the poses with --poses FILE",
-            sequence.layout()
-        )));
-    };
-    let Some(median_depth) = median_scene_depth(sequence, &all)? else {
-        return Err(TrackError::Missing(format!(
-            "{folder}: none of the depth images looked at holds a depth: are they the right files?"
-        )));
-    };
+    let has_depth = !options.is_monocular;
     let preparation = Preparation {
         sequence,
-        sensor: calibration.sensor(relative_noise, median_depth),
+        sensor: has_depth
+            .then(|| depth_sensor(sequence, &all, relative_noise))
+            .transpose()?,
         detector: FrameDetector::new(&options),
     };
     let size = sequence.color_size();
     let (width, height) = (size.width as usize, size.height as usize);
     let mut tracker = Tracker::new(options, sequence.color_camera(), width, height)?;
     let mut times = PrepareTimes::default();
+    let mut unreadable = Vec::new();
     let mut progress = Progress::start("frames", all.len(), verbosity);
     for group in all.chunks(AHEAD * rayon::current_num_threads().max(1)) {
         let prepared: Vec<_> = group
             .par_iter()
-            .map(|frame| preparation.features(*frame))
+            .map(|frame| (*frame, preparation.features(*frame)))
             .collect();
-        for one in prepared {
-            let (features, took) = one?;
-            times.load += took.load;
-            times.depth += took.depth;
-            times.features += took.features;
-            tracker.track(features);
+        for (frame, one) in prepared {
+            match one {
+                Ok((features, took)) => {
+                    times.load += took.load;
+                    times.depth += took.depth;
+                    times.features += took.features;
+                    tracker.track(features);
+                }
+                Err(TrackError::Frame(error)) if error.is_limited_to_frame() => {
+                    unreadable.push((frame, error.to_string()));
+                    tracker.track(FrameFeatures::default());
+                }
+                Err(error) => return Err(error),
+            }
             progress.step(|| "tracking".to_owned());
         }
     }
     progress.finish();
+    if unreadable.len() == all.len()
+        && let Some((_, error)) = unreadable.first()
+    {
+        return Err(TrackError::Missing(format!(
+            "{folder}: none of the {} images can be read (first: {error})",
+            all.len()
+        )));
+    }
     Ok(TrackedSequence {
         recording: tracker.finish(),
+        unreadable,
+        has_depth,
         times,
     })
+}
+
+/// The depth sensor of a sequence.
+fn depth_sensor(
+    sequence: &Sequence,
+    frames: &[usize],
+    relative_noise: f64,
+) -> Result<DepthSensor, TrackError> {
+    let folder = sequence.folder().display();
+    let Some(calibration) = sequence.depth_calibration() else {
+        return Err(TrackError::Missing(format!(
+            "{folder} has no depth images (layout {}): track it with --mode mono, or give the poses with --poses FILE",
+            sequence.layout()
+        )));
+    };
+    let Some(median_depth) = median_scene_depth(sequence, frames)? else {
+        return Err(TrackError::Missing(format!(
+            "{folder}: none of the depth images looked at holds a depth: are they the right files? Without them: --mode mono"
+        )));
+    };
+    Ok(calibration.sensor(relative_noise, median_depth))
 }
 
 /// What is needed to find the features of a frame.
 struct Preparation<'a> {
     sequence: &'a Sequence,
-    sensor: DepthSensor,
+    /// `None` when depth is not used.
+    sensor: Option<DepthSensor>,
     detector: FrameDetector,
 }
 
@@ -142,13 +188,18 @@ impl Preparation<'_> {
     fn features(&self, frame: usize) -> Result<(FrameFeatures, PrepareTimes), TrackError> {
         let start = Instant::now();
         let image = self.sequence.load_gray(frame)?;
-        let depth = self.sequence.load_depth(frame)?;
+        let depth = match &self.sensor {
+            Some(sensor) => self
+                .sequence
+                .load_depth(frame)?
+                .map(|depth| (sensor, depth)),
+            None => None,
+        };
         let loaded = start.elapsed();
         let camera = self.sequence.color_camera();
         let map = depth
-            .map(|depth| {
-                self.sensor
-                    .inverse_depth(&depth, camera, image.width(), image.height())
+            .map(|(sensor, depth)| {
+                sensor.inverse_depth(&depth, camera, image.width(), image.height())
             })
             .transpose()
             .map_err(|source| TrackError::Depth {

@@ -87,26 +87,88 @@ fn the_sample_is_tracked_and_every_frame_has_a_pose() {
 }
 
 #[test]
-fn modes_that_are_not_built_are_refused() {
-    for mode in ["stereo", "mono"] {
+fn what_is_not_built_is_refused() {
+    for (extra, reason) in [
+        (&["--mode", "stereo"][..], "not built yet"),
+        (&["--mode", "mono", "--causal"], "--causal needs depth"),
+    ] {
         let out = tempfile::tempdir().unwrap();
         let folder = out.path().join("out");
-        let arguments = [
-            "track",
-            &text(room()),
-            "--out",
-            &text(&folder),
-            "--mode",
-            mode,
-        ];
+        let (input, output) = (text(room()), text(&folder));
+        let mut arguments = vec!["track", &input, "--out", &output];
+        arguments.extend(extra);
         let output = expect_status(2, arguments);
-        assert!(
-            stderr(&output).contains("not built yet"),
-            "{}",
-            stderr(&output)
-        );
+        assert!(stderr(&output).contains(reason), "{}", stderr(&output));
         assert!(!folder.exists());
     }
+}
+
+#[test]
+fn one_camera_tracks_the_sample_without_its_depth() {
+    let folder = room_without_poses(36);
+    std::fs::remove_file(folder.path().join("depth.txt")).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let poses = ["1", "2"].map(|threads| {
+        let folder_out = out.path().join(threads);
+        expect_status(
+            0,
+            [
+                "track",
+                &text(folder.path()),
+                "--out",
+                &text(&folder_out),
+                "--threads",
+                threads,
+                "--quiet",
+            ],
+        );
+        std::fs::read(folder_out.join("poses.txt")).unwrap()
+    });
+    assert!(
+        poses[0] == poses[1],
+        "the number of threads changes the poses"
+    );
+    let report = json(&out.path().join("1").join("track.json"));
+    assert_eq!(report["mode"], "mono");
+    assert!(report["coverage"].as_f64().unwrap() > 0.9, "{report}");
+    let output = expect_status(
+        0,
+        [
+            "evaluate",
+            "--trajectory",
+            &text(out.path().join("1/poses.txt")),
+            "--reference",
+            &text(room().join("groundtruth.txt")),
+            "--align",
+            "sim3",
+            "--json",
+        ],
+    );
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let rmse = found["position"]["rmse"].as_f64().unwrap();
+    assert!(rmse < 0.05, "{found}");
+}
+
+#[test]
+fn an_unreadable_image_is_named_and_left_out() {
+    let folder = room_without_poses(6);
+    let list = std::fs::read_to_string(folder.path().join("rgb.txt")).unwrap();
+    let file = list.lines().nth(4).unwrap().split(' ').nth(1).unwrap();
+    std::fs::write(folder.path().join(file), "no image").unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let output = expect_status(
+        0,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
+    let name = Path::new(file).file_name().unwrap().to_str().unwrap();
+    assert!(stderr(&output).contains(name), "{}", stderr(&output));
+    let report = json(&out.path().join("track.json"));
+    assert_eq!(
+        (&report["tracked"], &report["frames"]),
+        (&5.into(), &6.into())
+    );
+    let reason = report["without_pose"][0]["reason"].as_str().unwrap();
+    assert!(reason.contains(name), "{reason}");
 }
 
 #[test]
@@ -156,13 +218,20 @@ fn black_frames_have_no_pose_and_do_not_harm_the_others() {
 }
 
 #[test]
-fn without_depth_there_is_a_clear_error() {
+fn without_depth_its_mode_has_a_clear_error() {
     let folder = room_without_poses(3);
     std::fs::remove_file(folder.path().join("depth.txt")).unwrap();
     let out = tempfile::tempdir().unwrap();
     let output = expect_status(
         2,
-        ["track", &text(folder.path()), "--out", &text(out.path())],
+        [
+            "track",
+            &text(folder.path()),
+            "--out",
+            &text(out.path()),
+            "--mode",
+            "rgbd",
+        ],
     );
     assert!(
         stderr(&output).contains("no depth images"),
