@@ -4,6 +4,8 @@
 //! while the neighbourhood of a keyframe stays the same: what it costs should too. With `RAYON_NUM_THREADS=1` the time is that of
 //! one thread. On Linux it is processor time, so that other work on the machine does not count.
 
+#![allow(clippy::disallowed_methods)] // A made-up scene may differ between platforms.
+
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 

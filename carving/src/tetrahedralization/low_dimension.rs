@@ -149,7 +149,8 @@ impl LowDimension {
                 break;
             }
             let position = storage.position(vertex);
-            let distance: f64 = (0..3).map(|i| (position[i] - point[i]).powi(2)).sum();
+            let squared = |i: usize| (position[i] - point[i]) * (position[i] - point[i]);
+            let distance: f64 = (0..3).map(squared).sum();
             let candidate = (distance, key(position), vertex);
             if best.is_none_or(|(d, k, _)| (distance, candidate.1) < (d, k)) {
                 best = Some(candidate);

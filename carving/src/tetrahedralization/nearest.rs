@@ -35,7 +35,8 @@ impl Tetrahedralization {
         }
         let squared_distance = |v: u32| {
             let q = self.storage.position(v);
-            (0..3).map(|i| (q[i] - p[i]).powi(2)).sum::<f64>()
+            let squared = |i: usize| (q[i] - p[i]) * (q[i] - p[i]);
+            (0..3).map(squared).sum::<f64>()
         };
         let cell = self.walk(&p, self.start_of_walk(hint));
         let mut best = (f64::INFINITY, GHOST);

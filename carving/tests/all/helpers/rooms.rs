@@ -1,5 +1,7 @@
 //! A room whose walls are seen by a camera on a loop inside; for tests and benches.
 
+#![allow(clippy::disallowed_methods)] // A made-up scene may differ between platforms.
+
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, RngExt};
 
