@@ -65,7 +65,7 @@ pub enum Command {
     Info(InfoArgs),
     /// Render a procedural scene to a posed RGB-D sequence with its ground-truth mesh.
     Synth(SynthArgs),
-    /// Draw a mesh, and lines over it, to a PNG: from outside, from a frame's view, or from any point.
+    /// Draw a mesh and lines over it, lines, or points to a PNG: from outside, from a frame's view, or from any point.
     Render(RenderArgs),
     /// Measure a mesh, lines or a cloud against a ground truth: accuracy, completeness, precision, recall, F.
     Evaluate(EvaluateArgs),
@@ -360,10 +360,10 @@ pub enum NoiseModel {
 /// Arguments of `render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// Mesh to draw: GLB, OBJ, PLY or STL.
+    /// Mesh to draw: GLB, OBJ, PLY or STL. Of a file without triangles, its lines are drawn, or its points.
     pub mesh: PathBuf,
 
-    /// Lines to draw over it: GLB, OBJ or PLY.
+    /// Lines or points to draw over it: GLB, OBJ or PLY.
     #[arg(long, value_name = "FILE")]
     pub lines: Option<PathBuf>,
 

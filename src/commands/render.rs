@@ -1,4 +1,4 @@
-//! `linecarve render`: a picture of a mesh, and of lines over it.
+//! `linecarve render`: a picture of a mesh and lines over it, of lines, or of points.
 
 use std::path::Path;
 
@@ -13,16 +13,39 @@ use linecarve_mesh::evaluate::NearestPointIndex;
 use linecarve_mesh::render::{
     BackFaces, HeatScale, RenderOptions, Renderer, View, up_direction, with_color_bar, write_png,
 };
-use linecarve_mesh::{LineSet, TriangleMesh, read_geometry};
+use linecarve_mesh::{LineSet, Shape, ShapeKind, TriangleMesh, read_geometry};
 use linecarve_sequence::{OpenOptions, Sequence};
 
+/// Diameter of the points of a cloud in the picture.
+const POINT_WIDTH_PX: f64 = 2.5;
+
 pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
-    let mesh = read_geometry(&args.mesh)?.into_mesh();
-    let lines = match &args.lines {
-        Some(path) => Some(read_geometry(path)?.into_lines()),
-        None => None,
-    };
+    let shape = read_geometry(&args.mesh)?;
+    let over = args.lines.as_deref().map(read_geometry).transpose()?;
+    let kinds = [Some(&shape), over.as_ref()].map(|it| it.map(Shape::kind));
+    if kinds[0] == Some(ShapeKind::Empty) {
+        return Ok(Outcome::Negative(format!(
+            "{} holds nothing to draw",
+            args.mesh.display()
+        )));
+    }
+    ensure!(
+        args.errors.is_none() || kinds[0] == Some(ShapeKind::Mesh),
+        "--errors colours triangles, and {} has none",
+        args.mesh.display()
+    );
     let mut options = RenderOptions::default();
+    if kinds.contains(&Some(ShapeKind::Cloud)) {
+        options.line_width_px = POINT_WIDTH_PX;
+    }
+    // Without triangles, the lines or points of the file itself are drawn like those of --lines.
+    let mut marks = match kinds[0] {
+        Some(ShapeKind::Mesh) => Shape::default(),
+        _ => with_dots(shape.clone()),
+    };
+    marks.append(over.map_or_else(Shape::default, with_dots));
+    let mesh = shape.into_mesh();
+    let lines = (!marks.lines.is_empty()).then(|| marks.into_lines());
     let view = if let Some(folder) = &args.sequence {
         let open = OpenOptions {
             calibration: args.calibration.clone(),
@@ -33,13 +56,13 @@ pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
         view_from(eye, target, args)?
     } else {
         options.back_faces = BackFaces::Hidden;
-        let Some(view) = outside_view(&mesh, args) else {
-            return Ok(Outcome::Negative(format!(
-                "{} has no triangle to draw",
+        let view = outside_view(&mesh, lines.as_ref(), args);
+        view.with_context(|| {
+            format!(
+                "{} has no extent: give a view with --eye and --target",
                 args.mesh.display()
-            )));
-        };
-        view
+            )
+        })?
     };
     let renderer = Renderer::new(&mesh);
     let picture = match &args.errors {
@@ -136,9 +159,26 @@ fn view_from(eye: [f64; 3], target: [f64; 3], args: &RenderArgs) -> anyhow::Resu
 }
 
 /// From outside and above, where "above" is what `--up` says: as seen by cameras that were held so.
-fn outside_view(mesh: &TriangleMesh, args: &RenderArgs) -> Option<View> {
+fn outside_view(mesh: &TriangleMesh, lines: Option<&LineSet>, args: &RenderArgs) -> Option<View> {
     let upright = UnitQuaternion::rotation_between(&-Vector3::y(), &Vector3::from(args.up))
         .unwrap_or_else(|| UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::PI));
     let pose = Isometry3::from_parts(Vector3::zeros().into(), upright);
-    View::dollhouse(mesh, &[pose], args.size)
+    if !mesh.triangles.is_empty() {
+        return View::dollhouse(mesh, &[pose], args.size);
+    }
+    let lines = lines?;
+    let ends = lines.lines.iter().flatten();
+    let ends = ends.filter_map(|end| lines.points.get(*end as usize).copied());
+    let ends: Vec<Point3<f64>> = ends
+        .filter(|end| end.iter().all(|value| value.is_finite()))
+        .collect();
+    View::outside(&ends, &[pose], args.size)
+}
+
+/// A cloud with a line from each point to itself, which is drawn as a dot; other shapes as they are.
+fn with_dots(mut shape: Shape) -> Shape {
+    if shape.kind() == ShapeKind::Cloud {
+        shape.lines = (0..shape.positions.len() as u32).map(|i| [i, i]).collect();
+    }
+    shape
 }

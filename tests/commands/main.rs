@@ -15,6 +15,7 @@ mod image_size;
 mod invariance;
 mod map_points;
 mod reconstruct;
+mod render;
 mod report_page;
 mod resume;
 mod sample;

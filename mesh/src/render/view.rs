@@ -87,12 +87,20 @@ impl View {
     pub fn dollhouse(
         mesh: &TriangleMesh,
         poses: &[Isometry3<f64>],
+        size: (u32, u32),
+    ) -> Option<Self> {
+        Self::outside(&used_vertices(mesh), poses, size)
+    }
+
+    /// [`View::dollhouse`] of points. `None` without points, and when a coordinate is not finite or all points are the same.
+    pub fn outside(
+        points: &[Point3<f64>],
+        poses: &[Isometry3<f64>],
         (width, height): (u32, u32),
     ) -> Option<Self> {
         let up = up_direction(poses);
         let (east, north) = horizontal_axes(&up);
-        let vertices = used_vertices(mesh);
-        let (low, high) = central_box(&vertices, [&east, &north, &up])?;
+        let (low, high) = central_box(points, [&east, &north, &up])?;
         let size = high - low;
         let heading = heading_of(poses, &up, size.x >= size.y, (&east, &north));
         let (sin, cos) = OUTSIDE_ELEVATION_RAD.sin_cos();
