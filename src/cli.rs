@@ -12,6 +12,7 @@ mod view;
 
 use std::path::PathBuf;
 
+use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use compare::CompareArgs;
@@ -24,7 +25,8 @@ pub use track::{TrackArgs, TrackMode};
 pub use values::{CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice};
 pub use view::ViewArgs;
 
-use crate::run::MemoryLimit;
+use crate::live::LiveView;
+use crate::run::{MemoryLimit, Verbosity};
 use linecarve_mesh::diff::Tolerance;
 
 /// Turns posed keyframes into a surface by carving free space with 3D line segments.
@@ -100,6 +102,23 @@ pub struct SequenceArgs {
     /// Calibration in place of what the layout says; default: `linecarve.toml` in the folder, when there is one.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
+}
+
+/// The page of a run that goes on.
+#[derive(Debug, Args)]
+pub struct LiveArgs {
+    /// Serve the page of the run while it goes on, on the loopback address alone: surface, lines, cameras, the last image, times.
+    /// The address is printed on standard error; without a port any free one is taken. The server ends with the run.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true)]
+    pub live: Option<Option<u16>>,
+}
+
+impl LiveArgs {
+    /// The live view, when it is asked for.
+    pub(crate) fn start(&self, verbosity: Verbosity) -> anyhow::Result<Option<LiveView>> {
+        let start = |port| LiveView::start(port, verbosity).context("--live");
+        self.live.map(start).transpose()
+    }
 }
 
 /// Which frames become keyframes.
@@ -237,6 +256,10 @@ pub struct ReconstructArgs {
     /// Leave out the page (`report.html`).
     #[arg(long)]
     pub no_page: bool,
+
+    /// The page while the run goes on.
+    #[command(flatten)]
+    pub live: LiveArgs,
 }
 
 /// Arguments of `lines`.

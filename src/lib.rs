@@ -23,6 +23,7 @@ pub mod compare;
 pub mod configuration;
 mod error;
 pub mod front_end;
+mod live;
 pub mod map;
 mod mapper;
 pub mod options;

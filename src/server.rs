@@ -1,4 +1,4 @@
-//! A folder served over HTTP on the loopback address.
+//! HTTP on the loopback address, and a folder served there.
 
 use std::fs::File;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -15,10 +15,10 @@ const WORKERS: usize = 4;
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ServerError {
     /// Another program listens on the port.
-    #[error("port {0} is in use: give another with --port, or leave the option out for a free one")]
+    #[error("port {0} is in use: give another, or none for a free one")]
     PortInUse(u16),
     /// The port cannot be used.
-    #[error("cannot listen on port {0}: {1} (leave --port out for a free one)")]
+    #[error("cannot listen on port {0}: {1} (without a port a free one is taken)")]
     Port(u16, String),
     /// No port can be used.
     #[error("cannot listen on the loopback address: {0}")]
@@ -28,19 +28,18 @@ pub(crate) enum ServerError {
     Worker,
 }
 
-/// A folder, and the address that it is served on.
-pub(crate) struct FolderServer {
+/// A server on the loopback address.
+pub(crate) struct Loopback {
     server: Server,
-    root: PathBuf,
     address: SocketAddr,
 }
 
-impl FolderServer {
-    /// Listens on a port of the loopback address, by default a free one.
+impl Loopback {
+    /// Listens on a port, by default a free one.
     ///
     /// # Errors
     /// When the port is in use, or cannot be listened on.
-    pub(crate) fn new(root: PathBuf, port: Option<u16>) -> Result<Self, ServerError> {
+    pub(crate) fn new(port: Option<u16>) -> Result<Self, ServerError> {
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port.unwrap_or(0)));
         let server = Server::http(address).map_err(|error| {
             let in_use = error
@@ -56,16 +55,89 @@ impl FolderServer {
             .server_addr()
             .to_ip()
             .ok_or_else(|| ServerError::Loopback("it has no network address".to_owned()))?;
-        Ok(Self {
-            server,
-            root,
-            address,
-        })
+        Ok(Self { server, address })
+    }
+
+    /// Where it listens.
+    pub(crate) fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The requests, one after another, until [`stop`](Self::stop).
+    pub(crate) fn requests(&self) -> impl Iterator<Item = Request> + '_ {
+        self.server.incoming_requests()
+    }
+
+    /// Ends one loop over requests.
+    pub(crate) fn stop(&self) {
+        self.server.unblock();
+    }
+
+    /// Why a request is not answered: its method, or the name by which it calls this address. A page elsewhere whose name was
+    /// made to point here gives that name.
+    pub(crate) fn refusal(&self, request: &Request) -> Option<Refusal> {
+        if !matches!(request.method(), Method::Get | Method::Head) {
+            return Some(Refusal::Method);
+        }
+        let host = request
+            .headers()
+            .iter()
+            .find(|header| header.field.equiv("Host"))
+            .map(|header| header.value.as_str());
+        let port = self.address.port();
+        let is_own_name = host.is_none_or(|host| {
+            host == format!("127.0.0.1:{port}") || host == format!("localhost:{port}")
+        });
+        (!is_own_name).then_some(Refusal::Name)
+    }
+}
+
+/// Why a request is not answered with what it asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Refusal {
+    /// It names another host.
+    Name,
+    /// It is neither GET nor HEAD.
+    Method,
+    /// There is no such file.
+    Missing,
+    /// There are too many clients.
+    Busy,
+}
+
+impl Refusal {
+    /// Answers so. A client that has gone away is no fault.
+    pub(crate) fn answer(self, request: Request) {
+        let (status, text) = match self {
+            Self::Name => (403, "this address answers on the loopback name only\n"),
+            Self::Missing => (404, "no such file\n"),
+            Self::Method => (405, "only GET and HEAD\n"),
+            Self::Busy => (503, "too many pages are open\n"),
+        };
+        let response = Response::from_string(text).with_status_code(StatusCode(status));
+        let _ = request.respond(response);
+    }
+}
+
+/// A folder, and the address that it is served on.
+pub(crate) struct FolderServer {
+    loopback: Loopback,
+    root: PathBuf,
+}
+
+impl FolderServer {
+    /// Serves a folder on a port of the loopback address, by default a free one.
+    ///
+    /// # Errors
+    /// When the port is in use, or cannot be listened on.
+    pub(crate) fn new(root: PathBuf, port: Option<u16>) -> Result<Self, ServerError> {
+        let loopback = Loopback::new(port)?;
+        Ok(Self { loopback, root })
     }
 
     /// Where the folder is served.
     pub(crate) fn address(&self) -> SocketAddr {
-        self.address
+        self.loopback.address()
     }
 
     /// Answers requests until the program ends.
@@ -75,7 +147,7 @@ impl FolderServer {
     pub(crate) fn run(&self) -> Result<(), ServerError> {
         std::thread::scope(|scope| {
             let work = || {
-                for request in self.server.incoming_requests() {
+                for request in self.loopback.requests() {
                     self.answer(request);
                 }
             };
@@ -92,44 +164,17 @@ impl FolderServer {
 impl FolderServer {
     /// Answers one request; a client that has gone away is no fault.
     fn answer(&self, request: Request) {
-        let is_read = matches!(request.method(), Method::Get | Method::Head);
-        let status = if !is_read {
-            405
-        } else if !self.is_own_name(&request) {
-            403
-        } else {
-            match self.file(request.url()) {
-                Some((file, path)) => {
-                    let response = Response::from_file(file)
-                        .with_header(header("Content-Type", content_type(&path)))
-                        .with_header(header("X-Content-Type-Options", "nosniff"))
-                        .with_header(header("Cache-Control", "no-store"));
-                    let _ = request.respond(response);
-                    return;
-                }
-                None => 404,
-            }
+        if let Some(refusal) = self.loopback.refusal(&request) {
+            return refusal.answer(request);
+        }
+        let Some((file, path)) = self.file(request.url()) else {
+            return Refusal::Missing.answer(request);
         };
-        let text = match status {
-            403 => "this address answers on the loopback name only\n",
-            405 => "only GET and HEAD\n",
-            _ => "no such file\n",
-        };
-        let response = Response::from_string(text).with_status_code(StatusCode(status));
+        let response = Response::from_file(file)
+            .with_header(header("Content-Type", content_type(&path)))
+            .with_header(header("X-Content-Type-Options", "nosniff"))
+            .with_header(header("Cache-Control", "no-store"));
         let _ = request.respond(response);
-    }
-
-    /// Whether the request names the loopback address: a page elsewhere whose name was made to point here does not.
-    fn is_own_name(&self, request: &Request) -> bool {
-        let host = request
-            .headers()
-            .iter()
-            .find(|header| header.field.equiv("Host"))
-            .map(|header| header.value.as_str());
-        let port = self.address.port();
-        host.is_none_or(|host| {
-            host == format!("127.0.0.1:{port}") || host == format!("localhost:{port}")
-        })
     }
 
     /// The file that a request means; `None` when there is none, or when it lies outside the folder.
@@ -190,7 +235,8 @@ fn content_type(path: &Path) -> &'static str {
     }
 }
 
-fn header(field: &'static str, value: &'static str) -> Header {
+/// A header line.
+pub(crate) fn header(field: &'static str, value: &'static str) -> Header {
     Header::from_bytes(field, value).expect("field and value are plain ASCII")
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::FormatChoice;
+use super::{FormatChoice, LiveArgs};
 
 /// Arguments of `stream`.
 #[derive(Debug, Args)]
@@ -20,4 +20,8 @@ pub struct StreamArgs {
     /// Formats of meshes and lines in the output folder.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [FormatChoice::Glb, FormatChoice::Obj, FormatChoice::Ply])]
     pub format: Vec<FormatChoice>,
+
+    /// The page while the session goes on.
+    #[command(flatten)]
+    pub live: LiveArgs,
 }

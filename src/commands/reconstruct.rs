@@ -12,7 +12,7 @@ use crate::reconstruction::{Reconstruction, RunOptions, Sink};
 use crate::recording::{Recording, Source};
 use crate::run::{CancelToken, Checkpoint, Verbosity};
 use crate::sinks::{
-    GrowthFiles, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
+    GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     model_left_out, reason_for_nothing, write_results,
 };
 use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajectory};
@@ -20,6 +20,7 @@ use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajector
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     check_tolerance(args.simplify)?;
     let started = Instant::now();
+    let live = args.live.start(verbosity)?;
     let mut output = OutputFolder::create(&args.out)?;
     let mut options = parameters(&args.stages, &args.selection)?;
     let labels = &mut options.carving.labels;
@@ -73,6 +74,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     }
 
     let mut page = (!args.no_page).then(PageRecorder::new);
+    let mut live = live.map(|view| LiveSink::new(view, &run, "reconstruct"));
     let mut richest = RichestKeyframe::default();
     let cancelled = {
         let mut growth = match args.final_only {
@@ -84,9 +86,13 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
             sinks.push(growth);
             sinks.extend(page.as_mut().map(|page| page as &mut dyn Sink));
         }
+        sinks.extend(live.as_mut().map(|live| live as &mut dyn Sink));
         sinks.push(&mut log);
         run.run(CancelToken::watch(args.memory_limit)?, &mut sinks)?
     };
+    if let Some(live) = &mut live {
+        live.finish(&run);
+    }
     log.finish_progress();
     log.set_resumed(checkpoint.as_ref().map_or(0, Checkpoint::reused));
 

@@ -24,6 +24,9 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     };
     let mut output = args.out.as_deref().map(OutputFolder::create).transpose()?;
     let mut session = Session::new(options).context("cannot make a folder for temporary files")?;
+    if let Some(view) = args.live.start(verbosity)? {
+        session.show(view);
+    }
     let mut replies = Replies::default();
     let mut input = std::io::stdin().lock();
     let mut number = 0;

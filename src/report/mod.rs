@@ -1,5 +1,6 @@
 //! `report.json`: parameters, results and stage times of a run.
 
+pub(crate) mod growth_delta;
 pub mod page;
 
 use std::path::Path;

@@ -5,13 +5,13 @@ use std::time::Instant;
 use linecarve_mesh::files::write_atomically;
 use linecarve_mesh::{GlbWriter, MeshFileError, TriangleMesh};
 
-use super::growth_delta::encode;
 use super::output::{OutputFolder, surface_part};
 use crate::error::SinkError;
 use crate::map::Map;
 use crate::mapper::KeyframeUpdate;
 use crate::reconstruction::Sink;
 use crate::recording::Recording;
+use crate::report::growth_delta::encode;
 use crate::run::milliseconds;
 
 /// Folder of the files of keyframes.

@@ -3,8 +3,8 @@
 mod empty;
 mod feature_edges;
 mod growth;
-mod growth_delta;
 mod keyframe_reports;
+mod live;
 mod output;
 mod page;
 mod page_run;
@@ -21,12 +21,15 @@ pub(crate) use feature_edges::final_mesh_edges;
 pub use growth::Growth;
 pub(crate) use growth::GrowthFiles;
 pub(crate) use keyframe_reports::KeyframeReports;
+pub(crate) use live::LiveSink;
 pub use output::Format;
 pub(crate) use output::{
     OutputFolder, clusters_part, feature_edges_part, segments_part, surface_part, write_geometry,
     write_part, write_poses,
 };
-pub(crate) use page::{PageRecorder, growth_plots, page_of, page_surface};
+pub(crate) use page::{
+    GrowingView, PageRecorder, growth_plots, page_of, page_surface, with_elements,
+};
 pub(crate) use page_run::PageRun;
 pub(crate) use picture::{RichestKeyframe, crosses};
 pub(crate) use report::{RunLog, print_object, print_text};

@@ -136,7 +136,7 @@ fn change_to(mesh: &TriangleMesh) -> SurfaceChange {
 }
 
 /// Hands over what the map is made of.
-fn with_elements(map: &Map, take: impl FnOnce(Elements<'_>)) {
+pub(crate) fn with_elements(map: &Map, take: impl FnOnce(Elements<'_>)) {
     match map.segments() {
         Some(segments) => take(Elements::Lines {
             segments: segments.ends(),
@@ -192,6 +192,36 @@ pub(crate) fn page_of(run: &PageRun<'_>, command: &str, mesh: &TriangleMesh) -> 
         facts,
         warnings: Vec::new(),
         images: Vec::new(),
+    }
+}
+
+/// The view from outside on a surface that grows, fitted whenever the number of keyframes has doubled.
+#[derive(Debug, Default)]
+pub(crate) struct GrowingView {
+    fitted_at: usize,
+    view: Option<OutsideView>,
+}
+
+impl GrowingView {
+    /// Fits the view to the surface after so many keyframes, when that is due; returns whether it did.
+    pub(crate) fn fit(&mut self, keyframes: usize, map: Option<&Map>, run: &PageRun<'_>) -> bool {
+        let surface = map.and_then(Map::followed_surface);
+        let Some(surface) = surface.filter(|surface| surface.triangle_count() > 0) else {
+            return false;
+        };
+        if keyframes < 2 * self.fitted_at {
+            return false;
+        }
+        self.fitted_at = keyframes;
+        let mut mesh = TriangleMesh::default();
+        surface.copy_to(&mut mesh);
+        self.view = Some(outside_view(&mesh, &run.poses, run.median_depth));
+        true
+    }
+
+    /// Puts the view on a page.
+    pub(crate) fn apply(&self, page: &mut Page) {
+        page.outside = self.view.unwrap_or(page.outside);
     }
 }
 

@@ -46,10 +46,31 @@ impl<'a> PageRun<'a> {
         Self::with_camera(recording, camera, size, recording.median_depth)
     }
 
+    /// A session, over the frames of its messages so far.
+    pub(crate) fn of_session(
+        sequence: &'a Sequence,
+        poses: Vec<Isometry3<f64>>,
+        names: Vec<&'a str>,
+        median_depth: Option<f64>,
+        origin: Vector3<f64>,
+    ) -> Self {
+        let size = sequence.color_size();
+        let camera = sequence.color_camera();
+        Self {
+            sequence,
+            numbers: &[],
+            names,
+            poses,
+            camera: page_camera(camera, (size.width, size.height)),
+            median_depth: median_depth.unwrap_or(1.0),
+            origin,
+        }
+    }
+
     fn with_camera(
         recording: &'a Recording,
         camera: &Camera,
-        (width, height): (u32, u32),
+        size: (u32, u32),
         median_depth: Option<f64>,
     ) -> Self {
         let count = recording.keyframes.len();
@@ -60,17 +81,21 @@ impl<'a> PageRun<'a> {
                 .map(|number| recording.keyframe_name(number))
                 .collect(),
             poses: recording.keyframe_poses(),
-            camera: PageCamera {
-                fx: camera.fx(),
-                fy: camera.fy(),
-                cx: camera.cx(),
-                cy: camera.cy(),
-                width,
-                height,
-            },
+            camera: page_camera(camera, size),
             median_depth: median_depth.unwrap_or(1.0),
             origin: recording.origin,
         }
+    }
+}
+
+fn page_camera(camera: &Camera, (width, height): (u32, u32)) -> PageCamera {
+    PageCamera {
+        fx: camera.fx(),
+        fy: camera.fy(),
+        cx: camera.cx(),
+        cy: camera.cy(),
+        width,
+        height,
     }
 }
 

@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
 use super::message::StartMessage;
-use super::semi_dense_mapper::{SemiDenseMapper, SessionKeyframe, empty_map};
-use super::session_map::SessionMap;
+use super::semi_dense_mapper::{Estimate, SemiDenseMapper, SessionKeyframe, empty_map};
+use super::session_map::{NewestKeyframe, SessionMap};
 use crate::front_end::{
     Arrival, DepthSource, FrontEnd, SemiDenseSource, correct_poses, far_origin, group_size,
     median_depth_from_images, run_in_groups,
@@ -14,7 +14,7 @@ use crate::front_end::{
 use crate::map::{Map, SurfaceChange};
 use crate::mapper::Mapper;
 use crate::options::Options;
-use linecarve_sequence::{LiveFrame, LiveSequence};
+use linecarve_sequence::{LiveFrame, LiveSequence, Sequence};
 
 /// A map of keyframes with semi-dense depth. Pose corrections move existing estimates with their keyframe. At the end all
 /// outdated estimates are computed again, as in a batch run.
@@ -162,6 +162,29 @@ impl SessionMap for ImageMap {
 
     fn lens_k1(&self) -> Option<f64> {
         self.lens_k1
+    }
+
+    fn sequence(&self) -> &Sequence {
+        self.live.sequence()
+    }
+
+    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
+        let origin = self.origin();
+        let ids = self.keyframes.iter().map(|keyframe| keyframe.id);
+        let shifted = Self::poses(self).into_iter().map(|(_, mut pose)| {
+            pose.translation.vector -= origin;
+            pose
+        });
+        ids.zip(shifted).collect()
+    }
+
+    fn newest(&self) -> Option<NewestKeyframe> {
+        let mut keyframes = self.keyframes.iter().enumerate().rev();
+        keyframes.find_map(|(place, keyframe)| {
+            let (Estimate::Provisional(found) | Estimate::Final(found)) =
+                keyframe.estimate.as_ref()?;
+            NewestKeyframe::new(place, found)
+        })
     }
 
     fn keeps_images(&self) -> bool {

@@ -9,6 +9,7 @@
 
 mod error;
 mod image_map;
+mod live_page;
 mod message;
 mod semi_dense_mapper;
 mod sensor_map;

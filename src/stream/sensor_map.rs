@@ -5,14 +5,15 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
 use super::message::StartMessage;
-use super::session_map::SessionMap;
+use super::session_map::{NewestKeyframe, SessionMap};
 use crate::front_end::{
     Arrival, DepthSource, Keyframe, LineKeyframe, SensorFrontEnd, far_origin, median_scene_depth,
 };
 use crate::map::{Map, SurfaceChange};
 use crate::mapper::{Mapper, Taken};
 use crate::options::Options;
-use linecarve_sequence::{FrameError, LiveFrame, LiveSequence};
+use crate::run::StageTimes;
+use linecarve_sequence::{FrameError, LiveFrame, LiveSequence, Sequence};
 
 /// A map of independent keyframes, which move with their poses.
 pub(super) struct SensorMap {
@@ -22,6 +23,8 @@ pub(super) struct SensorMap {
     front_end: SensorFrontEnd,
     /// Ids and keyframes, in the frame of computation.
     keyframes: Vec<(u64, Keyframe)>,
+    /// Processor times of the newest keyframe.
+    newest_times: StageTimes,
     mapper: Mapper,
 }
 
@@ -77,6 +80,25 @@ impl SessionMap for SensorMap {
     fn median_depth(&self) -> Option<f64> {
         Some(self.median_depth)
     }
+
+    fn sequence(&self) -> &Sequence {
+        self.live.sequence()
+    }
+
+    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
+        let pose = |(id, keyframe): &(u64, Keyframe)| match keyframe {
+            Keyframe::Lines(keyframe) => Some((*id, keyframe.world_from_camera)),
+            Keyframe::Features(_) | Keyframe::Views(_) => None,
+        };
+        self.keyframes.iter().filter_map(pose).collect()
+    }
+
+    fn newest(&self) -> Option<NewestKeyframe> {
+        let (_, keyframe) = self.keyframes.last()?;
+        let mut newest = NewestKeyframe::new(self.keyframes.len() - 1, keyframe)?;
+        newest.times = self.newest_times;
+        Some(newest)
+    }
 }
 
 impl SensorMap {
@@ -126,6 +148,7 @@ impl SensorMap {
             sensor,
             median_depth,
             keyframes: Vec::new(),
+            newest_times: StageTimes::default(),
             mapper: Mapper::new(map, origin),
         };
         session_map.mapper.follow_surface();
@@ -144,6 +167,7 @@ impl SensorMap {
         let arrival = Arrival::Final(Ok(Keyframe::Lines(Box::new(keyframe))));
         match self.mapper.take(number, arrival, false) {
             Ok(Taken::Keyframe(update)) => {
+                self.newest_times = update.times;
                 self.keyframes.push((id, update.keyframe));
                 Ok(())
             }

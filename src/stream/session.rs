@@ -11,6 +11,7 @@ use tempfile::TempDir;
 
 use super::SessionError;
 use super::image_map::ImageMap;
+use super::live_page::SessionPage;
 use super::message::{
     CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseUpdate, Reply,
     StartMessage,
@@ -18,6 +19,7 @@ use super::message::{
 use super::sensor_map::SensorMap;
 use super::session_map::SessionMap;
 use super::surface_diff::SurfaceDiff;
+use crate::live::LiveView;
 use crate::options::Options;
 use crate::run::milliseconds;
 use linecarve_mesh::{LineSet, TriangleMesh};
@@ -32,6 +34,7 @@ pub struct Session {
     start: Option<StartMessage>,
     map: Option<Box<dyn SessionMap>>,
     surface_diff: SurfaceDiff,
+    page: Option<SessionPage>,
     /// Temporary files of images sent in messages.
     image_folder: TempDir,
     /// Files that are still needed, by keyframe.
@@ -79,9 +82,15 @@ impl Session {
             start: None,
             map: None,
             surface_diff: SurfaceDiff::default(),
+            page: None,
             image_folder: tempfile::tempdir()?,
             stored_images: BTreeMap::new(),
         })
+    }
+
+    /// Shows the state after each message on a live page.
+    pub(crate) fn show(&mut self, view: LiveView) {
+        self.page = Some(SessionPage::new(view));
     }
 
     /// Handles a message. The reply is `None` when there is nothing to report.
@@ -114,6 +123,9 @@ impl Session {
         let map = self.map.as_mut()?;
         let origin = map.origin();
         let change = map.take_surface_change();
+        if let Some(page) = &mut self.page {
+            page.publish(map.as_ref(), change.as_ref());
+        }
         let mut segments = 0;
         let mut triangles = 0;
         let mut difference = None;
@@ -190,6 +202,11 @@ impl Session {
             Some(map) => map.add(id, frame, &self.options),
             None => begin_map(start, &self.options, id, frame).map(|map| self.map = Some(map)),
         };
+        if outcome.is_ok()
+            && let (Some(page), Some(map)) = (&mut self.page, &self.map)
+        {
+            page.look(map.as_ref());
+        }
         if outcome.is_ok() && self.map.as_ref().is_some_and(|map| map.keeps_images()) {
             self.stored_images.insert(id, stored_images);
         } else {

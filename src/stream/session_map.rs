@@ -3,9 +3,40 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::SessionError;
+use crate::front_end::Keyframe;
 use crate::map::{Map, SurfaceChange};
 use crate::options::Options;
-use linecarve_sequence::LiveFrame;
+use crate::run::StageTimes;
+use linecarve_sequence::{LiveFrame, Sequence};
+
+/// What is shown of a keyframe.
+pub(super) struct NewestKeyframe {
+    /// Place of the keyframe among all.
+    pub(super) keyframe: usize,
+    /// Position of the keyframe in the sequence.
+    pub(super) frame: usize,
+    /// Ends of its segments in its image.
+    pub(super) ends_px: Vec<[[f64; 2]; 2]>,
+    /// Processor times.
+    pub(super) times: StageTimes,
+}
+
+impl NewestKeyframe {
+    /// Of a keyframe at this place.
+    pub(super) fn new(keyframe: usize, found: &Keyframe) -> Option<Self> {
+        let Keyframe::Lines(lines) = found else {
+            return None;
+        };
+        let segments = lines.segments.iter();
+        let ends = segments.map(|segment| segment.ends_px.map(|end| [end.x, end.y]));
+        Some(Self {
+            keyframe,
+            frame: lines.frame,
+            ends_px: ends.collect(),
+            times: lines.times,
+        })
+    }
+}
 
 /// The keyframes of a session and their map. A method that fails leaves everything unchanged.
 pub(super) trait SessionMap {
@@ -54,6 +85,15 @@ pub(super) trait SessionMap {
     fn lens_k1(&self) -> Option<f64> {
         None
     }
+
+    /// The frames of all messages so far.
+    fn sequence(&self) -> &Sequence;
+
+    /// Ids of the keyframes and poses of their colour cameras, in the frame of computation.
+    fn poses(&self) -> Vec<(u64, Isometry3<f64>)>;
+
+    /// The newest keyframe whose segments are known.
+    fn newest(&self) -> Option<NewestKeyframe>;
 
     /// Whether image files are still needed after a keyframe was added.
     fn keeps_images(&self) -> bool {

@@ -6,6 +6,7 @@
 mod program;
 
 mod bad_input;
+mod browser;
 mod compare;
 mod convert;
 mod diff;
@@ -13,6 +14,7 @@ mod evaluate;
 mod growth;
 mod image_size;
 mod invariance;
+mod live;
 mod map_points;
 mod reconstruct;
 mod render;

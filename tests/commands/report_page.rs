@@ -11,7 +11,7 @@ use crate::program::{expect_status, linecarve, small_sequence, stderr, text};
 use serde_json::Value;
 
 /// A headless browser.
-fn chromium() -> PathBuf {
+pub(crate) fn chromium() -> PathBuf {
     if let Some(path) = std::env::var_os("LINECARVE_CHROMIUM") {
         return PathBuf::from(path);
     }

@@ -15,14 +15,14 @@ fn rows(text: &str) -> Value {
     json!({ "matrix": numbers.chunks(4).collect::<Vec<_>>() })
 }
 
-struct Recording {
-    folder: tempfile::TempDir,
-    start: Value,
-    poses: Vec<Value>,
+pub(crate) struct Recording {
+    pub(crate) folder: tempfile::TempDir,
+    pub(crate) start: Value,
+    pub(crate) poses: Vec<Value>,
 }
 
 impl Recording {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let folder = small_sequence(FRAMES, "7-scenes");
         let sequence = folder.path().join("sequence");
         let out = folder.path().join("batch");
@@ -76,7 +76,7 @@ impl Recording {
             .unwrap()
     }
 
-    fn keyframe(&self, frame: usize, pose: &Value) -> Value {
+    pub(crate) fn keyframe(&self, frame: usize, pose: &Value) -> Value {
         json!({
             "type": "keyframe", "id": frame, "world_from_camera": pose,
             "color": { "path": self.file(frame, "color") }, "depth": { "path": self.file(frame, "depth") },

@@ -29,26 +29,28 @@ export class Cameras {
     this.group = new Group();
     this.inner = new Group();
     this.group.add(this.inner);
-    const path = new BufferGeometry();
-    path.setAttribute(
-      'position',
-      new BufferAttribute(new Float32Array(keyframes.flatMap((keyframe) => keyframe.position)), 3),
-    );
-    this.path = new Line(path, new LineBasicMaterial({ color: PATH }));
-    const corners = frustumCorners(camera, size);
-    const all = new Float32Array(keyframes.flatMap((keyframe) => frustumLines(keyframe, corners)));
-    const frustums = new BufferGeometry();
-    frustums.setAttribute('position', new BufferAttribute(all, 3));
+    this.path = new Line(new BufferGeometry(), new LineBasicMaterial({ color: PATH }));
     this.frustums = new LineSegments(
-      frustums,
+      new BufferGeometry(),
       new LineBasicMaterial({ color: FRUSTUM, transparent: true, opacity: 0.45 }),
     );
-    const current = new BufferGeometry();
-    current.setAttribute('position', new BufferAttribute(all, 3));
-    this.current = new LineSegments(current, new LineBasicMaterial({ color: CURRENT }));
+    this.current = new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: CURRENT }));
+    this.place(keyframes, camera, size);
     for (const object of [this.path, this.frustums, this.current]) {
       object.frustumCulled = false;
       this.inner.add(object);
+    }
+  }
+
+  /** Puts the cameras where they are. */
+  place(keyframes, camera, size) {
+    const corners = frustumCorners(camera, size);
+    const path = new Float32Array(keyframes.flatMap((keyframe) => keyframe.position));
+    const all = new Float32Array(keyframes.flatMap((keyframe) => frustumLines(keyframe, corners)));
+    for (const [object, ends] of [[this.path, path], [this.frustums, all], [this.current, all]]) {
+      object.geometry.dispose();
+      object.geometry = new BufferGeometry();
+      object.geometry.setAttribute('position', new BufferAttribute(ends, 3));
     }
   }
 

@@ -71,6 +71,11 @@ export function triangles({ count, born, data }) {
   return { count, corners, birth, death };
 }
 
+/** Elements of a single state. */
+export function allAlive(count) {
+  return { count, birth: new Uint32Array(count), death: new Uint32Array(count).fill(FOREVER) };
+}
+
 /** The states at which elements come and go, in the order of coming. */
 export function lives({ born, life }) {
   const numbers = new Numbers(bytes(life));

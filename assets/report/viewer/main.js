@@ -1,6 +1,7 @@
 // The page: reads its data, builds panels, controls, tables and plots, and keeps them in step.
 
 import { KeyframeImage } from './keyframe_image.js';
+import { follow } from './live.js';
 import { countPlot, timingPlot, timingTop } from './plots.js';
 import { Stage } from './stage.js';
 import { Surface } from './surface.js';
@@ -38,6 +39,8 @@ class Page {
     this.data = data;
     this.last = data.keyframes.length - 1;
     this.keyframe = this.last;
+    /** The keyframe that was added last, while a run goes on. */
+    this.newest = 0;
     this.plots = [];
     this.playing = null;
     this.#writeText();
@@ -62,6 +65,7 @@ class Page {
     document.title = `${data.title} · Linecarve`;
     find('title').textContent = data.title;
     find('subtitle').textContent = data.subtitle;
+    find('facts').replaceChildren();
     facts(find('facts'), data.facts);
     for (const one of data.tables) table(find('tables'), one);
     find('warnings-section').hidden = data.warnings.length === 0;
@@ -99,6 +103,8 @@ class Page {
   #buildControls() {
     const slider = find('slider');
     slider.max = this.last;
+    // A run that goes on has its last state only.
+    for (const control of [slider, find('play')]) control.hidden = Boolean(this.data.live);
     slider.addEventListener('input', () => this.show(slider.valueAsNumber));
     find('play').addEventListener('click', () => this.togglePlay());
     document.addEventListener('keydown', (event) => {
@@ -132,7 +138,11 @@ class Page {
 
   /** Goes to a keyframe: surfaces, cameras, image and marks. */
   show(keyframe) {
-    this.keyframe = Math.min(Math.max(Math.round(keyframe), 0), this.last);
+    // A session has no keyframe at first.
+    if (this.last < 0) return;
+    // A run that goes on has its last state only.
+    const shown = this.data.live ? this.newest : keyframe;
+    this.keyframe = Math.min(Math.max(Math.round(shown), 0), this.last);
     find('slider').value = this.keyframe;
     const { name } = this.data.keyframes[this.keyframe];
     find('keyframe-label').textContent = `keyframe ${this.keyframe + 1} of ${this.last + 1} · frame ${name}`;
@@ -148,6 +158,55 @@ class Page {
     }
     this.image?.show(this.keyframe);
     for (const plot of this.plots) plot.show(this.keyframe);
+  }
+
+  /** Takes the state of a run that goes on. */
+  refresh(state) {
+    const { data } = this;
+    const outside = JSON.stringify(data.outside);
+    if (state.keyframes !== data.keyframes || state.scene !== this.scene) {
+      this.scene = state.scene;
+      Object.assign(data, state.scene, { keyframes: state.keyframes, surfaces: data.surfaces, images: [] });
+      this.#writeText();
+      this.last = data.keyframes.length - 1;
+      this.stage?.placeCameras();
+      const isOutside = find('view-outside').classList.contains('active');
+      if (isOutside && JSON.stringify(data.outside) !== outside) this.stage?.viewOutside();
+    }
+    this.newest = state.current;
+    for (const surface of this.surfaces) {
+      surface.replace(state);
+      for (const [index, set] of [...surface.data.lines, { name: 'points' }].entries()) {
+        const box = document.querySelector(`input[data-layer="${set.name}"]`);
+        box.parentElement.hidden = surface.elements[index].lives.count === 0;
+      }
+    }
+    if (state.image && state.image !== this.liveImage) {
+      this.liveImage = state.image;
+      this.image = new KeyframeImage([state.image], find('image'));
+      find('inset').hidden = false;
+    }
+    this.#replot(state);
+    this.show(this.newest);
+    find('subtitle').textContent = state.ended
+      ? 'The run has ended.'
+      : state.connected
+        ? 'live'
+        : 'No connection: trying again.';
+  }
+
+  /** Plots anew, at most once a second. */
+  #replot(state) {
+    const now = performance.now();
+    if (state.rows.length === 0 || (now - this.plotted < 1000 && !state.ended)) return;
+    this.plotted = now;
+    find('plots').replaceChildren();
+    this.plots = [];
+    this.data.surfaces[0].timing = state.timing();
+    this.data.count_plots = [
+      { title: 'triangles of the surface', series: [{ name: 'surface', values: state.triangles() }] },
+    ];
+    this.#plot();
   }
 
   setView(name) {
@@ -224,15 +283,8 @@ function selfTest(page, loadMs) {
   return result;
 }
 
-function start() {
-  const started = performance.now();
-  const hash = readHash();
-  const errors = [];
-  if ('selftest' in hash) {
-    window.addEventListener('error', (event) => errors.push(event.message));
-    for (const kind of ['error', 'warn']) console[kind] = (...message) => errors.push(message.join(' '));
-  }
-  const data = JSON.parse(find('report-data').textContent);
+/** Builds the page as its address asks for it. */
+function open(data, hash) {
   const page = new Page(data);
   if (data.surfaces.length === 1) document.body.classList.add('single');
   page.setView('outside');
@@ -243,6 +295,61 @@ function start() {
   page.setColoring(hash.color ?? 'clay');
   for (const layer of (hash.show ?? '').split(',').filter(Boolean)) page.setLayer(layer, true);
   for (const layer of (hash.hide ?? '').split(',').filter(Boolean)) page.setLayer(layer, false);
+  return page;
+}
+
+/** Follows the run that serves the page. */
+function startLive(hash, errors) {
+  let page = null;
+  find('subtitle').textContent = 'The run begins.';
+  follow((state) => {
+    if (!state.scene) return;
+    if (!page) {
+      page = open(state.emptyPage(), hash);
+      window.linecarve = page;
+    }
+    page.refresh(state);
+    if ('selftest' in hash) noteLive(page, state, errors);
+  });
+}
+
+/** What the page shows of a run that goes on, for a test to read from the document. */
+function noteLive(page, state, errors) {
+  let output = find('selftest');
+  if (!output) {
+    output = document.createElement('pre');
+    output.id = 'selftest';
+    document.body.append(output);
+  }
+  const [surface] = page.surfaces;
+  output.textContent = JSON.stringify({
+    errors,
+    triangles: surface.shown,
+    vertices: surface.shownVertices,
+    elements: surface.elements.map((elements) => elements.shown),
+    keyframe: page.keyframe,
+    cameras: page.data.keyframes.length,
+    image: !find('inset').hidden,
+    plots: page.plots.length,
+    ended: state.ended,
+    drawn_share: page.stage ? page.stage.drawnShare() : null,
+  });
+}
+
+function start() {
+  const started = performance.now();
+  const hash = readHash();
+  const errors = [];
+  if ('selftest' in hash) {
+    window.addEventListener('error', (event) => errors.push(event.message));
+    for (const kind of ['error', 'warn']) console[kind] = (...message) => errors.push(message.join(' '));
+  }
+  const data = JSON.parse(find('report-data').textContent);
+  if (data.live) {
+    startLive(hash, errors);
+    return;
+  }
+  const page = open(data, hash);
   page.stage?.drawNow();
   const loadMs = performance.now() - started;
   if ('selftest' in hash) {

@@ -101,6 +101,12 @@ export class Stage {
     this.camera.updateProjectionMatrix();
   }
 
+  /** Other keyframes in place of those before. */
+  placeCameras() {
+    for (const { cameras } of this.scenes) cameras.place(this.data.keyframes, this.data.camera, this.data.frustum);
+    this.applyFieldOfView();
+  }
+
   /** From outside and above, the near walls left out. */
   viewOutside() {
     const { eye, target, vertical, aspect } = this.data.outside;

@@ -14,7 +14,7 @@ import {
   Points,
   PointsMaterial,
 } from 'three';
-import { bytes, lives, positions, triangles as decodeTriangles } from './decode.js';
+import { allAlive, bytes, lives, positions, triangles as decodeTriangles } from './decode.js';
 
 const CLAY = 0xd9d2c5;
 const INSIDE = 0x8f4f4b;
@@ -61,6 +61,12 @@ class LiveElements {
     this.object = makeObject(this.geometry);
     this.object.frustumCulled = false;
     this.shown = 0;
+  }
+
+  /** Other elements, which all live. */
+  replace(places) {
+    this.places = places;
+    this.lives = allAlive(places.length / (3 * this.size));
   }
 
   show(state) {
@@ -136,6 +142,17 @@ export class Surface {
       this.mesh.add(object);
     }
     this.group.add(this.mesh);
+  }
+
+  /** Another surface and other elements in place of those before: those of a run that goes on. */
+  replace({ surface, lines, points }) {
+    this.positions = surface.positions;
+    this.triangles = { ...allAlive(surface.count), corners: surface.corners };
+    this.data.states = [0];
+    this.data.vertex_counts = [surface.vertexCount];
+    this.data.lines.forEach((set, index) => this.elements[index].replace(lines[set.name]));
+    this.elements[this.data.lines.length].replace(points);
+    this.state = -1;
   }
 
   /** The last state that is not after a keyframe; -1 before the first. */

@@ -90,7 +90,7 @@ impl OutsideView {
 }
 
 /// Name and pose of a keyframe.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PageKeyframe {
     name: String,
     position: [f64; 3],

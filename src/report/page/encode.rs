@@ -9,7 +9,7 @@ use serde::Serialize;
 const COORDINATE_STEPS: f64 = ((1u32 << 21) - 1) as f64;
 
 /// Encodes bytes as base64.
-pub(super) fn text(bytes: &[u8]) -> String {
+pub(crate) fn text(bytes: &[u8]) -> String {
     STANDARD.encode(bytes)
 }
 
@@ -24,7 +24,7 @@ pub(super) fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
 
 /// Positions quantised within their bounding box, to a two-millionth of its sides.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Positions {
+pub(crate) struct Positions {
     count: usize,
     low: [f64; 3],
     step: [f64; 3],
@@ -33,7 +33,7 @@ pub(super) struct Positions {
 
 impl Positions {
     /// Encodes positions. Non-finite ones become the low corner of the box.
-    pub(super) fn new(points: &[Point3<f64>]) -> Self {
+    pub(crate) fn new(points: &[Point3<f64>]) -> Self {
         let finite = || points.iter().filter(|p| p.iter().all(|v| v.is_finite()));
         let first = finite().next().copied().unwrap_or_else(Point3::origin);
         let (low, high) = finite().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));

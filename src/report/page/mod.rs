@@ -22,5 +22,8 @@ pub use history::{Elements, HistoryLimits, SurfaceHistory};
 pub use images::{KeyframeImage, keyframe_image};
 pub use write::write_page;
 
+pub(crate) use encode::{Positions, text as base64_text};
+pub(crate) use write::{live_page, page_json};
+
 #[cfg(test)]
 mod tests;

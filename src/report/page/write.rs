@@ -3,6 +3,8 @@
 use std::io::Write;
 use std::path::Path;
 
+use serde::Serialize;
+
 use super::data::{Page, PageData};
 use linecarve_mesh::files::{WriteError, write_atomically};
 
@@ -16,11 +18,29 @@ const LICENCE: &str = include_str!("../../../assets/report/LICENSE-three.txt");
 /// # Errors
 /// When the file cannot be written.
 pub fn write_page(path: &Path, page: &Page) -> Result<(), WriteError> {
-    write_atomically(path, |out| fill(out, page))
+    write_atomically(path, |out| fill(out, &PageData::new(page)))
+}
+
+/// The page of a run that goes on: without data, which it asks its server for.
+///
+/// # Errors
+/// Only when the template is damaged.
+pub(crate) fn live_page() -> std::io::Result<Vec<u8>> {
+    let mut page = Vec::new();
+    fill(&mut page, &serde_json::json!({ "live": true }))?;
+    Ok(page)
+}
+
+/// The data of a page as its viewer reads it.
+///
+/// # Errors
+/// When a value cannot be written as JSON, which no page has.
+pub(crate) fn page_json(page: &Page) -> serde_json::Result<serde_json::Value> {
+    serde_json::to_value(PageData::new(page))
 }
 
 /// Replaces each `{{name}}` of the template. Inserted text is not searched again.
-fn fill(out: &mut dyn Write, page: &Page) -> std::io::Result<()> {
+fn fill(out: &mut dyn Write, data: &impl Serialize) -> std::io::Result<()> {
     let mut rest = TEMPLATE;
     while let Some((before, after)) = rest.split_once("{{") {
         out.write_all(before.as_bytes())?;
@@ -34,8 +54,7 @@ fn fill(out: &mut dyn Write, page: &Page) -> std::io::Result<()> {
             "licence" => out.write_all(LICENCE.as_bytes())?,
             "script" => out.write_all(VIEWER.as_bytes())?,
             "data" => {
-                let text =
-                    serde_json::to_string(&PageData::new(page)).map_err(std::io::Error::other)?;
+                let text = serde_json::to_string(data).map_err(std::io::Error::other)?;
                 out.write_all(inside_script(&text).as_bytes())?;
             }
             unknown => {

@@ -1,8 +1,8 @@
-//! `keyframes/NNNNNN.delta`: what a keyframe changed of the surface.
+//! `keyframes/NNNNNN.delta`: what a keyframe changed of the surface. The live page gets the same bytes.
 //!
-//! The format is described in `docs/outputs.md`; `clients/read_growth.py` reads it.
+//! The format is described in `docs/outputs.md`; `clients/read_growth.py` and `assets/report/viewer/live.js` read it.
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use crate::map::{MapSurface, SurfaceChange};
 
@@ -11,9 +11,39 @@ const MAGIC: &[u8; 8] = b"LCDELTA1";
 /// Colour of vertices without an observed one: middle grey, not opaque.
 const NO_COLOR: [u8; 4] = [128, 128, 128, 0];
 
+/// A surface whose vertices have numbers.
+pub(crate) trait NumberedSurface {
+    /// Number of vertices.
+    fn vertex_count(&self) -> usize;
+    /// Number of triangles.
+    fn triangle_count(&self) -> usize;
+    /// Position of a vertex.
+    fn position(&self, number: u32) -> Point3<f64>;
+    /// Observed colour of a vertex.
+    fn color(&self, number: u32) -> Option<[u8; 3]>;
+}
+
+impl NumberedSurface for MapSurface {
+    fn vertex_count(&self) -> usize {
+        self.vertex_count()
+    }
+
+    fn triangle_count(&self) -> usize {
+        self.triangle_count()
+    }
+
+    fn position(&self, number: u32) -> Point3<f64> {
+        self.position(number)
+    }
+
+    fn color(&self, number: u32) -> Option<[u8; 3]> {
+        self.color(number)
+    }
+}
+
 /// Replaces `bytes` by the file of a change, after which the surface is `surface`.
-pub(super) fn encode(
-    surface: &MapSurface,
+pub(crate) fn encode(
+    surface: &(impl NumberedSurface + ?Sized),
     change: &SurfaceChange,
     origin: &Vector3<f64>,
     bytes: &mut Vec<u8>,
@@ -57,7 +87,7 @@ fn push(bytes: &mut Vec<u8>, numbers: impl IntoIterator<Item = u32>) {
     }
 }
 
-fn color(surface: &MapSurface, number: u32) -> [u8; 4] {
+fn color(surface: &(impl NumberedSurface + ?Sized), number: u32) -> [u8; 4] {
     let color = surface.color(number);
     color.map_or(NO_COLOR, |[red, green, blue]| [red, green, blue, 255])
 }

@@ -1,0 +1,225 @@
+//! The page of a run while it goes on: what its server sends, and what a browser shows of it.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use crate::browser::Browser;
+use crate::program::live_client::{Corners, LiveClient, sorted};
+use crate::program::{small_sequence, text};
+use crate::stream::Recording;
+use serde_json::{Value, json};
+
+/// A run with `--live`, ended when dropped.
+struct LiveRun {
+    child: Child,
+    /// `127.0.0.1:PORT`
+    host: String,
+}
+
+impl LiveRun {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(assert_cmd::cargo::cargo_bin("linecarve"))
+            .args(arguments)
+            .arg("--live")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let host = lines
+            .find_map(|line| {
+                let line = line.unwrap();
+                let (_, address) = line.split_once("http://")?;
+                Some(address.trim_end_matches('/').to_owned())
+            })
+            .expect("the address is printed");
+        // Else the program would be stopped by a full pipe.
+        std::thread::spawn(move || lines.for_each(drop));
+        Self { child, host }
+    }
+
+    /// The status and the body of an answer.
+    fn ask(&self, path: &str, host: &str) -> (u16, String) {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        let request = format!("GET {path} HTTP/1.0\r\nHost: {host}\r\n\r\n");
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+        let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+        (status, body.to_owned())
+    }
+
+    fn connect(&self) -> Events {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        let request = format!("GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", self.host);
+        stream.write_all(request.as_bytes()).unwrap();
+        Events(BufReader::new(stream))
+    }
+}
+
+impl Drop for LiveRun {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The messages of `/events`.
+struct Events(BufReader<TcpStream>);
+
+impl Events {
+    /// The next message; `None` at the end.
+    fn next(&mut self) -> Option<Value> {
+        loop {
+            let mut line = String::new();
+            if self.0.read_line(&mut line).unwrap_or(0) == 0 {
+                return None;
+            }
+            if let Some(json) = line.strip_prefix("data: ") {
+                return Some(serde_json::from_str(json).unwrap());
+            }
+        }
+    }
+
+    /// Hands messages to a client until it is as it should be.
+    fn follow(&mut self, client: &mut LiveClient, until: impl Fn(&LiveClient) -> bool) {
+        while !until(client) {
+            client.apply(&self.next().expect("the run goes on"));
+        }
+    }
+}
+
+/// The triangles of a mesh file, as a page sees them.
+fn surface_of(path: &Path) -> Vec<Corners> {
+    let mesh = linecarve_mesh::read_geometry(path).unwrap().into_mesh();
+    let corner = |v: u32| {
+        let [x, y, z]: [f64; 3] = mesh.positions[v as usize].into();
+        [x, y, z].map(|value| (value as f32).to_bits())
+    };
+    sorted(mesh.triangles.iter().map(|triangle| triangle.map(corner)))
+}
+
+/// A `stream` that is written to message by message.
+struct Session {
+    run: LiveRun,
+    input: Option<ChildStdin>,
+    output: BufReader<ChildStdout>,
+}
+
+impl Session {
+    fn start(recording: &Recording, arguments: &[&str]) -> Self {
+        let mut run = LiveRun::start(&[&["stream"], arguments].concat());
+        let input = run.child.stdin.take();
+        let output = BufReader::new(run.child.stdout.take().unwrap());
+        let mut session = Self { run, input, output };
+        session.send(&recording.start);
+        session
+    }
+
+    /// Sends a message and waits for the reply.
+    fn send(&mut self, message: &Value) {
+        writeln!(self.input.as_mut().unwrap(), "{message}").unwrap();
+        let mut reply = String::new();
+        self.output.read_line(&mut reply).unwrap();
+        assert!(!reply.contains("\"error\""), "{reply}");
+    }
+}
+
+#[test]
+fn a_live_page_follows_a_session() {
+    let recording = Recording::new();
+    let out = recording.folder.path().join("out");
+    let mut session = Session::start(&recording, &["--out", text(&out)]);
+    let host = session.run.host.clone();
+    assert!(host.starts_with("127.0.0.1:"));
+    let (status, page) = session.run.ask("/", &host);
+    assert_eq!(status, 200);
+    assert!(page.contains("{\"live\":true}"));
+    for path in ["/", "/events"] {
+        assert_eq!(session.run.ask(path, "elsewhere.example").0, 403);
+    }
+    assert_eq!(session.run.ask("/report.json", &host).0, 404);
+
+    let (mut first, mut seen_first) = (session.run.connect(), LiveClient::default());
+    first.follow(&mut seen_first, |_| true);
+    for frame in 0..3 {
+        session.send(&recording.keyframe(frame, &recording.poses[frame]));
+    }
+    first.follow(&mut seen_first, |client| client.rows.len() == 3);
+    assert_eq!(seen_first.keyframes.len(), 3);
+    assert!(seen_first.has_scene && seen_first.image.is_some());
+    assert!(!seen_first.surface().is_empty() && seen_first.segments > 0);
+
+    // Another browser, or the same again: the whole state first.
+    let (mut second, mut seen) = (session.run.connect(), LiveClient::default());
+    second.follow(&mut seen, |client| client.has_scene);
+    assert_eq!(seen, seen_first);
+    drop(first);
+
+    session.send(&recording.keyframe(3, &recording.poses[3]));
+    // Another pose makes the map anew.
+    let moved =
+        json!({ "type": "poses", "poses": [{ "id": 1, "world_from_camera": recording.poses[2] }] });
+    session.send(&moved);
+    session.send(&recording.keyframe(4, &recording.poses[4]));
+    drop(session.input.take());
+    second.follow(&mut seen, |client| client.has_ended);
+    assert_eq!(seen.keyframes.len(), 5);
+    assert_eq!(seen.keyframes[1]["position"], seen.keyframes[2]["position"]);
+    assert!(session.run.child.wait().unwrap().success());
+    assert_eq!(seen.surface(), surface_of(&out.join("mesh.ply")));
+}
+
+#[test]
+fn a_live_page_ends_with_the_surface_of_the_run() {
+    let folder = small_sequence(5, "tum");
+    let (sequence, out) = (folder.path().join("sequence"), folder.path().join("out"));
+    let mut run = LiveRun::start(&[
+        "reconstruct",
+        text(&sequence),
+        "--every",
+        "1",
+        "--no-picture",
+        "--out",
+        text(&out),
+    ]);
+    let mut seen = LiveClient::default();
+    run.connect().follow(&mut seen, |client| client.has_ended);
+    assert!(run.child.wait().unwrap().success());
+    assert_eq!(seen.surface(), surface_of(&out.join("mesh.ply")));
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(Some(seen.segments), report["result"]["segments"].as_u64());
+    assert_eq!(Some(seen.clusters), report["result"]["clusters"].as_u64());
+    assert_eq!((seen.keyframes.len(), seen.rows.len()), (5, 5));
+}
+
+#[test]
+#[ignore = "needs chromium"]
+fn the_page_of_a_live_session_shows_its_surface() {
+    let recording = Recording::new();
+    let mut session = Session::start(&recording, &[]);
+    let (mut events, mut seen) = (session.run.connect(), LiveClient::default());
+    session.send(&recording.keyframe(0, &recording.poses[0]));
+    let mut browser = Browser::open(&format!("http://{}/#selftest", session.run.host));
+    browser.self_test(|found| found["cameras"] == 1);
+    for frame in 1..4 {
+        session.send(&recording.keyframe(frame, &recording.poses[frame]));
+    }
+    events.follow(&mut seen, |client| client.rows.len() == 4);
+    let found = browser.self_test(|found| found["cameras"] == 4 && found["keyframe"] == 3);
+    assert_eq!(found["errors"], json!([]), "{found}");
+    assert_eq!(found["triangles"], seen.surface().len());
+    assert_eq!(found["elements"][0], seen.segments);
+    assert_eq!(found["elements"][1], seen.clusters);
+    assert_eq!(found["image"], true);
+    assert!(found["drawn_share"].as_f64().unwrap() > 0.02, "{found}");
+    drop(session.input.take());
+    let found = browser.self_test(|found| found["ended"] == true);
+    assert_eq!(found["triangles"], seen.surface().len());
+    assert_eq!(found["plots"], 2);
+}
