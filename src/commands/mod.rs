@@ -18,6 +18,8 @@ mod synth;
 mod track;
 mod view;
 
+pub use reconstruct::{final_mesh, reconstruct};
+
 use anyhow::Context;
 
 use crate::cli::{Cli, Command};

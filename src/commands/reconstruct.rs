@@ -1,5 +1,6 @@
 //! `linecarve reconstruct`: sequence in, surface out.
 
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::ensure;
@@ -10,18 +11,50 @@ use crate::commands::input::{input, parameters};
 use crate::commands::simplify::check_tolerance;
 use crate::reconstruction::{Reconstruction, RunOptions, Sink};
 use crate::recording::{Recording, Source};
-use crate::run::{CancelToken, Checkpoint, Verbosity};
+use crate::run::{CancelToken, Checkpoint, Verbosity, WatchError};
 use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
-    model_left_out, reason_for_nothing, write_results,
+    model_left_out, reason_for_nothing, simplified, write_results,
 };
+use linecarve_mesh::TriangleMesh;
 use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajectory};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let watch = || CancelToken::watch(args.memory_limit);
+    let (outcome, _) = reconstruct(args, Some(&args.out), verbosity, watch)?;
+    Ok(outcome)
+}
+
+/// The mesh that a run ends with, in the frame of the poses.
+///
+/// # Errors
+/// When the tolerance of the simplification is out of range.
+pub fn final_mesh(run: &Reconstruction) -> anyhow::Result<TriangleMesh> {
+    let map = run.map();
+    let clusters = map.segments().map(|segments| segments.clusters());
+    let recording = run.recording();
+    let lines = clusters.unwrap_or_default();
+    let mut mesh = simplified(map.surface(), &lines, recording.options.simplify)?;
+    mesh.translate(&recording.origin);
+    Ok(mesh)
+}
+
+/// Does what `linecarve reconstruct` does. `args.out` is not looked at: everything is written to `out`, or nothing without it.
+/// `watch` is asked for what ends the run early once the recording is open.
+///
+/// # Errors
+/// On bad input or options, or when an output cannot be written.
+pub fn reconstruct(
+    args: &ReconstructArgs,
+    out: Option<&Path>,
+    verbosity: Verbosity,
+    watch: impl FnOnce() -> Result<CancelToken, WatchError>,
+) -> anyhow::Result<(Outcome, Reconstruction)> {
     check_tolerance(args.simplify)?;
     let started = Instant::now();
     let live = args.live.start(verbosity)?;
-    let mut output = OutputFolder::create(&args.out)?;
+    let mut output = out.map(OutputFolder::create).transpose()?;
+    let is_final_only = args.final_only || out.is_none();
     let mut options = parameters(&args.stages, &args.selection)?;
     let labels = &mut options.carving.labels;
     *labels = args.labels.map_or(*labels, Into::into);
@@ -40,7 +73,9 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     );
     input.track = args.track;
     let recording = Recording::open(&input, options)?;
-    if recording.is_tracked {
+    if recording.is_tracked
+        && let Some(output) = &mut output
+    {
         let images = posed_images(&recording.sequence);
         write_trajectory(
             &output.file("trajectory.txt"),
@@ -50,20 +85,21 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     }
     let is_model = recording.source == Source::Model;
     ensure!(
-        !(is_model && args.final_only && args.memory_limit.is_some()),
+        !(is_model && is_final_only && args.memory_limit.is_some()),
         "--memory-limit is checked between views, and --final-only carves all at once: leave one of them out"
     );
     let mut log = RunLog::begin("reconstruct", &recording, verbosity);
-    let checkpoint = if is_model {
-        None
-    } else {
-        let description = recording.description();
-        Some(Checkpoint::open(output.root(), &description, args.resume)?)
+    let checkpoint = match &output {
+        Some(output) if !is_model => {
+            let description = recording.description();
+            Some(Checkpoint::open(output.root(), &description, args.resume)?)
+        }
+        _ => None,
     };
     let settings = RunOptions {
         checkpoint: checkpoint.clone(),
-        is_provisional: !args.final_only,
-        is_at_once: args.final_only,
+        is_provisional: !is_final_only,
+        is_at_once: is_final_only,
         keeps_keyframes: false,
     };
     let mut run = Reconstruction::new(recording, settings)?;
@@ -77,9 +113,9 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     let mut live = live.map(|view| LiveSink::new(view, &run, "reconstruct"));
     let mut richest = RichestKeyframe::default();
     let cancelled = {
-        let mut growth = match args.final_only {
-            true => None,
-            false => Some(GrowthFiles::new(&mut output, args.growth.into())?),
+        let mut growth = match &mut output {
+            Some(output) if !is_final_only => Some(GrowthFiles::new(output, args.growth.into())?),
+            _ => None,
         };
         let mut sinks: Vec<&mut dyn Sink> = vec![&mut richest];
         if let Some(growth) = &mut growth {
@@ -88,7 +124,7 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         }
         sinks.extend(live.as_mut().map(|live| live as &mut dyn Sink));
         sinks.push(&mut log);
-        run.run(CancelToken::watch(args.memory_limit)?, &mut sinks)?
+        run.run(watch()?, &mut sinks)?
     };
     if let Some(live) = &mut live {
         live.finish(&run);
@@ -103,22 +139,27 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         richest: richest.order(),
         verbosity,
     };
-    let finished = write_results(&run, &settings, page, &mut output, &mut log)?;
+    let is_empty = match &mut output {
+        Some(output) => write_results(&run, &settings, page, output, &mut log)?.is_empty,
+        None => run.map().carver().triangle_count() == 0,
+    };
     let outcome = if let Some(cause) = &cancelled {
         let remedy = match checkpoint {
             Some(_) => cause.remedy(),
             None => cause.remedy_without_checkpoint(),
         };
         Outcome::Negative(log.interrupted(cause, remedy))
-    } else if finished.is_empty {
+    } else if is_empty {
         let reason = reason_for_nothing(&run, log.keyframes());
         Outcome::Negative(format!("the mesh is empty: {reason}"))
     } else {
         Outcome::Done
     };
-    log.write(&mut output, started, args.stages.json)?;
+    if let Some(output) = &mut output {
+        log.write(output, started, args.stages.json)?;
+    }
     if let Some(checkpoint) = checkpoint.filter(|_| cancelled.is_none()) {
         checkpoint.finish()?;
     }
-    Ok(outcome)
+    Ok((outcome, run))
 }

@@ -1,10 +1,11 @@
 //! Cancellation at keyframe boundaries: by Ctrl-C or a memory limit. Results so far are saved.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::memory::{MemoryLimit, resident_mb};
 
-/// Process-wide, as a process runs one command.
+/// Set by signals; process-wide, as a process runs one command.
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
 /// A run ended before its last keyframe. Results so far are valid.
@@ -56,9 +57,11 @@ pub enum WatchError {
 }
 
 /// Checked before each keyframe.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct CancelToken {
     limit: Option<MemoryLimit>,
+    /// Set by [`CancelToken::cancel`] of any clone.
+    is_cancelled: Arc<AtomicBool>,
 }
 
 impl CancelToken {
@@ -68,9 +71,7 @@ impl CancelToken {
     /// # Errors
     /// When signals cannot be handled, or a limit is given and the system does not report memory use.
     pub fn watch(limit: Option<MemoryLimit>) -> Result<Self, WatchError> {
-        if limit.is_some() && resident_mb().is_none() {
-            return Err(WatchError::Memory);
-        }
+        let token = Self::with_limit(limit)?;
         let handler = || {
             if REQUESTED.swap(true, Ordering::SeqCst) {
                 // Exit status of a program ended by Ctrl-C.
@@ -79,17 +80,36 @@ impl CancelToken {
             eprintln!("stopping after this keyframe; press Ctrl-C again to stop at once");
         };
         match ctrlc::set_handler(handler) {
-            Err(ctrlc::Error::MultipleHandlers) | Ok(()) => Ok(Self { limit }),
+            Err(ctrlc::Error::MultipleHandlers) | Ok(()) => Ok(token),
             Err(error) => Err(error.into()),
         }
+    }
+
+    /// A token for a memory limit and [`cancel`](Self::cancel), which leaves signals alone.
+    ///
+    /// # Errors
+    /// When a limit is given and the system does not report memory use.
+    pub fn with_limit(limit: Option<MemoryLimit>) -> Result<Self, WatchError> {
+        if limit.is_some() && resident_mb().is_none() {
+            return Err(WatchError::Memory);
+        }
+        Ok(Self {
+            limit,
+            ..Self::default()
+        })
+    }
+
+    /// Ends the run that has a clone of this token, after the current keyframe.
+    pub fn cancel(&self) {
+        self.is_cancelled.store(true, Ordering::SeqCst);
     }
 
     /// Checks for cancellation with `done` keyframes complete. The memory limit allows at least one.
     ///
     /// # Errors
     /// When the run was cancelled.
-    pub fn check(self, done: usize) -> Result<(), Cancelled> {
-        if REQUESTED.load(Ordering::SeqCst) {
+    pub fn check(&self, done: usize) -> Result<(), Cancelled> {
+        if REQUESTED.load(Ordering::SeqCst) || self.is_cancelled.load(Ordering::SeqCst) {
             return Err(Cancelled::Requested);
         }
         match (self.limit, resident_mb()) {

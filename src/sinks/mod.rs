@@ -34,6 +34,6 @@ pub(crate) use page_run::PageRun;
 pub(crate) use picture::{RichestKeyframe, crosses};
 pub(crate) use report::{RunLog, print_object, print_text};
 pub(crate) use results::{ResultSettings, write_results};
-pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends};
+pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends, simplified};
 pub(crate) use surface_files::SurfaceFiles;
 pub(crate) use tracked::write_tracked;
