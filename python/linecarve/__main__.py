@@ -1,0 +1,5 @@
+"""`python -m linecarve`: the program."""
+
+from ._cli import main
+
+main()
