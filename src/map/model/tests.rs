@@ -124,7 +124,7 @@ fn the_deviation_of_a_point_is_that_of_its_rays() {
     let view = |x: f64| ModelView {
         name: String::new(),
         world_from_camera: Isometry3::translation(x, 0.0, 0.0),
-        camera: Some(Camera::pinhole(500.0, 500.0, 320.0, 240.0).unwrap()),
+        camera: Some(linecarve_lines::camera::Camera::pinhole(500.0, 500.0, 320.0, 240.0).unwrap()),
         size_px: None,
     };
     let point = Point3::new(0.05, 0.0, 4.0);
