@@ -306,9 +306,9 @@ impl Reconstruction {
         self.mapper.map()
     }
 
-    /// The surface in the frame of the poses.
+    /// The surface in the frame of the poses, its vertices adjusted to all dense depth.
     pub fn surface(&self) -> TriangleMesh {
-        let mut surface = self.mapper.map().surface();
+        let mut surface = self.mapper.map().adjusted_surface();
         surface.translate(&self.recording.origin);
         surface
     }

@@ -34,7 +34,7 @@ pub fn final_mesh(run: &Reconstruction) -> anyhow::Result<TriangleMesh> {
     let clusters = map.segments().map(|segments| segments.clusters());
     let recording = run.recording();
     let lines = clusters.unwrap_or_default();
-    let mut mesh = simplified(map.surface(), &lines, recording.options.simplify)?;
+    let mut mesh = simplified(map.adjusted_surface(), &lines, recording.options.simplify)?;
     mesh.translate(&recording.origin);
     Ok(mesh)
 }

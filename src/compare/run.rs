@@ -61,7 +61,7 @@ pub(crate) fn compared_run(
     let map = run.map();
     let lens = map.feature_points().and_then(|points| points.lens().k1());
     warnings.extend(lens.map(lens_warning));
-    let mesh = map.surface();
+    let mesh = map.adjusted_surface();
     recorder.finish(&run, &mesh);
     let lines = map
         .segments()

@@ -13,7 +13,7 @@ use linecarve_carving::IncidentCells;
 use linecarve_carving::{SurfaceDelta, Triangle};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::SurfaceSamples;
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
@@ -186,6 +186,12 @@ impl DepthValidation {
     }
 
     /// The dense depth of a view; `None` when its depth is not dense.
+    /// The dense surfaces of all keyframes that have one.
+    pub(super) fn dense_surfaces(&self) -> Vec<KeyframeSurface<'_>> {
+        let views = 0..self.dense_views.len() as u32;
+        views.filter_map(|view| self.dense_view(view)).collect()
+    }
+
     fn dense_view(&self, view: u32) -> Option<KeyframeSurface<'_>> {
         let dense_view = self.dense_views.get(view as usize)?.as_ref()?;
         Some(KeyframeSurface::new(
@@ -296,42 +302,56 @@ impl DepthConflict {
     }
 }
 
+/// Least cosine between the normal of a triangle and the direction to a camera that measured it. Where a surface ends, triangles
+/// connect it with what lies behind; nobody sees their free side, or only at a grazing angle.
+const LEAST_COSINE: f64 = 0.1;
+
 /// Sample points of a triangle, compared with dense depth.
-struct Samples([Point3<f64>; SAMPLE_COUNT as usize]);
+struct Samples {
+    points: [Point3<f64>; SAMPLE_COUNT as usize],
+    /// Normal towards free space; zero for a triangle without area.
+    normal: Vector3<f64>,
+}
 
 impl Samples {
     fn of(corners: [Point3<f64>; 3]) -> Self {
         let share = |index: u32| (f64::from(index) + 1.0 / 3.0) / f64::from(SUBDIVISIONS);
-        let mut samples = [Point3::origin(); SAMPLE_COUNT as usize];
+        let mut points = [Point3::origin(); SAMPLE_COUNT as usize];
         let pairs = (0..SUBDIVISIONS).flat_map(|i| (0..SUBDIVISIONS - i).map(move |j| (i, j)));
-        for (sample, (i, j)) in samples.iter_mut().zip(pairs) {
-            *sample = corners[2]
+        for (point, (i, j)) in points.iter_mut().zip(pairs) {
+            *point = corners[2]
                 + share(i) * (corners[0] - corners[2])
                 + share(j) * (corners[1] - corners[2]);
         }
-        Self(samples)
+        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+        Self {
+            points,
+            normal: normal.try_normalize(0.0).unwrap_or_default(),
+        }
     }
 
     /// Adds the evidence of one view.
     fn compare(&self, dense_view: &KeyframeSurface<'_>, evidence: &mut FacetEvidence) {
         evidence.is_observed = true;
-        for (sample, point) in self.0.iter().enumerate() {
+        let to_camera = dense_view.center() - self.points[0];
+        let faces_camera = self.normal.dot(&to_camera) >= LEAST_COSINE * to_camera.norm();
+        for (sample, point) in self.points.iter().enumerate() {
             let bit = 1 << sample;
             if evidence.agreed & bit != 0 {
                 continue;
             }
             match dense_view.compare_depth(point) {
-                Some(Ordering::Equal) => evidence.agreed |= bit,
+                Some(Ordering::Equal) if faces_camera => evidence.agreed |= bit,
                 Some(Ordering::Less) => evidence.contradicted |= bit,
-                // Occluded by the measured surface.
-                Some(Ordering::Greater) | None => {}
+                // Occluded by the measured surface, or seen from the side or from behind.
+                Some(Ordering::Greater | Ordering::Equal) | None => {}
             }
         }
     }
 
     /// The largest depth conflict above `bound` standard deviations.
     fn conflict(&self, dense_view: &KeyframeSurface<'_>, bound: f64) -> Option<DepthConflict> {
-        self.0
+        self.points
             .iter()
             .filter_map(|sample| {
                 let (pixel, sigmas) = dense_view.depth_deviation(sample)?;

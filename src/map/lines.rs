@@ -7,6 +7,7 @@ use linecarve_carving::{Carver, TransactionError};
 use linecarve_carving::{SurfaceDelta, Triangle, TriangleRole};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
+use linecarve_mesh::TriangleMesh;
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
@@ -18,6 +19,7 @@ use super::segment_map::SegmentMap;
 use super::segment_points::{edge_measurements, measurements};
 use super::surface_points::KeyframeSurface;
 use super::update::MapUpdate;
+use super::vertex_adjustment::adjust_vertices;
 use super::vertex_landmarks::{VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::Options;
@@ -284,6 +286,11 @@ impl LineMap {
             true => TriangleRole::Exported,
             false => TriangleRole::Counted,
         }
+    }
+
+    /// Moves the vertices of a surface to where the dense depth of all keyframes says that they are.
+    pub(super) fn adjust_vertices(&self, mesh: &mut TriangleMesh) {
+        adjust_vertices(mesh, &self.validation.dense_surfaces());
     }
 
     /// The colours of vertices.

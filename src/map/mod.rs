@@ -20,6 +20,7 @@ mod surface_points;
 #[cfg(test)]
 pub(crate) mod test_surface;
 mod update;
+mod vertex_adjustment;
 mod vertex_landmarks;
 
 use std::time::Instant;
@@ -349,7 +350,20 @@ impl Map {
             .collect()
     }
 
-    /// The current surface, filtered by `options.surface`.
+    /// The current surface as an estimate: that of [`surface`](Self::surface), with each vertex adjusted to the dense depth of all
+    /// keyframes that measured its surroundings. Without dense depth both are the same.
+    ///
+    /// # Complexity
+    /// That of the surface, plus its vertices times the keyframes.
+    pub fn adjusted_surface(&self) -> TriangleMesh {
+        let mut mesh = self.surface();
+        if let Contents::Lines(lines) = &self.contents {
+            lines.adjust_vertices(&mut mesh);
+        }
+        mesh
+    }
+
+    /// The current surface as it is carved, filtered by `options.surface`.
     ///
     /// # Complexity
     /// Linear in the size of the surface, plus sorting of its vertices.

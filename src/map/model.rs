@@ -219,13 +219,14 @@ fn select_point(
 }
 
 /// Standard deviation of a point along the mean direction of its rays, when each of its pixels is accurate to [`PIXEL_SIGMA_PX`];
-/// `None` when a view has no camera, or the rays are parallel.
+/// `None` when a view has no camera, or when the rays are so nearly parallel that the deviation is greater than the distance.
 fn sigma_along_rays<'a>(
     point: &Point3<f64>,
     views: impl Iterator<Item = &'a ModelView>,
 ) -> Option<f64> {
     let mut information = Matrix3::zeros();
     let mut towards = Vector3::zeros();
+    let mut farthest: f64 = 0.0;
     for view in views {
         let ray = point - Point3::from(view.world_from_camera.translation.vector);
         let direction = ray.normalize();
@@ -234,10 +235,11 @@ fn sigma_along_rays<'a>(
         let sigma = PIXEL_SIGMA_PX * ray.norm() / view.camera.as_ref()?.mean_focal_px();
         information += across / (sigma * sigma);
         towards += direction;
+        farthest = farthest.max(ray.norm());
     }
     let towards = towards.try_normalize(0.0)?;
     let sigma = towards.dot(&(information.try_inverse()? * towards)).sqrt();
-    (sigma.is_finite() && sigma > 0.0).then_some(sigma)
+    (sigma > 0.0 && sigma < farthest).then_some(sigma)
 }
 
 /// Assumed standard deviation of the pixels of a model, which do not come with one.

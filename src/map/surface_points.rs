@@ -6,7 +6,7 @@ use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::{
     ImageTriangulation, ImageVertex, RefineOptions, SurfaceSamples,
 };
-use nalgebra::{Isometry3, Point2, Point3, Unit};
+use nalgebra::{Isometry3, Point2, Point3, Unit, Vector2, Vector3};
 
 use super::landmarks::Measurement;
 use crate::options::SurfacePointOptions;
@@ -19,6 +19,20 @@ pub(super) struct KeyframeSurface<'a> {
     camera_from_world: Isometry3<f64>,
     agreement_sigmas: f64,
 }
+
+/// A plane that a keyframe measured near a point, in world coordinates.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MeasuredPlane {
+    /// Normal, towards the camera.
+    pub normal: Unit<Vector3<f64>>,
+    /// Distance of the plane from the point along the normal.
+    pub distance: f64,
+    /// Variance of that distance: of the depth, and of a pixel across the ray.
+    pub variance: f64,
+}
+
+/// Least cosine between the normal of a surface and the direction to the camera. Depth at a grazing angle says little about it.
+const LEAST_COSINE: f64 = 0.2;
 
 /// A point of the map compared with the surface of a keyframe.
 #[derive(Debug, Clone, Copy)]
@@ -149,6 +163,48 @@ impl<'a> KeyframeSurface<'a> {
         })
     }
 
+    /// The plane measured where a world point is seen, when it lies within `gate` standard deviations of the point along the
+    /// ray and is not seen at a grazing angle.
+    pub(super) fn plane_near(
+        &self,
+        point_in_world: &Point3<f64>,
+        gate: f64,
+    ) -> Option<MeasuredPlane> {
+        let point = self.camera_from_world * point_in_world;
+        let pixel = self.camera.project(&point)?;
+        let sample = self.samples.near(&pixel)?;
+        let rho = f64::from(sample.rho);
+        // d z = d rho / rho^2.
+        let sigma = f64::from(sample.sigma) / (rho * rho);
+        if (1.0 / rho - point.z).abs() > gate * sigma {
+            return None;
+        }
+        let measured = point * (1.0 / (point.z * rho));
+        let neighbour = |offset: Vector2<f64>, slope: f32| {
+            let depth = 1.0 / (rho + f64::from(slope));
+            let neighbour = self.camera.point_at_depth(&(pixel + offset), depth).ok()?;
+            Some(neighbour - measured)
+        };
+        let right = neighbour(Vector2::x(), sample.slope[0])?;
+        let down = neighbour(Vector2::y(), sample.slope[1])?;
+        // x right and y down: their product points away from the camera.
+        let normal = Unit::try_new(-right.cross(&down), 0.0)?;
+        let ray = point.coords / point.z;
+        let along = normal.dot(&ray);
+        let cosine = -along / ray.norm();
+        let pixel_size = point.z / self.camera.mean_focal_px();
+        (cosine >= LEAST_COSINE).then(|| MeasuredPlane {
+            normal: self.world_from_camera.rotation * normal,
+            distance: normal.dot(&(measured - point)),
+            variance: (sigma * along).powi(2) + pixel_size.powi(2) * (1.0 - cosine * cosine),
+        })
+    }
+
+    /// Centre of the camera, in world coordinates.
+    pub(super) fn center(&self) -> Point3<f64> {
+        self.world_from_camera.translation.vector.into()
+    }
+
     /// The measured surface at a pixel.
     pub(super) fn measurement_at(&self, pixel: &Point2<f64>) -> Option<Measurement> {
         let sample = self.samples.near(pixel)?;
@@ -242,7 +298,8 @@ mod tests {
         let options = SurfacePointOptions::default();
         let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);
         let refined = surface.refine(&[], &[], &options.refine);
-        assert_eq!(refined.len(), 4 * 3);
+        // One in each square of 20 pixels.
+        assert_eq!(refined.len(), 8 * 6);
         let missing: Vec<Measurement> = refined.into_iter().flatten().collect();
         assert!(
             missing

@@ -56,7 +56,7 @@ pub(crate) fn write_results(
     let clusters = lines.as_ref().map_or(&no_lines, |(_, clusters)| clusters);
     let simplification = recording.options.simplify;
     let start = Instant::now();
-    let mesh = simplified(map.surface(), clusters, simplification)?;
+    let mesh = simplified(map.adjusted_surface(), clusters, simplification)?;
     let extracted = milliseconds(start.elapsed());
     let edges = feature_edges::final_mesh_edges(&mesh, clusters, simplification.tolerance)?;
     let is_empty = mesh.is_empty();

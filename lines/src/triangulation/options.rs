@@ -20,10 +20,10 @@ pub struct SampleOptions {
 impl Default for SampleOptions {
     fn default() -> Self {
         Self {
-            step_px: 4,
-            window_radius_px: 3,
+            step_px: 3,
+            window_radius_px: 2,
             gate_sigmas: 3.0,
-            minimum_share: 0.8,
+            minimum_share: 0.6,
         }
     }
 }
@@ -75,9 +75,9 @@ pub struct RefineOptions {
 impl Default for RefineOptions {
     fn default() -> Self {
         Self {
-            bound_sigmas: 2.0,
-            minimum_distance_px: 8.0,
-            largest_gap_px: 40.0,
+            bound_sigmas: 3.0,
+            minimum_distance_px: 6.0,
+            largest_gap_px: 20.0,
         }
     }
 }

@@ -4,7 +4,6 @@ use super::*;
 use crate::front_end::Keyframe;
 use crate::map::Map;
 use crate::options::Options;
-use linecarve_lines::camera::Camera;
 use linecarve_mesh::TriangleMesh;
 use linecarve_sequence::{ModelObservation, ModelView};
 
