@@ -106,7 +106,7 @@ pub(crate) enum Refusal {
 }
 
 impl Refusal {
-    /// Answers so. A client that has gone away is no fault.
+    /// Sends the refusal. A client that has gone away is no fault.
     pub(crate) fn answer(self, request: Request) {
         let (status, text) = match self {
             Self::Name => (403, "this address answers on the loopback name only\n"),

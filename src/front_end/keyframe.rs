@@ -48,6 +48,16 @@ pub struct LineKeyframe {
     pub times: StageTimes,
 }
 
+impl LineKeyframe {
+    /// Ends of the segments in the image, in pixels.
+    pub(crate) fn ends_px(&self) -> Vec<[[f64; 2]; 2]> {
+        let segments = self.segments.iter();
+        segments
+            .map(|segment| segment.ends_px.map(|end| [end.x, end.y]))
+            .collect()
+    }
+}
+
 /// Features of one keyframe.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct FeatureKeyframe {

@@ -303,7 +303,8 @@ impl DepthConflict {
 }
 
 /// Least cosine between the normal of a triangle and the direction to a camera that measured it. Where a surface ends, triangles
-/// connect it with what lies behind; nobody sees their free side, or only at a grazing angle.
+/// connect it with what lies behind; cameras see their free side at a grazing angle or not at all. Tuned on two indoor sequences with
+/// sensor depth and a rendered room.
 const LEAST_COSINE: f64 = 0.1;
 
 /// Sample points of a triangle, compared with dense depth.

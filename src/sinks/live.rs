@@ -61,7 +61,7 @@ impl LiveSink {
         });
     }
 
-    /// The scene after so many keyframes, when it is to be seen from elsewhere.
+    /// The scene, when the view from outside has changed after this number of keyframes.
     fn scene(&mut self, keyframes: usize, recording: &Recording, map: &Map) -> Option<Page> {
         let about = PageRun::new(recording, map);
         if !self.outside.fit(keyframes, Some(map), &about) {
@@ -93,9 +93,7 @@ impl Sink for LiveSink {
         update: &mut KeyframeUpdate,
     ) -> Result<(), SinkError> {
         if let Keyframe::Lines(keyframe) = &update.keyframe {
-            let segments = keyframe.segments.iter();
-            let ends = segments.map(|segment| segment.ends_px.map(|end| [end.x, end.y]));
-            self.without_image = Some((update.number, ends.collect()));
+            self.without_image = Some((update.number, keyframe.ends_px()));
         }
         let is_due = self.pace.is_due();
         let image = is_due.then(|| self.image(recording)).flatten();

@@ -58,9 +58,7 @@ impl Sink for PageRecorder {
             self.history.record(number, position, vertices, elements);
         });
         if let Keyframe::Lines(keyframe) = &update.keyframe {
-            let segments = keyframe.segments.iter();
-            let ends = segments.map(|segment| segment.ends_px.map(|end| [end.x, end.y]));
-            self.segments_px.insert(number as u32, ends.collect());
+            self.segments_px.insert(number as u32, keyframe.ends_px());
             let states = self.history.keyframes();
             if self.segments_px.len() > states.len() + 1 {
                 self.segments_px

@@ -27,12 +27,10 @@ impl NewestKeyframe {
         let Keyframe::Lines(lines) = found else {
             return None;
         };
-        let segments = lines.segments.iter();
-        let ends = segments.map(|segment| segment.ends_px.map(|end| [end.x, end.y]));
         Some(Self {
             keyframe,
             frame: lines.frame,
-            ends_px: ends.collect(),
+            ends_px: lines.ends_px(),
             times: lines.times,
         })
     }

@@ -23,7 +23,7 @@ pub(crate) struct LiveClient {
 }
 
 impl LiveClient {
-    /// Takes a message; one that begins anew is told by `whole`.
+    /// Applies a message; with `whole` it replaces everything before.
     pub(crate) fn apply(&mut self, message: &Value) {
         if message["whole"] == true {
             *self = Self::default();

@@ -179,7 +179,7 @@ impl Tracker {
         }
     }
 
-    /// The next frame follows none.
+    /// Tracks the next frame without a preceding one.
     pub(crate) fn forget_last(&mut self) {
         self.last = None;
     }
