@@ -6,8 +6,11 @@ use super::state::{LiveState, LiveUpdate};
 use crate::map::test_surface::TestSurface;
 use crate::report::growth_delta::NumberedSurface;
 use crate::report::page::Elements;
-use live_client::{LiveClient, sorted};
+use delta_reader::sorted;
+use live_client::LiveClient;
 
+#[path = "../../tests/program/delta_reader.rs"]
+mod delta_reader;
 #[path = "../../tests/program/live_client.rs"]
 #[allow(dead_code, reason = "the tests of the commands use the rest")]
 mod live_client;

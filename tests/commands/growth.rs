@@ -1,24 +1,17 @@
 //! The files of keyframes: the whole surface, or its changes.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
 
 use linecarve_mesh::read_geometry;
 
+use crate::program::delta_reader::{Corners, DeltaReader, sorted};
 use crate::program::{data, expect_status, small_sequence, text};
 
 fn reconstruct(sequence: &Path, out: &Path, more: &[&str]) {
     let fixed = ["reconstruct", text(sequence), "--quiet", "--out", text(out)];
     let lean = ["--no-picture", "--no-page", "--format", "ply"];
     expect_status(0, [&fixed[..], &lean, more].concat());
-}
-
-/// A triangle by its corners: positions as they are stored, and colours.
-type Corners = [[u32; 3]; 3];
-
-fn rotated([a, b, c]: Corners) -> Corners {
-    [a, b, c].min([b, c, a]).min([c, a, b])
 }
 
 /// The triangles of a mesh file, sorted. Coordinates of files of keyframes are single precision.
@@ -29,71 +22,7 @@ fn triangles_of(path: &Path) -> Vec<Corners> {
         [position.x, position.y, position.z].map(|value| (value as f32 + 0.0).to_bits())
     };
     let triangles = shape.triangles.iter();
-    let mut triangles: Vec<Corners> = triangles.map(|t| rotated(t.map(corner))).collect();
-    triangles.sort_unstable();
-    triangles
-}
-
-/// A reader of changes, apart from that in `clients`.
-#[derive(Default)]
-struct Reader {
-    positions: BTreeMap<u32, [u32; 3]>,
-    triangles: BTreeSet<[u32; 3]>,
-}
-
-impl Reader {
-    fn apply(&mut self, bytes: &[u8]) {
-        assert_eq!(&bytes[..8], b"LCDELTA1");
-        let words: Vec<u32> = bytes[32..]
-            .chunks_exact(4)
-            .map(|word| u32::from_le_bytes(word.try_into().unwrap()))
-            .collect();
-        let [
-            vertices,
-            triangles,
-            removed,
-            freed,
-            placed,
-            recolored,
-            added,
-        ] = [0, 1, 2, 3, 4, 5, 6].map(|at| words[at] as usize);
-        let mut rest = &words[7..];
-        let mut take = |count: usize| {
-            let (list, after) = rest.split_at(count);
-            rest = after;
-            list
-        };
-        for corners in take(3 * removed).chunks_exact(3) {
-            assert!(self.triangles.remove(corners));
-        }
-        for number in take(freed) {
-            self.positions.remove(number);
-        }
-        for vertex in take(5 * placed).chunks_exact(5) {
-            let position = [vertex[1], vertex[2], vertex[3]];
-            let position = position.map(|bits| (f32::from_bits(bits) + 0.0).to_bits());
-            self.positions.insert(vertex[0], position);
-        }
-        take(2 * recolored);
-        for corners in take(3 * added).chunks_exact(3) {
-            assert!(self.triangles.insert(corners.try_into().unwrap()));
-        }
-        assert!(rest.is_empty());
-        assert_eq!(
-            (self.positions.len(), self.triangles.len()),
-            (vertices, triangles)
-        );
-    }
-
-    /// The triangles by positions, sorted.
-    fn surface(&self) -> Vec<Corners> {
-        let triangles = self.triangles.iter();
-        let mut surface: Vec<Corners> = triangles
-            .map(|t| rotated(t.map(|number| self.positions[&number])))
-            .collect();
-        surface.sort_unstable();
-        surface
-    }
+    sorted(triangles.map(|t| t.map(corner)))
 }
 
 /// Reconstructs a sequence with files of both kinds and compares them keyframe by keyframe; returns their number.
@@ -106,7 +35,7 @@ fn compare_growth(sequence: &Path, root: &Path, more: &[&str]) -> usize {
     assert!(mesh(&whole) == mesh(&last), "followed and made anew");
     assert!(mesh(&whole) == mesh(&delta));
     assert!(!last.join("keyframes").exists());
-    let mut reader = Reader::default();
+    let mut reader = DeltaReader::default();
     let mut count = 0;
     loop {
         let file = |out: &Path, end: &str| out.join(format!("keyframes/{count:06}.{end}"));
@@ -116,7 +45,7 @@ fn compare_growth(sequence: &Path, root: &Path, more: &[&str]) -> usize {
         reader.apply(&bytes);
         let expected = triangles_of(&file(&whole, "glb"));
         assert!(
-            reader.surface() == expected,
+            reader.triangles() == expected,
             "keyframe {count} of {sequence:?}"
         );
         count += 1;
@@ -128,7 +57,7 @@ fn compare_growth(sequence: &Path, root: &Path, more: &[&str]) -> usize {
     if !changes_at_end {
         // The vertices of the final mesh are adjusted to all depth, its triangles are the same.
         let mesh = triangles_of(&whole.join("mesh.ply"));
-        assert_eq!(reader.surface().len(), mesh.len());
+        assert_eq!(reader.triangles().len(), mesh.len());
     }
     count
 }

@@ -6,7 +6,8 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use crate::browser::Browser;
-use crate::program::live_client::{Corners, LiveClient, sorted};
+use crate::program::delta_reader::{Corners, sorted};
+use crate::program::live_client::LiveClient;
 use crate::program::{small_sequence, text};
 use crate::stream::Recording;
 use serde_json::{Value, json};

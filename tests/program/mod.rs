@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test binary uses a part")]
 
+pub(crate) mod delta_reader;
 pub(crate) mod live_client;
 
 use std::collections::BTreeMap;

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::camera::CHI2_PIXEL;
 use crate::frame::FrameFeatures;
-use crate::matching::{NEAR_DESCRIPTOR, Rules, match_descriptors};
+use crate::matching::{UNGUIDED, match_descriptors};
 use crate::solve::{Correspondence, RayMatch, moved_sigmas, pose_by_consensus, relative_pose};
 use crate::tracker::{Frame, Tracker};
 
@@ -82,14 +82,10 @@ impl Tracker {
     /// Points and quality of a pair of views.
     fn start_of(&self, views: &[FrameFeatures], pair: [usize; 2]) -> Option<Start> {
         let of = pair.map(|at| &views[at]);
-        let rules = Rules {
-            max_distance: NEAR_DESCRIPTOR + 14,
-            ratio: 0.8,
-        };
         let pairs = match_descriptors(
             &of[0].features.descriptors,
             &of[1].features.descriptors,
-            &rules,
+            &UNGUIDED,
         );
         if pairs.len() < MIN_MATCHES {
             return None;
@@ -182,10 +178,6 @@ impl Tracker {
             .iter()
             .map(|(features, _)| *views[a].descriptor(features[0] as u32))
             .collect();
-        let rules = Rules {
-            max_distance: NEAR_DESCRIPTOR + 14,
-            ratio: 0.8,
-        };
         let mut sum = 0.0;
         let mut count = 0.0;
         for other in others {
@@ -193,7 +185,8 @@ impl Tracker {
                 continue;
             }
             count += 1.0;
-            let found = match_descriptors(&views[other].features.descriptors, &descriptors, &rules);
+            let found =
+                match_descriptors(&views[other].features.descriptors, &descriptors, &UNGUIDED);
             let matches: Vec<Correspondence> = found
                 .iter()
                 .map(|(feature, at)| {

@@ -9,8 +9,7 @@ use crate::camera::Measurement;
 use crate::frame::level_scale;
 use crate::map::{KeyframeId, PointId};
 use crate::matching::{
-    Expected, FAR_DESCRIPTOR, NEAR_DESCRIPTOR, Rules, expect_point, match_descriptors,
-    match_expected,
+    Expected, FAR_DESCRIPTOR, Rules, UNGUIDED, expect_point, match_descriptors, match_expected,
 };
 use crate::solve::{Correspondence, pose_by_consensus, refine_pose};
 use crate::tracker::{Frame, Tracker};
@@ -137,11 +136,7 @@ impl Tracker {
                 Some(((*point)?, *keyframe.view.descriptor(feature as u32)))
             })
             .unzip();
-        let rules = Rules {
-            max_distance: NEAR_DESCRIPTOR + 14,
-            ratio: 0.8,
-        };
-        let pairs = match_descriptors(&frame.view.features.descriptors, &known, &rules);
+        let pairs = match_descriptors(&frame.view.features.descriptors, &known, &UNGUIDED);
         if pairs.len() < MIN_DESCRIBED {
             return false;
         }

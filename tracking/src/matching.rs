@@ -38,6 +38,12 @@ pub(crate) struct Rules {
     pub(crate) ratio: f64,
 }
 
+/// Rules for matches without an expected position.
+pub(crate) const UNGUIDED: Rules = Rules {
+    max_distance: NEAR_DESCRIPTOR + 14,
+    ratio: 0.8,
+};
+
 /// Matches expected points with features that have none; each feature and each point has at most one. Returns pairs
 /// (feature, index of the expected point), sorted by feature.
 pub(crate) fn match_expected(
