@@ -42,8 +42,43 @@ pub(crate) enum Command {
     Benchmarks(BenchmarksArgs),
     /// Time of a keyframe by stage as the map grows.
     Cost(CostArgs),
+    /// How flat meshes are on the largest planes of a ground truth: root mean square distance in thousandths, mean angle of
+    /// triangles in degrees.
+    Flatness(FlatnessArgs),
     /// One run of the reconstruction as JSON: what `benchmarks` starts for each sequence, in a process of its own.
     Measure(MeasureArgs),
+}
+
+/// Arguments of `flatness`.
+#[derive(Debug, Args)]
+pub(crate) struct FlatnessArgs {
+    /// Meshes, in the frame of the ground truth.
+    #[arg(required = true, value_name = "MESH")]
+    pub(crate) meshes: Vec<PathBuf>,
+
+    /// Mesh of the true surface.
+    #[arg(long, value_name = "MESH")]
+    pub(crate) ground_truth: PathBuf,
+
+    /// Number of planes.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub(crate) planes: usize,
+
+    /// The true surface lies on a plane within this distance.
+    #[arg(long, value_name = "LENGTH", default_value_t = 0.01)]
+    pub(crate) thickness: f64,
+
+    /// Parts of a mesh within this distance of a plane are measured.
+    #[arg(long, value_name = "LENGTH", default_value_t = 0.05)]
+    pub(crate) within: f64,
+
+    /// Seed of the samples and of the search for planes.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u64,
+
+    /// Where the table goes.
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
 }
 
 /// Arguments of `tables`.

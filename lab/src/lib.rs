@@ -9,5 +9,6 @@
 
 pub mod baselines;
 pub mod document;
+pub mod flatness;
 pub mod provenance;
 pub mod tables;

@@ -3,6 +3,7 @@
 mod ablation;
 mod benchmarks;
 mod cost;
+mod flatness;
 mod lines;
 mod lines_output;
 mod measure;
@@ -30,7 +31,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         (false, _) => Verbosity::Verbose,
     };
     let reports_times = match &cli.command {
-        Command::Tables(_) | Command::Lines(_) => false,
+        Command::Tables(_) | Command::Lines(_) | Command::Flatness(_) => false,
         Command::Ablation(_) | Command::Benchmarks(_) | Command::Cost(_) | Command::Measure(_) => {
             true
         }
@@ -47,6 +48,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Benchmarks(args) => benchmarks::run(&args, threads, verbosity),
         Command::Cost(args) => cost::run(&args, threads),
         Command::Measure(args) => measure::run(&args),
+        Command::Flatness(args) => flatness::run(&args),
     }
 }
 
