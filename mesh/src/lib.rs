@@ -4,6 +4,7 @@ pub mod diff;
 pub mod evaluate;
 pub mod feature_edges;
 pub mod files;
+mod holes;
 mod io;
 pub mod raycast;
 pub mod render;
@@ -14,6 +15,7 @@ pub mod srgb;
 mod test_room;
 mod types;
 
+pub use holes::close_holes;
 pub use io::{
     Geometry, GlbPart, GlbWriter, MeshFileError, ReadError, read_geometry, write_glb,
     write_lines_obj, write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,

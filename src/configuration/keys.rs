@@ -7,8 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::table::{Key, Number, OutOfRange, Setting, Table, Values, table};
 use super::tolerance;
-use crate::options::LabelKind;
-use crate::options::Options;
+use crate::options::{HoleFilling, LabelKind, Options};
 
 const FLAG: Values = Values::any("true or false");
 
@@ -199,6 +198,10 @@ table! {
         /// Least number of triangles of a connected component.
         /// Set it higher against loose pieces.
         minimum_component: usize = surface.minimum_component, Values::at_least(0.0, "a whole number from 0");
+        /// Holes of the final mesh that are closed: `"measured"` closes small ones where dense depth measured a surface, `"all"` any with up
+        /// to 400 edges, `"none"` none.
+        /// Set it to `"all"` for a mesh that has to be closed: surface is then invented where nothing was measured.
+        holes: HoleFilling = surface.holes, Values::any("\"none\", \"measured\" or \"all\"");
     }
     tables {}
 }

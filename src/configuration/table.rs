@@ -2,7 +2,7 @@
 
 use linecarve_mesh::diff::Tolerance;
 
-use crate::options::LabelKind;
+use crate::options::{HoleFilling, LabelKind};
 
 /// A table of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -129,6 +129,12 @@ impl<T: Number> Number for Option<T> {
 }
 
 impl Number for bool {
+    fn number(&self) -> Option<f64> {
+        None
+    }
+}
+
+impl Number for HoleFilling {
     fn number(&self) -> Option<f64> {
         None
     }

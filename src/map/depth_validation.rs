@@ -59,13 +59,15 @@ struct FacetEvidence {
     is_observed: bool,
 }
 
-/// Depth evidence for each triangle of the surface. It depends on the surface, the observations and the depth alone, not on the
-/// order of events.
+/// Depth evidence for each triangle of the surface. It depends on the surface, the observations, the depth and what keyframes were
+/// known to disagree about when it was found.
 pub(super) struct DepthValidation {
     /// Least share of measured samples of a triangle that is exported.
     least_share: f64,
     camera: Camera,
     options: SurfacePointOptions,
+    /// See [`KeyframeSurface::new`].
+    disagreement: f64,
     /// Indexed by view.
     dense_views: Vec<Option<DenseView>>,
     triangles: FxHashMap<Triangle, FacetEvidence>,
@@ -102,10 +104,16 @@ impl DepthValidation {
             least_share,
             camera: camera.clone(),
             options: *options,
+            disagreement: 0.0,
             dense_views: Vec::new(),
             triangles: FxHashMap::default(),
             changed: Vec::new(),
         }
+    }
+
+    /// From now on the depth of a keyframe is off by this standard deviation, as a share of the depth, seen from another one.
+    pub(super) fn set_disagreement(&mut self, disagreement: f64) {
+        self.disagreement = disagreement;
     }
 
     /// Whether dense depth confirms a triangle of the surface.
@@ -185,13 +193,27 @@ impl DepthValidation {
         self.update_evidence(map, incomplete, last as u32)
     }
 
-    /// The dense depth of a view; `None` when its depth is not dense.
+    /// Whether the surfaces of keyframes lie along a triangle, wherever it comes from, and are not behind most of it.
+    pub(super) fn is_along(
+        &self,
+        surfaces: &[KeyframeSurface<'_>],
+        corners: &[Point3<f64>; 3],
+    ) -> bool {
+        let samples = Samples::of(*corners);
+        let mut evidence = FacetEvidence::default();
+        for surface in surfaces {
+            samples.compare(surface, &mut evidence);
+        }
+        evidence.agreed != 0 && evidence.is_measured(0.0)
+    }
+
     /// The dense surfaces of all keyframes that have one.
     pub(super) fn dense_surfaces(&self) -> Vec<KeyframeSurface<'_>> {
         let views = 0..self.dense_views.len() as u32;
         views.filter_map(|view| self.dense_view(view)).collect()
     }
 
+    /// The dense depth of a view; `None` when its depth is not dense.
     fn dense_view(&self, view: u32) -> Option<KeyframeSurface<'_>> {
         let dense_view = self.dense_views.get(view as usize)?.as_ref()?;
         Some(KeyframeSurface::new(
@@ -199,6 +221,7 @@ impl DepthValidation {
             &self.camera,
             &dense_view.world_from_camera,
             &self.options,
+            self.disagreement,
         ))
     }
 

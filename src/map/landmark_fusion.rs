@@ -1,9 +1,10 @@
 //! Fuses the measurements of a keyframe into landmarks and points of the carver.
 
 use linecarve_carving::{Carver, PointId, Transaction, TransactionError, ViewId};
-use linecarve_lines::triangulation::ImageVertex;
+use linecarve_lines::triangulation::{ImageVertex, SurfaceSample};
 use nalgebra::Point3;
 
+use super::depth_noise::Deviation;
 use super::landmarks::{Association, LandmarkUpdate, Landmarks, Measurement};
 use super::ray_selection::{RayChange, RaySelection};
 use super::segment_views::SegmentViews;
@@ -36,7 +37,8 @@ pub(super) struct LandmarkFusion {
     contradicted: Vec<u32>,
     /// End landmarks of the observed sub-segments.
     sub_segments: Vec<[u32; 2]>,
-    checks: Vec<(u32, SurfaceCheck)>,
+    /// Landmarks of earlier keyframes along whose ray the keyframe measured its surface, ascending.
+    looked_up: Vec<(u32, ImageVertex, SurfaceSample)>,
     /// Image vertex of each landmark, [`NONE`] without one.
     vertex_of: Vec<u32>,
     vertices: Vec<ImageVertex>,
@@ -58,7 +60,7 @@ impl LandmarkFusion {
             moved: Vec::new(),
             contradicted: Vec::new(),
             sub_segments: Vec::new(),
-            checks: Vec::new(),
+            looked_up: Vec::new(),
             vertex_of: Vec::new(),
             vertices: Vec::new(),
             landmark_of: Vec::new(),
@@ -96,7 +98,7 @@ impl LandmarkFusion {
         self.seen.clear();
         self.contradicted.clear();
         self.sub_segments.clear();
-        self.checks.clear();
+        self.looked_up.clear();
         self.vertices.clear();
         for landmark in self.landmark_of.drain(..).filter(|it| *it != NONE) {
             self.vertex_of[landmark as usize] = NONE;
@@ -169,7 +171,35 @@ impl LandmarkFusion {
         Ok(())
     }
 
-    /// Compares all landmarks within the bounds of a keyframe's surface with it, and adds the points missing there.
+    /// Looks up the surface of a new keyframe along the rays of all landmarks so far, and returns how far those are from it
+    /// that it faces.
+    pub(super) fn look_up(
+        &mut self,
+        surface: &KeyframeSurface<'_>,
+    ) -> impl Iterator<Item = Deviation> {
+        let everything = [f64::NEG_INFINITY, f64::INFINITY].map(|all| Point3::new(all, all, all));
+        let bounds = surface.bounds().unwrap_or(everything);
+        let within = self.landmarks.within(bounds);
+        let found = within.filter_map(|(landmark, position)| {
+            let (vertex, sample) = surface.look_up(&position)?;
+            Some((landmark, vertex, sample))
+        });
+        self.looked_up.extend(found);
+        // Oldest first, independent of the spatial index.
+        self.looked_up
+            .sort_unstable_by_key(|(landmark, ..)| *landmark);
+        let head_on = self.looked_up.iter();
+        let head_on = head_on.filter(|(_, _, sample)| surface.is_head_on(sample));
+        head_on.map(|(_, vertex, sample)| {
+            let rho = f64::from(sample.rho);
+            Deviation {
+                relative: (vertex.rho - rho) / rho,
+                relative_noise: f64::from(sample.sigma) / rho,
+            }
+        })
+    }
+
+    /// Compares all landmarks that were [looked up](Self::look_up) with the surface of the keyframe, and adds the points missing there.
     pub(super) fn fuse_surface(
         &mut self,
         transaction: &mut Transaction<'_>,
@@ -185,20 +215,15 @@ impl LandmarkFusion {
                 self.add_vertex(landmark, vertex);
             }
         }
-        let everything = [f64::NEG_INFINITY, f64::INFINITY].map(|all| Point3::new(all, all, all));
-        let bounds = surface.bounds().unwrap_or(everything);
-        for (landmark, position) in self.landmarks.within(bounds) {
-            if self.vertex_of[landmark as usize] == NONE {
-                match surface.check(&position) {
-                    SurfaceCheck::Unknown => {}
-                    check => self.checks.push((landmark, check)),
-                }
+        for index in 0..self.looked_up.len() {
+            let (landmark, vertex, sample) = self.looked_up[index];
+            if self.vertex_of[landmark as usize] != NONE {
+                continue;
             }
-        }
-        // Oldest first, independent of the spatial index.
-        self.checks.sort_unstable_by_key(|(landmark, _)| *landmark);
-        for index in 0..self.checks.len() {
-            let (landmark, check) = self.checks[index];
+            let check = surface.check(vertex, &sample);
+            if matches!(check, SurfaceCheck::Unknown) {
+                continue;
+            }
             if let SurfaceCheck::Confirmed {
                 vertex,
                 measurement,

@@ -13,7 +13,7 @@ use crate::options::LandmarkOptions;
 
 /// A point measured by a keyframe.
 #[derive(Debug, Clone, Copy)]
-pub struct Measurement {
+pub(super) struct Measurement {
     /// Measured position.
     pub point_in_world: Point3<f64>,
     /// Direction from the camera to the point.

@@ -7,10 +7,11 @@ use linecarve_carving::{Carver, TransactionError};
 use linecarve_carving::{SurfaceDelta, Triangle, TriangleRole};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
-use linecarve_mesh::TriangleMesh;
+use linecarve_mesh::{TriangleMesh, close_holes};
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
+use super::depth_noise::DepthNoise;
 use super::depth_validation::{DepthValidation, FacetStatus};
 use super::error::MapError;
 use super::landmark_fusion::LandmarkFusion;
@@ -22,7 +23,7 @@ use super::update::MapUpdate;
 use super::vertex_adjustment::adjust_vertices;
 use super::vertex_landmarks::{VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
-use crate::options::Options;
+use crate::options::{HoleFilling, Options};
 
 impl MapUpdate {
     /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
@@ -33,10 +34,13 @@ impl MapUpdate {
     }
 }
 
+/// Most edges of a hole that is closed where depth measured a surface. Larger ones are shadows of objects.
+const MEASURED_HOLE_EDGES: usize = 24;
+
 /// Segments, clusters, landmarks and depth validation.
 pub(super) struct LineMap {
     camera: Camera,
-    noise: SensorNoise,
+    noise: DepthNoise,
     segments: SegmentMap,
     landmarks: LandmarkFusion,
     provisional: ProvisionalKeyframes,
@@ -57,7 +61,7 @@ impl LineMap {
     ) -> Result<Self, MapError> {
         Ok(Self {
             camera: camera.clone(),
-            noise,
+            noise: DepthNoise::new(noise),
             segments: SegmentMap::new(options.cluster, median_depth)?,
             landmarks: LandmarkFusion::new(options),
             provisional: ProvisionalKeyframes::default(),
@@ -193,6 +197,17 @@ impl LineMap {
         let view = transaction.add_view(center)?;
         let known = landmarks.points().len();
         landmarks.begin_keyframe();
+        if keyframe.surface.known_count() > 0 {
+            let surface = KeyframeSurface::new(
+                &keyframe.surface,
+                &self.camera,
+                pose,
+                &options.surface_points,
+                self.noise.disagreement(),
+            );
+            self.noise.observe(landmarks.look_up(&surface));
+            self.validation.set_disagreement(self.noise.disagreement());
+        }
         for segment in &keyframe.segments {
             let along = measurements(
                 segment,
@@ -210,6 +225,7 @@ impl LineMap {
             &self.camera,
             pose,
             &options.surface_points,
+            self.noise.disagreement(),
         );
         if keyframe.surface.known_count() > 0 {
             landmarks.fuse_surface(&mut transaction, &surface, &options.surface_points)?;
@@ -288,9 +304,16 @@ impl LineMap {
         }
     }
 
-    /// Moves the vertices of a surface to where the dense depth of all keyframes says that they are.
-    pub(super) fn adjust_vertices(&self, mesh: &mut TriangleMesh) {
-        adjust_vertices(mesh, &self.validation.dense_surfaces());
+    /// Moves the vertices of a surface to where the dense depth of all keyframes says that they are, and closes small holes where it
+    /// lies along the new triangles.
+    pub(super) fn adjust(&self, mesh: &mut TriangleMesh, holes: HoleFilling) {
+        let surfaces = self.validation.dense_surfaces();
+        adjust_vertices(mesh, &surfaces);
+        if holes == HoleFilling::Measured && !surfaces.is_empty() {
+            close_holes(mesh, MEASURED_HOLE_EDGES, |triangle| {
+                self.validation.is_along(&surfaces, triangle)
+            });
+        }
     }
 
     /// The colours of vertices.

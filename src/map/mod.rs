@@ -3,6 +3,7 @@
 //! A [`Map`] is a carver and its source of points: landmarks along segments, points triangulated from features, or the points
 //! of a sparse model. It takes [`Keyframe`]s and returns a [`MapUpdate`] for each.
 
+mod depth_noise;
 mod depth_validation;
 mod error;
 mod landmark_fusion;
@@ -28,23 +29,24 @@ use std::time::Instant;
 use linecarve_carving::{Carver, CarverOptions};
 use linecarve_carving::{ExportOptions, Hull, Triangle, TriangleRole, VertexId};
 use linecarve_lines::camera::Camera;
-use linecarve_mesh::TriangleMesh;
+use linecarve_mesh::{TriangleMesh, close_holes};
 use linecarve_points::PointMap;
 use linecarve_sequence::{Sequence, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
 use crate::front_end::{DepthSource, Keyframe};
-use crate::options::Options;
+use crate::options::{HoleFilling, Options};
 use lines::LineMap;
 use model::ModelMap;
 use points::FeatureMap;
 use surface::DEFAULT_COLOR;
 
+/// Most edges of a hole that can be closed; the cost is cubic in them.
+const LARGEST_HOLE_EDGES: usize = 400;
+
 pub use error::MapError;
-pub use landmarks::Measurement;
 pub use model::ModelCounts;
 pub use segment_map::SegmentMap;
-pub use segment_points::measurements;
 pub use surface::{MapSurface, SurfaceChange};
 pub use update::{MapTimes, MapUpdate};
 
@@ -351,14 +353,17 @@ impl Map {
     }
 
     /// The current surface as an estimate: that of [`surface`](Self::surface), with each vertex adjusted to the dense depth of all
-    /// keyframes that measured its surroundings. Without dense depth both are the same.
+    /// keyframes that measured its surroundings, and with holes closed as `options.surface.holes` says.
     ///
     /// # Complexity
     /// That of the surface, plus its vertices times the keyframes.
     pub fn adjusted_surface(&self) -> TriangleMesh {
         let mut mesh = self.surface();
         if let Contents::Lines(lines) = &self.contents {
-            lines.adjust_vertices(&mut mesh);
+            lines.adjust(&mut mesh, self.options.surface.holes);
+        }
+        if self.options.surface.holes == HoleFilling::All {
+            close_holes(&mut mesh, LARGEST_HOLE_EDGES, |_| true);
         }
         mesh
     }

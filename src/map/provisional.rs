@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use linecarve_carving::VertexId;
 use linecarve_carving::{Carver, PointId, Transaction, TransactionError, ViewId};
 use linecarve_lines::camera::Camera;
-use linecarve_lines::depth::SensorNoise;
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
+use super::depth_noise::DepthNoise;
 use super::landmarks::{Landmarks, Measurement};
 use super::segment_points::{edge_measurements, measurements};
 use crate::front_end::LineKeyframe;
@@ -39,7 +39,7 @@ struct Provisional {
 pub(super) struct ProvisionalContext<'a> {
     pub(super) options: &'a Options,
     pub(super) camera: &'a Camera,
-    pub(super) noise: &'a SensorNoise,
+    pub(super) noise: &'a DepthNoise,
     pub(super) landmarks: &'a Landmarks,
     /// The carver's id of each landmark.
     pub(super) points: &'a [PointId],

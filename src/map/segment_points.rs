@@ -1,10 +1,10 @@
 //! Points along segments, with their uncertainty.
 
 use linecarve_lines::camera::Camera;
-use linecarve_lines::depth::SensorNoise;
 use linecarve_lines::fit::Segment;
 use nalgebra::{Isometry3, Point2, Point3, Unit};
 
+use super::depth_noise::DepthNoise;
 use super::landmarks::Measurement;
 use crate::front_end::EdgePoint;
 use crate::options::SegmentPointOptions;
@@ -26,11 +26,11 @@ impl SegmentPointOptions {
 /// Inverse depth is interpolated linearly along the image line, which is exact for a straight line. The variance along the
 /// ray is the sum of that of the fitted line and that of a single depth: a fit averages the sensor's noise, but not its bias
 /// nor the error of the pose.
-pub fn measurements<'a>(
+pub(super) fn measurements<'a>(
     segment: &'a Segment,
     camera: &'a Camera,
     world_from_camera: &'a Isometry3<f64>,
-    noise: &'a SensorNoise,
+    noise: &'a DepthNoise,
     options: &SegmentPointOptions,
 ) -> impl Iterator<Item = Measurement> + 'a {
     options
@@ -49,7 +49,7 @@ pub(super) fn edge_measurements<'a>(
     points: &'a [EdgePoint],
     camera: &'a Camera,
     world_from_camera: &'a Isometry3<f64>,
-    noise: &'a SensorNoise,
+    noise: &'a DepthNoise,
 ) -> impl Iterator<Item = Measurement> + 'a {
     points.iter().filter_map(move |point| {
         let rho = point.inverse_depth;

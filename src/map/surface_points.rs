@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::{
-    ImageTriangulation, ImageVertex, RefineOptions, SurfaceSamples,
+    ImageTriangulation, ImageVertex, RefineOptions, SurfaceSample, SurfaceSamples,
 };
 use nalgebra::{Isometry3, Point2, Point3, Unit, Vector2, Vector3};
 
@@ -18,6 +18,8 @@ pub(super) struct KeyframeSurface<'a> {
     world_from_camera: &'a Isometry3<f64>,
     camera_from_world: Isometry3<f64>,
     agreement_sigmas: f64,
+    /// Standard deviation of depth beyond the noise of the samples, as a share of the depth.
+    disagreement: f64,
 }
 
 /// A plane that a keyframe measured near a point, in world coordinates.
@@ -33,6 +35,9 @@ pub(super) struct MeasuredPlane {
 
 /// Least cosine between the normal of a surface and the direction to the camera. Depth at a grazing angle says little about it.
 const LEAST_COSINE: f64 = 0.2;
+
+/// Tangent of the largest angle between the normal of a surface and the ray with which it faces the camera.
+const LARGEST_TILT: f64 = 0.6;
 
 /// A point of the map compared with the surface of a keyframe.
 #[derive(Debug, Clone, Copy)]
@@ -51,12 +56,14 @@ pub(super) enum SurfaceCheck {
 }
 
 impl<'a> KeyframeSurface<'a> {
-    /// The surface `samples` of a keyframe.
+    /// The surface `samples` of a keyframe. Seen from other keyframes its depth is off by `disagreement`, a standard deviation as a
+    /// share of the depth, beyond the noise of the samples.
     pub(super) fn new(
         samples: &'a SurfaceSamples,
         camera: &'a Camera,
         world_from_camera: &'a Isometry3<f64>,
         options: &SurfacePointOptions,
+        disagreement: f64,
     ) -> Self {
         Self {
             samples,
@@ -64,6 +71,7 @@ impl<'a> KeyframeSurface<'a> {
             world_from_camera,
             camera_from_world: world_from_camera.inverse(),
             agreement_sigmas: options.agreement_sigmas,
+            disagreement,
         }
     }
 
@@ -77,15 +85,29 @@ impl<'a> KeyframeSurface<'a> {
         })
     }
 
-    /// Compares a world point with the surface.
-    pub(super) fn check(&self, point_in_world: &Point3<f64>) -> SurfaceCheck {
-        let Some(vertex) = self.vertex(point_in_world) else {
-            return SurfaceCheck::Unknown;
-        };
-        let Some(sample) = self.samples.near(&vertex.pixel) else {
-            return SurfaceCheck::Unknown;
-        };
-        let bound = self.agreement_sigmas * f64::from(sample.sigma);
+    /// Standard deviation of the inverse depth of a sample, seen from another keyframe.
+    fn sigma(&self, sample: &SurfaceSample) -> f64 {
+        f64::from(sample.sigma).hypot(self.disagreement * f64::from(sample.rho))
+    }
+
+    /// Whether the surface at a sample faces the camera: a tilted one is at another depth when the pose is off across the ray.
+    pub(super) fn is_head_on(&self, sample: &SurfaceSample) -> bool {
+        let slope = sample.slope[0].hypot(sample.slope[1]);
+        f64::from(slope) * self.camera.mean_focal_px() <= LARGEST_TILT * f64::from(sample.rho)
+    }
+
+    /// Projection of a world point and the surface along the same ray; `None` where nothing was measured.
+    pub(super) fn look_up(
+        &self,
+        point_in_world: &Point3<f64>,
+    ) -> Option<(ImageVertex, SurfaceSample)> {
+        let vertex = self.vertex(point_in_world)?;
+        Some((vertex, self.samples.near(&vertex.pixel)?))
+    }
+
+    /// Compares a point with the surface along the same ray, see [`look_up`](Self::look_up).
+    pub(super) fn check(&self, vertex: ImageVertex, sample: &SurfaceSample) -> SurfaceCheck {
+        let bound = self.agreement_sigmas * self.sigma(sample);
         let nearer = vertex.rho - f64::from(sample.rho);
         if nearer > bound {
             return SurfaceCheck::Contradicted;
@@ -93,7 +115,7 @@ impl<'a> KeyframeSurface<'a> {
         if nearer < -bound {
             return SurfaceCheck::Unknown;
         }
-        match self.measurement(&vertex.pixel, sample.rho.into(), sample.sigma.into()) {
+        match self.measurement(&vertex.pixel, sample) {
             Some(measurement) => SurfaceCheck::Confirmed {
                 vertex,
                 measurement,
@@ -112,7 +134,7 @@ impl<'a> KeyframeSurface<'a> {
             .map(|sample| {
                 // A sample's plane is used up to half a step away.
                 let slope = step * f64::from(sample.slope[0].abs() + sample.slope[1].abs());
-                f64::from(sample.rho) - slope - self.agreement_sigmas * f64::from(sample.sigma)
+                f64::from(sample.rho) - slope - self.agreement_sigmas * self.sigma(sample)
             })
             .fold(f64::INFINITY, f64::min);
         let depth = Some(1.0 / nearest).filter(|depth| *depth > 0.0 && depth.is_finite())?;
@@ -144,10 +166,9 @@ impl<'a> KeyframeSurface<'a> {
         &self,
         point_in_world: &Point3<f64>,
     ) -> Option<(Point2<f64>, f64)> {
-        let vertex = self.vertex(point_in_world)?;
-        let sample = self.samples.near(&vertex.pixel)?;
+        let (vertex, sample) = self.look_up(point_in_world)?;
         let nearer = vertex.rho - f64::from(sample.rho);
-        Some((vertex.pixel, nearer / f64::from(sample.sigma)))
+        Some((vertex.pixel, nearer / self.sigma(&sample)))
     }
 
     /// Whether a world point lies in front of the measured surface (`Less`), on it or behind it; `None` where nothing was
@@ -175,7 +196,7 @@ impl<'a> KeyframeSurface<'a> {
         let sample = self.samples.near(&pixel)?;
         let rho = f64::from(sample.rho);
         // d z = d rho / rho^2.
-        let sigma = f64::from(sample.sigma) / (rho * rho);
+        let sigma = self.sigma(&sample) / (rho * rho);
         if (1.0 / rho - point.z).abs() > gate * sigma {
             return None;
         }
@@ -208,10 +229,11 @@ impl<'a> KeyframeSurface<'a> {
     /// The measured surface at a pixel.
     pub(super) fn measurement_at(&self, pixel: &Point2<f64>) -> Option<Measurement> {
         let sample = self.samples.near(pixel)?;
-        self.measurement(pixel, sample.rho.into(), sample.sigma.into())
+        self.measurement(pixel, &sample)
     }
 
-    fn measurement(&self, pixel: &Point2<f64>, rho: f64, sigma: f64) -> Option<Measurement> {
+    fn measurement(&self, pixel: &Point2<f64>, sample: &SurfaceSample) -> Option<Measurement> {
+        let (rho, sigma) = (f64::from(sample.rho), self.sigma(sample));
         let point_in_camera = self.camera.point_at_depth(pixel, 1.0 / rho).ok()?;
         let point_in_world = self.world_from_camera * point_in_camera;
         let ray = self.world_from_camera.rotation * point_in_camera.coords;
@@ -233,12 +255,16 @@ impl<'a> KeyframeSurface<'a> {
         options: &RefineOptions,
     ) -> Vec<Option<Measurement>> {
         let mut triangulation = ImageTriangulation::new(vertices, lines);
-        triangulation.refine(self.samples, options);
+        let options = RefineOptions {
+            relative_error: self.disagreement,
+            ..*options
+        };
+        triangulation.refine(self.samples, &options);
         triangulation.vertices()[vertices.len()..]
             .iter()
             .map(|vertex| {
                 let sample = self.samples.near(&vertex.pixel)?;
-                self.measurement(&vertex.pixel, vertex.rho, sample.sigma.into())
+                self.measurement(&vertex.pixel, &sample)
             })
             .collect()
     }
@@ -265,8 +291,13 @@ mod tests {
     fn points_before_on_and_behind_a_wall() {
         let (samples, camera, pose) = wall();
         let options = SurfacePointOptions::default();
-        let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);
-        let check = |x: f64, z: f64| surface.check(&Point3::new(1.0 + x, 2.0, 3.0 + z));
+        let surface = KeyframeSurface::new(&samples, &camera, &pose, &options, 0.0);
+        let check = |x: f64, z: f64| {
+            let found = surface.look_up(&Point3::new(1.0 + x, 2.0, 3.0 + z));
+            found.map_or(SurfaceCheck::Unknown, |(vertex, sample)| {
+                surface.check(vertex, &sample)
+            })
+        };
         let SurfaceCheck::Confirmed {
             vertex,
             measurement,
@@ -285,7 +316,7 @@ mod tests {
         assert!(matches!(check(f64::NAN, 2.0), SurfaceCheck::Unknown));
         // The bounds are tight.
         let [low, high] = surface.bounds().unwrap();
-        assert!(low.z <= 3.0 && high.z > 5.01 && high.z < 5.1);
+        assert!(low.z <= 3.0 && high.z > 5.007 && high.z < 5.1);
         for (x, bound) in [(-1.05, low.x), (1.05, high.x)] {
             assert!(matches!(check(x, 2.0), SurfaceCheck::Confirmed { .. }));
             assert!((1.0 + x - bound).abs() < 0.3 && (bound - 1.0).abs() > 1.15);
@@ -296,7 +327,7 @@ mod tests {
     fn refinement_adds_points_only_where_they_are_missing() {
         let (samples, camera, pose) = wall();
         let options = SurfacePointOptions::default();
-        let surface = KeyframeSurface::new(&samples, &camera, &pose, &options);
+        let surface = KeyframeSurface::new(&samples, &camera, &pose, &options, 0.0);
         let refined = surface.refine(&[], &[], &options.refine);
         // One in each square of 20 pixels.
         assert_eq!(refined.len(), 8 * 6);

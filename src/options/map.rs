@@ -20,8 +20,8 @@ impl Default for LandmarkOptions {
     fn default() -> Self {
         Self {
             join: true,
-            lateral_px: 6.0,
-            depth_sigmas: 3.0,
+            lateral_px: 5.0,
+            depth_sigmas: 2.5,
             settling_share: 1.0,
         }
     }
@@ -63,7 +63,7 @@ impl Default for SurfacePointOptions {
     fn default() -> Self {
         Self {
             enabled: true,
-            agreement_sigmas: 3.0,
+            agreement_sigmas: 2.0,
             correction_sigmas: 4.0,
             samples: SampleOptions::default(),
             refine: RefineOptions::default(),

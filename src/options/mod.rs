@@ -145,6 +145,8 @@ pub struct SurfaceOptions {
     pub least_measured_share: f64,
     /// Connected components with fewer triangles are dropped.
     pub minimum_component: usize,
+    /// Which holes of the final surface are closed.
+    pub holes: HoleFilling,
     /// Whether facets on the convex hull are kept.
     pub keep_hull: bool,
     /// Whether non-manifold vertices and edges are split, so that every edge has at most two triangles.
@@ -157,10 +159,24 @@ impl Default for SurfaceOptions {
             longest_edge_share: Some(0.5),
             least_measured_share: 0.3,
             minimum_component: 8,
+            holes: HoleFilling::default(),
             keep_hull: false,
             manifold: true,
         }
     }
+}
+
+/// Which holes of the final surface are closed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum HoleFilling {
+    /// None.
+    None,
+    /// Small holes where dense depth measured a surface.
+    #[default]
+    Measured,
+    /// All but the largest, whether anything was measured there or not.
+    All,
 }
 
 /// Simplification of the final mesh.

@@ -72,14 +72,18 @@ pub struct RefineOptions {
     /// Side of the squares that receive at least one vertex where they have samples, in pixels; prevents triangles between distant
     /// surfaces.
     pub largest_gap_px: f64,
+    /// Error of the given vertices' depth beyond the noise of the samples, as a share of the depth, from 0. Deviations up to it are no
+    /// reason to insert a vertex.
+    pub relative_error: f64,
 }
 
 impl Default for RefineOptions {
     fn default() -> Self {
         Self {
             bound_sigmas: 3.0,
-            minimum_distance_px: 6.0,
+            minimum_distance_px: 5.0,
             largest_gap_px: 20.0,
+            relative_error: 0.0,
         }
     }
 }
@@ -92,7 +96,15 @@ impl RefineOptions {
     pub fn validate(&self) -> Result<(), TriangulationOptionsError> {
         positive("bound_sigmas", self.bound_sigmas)?;
         positive("minimum_distance_px", self.minimum_distance_px)?;
-        positive("largest_gap_px", self.largest_gap_px)
+        positive("largest_gap_px", self.largest_gap_px)?;
+        if self.relative_error >= 0.0 && self.relative_error.is_finite() {
+            return Ok(());
+        }
+        Err(TriangulationOptionsError {
+            key: "relative_error",
+            value: self.relative_error,
+            expected: "a finite number from 0 is needed",
+        })
     }
 }
 

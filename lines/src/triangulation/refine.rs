@@ -219,7 +219,7 @@ impl ImageTriangulation {
                 samples: 0,
                 deviation_sigmas: 0.0,
             };
-            for_each_sample(&face, samples, |_, _, deviation| {
+            for_each_sample(&face, samples, 0.0, |_, _, deviation| {
                 triangle.samples += 1;
                 triangle.deviation_sigmas = triangle.deviation_sigmas.max(deviation);
             });
@@ -278,18 +278,23 @@ fn worst(
     let nodes = face.vertices().map(|vertex| *vertex.data());
     let nearest = options.minimum_distance_px * options.minimum_distance_px;
     let mut worst: Option<(f64, usize, usize)> = None;
-    for_each_sample(face, samples, |column, row, deviation| {
-        if deviation <= worst.map_or(options.bound_sigmas, |(largest, ..)| largest) {
-            return;
-        }
-        let pixel = samples.pixel(column, row);
-        let is_free = nodes
-            .iter()
-            .all(|node| (node.x - pixel.x).powi(2) + (node.y - pixel.y).powi(2) >= nearest);
-        if is_free {
-            worst = Some((deviation, column, row));
-        }
-    });
+    for_each_sample(
+        face,
+        samples,
+        options.relative_error / options.bound_sigmas,
+        |column, row, deviation| {
+            if deviation <= worst.map_or(options.bound_sigmas, |(largest, ..)| largest) {
+                return;
+            }
+            let pixel = samples.pixel(column, row);
+            let is_free = nodes
+                .iter()
+                .all(|node| (node.x - pixel.x).powi(2) + (node.y - pixel.y).powi(2) >= nearest);
+            if is_free {
+                worst = Some((deviation, column, row));
+            }
+        },
+    );
     worst.map(|(deviation, column, row)| WorstSample {
         deviation,
         row: row as u32,
@@ -304,6 +309,7 @@ fn worst(
 fn for_each_sample(
     face: &Face<'_>,
     samples: &SurfaceSamples,
+    relative_error: f64,
     mut visit: impl FnMut(usize, usize, f64),
 ) {
     let [a, b, c] = face.vertices().map(|vertex| *vertex.data());
@@ -350,7 +356,8 @@ fn for_each_sample(
             visit(
                 column,
                 row,
-                (f64::from(sample.rho) - rho).abs() / f64::from(sample.sigma),
+                (f64::from(sample.rho) - rho).abs()
+                    / f64::from(sample.sigma).hypot(relative_error * f64::from(sample.rho)),
             );
         }
     }

@@ -30,6 +30,7 @@ const WIDE: RefineOptions = RefineOptions {
     bound_sigmas: 1.0,
     minimum_distance_px: 4.0,
     largest_gap_px: 80.0,
+    relative_error: 0.0,
 };
 
 #[test]
