@@ -22,7 +22,9 @@ pub use evaluate::{AlignBy, EvaluateArgs};
 pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
 pub use track::{TrackArgs, TrackMode};
-pub use values::{CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice};
+pub use values::{
+    CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice, TextureChoice,
+};
 pub use view::ViewArgs;
 
 use crate::live::LiveView;
@@ -233,6 +235,11 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "LENGTH|N%", num_args = 0..=1, default_missing_value = crate::sinks::DEFAULT_TOLERANCE_TEXT)]
     pub simplify: Option<Tolerance>,
 
+    /// Give the final mesh a texture from the images of the keyframes, as JPEG (also when no value is given) or PNG: in the GLB files,
+    /// beside the OBJ file, on the page. PLY keeps vertex colours.
+    #[arg(long, value_enum, value_name = "IMAGE", num_args = 0..=1, require_equals = true, default_missing_value = "jpeg")]
+    pub texture: Option<TextureChoice>,
+
     /// What is written of the surface after every single keyframe.
     #[arg(long, value_enum, default_value_t = GrowthChoice::Whole, conflicts_with = "final_only")]
     pub growth: GrowthChoice,
@@ -383,7 +390,7 @@ pub enum NoiseModel {
 /// Arguments of `render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// Mesh to draw: GLB, OBJ, PLY or STL. Of a file without triangles, its lines are drawn, or its points.
+    /// Mesh to draw: GLB, OBJ, PLY or STL, with its texture when it has one. Of a file without triangles, its lines are drawn, or its points.
     pub mesh: PathBuf,
 
     /// Lines or points to draw over it: GLB, OBJ or PLY.

@@ -35,6 +35,7 @@ mod server;
 pub mod sinks;
 pub mod stream;
 mod text;
+pub mod texture;
 pub mod tracking;
 
 pub use error::{Error, SinkError};

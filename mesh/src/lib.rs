@@ -13,12 +13,14 @@ pub mod simplify;
 pub mod srgb;
 #[cfg(test)]
 mod test_room;
+pub mod texture;
 mod types;
 
 pub use holes::close_holes;
 pub use io::{
-    Geometry, GlbPart, GlbWriter, MeshFileError, ReadError, read_geometry, write_glb,
-    write_lines_obj, write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
+    Geometry, GlbPart, GlbWriter, MeshFileError, ReadError, read_geometry, read_textured,
+    write_glb, write_lines_obj, write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
+    write_textured_obj,
 };
 pub use shape::{Shape, ShapeKind};
 pub use types::{GeometryError, LineSet, TriangleMesh};

@@ -2,7 +2,11 @@
 
 /// Linear intensity, 0 to 1, of an sRGB byte.
 pub fn linear(byte: u8) -> f64 {
-    let value = f64::from(byte) / 255.0;
+    linear_value(f64::from(byte) / 255.0)
+}
+
+/// Linear intensity, 0 to 1, of an sRGB value, 0 to 1.
+pub fn linear_value(value: f64) -> f64 {
     if value <= 0.040_45 {
         value / 12.92
     } else {

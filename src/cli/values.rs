@@ -2,6 +2,7 @@
 
 use clap::ValueEnum;
 use linecarve_mesh::diff::Check;
+use linecarve_mesh::texture::TextureFormat;
 use linecarve_synth::{SceneKind, SequenceLayout};
 
 use crate::options::LabelKind;
@@ -52,6 +53,16 @@ choice! {
         /// What came and went, as `keyframes/NNNNNN.delta`: the size and cost of a file are those of the change. See
         /// docs/outputs.md.
         Delta,
+    }
+}
+
+choice! {
+    /// Format of a texture's image.
+    TextureChoice for TextureFormat {
+        /// Small, with a loss that can hardly be seen.
+        Jpeg,
+        /// Without loss, several times as large.
+        Png,
     }
 }
 

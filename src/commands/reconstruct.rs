@@ -135,6 +135,7 @@ pub fn reconstruct(
     let formats = args.stages.formats();
     let settings = ResultSettings {
         formats: &formats,
+        texture: args.texture.map(Into::into),
         picture: !args.no_picture,
         richest: richest.order(),
         verbosity,

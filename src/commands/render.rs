@@ -13,14 +13,14 @@ use linecarve_mesh::evaluate::NearestPointIndex;
 use linecarve_mesh::render::{
     BackFaces, HeatScale, RenderOptions, Renderer, View, up_direction, with_color_bar, write_png,
 };
-use linecarve_mesh::{LineSet, Shape, ShapeKind, TriangleMesh, read_geometry};
+use linecarve_mesh::{LineSet, Shape, ShapeKind, TriangleMesh, read_geometry, read_textured};
 use linecarve_sequence::{OpenOptions, Sequence};
 
 /// Diameter of the points of a cloud in the picture.
 const POINT_WIDTH_PX: f64 = 2.5;
 
 pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
-    let shape = read_geometry(&args.mesh)?;
+    let (shape, texture) = read_textured(&args.mesh)?;
     let over = args.lines.as_deref().map(read_geometry).transpose()?;
     let kinds = [Some(&shape), over.as_ref()].map(|it| it.map(Shape::kind));
     if kinds[0] == Some(ShapeKind::Empty) {
@@ -64,7 +64,13 @@ pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
             )
         })?
     };
-    let renderer = Renderer::new(&mesh);
+    let mut renderer = Renderer::new(&mesh);
+    if let Some(texture) = &texture {
+        renderer = renderer.with_texture(texture)?;
+        if args.errors.is_none() {
+            options = options.unlit();
+        }
+    }
     let picture = match &args.errors {
         Some(path) => draw_errors(
             &renderer,

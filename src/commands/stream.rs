@@ -148,6 +148,7 @@ fn write_results(
     let edges = final_mesh_edges(&summary.mesh, &summary.clusters, None)?;
     let mut surface = SurfaceFiles {
         mesh: summary.mesh,
+        texture: None,
         lines: Some((summary.segments, summary.clusters)),
         edges: edges.lines,
     };

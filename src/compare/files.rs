@@ -27,6 +27,7 @@ pub(crate) fn write_surfaces(
         let edges = final_mesh_edges(&run.surface.mesh, known, None)?;
         let mut surface = SurfaceFiles {
             mesh: run.surface.mesh.clone(),
+            texture: None,
             lines: run.lines.clone(),
             edges: edges.lines,
         };

@@ -5,6 +5,7 @@ pub mod page;
 
 use std::path::Path;
 
+use linecarve_mesh::texture::TextureSummary;
 use serde::Serialize;
 
 use linecarve_mesh::files::{WriteError, write_atomically};
@@ -147,6 +148,9 @@ pub struct ResultSummary {
     /// Feature edges of the mesh, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub feature_edges: Option<FeatureEdgeSummary>,
+    /// The texture of the mesh, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub texture: Option<TextureSummary>,
     /// Milliseconds for the final surface extraction, where no keyframe includes it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_milliseconds: Option<f64>,

@@ -8,9 +8,10 @@ use nalgebra::{Isometry3, Vector3};
 
 use linecarve_mesh::feature_edges::CREASE_COLOR;
 use linecarve_mesh::files::remove_unfinished;
+use linecarve_mesh::texture::EncodedTexture;
 use linecarve_mesh::{
     Geometry, GlbPart, LineSet, MeshFileError, TriangleMesh, write_glb, write_lines_obj,
-    write_lines_ply, write_mesh_obj, write_mesh_ply,
+    write_lines_ply, write_mesh_obj, write_mesh_ply, write_textured_obj,
 };
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{PosedImage, TrajectoryFormat, posed_images, write_trajectory};
@@ -117,25 +118,35 @@ pub(crate) fn write_geometry(
 ) -> anyhow::Result<()> {
     for format in distinct(formats) {
         let path = output.file(&format!("{name}.{}", extension(format)));
-        write_part(&path, part, format, origin)?;
+        for beside in write_part(&path, part, format, origin)? {
+            let beside = beside.strip_prefix(output.root()).unwrap_or(&beside);
+            let beside = beside.display().to_string();
+            output.file(&beside);
+        }
     }
     Ok(())
 }
 
-/// Writes a mesh or lines to a file.
+/// Writes a mesh or lines to a file; returns the paths of files beside it.
 pub(crate) fn write_part(
     path: &Path,
     part: GlbPart<'_>,
     format: Format,
     origin: &Vector3<f64>,
-) -> Result<(), MeshFileError> {
+) -> Result<Vec<PathBuf>, MeshFileError> {
     match (format, part.geometry) {
-        (Format::Glb, _) => write_glb(path, &[part], origin),
-        (Format::Obj, Geometry::Mesh(mesh)) => write_mesh_obj(path, mesh),
-        (Format::Obj, Geometry::Lines(lines)) => write_lines_obj(path, lines),
-        (Format::Ply, Geometry::Mesh(mesh)) => write_mesh_ply(path, mesh),
-        (Format::Ply, Geometry::Lines(lines)) => write_lines_ply(path, lines),
+        (Format::Glb, _) => write_glb(path, &[part], origin)?,
+        (Format::Obj, Geometry::Mesh(mesh)) => write_mesh_obj(path, mesh)?,
+        (Format::Obj, Geometry::Textured(mesh, texture)) => {
+            return write_textured_obj(path, mesh, texture).map(Vec::from);
+        }
+        (Format::Obj, Geometry::Lines(lines)) => write_lines_obj(path, lines)?,
+        (Format::Ply, Geometry::Mesh(mesh) | Geometry::Textured(mesh, _)) => {
+            write_mesh_ply(path, mesh)?;
+        }
+        (Format::Ply, Geometry::Lines(lines)) => write_lines_ply(path, lines)?,
     }
+    Ok(Vec::new())
 }
 
 /// The surface as a node of a GLB file.
@@ -144,6 +155,17 @@ pub(crate) fn surface_part(mesh: &TriangleMesh) -> GlbPart<'_> {
         name: "surface",
         geometry: Geometry::Mesh(mesh),
         color: CLAY,
+    }
+}
+
+/// The surface with its texture as a node of a GLB file.
+pub(crate) fn textured_part<'a>(
+    mesh: &'a TriangleMesh,
+    texture: &'a EncodedTexture,
+) -> GlbPart<'a> {
+    GlbPart {
+        geometry: Geometry::Textured(mesh, texture),
+        ..surface_part(mesh)
     }
 }
 

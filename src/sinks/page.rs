@@ -333,6 +333,7 @@ pub(crate) fn page_surface(
         label: label.to_owned(),
         history: recorder.history,
         errors: None,
+        texture: None,
         timing: stage_timing(chosen, reports),
     }
 }

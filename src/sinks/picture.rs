@@ -15,6 +15,7 @@ use crate::mapper::KeyframeUpdate;
 use crate::reconstruction::{Reconstruction, Sink};
 use crate::recording::Recording;
 use crate::run::{Progress, Verbosity};
+use crate::texture::frame_of;
 
 /// Pixels between panels.
 const GAP: u32 = 8;
@@ -123,11 +124,7 @@ fn view_of_model(
 
 /// The image of a view, when the sequence has a frame of that name and it can be read.
 fn photo_of(sequence: &Sequence, view: &ModelView) -> Option<RgbImage> {
-    let name = std::path::Path::new(&view.name);
-    let stem = name.file_stem().unwrap_or(name.as_os_str());
-    let frame = sequence.frames().iter().position(|frame| {
-        frame.name == view.name || std::path::Path::new(&frame.name).file_stem() == Some(stem)
-    })?;
+    let frame = frame_of(sequence, view)?;
     sequence.load_color(frame).ok()
 }
 

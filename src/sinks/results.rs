@@ -4,7 +4,8 @@ use std::time::Instant;
 
 use anyhow::Context;
 use linecarve_mesh::render::write_png;
-use linecarve_mesh::{LineSet, write_glb, write_points_ply};
+use linecarve_mesh::texture::{EncodedTexture, TextureFormat};
+use linecarve_mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
 use linecarve_sequence::SparseModel;
 
 use super::feature_edges;
@@ -18,11 +19,14 @@ use super::surface_page::write_surface_page;
 use crate::reconstruction::Reconstruction;
 use crate::recording::{Source, lens_warning};
 use crate::run::{Verbosity, milliseconds};
+use crate::texture::texture;
 
 /// What is written.
 pub(crate) struct ResultSettings<'a> {
     /// Formats of meshes and lines.
     pub(crate) formats: &'a [Format],
+    /// Format of the texture's image, when the mesh gets one.
+    pub(crate) texture: Option<TextureFormat>,
     /// Whether `picture.png` is drawn.
     pub(crate) picture: bool,
     /// Number of the keyframe that the picture shows.
@@ -85,8 +89,13 @@ pub(crate) fn write_results(
         .map(|points| points.quality())
         .and_then(|quality| (quality.points > 0).then_some(quality.reprojection_rms_px));
 
+    let texture = match settings.texture {
+        Some(format) => encoded_texture(run, &mesh, format, log)?,
+        None => None,
+    };
     if let Some(page) = page {
-        write_surface_page(&output.file("report.html"), run, page, &mesh, log)?;
+        let path = output.file("report.html");
+        write_surface_page(&path, run, page, &mesh, texture.as_ref(), log)?;
     }
     let cloud = cloud(run);
     if settings.picture {
@@ -119,6 +128,7 @@ pub(crate) fn write_results(
     }
     let mut surface = SurfaceFiles {
         mesh,
+        texture,
         lines,
         edges: edges.lines,
     };
@@ -129,6 +139,29 @@ pub(crate) fn write_results(
         write_glb(&output.file("scene.glb"), &parts, origin)?;
     }
     Ok(Finished { is_empty })
+}
+
+/// The texture of the mesh, noted in the report; `None` with a warning when there is none.
+fn encoded_texture(
+    run: &Reconstruction,
+    mesh: &TriangleMesh,
+    format: TextureFormat,
+    log: &mut RunLog,
+) -> anyhow::Result<Option<EncodedTexture>> {
+    if mesh.is_empty() {
+        return Ok(None);
+    }
+    let Some((texture, summary)) = texture(run, mesh) else {
+        log.warn(
+            "there is no texture, because no image of a keyframe can be read or the mesh has too many triangles (--simplify): the mesh has \
+             vertex colours"
+                .to_owned(),
+        );
+        return Ok(None);
+    };
+    log.result().texture = Some(summary);
+    let texture = texture.encoded(format);
+    texture.map(Some).context("the texture cannot be encoded")
 }
 
 /// The carved points with their colours, in the frame of computation; `None` when the map is made of lines.

@@ -4,14 +4,16 @@ use nalgebra::Vector3;
 
 use super::output::{
     FEATURE_EDGES, Format, OutputFolder, clusters_part, feature_edges_part, segments_part,
-    surface_part, write_geometry,
+    surface_part, textured_part, write_geometry,
 };
+use linecarve_mesh::texture::EncodedTexture;
 use linecarve_mesh::{GlbPart, LineSet, TriangleMesh};
 
 /// A surface and its lines.
 #[derive(Debug)]
 pub(crate) struct SurfaceFiles {
     pub(crate) mesh: TriangleMesh,
+    pub(crate) texture: Option<EncodedTexture>,
     /// Segments and clusters, where it was made with lines.
     pub(crate) lines: Option<(LineSet, LineSet)>,
     pub(crate) edges: LineSet,
@@ -49,7 +51,11 @@ impl SurfaceFiles {
 
     /// Everything by the name of its file.
     fn named(&self) -> Vec<(&'static str, GlbPart<'_>)> {
-        let mut named = vec![("mesh", surface_part(&self.mesh))];
+        let surface = match &self.texture {
+            Some(texture) => textured_part(&self.mesh, texture),
+            None => surface_part(&self.mesh),
+        };
+        let mut named = vec![("mesh", surface)];
         if let Some((segments, clusters)) = &self.lines {
             named.push(("segments", segments_part(segments)));
             named.push(("clusters", clusters_part(clusters)));

@@ -3,19 +3,21 @@
 use std::path::Path;
 
 use linecarve_mesh::TriangleMesh;
+use linecarve_mesh::texture::EncodedTexture;
 
 use super::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
 use super::page_run::PageRun;
 use super::report::RunLog;
 use crate::reconstruction::Reconstruction;
-use crate::report::page::{PageTable, write_page};
+use crate::report::page::{PageTable, PageTexture, write_page};
 
-/// Writes the page with the surface over keyframes; `mesh` is the final one.
+/// Writes the page with the surface over keyframes; `mesh` is the final one, in the frame of computation.
 pub(crate) fn write_surface_page(
     path: &Path,
     run: &Reconstruction,
     mut recorder: PageRecorder,
     mesh: &TriangleMesh,
+    texture: Option<&EncodedTexture>,
     log: &mut RunLog,
 ) -> anyhow::Result<()> {
     let map = run.map();
@@ -32,7 +34,9 @@ pub(crate) fn write_surface_page(
     page.images = recorder.images(run)?;
     page.warnings = log.warnings().to_vec();
     page.count_plots = growth_plots(run.numbers, &[("surface", &reports)]);
-    page.surfaces = vec![page_surface(id, name, recorder, run.numbers, &reports)];
+    let mut surface = page_surface(id, name, recorder, run.numbers, &reports);
+    surface.texture = texture.map(|texture| PageTexture::new(mesh, texture));
+    page.surfaces = vec![surface];
     let result = log.result();
     let of_what = if is_of_lines {
         format!(

@@ -23,4 +23,5 @@ mod resume;
 mod sample;
 mod simplify;
 mod stream;
+mod texture;
 mod track;

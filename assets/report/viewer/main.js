@@ -120,6 +120,9 @@ class Page {
     const hasErrors = this.surfaces.some((surface) => surface.errors);
     find('color-error-label').hidden = !hasErrors;
     find('color-error').addEventListener('change', (event) => this.setColoring(event.target.checked ? 'error' : 'clay'));
+    find('color-texture-label').hidden = !this.surfaces.some((surface) => surface.textured);
+    find('color-texture').addEventListener('change', (event) => this.setColoring(event.target.checked ? 'texture' : 'clay'));
+    for (const surface of this.surfaces) surface.onChanged = () => this.stage?.draw();
     for (const box of document.querySelectorAll('input[data-layer]')) {
       const known = box.dataset.layer === 'cameras' || box.dataset.layer === 'wire'
         || this.surfaces.some((surface) => surface.layers[box.dataset.layer]);
@@ -226,8 +229,12 @@ class Page {
   }
 
   setColoring(coloring) {
-    const asked = coloring === 'error' && this.data.error_scale ? 'error' : 'clay';
-    find('color-error').checked = asked === 'error';
+    const possible = {
+      error: Boolean(this.data.error_scale),
+      texture: this.surfaces.some((surface) => surface.textured),
+    };
+    const asked = possible[coloring] ? coloring : 'clay';
+    for (const name of ['error', 'texture']) find(`color-${name}`).checked = asked === name;
     for (const surface of this.surfaces) surface.setColoring(asked);
     find('color-bar').hidden = asked !== 'error';
     if (asked === 'error') colorBar(find('color-bar'), this.data.error_scale);
@@ -280,6 +287,7 @@ function selfTest(page, loadMs) {
   result.step_ms = (performance.now() - started) / count;
   page.show(page.last);
   result.drawn_share = page.stage ? page.stage.drawnShare() : null;
+  result.textured = page.surfaces.map((surface) => Boolean(surface.textured));
   return result;
 }
 
@@ -292,7 +300,7 @@ function open(data, hash) {
   const asked = Number.parseInt(hash.keyframe, 10);
   page.show(Number.isFinite(asked) ? asked : page.last);
   if (hash.view) page.setView(hash.view === 'keyframe' ? 'keyframe' : 'outside');
-  page.setColoring(hash.color ?? 'clay');
+  page.setColoring(hash.color ?? 'texture');
   for (const layer of (hash.show ?? '').split(',').filter(Boolean)) page.setLayer(layer, true);
   for (const layer of (hash.hide ?? '').split(',').filter(Boolean)) page.setLayer(layer, false);
   return page;

@@ -10,9 +10,12 @@ import {
   LineBasicMaterial,
   LineSegments,
   Mesh,
+  MeshBasicMaterial,
   MeshLambertMaterial,
   Points,
   PointsMaterial,
+  SRGBColorSpace,
+  TextureLoader,
 } from 'three';
 import { allAlive, bytes, lives, positions, triangles as decodeTriangles } from './decode.js';
 
@@ -86,6 +89,27 @@ class LiveElements {
   }
 }
 
+/** The final mesh with its texture; `onLoaded` is called once the image can be drawn. */
+class TexturedMesh {
+  constructor(data, onLoaded) {
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new BufferAttribute(positions(data.vertices), 3));
+    geometry.setAttribute('uv', new BufferAttribute(new Uint16Array(bytes(data.coordinates).buffer), 2, true));
+    geometry.setIndex(new BufferAttribute(new Uint32Array(bytes(data.triangles).buffer), 1));
+    const map = new TextureLoader().load(`data:${data.media_type};base64,${data.image}`, () => {
+      this.isLoaded = true;
+      onLoaded();
+    });
+    // Coordinates count from the upper edge.
+    map.flipY = false;
+    map.colorSpace = SRGBColorSpace;
+    const common = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 };
+    this.front = new Mesh(geometry, new MeshBasicMaterial({ map, side: FrontSide, ...common }));
+    this.back = new Mesh(geometry, new MeshLambertMaterial({ color: INSIDE, side: BackSide, flatShading: true, ...common }));
+    this.isLoaded = false;
+  }
+}
+
 /** A surface, its lines and points. */
 export class Surface {
   constructor(data, scale) {
@@ -102,6 +126,20 @@ export class Surface {
     this.shownVertices = 0;
     this.group = new Group();
     this.#buildMesh();
+    /** Called when the surface looks different without being asked to. */
+    this.onChanged = () => {};
+    if (data.texture) {
+      this.textured = new TexturedMesh(data.texture, () => {
+        this.#chooseMesh();
+        this.onChanged();
+      });
+      for (const object of [this.textured.front, this.textured.back]) {
+        object.frustumCulled = false;
+        this.mesh.add(object);
+      }
+    }
+    this.backFaces = true;
+    this.#chooseMesh();
     this.layers = { surface: this.mesh };
     this.elements = data.lines.map((set) => {
       const material = new LineBasicMaterial({ color: set.color, transparent: true, opacity: 0.7 });
@@ -168,10 +206,22 @@ export class Surface {
     return low - 1;
   }
 
-  /** Clay, or the distance to the ground truth. */
+  /** The mesh with the texture at the last state when it is asked for, else the carved one. */
+  #chooseMesh() {
+    const isLast = this.state === this.data.states.length - 1;
+    this.showsTexture = Boolean(this.coloring === 'texture' && this.textured?.isLoaded && isLast);
+    this.frontMesh.visible = !this.showsTexture;
+    this.backMesh.visible = !this.showsTexture && this.backFaces;
+    if (!this.textured) return;
+    this.textured.front.visible = this.showsTexture;
+    this.textured.back.visible = this.showsTexture && this.backFaces;
+  }
+
+  /** Clay, the texture (clay before the last state), or the distance to the ground truth. */
   setColoring(coloring) {
     if (coloring === this.coloring || (coloring === 'error' && !this.errors)) return;
     this.coloring = coloring;
+    this.#chooseMesh();
     const colored = coloring === 'error';
     this.front.vertexColors = colored;
     this.front.color.set(colored ? 0xffffff : CLAY);
@@ -180,7 +230,8 @@ export class Surface {
   }
 
   setBackFaces(visible) {
-    this.backMesh.visible = visible;
+    this.backFaces = visible;
+    this.#chooseMesh();
   }
 
   setWire(visible) {
@@ -195,6 +246,7 @@ export class Surface {
     if (state === this.state) return;
     this.state = state;
     this.#fill();
+    this.#chooseMesh();
     for (const elements of this.elements) elements.show(state);
   }
 

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::files::WriteError;
+use crate::texture::TextureError;
 use crate::types::GeometryError;
 
 /// Why a mesh file could not be written. The file is then as it was before.
@@ -15,6 +16,14 @@ pub enum MeshFileError {
         path: PathBuf,
         /// The fault.
         fault: GeometryError,
+    },
+    /// The texture does not fit the mesh.
+    #[error("{}: cannot be written: {fault}", path.display())]
+    Texture {
+        /// The file.
+        path: PathBuf,
+        /// The fault.
+        fault: TextureError,
     },
     /// The geometry is too large for the format.
     #[error("{}: {bytes} bytes of geometry are more than a GLB file of 4 GiB can hold; write PLY", path.display())]
@@ -30,6 +39,14 @@ pub enum MeshFileError {
 }
 
 impl MeshFileError {
+    /// Wraps a validation error of the texture for `path`.
+    pub(super) fn texture(path: &Path) -> impl FnOnce(TextureError) -> Self + '_ {
+        move |fault| Self::Texture {
+            path: path.to_owned(),
+            fault,
+        }
+    }
+
     /// Wraps a validation error of the geometry for `path`.
     pub(super) fn geometry(path: &Path) -> impl FnOnce(GeometryError) -> Self + '_ {
         move |fault| Self::Geometry {

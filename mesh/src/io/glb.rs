@@ -2,7 +2,7 @@
 //!
 //! glTF is +Y up and looks along -Z; the program's frames have y down and z forward. Positions are stored as `f32`
 //! (x, -y, -z) after subtraction of `origin`. The scene's `extras.original_from_gltf` holds the 4 x 4 matrix (rows) that
-//! maps them back. The unit is that of the poses; glTF viewers read it as metres. Meshes have no normals, so viewers
+//! maps them back. A texture lies in the binary chunk as an image file. The unit is that of the poses; glTF viewers read it as metres. Meshes have no normals, so viewers
 //! shade their triangles flat.
 
 mod document;
@@ -12,11 +12,12 @@ use std::path::Path;
 use nalgebra::{Point3, Vector3};
 
 use self::document::{
-    Accessor, Attributes, Buffer, BufferView, ComponentType, ElementType, Material, Mesh, Mode,
-    Node, Primitive, Root, Target, UNLIT,
+    Accessor, Attributes, Buffer, BufferView, ComponentType, ElementType, Image, Material, Mesh,
+    Mode, Node, Primitive, Root, Sampler, Target, TextureSource, UNLIT,
 };
 use super::error::MeshFileError;
 use crate::files::{WriteError, write_atomically};
+use crate::texture::EncodedTexture;
 use crate::types::{LineSet, TriangleMesh};
 
 /// Geometry of one node.
@@ -24,6 +25,8 @@ use crate::types::{LineSet, TriangleMesh};
 pub enum Geometry<'a> {
     /// Triangles.
     Mesh(&'a TriangleMesh),
+    /// Triangles with a texture in place of vertex colours, shown without shading.
+    Textured(&'a TriangleMesh, &'a EncodedTexture),
     /// Lines, shown without shading.
     Lines(&'a LineSet),
 }
@@ -87,6 +90,12 @@ impl GlbWriter {
         for part in parts {
             match part.geometry {
                 Geometry::Mesh(mesh) => mesh.validate(),
+                Geometry::Textured(mesh, texture) => {
+                    texture
+                        .validate(mesh)
+                        .map_err(MeshFileError::texture(path))?;
+                    mesh.validate()
+                }
                 Geometry::Lines(lines) => lines.validate(),
             }
             .map_err(MeshFileError::geometry(path))?;
@@ -150,6 +159,9 @@ impl<'a> Builder<'a> {
                 Mode::Triangles,
                 origin,
             )),
+            Geometry::Textured(mesh, texture) if !mesh.triangles.is_empty() => {
+                Some(self.add_textured(part.name, mesh, texture, origin))
+            }
             Geometry::Lines(lines) if !lines.lines.is_empty() => Some(self.add_mesh(
                 part,
                 &lines.points,
@@ -177,6 +189,7 @@ impl<'a> Builder<'a> {
         let attributes = Attributes {
             position: self.add_positions(points, origin),
             color: colors.map(|colors| self.add_colors(colors)),
+            coordinates: None,
         };
         let indices = self.add_indices(indices);
         let color = if colors.is_some() {
@@ -199,6 +212,69 @@ impl<'a> Builder<'a> {
         )
     }
 
+    fn add_textured(
+        &mut self,
+        name: &'a str,
+        mesh: &TriangleMesh,
+        texture: &EncodedTexture,
+        origin: &Vector3<f64>,
+    ) -> usize {
+        let split = texture.split(mesh);
+        let vertices = split.vertices.iter();
+        let positions: Vec<Point3<f64>> = vertices.map(|v| mesh.positions[*v as usize]).collect();
+        let attributes = Attributes {
+            position: self.add_positions(&positions, origin),
+            color: None,
+            coordinates: Some(self.add_coordinates(&split.coordinates)),
+        };
+        let indices = self.add_indices(split.triangles.as_flattened());
+        let primitive = Primitive {
+            attributes,
+            indices,
+            material: self.add_texture(texture),
+            mode: Mode::Triangles,
+        };
+        let primitives = [primitive];
+        push(&mut self.root.meshes, Mesh { name, primitives })
+    }
+
+    /// The image and the material that shows it.
+    fn add_texture(&mut self, texture: &EncodedTexture) -> usize {
+        let start = self.binary.len();
+        self.binary.extend_from_slice(&texture.image);
+        let image = Image {
+            buffer_view: self.add_view(start, None),
+            mime_type: texture.format.media_type(),
+        };
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        let source = push(&mut self.root.images, image);
+        let sampler = push(&mut self.root.samplers, Sampler::default());
+        let index = push(&mut self.root.textures, TextureSource { sampler, source });
+        self.use_unlit();
+        push(&mut self.root.materials, Material::textured(index))
+    }
+
+    fn add_coordinates(&mut self, coordinates: &[[f32; 2]]) -> usize {
+        let start = self.binary.len();
+        for pair in coordinates {
+            let bytes = pair.map(f32::to_le_bytes);
+            self.binary.extend_from_slice(bytes.as_flattened());
+        }
+        let buffer_view = self.add_view(start, Some(Target::ArrayBuffer));
+        push(
+            &mut self.root.accessors,
+            Accessor {
+                buffer_view,
+                count: coordinates.len(),
+                component_type: ComponentType::F32,
+                kind: ElementType::Vec2,
+                min: None,
+                max: None,
+                normalized: false,
+            },
+        )
+    }
+
     /// Positions as `f32`, with the bounds of the rounded values, which the format requires.
     fn add_positions(&mut self, points: &[Point3<f64>], origin: &Vector3<f64>) -> usize {
         let start = self.binary.len();
@@ -215,7 +291,7 @@ impl<'a> Builder<'a> {
             let bytes = stored.map(f32::to_le_bytes);
             self.binary.extend_from_slice(bytes.as_flattened());
         }
-        let buffer_view = self.add_view(start, Target::ArrayBuffer);
+        let buffer_view = self.add_view(start, Some(Target::ArrayBuffer));
         push(
             &mut self.root.accessors,
             Accessor {
@@ -241,7 +317,7 @@ impl<'a> Builder<'a> {
             let bytes = [red, green, blue, u16::MAX.to_le_bytes()];
             self.binary.extend_from_slice(bytes.as_flattened());
         }
-        let buffer_view = self.add_view(start, Target::ArrayBuffer);
+        let buffer_view = self.add_view(start, Some(Target::ArrayBuffer));
         push(
             &mut self.root.accessors,
             Accessor {
@@ -261,7 +337,7 @@ impl<'a> Builder<'a> {
         for index in indices {
             self.binary.extend_from_slice(&index.to_le_bytes());
         }
-        let buffer_view = self.add_view(start, Target::ElementArrayBuffer);
+        let buffer_view = self.add_view(start, Some(Target::ElementArrayBuffer));
         push(
             &mut self.root.accessors,
             Accessor {
@@ -276,9 +352,9 @@ impl<'a> Builder<'a> {
         )
     }
 
-    /// A view of the bytes from `start` to the end. All elements are multiples of 4 bytes long, so views are aligned
-    /// without padding.
-    fn add_view(&mut self, start: usize, target: Target) -> usize {
+    /// A view of the bytes from `start` to the end. All elements are multiples of 4 bytes long, and images are padded, so
+    /// views are aligned.
+    fn add_view(&mut self, start: usize, target: Option<Target>) -> usize {
         push(
             &mut self.root.buffer_views,
             BufferView {
@@ -291,11 +367,17 @@ impl<'a> Builder<'a> {
     }
 
     fn add_material(&mut self, color: [u8; 3], is_unlit: bool) -> usize {
-        if is_unlit && self.root.extensions_used.is_empty() {
-            self.root.extensions_used.push(UNLIT);
+        if is_unlit {
+            self.use_unlit();
         }
         let material = Material::new(color.map(linear_from_srgb), is_unlit);
         push(&mut self.root.materials, material)
+    }
+
+    fn use_unlit(&mut self) {
+        if self.root.extensions_used.is_empty() {
+            self.root.extensions_used.push(UNLIT);
+        }
     }
 
     /// The JSON chunk, padded to 4 bytes, and the binary chunk.

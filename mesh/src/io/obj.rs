@@ -4,12 +4,13 @@
 //! `l` element of two vertices: longer polylines are lost on many readers.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
 
 use super::error::MeshFileError;
 use crate::files::write_atomically;
+use crate::texture::EncodedTexture;
 use crate::types::{LineSet, TriangleMesh, diagonal};
 
 /// Coordinates are rounded to this share of the bounding box's diagonal.
@@ -29,6 +30,56 @@ pub fn write_mesh_obj(path: &Path, mesh: &TriangleMesh) -> Result<(), MeshFileEr
         Ok(())
     })?;
     Ok(())
+}
+
+/// Writes a mesh with its texture: beside `NAME.obj` also `NAME.mtl` and `NAME_texture.jpg` or `.png`. Returns the paths of
+/// these two.
+///
+/// The vertices have no colours, because some readers multiply them with the texture.
+///
+/// # Errors
+/// As [`write_mesh_obj`], and when the texture does not fit the mesh.
+pub fn write_textured_obj(
+    path: &Path,
+    mesh: &TriangleMesh,
+    texture: &EncodedTexture,
+) -> Result<[PathBuf; 2], MeshFileError> {
+    mesh.validate().map_err(MeshFileError::geometry(path))?;
+    texture
+        .validate(mesh)
+        .map_err(MeshFileError::texture(path))?;
+    let [library, image] = beside(path, texture);
+    let name = |path: &Path| path.file_name().unwrap_or_default().display().to_string();
+    write_atomically(&image, |out| out.write_all(&texture.image))?;
+    write_atomically(&library, |out| {
+        writeln!(out, "newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 0")?;
+        writeln!(out, "map_Kd {}", name(&image))
+    })?;
+    let split = texture.split(mesh);
+    write_atomically(path, |out| {
+        writeln!(out, "mtllib {}", name(&library))?;
+        write_vertices(out, &mesh.positions, None)?;
+        for [u, v] in &split.coordinates {
+            // Counted from the lower edge.
+            writeln!(out, "vt {u:.6} {:.6}", 1.0 - v)?;
+        }
+        writeln!(out, "usemtl surface")?;
+        for (triangle, places) in mesh.triangles.iter().zip(&split.triangles) {
+            let [a, b, c] = triangle.map(|corner| corner + 1);
+            let [at_a, at_b, at_c] = places.map(|place| place + 1);
+            writeln!(out, "f {a}/{at_a} {b}/{at_b} {c}/{at_c}")?;
+        }
+        Ok(())
+    })?;
+    Ok([library, image])
+}
+
+/// Paths of the material library and of the image of an OBJ file. Without spaces, which end names in some readers.
+fn beside(path: &Path, texture: &EncodedTexture) -> [PathBuf; 2] {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem = stem.replace(char::is_whitespace, "_");
+    let image = format!("{stem}_texture.{}", texture.format.extension());
+    [format!("{stem}.mtl"), image].map(|name| path.with_file_name(name))
 }
 
 /// Writes lines.

@@ -40,6 +40,8 @@ pub struct RenderOptions {
     pub back_faces: BackFaces,
     /// Ambient occlusion rays per pixel; 0 disables ambient occlusion.
     pub occlusion_rays: u32,
+    /// Whether lamps light the surface. Without, the picture shows its colours alone: light is in photographs already.
+    pub is_lit: bool,
     /// Darkness of the outlines at jumps of depth, 0 (none) to 1 (black).
     pub outline_darkness: f64,
     /// Darkness of the outlines at creases, 0 to 1.
@@ -57,6 +59,7 @@ impl Default for RenderOptions {
             background: Background::Gradient([255, 255, 255], [226, 231, 238]),
             back_faces: BackFaces::Tinted,
             occlusion_rays: 8,
+            is_lit: true,
             outline_darkness: 0.75,
             crease_darkness: 0.25,
         }
@@ -76,6 +79,18 @@ pub struct RenderOptionsError {
 }
 
 impl RenderOptions {
+    /// Colours alone: without lamps, ambient occlusion and outlines.
+    #[must_use]
+    pub fn unlit(self) -> Self {
+        Self {
+            occlusion_rays: 0,
+            is_lit: false,
+            outline_darkness: 0.0,
+            crease_darkness: 0.0,
+            ..self
+        }
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors

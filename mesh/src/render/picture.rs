@@ -17,6 +17,7 @@ use super::view::View;
 use crate::files::{WriteError, write_atomically};
 use crate::raycast::RayScene;
 use crate::srgb::{encoded_color, linear_color};
+use crate::texture::{Texture, TextureError};
 use crate::{LineSet, TriangleMesh};
 
 /// A mesh prepared for rendering from any number of views.
@@ -39,6 +40,7 @@ use crate::{LineSet, TriangleMesh};
 /// ```
 pub struct Renderer<'a> {
     mesh: &'a TriangleMesh,
+    texture: Option<&'a Texture>,
     scene: RayScene,
 }
 
@@ -105,8 +107,19 @@ impl<'a> Renderer<'a> {
     pub fn new(mesh: &'a TriangleMesh) -> Self {
         Self {
             mesh,
+            texture: None,
             scene: RayScene::new(mesh),
         }
+    }
+
+    /// Draws a texture in place of vertex colours.
+    ///
+    /// # Errors
+    /// When the texture does not fit the mesh.
+    pub fn with_texture(mut self, texture: &'a Texture) -> Result<Self, TextureError> {
+        texture.validate(self.mesh.triangles.len())?;
+        self.texture = Some(texture);
+        Ok(self)
     }
 
     /// The ray-cast scene of the mesh.
@@ -218,7 +231,7 @@ impl Geometry<'_> {
         options: &RenderOptions,
     ) -> RgbImage {
         let (view, buffer) = (self.view, &self.buffer);
-        let mut light = self.light(renderer.mesh, paint, options);
+        let mut light = self.light(renderer, paint, options);
         if let Some(lines) = lines {
             draw_segments(&mut light, lines, view, buffer, options);
         }
@@ -236,15 +249,16 @@ impl Geometry<'_> {
     /// Linear light of each pixel, without segments.
     fn light(
         &self,
-        mesh: &TriangleMesh,
+        renderer: &Renderer<'_>,
         paint: Option<&PointColor<'_>>,
         options: &RenderOptions,
     ) -> Vec<[f64; 3]> {
+        let mesh = renderer.mesh;
         let (view, buffer, openness) = (self.view, &self.buffer, self.openness.as_ref());
         let step = buffer.supersampling;
         let width = view.width as usize;
         let rays = ViewRays::new(view, step);
-        let albedo = Albedo::new(mesh, options.clay);
+        let albedo = Albedo::new(mesh, renderer.texture, options.clay);
         let rotation = &view.world_from_camera.rotation;
         let lamps = Light::new(
             &view.up,

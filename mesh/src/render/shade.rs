@@ -5,20 +5,23 @@ use nalgebra::Vector3;
 use super::buffer::Sample;
 use super::options::{BackFaces, RenderOptions};
 use crate::TriangleMesh;
-use crate::srgb::linear_color;
+use crate::srgb::{linear_color, linear_value};
+use crate::texture::Texture;
 
 /// Linear tint of back faces.
 const BACK_TINT: [f64; 3] = [0.42, 0.16, 0.15];
 
-/// Vertex colours of a mesh in linear light.
-pub(super) struct Albedo {
+/// Colours of a mesh in linear light.
+pub(super) struct Albedo<'a> {
+    texture: Option<&'a Texture>,
+    /// Of the vertices.
     colors: Option<Vec<[f32; 3]>>,
     clay: [f64; 3],
 }
 
-impl Albedo {
-    /// Colours are ignored when their number differs from that of the vertices.
-    pub(super) fn new(mesh: &TriangleMesh, clay: [u8; 3]) -> Self {
+impl<'a> Albedo<'a> {
+    /// Vertex colours are ignored when their number differs from that of the vertices, or there is a texture.
+    pub(super) fn new(mesh: &TriangleMesh, texture: Option<&'a Texture>, clay: [u8; 3]) -> Self {
         let colors = mesh
             .colors
             .as_ref()
@@ -30,6 +33,7 @@ impl Albedo {
                     .collect()
             });
         Self {
+            texture,
             colors,
             clay: linear_color(clay),
         }
@@ -37,10 +41,15 @@ impl Albedo {
 
     /// Linear colour of a sample on the triangle with these corners.
     pub(super) fn at(&self, corners: [u32; 3], sample: &Sample) -> [f64; 3] {
+        let [v, w] = sample.barycentric;
+        if let Some(texture) = self.texture {
+            let weights = [1.0 - v - w, v, w].map(f64::from);
+            let color = texture.color_at(sample.triangle, weights);
+            return color.map(|value| linear_value(value / 255.0));
+        }
         let Some(colors) = &self.colors else {
             return self.clay;
         };
-        let [v, w] = sample.barycentric;
         let weights = [1.0 - v - w, v, w];
         let mut color = [0.0; 3];
         for (corner, weight) in corners.into_iter().zip(weights) {
@@ -77,6 +86,14 @@ impl Light {
         openness: f64,
         options: &RenderOptions,
     ) -> [f64; 3] {
+        let tinted = !sample.is_front_face && options.back_faces == BackFaces::Tinted;
+        let tint = |channel: usize| match tinted {
+            true => 0.3 * color[channel] + 0.7 * BACK_TINT[channel],
+            false => color[channel],
+        };
+        if !options.is_lit {
+            return std::array::from_fn(tint);
+        }
         let normal = sample.normal();
         let sky = 0.5 + 0.5 * normal.dot(&self.up);
         // An area light also illuminates slightly beyond its horizon.
@@ -84,13 +101,8 @@ impl Light {
         let head = normal.dot(toward_viewer).max(0.0);
         let ambient = openness * (0.34 + 0.16 * sky);
         let direct = (0.4 + 0.6 * openness) * (0.42 * key + 0.16 * head);
-        let tinted = !sample.is_front_face && options.back_faces == BackFaces::Tinted;
         std::array::from_fn(|channel| {
-            let surface = if tinted {
-                0.3 * color[channel] + 0.7 * BACK_TINT[channel]
-            } else {
-                color[channel]
-            };
+            let surface = tint(channel);
             // Shade is a little blue and light a little warm, as in a room with a window.
             let cool = [0.96, 1.0, 1.06][channel];
             let warm = [1.04, 1.0, 0.95][channel];

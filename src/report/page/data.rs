@@ -7,6 +7,7 @@ use super::element_history::Lifetime;
 use super::encode::{Positions, push_number, text};
 use super::history::SurfaceHistory;
 use super::images::KeyframeImage;
+use super::texture::PageTexture;
 use linecarve_mesh::render::View;
 
 /// The content of a page. Lengths are in units of the poses, in the frame of the recorded histories.
@@ -120,6 +121,8 @@ pub struct PageSurface {
     pub history: SurfaceHistory,
     /// Error of each triangle of the history, 0 to 255 on the error scale.
     pub errors: Option<Vec<u8>>,
+    /// The final mesh with its texture.
+    pub texture: Option<PageTexture>,
     /// Milliseconds of each stage and keyframe.
     pub timing: Vec<StageTiming>,
 }
@@ -209,6 +212,7 @@ struct SurfaceData<'a> {
     vertices: Positions,
     triangles: TrianglesData,
     errors: Option<String>,
+    texture: &'a Option<PageTexture>,
     lines: Vec<LinesData>,
     points: Option<PointsData>,
     timing: TimingData<'a>,
@@ -321,6 +325,7 @@ impl<'a> SurfaceData<'a> {
             vertices,
             triangles,
             errors: surface.errors.as_deref().map(text),
+            texture: &surface.texture,
             lines,
             points: (!history.points.records().is_empty()).then(|| PointsData {
                 color: "#2060c8",

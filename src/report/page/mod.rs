@@ -10,6 +10,7 @@ mod encode;
 mod errors;
 mod history;
 mod images;
+mod texture;
 mod triangle_history;
 mod write;
 
@@ -20,6 +21,7 @@ pub use data::{
 pub use errors::triangle_errors;
 pub use history::{Elements, HistoryLimits, SurfaceHistory};
 pub use images::{KeyframeImage, keyframe_image};
+pub use texture::PageTexture;
 pub use write::write_page;
 
 pub(crate) use encode::{Positions, text as base64_text};

@@ -19,12 +19,18 @@ pub(super) struct Root<'a> {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) extensions_used: Vec<&'static str>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) images: Vec<Image>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) materials: Vec<Material>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) meshes: Vec<Mesh<'a>>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) nodes: Vec<Node<'a>>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) samplers: Vec<Sampler>,
     pub(super) scenes: [Scene; 1],
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) textures: Vec<TextureSource>,
 }
 
 #[derive(Serialize)]
@@ -79,6 +85,7 @@ impl From<ComponentType> for u32 {
 #[serde(rename_all = "UPPERCASE")]
 pub(super) enum ElementType {
     Scalar,
+    Vec2,
     Vec3,
     Vec4,
 }
@@ -95,7 +102,48 @@ pub(super) struct BufferView {
     pub(super) buffer: usize,
     pub(super) byte_length: usize,
     pub(super) byte_offset: usize,
-    pub(super) target: Target,
+    /// None for the file of an image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) target: Option<Target>,
+}
+
+/// An image file inside a buffer view.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Image {
+    pub(super) buffer_view: usize,
+    pub(super) mime_type: &'static str,
+}
+
+/// How an image is read between its texels: smoothly, with smaller versions, and not repeated.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Sampler {
+    mag_filter: u32,
+    min_filter: u32,
+    wrap_s: u32,
+    wrap_t: u32,
+}
+
+impl Default for Sampler {
+    fn default() -> Self {
+        const LINEAR: u32 = 9729;
+        const LINEAR_MIPMAP_LINEAR: u32 = 9987;
+        const CLAMP_TO_EDGE: u32 = 33071;
+        Self {
+            mag_filter: LINEAR,
+            min_filter: LINEAR_MIPMAP_LINEAR,
+            wrap_s: CLAMP_TO_EDGE,
+            wrap_t: CLAMP_TO_EDGE,
+        }
+    }
+}
+
+/// A texture: an image and its sampler.
+#[derive(Serialize)]
+pub(super) struct TextureSource {
+    pub(super) sampler: usize,
+    pub(super) source: usize,
 }
 
 /// Use of a buffer view, by its OpenGL code.
@@ -127,8 +175,15 @@ pub(super) struct Material {
 #[serde(rename_all = "camelCase")]
 struct PbrMetallicRoughness {
     base_color_factor: [f32; 4],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    base_color_texture: Option<TextureIndex>,
     metallic_factor: f32,
     roughness_factor: f32,
+}
+
+#[derive(Serialize)]
+struct TextureIndex {
+    index: usize,
 }
 
 /// Name of the extension for materials without shading.
@@ -151,12 +206,20 @@ impl Material {
             double_sided: true,
             pbr_metallic_roughness: PbrMetallicRoughness {
                 base_color_factor: [r, g, b, 1.0],
+                base_color_texture: None,
                 metallic_factor: 0.0,
                 roughness_factor: 1.0,
             },
             emissive_factor: [0.0; 3],
             extensions: is_unlit.then_some(MaterialExtensions { unlit: Unlit {} }),
         }
+    }
+
+    /// A two-sided material without shading, because the light is in the photographs.
+    pub(super) fn textured(index: usize) -> Self {
+        let mut material = Self::new([1.0; 3], true);
+        material.pbr_metallic_roughness.base_color_texture = Some(TextureIndex { index });
+        material
     }
 }
 
@@ -182,6 +245,8 @@ pub(super) struct Attributes {
     pub(super) position: usize,
     #[serde(rename = "COLOR_0", skip_serializing_if = "Option::is_none")]
     pub(super) color: Option<usize>,
+    #[serde(rename = "TEXCOORD_0", skip_serializing_if = "Option::is_none")]
+    pub(super) coordinates: Option<usize>,
 }
 
 /// What the indices of a primitive form, by its OpenGL code.

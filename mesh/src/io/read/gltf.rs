@@ -6,6 +6,7 @@
 
 mod container;
 mod document;
+mod texture;
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -19,6 +20,8 @@ use self::document::{Document, Mesh, Mode, Node, Primitive};
 use super::accessor::components;
 use crate::shape::Shape;
 use crate::srgb::encoded_color;
+use crate::texture::Texture;
+use texture::Textures;
 
 /// Maximum nesting of nodes; a file that exceeds it contains a cycle.
 const MAX_DEPTH: usize = 256;
@@ -56,19 +59,31 @@ impl Data<'_> {
 }
 
 /// Parses a file; buffers in files of their own are looked for beside `path`.
-pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Shape, String> {
+pub(super) fn parse(
+    bytes: &[u8],
+    path: &Path,
+    is_textured: bool,
+) -> Result<(Shape, Option<Texture>), String> {
     let (json, binary) = container::split(bytes)?;
     let document = Document::parse(json)?;
     let buffers = load_buffers(&document, binary, path)?;
     let data = Data { document, buffers };
     let document = &data.document;
     let mut shape = Shape::default();
+    let mut textures = is_textured.then(Textures::default);
     let Some(scene) = document.default_scene() else {
         // Without a scene, every mesh is read in its own frame.
         for index in 0..document.meshes.len() {
-            add_mesh(index, &Matrix4::identity(), &data, &mut shape)?;
+            add_mesh(
+                index,
+                &Matrix4::identity(),
+                &data,
+                &mut shape,
+                &mut textures,
+            )?;
         }
-        return Ok(shape);
+        let texture = textures.map(|all| all.load(&data, path)).transpose()?;
+        return Ok((shape, texture.flatten()));
     };
     let original_from_gltf = match &scene.extras {
         Some(extras) => original_from_gltf(extras)?,
@@ -88,12 +103,13 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Shape, String> {
         }
         let original_from_node = original_from_parent * node.parent_from_node().cast::<f64>();
         if let Some(mesh) = node.mesh {
-            add_mesh(mesh, &original_from_node, &data, &mut shape)?;
+            add_mesh(mesh, &original_from_node, &data, &mut shape, &mut textures)?;
         }
         let nodes = node.children.as_deref().unwrap_or_default();
         open.extend(children(nodes, original_from_node, depth + 1));
     }
-    Ok(shape)
+    let texture = textures.map(|all| all.load(&data, path)).transpose()?;
+    Ok((shape, texture.flatten()))
 }
 
 /// The matrix in the extras of a scene, or the identity when they have none.
@@ -121,23 +137,7 @@ fn load_buffers<'a>(
             None => binary
                 .ok_or("its binary chunk is missing: the file is cut short")?
                 .into(),
-            Some(uri) => match uri.strip_prefix("data:") {
-                Some(data) => {
-                    let (_, text) = data
-                        .split_once(";base64,")
-                        .ok_or("a data URI that is not base64")?;
-                    base64::engine::general_purpose::STANDARD
-                        .decode(text)
-                        .map_err(|error| format!("a damaged data URI: {error}"))?
-                        .into()
-                }
-                None => {
-                    let beside = path.with_file_name(unescaped(uri));
-                    std::fs::read(&beside)
-                        .map_err(|error| format!("its buffer {}: {error}", beside.display()))?
-                        .into()
-                }
-            },
+            Some(uri) => resource(uri, path, "buffer")?.into(),
         };
         if bytes.len() < buffer.byte_length {
             return Err(format!(
@@ -149,6 +149,20 @@ fn load_buffers<'a>(
         buffers.push(bytes);
     }
     Ok(buffers)
+}
+
+/// The bytes behind a reference: a data URI, or a file beside `path`.
+fn resource(uri: &str, path: &Path, what: &str) -> Result<Vec<u8>, String> {
+    if let Some(data) = uri.strip_prefix("data:") {
+        let (_, text) = data
+            .split_once(";base64,")
+            .ok_or("a data URI that is not base64")?;
+        return base64::engine::general_purpose::STANDARD
+            .decode(text)
+            .map_err(|error| format!("a damaged data URI: {error}"));
+    }
+    let beside = path.with_file_name(unescaped(uri));
+    std::fs::read(&beside).map_err(|error| format!("its {what} {}: {error}", beside.display()))
 }
 
 /// A relative reference with percent-encoding resolved.
@@ -177,6 +191,7 @@ fn add_mesh(
     original_from_mesh: &Matrix4<f64>,
     data: &Data<'_>,
     shape: &mut Shape,
+    textures: &mut Option<Textures>,
 ) -> Result<(), String> {
     let Mesh { primitives } = &data.document.meshes[index];
     for (number, primitive) in primitives.iter().enumerate() {
@@ -184,6 +199,11 @@ fn add_mesh(
             .map_err(|message| format!("mesh {index}, primitive {number}: {message}"))?;
         if shape.positions.len() + part.positions.len() > u32::MAX as usize {
             return Err("more vertices than 32 bits can count".to_owned());
+        }
+        if let Some(textures) = textures {
+            textures
+                .add(primitive, &part.triangles, data)
+                .map_err(|message| format!("mesh {index}, primitive {number}: {message}"))?;
         }
         shape.append(part);
     }

@@ -11,10 +11,12 @@ mod obj;
 mod ply;
 mod rows;
 mod stl;
+mod texture;
 
 use std::path::Path;
 
 use crate::shape::Shape;
+use crate::texture::Texture;
 pub use error::ReadError;
 
 /// Input formats.
@@ -39,6 +41,20 @@ enum Format {
 /// When the file cannot be read, its format is not known, its content is damaged, a coordinate is not finite or an
 /// index is out of range.
 pub fn read_geometry(path: &Path) -> Result<Shape, ReadError> {
+    read(path, false).map(|(shape, _)| shape)
+}
+
+/// [`read_geometry`] with the texture of the triangles, where a GLB, glTF or OBJ file has one image for all of them.
+///
+/// Texture coordinates beyond the image are moved to its edge: images are not repeated.
+///
+/// # Errors
+/// As [`read_geometry`], and when the image is missing or cannot be decoded.
+pub fn read_textured(path: &Path) -> Result<(Shape, Option<Texture>), ReadError> {
+    read(path, true)
+}
+
+fn read(path: &Path, is_textured: bool) -> Result<(Shape, Option<Texture>), ReadError> {
     let bytes = std::fs::read(path).map_err(|source| ReadError::Open {
         path: path.to_owned(),
         source,
@@ -46,18 +62,30 @@ pub fn read_geometry(path: &Path) -> Result<Shape, ReadError> {
     let format = format_of(path, &bytes).ok_or_else(|| ReadError::UnknownFormat {
         path: path.to_owned(),
     })?;
-    let shape = match format {
-        Format::Ply => ply::parse(&bytes).map_err(ReadError::content(path, "PLY")),
-        Format::Obj => obj::parse(&bytes).map_err(ReadError::content(path, "OBJ")),
-        Format::Stl => stl::parse(&bytes).map_err(ReadError::content(path, "STL")),
-        Format::Gltf => gltf::parse(&bytes, path).map_err(ReadError::content(path, "glTF")),
-        Format::Rows => rows::parse(&bytes).map_err(ReadError::content(path, "x y z")),
+    let plain = |shape: Shape| (shape, None);
+    let (shape, texture) = match format {
+        Format::Ply => ply::parse(&bytes)
+            .map(plain)
+            .map_err(ReadError::content(path, "PLY")),
+        Format::Obj => {
+            let texture_beside = is_textured.then_some(path);
+            obj::parse(&bytes, texture_beside).map_err(ReadError::content(path, "OBJ"))
+        }
+        Format::Stl => stl::parse(&bytes)
+            .map(plain)
+            .map_err(ReadError::content(path, "STL")),
+        Format::Gltf => {
+            gltf::parse(&bytes, path, is_textured).map_err(ReadError::content(path, "glTF"))
+        }
+        Format::Rows => rows::parse(&bytes)
+            .map(plain)
+            .map_err(ReadError::content(path, "x y z")),
     }?;
     shape.validate().map_err(|fault| ReadError::Geometry {
         path: path.to_owned(),
         fault,
     })?;
-    Ok(shape)
+    Ok((shape, texture))
 }
 
 fn format_of(path: &Path, bytes: &[u8]) -> Option<Format> {

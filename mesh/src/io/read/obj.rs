@@ -3,12 +3,20 @@
 //! `v`, `f`, `l` and `p` rows are parsed here because available libraries give every group its own vertices, which
 //! separates meshes along groups, omit unreferenced vertices, and report no line numbers.
 
+use std::path::Path;
+
 use nalgebra::Point3;
 
+use super::texture::{Coordinates, decoded};
 use crate::shape::Shape;
+use crate::texture::Texture;
 
-/// Parses a file; error messages name the line.
-pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
+/// Parses a file; error messages name the line. The texture is read when the path of the file is given, beside which its
+/// material library lies.
+pub(super) fn parse(
+    bytes: &[u8],
+    texture_beside: Option<&Path>,
+) -> Result<(Shape, Option<Texture>), String> {
     let mut parser = Parser::default();
     let mut logical = String::new();
     for (number, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
@@ -33,7 +41,28 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     if parser.shape.positions.is_empty() && !parser.has_known_row && !bytes.is_empty() {
         return Err("no row begins with v, f, l or p".to_owned());
     }
-    Ok(parser.finish())
+    let texture = match texture_beside {
+        Some(path) => parser.texture(path)?,
+        None => None,
+    };
+    Ok((parser.finish(), texture))
+}
+
+/// The image that a material library names for a material.
+fn image_of_material(library: &str, material: &str) -> Option<String> {
+    let mut is_wanted = false;
+    for line in library.lines() {
+        let Some((word, rest)) = line.trim().split_once(char::is_whitespace) else {
+            continue;
+        };
+        match word {
+            "newmtl" => is_wanted = rest.trim() == material,
+            // Options come before the name.
+            "map_Kd" if is_wanted => return rest.split_whitespace().last().map(str::to_owned),
+            _ => {}
+        }
+    }
+    None
 }
 
 #[derive(Default)]
@@ -42,6 +71,13 @@ struct Parser {
     /// Colours of all vertices so far, or none.
     colors: Vec<[u8; 3]>,
     has_known_row: bool,
+    /// Texture coordinates; `None` for those that are no numbers.
+    coordinates: Vec<Option<[f64; 2]>>,
+    /// Indices into `coordinates` of each triangle, where it has them.
+    places: Vec<[Option<usize>; 3]>,
+    library: Option<String>,
+    /// Materials of faces; a file with several has no texture.
+    materials: Vec<String>,
 }
 
 impl Parser {
@@ -50,17 +86,19 @@ impl Parser {
         match words.next() {
             Some("v") => self.vertex(words)?,
             Some("f") => {
-                let (first, second, third) = (
-                    self.corner(words.next())?,
-                    self.corner(words.next())?,
-                    self.corner(words.next())?,
-                );
-                self.shape.triangles.push([first, second, third]);
-                let mut last = third;
+                let mut corners = [0; 3];
+                let mut places = [None; 3];
+                for (corner, place) in corners.iter_mut().zip(&mut places) {
+                    let word = words.next();
+                    (*corner, *place) = (self.corner(word)?, self.place(word));
+                }
+                self.shape.triangles.push(corners);
+                self.places.push(places);
                 for word in words {
-                    let next = self.corner(Some(word))?;
-                    self.shape.triangles.push([first, last, next]);
-                    last = next;
+                    corners = [corners[0], corners[2], self.corner(Some(word))?];
+                    places = [places[0], places[2], self.place(Some(word))];
+                    self.shape.triangles.push(corners);
+                    self.places.push(places);
                 }
             }
             Some("l") => {
@@ -74,7 +112,25 @@ impl Parser {
                 }
             }
             Some("p") => {}
-            // Comments, texture coordinates, normals, groups, materials, free-form surfaces.
+            Some("vt") => {
+                let mut numbers = words.map(|word| word.parse::<f64>().ok());
+                let pair = numbers.next().flatten().zip(numbers.next().flatten());
+                // Counted from the lower edge.
+                self.coordinates.push(pair.map(|(u, v)| [u, 1.0 - v]));
+                return Ok(());
+            }
+            Some("mtllib") => {
+                self.library = words.next().map(str::to_owned);
+                return Ok(());
+            }
+            Some("usemtl") => {
+                let name = words.next().unwrap_or_default();
+                if !self.materials.iter().any(|known| known == name) {
+                    self.materials.push(name.to_owned());
+                }
+                return Ok(());
+            }
+            // Comments, normals, groups, free-form surfaces.
             _ => return Ok(()),
         }
         self.has_known_row = true;
@@ -133,6 +189,43 @@ impl Parser {
             .map_err(|_| format!("a reference to vertex {given}, but there are {count} so far"))
     }
 
+    /// The texture coordinate of a corner such as `7/1` or `-1/-1/3`, as an index from 0.
+    fn place(&self, word: Option<&str>) -> Option<usize> {
+        let given: i64 = word?.split('/').nth(1)?.parse().ok()?;
+        let index = if given < 0 {
+            self.coordinates.len() as i64 + given
+        } else {
+            given - 1
+        };
+        usize::try_from(index).ok()
+    }
+
+    /// The texture, when all triangles have texture coordinates and one material with an image.
+    fn texture(&self, path: &Path) -> Result<Option<Texture>, String> {
+        let ([material], Some(library)) = (self.materials.as_slice(), &self.library) else {
+            return Ok(None);
+        };
+        let coordinate = |place: &Option<usize>| *self.coordinates.get((*place)?)?;
+        let of_triangle = |places: &[Option<usize>; 3]| {
+            let [a, b, c] = places.each_ref().map(coordinate);
+            Some([a?, b?, c?])
+        };
+        let coordinates: Option<Coordinates> = self.places.iter().map(of_triangle).collect();
+        let Some(coordinates) = coordinates.filter(|all| !all.is_empty()) else {
+            return Ok(None);
+        };
+        let library = path.with_file_name(library);
+        let text = std::fs::read_to_string(&library)
+            .map_err(|error| format!("its material library {}: {error}", library.display()))?;
+        let Some(image) = image_of_material(&text, material) else {
+            return Ok(None);
+        };
+        let image = path.with_file_name(image);
+        let file = std::fs::read(&image)
+            .map_err(|error| format!("its texture {}: {error}", image.display()))?;
+        decoded(&file, &coordinates).map(Some)
+    }
+
     fn finish(mut self) -> Shape {
         if !self.colors.is_empty() && self.colors.len() == self.shape.positions.len() {
             self.shape.colors = Some(self.colors);
@@ -144,6 +237,10 @@ impl Parser {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn parse(bytes: &[u8]) -> Result<Shape, String> {
+        super::parse(bytes, None).map(|(shape, _)| shape)
+    }
 
     #[test]
     fn groups_share_their_vertices_and_unused_ones_stay() {

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix4, Quaternion};
 use serde::Deserialize;
-use serde::de::IgnoredAny;
 
 /// Extensions that a file may require without a change to its geometry.
 const HARMLESS_EXTENSIONS: [&str; 1] = ["KHR_materials_unlit"];
@@ -30,7 +29,9 @@ pub(super) struct Document {
     #[serde(default)]
     extensions_required: Vec<String>,
     #[serde(default)]
-    materials: Vec<IgnoredAny>,
+    pub(super) images: Vec<Image>,
+    #[serde(default)]
+    pub(super) materials: Vec<Material>,
     #[serde(default)]
     pub(super) meshes: Vec<Mesh>,
     #[serde(default)]
@@ -38,6 +39,42 @@ pub(super) struct Document {
     scene: Option<usize>,
     #[serde(default)]
     scenes: Vec<Scene>,
+    #[serde(default)]
+    pub(super) textures: Vec<TextureSource>,
+}
+
+/// An image file beside the document, in its text or in a buffer view.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Image {
+    pub(super) uri: Option<String>,
+    pub(super) buffer_view: Option<usize>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Material {
+    #[serde(default)]
+    pub(super) pbr_metallic_roughness: PbrMetallicRoughness,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct PbrMetallicRoughness {
+    pub(super) base_color_texture: Option<TextureInfo>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct TextureInfo {
+    pub(super) index: usize,
+    #[serde(default)]
+    pub(super) tex_coord: usize,
+}
+
+#[derive(Deserialize)]
+pub(super) struct TextureSource {
+    pub(super) source: Option<usize>,
 }
 
 #[derive(Deserialize)]
@@ -173,7 +210,7 @@ pub(super) struct Primitive {
     /// Accessors by semantic.
     pub(super) attributes: BTreeMap<String, usize>,
     pub(super) indices: Option<usize>,
-    material: Option<usize>,
+    pub(super) material: Option<usize>,
     #[serde(default)]
     pub(super) mode: Mode,
 }

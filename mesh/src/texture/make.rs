@@ -1,0 +1,90 @@
+//! All steps from photographs to a texture.
+
+use serde::Serialize;
+
+use super::chart::lay_out;
+use super::exposure::gains;
+use super::fill::{Sources, fill};
+use super::label::{choose, neighbours};
+use super::level::offsets;
+use super::observe::observe;
+use super::photo::LoadPhoto;
+use super::quality::rate;
+use super::spread::spread;
+use super::types::{Texture, TextureOptions, TextureView};
+use crate::TriangleMesh;
+
+/// What a texture is made of.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TextureSummary {
+    /// Width and height of the image in texels.
+    pub size: [u32; 2],
+    /// Charts: parts of the image.
+    pub charts: usize,
+    /// Views whose photographs could be read.
+    pub views: usize,
+    /// Triangles that no view sees. They have the colours of their vertices.
+    pub unseen_triangles: usize,
+    /// Gains that multiply the sRGB values of each view: red, green, blue. 1 for views that could not be read.
+    #[serde(skip)]
+    pub gains: Vec<[f32; 3]>,
+}
+
+/// The texture of a mesh from photographs of it; `None` when no photograph can be read, the mesh has no triangles,
+/// or more charts than an atlas can hold.
+///
+/// `load` reads the photograph of a view by its index, undistorted, and returns `None` when it is missing. It is called twice
+/// for each view, from any thread. Mesh and poses have one frame; triangles are seen from the side from which their corners
+/// are counter-clockwise.
+///
+/// The result is the same for any number of threads.
+///
+/// # Complexity
+/// O(views x (triangles + pixels)) time. Memory holds one photograph a thread, at most 16 observations a triangle, and 40 bytes
+/// a texel.
+pub fn texture_mesh(
+    mesh: &TriangleMesh,
+    views: &[TextureView],
+    load: &LoadPhoto<'_>,
+    options: &TextureOptions,
+) -> Option<(Texture, TextureSummary)> {
+    let mut observations = observe(mesh, views, load);
+    let read = observations.sizes.iter().flatten().count();
+    if read == 0 || mesh.triangles.is_empty() {
+        return None;
+    }
+    let gains = gains(&observations.of_triangle, views.len());
+    rate(&mut observations.of_triangle, &gains);
+    let neighbours = neighbours(&mesh.triangles);
+    let seam_cost = options.seam_cost as f32;
+    let labels = choose(&observations.of_triangle, &neighbours, seam_cost);
+    let layout = lay_out(
+        mesh,
+        views,
+        &observations,
+        &labels,
+        &neighbours,
+        options.max_texels,
+    )?;
+    let sources = Sources {
+        mesh,
+        views,
+        load,
+        of_triangle: &observations.of_triangle,
+        labels: &labels,
+        gains: &gains,
+        offsets: &offsets(mesh, &observations.of_triangle, &labels, &gains),
+        clay: options.clay,
+    };
+    let (mut image, is_filled) = fill(&sources, &layout);
+    spread(&mut image, &is_filled);
+    let summary = TextureSummary {
+        size: layout.size,
+        charts: layout.charts,
+        views: read,
+        unseen_triangles: labels.iter().filter(|label| label.is_none()).count(),
+        gains,
+    };
+    let corners = layout.corners;
+    Some((Texture { image, corners }, summary))
+}
