@@ -45,6 +45,8 @@ pub(crate) enum Command {
     /// How flat meshes are on the largest planes of a ground truth: root mean square distance in thousandths, mean angle of
     /// triangles in degrees.
     Flatness(FlatnessArgs),
+    /// Views of the textured mesh beside frames that are no keyframes.
+    Texture(TextureArgs),
     /// One run of the reconstruction as JSON: what `benchmarks` starts for each sequence, in a process of its own.
     Measure(MeasureArgs),
 }
@@ -231,6 +233,30 @@ pub(crate) struct CostArgs {
     /// Further options of `linecarve reconstruct`, after `--`.
     #[arg(last = true)]
     pub(crate) pass: Vec<String>,
+}
+
+/// Arguments of `texture`.
+#[derive(Debug, Args)]
+pub(crate) struct TextureArgs {
+    /// Folders of sequences.
+    #[arg(required = true)]
+    pub(crate) sequences: Vec<PathBuf>,
+
+    /// The keyframes.
+    #[command(flatten)]
+    pub(crate) selection: KeyframeArgs,
+
+    /// Frames that are compared, evenly spread over those that are no keyframes.
+    #[arg(long, value_name = "N", default_value_t = 24)]
+    pub(crate) frames: usize,
+
+    /// Also write frames and views side by side to this folder: the frame, vertex colours, texture.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) save: Option<PathBuf>,
+
+    /// Where the table goes.
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
 }
 
 /// Where a published table goes.

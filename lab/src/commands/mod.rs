@@ -12,6 +12,7 @@ mod results;
 mod rivals;
 mod scored_run;
 mod tables;
+mod texture;
 
 use anyhow::Context;
 use linecarve::commands::Outcome;
@@ -32,9 +33,11 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
     };
     let reports_times = match &cli.command {
         Command::Tables(_) | Command::Lines(_) | Command::Flatness(_) => false,
-        Command::Ablation(_) | Command::Benchmarks(_) | Command::Cost(_) | Command::Measure(_) => {
-            true
-        }
+        Command::Ablation(_)
+        | Command::Benchmarks(_)
+        | Command::Cost(_)
+        | Command::Measure(_)
+        | Command::Texture(_) => true,
     };
     let threads = cli.threads.or(reports_times.then_some(1));
     // `lines` may pass on to the product, which starts the threads itself.
@@ -49,6 +52,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Cost(args) => cost::run(&args, threads),
         Command::Measure(args) => measure::run(&args),
         Command::Flatness(args) => flatness::run(&args),
+        Command::Texture(args) => texture::run(&args),
     }
 }
 
