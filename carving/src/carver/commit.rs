@@ -7,7 +7,7 @@ use rustc_hash::FxHashMap;
 
 use super::affected::Affected;
 use super::error::TransactionError;
-use super::points::Points;
+use super::points::{NO_VERTEX, Points};
 use super::transaction::{PendingChange, Plan, PlannedWeights, Transaction};
 use super::{Carver, Labeling};
 use crate::surface::SurfaceDelta;
@@ -56,17 +56,22 @@ pub(super) fn commit(transaction: Transaction<'_>) -> Result<CommitReport, Trans
     plan.drop_idle_changes(carver);
     let affected = plan.affected(carver);
     plan.check_lengths(carver, &affected.rays)?;
-    if !carver
-        .tetrahedra
-        .has_room_for(plan.points.len() + plan.new_points.len())
-    {
+    let changed = plan.points.len() + plan.new_points.len();
+    let has_room = match carver.is_deferred {
+        true => Tetrahedralization::new().has_room_for(carver.points.len() + changed),
+        false => carver.tetrahedra.has_room_for(changed),
+    };
+    if !has_room {
         return Err(TransactionError::Full);
     }
-    Ok(carver.make(&plan, affected))
+    Ok(match carver.is_deferred {
+        true => carver.make_deferred(&plan, affected),
+        false => carver.make(&plan, affected),
+    })
 }
 
 /// Entries of a map in the order of their keys, so that hash order stays inside.
-fn sorted(map: &FxHashMap<u32, PendingChange>) -> Vec<(u32, PendingChange)> {
+pub(super) fn sorted(map: &FxHashMap<u32, PendingChange>) -> Vec<(u32, PendingChange)> {
     let mut entries: Vec<(u32, PendingChange)> =
         map.iter().map(|(&id, &change)| (id, change)).collect();
     entries.sort_unstable_by_key(|(id, _)| *id);
@@ -76,7 +81,7 @@ fn sorted(map: &FxHashMap<u32, PendingChange>) -> Vec<(u32, PendingChange)> {
 impl Plan {
     /// Removes affected observations of one kind from the cells, unless all lists are built again anyway, and those that
     /// end from the table. Returns the others, some of them under other numbers.
-    fn withdraw<const N: usize>(
+    pub(super) fn withdraw<const N: usize>(
         &self,
         planned: &PlannedWeights<N>,
         visibility: &mut impl Visibility<N>,
@@ -101,7 +106,7 @@ impl Plan {
 impl<const N: usize> PlannedWeights<N> {
     /// Updates the withdrawn observations of one kind in the table, inserts the new ones and appends them to `ids`: those
     /// that are to be added to cells.
-    fn enter(
+    pub(super) fn enter(
         &self,
         table: &mut impl ObservationTable<N>,
         (views, points): (&Views, &Points),
@@ -124,7 +129,8 @@ impl<const N: usize> PlannedWeights<N> {
         }
         for &id in &*ids {
             let ends = table.points(id);
-            let vertices = ends.map(|end| points.get(end).map_or(u32::MAX, |record| record.vertex));
+            let vertices =
+                ends.map(|end| points.get(end).map_or(NO_VERTEX, |record| record.vertex));
             table.set_ends(id, vertices, ends.map(|end| points.sigma(end)));
         }
     }
@@ -132,7 +138,7 @@ impl<const N: usize> PlannedWeights<N> {
 
 impl Carver {
     /// Both kinds of visibility, and what they share.
-    fn visibility(&mut self) -> (Space<'_>, &mut RayVisibility, &mut SegmentVisibility) {
+    pub(super) fn visibility(&mut self) -> (Space<'_>, &mut RayVisibility, &mut SegmentVisibility) {
         let space = Space {
             tetrahedra: &self.tetrahedra,
             views: &self.views,
@@ -200,7 +206,18 @@ impl Carver {
         rays.add(&mut space, &mut changed_rays);
         segments.add(&mut space, &mut changed_segments);
         report.times.carving += start.elapsed();
+        self.update_surface(changes, is_rebuilt, &mut report);
+        report
+    }
 
+    /// Brings labels and surface up to date after `changes` of the cells and of what passes through them; of all cells, if all
+    /// lists were built again.
+    pub(super) fn update_surface(
+        &mut self,
+        changes: Changes,
+        is_rebuilt: bool,
+        report: &mut CommitReport,
+    ) {
         let start = Instant::now();
         let mut flipped = std::mem::take(self.cells.flipped());
         if is_rebuilt {
@@ -228,10 +245,9 @@ impl Carver {
         *self.cells.flipped() = flipped;
         self.changes = changes;
         report.times.surface += start.elapsed();
-        report
     }
 
-    fn update_views(&mut self, plan: &Plan) {
+    pub(super) fn update_views(&mut self, plan: &Plan) {
         for (view, change) in sorted(&plan.views) {
             match change {
                 PendingChange::Removed => self.views.remove(view),

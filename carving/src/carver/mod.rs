@@ -3,6 +3,7 @@
 mod affected;
 mod check;
 mod commit;
+mod deferred;
 mod error;
 mod ids;
 mod points;
@@ -29,7 +30,7 @@ use crate::visibility::{
     Cells, ObservationTable, RayVisibility, SegmentVisibility, Views, Visibility,
 };
 
-use points::Points;
+use points::{NO_VERTEX, Points};
 
 /// Options of a [`Carver`], fixed for its life.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,6 +65,8 @@ enum Labeling {
 /// and occupied only; unobserved space is occupied.
 #[derive(Clone, Debug)]
 pub struct Carver {
+    /// Whether cells, labels and surface are made by [`carve`](Self::carve) alone.
+    is_deferred: bool,
     labels: Labeling,
     tetrahedra: Tetrahedralization,
     points: Points,
@@ -84,6 +87,10 @@ impl Default for Carver {
 impl Carver {
     /// An empty carver.
     pub fn new(options: CarverOptions) -> Self {
+        Self::with_lists(options, true)
+    }
+
+    fn with_lists(options: CarverOptions, has_lists: bool) -> Self {
         let (labels, threshold, softness) = match options.labels {
             Labels::Votes(votes) => (Labeling::Votes(votes), votes.threshold.get(), None),
             Labels::Cut(cut) => {
@@ -92,12 +99,13 @@ impl Carver {
             }
         };
         Self {
+            is_deferred: !has_lists,
             labels,
             tetrahedra: Tetrahedralization::new(),
             points: Points::default(),
             views: Views::default(),
-            rays: RayVisibility::new(softness),
-            segments: SegmentVisibility::new(softness),
+            rays: RayVisibility::new(softness, has_lists),
+            segments: SegmentVisibility::new(softness, has_lists),
             cells: Cells::new(threshold, softness.is_some()),
             facets: Facets::new(options.hull),
             changes: Changes::new(),
@@ -160,8 +168,8 @@ impl Carver {
         })
     }
 
-    /// Number of entries in the crossing lists: pairs of a ray and a cell, finite or ghost, that it crosses or in whose
-    /// boundary it runs.
+    /// Number of pairs of a ray and a cell, finite or ghost, that it crosses or in whose boundary it runs. Unless the carver is
+    /// [deferred](Self::deferred), each is an entry in the list of its cell.
     pub fn crossing_count(&self) -> u64 {
         self.rays.crossings().total()
     }
@@ -178,11 +186,11 @@ impl Carver {
             .map(|record| Point3::from(record.position))
     }
 
-    /// Vertex of a point; shared by all points at the same position. `None` if it was removed or never added.
+    /// Vertex of a point; shared by all points at the same position. `None` if it was removed or never added, and in a
+    /// [deferred](Self::deferred) carver until it carves.
     pub fn vertex_of(&self, point: PointId) -> Option<VertexId> {
-        self.points
-            .get(point.0)
-            .map(|record| VertexId::from_index(record.vertex as usize))
+        let vertex = self.points.get(point.0)?.vertex;
+        (vertex != NO_VERTEX).then(|| VertexId::from_index(vertex as usize))
     }
 
     /// Standard deviation of a point along its rays, where it was set.
@@ -247,17 +255,22 @@ impl Carver {
         self.cells.weight(cell)
     }
 
-    /// The observations whose rays cross a cell, in no particular order.
+    /// The observations whose rays cross a cell, in no particular order. A [deferred](Self::deferred) carver tests all of
+    /// them.
     ///
     /// # Panics
     ///
     /// For ids that were never given out.
     pub fn rays_across(&self, cell: CellId) -> impl Iterator<Item = (ViewId, PointId)> + '_ {
         let rays = self.rays.table();
-        let listed = self.rays.crossings().of(cell);
-        listed
+        let crossings = self.rays.crossings();
+        let has_lists = crossings.has_lists();
+        let listed = has_lists.then(|| crossings.of(cell));
+        let others = (!has_lists).then(|| rays.all());
+        (listed.into_iter().flatten())
+            .chain(others.into_iter().flatten())
             .filter(move |&ray| {
-                !rays.is_degenerate(ray)
+                has_lists && !rays.is_degenerate(ray)
                     || self.rays.crosses(&self.tetrahedra, &self.views, ray, cell)
             })
             .map(|ray| {

@@ -1,9 +1,13 @@
 //! The table of points and how many of them share a vertex.
 
+/// Marks a point that has no vertex yet.
+pub(super) const NO_VERTEX: u32 = u32::MAX;
+
 /// A point in use.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
     pub(super) position: [f64; 3],
+    /// [`NO_VERTEX`] while the carver defers.
     pub(super) vertex: u32,
 }
 
@@ -59,8 +63,38 @@ impl Points {
 
     /// Puts a point, new or detached, at a vertex.
     pub(super) fn attach(&mut self, point: u32, position: [f64; 3], vertex: u32) {
-        self.records[point as usize] = Some(Point { position, vertex });
+        self.put(point, position);
+        self.set_vertex(point, vertex);
+    }
+
+    /// Puts a point, new or removed, at a position without a vertex.
+    pub(super) fn put(&mut self, point: u32, position: [f64; 3]) {
+        self.records[point as usize] = Some(Point {
+            position,
+            vertex: NO_VERTEX,
+        });
         self.alive += 1;
+    }
+
+    /// Removes a point, whether or not it has a vertex.
+    pub(super) fn remove(&mut self, point: u32) {
+        let record = self.records[point as usize].take();
+        self.alive -= usize::from(record.is_some());
+    }
+
+    /// Forgets the vertices of all points.
+    pub(super) fn forget_vertices(&mut self) {
+        for record in self.records.iter_mut().flatten() {
+            record.vertex = NO_VERTEX;
+        }
+        self.users.clear();
+    }
+
+    /// Gives a point its vertex.
+    pub(super) fn set_vertex(&mut self, point: u32, vertex: u32) {
+        if let Some(record) = &mut self.records[point as usize] {
+            record.vertex = vertex;
+        }
         if self.users.len() <= vertex as usize {
             self.users.resize(vertex as usize + 1, 0);
         }

@@ -65,7 +65,14 @@ impl Carver {
     /// A carver in the same state, built from scratch: views, points, observations and segments are added in one transaction
     /// in the order of ids, or in reverse. Its ids are new.
     pub fn rebuilt(&self, reverse: bool) -> Carver {
-        rebuild::rebuild(self, reverse)
+        let mut carver = Carver::new(self.options());
+        self.rebuild(&mut carver, reverse);
+        carver
+    }
+
+    /// Adds all views, points, observations and segments to another carver.
+    pub(super) fn rebuild(&self, carver: &mut Carver, reverse: bool) {
+        rebuild::rebuild(self, carver, reverse);
     }
 }
 
@@ -117,12 +124,10 @@ mod rebuild {
         Ok(())
     }
 
-    pub(super) fn rebuild(source: &Carver, reverse: bool) -> Carver {
-        let mut carver = Carver::new(source.options());
+    pub(super) fn rebuild(source: &Carver, carver: &mut Carver, reverse: bool) {
         let mut transaction = carver.transaction();
         fill(&mut transaction, source, reverse)
             .and_then(|()| transaction.commit())
             .expect("a valid state is accepted again");
-        carver
     }
 }

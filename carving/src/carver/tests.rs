@@ -321,7 +321,46 @@ fn run(seed: u64, steps: usize) {
             "seed {seed} in {space:?}"
         );
     }
+    assert_carves_alike(&mut rng, &carver, space);
     take_apart(&mut rng, carver, follower);
+}
+
+/// The state of a carver that carved once is that of `carver` bit for bit, evidence included; before and after further
+/// changes.
+fn assert_carves_alike(rng: &mut ChaCha8Rng, carver: &Carver, space: Space) {
+    let mut deferred = Carver::deferred(carver.options());
+    let reverse = rng.random();
+    carver.rebuild(&mut deferred, reverse);
+    assert_eq!(deferred.snapshot(), Snapshot::default());
+    assert_eq!(deferred.tetrahedra().vertex_count(), 0);
+    let report = deferred.carve();
+    assert_eq!(report.surface.added.len(), carver.triangle_count());
+    assert_same_cells(carver, &deferred);
+    let mut incremental = carver.rebuilt(reverse);
+    for _ in 0..3 {
+        for _ in 0..10 {
+            let event = event(rng, space, &incremental);
+            let outcomes = [&mut incremental, &mut deferred].map(|it| apply(it, &[event]).is_ok());
+            assert_eq!(outcomes[0], outcomes[1], "{event:?}");
+        }
+        deferred.carve();
+        assert_same_cells(&incremental, &deferred);
+    }
+}
+
+/// Compares labels, surface, weights and evidence of all cells, and what crosses them.
+fn assert_same_cells(incremental: &Carver, deferred: &Carver) {
+    assert_eq!(deferred.snapshot(), incremental.snapshot());
+    if let Err(violation) = deferred.check() {
+        panic!("{violation}");
+    }
+    let across = |carver: &Carver| -> u64 {
+        let cells = carver.tetrahedra.cells();
+        cells
+            .map(|cell| carver.rays_across(cell).count() as u64)
+            .sum()
+    };
+    assert_eq!(across(deferred), across(incremental));
 }
 
 /// Removes segments one by one, some together with views and points, then the other points: the state stays that built
@@ -404,6 +443,11 @@ fn rays_walked_by_several_threads_are_recorded_alike() {
         let [one, three] = [1, 3].map(|threads| build(space, threads));
         assert_eq!(one.snapshot(), three.snapshot(), "{space:?}");
         three.check().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build();
+        let mut deferred = Carver::deferred(one.options());
+        one.rebuild(&mut deferred, false);
+        pool.unwrap().install(|| deferred.carve());
+        assert_eq!(deferred.snapshot(), one.snapshot(), "{space:?}");
     }
 }
 

@@ -28,8 +28,10 @@ impl Anchor {
 }
 
 /// Anchors and the cells that hold them.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct OccupiedAnchors {
+    /// Whether cells list their anchors; otherwise they are located only.
+    has_lists: bool,
     anchors: Vec<Anchor>,
     /// For each cell the first anchor that it lists.
     first: Vec<u32>,
@@ -38,6 +40,16 @@ pub(super) struct OccupiedAnchors {
 }
 
 impl OccupiedAnchors {
+    /// No anchors, and lists of them where asked for.
+    pub(super) fn new(has_lists: bool) -> Self {
+        Self {
+            has_lists,
+            anchors: Vec::new(),
+            first: Vec::new(),
+            orphaned: Vec::new(),
+        }
+    }
+
     /// Makes room for cells and anchors with numbers below.
     pub(super) fn grow(&mut self, cells: usize, anchors: usize) {
         self.first.resize(cells.max(self.first.len()), NONE);
@@ -63,6 +75,9 @@ impl OccupiedAnchors {
             Location::OnVertex(vertex) => (tetrahedra.cell_of(vertex)?, false),
             Location::NoCells => return None,
         };
+        if !self.has_lists {
+            return is_inside.then_some(cell);
+        }
         let next = std::mem::replace(&mut self.first[cell.index()], id);
         if next != NONE {
             self.anchors[next as usize].links[0] = id;

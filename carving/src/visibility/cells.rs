@@ -94,6 +94,11 @@ impl Cells {
         &mut self.flipped
     }
 
+    /// Back to no cells.
+    pub(crate) fn forget(&mut self) {
+        *self = Self::new(self.threshold, self.evidence.is_on());
+    }
+
     /// Resets all sums.
     pub(crate) fn clear(&mut self) {
         self.weights.fill(0);

@@ -96,6 +96,8 @@ impl List {
 /// 8 bytes a cell and 64 bytes for each 15 entries begun. A freed chunk is the next to be used.
 #[derive(Clone, Debug)]
 pub(crate) struct Crossings {
+    /// Whether there are lists; otherwise entries are counted only.
+    has_lists: bool,
     lists: Vec<List>,
     chunks: Vec<Chunk>,
     free: u32,
@@ -110,9 +112,11 @@ pub(crate) struct Crossings {
     withdrawn: [Vec<u32>; 2],
 }
 
-impl Default for Crossings {
-    fn default() -> Self {
+impl Crossings {
+    /// No entries, and lists of them where asked for.
+    pub(crate) fn new(has_lists: bool) -> Self {
         Self {
+            has_lists,
             lists: Vec::new(),
             chunks: Vec::new(),
             free: NO_CHUNK,
@@ -123,15 +127,18 @@ impl Default for Crossings {
             withdrawn: [Vec::new(), Vec::new()],
         }
     }
-}
 
-impl Crossings {
     /// Largest number of an observation.
     pub(crate) const MAX_ID: usize = (u32::MAX >> ENTRANCE_BITS) as usize;
 
+    /// Whether there are lists; otherwise entries are counted only.
+    pub(crate) fn has_lists(&self) -> bool {
+        self.has_lists
+    }
+
     /// Makes room for cells with index below `cells`.
     pub(crate) fn grow(&mut self, cells: usize) {
-        if self.lists.len() < cells {
+        if self.has_lists && self.lists.len() < cells {
             self.lists.resize(cells, List::EMPTY);
         }
     }
@@ -163,6 +170,10 @@ impl Crossings {
     /// Adds an observation that is not in the list of `cell`.
     #[inline]
     pub(crate) fn add(&mut self, cell: CellId, id: ObservationId, entrance: Entrance) {
+        self.total += 1;
+        if !self.has_lists {
+            return;
+        }
         let list = &mut self.lists[cell.index()];
         let slot = list.len as usize % CHUNK_LEN;
         if slot == 0 {
@@ -181,7 +192,6 @@ impl Crossings {
         }
         self.chunks[list.first as usize][slot] = Entry::new(id, entrance).0;
         list.len += 1;
-        self.total += 1;
     }
 
     /// Withdraws an observation, which `entries` cells list; its number is given out again by [`sweep`](Self::sweep).
@@ -351,7 +361,7 @@ mod tests {
 
     #[test]
     fn lists_keep_what_is_added_and_forget_what_is_removed() {
-        let mut crossings = Crossings::default();
+        let mut crossings = Crossings::new(true);
         crossings.grow(2);
         let [one, two] = [0, 1].map(CellId::from_index);
         for id in 0..100 {
@@ -377,7 +387,7 @@ mod tests {
 
     #[test]
     fn any_choice_of_entries_can_be_dropped() {
-        let mut crossings = Crossings::default();
+        let mut crossings = Crossings::new(true);
         crossings.grow(1);
         let cell = CellId::from_index(0);
         for count in 0..64u32 {
@@ -402,7 +412,7 @@ mod tests {
 
     #[test]
     fn withdrawn_numbers_are_unlisted_at_once_and_given_out_again_later() {
-        let mut crossings = Crossings::default();
+        let mut crossings = Crossings::new(true);
         crossings.grow(40);
         for id in 0..200 {
             for cell in (0..40).map(CellId::from_index) {
@@ -441,7 +451,7 @@ mod tests {
 
     #[test]
     fn an_entry_says_where_the_observation_enters() {
-        let mut crossings = Crossings::default();
+        let mut crossings = Crossings::new(true);
         crossings.grow(1);
         let cell = CellId::from_index(0);
         let entrances = [
@@ -462,7 +472,7 @@ mod tests {
 
     #[test]
     fn freed_chunks_are_used_again() {
-        let mut crossings = Crossings::default();
+        let mut crossings = Crossings::new(true);
         crossings.grow(1);
         let cell = CellId::from_index(0);
         let mut ids = vec![];

@@ -36,9 +36,12 @@ impl RayVisibility {
         views: &Views,
         cell: CellId,
     ) -> Result<Contribution, ListError> {
+        let has_lists = self.crossings.has_lists();
         let mut is_listed = vec![false; self.table.capacity()];
-        for ray in self.crossings.of(cell) {
-            is_listed[ray.0 as usize] = true;
+        if has_lists {
+            for ray in self.crossings.of(cell) {
+                is_listed[ray.0 as usize] = true;
+            }
         }
         let walker = Walker {
             tetrahedra,
@@ -51,7 +54,7 @@ impl RayVisibility {
             let crosses = self.crosses(tetrahedra, views, ray, cell);
             let is_listed = is_listed[ray.0 as usize];
             // Rays that run in the boundary of the cell may be listed as well.
-            if crosses != is_listed && (crosses || !self.table.is_degenerate(ray)) {
+            if has_lists && crosses != is_listed && (crosses || !self.table.is_degenerate(ray)) {
                 return Err(ListError {
                     observation: ray,
                     is_listed,

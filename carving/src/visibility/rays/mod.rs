@@ -53,13 +53,13 @@ impl RayVisibility {
     /// Largest number of rays, old numbers that lists may still hold included.
     pub(crate) const MAX_RAYS: usize = Crossings::MAX_ID;
 
-    /// No rays; with evidence where a softness is given.
-    pub(crate) fn new(softness: Option<Softness>) -> Self {
+    /// No rays; with evidence where a softness is given. Without lists all of them are added to all cells at once.
+    pub(crate) fn new(softness: Option<Softness>, has_lists: bool) -> Self {
         Self {
             table: Rays::new(softness.is_some()),
-            crossings: Crossings::default(),
+            crossings: Crossings::new(has_lists),
             softness,
-            anchors: OccupiedAnchors::default(),
+            anchors: OccupiedAnchors::new(has_lists),
             walk: WalkScratch::default(),
             scratch: RewalkScratch::default(),
             unlisted: Vec::new(),

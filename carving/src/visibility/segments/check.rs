@@ -16,7 +16,9 @@ impl SegmentVisibility {
         views: &Views,
         cell: CellId,
     ) -> Result<Contribution, ListError> {
-        let mut listed: Vec<ObservationId> = self.crossings.of(cell).collect();
+        let has_lists = self.crossings.has_lists();
+        let listed = has_lists.then(|| self.crossings.of(cell));
+        let mut listed: Vec<ObservationId> = listed.into_iter().flatten().collect();
         listed.sort_unstable();
         let repeated = listed.windows(2).find(|pair| pair[0] == pair[1]);
         let stale = listed.iter().find(|id| !self.table.is_in_use(**id));
@@ -37,7 +39,7 @@ impl SegmentVisibility {
             let evidence = self.table.get(id).evidence(tetrahedra, views);
             let [a, b] = evidence.ends;
             if triangle_meets_cell([evidence.center, a, b], corners) {
-                if listed.binary_search(&id).is_err() {
+                if has_lists && listed.binary_search(&id).is_err() {
                     return Err(ListError {
                         observation: id,
                         is_listed: false,

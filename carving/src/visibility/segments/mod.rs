@@ -57,13 +57,13 @@ impl SegmentVisibility {
     /// Largest number of segments: that of an entry in the lists. Anchors are numbered with 32 bits.
     pub(crate) const MAX_SEGMENTS: usize = Crossings::MAX_ID;
 
-    /// No segments; with evidence where a softness is given.
-    pub(crate) fn new(softness: Option<Softness>) -> Self {
+    /// No segments; with evidence where a softness is given. Without lists all of them are added to all cells at once.
+    pub(crate) fn new(softness: Option<Softness>, has_lists: bool) -> Self {
         Self {
             table: VisibilityTriangles::default(),
-            crossings: Crossings::default(),
+            crossings: Crossings::new(has_lists),
             softness,
-            anchors: OccupiedAnchors::default(),
+            anchors: OccupiedAnchors::new(has_lists),
             search: SearchScratch::default(),
             scratch: RewalkScratch::default(),
         }

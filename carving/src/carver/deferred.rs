@@ -1,0 +1,148 @@
+//! A carver that carves once: sums in place of lists.
+//!
+//! While changes of points, views and observations come in, nothing but their tables follows. [`Carver::carve`] then inserts all
+//! points, walks each ray and searches for each segment once, and adds what they say to the sums of the cells. Sums are integers,
+//! so they are those that the lists of an incremental carver lead to; labels and surface follow from them by the same functions.
+
+use std::time::Instant;
+
+use nalgebra::Point3;
+
+use super::affected::Affected;
+use super::commit::{CommitReport, sorted};
+use super::points::{NO_VERTEX, Points};
+use super::transaction::{PendingChange, Plan};
+use super::{Carver, CarverOptions, Labeling};
+use crate::labels::Cut;
+use crate::surface::Facets;
+use crate::tetrahedralization::{Changes, Insertion, Tetrahedralization};
+use crate::visibility::{ObservationId, ObservationTable, Visibility};
+
+impl Carver {
+    /// An empty carver whose cells, labels and surface are made by [`carve`](Self::carve) and by nothing else. Transactions change
+    /// points, views and observations, and cost no more than that.
+    ///
+    /// The state after [`carve`](Self::carve) is that of any other carver with the same points, views and observations. Without
+    /// lists of rays it takes a fraction of the memory and, where only the last state is of interest, of the time.
+    pub fn deferred(options: CarverOptions) -> Self {
+        Self::with_lists(options, false)
+    }
+
+    /// Whether the carver was made by [`deferred`](Self::deferred).
+    pub fn is_deferred(&self) -> bool {
+        self.is_deferred
+    }
+
+    /// Makes cells, labels and surface of a [deferred](Self::deferred) carver from its points, views and observations. They stay as
+    /// they are until the next call, which begins anew. Does nothing in other carvers.
+    ///
+    /// The report is that of a change from the empty state; ids of cells and vertices are new.
+    ///
+    /// # Complexity
+    ///
+    /// That of the tetrahedralisation of all points, and per observation the cells that it passes through.
+    pub fn carve(&mut self) -> CommitReport {
+        let mut report = CommitReport::default();
+        if !self.is_deferred {
+            return report;
+        }
+        let start = Instant::now();
+        self.forget_cells();
+        self.insert_points(&mut report);
+        let changes = Changes {
+            created: self.tetrahedra.cells().collect(),
+            ..Changes::default()
+        };
+        report.created_cells = changes.created.len();
+        report.times.tetrahedra += start.elapsed();
+
+        let start = Instant::now();
+        let mut rays = enter_vertices(self.rays.table_mut(), &self.points);
+        let mut segments = enter_vertices(self.segments.table_mut(), &self.points);
+        self.cells.begin_update(&self.tetrahedra, &changes);
+        self.cells.end_update(&changes);
+        self.views.locate_stale(&self.tetrahedra, |_| true);
+        let (mut space, ray_visibility, segment_visibility) = self.visibility();
+        ray_visibility.add(&mut space, &mut rays);
+        segment_visibility.add(&mut space, &mut segments);
+        report.times.carving += start.elapsed();
+        self.update_surface(changes, false, &mut report);
+        self.changes = Changes::default();
+        report
+    }
+
+    /// Back to no cells.
+    fn forget_cells(&mut self) {
+        self.tetrahedra = Tetrahedralization::new();
+        self.points.forget_vertices();
+        self.rays.clear();
+        self.segments.clear();
+        self.cells.forget();
+        self.facets = Facets::new(self.facets.hull());
+        if let Labeling::Cut(cut) = &mut self.labels {
+            **cut = Cut::new(cut.options());
+        }
+    }
+
+    /// Inserts all points in spatial order.
+    fn insert_points(&mut self, report: &mut CommitReport) {
+        let (ids, positions): (Vec<u32>, Vec<Point3<f64>>) = (self.points.ids())
+            .filter_map(|id| Some((id, Point3::from(self.points.get(id)?.position))))
+            .unzip();
+        let (tetrahedra, outcomes) = Tetrahedralization::from_points(&positions)
+            .expect("positions were accepted, and room checked, when they came");
+        for (id, outcome) in ids.into_iter().zip(outcomes) {
+            let is_new = matches!(outcome, Insertion::Inserted(_));
+            report.duplicates += usize::from(!is_new);
+            self.points.set_vertex(id, outcome.vertex().index() as u32);
+        }
+        self.tetrahedra = tetrahedra;
+    }
+
+    /// Changes points, views and observations, and nothing that follows from them.
+    pub(super) fn make_deferred(&mut self, plan: &Plan, affected: Affected) -> CommitReport {
+        let first_new_view = self.views.capacity() as u32;
+        let (mut space, rays, segments) = self.visibility();
+        // As if all lists were built again: there are none to withdraw from.
+        let mut rays = plan.withdraw(&plan.rays, rays, &mut space, (affected.rays, true));
+        let affected = (affected.segments, true);
+        let mut segments = plan.withdraw(&plan.segments, segments, &mut space, affected);
+        self.update_views(plan);
+        for (point, change) in sorted(&plan.points) {
+            self.points.remove(point);
+            if let PendingChange::Moved(position) = change {
+                self.points.put(point, position);
+            }
+        }
+        for position in &plan.new_points {
+            let point = self.points.reserve_id();
+            if let Some(position) = *position {
+                self.points.put(point, position);
+            }
+        }
+        for (&point, &sigma) in &plan.sigmas {
+            self.points.set_sigma(point, sigma);
+        }
+        let ends = (&self.views, &self.points);
+        let table = self.rays.table_mut();
+        plan.rays.enter(table, ends, first_new_view, &mut rays);
+        let table = self.segments.table_mut();
+        plan.segments
+            .enter(table, ends, first_new_view, &mut segments);
+        CommitReport::default()
+    }
+}
+
+/// Enters the vertices and deviations of all points into a table, and returns its observations.
+fn enter_vertices<const N: usize>(
+    table: &mut impl ObservationTable<N>,
+    points: &Points,
+) -> Vec<ObservationId> {
+    let ids: Vec<ObservationId> = table.all().collect();
+    for &id in &ids {
+        let ends = table.points(id);
+        let vertices = ends.map(|end| points.get(end).map_or(NO_VERTEX, |record| record.vertex));
+        table.set_ends(id, vertices, ends.map(|end| points.sigma(end)));
+    }
+    ids
+}
