@@ -19,7 +19,7 @@ pub struct CarvedCell {
 pub struct Snapshot {
     /// All finite cells in lexicographic order.
     pub cells: Vec<CarvedCell>,
-    /// The surface.
+    /// The surface, made manifold.
     pub mesh: IndexedMesh,
 }
 
@@ -58,7 +58,10 @@ impl Carver {
         });
         Snapshot {
             cells,
-            mesh: self.mesh(&ExportOptions::default()),
+            mesh: self.mesh(&ExportOptions {
+                manifold: true,
+                ..ExportOptions::default()
+            }),
         }
     }
 

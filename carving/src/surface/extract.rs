@@ -183,14 +183,19 @@ fn split_repeated_edges(mesh: &mut IndexedMesh, edges: &[[u32; 3]]) {
     let whole = std::mem::take(&mut mesh.triangles);
     for (triangle, numbers) in whole.into_iter().zip(edges) {
         let middle = numbers.map(|number| midpoints.get(&number).copied());
-        cut_at_midpoints(triangle, middle, &mut mesh.triangles);
+        // Vertices are sorted by position.
+        let first = (0..3).min_by_key(|&k| triangle[k]).unwrap_or(0);
+        cut_at_midpoints(triangle, middle, first, &mut mesh.triangles);
     }
 }
 
 /// Appends the parts of a triangle whose edges have the given vertices in their middle; the triangle itself when there are none.
+///
+/// `first` is the corner at the lexicographically smallest position: which parts two midpoints make must not depend on ids.
 pub(super) fn cut_at_midpoints(
     triangle: [u32; 3],
     middle: [Option<u32>; 3],
+    first: usize,
     parts: &mut Vec<[u32; 3]>,
 ) {
     if middle == [None; 3] {
@@ -199,7 +204,7 @@ pub(super) fn cut_at_midpoints(
     }
     // The boundary of the triangle with its midpoints, cut into ears at the midpoints.
     let mut boundary: Vec<(u32, bool)> = Vec::with_capacity(6);
-    for k in 0..3 {
+    for k in [first, (first + 1) % 3, (first + 2) % 3] {
         boundary.push((triangle[k], false));
         boundary.extend(middle[k].map(|m| (m, true)));
     }

@@ -14,6 +14,8 @@ use crate::tetrahedralization::{Tetrahedralization, VertexId};
 pub(super) struct Split {
     /// The vertex at the middle of each edge, [`NONE`] for those that are whole.
     pub(super) midpoints: [u32; 3],
+    /// The corner that was at the smallest position when the faces were made.
+    pub(super) first: usize,
     pub(super) faces: Vec<u32>,
 }
 
@@ -90,6 +92,7 @@ impl Update<'_> {
     }
 
     fn split(&mut self, edge: &EdgeGroup, ends: [u32; 2]) {
+        let tetrahedra = self.carved.tetrahedra;
         let [a, b] = ends.map(|end| *self.mesh.vertices.position(end));
         let middle = center(&a, &b);
         let known = edge.sides().find_map(|(triangle, k)| {
@@ -108,9 +111,11 @@ impl Update<'_> {
         for (triangle, k) in edge.sides() {
             let split = self.mesh.splits.entry(triangle).or_insert_with(|| Split {
                 midpoints: [NONE; 3],
+                first: 0,
                 faces: Vec::new(),
             });
-            if std::mem::replace(&mut split.midpoints[k], number) != number {
+            let is_new = std::mem::replace(&mut split.midpoints[k], number) != number;
+            if is_new || split.first != first_corner(tetrahedra, &triangle) {
                 self.stale.push(triangle);
             } else {
                 self.reshaped.push(triangle);
@@ -123,6 +128,12 @@ impl Update<'_> {
         self.mesh.log.place(number);
         number
     }
+}
+
+/// The corner of a triangle at the lexicographically smallest position.
+pub(super) fn first_corner(tetrahedra: &Tetrahedralization, triangle: &Triangle) -> usize {
+    let position = |k: &usize| tetrahedra.coordinates(triangle[*k]).map(Ordered);
+    (0..3).min_by_key(position).unwrap_or(0)
 }
 
 /// The positions of the first triangle at an edge in the order of extraction.

@@ -8,6 +8,7 @@ use super::super::extract::cut_at_midpoints;
 use super::components::ComponentSearch;
 use super::locate::{Carved, Located};
 use super::splits::EdgeGroup;
+use super::splits::first_corner;
 use super::{IncrementalMesh, NONE, Record, TriangleRole};
 use crate::tetrahedralization::{IncidentCells, VertexId};
 
@@ -264,10 +265,15 @@ impl<'a> Update<'a> {
             self.remove_faces(&triangle, old);
             let middle = midpoints.unwrap_or([NONE; 3]);
             let middle = middle.map(|number| (number != NONE).then_some(number));
-            cut_at_midpoints(corners, middle, &mut pieces);
+            let first = first_corner(self.carved.tetrahedra, &triangle);
+            cut_at_midpoints(corners, middle, first, &mut pieces);
             if let Some(midpoints) = midpoints.filter(|it| *it != [NONE; 3]) {
                 let faces = Vec::new();
-                let split = super::Split { midpoints, faces };
+                let split = super::Split {
+                    midpoints,
+                    first,
+                    faces,
+                };
                 self.mesh.splits.insert(triangle, split);
             }
             fresh.push((triangle, pieces.len()));
