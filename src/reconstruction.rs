@@ -64,7 +64,8 @@ pub struct RunOptions {
     pub checkpoint: Option<Checkpoint>,
     /// Whether keyframes are in the map before their depth is final.
     pub is_provisional: bool,
-    /// Whether all views of a model are carved at once: the same surface, sooner.
+    /// Whether the surface is carved once, at the end: the same, sooner and in less memory. Where dense depth is compared with
+    /// the surface of each keyframe, each is carved all the same.
     pub is_at_once: bool,
     /// Whether keyframes are kept in memory, for [`Reconstruction::correct_poses`].
     pub keeps_keyframes: bool,
@@ -131,7 +132,7 @@ impl Reconstruction {
             Source::MapPoints => FrontEnd::Features(FeatureFrontEnd::new(options.map_points)),
             Source::Model => FrontEnd::Views,
         };
-        let map = empty_map(&recording)?;
+        let map = empty_map(&recording, run.is_at_once)?;
         let group = match recording.source {
             Source::Model if run.is_at_once => count.max(1),
             Source::Model => 1,
@@ -285,7 +286,7 @@ impl Reconstruction {
                 keyframes[at].set_world_from_camera(shifted);
             }
         }
-        let map = empty_map(&self.recording)?;
+        let map = empty_map(&self.recording, self.run.is_at_once)?;
         self.mapper.rebuild(map, &keyframes, &[])?;
         self.keyframes = keyframes;
         Ok(())
@@ -365,11 +366,11 @@ impl Reconstruction {
     }
 }
 
-/// A map without keyframes for a recording.
-fn empty_map(recording: &Recording) -> Result<Map, Error> {
+/// A map without keyframes for a recording; with `is_at_once` it carves once, if it can.
+fn empty_map(recording: &Recording, is_at_once: bool) -> Result<Map, Error> {
     let (options, sequence) = (&recording.options, &recording.sequence);
     let scaled = recording.depth.as_ref().zip(recording.median_depth);
-    Ok(match recording.source {
+    let mut map = match recording.source {
         Source::Lines | Source::Segments => {
             let (depth, median_depth) = scaled.ok_or_else(|| not_prepared("depth"))?;
             match recording.source {
@@ -388,7 +389,11 @@ fn empty_map(recording: &Recording) -> Result<Map, Error> {
                 model.ok_or_else(|| not_prepared("a model"))?.clone(),
             )?
         }
-    })
+    };
+    if is_at_once {
+        map.defer_carving();
+    }
+    Ok(map)
 }
 
 fn not_prepared(what: &str) -> Error {

@@ -99,7 +99,8 @@ pub fn reconstruct(
     let settings = RunOptions {
         checkpoint: checkpoint.clone(),
         is_provisional: !is_final_only,
-        is_at_once: is_final_only,
+        // The memory limit and the live page follow the surface of each keyframe.
+        is_at_once: is_final_only && live.is_none() && args.memory_limit.is_none(),
         keeps_keyframes: false,
     };
     let mut run = Reconstruction::new(recording, settings)?;

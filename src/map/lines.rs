@@ -138,6 +138,12 @@ impl LineMap {
         Ok(update)
     }
 
+    /// Makes up for what had to wait until a deferred carver has carved. Appends the vertices that have a colour now.
+    pub(super) fn finish_deferred(&mut self, carver: &Carver, recolored: &mut Vec<VertexId>) {
+        self.vertices
+            .update_postponed(carver, self.landmarks.points(), recolored);
+    }
+
     /// Updates depth validation after a commit without a new view.
     fn update_validation(&mut self, carver: &Carver, delta: SurfaceDelta, update: &mut MapUpdate) {
         let views = VertexViews::new(carver, self.landmarks.points(), &self.vertices);
@@ -247,6 +253,10 @@ impl LineMap {
         update.times.carving = carved - update.times.matching;
 
         let affected = landmarks.contradicted().iter().chain(landmarks.seen());
+        if carver.is_deferred() {
+            self.vertices.postpone(affected.copied());
+            return Ok(());
+        }
         let recolored = &mut update.recolored;
         let (points, affected) = (landmarks.points(), affected.copied());
         self.vertices.update(carver, points, affected, recolored);

@@ -24,7 +24,7 @@ mod update;
 mod vertex_adjustment;
 mod vertex_landmarks;
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use linecarve_carving::{Carver, CarverOptions};
 use linecarve_carving::{ExportOptions, Hull, Triangle, TriangleRole, VertexId};
@@ -59,6 +59,10 @@ pub struct Map {
     contents: Contents,
     /// Median scene depth, where it does not come from feature points.
     median_depth: Option<f64>,
+    /// Whether points depend on the surfaces of earlier keyframes, which then have to be carved.
+    needs_every_surface: bool,
+    /// Time of carving after the last keyframe.
+    final_carving: Option<Duration>,
     /// The exported surface, where it is followed.
     surface: Option<Box<MapSurface>>,
     /// Number of keyframes added.
@@ -105,7 +109,11 @@ impl Map {
         let mut options = options.clone();
         options.surface.keep_hull |= matches!(depth, DepthSource::Sensor(_));
         let contents = Contents::Lines(Box::new(lines));
-        Ok(Self::new(&options, contents, Some(median_depth)))
+        let mut map = Self::new(&options, contents, Some(median_depth));
+        // Depth images behind the surface become points.
+        let is_compared = options.surface.least_measured_share > 0.0;
+        map.needs_every_surface = is_compared && matches!(depth, DepthSource::Sensor(_));
+        Ok(map)
     }
 
     /// An empty map of points triangulated from features of `sequence`. Without `median_depth` the length scale is that of
@@ -139,19 +147,23 @@ impl Map {
 
     fn new(options: &Options, contents: Contents, median_depth: Option<f64>) -> Self {
         Self {
-            carver: Carver::new(CarverOptions {
-                labels: options.carving.labels(),
-                hull: if options.surface.keep_hull {
-                    Hull::Keep
-                } else {
-                    Hull::Drop
-                },
-            }),
+            carver: Carver::new(carver_options(options)),
             options: options.clone(),
             contents,
             median_depth,
+            needs_every_surface: false,
+            final_carving: None,
             surface: None,
             keyframes: 0,
+        }
+    }
+
+    /// Carves an empty map once: a map of a model with every [`push`](Self::push), others with [`finish`](Self::finish). The final
+    /// state is the same, sooner and in less memory; until then there is no surface. Changes nothing where dense depth is compared
+    /// with the surface of each keyframe.
+    pub fn defer_carving(&mut self) {
+        if !self.needs_every_surface && self.keyframes == 0 {
+            self.carver = Carver::deferred(carver_options(&self.options));
         }
     }
 
@@ -209,17 +221,26 @@ impl Map {
     }
 
     /// Finishes the map after the last keyframe: removes provisional keyframes, or adjusts all feature points and poses
-    /// together.
+    /// together; then carves, where that was [deferred](Self::defer_carving).
     ///
     /// # Errors
     /// As [`push`](Self::push).
     pub fn finish(&mut self) -> Result<(), MapError> {
         let last = self.keyframes;
-        let update = match &mut self.contents {
+        let mut update = match &mut self.contents {
             Contents::Lines(lines) => lines.remove_provisional(&mut self.carver, last)?,
             Contents::Features(features) => features.finish(&mut self.carver, last)?,
             Contents::Segments(_) | Contents::Model(_) => MapUpdate::default(),
         };
+        let is_carved = matches!(self.contents, Contents::Segments(_) | Contents::Model(_));
+        if self.carver.is_deferred() && !is_carved {
+            let start = Instant::now();
+            update.deltas = vec![self.carver.carve().surface];
+            if let Contents::Lines(lines) = &mut self.contents {
+                lines.finish_deferred(&self.carver, &mut update.recolored);
+            }
+            self.final_carving = Some(start.elapsed());
+        }
         self.note(&update);
         Ok(())
     }
@@ -271,6 +292,11 @@ impl Map {
             true => TriangleRole::Exported,
             false => TriangleRole::Ignored,
         }
+    }
+
+    /// Time of carving after the last keyframe, where it was [deferred](Self::defer_carving).
+    pub fn final_carving(&self) -> Option<Duration> {
+        self.final_carving
     }
 
     /// The carved tetrahedralisation.
@@ -429,5 +455,17 @@ impl Map {
             minimum_component: surface.minimum_component,
             manifold: surface.manifold,
         }
+    }
+}
+
+/// The options of the carver.
+fn carver_options(options: &Options) -> CarverOptions {
+    CarverOptions {
+        labels: options.carving.labels(),
+        hull: if options.surface.keep_hull {
+            Hull::Keep
+        } else {
+            Hull::Drop
+        },
     }
 }

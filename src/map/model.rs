@@ -114,7 +114,7 @@ impl ModelMap {
                 &mut update,
             )?;
         }
-        let report = transaction.commit().map_err(|source| MapError::View {
+        let mut report = transaction.commit().map_err(|source| MapError::View {
             name: self
                 .model
                 .views
@@ -122,6 +122,9 @@ impl ModelMap {
                 .map_or_else(String::new, |view| view.name.clone()),
             source,
         })?;
+        if carver.is_deferred() {
+            report = carver.carve();
+        }
         update.deltas.push(report.surface);
         update.times.carving = start.elapsed();
         Ok(update)

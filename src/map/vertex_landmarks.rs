@@ -12,9 +12,36 @@ pub(super) struct VertexLandmarks {
     landmarks: Vec<u32>,
     /// The vertex of each landmark when it was last updated, [`NONE`] without one.
     vertices: Vec<u32>,
+    /// Number of the latest postponed update of each landmark, 0 without one, and of all.
+    postponed: Vec<u64>,
+    latest: u64,
 }
 
 impl VertexLandmarks {
+    /// Notes landmarks whose vertices are updated later, as there are none yet.
+    pub(super) fn postpone(&mut self, landmarks: impl Iterator<Item = u32>) {
+        for landmark in landmarks {
+            let needed = landmark as usize + 1;
+            self.postponed.resize(needed.max(self.postponed.len()), 0);
+            self.latest += 1;
+            self.postponed[landmark as usize] = self.latest;
+        }
+    }
+
+    /// Makes up for the postponed updates, in their order; arguments as in [`update`](Self::update).
+    pub(super) fn update_postponed(
+        &mut self,
+        carver: &Carver,
+        points: &[PointId],
+        changed: &mut Vec<VertexId>,
+    ) {
+        let postponed = std::mem::take(&mut self.postponed);
+        let noted = |landmark: &u32| postponed[*landmark as usize] > 0;
+        let mut landmarks: Vec<u32> = (0..postponed.len() as u32).filter(noted).collect();
+        landmarks.sort_unstable_by_key(|landmark| postponed[*landmark as usize]);
+        self.update(carver, points, landmarks.into_iter(), changed);
+    }
+
     /// Updates the vertices of landmarks; `points` gives the carver's id of each. Appends their vertices before and after.
     pub(super) fn update(
         &mut self,

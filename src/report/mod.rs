@@ -83,11 +83,11 @@ pub struct KeyframeReport {
     pub observed_again: usize,
     /// Visibility rays so far.
     pub rays: usize,
-    /// Tetrahedra so far.
+    /// Tetrahedra so far; 0 when the surface is carved at the end.
     pub cells: usize,
-    /// Number of triangles after this keyframe, before filtering for export.
+    /// Number of triangles after this keyframe, before filtering for export; 0 when the surface is carved at the end.
     pub triangles: usize,
-    /// Number of triangles added and removed.
+    /// Number of triangles added and removed; 0 when the surface is carved at the end.
     pub changed_triangles: usize,
     /// With depth from neighbours: number of later keyframes until this one was in the surface.
     #[serde(rename = "awaited", skip_serializing_if = "Option::is_none")]
@@ -151,6 +151,9 @@ pub struct ResultSummary {
     /// The texture of the mesh, if it has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub texture: Option<TextureSummary>,
+    /// Milliseconds for carving after the last keyframe, where no keyframe includes it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub carving_milliseconds: Option<f64>,
     /// Milliseconds for the final surface extraction, where no keyframe includes it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_milliseconds: Option<f64>,

@@ -110,23 +110,23 @@ fn edge_depth_share(keyframe: &LineKeyframe) -> f64 {
 
 /// What stands beside the progress bar.
 fn progress_message(map: &Map, update: &KeyframeUpdate) -> String {
-    let triangles = map.carver().triangle_count();
+    let triangles = match map.carver().is_deferred() {
+        true => String::new(),
+        false => format!(", {} triangles", map.carver().triangle_count()),
+    };
     if let Some(segments) = map.segments() {
         let points = map.carver().point_count();
         let segments = segments.segment_count();
         return match points {
             0 => format!("{segments} segments"),
-            points => format!("{segments} segments, {points} points, {triangles} triangles"),
+            points => format!("{segments} segments, {points} points{triangles}"),
         };
     }
     match &update.map.features {
         Some(counts) => format!(
-            "{} features, {} points, {triangles} triangles",
+            "{} features, {} points{triangles}",
             counts.features, counts.established
         ),
-        None => format!(
-            "{} points, {triangles} triangles",
-            map.carver().point_count()
-        ),
+        None => format!("{} points{triangles}", map.carver().point_count()),
     }
 }

@@ -338,7 +338,7 @@ pub(crate) fn page_surface(
     }
 }
 
-/// Curves of what the map holds after each keyframe.
+/// Curves of what the map holds after each keyframe; none of what it did not hold before the end.
 pub(crate) fn growth_plots(chosen: &[usize], runs: &[(&str, &[KeyframeReport])]) -> Vec<CountPlot> {
     type Count = (&'static str, fn(&KeyframeReport) -> f64);
     let counts: [Count; 2] = [
@@ -360,6 +360,10 @@ pub(crate) fn growth_plots(chosen: &[usize], runs: &[(&str, &[KeyframeReport])])
                     values: over_keyframes(chosen, reports, count),
                 })
                 .collect(),
+        })
+        .filter(|plot: &CountPlot| {
+            let mut values = plot.series.iter().flat_map(|series| &series.values);
+            values.any(|value| value.is_some_and(|value| value > 0.0))
         })
         .collect()
 }

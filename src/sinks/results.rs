@@ -84,6 +84,7 @@ pub(crate) fn write_results(
     result.vertices = mesh.positions.len();
     result.triangles = mesh.triangles.len();
     result.surface_milliseconds = (recording.source == Source::Model).then_some(extracted);
+    result.carving_milliseconds = map.final_carving().map(milliseconds);
     result.lens_k1 = lens_k1;
     result.reprojection_rms_px = points
         .map(|points| points.quality())
