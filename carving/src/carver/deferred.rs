@@ -62,9 +62,11 @@ impl Carver {
         self.cells.begin_update(&self.tetrahedra, &changes);
         self.cells.end_update(&changes);
         self.views.locate_stale(&self.tetrahedra, |_| true);
+        self.cells.evidence.list_changes(false);
         let (mut space, ray_visibility, segment_visibility) = self.visibility();
         ray_visibility.add(&mut space, &mut rays);
         segment_visibility.add(&mut space, &mut segments);
+        self.cells.evidence.list_changes(true);
         report.times.carving += start.elapsed();
         self.update_surface(changes, false, &mut report);
         self.changes = Changes::default();

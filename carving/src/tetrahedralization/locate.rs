@@ -66,9 +66,12 @@ impl Tetrahedralization {
             return Ok(Location::Outside(id));
         }
         let v = cell.vertices;
+        let at = v.map(|vertex| self.storage.position(vertex));
+        let to = at.map(|v| [v[0] - p[0], v[1] - p[1], v[2] - p[2]]);
         let on = |i: usize| {
-            let [a, b, c] = FACET[i].map(|k| self.storage.position(v[k]));
-            orient3d(a, b, c, p) == 0.0
+            let [a, b, c] = FACET[i];
+            let side = orient3d_from_differences(&to[a], &to[b], &to[c]);
+            side.unwrap_or_else(|| orient3d(at[a], at[b], at[c], p)) == 0.0
         };
         let on = [on(0), on(1), on(2), on(3)];
         let off_corners = |wanted: bool| (0..4).filter(move |&i| on[i] == wanted);

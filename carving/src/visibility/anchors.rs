@@ -4,7 +4,7 @@
 //! that they can be located again when it is destroyed; only those in the open interior count for it.
 
 use crate::predicates::orient3d;
-use crate::tetrahedralization::{CellId, Location, Tetrahedralization, accept_position};
+use crate::tetrahedralization::{CellId, Location, Tetrahedralization, VertexId, accept_position};
 
 const NONE: u32 = u32::MAX;
 
@@ -32,6 +32,8 @@ impl Anchor {
 pub(super) struct OccupiedAnchors {
     /// Whether cells list their anchors; otherwise they are located only.
     has_lists: bool,
+    /// The latest vertex with an anchor behind it, and its cell, while there are no lists: other anchors behind it are near.
+    latest: Option<(VertexId, CellId)>,
     anchors: Vec<Anchor>,
     /// For each cell the first anchor that it lists.
     first: Vec<u32>,
@@ -44,6 +46,7 @@ impl OccupiedAnchors {
     pub(super) fn new(has_lists: bool) -> Self {
         Self {
             has_lists,
+            latest: None,
             anchors: Vec::new(),
             first: Vec::new(),
             orphaned: Vec::new(),
@@ -57,14 +60,18 @@ impl OccupiedAnchors {
             .resize(anchors.max(self.anchors.len()), Anchor::DETACHED);
     }
 
-    /// Attaches an anchor to the cell at its position; returns the cell when the anchor is in its open interior.
+    /// Attaches an anchor behind a vertex to the cell at its position; returns the cell when the anchor is in its open interior.
     pub(super) fn attach(
         &mut self,
         tetrahedra: &Tetrahedralization,
         id: u32,
         position: &[f64; 3],
-        hint: Option<CellId>,
+        vertex: VertexId,
     ) -> Option<CellId> {
+        let hint = match self.latest {
+            Some((latest, cell)) if latest == vertex => Some(cell),
+            _ => tetrahedra.cell_of(vertex),
+        };
         // A position out of range is outside every cell.
         let location = tetrahedra.locate(&(*position).into(), hint).ok()?;
         let (cell, is_inside) = match location {
@@ -76,6 +83,7 @@ impl OccupiedAnchors {
             Location::NoCells => return None,
         };
         if !self.has_lists {
+            self.latest = Some((vertex, cell));
             return is_inside.then_some(cell);
         }
         let next = std::mem::replace(&mut self.first[cell.index()], id);
@@ -135,6 +143,7 @@ impl OccupiedAnchors {
 
     /// Detaches all anchors.
     pub(super) fn clear(&mut self) {
+        self.latest = None;
         self.first.fill(NONE);
         for anchor in &mut self.anchors {
             anchor.cell = NONE;

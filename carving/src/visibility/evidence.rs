@@ -58,6 +58,8 @@ impl CellEvidence {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Evidence {
     is_on: bool,
+    /// Whether changes are not listed, as all cells are new.
+    is_unlisted: bool,
     cells: Vec<CellEvidence>,
     touched: Vec<CellId>,
     is_touched: Vec<bool>,
@@ -90,9 +92,17 @@ impl Evidence {
         &self.cells[cell.index()]
     }
 
+    /// Whether changes are listed from now on; not while the contributions to cells come in that are listed anyway.
+    pub(crate) fn list_changes(&mut self, are_listed: bool) {
+        self.is_unlisted = !are_listed;
+    }
+
     /// Lists a cell as changed.
     #[inline]
     pub(crate) fn touch(&mut self, cell: CellId) {
+        if self.is_unlisted {
+            return;
+        }
         if !std::mem::replace(&mut self.is_touched[cell.index()], true) {
             self.touched.push(cell);
         }

@@ -47,6 +47,7 @@ impl RayVisibility {
             tetrahedra,
             views,
             rays: &self.table,
+            softness: self.softness,
         };
         let is_ghost = tetrahedra.is_ghost(cell);
         let mut expected = Contribution::default();
@@ -61,7 +62,7 @@ impl RayVisibility {
                 });
             }
             expected.weight += u64::from(crosses) * u64::from(self.table.weight(ray));
-            let Some(evidence) = walker.evidence(ray, self.softness) else {
+            let Some(evidence) = walker.evidence(ray) else {
                 continue;
             };
             if is_ghost {

@@ -7,6 +7,7 @@ use super::super::segment_cell::{Exit, exit};
 use super::super::softness::{
     LEAST_BEHIND, MAX_WEIGHT, SATURATED_SIGMAS, Softness, UNIT, falloff, in_order,
 };
+use super::line::Far;
 
 /// A ray as evidence, with the terms that all of its contributions share.
 #[derive(Clone, Copy, Debug)]
@@ -17,11 +18,9 @@ pub(super) struct RayEvidence<'a> {
     sigma: Option<f64>,
     weight: u32,
     softness: Softness,
-    /// From the target to the centre.
-    ray: [f64; 3],
     length: f64,
-    /// A facet whose corners, relative to the target, all have a larger scalar product with the ray costs the full weight.
-    saturated: f64,
+    /// A facet whose corners are all beyond costs the full weight.
+    far: Far,
 }
 
 impl<'a> RayEvidence<'a> {
@@ -43,11 +42,19 @@ impl<'a> RayEvidence<'a> {
             sigma,
             weight,
             softness,
-            ray,
             length,
             // `exp(-d^2 / 2)` is less than half a unit from 3.6 deviations on; the rest covers rounding.
-            saturated: SATURATED_SIGMAS * deviation,
+            far: Far {
+                ray,
+                beyond: SATURATED_SIGMAS * deviation,
+            },
         }
+    }
+
+    /// Beyond what a facet costs the full weight.
+    #[inline]
+    pub(super) fn far(&self) -> Far {
+        self.far
     }
 
     /// The full weight of the ray.
@@ -67,7 +74,7 @@ impl<'a> RayEvidence<'a> {
     /// Most facets have all corners beyond the distance from which on that is `w`.
     #[inline]
     pub(super) fn cost(&self, facet: [&[f64; 3]; 3]) -> u64 {
-        let is_far = |corner| dot(&self.ray, &minus(corner, self.target)) > self.saturated;
+        let is_far = |corner| self.far.holds(corner, self.target);
         if facet.into_iter().all(is_far) {
             self.full()
         } else {
@@ -78,7 +85,7 @@ impl<'a> RayEvidence<'a> {
     fn cost_nearby(&self, facet: [&[f64; 3]; 3]) -> u64 {
         let [a, b, c] = in_order(facet);
         let normal = cross(&minus(b, a), &minus(c, a));
-        let share = dot(&normal, &minus(a, self.target)) / dot(&normal, &self.ray);
+        let share = dot(&normal, &minus(a, self.target)) / dot(&normal, &self.far.ray);
         let deviations = match self.sigma {
             Some(sigma) => share * self.length / sigma,
             None => share / self.softness.relative_sigma,
@@ -96,7 +103,7 @@ impl<'a> RayEvidence<'a> {
                 None => self.softness.relative_sigma,
             };
         let share = share.max(LEAST_BEHIND);
-        std::array::from_fn(|k| self.target[k] - share * self.ray[k])
+        std::array::from_fn(|k| self.target[k] - share * self.far.ray[k])
     }
 
     /// Where the ray leaves a finite cell that it crosses, computed from the rule alone.

@@ -1,6 +1,7 @@
 //! On which side of an edge the line of a ray passes.
 
 use crate::predicates::orient3d;
+use crate::vectors::{dot, minus};
 
 /// Error bound of [`ShearedLine::side`], relative to the product of the two corners' largest coordinate differences.
 ///
@@ -31,6 +32,24 @@ pub(super) struct ShearedLine {
     target: [f64; 3],
     first: [f64; 3],
     second: [f64; 3],
+    far: Option<Far>,
+}
+
+/// What is far from the target of a line.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Far {
+    /// From the target to the centre.
+    pub(super) ray: [f64; 3],
+    /// A position is far when its scalar product with the ray, relative to the target, is larger.
+    pub(super) beyond: f64,
+}
+
+impl Far {
+    /// Whether a position is far.
+    #[inline(always)]
+    pub(super) fn holds(&self, position: &[f64; 3], target: &[f64; 3]) -> bool {
+        dot(&self.ray, &minus(position, target)) > self.beyond
+    }
 }
 
 /// A point seen along a [`ShearedLine`].
@@ -40,12 +59,14 @@ pub(super) struct Corner {
     first: f64,
     second: f64,
     largest: f64,
+    /// Whether it is far from the target, where the line knows what that is.
+    pub(super) is_far: bool,
 }
 
 impl ShearedLine {
     /// The line from `center` to `target`, which differ.
     #[inline]
-    pub(super) fn new(center: &[f64; 3], target: &[f64; 3]) -> Self {
+    pub(super) fn new(center: &[f64; 3], target: &[f64; 3], far: Option<Far>) -> Self {
         let d: [f64; 3] = std::array::from_fn(|k| target[k] - center[k]);
         let size = d.map(f64::abs);
         // Two rows perpendicular to d whose cross product points along +d.
@@ -79,6 +100,7 @@ impl ShearedLine {
             target: *target,
             first,
             second,
+            far,
         }
     }
 
@@ -92,6 +114,7 @@ impl ShearedLine {
             first: along(&self.first),
             second: along(&self.second),
             largest: larger(larger(w[0].abs(), w[1].abs()), w[2].abs()),
+            is_far: (self.far).is_some_and(|far| far.holds(position, &self.target)),
         }
     }
 
@@ -143,7 +166,7 @@ mod tests {
         ) {
             let [center, target, a, b] = p.map(|p| scaled(p, far));
             prop_assume!(center != target);
-            let line = ShearedLine::new(&center, &target);
+            let line = ShearedLine::new(&center, &target, None);
             let position = |vertex| if vertex == 0 { &a } else { &b };
             let side = line.side(&line.corner(0, &a), &line.corner(1, &b), position);
             let exact = robust::orient3d(
@@ -165,7 +188,7 @@ mod tests {
             prop_assume!(center != target);
             let at = |t: f64| -> [f64; 3] { std::array::from_fn(|k| center[k] + t * (target[k] - center[k])) };
             let (a, b) = (at(t[0]), at(t[1]));
-            let line = ShearedLine::new(&center, &target);
+            let line = ShearedLine::new(&center, &target, None);
             let position = |vertex| if vertex == 0 { &a } else { &b };
             let side = line.side(&line.corner(0, &a), &line.corner(1, &b), position);
             prop_assert_eq!(

@@ -76,6 +76,7 @@ impl RayVisibility {
             tetrahedra: space.tetrahedra,
             views: space.views,
             rays: &self.table,
+            softness: self.softness,
         }
     }
 }

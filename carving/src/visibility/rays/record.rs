@@ -6,7 +6,7 @@ use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId, hilbert_ra
 
 use super::super::crossings::{Crossings, Entrance};
 use super::super::segment_cell::Exit;
-use super::super::{Cells, ObservationId, ObservationTable, Softness, Space};
+use super::super::{Cells, ObservationId, ObservationTable, Space};
 use super::RayVisibility;
 use super::evidence::RayEvidence;
 use super::walk::{Step, Walker};
@@ -35,11 +35,11 @@ pub(super) struct Recorded<'a> {
 
 impl<'a> Recorded<'a> {
     #[inline]
-    pub(super) fn new(walker: &Walker<'a>, ray: ObservationId, softness: Option<Softness>) -> Self {
+    pub(super) fn new(walker: &Walker<'a>, ray: ObservationId) -> Self {
         Self {
             ray,
             weight: walker.rays.weight(ray),
-            evidence: walker.evidence(ray, softness),
+            evidence: walker.evidence(ray),
         }
     }
 
@@ -60,27 +60,72 @@ impl<'a> Recorded<'a> {
         &self,
         tetrahedra: &Tetrahedralization,
         cells: &mut Cells,
-        Step { cell, exit, .. }: Step,
+        Step {
+            cell, exit, is_far, ..
+        }: Step,
         by: impl FnOnce(&mut u64, u64),
     ) {
         if let Some(evidence) = &self.evidence
             && exit != Exit::Elsewhere
             && let Some(sum) = cells.evidence.of_mut(cell).of_exit(exit)
         {
-            by(sum, evidence.passage(tetrahedra, cell, exit));
+            let cost = match is_far {
+                true => evidence.full(),
+                false => evidence.passage(tetrahedra, cell, exit),
+            };
+            by(sum, cost);
         }
+    }
+}
+
+/// The latest walk's vertex and the cell by which it left it: the next walk from there leaves by a cell nearby.
+#[derive(Clone, Copy, Default)]
+struct LatestStart(Option<(VertexId, CellId)>);
+
+impl LatestStart {
+    /// A cell at the vertex, if it is that of the latest walk.
+    fn at(self, target: VertexId) -> Option<CellId> {
+        let (vertex, cell) = self.0?;
+        (vertex == target).then_some(cell)
+    }
+
+    fn set(&mut self, target: VertexId, steps: &[Step]) {
+        let first = steps.first().filter(|it| it.entrance == Entrance::Start);
+        self.0 = first.map(|step| (target, step.cell));
     }
 }
 
 impl RayVisibility {
     /// Records rays that are in no list; sorts `rays`.
     ///
-    /// Rays from one view in similar directions follow each other, as they cross the same cells.
+    /// Rays from one view in similar directions follow each other, as they cross the same cells and have the same lists. Without
+    /// lists, those of one vertex and of vertices nearby do: where one leaves its vertex, so do the others, or almost.
     pub(super) fn add_all(&mut self, space: &mut Space<'_>, rays: &mut [ObservationId]) {
         let tetrahedra = space.tetrahedra;
         if tetrahedra.dimension() < 3 {
             return;
         }
+        if !self.crossings.has_lists() {
+            rays.sort_unstable_by_key(|&ray| (self.table.vertex(ray), self.table.view(ray), ray));
+        } else {
+            self.sort_by_direction(space, rays);
+        }
+        if rayon::current_num_threads() == 1 || rays.len() < 2 * PARALLEL_CHUNK {
+            let mut latest = LatestStart::default();
+            for &ray in &*rays {
+                let target = VertexId::from_index(self.table.vertex(ray) as usize);
+                self.add_one(space, ray, latest.at(target));
+                latest.set(target, &self.walk.steps);
+            }
+        } else {
+            for block in rays.chunks(PARALLEL_BLOCK) {
+                self.add_block(space, block);
+            }
+        }
+    }
+
+    fn sort_by_direction(&self, space: &Space<'_>, rays: &mut [ObservationId]) {
+        let tetrahedra = space.tetrahedra;
         rays.sort_by_cached_key(|&ray| {
             let view = self.table.view(ray);
             let center = space.views.center(view);
@@ -88,15 +133,6 @@ impl RayVisibility {
             let target = tetrahedra.coordinates(target);
             (view, direction_rank(center, target), ray)
         });
-        if rayon::current_num_threads() == 1 || rays.len() < 2 * PARALLEL_CHUNK {
-            for &ray in &*rays {
-                self.add_one(space, ray);
-            }
-        } else {
-            for block in rays.chunks(PARALLEL_BLOCK) {
-                self.add_block(space, block);
-            }
-        }
     }
 
     /// Records rays after they have been walked in parallel: walks only read. The lists are those of [`Self::add_one`].
@@ -109,12 +145,15 @@ impl RayVisibility {
             .map(|chunk| {
                 let mut steps = Vec::new();
                 let mut ends = Vec::with_capacity(chunk.len());
+                let mut latest = LatestStart::default();
                 for &ray in chunk {
                     let before = steps.len();
-                    let strict = walker.walk_strict(ray, &mut steps);
+                    let target = walker.target(ray);
+                    let strict = walker.walk_strict(ray, latest.at(target), &mut steps);
                     if strict.is_err() {
                         steps.truncate(before);
                     }
+                    latest.set(target, &steps[before..]);
                     ends.push(strict.ok().map(|()| steps.len()));
                 }
                 (steps, ends)
@@ -124,7 +163,7 @@ impl RayVisibility {
             let mut begin = 0;
             for (&ray, end) in chunk.iter().zip(ends) {
                 let Some(end) = *end else {
-                    self.add_one(space, ray);
+                    self.add_one(space, ray, None);
                     continue;
                 };
                 self.table.set_degenerate(ray, false);
@@ -134,9 +173,9 @@ impl RayVisibility {
         }
     }
 
-    fn add_one(&mut self, space: &mut Space<'_>, ray: ObservationId) {
+    fn add_one(&mut self, space: &mut Space<'_>, ray: ObservationId, start: Option<CellId>) {
         let mut walk = std::mem::take(&mut self.walk);
-        let degenerate = self.walker(space).walk(ray, &mut walk);
+        let degenerate = self.walker(space).walk(ray, start, &mut walk);
         self.table.set_degenerate(ray, degenerate);
         self.record(space, ray, &walk.steps, &walk.alongside);
         self.walk = walk;
@@ -155,8 +194,9 @@ impl RayVisibility {
             tetrahedra,
             views: space.views,
             rays: &self.table,
+            softness: self.softness,
         };
-        let recorded = Recorded::new(&walker, ray, self.softness);
+        let recorded = Recorded::new(&walker, ray);
         for &step in steps {
             recorded.add((tetrahedra, &mut self.crossings, space.cells), step);
         }
@@ -170,12 +210,12 @@ impl RayVisibility {
     pub(super) fn attach(&mut self, space: &mut Space<'_>, ray: ObservationId) {
         let tetrahedra = space.tetrahedra;
         let walker = self.walker(space);
-        let Some(evidence) = walker.evidence(ray, self.softness) else {
+        let Some(evidence) = walker.evidence(ray) else {
             return;
         };
-        let hint = tetrahedra.cell_of(walker.target(ray));
+        let target = walker.target(ray);
         let (anchor, weight) = (evidence.anchor(), evidence.anchor_weight());
-        if let Some(cell) = self.anchors.attach(tetrahedra, ray.0, &anchor, hint) {
+        if let Some(cell) = self.anchors.attach(tetrahedra, ray.0, &anchor, target) {
             space.cells.evidence.of_mut(cell).occupied += weight;
         }
     }
@@ -193,10 +233,11 @@ impl RayVisibility {
                 tetrahedra,
                 views: space.views,
                 rays: &self.table,
+                softness: self.softness,
             };
             let walk = &mut self.walk;
-            walker.walk(*ray, walk);
-            let recorded = Recorded::new(&walker, *ray, self.softness);
+            walker.walk(*ray, None, walk);
+            let recorded = Recorded::new(&walker, *ray);
             for &step in &walk.steps {
                 space.cells.subtract_weight(step.cell, recorded.weight);
                 let by = |sum: &mut u64, cost| *sum -= cost;

@@ -139,6 +139,7 @@ impl RayVisibility {
             tetrahedra,
             views: space.views,
             rays: &self.table,
+            softness: self.softness,
         };
         let steps = &mut self.walk.steps;
         steps.clear();
@@ -149,14 +150,14 @@ impl RayVisibility {
                 let front = walker.front(&line, outer, facet);
                 walker.follow(&line, front, last, within, steps)
             }
-            None => walker.follow_from_vertex(&line, ray, last, within, steps),
+            None => walker.follow_from_vertex(&line, (ray, None), last, within, steps),
         });
         if walked.is_err() {
             self.table.set_degenerate(ray, true);
             self.scratch.queue(ray);
             return;
         }
-        let recorded = Recorded::new(&walker, ray, self.softness);
+        let recorded = Recorded::new(&walker, ray);
         for &step in &*steps {
             recorded.add((tetrahedra, &mut self.crossings, space.cells), step);
         }
@@ -204,9 +205,10 @@ impl RayVisibility {
                 tetrahedra,
                 views: space.views,
                 rays: &self.table,
+                softness: self.softness,
             };
-            let degenerate = walker.walk(ray, &mut self.walk);
-            let recorded = Recorded::new(&walker, ray, self.softness);
+            let degenerate = walker.walk(ray, None, &mut self.walk);
+            let recorded = Recorded::new(&walker, ray);
             // Another part of the ray may have been recorded before it was found to be degenerate.
             for &step in &self.walk.steps {
                 if space.cells.is_new(step.cell) && !self.crossings.contains(step.cell, ray) {

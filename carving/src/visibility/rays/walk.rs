@@ -27,6 +27,15 @@ pub(super) struct Front {
     pub(super) corners: [Corner; 3],
 }
 
+impl Front {
+    /// Whether the facet is far from the ray's vertex.
+    #[inline(always)]
+    fn is_far(&self) -> bool {
+        let [a, b, c] = &self.corners;
+        a.is_far && b.is_far && c.is_far
+    }
+}
+
 /// How a ray leaves its vertex.
 enum Departure {
     /// Through the open interior of this cell, towards the facet opposite the vertex.
@@ -41,6 +50,8 @@ pub(super) struct Step {
     pub(super) cell: CellId,
     pub(super) entrance: Entrance,
     pub(super) exit: Exit,
+    /// Whether the facet by which it leaves is known to be so far from its vertex that it costs the full weight.
+    pub(super) is_far: bool,
 }
 
 /// Reused memory of walks.
@@ -74,6 +85,7 @@ impl WalkScratch {
             cell,
             entrance: Entrance::Unknown,
             exit,
+            is_far: false,
         });
     }
 
@@ -88,6 +100,7 @@ pub(super) struct Walker<'a> {
     pub(super) tetrahedra: &'a Tetrahedralization,
     pub(super) views: &'a Views,
     pub(super) rays: &'a Rays,
+    pub(super) softness: Option<Softness>,
 }
 
 impl<'a> Walker<'a> {
@@ -107,12 +120,8 @@ impl<'a> Walker<'a> {
 
     /// The evidence of a ray; `None` without softness.
     #[inline]
-    pub(super) fn evidence(
-        &self,
-        ray: ObservationId,
-        softness: Option<Softness>,
-    ) -> Option<RayEvidence<'a>> {
-        let softness = softness?;
+    pub(super) fn evidence(&self, ray: ObservationId) -> Option<RayEvidence<'a>> {
+        let softness = self.softness?;
         let center = self.views.center(self.rays.view(ray));
         let target = self.tetrahedra.coordinates(self.target(ray));
         let [sigma] = self.rays.sigmas(ray);
@@ -128,7 +137,9 @@ impl<'a> Walker<'a> {
     #[inline]
     pub(super) fn line(&self, ray: ObservationId) -> ShearedLine {
         let center = self.views.center(self.rays.view(ray));
-        ShearedLine::new(center, self.tetrahedra.coordinates(self.target(ray)))
+        let target = self.tetrahedra.coordinates(self.target(ray));
+        let far = self.evidence(ray).map(|evidence| evidence.far());
+        ShearedLine::new(center, target, far)
     }
 
     /// The cell in which the ray ends, if it ends inside one; `Err` when the centre is on the boundary of cells.
@@ -175,6 +186,7 @@ impl<'a> Walker<'a> {
                 cell,
                 entrance: Entrance::Facet(back as u8),
                 exit: Exit::AtCenter,
+                is_far: false,
             };
             if last == Some(cell) {
                 steps.push(step);
@@ -219,21 +231,27 @@ impl<'a> Walker<'a> {
             };
             let exit = slot_of(&vertices, dropped.vertex);
             step.exit = Exit::Through(exit);
+            step.is_far = a.is_far && b.is_far && c.is_far;
             steps.push(step);
             (cell, back) = self.tetrahedra.neighbor(cell, exit);
         }
         Ok(())
     }
 
-    /// Turns around the ray's vertex to the cell through which it leaves.
+    /// Turns around the ray's vertex to the cell through which it leaves; from `start`, a cell at the vertex, if there is one.
     ///
     /// A visibility walk among the cells around the vertex: leave a cell by a facet that has the centre strictly beyond
     /// it. It ends because no cycle of cells lies in front of each other (see
     /// [`locate`](Tetrahedralization::locate)).
-    fn depart(&self, line: &ShearedLine, target: VertexId) -> Result<Departure, Degenerate> {
+    fn depart(
+        &self,
+        line: &ShearedLine,
+        target: VertexId,
+        start: Option<CellId>,
+    ) -> Result<Departure, Degenerate> {
         let tetrahedra = self.tetrahedra;
-        let mut cell = tetrahedra
-            .cell_of(target)
+        let mut cell = start
+            .or_else(|| tetrahedra.cell_of(target))
             .expect("walks need cells, and then every vertex has one");
         if tetrahedra.is_ghost(cell) {
             cell = tetrahedra.neighbors(cell)[3];
@@ -273,16 +291,17 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Appends the cells from the ray's vertex on, up to the last that satisfies `within`.
+    /// Appends the cells from the ray's vertex on, up to the last that satisfies `within`. The search for the first one begins
+    /// at `start`, a cell at the vertex, if there is one.
     pub(super) fn follow_from_vertex(
         &self,
         line: &ShearedLine,
-        ray: ObservationId,
+        (ray, start): (ObservationId, Option<CellId>),
         last: Option<CellId>,
         within: impl Fn(CellId) -> bool,
         steps: &mut Vec<Step>,
     ) -> Result<(), Degenerate> {
-        match self.depart(line, self.target(ray))? {
+        match self.depart(line, self.target(ray), start)? {
             Departure::Away(ghost) => {
                 self.ghosts_in_sight(ray, ghost, within, steps);
                 Ok(())
@@ -302,6 +321,7 @@ impl<'a> Walker<'a> {
                     cell,
                     entrance: Entrance::Start,
                     exit,
+                    is_far: front.is_far(),
                 });
                 if is_last {
                     return Ok(());
@@ -331,6 +351,7 @@ impl<'a> Walker<'a> {
                     cell,
                     entrance: Entrance::Start,
                     exit: Exit::Elsewhere,
+                    is_far: false,
                 });
             }
         };
@@ -364,15 +385,21 @@ impl<'a> Walker<'a> {
     }
 
     /// Fills `scratch.steps` with all cells that the ray crosses and `scratch.alongside` with those in whose boundary it
-    /// runs. Returns whether the ray may be degenerate.
+    /// runs. Returns whether the ray may be degenerate. `start` is a cell at the ray's vertex from which to begin, if there is
+    /// one that is better than another.
     ///
     /// # Complexity
     ///
     /// Linear in the number of cells crossed; for degenerate rays in that of cells touched.
-    pub(super) fn walk(&self, ray: ObservationId, scratch: &mut WalkScratch) -> bool {
+    pub(super) fn walk(
+        &self,
+        ray: ObservationId,
+        start: Option<CellId>,
+        scratch: &mut WalkScratch,
+    ) -> bool {
         scratch.steps.clear();
         scratch.alongside.clear();
-        let strict = self.walk_strict(ray, &mut scratch.steps);
+        let strict = self.walk_strict(ray, start, &mut scratch.steps);
         if strict == Err(Degenerate) {
             scratch.steps.clear();
             self.walk_wide(ray, scratch);
@@ -380,7 +407,7 @@ impl<'a> Walker<'a> {
         strict == Err(Degenerate)
     }
 
-    /// Appends the cells that the ray crosses.
+    /// Appends the cells that the ray crosses; `start` as in [`walk`](Self::walk).
     ///
     /// # Errors
     ///
@@ -388,10 +415,11 @@ impl<'a> Walker<'a> {
     pub(super) fn walk_strict(
         &self,
         ray: ObservationId,
+        start: Option<CellId>,
         steps: &mut Vec<Step>,
     ) -> Result<(), Degenerate> {
         let last = self.last_cell(ray)?;
-        self.follow_from_vertex(&self.line(ray), ray, last, |_| true, steps)
+        self.follow_from_vertex(&self.line(ray), (ray, start), last, |_| true, steps)
     }
 
     /// Finds all cells that a ray in any position crosses, or in whose boundary it runs.

@@ -214,13 +214,13 @@ impl SegmentVisibility {
         if !evidence.has_area() {
             return;
         }
-        let hint = tetrahedra.cell_of(VertexId::from_index(record.vertices[0] as usize));
+        let end = VertexId::from_index(record.vertices[0] as usize);
         let frame = evidence.frame(softness);
         let weight = evidence.anchor_weight(softness);
         for k in anchors {
             let number = ANCHORS as u32 * id.0 + k as u32;
             let position = evidence.anchor(&frame, softness, k);
-            if let Some(cell) = self.anchors.attach(tetrahedra, number, &position, hint) {
+            if let Some(cell) = self.anchors.attach(tetrahedra, number, &position, end) {
                 space.cells.evidence.of_mut(cell).occupied += weight;
             }
         }
