@@ -1,4 +1,4 @@
-//! Cost of rays, of whole segments, of surface extraction and of moves, in a room.
+//! Cost of rays, keyframe by keyframe and all at once, of whole segments, of surface extraction and of moves, in a room.
 //!
 //! `cargo bench -p linecarve-carving --bench carving`; 50,000 points with `LINECARVE_LONG_BENCHES=1`.
 
@@ -147,6 +147,38 @@ fn rays(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// All keyframes of a run in a deferred carver, which carves once; throughput counts rays.
+fn rays_at_once(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("rays at once");
+    group.sample_size(10);
+    for points in sizes() {
+        let keyframes = room(points, 100);
+        let count: usize = keyframes.iter().map(Keyframe::rays).sum();
+        group.throughput(Throughput::Elements(count as u64));
+        for (labels, name) in [
+            (Labels::default(), "votes"),
+            (Labels::Cut(CutOptions::default()), "cut"),
+        ] {
+            let options = CarverOptions {
+                labels,
+                ..CarverOptions::default()
+            };
+            group.bench_function(BenchmarkId::new(name, points), |bencher| {
+                bencher.iter(|| {
+                    let mut carver = Carver::deferred(options);
+                    let mut ids = vec![];
+                    for keyframe in &keyframes {
+                        add(&mut carver, keyframe, &mut ids, false);
+                    }
+                    black_box(carver.carve());
+                    carver.triangle_count()
+                });
+            });
+        }
+    }
+    group.finish();
+}
+
 /// All keyframes of a run, with rays alone, the baseline, and with segments, about one a ray.
 fn segments(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("segments");
@@ -227,5 +259,5 @@ fn moves(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, rays, segments, surface, moves);
+criterion_group!(benches, rays, rays_at_once, segments, surface, moves);
 criterion_main!(benches);

@@ -48,6 +48,35 @@ fn a_run_goes_on_where_single_steps_ended() {
 }
 
 #[test]
+fn carving_once_gives_the_same_surface() {
+    let folder = small_sequence(FRAMES, "tum");
+    let path = folder.path().join("sequence");
+    for (source, least_measured_share, is_deferred) in [
+        (Source::MapPoints, 0.3, true),
+        (Source::Lines, 0.0, true),
+        // Depth images are compared with the surface of each keyframe.
+        (Source::Lines, 0.3, false),
+    ] {
+        let finished = |is_at_once| {
+            let mut recording = recording(&path, source);
+            recording.options.surface.least_measured_share = least_measured_share;
+            let run = RunOptions {
+                is_at_once,
+                ..RunOptions::default()
+            };
+            let mut run = Reconstruction::new(recording, run).expect("options in range");
+            run.run(CancelToken::default(), &mut []).expect("a run");
+            run
+        };
+        let [each, once] = [false, true].map(finished);
+        assert!(!each.surface().is_empty());
+        assert!(each.surface() == once.surface(), "{source:?}");
+        assert_eq!(once.map().carver().is_deferred(), is_deferred);
+        assert_eq!(once.map().final_carving().is_some(), is_deferred);
+    }
+}
+
+#[test]
 fn corrected_poses_give_the_map_of_a_run_over_them() {
     let folder = small_sequence(FRAMES, "tum");
     let path = folder.path().join("sequence");
