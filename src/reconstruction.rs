@@ -123,8 +123,8 @@ impl Reconstruction {
                 if recording.source == Source::Segments
                     && let DepthSource::SemiDense(source) = &mut depth
                 {
-                    // Points between edges are of no use without a surface.
-                    source.options.sweep.spacing_px = 0;
+                    // Depth between edges is of no use without a surface.
+                    source.options.is_dense = false;
                 }
                 let extract = options.extract();
                 FrontEnd::lines(&depth, count, extract, checkpoint, run.is_provisional)?

@@ -86,13 +86,14 @@ table! {
         /// Keyframes after a keyframe that may be its neighbours. The last of them is awaited before its depth is final.
         /// Set it lower for final depth sooner in a stream, at a loss of depth.
         future: usize = semi_dense.future, Values::range(0.0, 1000.0, "a whole number from 0 to 1000");
+        /// Whether depth is measured between edges, too.
+        /// Set it to false for a faster run and a surface from edges alone.
+        between_edges: bool = semi_dense.is_dense, FLAG;
     }
     tables {
         /// Matches of edge pixels.
         #[serde(rename = "match")]
         matching: MatchTable,
-        /// Points between edges.
-        sweep: SweepTable,
     }
 }
 
@@ -102,16 +103,6 @@ table! {
         /// Least number of neighbours that agree on the depth of an edge pixel.
         /// Set it to 3 for fewer and more reliable depths.
         least_agreeing: usize = semi_dense.matching.least_agreeing, Values::at_least(1.0, "a whole number from 1");
-    }
-    tables {}
-}
-
-table! {
-    /// Points between edges, where the image has texture.
-    ["semi_dense.sweep"] SweepTable {
-        /// Distance between the pixels at which a point is sought, across and down; 0 seeks none.
-        /// Set it lower for more points and a longer run, or to 0 for a surface from edges alone.
-        spacing_px: usize = semi_dense.sweep.spacing_px, Values::at_least(0.0, "a whole number from 0");
     }
     tables {}
 }
@@ -189,7 +180,8 @@ table! {
 table! {
     /// The surface that is written: which triangles are left out.
     ["surface"] SurfaceTable {
-        /// Where depth is not dense, longest edge of a triangle, as a share of the median scene depth; 0 keeps all triangles.
+        /// Without depth images, longest edge of a triangle, as a share of the median scene depth; 0 keeps all triangles. Where
+        /// depth is measured between edges (`semi_dense.between_edges`), 0.11 is the largest that counts.
         /// Set it lower against triangles that span gaps, higher for a more closed surface.
         longest_edge_share: f64 = surface.longest_edge_share, Values::at_least(0.0, "a number from 0");
         /// Where depth is dense, least share of a triangle along which keyframes measured the surface; 0 keeps all triangles.

@@ -26,7 +26,7 @@ mod tolerance;
 pub use error::ConfigurationError;
 pub use keys::{
     CarvingTable, Configuration, CutTable, ImagesTable, KeyframesTable, MapPointsTable, MatchTable,
-    PoseCorrectionTable, SemiDenseTable, SensorTable, SimplifyTable, SurfaceTable, SweepTable,
+    PoseCorrectionTable, SemiDenseTable, SensorTable, SimplifyTable, SurfaceTable,
 };
 pub use table::{Key, Table, Values};
 

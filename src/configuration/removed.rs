@@ -163,18 +163,9 @@ const REMOVED: &[Removed] = &[
         ],
         "it is a field of SemiDenseOptions in the library crate linecarve-lines, tuned; see docs/semi-dense.md, remove the key",
     ),
-    some(
+    all(
         "semi_dense.sweep",
-        &[
-            "neighbours",
-            "reach",
-            "least_correlation",
-            "agreeing_share",
-            "least_margin",
-            "least_texture",
-            "largest_relative_sigma",
-        ],
-        "it is a field of SweepOptions in the library crate linecarve-lines, tuned; see docs/semi-dense.md, remove the key",
+        "depth between edges is measured otherwise; semi_dense.between_edges = false leaves it out, remove the key",
     ),
 ];
 

@@ -69,7 +69,7 @@ longest_side_px = 0
 [semi_dense]
 future = 5
 match.least_agreeing = 3
-sweep.spacing_px = 8
+between_edges = false
 [pose_correction]
 enabled = false
 [map_points]
@@ -87,7 +87,7 @@ boundary_tolerance = 0.01
     let options = configuration.options();
     assert_eq!(options.keyframes.translation, Some(0.15));
     assert_eq!(options.semi_dense.matching.least_agreeing, 3);
-    assert_eq!(options.semi_dense.sweep.spacing_px, 8);
+    assert!(!options.semi_dense.is_dense);
     assert!(!options.pose_correction.enabled);
     assert_eq!(options.map_points.min_views, 2);
     assert_eq!(options.point_model.min_views, 2);
@@ -256,7 +256,7 @@ fn removed_keys_are_answered_with_what_became_of_them() {
             );
         }
     }
-    assert_eq!((count, kept), (162, 24));
+    assert_eq!((count, kept), (162, 23));
     assert_eq!(
         message("[point_model]\nmin_views = 2\n"),
         "room.toml, line 2: `point_model.min_views` is no longer a key: `map_points.min_views` sets it as well"

@@ -3,7 +3,6 @@
 //! Without a depth camera most depth lies on edges; without these points the surface lacks all that is on no segment.
 
 use linecarve_lines::depth::InverseDepthMap;
-use linecarve_lines::depth::semi_dense::SurfacePoint;
 use linecarve_lines::edges::EdgeChains;
 use linecarve_lines::fit::Segment;
 use nalgebra::Point2;
@@ -16,7 +15,7 @@ const MIN_AGREEING_SHARE: f64 = 0.75;
 /// Largest difference of agreeing depths, in standard deviations.
 const AGREEMENT_SIGMAS: f32 = 2.0;
 
-/// A single point on an image edge or between edges.
+/// A single point on an image edge.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EdgePoint {
     /// Position in the image.
@@ -25,16 +24,6 @@ pub struct EdgePoint {
     pub inverse_depth: f64,
     /// Standard deviation of the inverse depth.
     pub sigma: f64,
-}
-
-impl From<SurfacePoint> for EdgePoint {
-    fn from(point: SurfacePoint) -> Self {
-        Self {
-            pixel: point.pixel.map(f64::from).into(),
-            inverse_depth: point.depth.rho.into(),
-            sigma: point.depth.sigma.into(),
-        }
-    }
 }
 
 /// Points of the chains that are on none of `segments`. Each represents a piece of `spacing_px` pixels whose depths agree, by

@@ -32,7 +32,7 @@ pub struct LineKeyframe {
     pub world_from_camera: Isometry3<f64>,
     /// Segments in the camera frame.
     pub segments: Vec<Segment>,
-    /// Points on edges without segment and between edges, for depth from images alone.
+    /// Points on edges without segment, for depth from images alone.
     pub edge_points: Vec<EdgePoint>,
     /// Samples of the surface between segments, where depth is dense.
     pub surface: SurfaceSamples,

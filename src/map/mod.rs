@@ -105,9 +105,21 @@ impl Map {
         depth: &DepthSource,
         median_depth: f64,
     ) -> Result<Self, MapError> {
-        let lines = LineMap::new(options, camera, depth.noise(), median_depth)?;
         let mut options = options.clone();
-        options.surface.keep_hull |= matches!(depth, DepthSource::Sensor(_));
+        if let DepthSource::SemiDense(_) = depth {
+            // A surface that was not matched may well be there, and the deviations of matched depth are too large to tell what is not.
+            options.surface.least_measured_share = 0.0;
+        }
+        let lines = LineMap::new(&options, camera, depth.noise(), median_depth)?;
+        match depth {
+            DepthSource::Sensor(_) => options.surface.keep_hull = true,
+            DepthSource::SemiDense(source) if source.options.is_dense => {
+                let largest = source.options.longest_edge_share;
+                let longest = &mut options.surface.longest_edge_share;
+                *longest = longest.map(|share| share.min(largest));
+            }
+            DepthSource::SemiDense(_) => {}
+        }
         let contents = Contents::Lines(Box::new(lines));
         let mut map = Self::new(&options, contents, Some(median_depth));
         // Depth images behind the surface become points.

@@ -1,7 +1,7 @@
 //! Parameters of depth from neighbouring keyframes.
 
 use linecarve_lines::depth::semi_dense::{
-    ConsistencyOptions, NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError, SweepOptions,
+    ConsistencyOptions, DenseOptions, NeighbourOptions, SemiDenseOptions, SemiDenseOptionsError,
 };
 
 /// Parameters of depth from neighbouring keyframes.
@@ -24,8 +24,12 @@ pub struct SemiDenseStage {
     pub matching: SemiDenseOptions,
     /// Consistency with the depth of other keyframes.
     pub confirm: ConsistencyOptions,
-    /// Points between edges.
-    pub sweep: SweepOptions,
+    /// Whether the surface between edges is measured.
+    pub is_dense: bool,
+    /// The surface between edges.
+    pub dense: DenseOptions,
+    /// Longest edge of a triangle of a surface that was measured between edges, as a share of the median scene depth.
+    pub longest_edge_share: f64,
 }
 
 impl Default for SemiDenseStage {
@@ -39,7 +43,9 @@ impl Default for SemiDenseStage {
             neighbours: NeighbourOptions::default(),
             matching: SemiDenseOptions::default(),
             confirm: ConsistencyOptions::default(),
-            sweep: SweepOptions::default(),
+            is_dense: true,
+            dense: DenseOptions::default(),
+            longest_edge_share: 0.11,
         }
     }
 }
@@ -51,12 +57,13 @@ impl SemiDenseStage {
     /// The first value out of range.
     pub fn validate(&self) -> Result<(), SemiDenseOptionsError> {
         self.matching.validate()?;
-        self.sweep.validate()?;
+        self.dense.validate()?;
         for (name, value) in [
             ("relative_noise", self.relative_noise),
             ("neighbours.precision", self.neighbours.precision),
             ("neighbours.match_sigma_px", self.neighbours.match_sigma_px),
             ("confirm.chi2", self.confirm.chi2),
+            ("longest_edge_share", self.longest_edge_share),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return Err(SemiDenseOptionsError { name, value });

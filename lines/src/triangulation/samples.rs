@@ -56,6 +56,22 @@ impl SurfaceSamples {
         }
     }
 
+    /// Samples on a grid, row by row; an inverse depth of 0 marks a missing one.
+    pub(crate) fn new(
+        step_px: u32,
+        columns: usize,
+        rows: usize,
+        samples: Vec<SurfaceSample>,
+    ) -> Self {
+        debug_assert_eq!(samples.len(), columns * rows);
+        Self {
+            step_px,
+            columns,
+            rows,
+            samples,
+        }
+    }
+
     /// Every second sample of every second row, with a quarter of the memory and twice the spacing.
     pub fn thinned(&self) -> Self {
         let (columns, rows) = (self.columns / 2, self.rows / 2);

@@ -6,11 +6,12 @@ use linecarve_lines::SegmentExtractor;
 use linecarve_lines::depth::semi_dense::{
     DepthView, MatchView, SemiDenseDepth, enforce_consistency,
 };
+use linecarve_lines::triangulation::SurfaceSamples;
 
 use super::resume::CheckpointEntry;
 use super::schedule::Task;
 use super::{KeyframeResult, ScheduledTask, SemiDenseFrontEnd, WindowEntry};
-use crate::front_end::edge_points::{EdgePoint, edge_points};
+use crate::front_end::edge_points::edge_points;
 use crate::front_end::error::FrontEndError;
 use crate::front_end::keyframe::LineKeyframe;
 use crate::run::{StageTimes, milliseconds};
@@ -129,18 +130,20 @@ impl SemiDenseFrontEnd {
         self.extract_keyframe(task, &depth, times, extractor)
     }
 
-    /// Points between the edges of a keyframe.
-    fn points_between_edges(
+    /// The surface of a keyframe between its edges; empty in first estimates.
+    fn surface(
         &self,
         task: &Task,
         view: &MatchView,
         depth: &SemiDenseDepth,
-    ) -> Result<impl Iterator<Item = EdgePoint> + use<>, FrontEndError> {
+    ) -> Result<SurfaceSamples, FrontEndError> {
+        let options = &self.source.options;
+        if !(task.is_final && options.is_dense) {
+            return Ok(SurfaceSamples::default());
+        }
         let neighbours = self.neighbours(task)?;
-        let points =
-            self.estimator
-                .surface_points(view, depth, &neighbours, &self.source.options.sweep);
-        Ok(points.into_iter().map(EdgePoint::from))
+        let estimator = &self.estimator;
+        Ok(estimator.dense_surface(view, depth, &neighbours, &options.dense))
     }
 
     fn extract_keyframe(
@@ -165,23 +168,21 @@ impl SemiDenseFrontEnd {
             })?;
         times.depth += milliseconds(extraction.durations.edge_depth);
         times.fit = milliseconds(extraction.durations.fit);
-        let mut edge_points = edge_points(
+        let edge_points = edge_points(
             view.chains(),
             &depth.map,
             &extraction.segments,
             self.source.options.edge_point_spacing_px,
         );
-        if task.is_final {
-            let start = Instant::now();
-            edge_points.extend(self.points_between_edges(task, view, depth)?);
-            times.depth += milliseconds(start.elapsed());
-        }
+        let start = Instant::now();
+        let surface = self.surface(task, view, depth)?;
+        times.depth += milliseconds(start.elapsed());
         Ok(LineKeyframe {
             frame: self.entry(task.keyframe).frame,
             world_from_camera: *view.world_from_camera(),
             segments: extraction.segments,
             edge_points,
-            surface: extraction.surface,
+            surface,
             colors: self.entry(task.keyframe).colors.clone(),
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,

@@ -2,8 +2,8 @@
 //!
 //! [`MatchView`] is a keyframe prepared for matching. [`choose_neighbours`] selects the keyframes that constrain its depth best.
 //! [`SemiDense::estimate`] searches each edge pixel along its epipolar lines, fuses the matches and checks depths along edge chains.
-//! [`enforce_consistency`] removes depths that contradict the depth maps of other keyframes. [`SemiDense::surface_points`] adds points on
-//! textured surface between the edges.
+//! [`enforce_consistency`] removes depths that contradict the depth maps of other keyframes. [`SemiDense::dense_surface`] measures the
+//! surface between the edges.
 //!
 //! # Reference
 //! R. Mur-Artal, J. D. Tardos, Probabilistic Semi-Dense Mapping from Highly Accurate Feature-Based Monocular SLAM, RSS 2015.
@@ -19,6 +19,7 @@ mod alignment;
 mod chain_consistency;
 mod chain_matching;
 mod consistency;
+mod dense;
 mod epipolar_search;
 mod estimate;
 mod fusion;
@@ -30,14 +31,13 @@ mod options;
 mod pair_calibration;
 mod pair_geometry;
 mod photometric;
-mod surface;
 mod view;
 
 pub use consistency::{ConsistencyOptions, DepthView, enforce_consistency};
+pub use dense::DenseOptions;
 pub use estimate::{PairReport, SemiDense, SemiDenseDepth};
 pub use neighbours::{NeighbourOptions, ViewGeometry, choose_neighbours};
 pub use options::{InverseDepthRange, SemiDenseOptions, SemiDenseOptionsError};
-pub use surface::{SurfacePoint, SweepOptions};
 pub use view::{MatchView, MatchViewError};
 
 #[cfg(test)]
