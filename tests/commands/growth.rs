@@ -6,7 +6,7 @@ use std::process::Command;
 use linecarve_mesh::read_geometry;
 
 use crate::program::delta_reader::{Corners, DeltaReader, sorted};
-use crate::program::{data, expect_status, small_sequence, text};
+use crate::program::{data, expect_status, small_sequence, text, with_open_holes};
 
 fn reconstruct(sequence: &Path, out: &Path, more: &[&str]) {
     let fixed = ["reconstruct", text(sequence), "--quiet", "--out", text(out)];
@@ -28,9 +28,16 @@ fn triangles_of(path: &Path) -> Vec<Corners> {
 /// Reconstructs a sequence with files of both kinds and compares them keyframe by keyframe; returns their number.
 fn compare_growth(sequence: &Path, root: &Path, more: &[&str]) -> usize {
     let [whole, delta, last] = ["whole", "delta", "last"].map(|name| root.join(name));
+    std::fs::create_dir_all(root).unwrap();
+    let open = with_open_holes(root);
+    let more = &[more, &["--config", text(&open)]].concat();
     reconstruct(sequence, &whole, more);
-    reconstruct(sequence, &delta, &[&["--growth", "delta"], more].concat());
-    reconstruct(sequence, &last, &[&["--final-only"], more].concat());
+    reconstruct(
+        sequence,
+        &delta,
+        &[&["--growth", "delta"], &more[..]].concat(),
+    );
+    reconstruct(sequence, &last, &[&["--final-only"], &more[..]].concat());
     let mesh = |out: &Path| std::fs::read(out.join("mesh.ply")).unwrap();
     assert!(mesh(&whole) == mesh(&last), "followed and made anew");
     assert!(mesh(&whole) == mesh(&delta));

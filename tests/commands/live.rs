@@ -8,7 +8,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use crate::browser::Browser;
 use crate::program::delta_reader::{Corners, sorted};
 use crate::program::live_client::LiveClient;
-use crate::program::{small_sequence, text};
+use crate::program::{small_sequence, text, with_open_holes};
 use crate::stream::Recording;
 use serde_json::{Value, json};
 
@@ -134,7 +134,9 @@ impl Session {
 fn a_live_page_follows_a_session() {
     let recording = Recording::new();
     let out = recording.folder.path().join("out");
-    let mut session = Session::start(&recording, &["--out", text(&out)]);
+    let open = with_open_holes(recording.folder.path());
+    let options = ["--out", text(&out), "--config", text(&open)];
+    let mut session = Session::start(&recording, &options);
     let host = session.run.host.clone();
     assert!(host.starts_with("127.0.0.1:"));
     let (status, page) = session.run.ask("/", &host);

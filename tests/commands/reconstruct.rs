@@ -97,7 +97,9 @@ fn the_mesh_is_the_surface_of_the_last_keyframe_with_adjusted_vertices() {
     let read = |name: &str| linecarve_mesh::read_geometry(&out.join(name)).unwrap();
     let (carved, mesh) = (read("keyframes/000002.glb"), read("mesh.glb"));
     assert_eq!(carved.positions.len(), mesh.positions.len());
-    assert_eq!(carved.triangles.len(), mesh.triangles.len());
+    // And a few more that close holes.
+    let closed = mesh.triangles.len() - carved.triangles.len();
+    assert!(closed < 20, "{closed}");
     // The depth is exact up to a millimetre of rounding, so that no vertex goes far, and hardly any stays.
     let nearest = |position: &nalgebra::Point3<f64>| {
         let distances = carved

@@ -123,7 +123,9 @@ fn a_session_with_corrections_ends_with_the_surface_of_the_recording() {
         (&end["type"], &end["keyframes"]),
         (&json!("end"), &json!(FRAMES))
     );
-    assert_eq!(end["triangles"], triangles);
+    // The final mesh also closes small holes.
+    let closed = end["triangles"].as_u64().unwrap() - triangles as u64;
+    assert!(closed < 20, "{closed}");
     for name in [
         "mesh.ply",
         "segments.ply",

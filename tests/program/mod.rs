@@ -65,6 +65,13 @@ pub(crate) fn stream(
     (output.status.code(), replies.collect())
 }
 
+/// A configuration in `folder` that leaves holes of the final mesh open, so that its triangles are those of the last keyframe.
+pub(crate) fn with_open_holes(folder: &Path) -> PathBuf {
+    let path = folder.join("open-holes.toml");
+    std::fs::write(&path, "[surface]\nholes = \"none\"\n").unwrap();
+    path
+}
+
 /// A rendered sequence in a folder of its own.
 pub(crate) fn small_sequence(frames: usize, layout: &str) -> TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");
