@@ -58,19 +58,20 @@ impl Triangulation {
             for i in 0..n - span {
                 let j = i + span;
                 let mut best = (f64::INFINITY, 0);
+                if !is_free(i, j) {
+                    cost[i * n + j] = f64::INFINITY;
+                    continue;
+                }
                 for k in i + 1..j {
-                    let below = cost[i * n + k] + cost[k * n + j];
-                    // False also for a cost that is not a number.
-                    if !(below < best.0) || !is_free(i, j) {
-                        continue;
-                    }
                     let normal = (points[k] - points[i]).cross(&(points[j] - points[i]));
                     let is_folded = (k == i + 1 && folds(i, &normal))
                         || (j == k + 1 && folds(k, &normal))
                         || (i == 0 && j + 1 == n && folds(j, &normal));
                     let area = 0.5 * normal.norm();
-                    if !is_folded && area > 0.0 && below + area < best.0 {
-                        best = (below + area, k as u32);
+                    let whole = cost[i * n + k] + cost[k * n + j] + area;
+                    // False also for an area that is not a number.
+                    if !is_folded && area > 0.0 && whole < best.0 {
+                        best = (whole, k as u32);
                     }
                 }
                 (cost[i * n + j], middle[i * n + j]) = best;
