@@ -7,7 +7,7 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use crate::program::{expect_status, linecarve, small_sequence, stderr, text};
+use crate::program::{expect_status, linecarve, small_sequence, stderr, text, with_open_holes};
 use serde_json::Value;
 
 /// A headless browser.
@@ -64,12 +64,15 @@ fn self_test(chromium: &Path, address: &str) -> Value {
 fn reconstructed(frames: usize) -> tempfile::TempDir {
     let folder = small_sequence(frames, "tum");
     let (sequence, out) = (folder.path().join("sequence"), folder.path().join("out"));
+    let open = with_open_holes(folder.path());
     let arguments = [
         "reconstruct",
         text(&sequence),
         "--every",
         "1",
         "--no-picture",
+        "--config",
+        text(&open),
         "--quiet",
         "--out",
         text(&out),
