@@ -12,22 +12,29 @@ pub(super) struct BoundaryEdge {
 }
 
 /// The loops of boundary edges, each from its smallest vertex, in the order of these. A loop runs as its triangles do: the hole lies to
-/// its right. Left out are loops through a vertex with several boundary edges that leave it.
+/// its right. Left out are loops through a vertex with several boundary edges that leave it, and through
+/// an edge that several triangles have in the same direction.
 pub(super) fn boundary_loops(triangles: &[[u32; 3]]) -> Vec<Vec<BoundaryEdge>> {
-    let mut opposites: FxHashMap<[u32; 2], u32> = FxHashMap::default();
+    // `None` for an edge that several triangles have in the same direction.
+    let mut opposites: FxHashMap<[u32; 2], Option<u32>> = FxHashMap::default();
     for &[a, b, c] in triangles {
-        opposites.extend([([a, b], c), ([b, c], a), ([c, a], b)]);
+        for (ends, opposite) in [([a, b], c), ([b, c], a), ([c, a], b)] {
+            let known = opposites.entry(ends);
+            known
+                .and_modify(|opposite| *opposite = None)
+                .or_insert(Some(opposite));
+        }
     }
     // The edge that leaves each boundary vertex; `None` when there are several.
     let mut leaving: BTreeMap<u32, Option<BoundaryEdge>> = BTreeMap::new();
     for (&[a, b], &opposite) in &opposites {
         if !opposites.contains_key(&[b, a]) {
-            let edge = BoundaryEdge {
+            let edge = opposite.map(|opposite| BoundaryEdge {
                 ends: [a, b],
                 opposite,
-            };
+            });
             let known = leaving.entry(a);
-            known.and_modify(|edge| *edge = None).or_insert(Some(edge));
+            known.and_modify(|edge| *edge = None).or_insert(edge);
         }
     }
     let mut loops = Vec::new();

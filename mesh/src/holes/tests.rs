@@ -109,6 +109,23 @@ fn the_missing_face_of_a_box_is_closed() {
 }
 
 #[test]
+fn an_edge_with_two_triangles_on_one_side_gets_no_third() {
+    let mut mesh = grid(3, |x, y| (x, y) == (1, 1));
+    // A fin at an edge of the hole, in the direction of the triangle there.
+    let hole = [5, 6, 10, 9];
+    let has = |t: &&[u32; 3]| t.iter().filter(|c| hole.contains(c)).count() == 2;
+    let [a, b, c] = *mesh.triangles.iter().find(has).unwrap();
+    let [from, to] = match [a, b, c].map(|v| hole.contains(&v)) {
+        [true, true, false] => [a, b],
+        [false, true, true] => [b, c],
+        _ => [c, a],
+    };
+    mesh.triangles.push([from, to, mesh.positions.len() as u32]);
+    mesh.positions.push(Point3::new(1.5, 1.5, 1.0));
+    assert_eq!(close_holes(&mut mesh, 4, |_| true), 0);
+}
+
+#[test]
 fn positions_that_are_not_finite_close_nothing() {
     let mut mesh = grid(3, |x, y| (x, y) == (1, 1));
     for position in mesh.positions.iter_mut().skip(5).take(1) {
