@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::observe::Observation;
+use super::observe::{MAX_VIEWS, Observation};
 
 /// Triangles across the three edges of each triangle; an edge of more than two triangles joins pairs of them.
 pub(super) fn neighbours(triangles: &[[u32; 3]]) -> Vec<[Option<u32>; 3]> {
@@ -45,7 +45,7 @@ pub(super) fn choose(
     neighbours: &[[Option<u32>; 3]],
     seam_cost: f32,
 ) -> Vec<Option<usize>> {
-    let costs: Vec<Vec<f32>> = of_triangle.par_iter().map(|o| costs(o)).collect();
+    let costs: Vec<Costs> = of_triangle.par_iter().map(|o| costs(o)).collect();
     let mut problem = Problem {
         of_triangle,
         neighbours,
@@ -55,28 +55,35 @@ pub(super) fn choose(
     problem.improved(problem.propagated())
 }
 
-fn costs(observations: &[Observation]) -> Vec<f32> {
+/// A cost for each observation of a triangle; 0 beyond the last.
+type Costs = [f32; MAX_VIEWS];
+
+fn costs(observations: &[Observation]) -> Costs {
     let best = observations
         .iter()
         .fold(0.0, |best: f32, o| best.max(o.quality));
     let cost = |o: &Observation| (best / o.quality).ln().clamp(0.0, MAX_COST);
-    observations.iter().map(cost).collect()
+    let mut costs = [0.0; MAX_VIEWS];
+    for (target, observation) in costs.iter_mut().zip(observations) {
+        *target = cost(observation);
+    }
+    costs
 }
 
 struct Problem<'a> {
     of_triangle: &'a [Vec<Observation>],
     neighbours: &'a [[Option<u32>; 3]],
-    costs: &'a [Vec<f32>],
+    costs: &'a [Costs],
     seam_cost: f32,
 }
 
-/// Messages that a triangle gets across its three edges: a cost for each of its observations.
-type Messages = [Vec<f32>; 3];
+/// Messages that a triangle gets across its three edges.
+type Messages = [Costs; 3];
 
 impl Problem<'_> {
     /// Cost of each observation of a triangle, with the messages across all edges but one.
-    fn belief(&self, triangle: usize, messages: &Messages, without: Option<usize>) -> Vec<f32> {
-        let mut belief = self.costs[triangle].clone();
+    fn belief(&self, triangle: usize, messages: &Messages, without: Option<usize>) -> Costs {
+        let mut belief = self.costs[triangle];
         for (edge, message) in messages.iter().enumerate() {
             if Some(edge) != without {
                 for (sum, cost) in belief.iter_mut().zip(message) {
@@ -88,13 +95,8 @@ impl Problem<'_> {
     }
 
     fn propagated(&self) -> Vec<Option<usize>> {
-        let silence: Vec<Messages> = self
-            .costs
-            .iter()
-            .map(|costs| std::array::from_fn(|_| vec![0.0; costs.len()]))
-            .collect();
-        let mut messages = silence.clone();
-        let mut next = silence;
+        let mut messages: Vec<Messages> = vec![[[0.0; MAX_VIEWS]; 3]; self.costs.len()];
+        let mut next = messages.clone();
         for _ in 0..ITERATIONS {
             next.par_iter_mut()
                 .enumerate()
@@ -106,12 +108,14 @@ impl Problem<'_> {
             std::mem::swap(&mut messages, &mut next);
         }
         (0..self.costs.len())
-            .map(|triangle| smallest(&self.belief(triangle, &messages[triangle], None)))
+            .map(|triangle| {
+                self.smallest(triangle, &self.belief(triangle, &messages[triangle], None))
+            })
             .collect()
     }
 
     /// The message that a triangle gets across an edge, mixed with the one before, which keeps rounds from oscillating.
-    fn receive(&self, triangle: usize, edge: usize, messages: &[Messages], target: &mut [f32]) {
+    fn receive(&self, triangle: usize, edge: usize, messages: &[Messages], target: &mut Costs) {
         let Some(sender) = self.neighbours[triangle][edge].map(|sender| sender as usize) else {
             return;
         };
@@ -119,7 +123,7 @@ impl Problem<'_> {
             .iter()
             .position(|n| *n == Some(triangle as u32));
         let belief = self.belief(sender, &messages[sender], back);
-        let Some(least) = smallest(&belief).map(|at| belief[at]) else {
+        let Some(least) = self.smallest(sender, &belief).map(|at| belief[at]) else {
             return;
         };
         let known = &self.of_triangle[sender];
@@ -139,7 +143,7 @@ impl Problem<'_> {
         for _ in 0..PASSES {
             let mut has_changed = false;
             for triangle in 0..labels.len() {
-                let mut costs = self.costs[triangle].clone();
+                let mut costs = self.costs[triangle];
                 for neighbour in self.neighbours[triangle].iter().flatten() {
                     let other = *neighbour as usize;
                     let Some(view) = labels[other].map(|at| self.of_triangle[other][at].view)
@@ -154,7 +158,7 @@ impl Problem<'_> {
                         };
                     }
                 }
-                let best = smallest(&costs);
+                let best = self.smallest(triangle, &costs);
                 if let (Some(best), Some(before)) = (best, labels[triangle])
                     && costs[best] < costs[before]
                 {
@@ -168,9 +172,10 @@ impl Problem<'_> {
         }
         labels
     }
-}
 
-/// Index of the first smallest value.
-fn smallest(values: &[f32]) -> Option<usize> {
-    (0..values.len()).min_by(|&a, &b| values[a].total_cmp(&values[b]))
+    /// The first observation of a triangle with the smallest cost.
+    fn smallest(&self, triangle: usize, costs: &Costs) -> Option<usize> {
+        let count = self.of_triangle[triangle].len();
+        (0..count).min_by(|&a, &b| costs[a].total_cmp(&costs[b]))
+    }
 }

@@ -15,7 +15,7 @@ const MAX_SAMPLES: usize = 12;
 /// Triangles seen at a flatter angle are taken as not seen: cosine of the angle between view and normal.
 const MIN_COSINE: f64 = 0.1;
 /// Views kept per triangle: those with the most pixels per area.
-const MAX_VIEWS: usize = 16;
+pub(super) const MAX_VIEWS: usize = 16;
 
 /// Visible share of a triangle from which on its colour is compared with that of other views.
 const COMPARABLE_SHARE: f32 = 0.9;

@@ -4,7 +4,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::depth_buffer::{DepthBuffer, Projection};
-use super::types::TextureView;
+use super::types::{TextureView, bilinear};
 use crate::TriangleMesh;
 
 /// Reads the photograph of a view by its index; `None` when it is missing.
@@ -34,27 +34,7 @@ impl Photo {
 
     /// sRGB colour at a pixel, bilinear, 0 to 255; outside the image that of its border.
     pub(super) fn color(&self, x: f64, y: f64) -> [f32; 3] {
-        let (width, height) = self.image.dimensions();
-        let limit = |value: f64, side: u32| (value as f32).clamp(0.0, (side - 1) as f32);
-        let (x, y) = (limit(x, width), limit(y, height));
-        let (left, top) = (x as usize, y as usize);
-        let (u, v) = (x - left as f32, y - top as f32);
-        let right = (left + 1).min(width as usize - 1);
-        let bottom = (top + 1).min(height as usize - 1);
-        let samples = self.image.as_raw();
-        let at = |x: usize, y: usize| {
-            let start = 3 * (y * width as usize + x);
-            [samples[start], samples[start + 1], samples[start + 2]].map(f32::from)
-        };
-        let (a, b, c, d) = (
-            at(left, top),
-            at(right, top),
-            at(left, bottom),
-            at(right, bottom),
-        );
-        std::array::from_fn(|i| {
-            (1.0 - v) * ((1.0 - u) * a[i] + u * b[i]) + v * ((1.0 - u) * c[i] + u * d[i])
-        })
+        bilinear(&self.image, x, y).map(|value| value as f32)
     }
 
     /// Gradient magnitude of the green channel at the nearest pixel, per pixel.

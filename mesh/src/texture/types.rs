@@ -63,28 +63,24 @@ impl Texture {
                 .sum::<f64>()
                 - 0.5
         };
-        let limit = |value: f64, side: u32| value.clamp(0.0, f64::from(side - 1));
-        let (x, y) = (
-            limit(along(0), self.image.width()),
-            limit(along(1), self.image.height()),
-        );
-        let (left, top) = (x.floor() as u32, y.floor() as u32);
-        let (right, bottom) = (
-            (left + 1).min(self.image.width() - 1),
-            (top + 1).min(self.image.height() - 1),
-        );
-        let (u, v) = (x - f64::from(left), y - f64::from(top));
-        let at = |x, y| self.image.get_pixel(x, y).0.map(f64::from);
-        let (a, b, c, d) = (
-            at(left, top),
-            at(right, top),
-            at(left, bottom),
-            at(right, bottom),
-        );
-        std::array::from_fn(|i| {
-            (1.0 - v) * ((1.0 - u) * a[i] + u * b[i]) + v * ((1.0 - u) * c[i] + u * d[i])
-        })
+        bilinear(&self.image, along(0), along(1))
     }
+}
+
+/// sRGB colour at a pixel, 0 to 255, between the centres of pixels; outside the image that of its border.
+pub(super) fn bilinear(image: &RgbImage, x: f64, y: f64) -> [f64; 3] {
+    let (width, height) = image.dimensions();
+    let limit = |value: f64, side: u32| value.clamp(0.0, f64::from(side - 1));
+    let (x, y) = (limit(x, width), limit(y, height));
+    let (left, top) = (x as u32, y as u32);
+    let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
+    let (u, v) = (x - f64::from(left), y - f64::from(top));
+    let at = |x, y| image.get_pixel(x, y).0.map(f64::from);
+    let (a, b) = (at(left, top), at(right, top));
+    let (c, d) = (at(left, bottom), at(right, bottom));
+    std::array::from_fn(|i| {
+        (1.0 - v) * ((1.0 - u) * a[i] + u * b[i]) + v * ((1.0 - u) * c[i] + u * d[i])
+    })
 }
 
 /// Checks that there is a place inside an image for each of `triangles` triangles.
