@@ -95,7 +95,9 @@ impl Setting<Option<f64>> for f64 {
 
 /// The number to be compared with a range, for values that have one.
 pub(super) trait Number {
-    fn number(&self) -> Option<f64>;
+    fn number(&self) -> Option<f64> {
+        None
+    }
 }
 
 impl Number for f64 {
@@ -128,23 +130,11 @@ impl<T: Number> Number for Option<T> {
     }
 }
 
-impl Number for bool {
-    fn number(&self) -> Option<f64> {
-        None
-    }
-}
+impl Number for bool {}
 
-impl Number for HoleFilling {
-    fn number(&self) -> Option<f64> {
-        None
-    }
-}
+impl Number for HoleFilling {}
 
-impl Number for LabelKind {
-    fn number(&self) -> Option<f64> {
-        None
-    }
-}
+impl Number for LabelKind {}
 
 /// Declares a table: `["name"] Struct { key: Type = field of the options, values; ... } tables { name: Struct, ... }`.
 macro_rules! table {

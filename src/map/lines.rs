@@ -203,15 +203,17 @@ impl LineMap {
         let view = transaction.add_view(center)?;
         let known = landmarks.points().len();
         landmarks.begin_keyframe();
-        if keyframe.surface.known_count() > 0 {
-            let surface = KeyframeSurface::new(
-                &keyframe.surface,
-                &self.camera,
-                pose,
-                &options.surface_points,
-                self.noise.disagreement(),
-            );
+        let mut surface = KeyframeSurface::new(
+            &keyframe.surface,
+            &self.camera,
+            pose,
+            &options.surface_points,
+            self.noise.disagreement(),
+        );
+        let is_measured = keyframe.surface.known_count() > 0;
+        if is_measured {
             self.noise.observe(landmarks.look_up(&surface));
+            surface.set_disagreement(self.noise.disagreement());
             self.validation.set_disagreement(self.noise.disagreement());
         }
         for segment in &keyframe.segments {
@@ -226,14 +228,7 @@ impl LineMap {
         }
         let single = edge_measurements(&keyframe.edge_points, &self.camera, pose, &self.noise);
         landmarks.add_points(&mut transaction, single)?;
-        let surface = KeyframeSurface::new(
-            &keyframe.surface,
-            &self.camera,
-            pose,
-            &options.surface_points,
-            self.noise.disagreement(),
-        );
-        if keyframe.surface.known_count() > 0 {
+        if is_measured {
             landmarks.fuse_surface(&mut transaction, &surface, &options.surface_points)?;
         }
         landmarks.add_colors(keyframe, &surface);

@@ -41,14 +41,14 @@ use model::ModelMap;
 use points::FeatureMap;
 use surface::DEFAULT_COLOR;
 
-/// Most edges of a hole that can be closed; the cost is cubic in them.
-const LARGEST_HOLE_EDGES: usize = 400;
-
 pub use error::MapError;
 pub use model::ModelCounts;
 pub use segment_map::SegmentMap;
 pub use surface::{MapSurface, SurfaceChange};
 pub use update::{MapTimes, MapUpdate};
+
+/// Most edges of a hole that can be closed; the cost is cubic in them.
+const LARGEST_HOLE_EDGES: usize = 400;
 
 /// Segments, points and free space of the keyframes so far.
 ///

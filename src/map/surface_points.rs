@@ -75,6 +75,11 @@ impl<'a> KeyframeSurface<'a> {
         }
     }
 
+    /// The depth is off by this standard deviation from now on, see [`new`](Self::new).
+    pub(super) fn set_disagreement(&mut self, disagreement: f64) {
+        self.disagreement = disagreement;
+    }
+
     /// Projection of a world point; `None` when it is not in front of the camera.
     pub(super) fn vertex(&self, point_in_world: &Point3<f64>) -> Option<ImageVertex> {
         let point = self.camera_from_world * point_in_world;
