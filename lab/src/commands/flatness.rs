@@ -1,8 +1,5 @@
 //! `linecarve-lab flatness`: how flat meshes are where the truth is a plane.
 
-use std::fmt::Write;
-
-use anyhow::Context;
 use linecarve::commands::Outcome;
 use linecarve_lab::flatness::{Flatness, FlatnessOptions, flatness, largest_planes};
 use linecarve_mesh::read_geometry;
@@ -57,16 +54,16 @@ pub(super) fn run(args: &FlatnessArgs) -> anyhow::Result<Outcome> {
     }
     let mut table = String::from("| mesh |");
     for plane in &planes {
-        write!(table, " {:.1} % |", 100.0 * plane.share).context("text")?;
+        table.push_str(&format!(" {:.1} % |", 100.0 * plane.share));
     }
     table.push_str("\n|---|");
     table.push_str(&"---|".repeat(planes.len()));
     table.push('\n');
     for row in &rows {
-        write!(table, "| {} |", row.mesh).context("text")?;
+        table.push_str(&format!("| {} |", row.mesh));
         for plane in &row.planes {
             let (rms, angle) = (1e3 * plane.rms_distance, plane.mean_angle_degrees);
-            write!(table, " {rms:.1}, {angle:.1} |").context("text")?;
+            table.push_str(&format!(" {rms:.1}, {angle:.1} |"));
         }
         table.push('\n');
     }

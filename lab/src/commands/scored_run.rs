@@ -36,24 +36,7 @@ impl Run {
         change: impl FnOnce(&mut Options),
     ) -> anyhow::Result<Self> {
         let started = Instant::now();
-        let stages = StageArgs {
-            depth: DepthArg::Auto,
-            config: None,
-            max_image_size: None,
-            format: Vec::new(),
-            json: false,
-        };
-        let folder = SequenceArgs {
-            sequence: sequence.to_owned(),
-            layout: None,
-            poses: None,
-            calibration: None,
-        };
-        let mut options = parameters(&stages, selection)?;
-        change(&mut options);
-        let quiet = Verbosity::Quiet;
-        let input = input(&folder, selection, stages.depth, Source::Lines, quiet);
-        let recording = Recording::open(&input, options)?;
+        let recording = open(sequence, selection, change)?;
         let mut times = Times::default();
         let mut reconstruction = Reconstruction::new(recording, RunOptions::default())?;
         reconstruction.run(CancelToken::default(), &mut [&mut times])?;
@@ -66,6 +49,32 @@ impl Run {
             recording: reconstruction.into_recording(),
         })
     }
+}
+
+/// Opens a sequence with the default options, changed by `change`.
+pub(super) fn open(
+    sequence: &Path,
+    selection: &KeyframeArgs,
+    change: impl FnOnce(&mut Options),
+) -> anyhow::Result<Recording> {
+    let stages = StageArgs {
+        depth: DepthArg::Auto,
+        config: None,
+        max_image_size: None,
+        format: Vec::new(),
+        json: false,
+    };
+    let folder = SequenceArgs {
+        sequence: sequence.to_owned(),
+        layout: None,
+        poses: None,
+        calibration: None,
+    };
+    let mut options = parameters(&stages, selection)?;
+    change(&mut options);
+    let quiet = Verbosity::Quiet;
+    let input = input(&folder, selection, stages.depth, Source::Lines, quiet);
+    Ok(Recording::open(&input, options)?)
 }
 
 /// Sums the stage times of keyframes.

@@ -6,12 +6,10 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use image::{GenericImage, Rgb, RgbImage};
-use linecarve::cli::{DepthArg, SequenceArgs, StageArgs};
 use linecarve::commands::Outcome;
-use linecarve::commands::input::{input, parameters};
-use linecarve::run::{CancelToken, Verbosity};
+use linecarve::run::CancelToken;
 use linecarve::texture::texture;
-use linecarve::{Reconstruction, Recording, RunOptions, Source};
+use linecarve::{Reconstruction, Recording, RunOptions};
 use linecarve_lines::camera::Camera;
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::raycast::{RayHit, RayScene};
@@ -20,6 +18,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::published::publish;
+use super::scored_run::open;
 use crate::cli::TextureArgs;
 
 /// Scores of one sequence.
@@ -114,29 +113,7 @@ fn measure(folder: &Path, args: &TextureArgs) -> anyhow::Result<Row> {
 }
 
 fn reconstruct(folder: &Path, args: &TextureArgs) -> anyhow::Result<Reconstruction> {
-    let stages = StageArgs {
-        depth: DepthArg::Auto,
-        config: None,
-        max_image_size: None,
-        format: Vec::new(),
-        json: false,
-    };
-    let sequence = SequenceArgs {
-        sequence: folder.to_owned(),
-        layout: None,
-        poses: None,
-        calibration: None,
-    };
-    let options = parameters(&stages, &args.selection)?;
-    let quiet = Verbosity::Quiet;
-    let input = input(
-        &sequence,
-        &args.selection,
-        stages.depth,
-        Source::Lines,
-        quiet,
-    );
-    let recording = Recording::open(&input, options)?;
+    let recording = open(folder, &args.selection, |_| {})?;
     let mut run = Reconstruction::new(recording, RunOptions::default())?;
     run.run(CancelToken::default(), &mut [])?;
     Ok(run)
