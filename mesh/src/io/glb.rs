@@ -254,24 +254,37 @@ impl<'a> Builder<'a> {
         push(&mut self.root.materials, Material::textured(index))
     }
 
+    /// Numbers that fill the buffer from `start` on, without bounds.
+    fn add_accessor(
+        &mut self,
+        start: usize,
+        target: Target,
+        count: usize,
+        (component_type, kind): (ComponentType, ElementType),
+    ) -> usize {
+        let accessor = Accessor {
+            buffer_view: self.add_view(start, Some(target)),
+            count,
+            component_type,
+            kind,
+            min: None,
+            max: None,
+            normalized: false,
+        };
+        push(&mut self.root.accessors, accessor)
+    }
+
     fn add_coordinates(&mut self, coordinates: &[[f32; 2]]) -> usize {
         let start = self.binary.len();
         for pair in coordinates {
             let bytes = pair.map(f32::to_le_bytes);
             self.binary.extend_from_slice(bytes.as_flattened());
         }
-        let buffer_view = self.add_view(start, Some(Target::ArrayBuffer));
-        push(
-            &mut self.root.accessors,
-            Accessor {
-                buffer_view,
-                count: coordinates.len(),
-                component_type: ComponentType::F32,
-                kind: ElementType::Vec2,
-                min: None,
-                max: None,
-                normalized: false,
-            },
+        self.add_accessor(
+            start,
+            Target::ArrayBuffer,
+            coordinates.len(),
+            (ComponentType::F32, ElementType::Vec2),
         )
     }
 
@@ -291,19 +304,16 @@ impl<'a> Builder<'a> {
             let bytes = stored.map(f32::to_le_bytes);
             self.binary.extend_from_slice(bytes.as_flattened());
         }
-        let buffer_view = self.add_view(start, Some(Target::ArrayBuffer));
-        push(
-            &mut self.root.accessors,
-            Accessor {
-                buffer_view,
-                count: points.len(),
-                component_type: ComponentType::F32,
-                kind: ElementType::Vec3,
-                min: Some(low.map(f64::from)),
-                max: Some(high.map(f64::from)),
-                normalized: false,
-            },
-        )
+        let index = self.add_accessor(
+            start,
+            Target::ArrayBuffer,
+            points.len(),
+            (ComponentType::F32, ElementType::Vec3),
+        );
+        let accessor = &mut self.root.accessors[index];
+        accessor.min = Some(low.map(f64::from));
+        accessor.max = Some(high.map(f64::from));
+        index
     }
 
     /// Colours as 16-bit linear RGBA: vertex colours of the format are linear, and 8 bits would show bands in the dark.
@@ -317,19 +327,14 @@ impl<'a> Builder<'a> {
             let bytes = [red, green, blue, u16::MAX.to_le_bytes()];
             self.binary.extend_from_slice(bytes.as_flattened());
         }
-        let buffer_view = self.add_view(start, Some(Target::ArrayBuffer));
-        push(
-            &mut self.root.accessors,
-            Accessor {
-                buffer_view,
-                count: colors.len(),
-                component_type: ComponentType::U16,
-                kind: ElementType::Vec4,
-                min: None,
-                max: None,
-                normalized: true,
-            },
-        )
+        let index = self.add_accessor(
+            start,
+            Target::ArrayBuffer,
+            colors.len(),
+            (ComponentType::U16, ElementType::Vec4),
+        );
+        self.root.accessors[index].normalized = true;
+        index
     }
 
     fn add_indices(&mut self, indices: &[u32]) -> usize {
@@ -337,18 +342,11 @@ impl<'a> Builder<'a> {
         for index in indices {
             self.binary.extend_from_slice(&index.to_le_bytes());
         }
-        let buffer_view = self.add_view(start, Some(Target::ElementArrayBuffer));
-        push(
-            &mut self.root.accessors,
-            Accessor {
-                buffer_view,
-                count: indices.len(),
-                component_type: ComponentType::U32,
-                kind: ElementType::Scalar,
-                min: None,
-                max: None,
-                normalized: false,
-            },
+        self.add_accessor(
+            start,
+            Target::ElementArrayBuffer,
+            indices.len(),
+            (ComponentType::U32, ElementType::Scalar),
         )
     }
 
