@@ -157,6 +157,18 @@ fn difference(
     (sum / f64::from(count)).sqrt()
 }
 
+/// Photographs of all views at the same exposure.
+fn photos(
+    mesh: &TriangleMesh,
+    views: &[TextureView],
+    color: impl Fn(&Point3<f64>) -> [f64; 3],
+) -> Vec<RgbImage> {
+    let views = views.iter();
+    views
+        .map(|view| photo(mesh, view, [1.0; 3], &color))
+        .collect()
+}
+
 fn made(
     mesh: &TriangleMesh,
     views: &[TextureView],
@@ -176,10 +188,7 @@ fn in_the_middle(point: &Point3<f64>) -> bool {
 #[test]
 fn a_pattern_on_a_plane_is_reproduced() {
     let (mesh, views) = (wall(), views());
-    let photos: Vec<RgbImage> = views
-        .iter()
-        .map(|view| photo(&mesh, view, [1.0; 3], pattern))
-        .collect();
+    let photos = photos(&mesh, &views, pattern);
     let (texture, summary) = made(&mesh, &views, &photos);
     let rms = difference(&mesh, &texture, pattern, in_the_middle);
     // Interpolation between pixels, twice, of waves of 20 pixels.
@@ -194,10 +203,7 @@ fn a_pattern_on_a_plane_is_reproduced() {
 fn large_triangles_are_made_of_several_views() {
     let mesh = grid([-2.0, -1.5, 2.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [1, 1]);
     let views = views();
-    let photos: Vec<RgbImage> = views
-        .iter()
-        .map(|view| photo(&mesh, view, [1.0; 3], pattern))
-        .collect();
+    let photos = photos(&mesh, &views, pattern);
     let (texture, _) = made(&mesh, &views, &photos);
     let scene = RayScene::new(&mesh);
     // No view sees a whole triangle.
@@ -228,10 +234,7 @@ fn a_hidden_wall_never_shows_what_hides_it() {
         }
     };
     let views = views();
-    let photos: Vec<RgbImage> = views
-        .iter()
-        .map(|view| photo(&mesh, view, [1.0; 3], color))
-        .collect();
+    let photos = photos(&mesh, &views, color);
     let (texture, _) = made(&mesh, &views, &photos);
     let mut seen = 0;
     for (triangle, corners) in mesh.triangles.iter().enumerate() {
@@ -299,10 +302,7 @@ fn triangles_without_a_view_have_the_colours_of_their_vertices() {
     let mut mesh = joined(wall(), back);
     mesh.colors = Some(mesh.positions.iter().map(|_| [10, 200, 30]).collect());
     let views = views();
-    let photos: Vec<RgbImage> = views
-        .iter()
-        .map(|view| photo(&mesh, view, [1.0; 3], pattern))
-        .collect();
+    let photos = photos(&mesh, &views, pattern);
     let (texture, summary) = made(&mesh, &views, &photos);
     assert!(summary.unseen_triangles >= 8);
     for triangle in mesh.triangles.len() - 8..mesh.triangles.len() {
@@ -316,10 +316,7 @@ fn triangles_never_overlap_in_the_atlas() {
     let board = grid([-0.3, -0.3, 1.2], [0.6, 0.0, 0.0], [0.0, 0.6, 0.0], [4, 4]);
     let mesh = joined(wall(), board);
     let views = views();
-    let photos: Vec<RgbImage> = views
-        .iter()
-        .map(|view| photo(&mesh, view, [1.0; 3], pattern))
-        .collect();
+    let photos = photos(&mesh, &views, pattern);
     let (texture, _) = made(&mesh, &views, &photos);
     let (width, height) = texture.image.dimensions();
     let mut owners = vec![None; width as usize * height as usize];
@@ -345,10 +342,7 @@ fn triangles_never_overlap_in_the_atlas() {
 #[test]
 fn the_result_does_not_depend_on_threads() {
     let (mesh, views) = (wall(), views());
-    let photos: Vec<RgbImage> = views
-        .iter()
-        .map(|view| photo(&mesh, view, [1.0; 3], pattern))
-        .collect();
+    let photos = photos(&mesh, &views, pattern);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         pool.build()
@@ -378,10 +372,7 @@ fn missing_photographs_are_passed_over() {
 #[test]
 fn a_small_atlas_has_a_lower_resolution() {
     let (mesh, views) = (wall(), views());
-    let photos: Vec<RgbImage> = views
-        .iter()
-        .map(|view| photo(&mesh, view, [1.0; 3], pattern))
-        .collect();
+    let photos = photos(&mesh, &views, pattern);
     let options = TextureOptions {
         max_texels: 14_000,
         ..TextureOptions::default()
@@ -402,10 +393,7 @@ fn a_small_atlas_has_a_lower_resolution() {
 /// A plane with its texture, from one view.
 fn textured() -> (TriangleMesh, Texture) {
     let (mesh, views) = (wall(), views());
-    let photos: Vec<RgbImage> = views
-        .iter()
-        .map(|view| photo(&mesh, view, [1.0; 3], pattern))
-        .collect();
+    let photos = photos(&mesh, &views, pattern);
     let (texture, _) = made(&mesh, &views, &photos);
     (mesh, texture)
 }
