@@ -15,7 +15,7 @@ pub struct SegmentId(pub u32);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ClusterId(pub u32);
 
-/// A change of a cluster by an insertion.
+/// A change of a cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClusterEvent {
     /// A segment that fits no cluster started a new one.
@@ -31,6 +31,10 @@ pub enum ClusterEvent {
     },
     /// The representative of a cluster has changed.
     Moved(ClusterId),
+    /// A cluster lost members, and has a new representative.
+    Reduced(ClusterId),
+    /// A cluster lost all its members.
+    Removed(ClusterId),
 }
 
 /// A set of nearly collinear segments.
@@ -46,6 +50,9 @@ pub struct Cluster {
 }
 
 type Entry = GeomWithData<Rectangle<[f64; 3]>, u32>;
+
+/// Marks a segment without cluster.
+const NONE: u32 = u32::MAX;
 
 /// Groups segments into clusters incrementally and reports the changes.
 ///
@@ -81,8 +88,10 @@ pub struct SegmentClusterer {
     /// How many of them have the minimum size.
     large: usize,
     tree: RTree<Entry>,
-    /// The member after each segment in its cluster; the last one points to itself.
+    /// The member after each segment in its cluster; the last one points to itself, and so does a segment without cluster.
     next_member: Vec<u32>,
+    /// The cluster of each segment; [`NONE`] without one.
+    cluster_of: Vec<u32>,
     candidates: Vec<u32>,
 }
 
@@ -112,6 +121,7 @@ impl SegmentClusterer {
             large: 0,
             tree: RTree::new(),
             next_member: Vec::new(),
+            cluster_of: Vec::new(),
             candidates: Vec::new(),
         })
     }
@@ -171,28 +181,116 @@ impl SegmentClusterer {
         let segment = WorldSegment::new(ends_in_world)?;
         let id = self.next_member.len() as u32;
         self.next_member.push(id);
-        let Some(mut cluster) = self.best_cluster(&segment, None, self.offset) else {
+        self.cluster_of.push(NONE);
+        let cluster = self.place(id, &segment, events);
+        Some((SegmentId(id), ClusterId(cluster)))
+    }
+
+    /// Puts a segment that has no cluster into the best fitting one, or into a new one. Returns the cluster.
+    fn place(&mut self, id: u32, segment: &WorldSegment, events: &mut Vec<ClusterEvent>) -> u32 {
+        self.next_member[id as usize] = id;
+        let Some(mut cluster) = self.best_cluster(segment, None, self.offset) else {
             let cluster = self.clusters.len() as u32;
             self.clusters.push(Some(Cluster {
-                representative: segment,
+                representative: *segment,
                 size: 1,
-                moments: EndMoments::new(&segment),
+                moments: EndMoments::new(segment),
                 members: [id, id],
             }));
+            self.cluster_of[id as usize] = cluster;
             self.directions.push(segment.direction());
             self.count_change(0, 1);
-            self.tree.insert(entry(&segment, cluster));
+            self.tree.insert(entry(segment, cluster));
             events.push(ClusterEvent::Created(ClusterId(cluster)));
-            return Some((SegmentId(id), ClusterId(cluster)));
+            return cluster;
         };
-        self.extend(cluster, &segment, id, events);
+        self.extend(cluster, segment, id, events);
         if self.options.merge {
             // The representative of a merged cluster may fit a further cluster.
             while let Some(other) = self.merge_partner(cluster) {
                 cluster = self.merge(cluster, other, events);
             }
         }
-        Some((SegmentId(id), ClusterId(cluster)))
+        cluster
+    }
+
+    /// Moves or removes segments and appends what changed to `events`; `moved` lists them with their new ends, or with none for those to
+    /// remove. They leave their clusters, which keep the other members; then each that moved joins the cluster that fits it now, as
+    /// [`insert`](Self::insert) would have it. `ends` gives the ends of the members that stay. A segment whose new ends coincide or
+    /// are not finite has no cluster from then on.
+    ///
+    /// # Complexity
+    /// The members of the clusters concerned, and one insertion a segment.
+    pub fn change(
+        &mut self,
+        moved: &[(SegmentId, Option<[Point3<f64>; 2]>)],
+        ends: impl Fn(SegmentId) -> [Point3<f64>; 2],
+        events: &mut Vec<ClusterEvent>,
+    ) {
+        let clusters = moved.iter().map(|(id, _)| self.cluster_of[id.0 as usize]);
+        let mut clusters: Vec<u32> = clusters.filter(|cluster| *cluster != NONE).collect();
+        clusters.sort_unstable();
+        clusters.dedup();
+        for (id, _) in moved {
+            self.cluster_of[id.0 as usize] = NONE;
+        }
+        for cluster in clusters {
+            self.reduce(cluster, &ends, events);
+        }
+        for (id, ends) in moved {
+            if let Some(segment) = ends.and_then(WorldSegment::new) {
+                self.place(id.0, &segment, events);
+            }
+        }
+    }
+
+    /// Makes a cluster anew from the members that are still marked as its own.
+    fn reduce(
+        &mut self,
+        number: u32,
+        ends: impl Fn(SegmentId) -> [Point3<f64>; 2],
+        events: &mut Vec<ClusterEvent>,
+    ) {
+        let Some(before) = self.clusters[number as usize].take() else {
+            return;
+        };
+        self.tree.remove(&entry(&before.representative, number));
+        self.count_change(before.size, 0);
+        let members: Vec<SegmentId> = self.members(&before).collect();
+        let mut reduced: Option<Cluster> = None;
+        for id in members {
+            let is_kept = self.cluster_of[id.0 as usize] == number;
+            self.next_member[id.0 as usize] = id.0;
+            let Some(segment) = WorldSegment::new(ends(id)).filter(|_| is_kept) else {
+                continue;
+            };
+            match &mut reduced {
+                Some(cluster) => {
+                    let representative = cluster.representative;
+                    cluster.representative = cluster.moments.extend(&segment, &representative);
+                    cluster.size += 1;
+                    self.next_member[cluster.members[1] as usize] = id.0;
+                    cluster.members[1] = id.0;
+                }
+                None => {
+                    reduced = Some(Cluster {
+                        representative: segment,
+                        size: 1,
+                        moments: EndMoments::new(&segment),
+                        members: [id.0; 2],
+                    });
+                }
+            }
+        }
+        if let Some(cluster) = &reduced {
+            self.directions[number as usize] = cluster.representative.direction();
+            self.tree.insert(entry(&cluster.representative, number));
+            self.count_change(0, cluster.size);
+            events.push(ClusterEvent::Reduced(ClusterId(number)));
+        } else {
+            events.push(ClusterEvent::Removed(ClusterId(number)));
+        }
+        self.clusters[number as usize] = reduced;
     }
 
     fn extend(
@@ -210,6 +308,7 @@ impl SegmentClusterer {
         target.size += 1;
         self.next_member[target.members[1] as usize] = id;
         target.members[1] = id;
+        self.cluster_of[id as usize] = cluster;
         events.push(ClusterEvent::Extended(ClusterId(cluster)));
         let (after, size) = (target.representative, target.size);
         self.count_change(size - 1, size);
@@ -245,6 +344,14 @@ impl SegmentClusterer {
             return into;
         };
         self.tree.remove(&entry(&gone.representative, from));
+        let mut member = gone.members[0];
+        loop {
+            self.cluster_of[member as usize] = into;
+            if member == gone.members[1] {
+                break;
+            }
+            member = self.next_member[member as usize];
+        }
         events.push(ClusterEvent::Merged {
             into: ClusterId(into),
             from: ClusterId(from),

@@ -34,14 +34,16 @@ fn clusterer() -> SegmentClusterer {
 
 fn check(clusterer: &SegmentClusterer) {
     let mut seen = vec![false; clusterer.segment_count()];
-    for (_, cluster) in clusterer.all_clusters() {
+    for (id, cluster) in clusterer.all_clusters() {
         let members: Vec<_> = clusterer.members(cluster).collect();
         assert_eq!(members.len(), cluster.size as usize);
         for member in members {
             assert!(!std::mem::replace(&mut seen[member.0 as usize], true));
+            assert_eq!(clusterer.cluster_of[member.0 as usize], id.0);
         }
     }
-    assert!(seen.iter().all(|&s| s));
+    let has_cluster = |id: usize| clusterer.cluster_of[id] != NONE;
+    assert!((0..seen.len()).all(|id| seen[id] == has_cluster(id)));
     assert_eq!(clusterer.tree.size(), clusterer.all_clusters().count());
     assert_eq!(clusterer.cluster_count(), clusterer.clusters().count());
 }
@@ -241,4 +243,55 @@ fn lines_of_opposite_direction_share_a_cluster() {
             assert_eq!(clusterer.all_clusters().count(), 1, "{direction} {turn}");
         }
     }
+}
+
+#[test]
+fn moved_segments_leave_their_clusters_and_join_others() {
+    let segments = scattered(5, 40, 8, 0.002);
+    let mut clusterer = clusterer();
+    let mut events = Vec::new();
+    let mut ends: Vec<[Point3<f64>; 2]> = Vec::new();
+    for (segment, _) in &segments {
+        clusterer.insert(*segment, &mut events).unwrap();
+        ends.push(*segment);
+    }
+    let before: Vec<_> = clusterer.clusters().map(|(_, c)| c.representative).collect();
+    // A quarter of all go far away, together, and come back.
+    let chosen: Vec<u32> = (0..ends.len() as u32).filter(|id| id % 4 == 1).collect();
+    for shift in [10.0, -10.0] {
+        let moved: Vec<_> = chosen
+            .iter()
+            .map(|id| {
+                let ends = ends[*id as usize].map(|end| end + Vector3::new(shift, 0.0, 0.0));
+                (SegmentId(*id), Some(ends))
+            })
+            .collect();
+        clusterer.change(&moved, |id| ends[id.0 as usize], &mut events);
+        for (id, new) in moved {
+            ends[id.0 as usize] = new.unwrap();
+        }
+        check(&clusterer);
+        let far = |c: &Cluster| c.representative.ends.iter().any(|end| end.x > 5.0);
+        assert_eq!(clusterer.clusters().any(|(_, c)| far(c)), shift > 0.0);
+    }
+    let after: Vec<_> = clusterer.clusters().map(|(_, c)| c.representative).collect();
+    assert!(before.len().abs_diff(after.len()) <= 2, "{} {}", before.len(), after.len());
+}
+
+#[test]
+fn removed_segments_leave_no_cluster() {
+    let segments = scattered(7, 10, 4, 0.002);
+    let mut clusterer = clusterer();
+    let mut events = Vec::new();
+    for (ends, _) in &segments {
+        clusterer.insert(*ends, &mut events).unwrap();
+    }
+    let all: Vec<_> = (0..segments.len() as u32).map(|id| (SegmentId(id), None)).collect();
+    let ends = |id: SegmentId| segments[id.0 as usize].0;
+    clusterer.change(&all[..5], ends, &mut events);
+    check(&clusterer);
+    clusterer.change(&all, ends, &mut events);
+    check(&clusterer);
+    assert_eq!(clusterer.all_clusters().count(), 0);
+    assert!(events.iter().any(|e| matches!(e, ClusterEvent::Removed(_))));
 }
