@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 use crate::error::Error;
 use crate::front_end::{Arrival, FrontEndError, Keyframe};
@@ -156,6 +156,17 @@ impl Mapper {
         }
         self.map = map;
         Ok(())
+    }
+
+    /// Moves or removes keyframes, see [`Map::correct`].
+    ///
+    /// # Errors
+    /// When the map refuses a pose. It must not be used afterwards.
+    pub(crate) fn correct(
+        &mut self,
+        keyframes: &[(usize, Option<Isometry3<f64>>)],
+    ) -> Result<MapUpdate, MapError> {
+        self.map.correct(keyframes)
     }
 
     /// Keeps the exported surface up to date from now on.

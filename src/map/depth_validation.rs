@@ -10,7 +10,7 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 use linecarve_carving::IncidentCells;
-use linecarve_carving::{SurfaceDelta, Triangle};
+use linecarve_carving::{SurfaceDelta, Triangle, ViewId};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::SurfaceSamples;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
@@ -191,6 +191,44 @@ impl DepthValidation {
             .filter(|(_, known)| known.is_none_or(|known| !known.is_complete()))
             .collect();
         self.update_evidence(map, incomplete, last as u32)
+    }
+
+    /// Gives a view another pose, or removes its depth. Follow with [`look_again`](Self::look_again).
+    pub(super) fn correct(&mut self, view: ViewId, world_from_camera: Option<&Isometry3<f64>>) {
+        let Some(dense_view) = self.dense_views.get_mut(view.0 as usize) else {
+            return;
+        };
+        match (world_from_camera, dense_view) {
+            (Some(pose), Some(dense_view)) => dense_view.world_from_camera = *pose,
+            (None, dense_view) => *dense_view = None,
+            (Some(_), None) => {}
+        }
+    }
+
+    /// Makes the evidence of all triangles around these landmarks anew, after the views that observe them were
+    /// [corrected](Self::correct) and the surface changed by `delta`.
+    ///
+    /// # Complexity
+    /// The triangles around the landmarks times the views that observe them.
+    pub(super) fn look_again(
+        &mut self,
+        map: VertexViews<'_>,
+        delta: &SurfaceDelta,
+        landmarks: &[u32],
+    ) {
+        let mut scratch = IncidentCells::new();
+        let mut around: Vec<Triangle> = Vec::new();
+        for vertex in landmarks
+            .iter()
+            .filter_map(|landmark| map.vertex(*landmark))
+        {
+            map.carver()
+                .triangles_around(vertex, &mut scratch, &mut around);
+        }
+        for triangle in &around {
+            self.triangles.remove(triangle);
+        }
+        self.update(map, delta, landmarks);
     }
 
     /// Whether the surfaces of keyframes lie along a triangle, wherever it comes from, and are not behind most of it.

@@ -2,9 +2,10 @@
 
 use linecarve_carving::{Carver, PointId, Transaction, TransactionError, ViewId};
 use linecarve_lines::triangulation::{ImageVertex, SurfaceSample};
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 
 use super::depth_noise::Deviation;
+use super::keyframe_measurements::{Correction, KeyframeMeasurements};
 use super::landmarks::{Association, LandmarkUpdate, Landmarks, Measurement};
 use super::ray_selection::{RayChange, RaySelection};
 use super::segment_views::SegmentViews;
@@ -25,6 +26,8 @@ pub(super) struct LandmarkFusion {
     sigma_factor: f64,
     /// The observations of each landmark, and its rays among them.
     rays: RaySelection,
+    /// The measurements of each keyframe, where poses may be corrected.
+    measurements: Option<KeyframeMeasurements>,
     /// Views with visibility triangles to sub-segments.
     segment_views: SegmentViews,
     /// Landmarks that the keyframe observes; unsorted and with repetitions until colours are added.
@@ -54,6 +57,7 @@ impl LandmarkFusion {
             points: Vec::new(),
             sigma_factor: options.carving.cut.sigma_factor,
             rays: RaySelection::new(options.carving.ray_angle_deg),
+            measurements: None,
             segment_views: SegmentViews::new(options.carving.least_segment_angle_deg),
             seen: Vec::new(),
             observed: Vec::new(),
@@ -92,9 +96,22 @@ impl LandmarkFusion {
         &self.contradicted
     }
 
+    /// Keeps the measurements of all keyframes from now on, for [`correct`](Self::correct).
+    pub(super) fn keep_measurements(&mut self) {
+        self.measurements.get_or_insert_default();
+    }
+
+    /// The pose of a keyframe in the map, where measurements are kept.
+    pub(super) fn pose(&self, keyframe: usize) -> Option<&Isometry3<f64>> {
+        self.measurements.as_ref()?.pose(keyframe)
+    }
+
     /// Clears the state of the previous keyframe.
-    pub(super) fn begin_keyframe(&mut self) {
+    pub(super) fn begin_keyframe(&mut self, world_from_camera: &Isometry3<f64>) {
         self.landmarks.begin_keyframe();
+        if let Some(measurements) = &mut self.measurements {
+            measurements.begin(world_from_camera);
+        }
         self.seen.clear();
         self.contradicted.clear();
         self.sub_segments.clear();
@@ -121,8 +138,15 @@ impl LandmarkFusion {
             }
             Association::Existing(landmark) => landmark,
         };
+        self.keep(landmark, measurement);
         self.seen.push(landmark);
         Ok(landmark)
+    }
+
+    fn keep(&mut self, landmark: u32, measurement: &Measurement) {
+        if let Some(measurements) = &mut self.measurements {
+            measurements.keep(landmark, measurement);
+        }
     }
 
     /// Adds the points along a segment, in their order.
@@ -230,6 +254,7 @@ impl LandmarkFusion {
             } = check
             {
                 self.landmarks.add_measurement(landmark, &measurement);
+                self.keep(landmark, &measurement);
                 self.seen.push(landmark);
                 self.add_vertex(landmark, vertex);
             } else {
@@ -323,6 +348,27 @@ impl LandmarkFusion {
                 before.view(other).unwrap_or(*center)
             }
         };
+        self.select_rays(transaction, center_of)?;
+        self.observed.clear();
+        for &landmark in &self.seen {
+            let position = self.landmarks.position(landmark);
+            let has_ray = self.rays.observe(landmark, &position, view, |other| {
+                center_of(transaction.before(), other)
+            });
+            if has_ray {
+                self.observed.push(landmark);
+                transaction.add_observation(view, self.points[landmark as usize], 1)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Selects the rays of the landmarks that moved anew.
+    fn select_rays(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        center_of: impl Fn(&Carver, ViewId) -> Point3<f64>,
+    ) -> Result<(), TransactionError> {
         for landmark in self.moved.drain(..) {
             let point = self.points[landmark as usize];
             let position = self.landmarks.position(landmark);
@@ -336,18 +382,88 @@ impl LandmarkFusion {
                 }
             }
         }
-        self.observed.clear();
-        for &landmark in &self.seen {
-            let position = self.landmarks.position(landmark);
-            let has_ray = self.rays.observe(landmark, &position, view, |other| {
-                center_of(transaction.before(), other)
-            });
-            if has_ray {
-                self.observed.push(landmark);
-                transaction.add_observation(view, self.points[landmark as usize], 1)?;
+        Ok(())
+    }
+
+    /// Moves keyframes, given by number and view, to these poses, or removes them, with what they measured. Landmarks follow the
+    /// mean of their measurements; those without any are removed. [`seen`](Self::seen) lists the landmarks concerned that are
+    /// left, ascending.
+    ///
+    /// An approximation: measurements stay with the landmarks that they joined before.
+    ///
+    /// # Errors
+    /// When the carver rejects a position.
+    ///
+    /// # Complexity
+    /// The measurements of these keyframes, and the observations of the landmarks concerned.
+    pub(super) fn correct(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        keyframes: &[(usize, ViewId, Option<Isometry3<f64>>)],
+    ) -> Result<(), TransactionError> {
+        let Some(measurements) = &mut self.measurements else {
+            return Ok(());
+        };
+        self.seen.clear();
+        self.contradicted.clear();
+        self.moved.clear();
+        let mut without_view = Vec::new();
+        for &(keyframe, view, pose) in keyframes {
+            let first = self.seen.len();
+            let mut apply = |correction: Correction| {
+                self.landmarks.correct(&correction);
+                self.seen.push(correction.landmark);
+            };
+            match pose {
+                Some(pose) => measurements
+                    .move_keyframe(keyframe, pose)
+                    .for_each(&mut apply),
+                None => measurements.remove_keyframe(keyframe).for_each(&mut apply),
+            }
+            if pose.is_none() {
+                let mut measured = self.seen[first..].to_vec();
+                measured.sort_unstable();
+                measured.dedup();
+                for &landmark in &measured {
+                    self.landmarks.forget_keyframe(landmark);
+                    self.rays.forget_view(landmark, view);
+                }
+                without_view.extend(measured);
             }
         }
-        Ok(())
+        self.seen.sort_unstable();
+        self.seen.dedup();
+        for &landmark in &self.seen {
+            let point = self.points[landmark as usize];
+            match self.landmarks.settle_again(landmark) {
+                LandmarkUpdate::Unchanged => {}
+                LandmarkUpdate::Settled { position, sigma } => {
+                    if let Some(position) = position {
+                        transaction.set_sigma(point, Some(self.sigma_factor * sigma))?;
+                        transaction.move_point(point, position)?;
+                        self.moved.push(landmark);
+                    }
+                }
+                LandmarkUpdate::Removed => {
+                    transaction.remove_point(point)?;
+                    self.rays.remove(landmark);
+                }
+            }
+        }
+        let landmarks = &self.landmarks;
+        self.seen.retain(|landmark| landmarks.is_in_use(*landmark));
+        without_view.retain(|landmark| landmarks.is_in_use(*landmark));
+        self.moved.extend(without_view);
+        self.moved.sort_unstable();
+        self.moved.dedup();
+        let pose_of = |view: ViewId| {
+            let moved = keyframes.iter().find(|(_, other, _)| *other == view);
+            moved.and_then(|(_, _, pose)| *pose)
+        };
+        self.select_rays(transaction, |before, view| match pose_of(view) {
+            Some(pose) => pose.translation.vector.into(),
+            None => before.view(view).unwrap_or(Point3::origin()),
+        })
     }
 
     /// Adds the observed sub-segments as segment observations of this weight; none with weight 0. A sub-segment with a nearly
@@ -403,7 +519,7 @@ mod tests {
             });
             let mut transaction = carver.transaction();
             let view = transaction.add_view(center).unwrap();
-            fusion.begin_keyframe();
+            fusion.begin_keyframe(&Isometry3::identity());
             fusion
                 .add_segment_points(&mut transaction, measured.into_iter())
                 .unwrap();

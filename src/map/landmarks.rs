@@ -9,6 +9,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use rstar::primitives::GeomWithData;
 use rstar::{AABB, RTree};
 
+use super::keyframe_measurements::Correction;
 use crate::options::LandmarkOptions;
 
 /// A point measured by a keyframe.
@@ -240,19 +241,65 @@ impl Landmarks {
             return LandmarkUpdate::Unchanged;
         }
         landmark.settled_at = landmark.keyframes;
+        self.settle(id)
+    }
+
+    /// Applies the correction of a measurement.
+    ///
+    /// # Panics
+    /// When the index is out of range.
+    pub(super) fn correct(&mut self, correction: &Correction) {
+        let landmark = &mut self.records[correction.landmark as usize];
+        landmark.weighted += correction.weighted;
+        landmark.weight -= correction.weight;
+        landmark.measurements -= correction.measurements;
+    }
+
+    /// One keyframe less measured the landmark.
+    ///
+    /// # Panics
+    /// When the index is out of range.
+    pub(super) fn forget_keyframe(&mut self, id: u32) {
+        let landmark = &mut self.records[id as usize];
+        landmark.keyframes = landmark.keyframes.saturating_sub(1).max(1);
+    }
+
+    /// Moves a landmark to the mean of its corrected measurements, or removes it when it has none any more.
+    ///
+    /// # Panics
+    /// When the index is out of range.
+    pub(super) fn settle_again(&mut self, id: u32) -> LandmarkUpdate {
+        let landmark = &mut self.records[id as usize];
+        if landmark.is_removed {
+            return LandmarkUpdate::Unchanged;
+        }
+        if landmark.measurements == 0 {
+            landmark.is_removed = true;
+            let indexed = GeomWithData::new(landmark.position.coords.into(), id);
+            self.tree.remove(&indexed);
+            return LandmarkUpdate::Removed;
+        }
+        self.settle(id)
+    }
+
+    /// Moves a landmark to the mean of its measurements, where that is far enough.
+    fn settle(&mut self, id: u32) -> LandmarkUpdate {
+        let landmark = &mut self.records[id as usize];
         let mean = Point3::from(landmark.weighted / landmark.weight);
         let sigma = landmark.sigma();
         let moved = (mean - landmark.position).norm();
         // False also for a NaN mean.
         let is_significant = moved > self.options.settling_share * sigma;
+        let keyframes = landmark.keyframes;
         if is_significant {
+            let indexed = GeomWithData::new(landmark.position.coords.into(), id);
             landmark.position = mean;
             self.tree.remove(&indexed);
             self.tree.insert(GeomWithData::new(mean.coords.into(), id));
         }
         LandmarkUpdate::Settled {
             position: is_significant.then_some(mean),
-            sigma: sigma / f64::from(landmark.keyframes).sqrt(),
+            sigma: sigma / f64::from(keyframes).sqrt(),
         }
     }
 

@@ -2,13 +2,12 @@
 
 use std::time::Instant;
 
-use linecarve_carving::VertexId;
-use linecarve_carving::{Carver, TransactionError};
+use linecarve_carving::{Carver, TransactionError, VertexId, ViewId};
 use linecarve_carving::{SurfaceDelta, Triangle, TriangleRole};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
 use linecarve_mesh::{TriangleMesh, close_holes};
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use rustc_hash::FxHashMap;
 
 use super::depth_noise::DepthNoise;
@@ -43,9 +42,13 @@ pub(super) struct LineMap {
     noise: DepthNoise,
     segments: SegmentMap,
     landmarks: LandmarkFusion,
+    /// The view of each keyframe.
+    views: Vec<ViewId>,
     provisional: ProvisionalKeyframes,
     vertices: VertexLandmarks,
     validation: DepthValidation,
+    /// Median scene depth in units of the poses.
+    median_depth: f64,
 }
 
 impl LineMap {
@@ -64,6 +67,8 @@ impl LineMap {
             noise: DepthNoise::new(noise),
             segments: SegmentMap::new(options.cluster, median_depth)?,
             landmarks: LandmarkFusion::new(options),
+            views: Vec::new(),
+            median_depth,
             provisional: ProvisionalKeyframes::default(),
             vertices: VertexLandmarks::default(),
             validation: DepthValidation::new(
@@ -138,6 +143,86 @@ impl LineMap {
         Ok(update)
     }
 
+    /// Keeps what [`correct`](Self::correct) needs, from now on.
+    pub(super) fn keep_measurements(&mut self) {
+        self.landmarks.keep_measurements();
+    }
+
+    /// Whether a keyframe that moves to this pose moves what it measured by more than a share of its deviation.
+    pub(super) fn is_moved(
+        &self,
+        options: &Options,
+        keyframe: usize,
+        world_from_camera: &Isometry3<f64>,
+    ) -> bool {
+        let Some(before) = self.landmarks.pose(keyframe) else {
+            return true;
+        };
+        let depth = self.median_depth;
+        let sigma = self.noise.sigma(1.0 / depth) * depth * depth;
+        let ahead = Point3::new(0.0, 0.0, depth);
+        let turn = before.rotation.angle_to(&world_from_camera.rotation);
+        let moved = (world_from_camera * ahead - before * ahead).norm() + turn * depth;
+        // True also for NaN.
+        !(moved <= options.landmarks.settling_share * sigma)
+    }
+
+    /// Moves keyframes to these poses, or removes them, with their segments, measurements and rays.
+    ///
+    /// # Errors
+    /// When the carver rejects a position. The map must not be used afterwards.
+    ///
+    /// # Complexity
+    /// What these keyframes brought.
+    pub(super) fn correct(
+        &mut self,
+        carver: &mut Carver,
+        keyframes: &[(usize, Option<Isometry3<f64>>)],
+    ) -> Result<MapUpdate, TransactionError> {
+        let start = Instant::now();
+        let mut update = MapUpdate::default();
+        let transforms: Vec<_> = keyframes
+            .iter()
+            .map(|(keyframe, pose)| {
+                let before = self.landmarks.pose(*keyframe);
+                let transform = pose
+                    .zip(before)
+                    .map(|(pose, before)| pose * before.inverse());
+                (*keyframe, transform)
+            })
+            .collect();
+        self.segments.change(&transforms);
+        update.times.clustering = start.elapsed();
+        let viewed = keyframes
+            .iter()
+            .map(|(keyframe, pose)| (*keyframe, self.views[*keyframe], *pose));
+        let viewed: Vec<_> = viewed.collect();
+        let mut transaction = carver.transaction();
+        for (_, view, pose) in &viewed {
+            match pose {
+                Some(pose) => transaction.move_view(*view, pose.translation.vector.into())?,
+                None => transaction.remove_view(*view)?,
+            }
+            self.validation.correct(*view, pose.as_ref());
+        }
+        self.landmarks.correct(&mut transaction, &viewed)?;
+        let matched = start.elapsed();
+        update.times.matching = matched - update.times.clustering;
+        let report = transaction.commit()?;
+        let carved = start.elapsed();
+        update.times.carving = carved - matched;
+        let (points, seen) = (self.landmarks.points(), self.landmarks.seen());
+        let recolored = &mut update.recolored;
+        self.vertices
+            .update(carver, points, seen.iter().copied(), recolored);
+        let views = VertexViews::new(carver, points, &self.vertices);
+        self.validation.look_again(views, &report.surface, seen);
+        update.revalidated.extend(self.validation.take_changed());
+        update.deltas.push(report.surface);
+        update.times.validation = start.elapsed() - carved;
+        Ok(update)
+    }
+
     /// Makes up for what had to wait until a deferred carver has carved. Appends the vertices that have a colour now.
     pub(super) fn finish_deferred(&mut self, carver: &Carver, recolored: &mut Vec<VertexId>) {
         self.vertices
@@ -201,8 +286,9 @@ impl LineMap {
         let mut transaction = carver.transaction();
         self.provisional.remove(keyframe.frame, &mut transaction)?;
         let view = transaction.add_view(center)?;
+        self.views.push(view);
         let known = landmarks.points().len();
-        landmarks.begin_keyframe();
+        landmarks.begin_keyframe(pose);
         let mut surface = KeyframeSurface::new(
             &keyframe.surface,
             &self.camera,

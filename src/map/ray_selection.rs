@@ -193,6 +193,33 @@ impl RaySelection {
         &self.changes
     }
 
+    /// Forgets that a view, whose rays go with it, observes a landmark. The rays of the others have to be [selected](Self::select)
+    /// anew.
+    ///
+    /// # Complexity
+    /// Linear in the observations of the landmark.
+    pub(super) fn forget_view(&mut self, landmark: u32, view: ViewId) {
+        let Some(lists) = self.lists.get(landmark as usize).copied() else {
+            return;
+        };
+        let mut without = |first: u32| {
+            // Latest first, as `push` puts them.
+            let mut views: Vec<ViewId> = self.list(first).collect();
+            views.retain(|other| *other != view);
+            self.release(first);
+            let mut list = NONE;
+            for view in views.into_iter().rev() {
+                list = self.push(view, list);
+            }
+            list
+        };
+        let remaining = Lists {
+            observations: without(lists.observations),
+            rays: without(lists.rays),
+        };
+        self.lists[landmark as usize] = remaining;
+    }
+
     /// Forgets a landmark that was removed.
     pub(super) fn remove(&mut self, landmark: u32) {
         if let Some(lists) = self.lists.get_mut(landmark as usize) {
@@ -270,6 +297,29 @@ mod tests {
         let entries = selection.entries.len();
         assert!(selection.observe(4, &Point3::origin(), ViewId(1000), stays));
         assert_eq!(selection.entries.len(), entries);
+    }
+
+    #[test]
+    fn the_rays_without_a_view_are_those_of_the_other_views() {
+        let place = Point3::new(0.1, -0.05, 0.02);
+        let (mut all, mut others) = (RaySelection::new(15.0), RaySelection::new(15.0));
+        for view in (0..60).map(ViewId) {
+            all.observe(0, &place, view, center);
+            if view.0 % 3 > 0 {
+                others.observe(0, &place, view, center);
+            }
+        }
+        for view in (0..60).step_by(3).map(ViewId) {
+            all.forget_view(0, view);
+        }
+        let changes = all.select(0, &place, center);
+        assert!(
+            changes
+                .iter()
+                .all(|change| matches!(change, RayChange::Add(_)))
+        );
+        assert_eq!(rays_of(&all, 0), rays_of(&others, 0));
+        all.forget_view(7, ViewId(1));
     }
 
     #[test]

@@ -137,7 +137,7 @@ fn change_to(mesh: &TriangleMesh) -> SurfaceChange {
 pub(crate) fn with_elements(map: &Map, take: impl FnOnce(Elements<'_>)) {
     match map.segments() {
         Some(segments) => take(Elements::Lines {
-            segments: segments.ends(),
+            segments: &segments.ends(),
             clusters: &segments.clusters(),
         }),
         None => take(Elements::Points(&map.points())),

@@ -42,8 +42,13 @@ impl SessionPage {
         self.image = image.or(self.image.take());
     }
 
-    /// Shows the state after a message; `change` is that of the surface.
-    pub(super) fn publish(&mut self, session_map: &dyn SessionMap, change: Option<&SurfaceChange>) {
+    /// Shows the state after a message; `change` is that of the surface. After a correction all segments are shown anew.
+    pub(super) fn publish(
+        &mut self,
+        session_map: &dyn SessionMap,
+        change: Option<&SurfaceChange>,
+        is_correction: bool,
+    ) {
         let sequence = session_map.sequence();
         let (ids, poses): (Vec<u64>, Vec<_>) = session_map.poses().into_iter().unzip();
         let names: Vec<String> = ids.iter().map(u64::to_string).collect();
@@ -77,7 +82,7 @@ impl SessionPage {
                 current,
                 surface,
                 elements,
-                are_segments_anew: change.is_some_and(|change| change.is_anew),
+                are_segments_anew: is_correction || change.is_some_and(|change| change.is_anew),
                 image,
                 ..LiveUpdate::default()
             });

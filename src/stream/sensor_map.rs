@@ -1,5 +1,7 @@
 //! The map of a session with depth images.
 
+use std::collections::BTreeMap;
+
 use linecarve_lines::depth::DepthSensor;
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -15,14 +17,44 @@ use crate::options::Options;
 use crate::run::StageTimes;
 use linecarve_sequence::{FrameError, LiveFrame, LiveSequence, Sequence};
 
+/// A keyframe of the session.
+#[derive(Clone)]
+struct SessionKeyframe {
+    id: u64,
+    /// In the frame of computation.
+    found: Keyframe,
+    /// Number of the keyframe in the map.
+    place: usize,
+}
+
+impl SessionKeyframe {
+    fn world_from_camera(&self) -> Isometry3<f64> {
+        match &self.found {
+            Keyframe::Lines(keyframe) => keyframe.world_from_camera,
+            Keyframe::Features(keyframe) => keyframe.world_from_camera,
+            Keyframe::Views(_) => Isometry3::identity(),
+        }
+    }
+
+    /// Exchanges its pose with another one.
+    fn swap_pose(&mut self, pose: &mut Isometry3<f64>) {
+        let before = self.world_from_camera();
+        self.found.set_world_from_camera(*pose);
+        *pose = before;
+    }
+}
+
 /// A map of independent keyframes, which move with their poses.
 pub(super) struct SensorMap {
     live: LiveSequence,
     sensor: DepthSensor,
     median_depth: f64,
     front_end: SensorFrontEnd,
-    /// Ids and keyframes, in the frame of computation.
-    keyframes: Vec<(u64, Keyframe)>,
+    keyframes: Vec<SessionKeyframe>,
+    /// Number of keyframes that were added to the map since it was made.
+    places: usize,
+    /// Whether the map is that of a batch run over the keyframes at their poses.
+    matches_batch_run: bool,
     /// Processor times of the newest keyframe.
     newest_times: StageTimes,
     mapper: Mapper,
@@ -43,22 +75,67 @@ impl SessionMap for SensorMap {
         poses: &[(u64, Isometry3<f64>)],
         options: &Options,
     ) -> Result<(), SessionError> {
-        let mut keyframes = self.keyframes.clone();
+        let mut corrected = Vec::with_capacity(poses.len());
         for (id, pose) in poses {
             let mut pose = self.live.world_from_color(pose);
             pose.translation.vector -= self.mapper.origin();
-            keyframes[self.index_of(*id)?].1.set_world_from_camera(pose);
+            corrected.push((self.index_of(*id)?, pose));
         }
-        self.rebuild(keyframes, options)
+        let is_known = |(index, pose): &(usize, Isometry3<f64>)| {
+            self.keyframes[*index].world_from_camera() == *pose
+        };
+        if corrected.iter().all(is_known) {
+            return Ok(());
+        }
+        let swap = |keyframes: &mut [SessionKeyframe],
+                    corrected: &mut [(usize, Isometry3<f64>)]| {
+            for (index, pose) in corrected {
+                keyframes[*index].swap_pose(pose);
+            }
+        };
+        swap(&mut self.keyframes, &mut corrected);
+        let mut changes = BTreeMap::new();
+        for (index, _) in &corrected {
+            let SessionKeyframe { place, .. } = self.keyframes[*index];
+            let pose = self.keyframes[*index].world_from_camera();
+            if self.mapper.map().is_moved(place, &pose) {
+                changes.insert(place, Some(pose));
+            }
+        }
+        let outcome = self.change_map(changes, options);
+        if outcome.is_err() {
+            corrected.reverse();
+            swap(&mut self.keyframes, &mut corrected);
+            self.rebuild(options)?;
+        }
+        outcome
     }
 
     fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
-        for &id in ids {
-            self.index_of(id)?;
+        if ids.is_empty() {
+            return Ok(());
         }
-        let mut keyframes = self.keyframes.clone();
-        keyframes.retain(|(id, _)| !ids.contains(id));
-        self.rebuild(keyframes, options)
+        let mut changes = BTreeMap::new();
+        for &id in ids {
+            changes.insert(self.keyframes[self.index_of(id)?].place, None);
+        }
+        let before = self.keyframes.clone();
+        self.keyframes
+            .retain(|keyframe| !ids.contains(&keyframe.id));
+        let outcome = self.change_map(changes, options);
+        if outcome.is_err() {
+            self.keyframes = before;
+            self.rebuild(options)?;
+        }
+        outcome
+    }
+
+    fn finish(&mut self, options: &Options) -> Result<bool, SessionError> {
+        if self.matches_batch_run {
+            return Ok(false);
+        }
+        self.rebuild(options)?;
+        Ok(true)
     }
 
     fn keyframe_count(&self) -> usize {
@@ -86,16 +163,15 @@ impl SessionMap for SensorMap {
     }
 
     fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
-        let pose = |(id, keyframe): &(u64, Keyframe)| match keyframe {
-            Keyframe::Lines(keyframe) => Some((*id, keyframe.world_from_camera)),
-            Keyframe::Features(_) | Keyframe::Views(_) => None,
-        };
-        self.keyframes.iter().filter_map(pose).collect()
+        let keyframes = self.keyframes.iter();
+        keyframes
+            .map(|keyframe| (keyframe.id, keyframe.world_from_camera()))
+            .collect()
     }
 
     fn newest(&self) -> Option<NewestKeyframe> {
-        let (_, keyframe) = self.keyframes.last()?;
-        let mut newest = NewestKeyframe::new(self.keyframes.len() - 1, keyframe)?;
+        let keyframe = self.keyframes.last()?;
+        let mut newest = NewestKeyframe::new(self.keyframes.len() - 1, &keyframe.found)?;
         newest.times = self.newest_times;
         Some(newest)
     }
@@ -104,8 +180,9 @@ impl SessionMap for SensorMap {
 impl SensorMap {
     /// Index of a keyframe.
     fn index_of(&self, id: u64) -> Result<usize, SessionError> {
-        let mut ids = self.keyframes.iter().map(|(id, _)| *id);
-        ids.position(|other| other == id)
+        let mut keyframes = self.keyframes.iter();
+        keyframes
+            .position(|keyframe| keyframe.id == id)
             .ok_or(SessionError::UnknownKeyframe { id })
     }
 
@@ -141,13 +218,16 @@ impl SensorMap {
         };
         let camera = sequence.color_camera();
         let depth = DepthSource::Sensor(sensor.clone());
-        let map = Map::of_lines(options, camera, &depth, median_depth)?;
+        let mut map = Map::of_lines(options, camera, &depth, median_depth)?;
+        map.keep_measurements();
         let mut session_map = Self {
             front_end: SensorFrontEnd::new(sensor.clone(), options.extract())?,
             live,
             sensor,
             median_depth,
             keyframes: Vec::new(),
+            places: 0,
+            matches_batch_run: true,
             newest_times: StageTimes::default(),
             mapper: Mapper::new(map, origin),
         };
@@ -159,7 +239,7 @@ impl SensorMap {
     /// Runs the front end on a frame of the sequence and adds the keyframe to the map.
     fn push(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
         let failed = |source| SessionError::FrontEnd { id, source };
-        let number = self.keyframes.len();
+        let number = self.places;
         let keyframe = self
             .front_end
             .process(self.live.sequence(), frame, number as u32)
@@ -168,37 +248,60 @@ impl SensorMap {
         match self.mapper.take(number, arrival, false) {
             Ok(Taken::Keyframe(update)) => {
                 self.newest_times = update.times;
-                self.keyframes.push((id, update.keyframe));
+                self.places += 1;
+                self.keyframes.push(SessionKeyframe {
+                    id,
+                    found: update.keyframe,
+                    place: number,
+                });
                 Ok(())
             }
             Ok(Taken::Skipped(source)) => Err(failed(source)),
             Ok(Taken::Provisional) => Ok(()),
             Err(error) => {
                 // The map must not be used after it rejected a keyframe.
-                let keyframes = std::mem::take(&mut self.keyframes);
-                self.rebuild(keyframes, options)?;
+                self.rebuild(options)?;
                 Err(error.into())
             }
         }
     }
 
-    /// Replaces the keyframes and rebuilds the map. On an error both are unchanged.
-    fn rebuild(
+    /// Moves or removes keyframes, given by their numbers in the map, of which the list of keyframes knows already. When they are
+    /// most of all, the map is made anew: measurements then join other landmarks than before.
+    fn change_map(
         &mut self,
-        mut keyframes: Vec<(u64, Keyframe)>,
+        changes: BTreeMap<usize, Option<Isometry3<f64>>>,
         options: &Options,
     ) -> Result<(), SessionError> {
-        for (number, (_, keyframe)) in keyframes.iter_mut().enumerate() {
-            if let Keyframe::Lines(keyframe) = keyframe {
-                renumber(keyframe, number as u32);
+        if 2 * changes.len() > self.keyframes.len() {
+            return self.rebuild(options);
+        }
+        self.matches_batch_run = false;
+        if !changes.is_empty() {
+            let changes: Vec<_> = changes.into_iter().collect();
+            self.mapper.correct(&changes)?;
+        }
+        Ok(())
+    }
+
+    /// Makes the map anew from the keyframes. On an error it is unchanged.
+    fn rebuild(&mut self, options: &Options) -> Result<(), SessionError> {
+        for (number, keyframe) in self.keyframes.iter_mut().enumerate() {
+            if let Keyframe::Lines(lines) = &mut keyframe.found {
+                renumber(lines, number as u32);
             }
         }
         let camera = self.live.sequence().color_camera();
         let depth = DepthSource::Sensor(self.sensor.clone());
-        let map = Map::of_lines(options, camera, &depth, self.median_depth)?;
-        let finals = keyframes.iter().map(|(_, keyframe)| keyframe);
+        let mut map = Map::of_lines(options, camera, &depth, self.median_depth)?;
+        map.keep_measurements();
+        let finals = self.keyframes.iter().map(|keyframe| &keyframe.found);
         self.mapper.rebuild(map, finals, [])?;
-        self.keyframes = keyframes;
+        for (number, keyframe) in self.keyframes.iter_mut().enumerate() {
+            keyframe.place = number;
+        }
+        self.places = self.keyframes.len();
+        self.matches_batch_run = true;
         Ok(())
     }
 }

@@ -99,8 +99,8 @@ impl Session {
     /// When the message is rejected; it then has no effect.
     ///
     /// # Complexity
-    /// A keyframe costs as much as in a run over a recording. A message with poses or removals rebuilds the map from all
-    /// keyframes, because data association depends on poses.
+    /// A keyframe costs as much as in a run over a recording. A message with poses or removals costs what the keyframes concerned
+    /// brought; when they are most of all, the map is made anew from all keyframes.
     pub fn handle(&mut self, message: &Message) -> Result<Option<Reply>, SessionError> {
         let arrived = Instant::now();
         match message {
@@ -115,16 +115,17 @@ impl Session {
             Message::Remove { ids } => self.remove(ids)?,
             Message::End {} => return Ok(None),
         }
-        Ok(self.surface(arrived))
+        let is_correction = !matches!(message, Message::Keyframe(_));
+        Ok(self.surface(arrived, is_correction))
     }
 
-    /// The change of the surface; `None` before the first keyframe.
-    fn surface(&mut self, arrived: Instant) -> Option<Reply> {
+    /// The change of the surface; `None` before the first keyframe. After a correction known segments may have changed.
+    fn surface(&mut self, arrived: Instant, is_correction: bool) -> Option<Reply> {
         let map = self.map.as_mut()?;
         let origin = map.origin();
         let change = map.take_surface_change();
         if let Some(page) = &mut self.page {
-            page.publish(map.as_ref(), change.as_ref());
+            page.publish(map.as_ref(), change.as_ref(), is_correction);
         }
         let mut segments = 0;
         let mut triangles = 0;
@@ -247,8 +248,8 @@ impl Session {
     /// Ends the session.
     ///
     /// # Complexity
-    /// None with depth images. With depth from images alone the remaining estimates, or, after corrected poses or removed
-    /// keyframes, those of a batch run.
+    /// That of a batch run after corrected poses or removed keyframes: the map is made anew. Otherwise none with depth images, and
+    /// the remaining estimates with depth from images alone.
     pub fn finish(mut self) -> SessionEnd {
         let arrived = Instant::now();
         let outcome = match &mut self.map {
@@ -256,7 +257,7 @@ impl Session {
             None => Ok(false),
         };
         let last_change = match outcome {
-            Ok(true) => Ok(self.surface(arrived)),
+            Ok(true) => Ok(self.surface(arrived, true)),
             Ok(false) => Ok(None),
             Err(error) => Err(error),
         };

@@ -1,4 +1,4 @@
-//! Tests of the library on whole sequences: pose correction, provisional depth, streaming without depth images.
+//! Tests of the library on whole sequences: pose correction, provisional depth, corrections and streams.
 
 #![allow(clippy::unwrap_used, reason = "a failure in a helper fails the test")]
 
@@ -8,4 +8,5 @@ mod program;
 mod image_poses;
 mod reconstruction;
 mod refinement;
+mod stream_corrections;
 mod stream_images;

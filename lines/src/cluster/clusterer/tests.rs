@@ -255,7 +255,10 @@ fn moved_segments_leave_their_clusters_and_join_others() {
         clusterer.insert(*segment, &mut events).unwrap();
         ends.push(*segment);
     }
-    let before: Vec<_> = clusterer.clusters().map(|(_, c)| c.representative).collect();
+    let before: Vec<_> = clusterer
+        .clusters()
+        .map(|(_, c)| c.representative)
+        .collect();
     // A quarter of all go far away, together, and come back.
     let chosen: Vec<u32> = (0..ends.len() as u32).filter(|id| id % 4 == 1).collect();
     for shift in [10.0, -10.0] {
@@ -274,8 +277,16 @@ fn moved_segments_leave_their_clusters_and_join_others() {
         let far = |c: &Cluster| c.representative.ends.iter().any(|end| end.x > 5.0);
         assert_eq!(clusterer.clusters().any(|(_, c)| far(c)), shift > 0.0);
     }
-    let after: Vec<_> = clusterer.clusters().map(|(_, c)| c.representative).collect();
-    assert!(before.len().abs_diff(after.len()) <= 2, "{} {}", before.len(), after.len());
+    let after: Vec<_> = clusterer
+        .clusters()
+        .map(|(_, c)| c.representative)
+        .collect();
+    assert!(
+        before.len().abs_diff(after.len()) <= 2,
+        "{} {}",
+        before.len(),
+        after.len()
+    );
 }
 
 #[test]
@@ -286,7 +297,9 @@ fn removed_segments_leave_no_cluster() {
     for (ends, _) in &segments {
         clusterer.insert(*ends, &mut events).unwrap();
     }
-    let all: Vec<_> = (0..segments.len() as u32).map(|id| (SegmentId(id), None)).collect();
+    let all: Vec<_> = (0..segments.len() as u32)
+        .map(|id| (SegmentId(id), None))
+        .collect();
     let ends = |id: SegmentId| segments[id.0 as usize].0;
     clusterer.change(&all[..5], ends, &mut events);
     check(&clusterer);
