@@ -3,9 +3,9 @@
 //! A [`Session`] handles [`Message`]s one after another and answers with [`Reply`]s. It is independent of the transport:
 //! `linecarve stream` reads JSON lines from standard input and writes replies to standard output.
 //!
-//! **Invariant.** After any messages the map equals that of a batch run over the remaining keyframes, in their order and at
-//! their current poses. With depth from images alone this holds at the end of the session; until then an estimate keeps the
-//! depth from the poses at its time, and moves with its keyframe.
+//! **Invariant.** At the end of a session the map equals that of a batch run over the remaining keyframes, in their order and at
+//! their last poses. Until then a corrected keyframe takes along what it measured: segments, measurements and rays, or with depth
+//! from images alone the estimate from the poses at its time.
 
 mod error;
 mod image_map;
