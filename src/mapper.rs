@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::error::Error;
 use crate::front_end::{Arrival, FrontEndError, Keyframe};
-use crate::map::{Map, MapError, MapUpdate, SurfaceChange};
+use crate::map::{Map, MapError, MapUpdate, ObservationChange, SurfaceChange};
 use crate::run::{StageTimes, milliseconds};
 
 /// What one keyframe changed.
@@ -167,6 +167,14 @@ impl Mapper {
         keyframes: &[(usize, Option<Isometry3<f64>>)],
     ) -> Result<MapUpdate, MapError> {
         self.map.correct(keyframes)
+    }
+
+    /// Changes views, points and observations, see [`Map::observe`].
+    ///
+    /// # Errors
+    /// When the map refuses a position. It must not be used afterwards.
+    pub(crate) fn observe(&mut self, change: &ObservationChange) -> Result<MapUpdate, MapError> {
+        self.map.observe(change)
     }
 
     /// Keeps the exported surface up to date from now on.

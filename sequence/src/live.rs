@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
 use super::calibration::{Calibration, Sidecar};
@@ -29,6 +30,51 @@ pub struct LiveSequence {
     sequence: Sequence,
     reading: PoseConvention,
     extrinsics: Extrinsics,
+}
+
+/// The camera of a live system that sends no images.
+#[derive(Debug, Clone)]
+pub struct LiveCamera {
+    camera: Camera,
+    reading: PoseConvention,
+    extrinsics: Extrinsics,
+}
+
+impl LiveCamera {
+    /// Reads a calibration, which has the keys of the sidecar file; `color` is required.
+    ///
+    /// # Errors
+    /// If the calibration is invalid.
+    pub fn new(calibration: &serde_json::Value) -> Result<Self, SequenceError> {
+        let calibration = parse(calibration)?;
+        let color = calibration.color.as_ref();
+        let camera = color.map(|color| color.camera.clone());
+        Ok(Self {
+            camera: camera.ok_or_else(|| content(NO_COLOR.to_owned()))?,
+            reading: calibration.pose_convention,
+            extrinsics: extrinsics(&calibration),
+        })
+    }
+
+    /// The colour camera, with the distortion of its lens.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Colour camera pose for a recorded pose.
+    pub fn world_from_color(&self, world_from_camera: &Isometry3<f64>) -> Isometry3<f64> {
+        self.reading
+            .world_from_color(world_from_camera, &self.extrinsics)
+    }
+}
+
+const NO_COLOR: &str = "`color` is missing: give fx, fy, cx, cy of the colour camera in pixels";
+
+fn content(problem: String) -> SequenceError {
+    SequenceError::Content {
+        path: ORIGIN.into(),
+        problem,
+    }
 }
 
 /// Name of the calibration in error messages.
@@ -98,10 +144,7 @@ impl LiveSequence {
     pub fn set_radial_distortion(&mut self, k1: f64) -> Result<(), SequenceError> {
         self.sequence
             .set_radial_distortion(k1)
-            .map_err(|error| SequenceError::Content {
-                path: ORIGIN.into(),
-                problem: error.to_string(),
-            })
+            .map_err(|error| content(error.to_string()))
     }
 
     /// Appends a frame and returns its index. Its depth image is ignored if the first frame had none.
@@ -124,16 +167,10 @@ impl LiveSequence {
 fn parse(calibration: &serde_json::Value) -> Result<Calibration, SequenceError> {
     let attempt = || -> Result<Calibration, String> {
         let sidecar = Sidecar::from_json(calibration, ORIGIN)?;
-        let color = sidecar
-            .color
-            .clone()
-            .ok_or("`color` is missing: give fx, fy, cx, cy of the colour camera in pixels")?;
+        let color = sidecar.color.clone().ok_or(NO_COLOR)?;
         let mut parsed = Calibration::of_color(Some(color));
         sidecar.apply(&mut parsed)?;
         Ok(parsed)
     };
-    attempt().map_err(|problem| SequenceError::Content {
-        path: ORIGIN.into(),
-        problem,
-    })
+    attempt().map_err(content)
 }

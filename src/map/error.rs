@@ -21,6 +21,12 @@ pub enum MapError {
         /// The cause.
         source: TransactionError,
     },
+    /// The carver rejects a camera centre or a point of observations.
+    #[error("the map rejects the observations: {source} (check poses and points)")]
+    Observations {
+        /// The cause.
+        source: TransactionError,
+    },
     /// A point of a model names a view that does not exist.
     #[error("point {point} of the model is seen by view {view}, but there are {views} views")]
     UnknownView {

@@ -163,8 +163,7 @@ impl LineMap {
         let ahead = Point3::new(0.0, 0.0, depth);
         let turn = before.rotation.angle_to(&world_from_camera.rotation);
         let moved = (world_from_camera * ahead - before * ahead).norm() + turn * depth;
-        // True also for NaN.
-        !(moved <= options.landmarks.settling_share * sigma)
+        moved.is_nan() || moved > options.landmarks.settling_share * sigma
     }
 
     /// Moves keyframes to these poses, or removes them, with their segments, measurements and rays.

@@ -3,6 +3,7 @@
 //! A [`Map`] is a carver and its source of points: landmarks along segments, points triangulated from features, or the points
 //! of a sparse model. It takes [`Keyframe`]s and returns a [`MapUpdate`] for each.
 
+mod corrections;
 mod depth_noise;
 mod depth_validation;
 mod error;
@@ -11,6 +12,7 @@ mod landmark_fusion;
 mod landmarks;
 mod lines;
 mod model;
+mod observed;
 mod points;
 mod provisional;
 mod ray_selection;
@@ -39,11 +41,13 @@ use crate::front_end::{DepthSource, Keyframe};
 use crate::options::{HoleFilling, Options};
 use lines::LineMap;
 use model::ModelMap;
+use observed::ObservedMap;
 use points::FeatureMap;
 use surface::DEFAULT_COLOR;
 
 pub use error::MapError;
 pub use model::ModelCounts;
+pub use observed::{ObservationChange, ObservedPoint, PointKind};
 pub use segment_map::SegmentMap;
 pub use surface::{MapSurface, SurfaceChange};
 pub use update::{MapTimes, MapUpdate};
@@ -77,6 +81,7 @@ enum Contents {
     Lines(Box<LineMap>),
     Features(Box<FeatureMap>),
     Model(ModelMap),
+    Observed(Box<ObservedMap>),
 }
 
 impl Map {
@@ -158,6 +163,17 @@ impl Map {
         Ok(Self::new(options, Contents::Model(model), median_depth))
     }
 
+    /// An empty map of points whose views and observations come with [`observe`](Self::observe). Without `median_depth` the length
+    /// scale is that of the points.
+    pub fn of_observations(options: &Options, median_depth: Option<f64>) -> Self {
+        let observed = ObservedMap::new(&options.point_model, options.carving.cut.sigma_factor);
+        Self::new(
+            options,
+            Contents::Observed(Box::new(observed)),
+            median_depth,
+        )
+    }
+
     fn new(options: &Options, contents: Contents, median_depth: Option<f64>) -> Self {
         Self {
             carver: Carver::new(carver_options(options)),
@@ -233,51 +249,6 @@ impl Map {
         Ok(update)
     }
 
-    /// Keeps what every keyframe measures, for [`correct`](Self::correct); call it before the first one.
-    ///
-    /// # Memory
-    /// 20 bytes a measurement.
-    pub fn keep_measurements(&mut self) {
-        if let Contents::Lines(lines) = &mut self.contents {
-            lines.keep_measurements();
-        }
-    }
-
-    /// Whether a correction to this pose, in the frame of computation, changes more than a share of the deviation of what the
-    /// keyframe measured. Smaller ones need not be made until they add up.
-    pub fn is_moved(&self, keyframe: usize, world_from_camera: &Isometry3<f64>) -> bool {
-        match &self.contents {
-            Contents::Lines(lines) => lines.is_moved(&self.options, keyframe, world_from_camera),
-            _ => true,
-        }
-    }
-
-    /// Moves keyframes to other poses, in the frame of computation, or removes them, with their segments, measurements and rays. The
-    /// surface stays valid. It is not that of a map made from the new poses: a measurement stays with the landmark that it
-    /// joined. Maps of lines that [keep measurements](Self::keep_measurements) alone do this.
-    ///
-    /// # Errors
-    /// When the carver rejects a position. The map must not be used afterwards.
-    ///
-    /// # Complexity
-    /// What these keyframes brought, whatever the size of the map.
-    pub fn correct(
-        &mut self,
-        keyframes: &[(usize, Option<Isometry3<f64>>)],
-    ) -> Result<MapUpdate, MapError> {
-        let Contents::Lines(lines) = &mut self.contents else {
-            return Err(MapError::WrongKeyframe);
-        };
-        let first = keyframes.first().map_or(0, |(keyframe, _)| *keyframe);
-        let update = lines.correct(&mut self.carver, keyframes);
-        let update = update.map_err(|source| MapError::Keyframe {
-            keyframe: first,
-            source,
-        })?;
-        self.note(&update);
-        Ok(update)
-    }
-
     /// Finishes the map after the last keyframe: removes provisional keyframes, or adjusts all feature points and poses
     /// together; then carves, where that was [deferred](Self::defer_carving).
     ///
@@ -288,6 +259,10 @@ impl Map {
         let mut update = match &mut self.contents {
             Contents::Lines(lines) => lines.remove_provisional(&mut self.carver, last)?,
             Contents::Features(features) => features.finish(&mut self.carver, last)?,
+            Contents::Observed(observed) => {
+                observed.measure_depth();
+                MapUpdate::default()
+            }
             Contents::Segments(_) | Contents::Model(_) => MapUpdate::default(),
         };
         let is_carved = matches!(self.contents, Contents::Segments(_) | Contents::Model(_));
@@ -367,7 +342,7 @@ impl Map {
         match &self.contents {
             Contents::Segments(segments) => Some(segments),
             Contents::Lines(lines) => Some(lines.segments()),
-            Contents::Features(_) | Contents::Model(_) => None,
+            Contents::Features(_) | Contents::Model(_) | Contents::Observed(_) => None,
         }
     }
 
@@ -424,8 +399,11 @@ impl Map {
 
     /// Median scene depth in units of the poses; `None` without points.
     pub fn median_depth(&self) -> Option<f64> {
-        self.median_depth
-            .or_else(|| self.feature_points()?.median_depth())
+        let of_points = || match &self.contents {
+            Contents::Observed(observed) => observed.median_depth(),
+            _ => self.feature_points()?.median_depth(),
+        };
+        self.median_depth.or_else(of_points)
     }
 
     /// Positions of the carved points, in the order of their ids.

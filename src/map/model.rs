@@ -165,7 +165,7 @@ impl ModelMap {
 }
 
 /// Whether a point is carved. If so, `views` holds its views, and its depths are appended to `depths`.
-fn select_point(
+pub(super) fn select_point(
     model: &SparseModel,
     point: &ModelPoint,
     options: &PointModelOptions,
@@ -223,7 +223,7 @@ fn select_point(
 
 /// Standard deviation of a point along the mean direction of its rays, when each of its pixels is accurate to [`PIXEL_SIGMA_PX`];
 /// `None` when a view has no camera, or when the rays are so nearly parallel that the deviation is greater than the distance.
-fn sigma_along_rays<'a>(
+pub(super) fn sigma_along_rays<'a>(
     point: &Point3<f64>,
     views: impl Iterator<Item = &'a ModelView>,
 ) -> Option<f64> {

@@ -44,6 +44,42 @@ pub enum SessionError {
         /// The id.
         id: u64,
     },
+    /// Points and segments before any keyframe.
+    #[error("there is no keyframe yet: points and lines come after the first `keyframe`")]
+    NoKeyframe,
+    /// There is no point with this id.
+    #[error("there is no point {id}: it was removed or never sent")]
+    UnknownPoint {
+        /// The id.
+        id: u64,
+    },
+    /// There is no segment with this id.
+    #[error("there is no line {id}: it was removed or never sent")]
+    UnknownLine {
+        /// The id.
+        id: u64,
+    },
+    /// A position or deviation of a point or segment is invalid.
+    #[error("{what} {id}: {problem}")]
+    Observed {
+        /// `point` or `line`.
+        what: &'static str,
+        /// The id.
+        id: u64,
+        /// The problem.
+        problem: String,
+    },
+    /// Points and segments in a session with images.
+    #[error(
+        "points and lines of messages need \"depth_source\": \"none\" in `start`; this session finds its own in the images"
+    )]
+    WithImages,
+    /// A keyframe without image in a session with images.
+    #[error("keyframe {id} has no `color` image, which every \"depth_source\" but \"none\" needs")]
+    WithoutImage {
+        /// The id.
+        id: u64,
+    },
     /// A pose is invalid.
     #[error("the pose of keyframe {id} {problem}")]
     Pose {

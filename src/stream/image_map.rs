@@ -164,8 +164,8 @@ impl SessionMap for ImageMap {
         self.lens_k1
     }
 
-    fn sequence(&self) -> &Sequence {
-        self.live.sequence()
+    fn sequence(&self) -> Option<&Sequence> {
+        Some(self.live.sequence())
     }
 
     fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {

@@ -36,20 +36,22 @@ impl SessionPage {
             return;
         }
         let image = map.newest().and_then(|newest| {
-            let image = map.sequence().load_color(newest.frame).ok()?;
+            let image = map.sequence()?.load_color(newest.frame).ok()?;
             keyframe_image(newest.keyframe, &image, &newest.ends_px).ok()
         });
         self.image = image.or(self.image.take());
     }
 
-    /// Shows the state after a message; `change` is that of the surface. After a correction all segments are shown anew.
+    /// Shows the state after a message, in sessions with images; `change` is that of the surface. After a correction all segments are shown anew.
     pub(super) fn publish(
         &mut self,
         session_map: &dyn SessionMap,
         change: Option<&SurfaceChange>,
         is_correction: bool,
     ) {
-        let sequence = session_map.sequence();
+        let Some(sequence) = session_map.sequence() else {
+            return;
+        };
         let (ids, poses): (Vec<u64>, Vec<_>) = session_map.poses().into_iter().unzip();
         let names: Vec<String> = ids.iter().map(u64::to_string).collect();
         let about = PageRun::of_session(

@@ -26,15 +26,71 @@ pub enum Message {
         /// Ids of the removed keyframes.
         ids: Vec<u64>,
     },
+    /// New and moved points of a map without images, and points that go.
+    Points {
+        /// The points.
+        #[serde(default)]
+        points: Vec<PointMessage>,
+        /// Ids of points that go with their observations.
+        #[serde(default)]
+        removed: Vec<u64>,
+    },
+    /// Points of a map without images that a keyframe observes.
+    Observations {
+        /// Id of the keyframe.
+        keyframe: u64,
+        /// Ids of points that it observes.
+        #[serde(default)]
+        points: Vec<u64>,
+        /// Ids of points that it does not observe any more.
+        #[serde(default)]
+        removed: Vec<u64>,
+    },
+    /// New and changed 3D segments of a map without images, and segments that go.
+    Lines {
+        /// The segments.
+        #[serde(default)]
+        lines: Vec<LineMessage>,
+        /// Ids of segments that go.
+        #[serde(default)]
+        removed: Vec<u64>,
+    },
     /// Ends the session; the end of the input does the same.
     End {},
+}
+
+/// A point of a map without images.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointMessage {
+    /// Its id; a known point moves and keeps its observations.
+    pub id: u64,
+    /// In the frame of the poses.
+    pub position: [f64; 3],
+    /// Standard deviation along the view rays.
+    pub sigma: Option<f64>,
+}
+
+/// A 3D segment of a map without images.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LineMessage {
+    /// Its id; a known segment is replaced.
+    pub id: u64,
+    /// In the frame of the poses.
+    pub ends: [[f64; 3]; 2],
+    /// Ids of the keyframes that see all of it.
+    pub keyframes: Vec<u64>,
+    /// Standard deviation of its points along the view rays.
+    pub sigma: Option<f64>,
 }
 
 /// The cameras, and settings that a recorded sequence would provide.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartMessage {
-    /// As in the sidecar file of a sequence: tables `color`, `depth`, `poses`.
+    /// As in the sidecar file of a sequence: tables `color`, `depth`, `poses`. Without images it may be left out.
+    #[serde(default)]
     pub calibration: serde_json::Value,
     /// Median scene depth in units of the poses; default: that of the first keyframe with depth. The value in `report.json`
     /// of a run over a recording reproduces its result exactly.
@@ -56,6 +112,8 @@ pub enum DepthKind {
     Sensor,
     /// Matching with neighbouring keyframes; depth images are ignored.
     SemiDense,
+    /// No images: points and segments come in messages.
+    None,
 }
 
 /// A keyframe.
@@ -66,8 +124,8 @@ pub struct KeyframeMessage {
     pub id: u64,
     /// Pose of the camera that `poses.camera` of the calibration names, by default the colour camera.
     pub world_from_camera: Pose,
-    /// The colour or grey image.
-    pub color: ImageSource,
+    /// The colour or grey image; not used where the session has no images.
+    pub color: Option<ImageSource>,
     /// The depth image, 16 bits per pixel; none with depth from images alone.
     pub depth: Option<ImageSource>,
 }

@@ -11,6 +11,7 @@ mod error;
 mod image_map;
 mod live_page;
 mod message;
+mod message_map;
 mod semi_dense_mapper;
 mod sensor_map;
 mod session;
@@ -19,8 +20,8 @@ mod surface_diff;
 
 pub use error::SessionError;
 pub use message::{
-    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseParts, PoseUpdate,
-    Reply, StartMessage,
+    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, LineMessage, Message, PointMessage,
+    Pose, PoseParts, PoseUpdate, Reply, StartMessage,
 };
 pub use session::{Session, SessionEnd, SessionSummary};
 pub use surface_diff::{SurfaceDiff, SurfaceDifference};

@@ -158,8 +158,8 @@ impl SessionMap for SensorMap {
         Some(self.median_depth)
     }
 
-    fn sequence(&self) -> &Sequence {
-        self.live.sequence()
+    fn sequence(&self) -> Option<&Sequence> {
+        Some(self.live.sequence())
     }
 
     fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {

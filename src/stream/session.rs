@@ -16,6 +16,7 @@ use super::message::{
     CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseUpdate, Reply,
     StartMessage,
 };
+use super::message_map::MessageMap;
 use super::sensor_map::SensorMap;
 use super::session_map::SessionMap;
 use super::surface_diff::SurfaceDiff;
@@ -113,6 +114,17 @@ impl Session {
             Message::Keyframe(keyframe) => self.add(keyframe)?,
             Message::Poses { poses } => self.correct(poses)?,
             Message::Remove { ids } => self.remove(ids)?,
+            Message::Points { points, removed } => {
+                self.messages()?.change_points(points, removed)?;
+            }
+            Message::Observations {
+                keyframe,
+                points,
+                removed,
+            } => self
+                .messages()?
+                .change_observations(*keyframe, points, removed)?,
+            Message::Lines { lines, removed } => self.messages()?.change_lines(lines, removed)?,
             Message::End {} => return Ok(None),
         }
         let is_correction = !matches!(message, Message::Keyframe(_));
@@ -127,19 +139,14 @@ impl Session {
         if let Some(page) = &mut self.page {
             page.publish(map.as_ref(), change.as_ref(), is_correction);
         }
-        let mut segments = 0;
+        let segments = map.segment_count();
         let mut triangles = 0;
         let mut difference = None;
-        if let Some(map) = map.map() {
-            if let Some((surface, change)) = map.followed_surface().zip(change) {
-                triangles = surface.triangle_count();
-                let position = |number: u32| surface.position(number) + origin;
-                difference = Some(self.surface_diff.update(&change, position));
-            }
-            let known = map
-                .segments()
-                .map_or(0, |segments| segments.segment_count());
-            segments = known + map.provisional_segment_count();
+        let followed = map.map().and_then(|map| map.followed_surface());
+        if let Some((surface, change)) = followed.zip(change) {
+            triangles = surface.triangle_count();
+            let position = |number: u32| surface.position(number) + origin;
+            difference = Some(self.surface_diff.update(&change, position));
         }
         Some(Reply::Surface {
             keyframes: map.keyframe_count(),
@@ -172,7 +179,10 @@ impl Session {
                 expected: "three finite numbers are needed, or leave it out",
             });
         }
-        LiveSequence::check_calibration(&start.calibration)?;
+        let is_without = start.depth_source == DepthKind::None && start.calibration.is_null();
+        if !is_without {
+            LiveSequence::check_calibration(&start.calibration)?;
+        }
         self.start = Some(start.clone());
         Ok(())
     }
@@ -186,9 +196,24 @@ impl Session {
             return Err(SessionError::KeyframeTwice { id });
         }
         let world_from_camera = isometry(id, &message.world_from_camera)?;
+        if start.depth_source == DepthKind::None {
+            return match self.map.as_mut() {
+                Some(map) => match map.messages() {
+                    Some(map) => map.add_view(id, &world_from_camera),
+                    None => Err(SessionError::WithImages),
+                },
+                None => {
+                    let map = MessageMap::begin(start, &self.options, id, &world_from_camera)?;
+                    self.map = Some(Box::new(map));
+                    Ok(())
+                }
+            };
+        }
+        let color = message.color.as_ref();
+        let color = color.ok_or(SessionError::WithoutImage { id })?;
         let depth = match start.depth_source {
             DepthKind::Sensor => message.depth.as_ref(),
-            DepthKind::SemiDense => None,
+            DepthKind::SemiDense | DepthKind::None => None,
         };
         let mut stored_images = Vec::new();
         let mut file =
@@ -196,7 +221,7 @@ impl Session {
         let frame = LiveFrame {
             name: id.to_string(),
             world_from_camera,
-            color: file(&message.color)?,
+            color: file(color)?,
             depth: depth.map(&mut file).transpose()?,
         };
         let outcome = match &mut self.map {
@@ -214,6 +239,16 @@ impl Session {
             delete(&stored_images);
         }
         outcome
+    }
+
+    /// The map of a session whose points and segments come in messages.
+    fn messages(&mut self) -> Result<&mut MessageMap, SessionError> {
+        let start = self.start.as_ref().ok_or(SessionError::NotStarted)?;
+        if start.depth_source != DepthKind::None {
+            return Err(SessionError::WithImages);
+        }
+        let map = self.map.as_mut().ok_or(SessionError::NoKeyframe)?;
+        map.messages().ok_or(SessionError::WithImages)
     }
 
     fn correct(&mut self, poses: &[PoseUpdate]) -> Result<(), SessionError> {
@@ -288,6 +323,7 @@ impl Session {
                 .collect(),
             ..SessionSummary::default()
         };
+        summary.segments = map.lines().unwrap_or_default();
         if let Some(map) = map.map() {
             summary.mesh = map.adjusted_surface();
             if let Some(segments) = map.segments() {
@@ -309,6 +345,7 @@ fn begin_map(
     Ok(match start.depth_source {
         DepthKind::Sensor => Box::new(SensorMap::begin(start, options, id, frame)?),
         DepthKind::SemiDense => Box::new(ImageMap::begin(start, options, id, frame)?),
+        DepthKind::None => return Err(SessionError::WithImages),
     })
 }
 

@@ -3,10 +3,12 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::SessionError;
+use super::message_map::MessageMap;
 use crate::front_end::Keyframe;
 use crate::map::{Map, SurfaceChange};
 use crate::options::Options;
 use crate::run::StageTimes;
+use linecarve_mesh::LineSet;
 use linecarve_sequence::{LiveFrame, Sequence};
 
 /// What is shown of a keyframe.
@@ -41,8 +43,16 @@ pub(super) trait SessionMap {
     /// Whether there is a keyframe with this id.
     fn contains(&self, id: u64) -> bool;
 
-    /// Adds a keyframe with a new id.
-    fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError>;
+    /// Adds a keyframe with images and a new id.
+    fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError> {
+        let _ = (id, frame, options);
+        Err(SessionError::WithImages)
+    }
+
+    /// The map itself, where points and segments come in messages.
+    fn messages(&mut self) -> Option<&mut MessageMap> {
+        None
+    }
 
     /// Replaces poses of keyframes, given as in the messages.
     fn correct(
@@ -57,6 +67,22 @@ pub(super) trait SessionMap {
     /// Finishes pending estimates after the last keyframe. Returns whether the map may have changed.
     fn finish(&mut self, _options: &Options) -> Result<bool, SessionError> {
         Ok(false)
+    }
+
+    /// Number of segments.
+    fn segment_count(&self) -> usize {
+        let Some(map) = self.map() else {
+            return 0;
+        };
+        let known = map
+            .segments()
+            .map_or(0, |segments| segments.segment_count());
+        known + map.provisional_segment_count()
+    }
+
+    /// The segments of messages.
+    fn lines(&self) -> Option<LineSet> {
+        None
     }
 
     /// Number of keyframes.
@@ -84,8 +110,8 @@ pub(super) trait SessionMap {
         None
     }
 
-    /// The frames of all messages so far.
-    fn sequence(&self) -> &Sequence;
+    /// The frames of all messages so far; `None` without images.
+    fn sequence(&self) -> Option<&Sequence>;
 
     /// Ids of the keyframes and poses of their colour cameras, in the frame of computation.
     fn poses(&self) -> Vec<(u64, Isometry3<f64>)>;

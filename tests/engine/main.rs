@@ -10,3 +10,4 @@ mod reconstruction;
 mod refinement;
 mod stream_corrections;
 mod stream_images;
+mod stream_messages;

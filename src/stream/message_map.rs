@@ -1,0 +1,450 @@
+//! The map of a session without images: its points and segments come in messages.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use linecarve_carving::accept_position;
+use linecarve_mesh::LineSet;
+use linecarve_sequence::{LiveCamera, ModelView, Sequence};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::SessionError;
+use super::message::{LineMessage, PointMessage, StartMessage};
+use super::session_map::{NewestKeyframe, SessionMap};
+use crate::front_end::far_origin;
+use crate::map::{Map, ObservationChange, ObservedPoint, PointKind, SurfaceChange};
+use crate::mapper::Mapper;
+use crate::options::{Options, SegmentPointOptions};
+
+/// A 3D segment and the numbers of its points in the map.
+#[derive(Clone)]
+struct Line {
+    ends: [Point3<f64>; 2],
+    /// Numbers of the keyframes that see it.
+    views: Vec<u32>,
+    sigma: Option<f64>,
+    points: Vec<u32>,
+}
+
+/// Keyframes, points and segments by their ids. Coordinates are in the frame of computation.
+pub(super) struct MessageMap {
+    camera: Option<LiveCamera>,
+    keyframes: BTreeMap<u64, u32>,
+    /// By number in the map, also of keyframes that were removed.
+    poses: Vec<Isometry3<f64>>,
+    removed_views: BTreeSet<u32>,
+    points: BTreeMap<u64, u32>,
+    lines: BTreeMap<u64, Line>,
+    /// Numbers of points that are free again, and the number of all.
+    free: Vec<u32>,
+    numbers: u32,
+    spacing: SegmentPointOptions,
+    mapper: Mapper,
+}
+
+impl MessageMap {
+    /// Creates the map with the first keyframe.
+    ///
+    /// # Errors
+    /// When the position of the keyframe is out of range.
+    pub(super) fn begin(
+        start: &StartMessage,
+        options: &Options,
+        id: u64,
+        world_from_camera: &Isometry3<f64>,
+    ) -> Result<Self, SessionError> {
+        let has_camera = !start.calibration.is_null();
+        let camera = has_camera.then(|| LiveCamera::new(&start.calibration));
+        let first = Point3::from(world_from_camera.translation.vector);
+        let origin = match start.origin {
+            Some(origin) => origin.into(),
+            None => far_origin([first], start.median_depth.unwrap_or(1.0)),
+        };
+        let map = Map::of_observations(options, start.median_depth);
+        let mut session_map = Self {
+            camera: camera.transpose()?,
+            keyframes: BTreeMap::new(),
+            poses: Vec::new(),
+            removed_views: BTreeSet::new(),
+            points: BTreeMap::new(),
+            lines: BTreeMap::new(),
+            free: Vec::new(),
+            numbers: 0,
+            spacing: options.segment_points,
+            mapper: Mapper::new(map, origin),
+        };
+        session_map.mapper.follow_surface();
+        session_map.add_view(id, world_from_camera)?;
+        Ok(session_map)
+    }
+
+    /// Adds a keyframe with a new id.
+    pub(super) fn add_view(
+        &mut self,
+        id: u64,
+        world_from_camera: &Isometry3<f64>,
+    ) -> Result<(), SessionError> {
+        let pose = self.pose(id, world_from_camera)?;
+        let view = ModelView {
+            name: id.to_string(),
+            world_from_camera: pose,
+            camera: self.camera.as_ref().map(|camera| camera.camera().clone()),
+            size_px: None,
+        };
+        self.mapper.observe(&ObservationChange {
+            views: vec![view],
+            ..ObservationChange::default()
+        })?;
+        self.keyframes.insert(id, self.poses.len() as u32);
+        self.poses.push(pose);
+        Ok(())
+    }
+
+    /// Adds, moves and removes points.
+    pub(super) fn change_points(
+        &mut self,
+        points: &[PointMessage],
+        removed: &[u64],
+    ) -> Result<(), SessionError> {
+        let mut change = ObservationChange::default();
+        let mut new = Vec::new();
+        let mut numbers = Numbers::of(self);
+        for point in points {
+            let position = self.position("point", point.id, point.position)?;
+            check_sigma("point", point.id, point.sigma)?;
+            let number = match self.points.get(&point.id) {
+                Some(number) => *number,
+                None => {
+                    let number = numbers.take();
+                    new.push((point.id, number));
+                    number
+                }
+            };
+            change.points.push(ObservedPoint {
+                number,
+                position,
+                sigma: point.sigma,
+                kind: PointKind::Single,
+            });
+        }
+        if let Some(id) = repeated(points.iter().map(|point| point.id)) {
+            let problem = "it is twice in one message".to_owned();
+            let what = "point";
+            return Err(SessionError::Observed { what, id, problem });
+        }
+        for id in removed {
+            let unknown = SessionError::UnknownPoint { id: *id };
+            change
+                .removed_points
+                .push(*self.points.get(id).ok_or(unknown)?);
+        }
+        self.mapper.observe(&change)?;
+        (self.numbers, self.free) = (numbers.count, numbers.free);
+        self.points.extend(new);
+        for id in removed {
+            self.free.extend(self.points.remove(id));
+        }
+        Ok(())
+    }
+
+    /// Adds and removes observations of points by a keyframe.
+    pub(super) fn change_observations(
+        &mut self,
+        keyframe: u64,
+        points: &[u64],
+        removed: &[u64],
+    ) -> Result<(), SessionError> {
+        let view = self.view(keyframe)?;
+        let pairs = |ids: &[u64]| -> Result<Vec<[u32; 2]>, SessionError> {
+            let number = |id: &u64| self.points.get(id).copied();
+            ids.iter()
+                .map(|id| match number(id) {
+                    Some(number) => Ok([view, number]),
+                    None => Err(SessionError::UnknownPoint { id: *id }),
+                })
+                .collect()
+        };
+        let change = ObservationChange {
+            observations: pairs(points)?,
+            removed_observations: pairs(removed)?,
+            ..ObservationChange::default()
+        };
+        self.mapper.observe(&change)?;
+        Ok(())
+    }
+
+    /// Adds, replaces and removes segments. Each is carved by points along it, as dense as those of segments in images where the
+    /// camera is known, else by its ends.
+    pub(super) fn change_lines(
+        &mut self,
+        lines: &[LineMessage],
+        removed: &[u64],
+    ) -> Result<(), SessionError> {
+        let mut new = Vec::with_capacity(lines.len());
+        for line in lines {
+            let ends = [
+                self.position("line", line.id, line.ends[0])?,
+                self.position("line", line.id, line.ends[1])?,
+            ];
+            check_sigma("line", line.id, line.sigma)?;
+            let views = line.keyframes.iter().map(|id| self.view(*id));
+            let line_of_map = Line {
+                ends,
+                views: views.collect::<Result<_, _>>()?,
+                sigma: line.sigma,
+                points: Vec::new(),
+            };
+            new.push((line.id, line_of_map));
+        }
+        if let Some(id) = repeated(lines.iter().map(|line| line.id)) {
+            let problem = "it is twice in one message".to_owned();
+            let what = "line";
+            return Err(SessionError::Observed { what, id, problem });
+        }
+        for id in removed {
+            let unknown = SessionError::UnknownLine { id: *id };
+            self.lines.get(id).ok_or(unknown)?;
+        }
+        self.replace_lines(new, removed)
+    }
+
+    /// Carves new lines by points along them, and removes those of the same ids and of the ids `removed`.
+    fn replace_lines(
+        &mut self,
+        mut new: Vec<(u64, Line)>,
+        removed: &[u64],
+    ) -> Result<(), SessionError> {
+        let mut change = ObservationChange::default();
+        let mut numbers = Numbers::of(self);
+        for (_, line) in &mut new {
+            let [from, to] = line.ends;
+            line.points.clear();
+            for share in self.spacing.shares(self.length_px(line)) {
+                let number = numbers.take();
+                line.points.push(number);
+                change.points.push(ObservedPoint {
+                    number,
+                    position: from + share * (to - from),
+                    sigma: line.sigma,
+                    kind: PointKind::OnLine,
+                });
+                let observed = line.views.iter().map(|view| [*view, number]);
+                change.observations.extend(observed);
+            }
+        }
+        let mut gone: Vec<u64> = removed.to_vec();
+        gone.extend(new.iter().map(|(id, _)| *id));
+        gone.sort_unstable();
+        gone.dedup();
+        let old = gone.iter().filter_map(|id| self.lines.get(id));
+        change.removed_points = old.flat_map(|line| line.points.iter().copied()).collect();
+        self.mapper.observe(&change)?;
+        (self.numbers, self.free) = (numbers.count, numbers.free);
+        self.free.extend(change.removed_points);
+        for id in gone {
+            self.lines.remove(&id);
+        }
+        self.lines.extend(new);
+        Ok(())
+    }
+
+    /// Spaces the points anew on lines whose length in the images has changed with these keyframes.
+    fn space_lines(&mut self, views: &[u32]) -> Result<(), SessionError> {
+        let is_other = |line: &Line| {
+            let is_seen = line.views.iter().any(|view| views.contains(view));
+            is_seen && self.spacing.shares(self.length_px(line)).count() != line.points.len()
+        };
+        let lines = self.lines.iter().filter(|(_, line)| is_other(line));
+        let other: Vec<(u64, Line)> = lines.map(|(id, line)| (*id, line.clone())).collect();
+        match other.is_empty() {
+            true => Ok(()),
+            false => self.replace_lines(other, &[]),
+        }
+    }
+
+    /// The largest length of a segment in the images of its keyframes, in pixels; zero without a camera.
+    fn length_px(&self, line: &Line) -> f64 {
+        let Some(camera) = &self.camera else {
+            return 0.0;
+        };
+        let views = line
+            .views
+            .iter()
+            .filter(|view| !self.removed_views.contains(view));
+        let lengths = views.filter_map(|view| {
+            let pose = &self.poses[*view as usize];
+            let project = |end| camera.camera().project(&pose.inverse_transform_point(end));
+            Some((project(&line.ends[1])? - project(&line.ends[0])?).norm())
+        });
+        lengths.fold(0.0, f64::max)
+    }
+
+    fn view(&self, id: u64) -> Result<u32, SessionError> {
+        let known = self.keyframes.get(&id).copied();
+        known.ok_or(SessionError::UnknownKeyframe { id })
+    }
+
+    /// The pose of a colour camera in the frame of computation.
+    fn pose(&self, id: u64, recorded: &Isometry3<f64>) -> Result<Isometry3<f64>, SessionError> {
+        let mut pose = match &self.camera {
+            Some(camera) => camera.world_from_color(recorded),
+            None => *recorded,
+        };
+        pose.translation.vector -= self.mapper.origin();
+        match accept_position(&pose.translation.vector.into()) {
+            Ok(_) => Ok(pose),
+            Err(source) => Err(SessionError::Position { id, source }),
+        }
+    }
+
+    /// A position in the frame of computation.
+    fn position(
+        &self,
+        what: &'static str,
+        id: u64,
+        position: [f64; 3],
+    ) -> Result<Point3<f64>, SessionError> {
+        let position = Point3::from(position) - self.mapper.origin();
+        match accept_position(&position) {
+            Ok(_) => Ok(position),
+            Err(source) => Err(SessionError::Observed {
+                what,
+                id,
+                problem: source.to_string(),
+            }),
+        }
+    }
+}
+
+/// Numbers for new points.
+struct Numbers {
+    free: Vec<u32>,
+    count: u32,
+}
+
+impl Numbers {
+    fn of(map: &MessageMap) -> Self {
+        Self {
+            free: map.free.clone(),
+            count: map.numbers,
+        }
+    }
+
+    fn take(&mut self) -> u32 {
+        self.free.pop().unwrap_or_else(|| {
+            self.count += 1;
+            self.count - 1
+        })
+    }
+}
+
+fn check_sigma(what: &'static str, id: u64, sigma: Option<f64>) -> Result<(), SessionError> {
+    match sigma {
+        Some(sigma) if !(sigma.is_finite() && sigma > 0.0) => Err(SessionError::Observed {
+            what,
+            id,
+            problem: format!("`sigma` is {sigma}: a positive length is needed, or leave it out"),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// An id that occurs twice.
+fn repeated(ids: impl Iterator<Item = u64>) -> Option<u64> {
+    let mut ids: Vec<u64> = ids.collect();
+    ids.sort_unstable();
+    ids.windows(2)
+        .find(|pair| pair[0] == pair[1])
+        .map(|pair| pair[0])
+}
+
+impl SessionMap for MessageMap {
+    fn contains(&self, id: u64) -> bool {
+        self.keyframes.contains_key(&id)
+    }
+
+    fn messages(&mut self) -> Option<&mut MessageMap> {
+        Some(self)
+    }
+
+    fn correct(
+        &mut self,
+        poses: &[(u64, Isometry3<f64>)],
+        _options: &Options,
+    ) -> Result<(), SessionError> {
+        let mut moved_views = Vec::with_capacity(poses.len());
+        for (id, pose) in poses {
+            moved_views.push((self.view(*id)?, self.pose(*id, pose)?));
+        }
+        let change = ObservationChange {
+            moved_views,
+            ..ObservationChange::default()
+        };
+        self.mapper.observe(&change)?;
+        let moved: Vec<u32> = change.moved_views.iter().map(|(view, _)| *view).collect();
+        for (view, pose) in change.moved_views {
+            self.poses[view as usize] = pose;
+        }
+        self.space_lines(&moved)
+    }
+
+    fn remove(&mut self, ids: &[u64], _options: &Options) -> Result<(), SessionError> {
+        let views = ids.iter().map(|id| self.view(*id));
+        let change = ObservationChange {
+            removed_views: views.collect::<Result<_, _>>()?,
+            ..ObservationChange::default()
+        };
+        self.mapper.observe(&change)?;
+        self.keyframes.retain(|id, _| !ids.contains(id));
+        self.removed_views.extend(&change.removed_views);
+        self.space_lines(&change.removed_views)
+    }
+
+    fn finish(&mut self, _options: &Options) -> Result<bool, SessionError> {
+        self.mapper.finish()?;
+        Ok(true)
+    }
+
+    fn keyframe_count(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    fn segment_count(&self) -> usize {
+        self.lines.len()
+    }
+
+    fn lines(&self) -> Option<LineSet> {
+        let lines = self.lines.values().map(|line| line.ends);
+        Some(LineSet::from_segments(lines))
+    }
+
+    fn map(&self) -> Option<&Map> {
+        Some(self.mapper.map())
+    }
+
+    fn take_surface_change(&mut self) -> Option<SurfaceChange> {
+        self.mapper.take_surface_change()
+    }
+
+    fn origin(&self) -> Vector3<f64> {
+        self.mapper.origin()
+    }
+
+    fn median_depth(&self) -> Option<f64> {
+        self.mapper.map().median_depth()
+    }
+
+    fn sequence(&self) -> Option<&Sequence> {
+        None
+    }
+
+    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
+        let keyframes = self.keyframes.iter();
+        keyframes
+            .map(|(id, view)| (*id, self.poses[*view as usize]))
+            .collect()
+    }
+
+    fn newest(&self) -> Option<NewestKeyframe> {
+        None
+    }
+}
