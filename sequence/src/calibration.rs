@@ -68,6 +68,14 @@ pub(super) struct DepthGeometry {
     pub(super) color_from_depth: Isometry3<f64>,
 }
 
+/// The right camera of a stereo pair.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RightCamera {
+    pub(super) camera: CalibratedCamera,
+    /// `point_in_color = color_from_right * point_in_right`.
+    pub(super) color_from_right: Isometry3<f64>,
+}
+
 /// What the recorded poses refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -86,6 +94,8 @@ pub(super) struct Calibration {
     pub(super) color: Option<CalibratedCamera>,
     /// `None` if depth is registered to colour.
     pub(super) depth: Option<DepthGeometry>,
+    /// The right camera, if there is a calibrated one.
+    pub(super) right: Option<RightCamera>,
     /// Raw depth units per pose unit.
     pub(super) depth_scale: f64,
     /// Floating-point depths per pose unit.
@@ -104,6 +114,7 @@ impl Calibration {
         Self {
             color,
             depth: None,
+            right: None,
             depth_scale: 1000.0,
             float_depth_scale: 1.0,
             sigma: None,

@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 
 use super::calibration::{CalibratedCamera, Calibration};
 use super::layouts::orb_slam::{ImagesAndPoses, OrbSlam};
-use super::layouts::{colmap::Colmap, euroc::Euroc, nvm::Nvm, openmvs::OpenMvs};
+use super::layouts::{colmap::Colmap, euroc::Euroc, kitti::Kitti, nvm::Nvm, openmvs::OpenMvs};
 use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumRgbd};
 use super::layouts::{stella::Stella, transforms::Transforms};
 use super::pose_convention::QuaternionOrder;
@@ -14,7 +14,7 @@ use super::{SequenceError, Warning};
 use crate::sparse_model::SparseModel;
 
 /// The known layouts in order of preference. Add new layouts here.
-pub(super) static LAYOUTS: [&dyn Layout; 11] = [
+pub(super) static LAYOUTS: [&dyn Layout; 12] = [
     &SevenScenes,
     &TumRgbd,
     &Open3dLog,
@@ -25,6 +25,7 @@ pub(super) static LAYOUTS: [&dyn Layout; 11] = [
     &Stella,
     &OrbSlam,
     &Euroc,
+    &Kitti,
     &ImagesAndPoses,
 ];
 
@@ -124,6 +125,8 @@ pub(super) struct RecordedFrame {
     pub(super) pose: Option<Isometry3<f64>>,
     pub(super) color: PathBuf,
     pub(super) depth: Option<PathBuf>,
+    /// Image of the right camera of a stereo pair.
+    pub(super) right: Option<PathBuf>,
     /// Index into [`Recording::cameras`]; `None` for the calibration's camera.
     pub(super) camera: Option<u32>,
 }

@@ -19,6 +19,7 @@ mod pose_convention;
 mod poses;
 pub mod rigid;
 mod sparse_model;
+mod stereo;
 mod text;
 mod trajectory_comparison;
 mod trajectory_error;
@@ -50,6 +51,7 @@ pub use open::OpenOptions;
 use open::pinhole_of;
 use pose_convention::{Extrinsics, PoseConvention, QuaternionOrder};
 pub use sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
+pub use stereo::StereoPair;
 pub(crate) use text::parse_stamp_ns;
 pub use trajectory_comparison::{
     ComparisonError, PositionError, RelativeError, TimedPoses, TrajectoryAlignment,
@@ -72,6 +74,8 @@ pub struct Frame {
     pub color: PathBuf,
     /// Path of the depth image; `None` if this frame has none.
     pub depth: Option<PathBuf>,
+    /// Path of the image of the right camera; `None` if this frame has none.
+    pub right: Option<PathBuf>,
 }
 
 /// Calibration of the depth images.
@@ -142,6 +146,7 @@ pub struct Sequence {
     /// Downsampling, applied after undistortion.
     downsampling: Option<Downsampling>,
     depth_undistortion: Option<Undistortion>,
+    stereo: Option<StereoPair>,
     /// Additional cameras; all have the same image size.
     other_cameras: Vec<Camera>,
     /// Index into `other_cameras` for each frame; `None` for the main camera.

@@ -94,6 +94,7 @@ impl LiveSequence {
             pose: Some(first.world_from_camera),
             color: first.color,
             depth: first.depth,
+            right: None,
             camera: None,
         };
         let mut recording = Recording::new(vec![frame], calibration);
@@ -159,6 +160,7 @@ impl LiveSequence {
             world_from_camera,
             color: frame.color,
             depth: frame.depth,
+            right: None,
         });
         frames.len() - 1
     }

@@ -211,7 +211,7 @@ impl Sequence {
         })
     }
 
-    fn decode_color(&self, path: &Path) -> Result<DynamicImage, FrameError> {
+    pub(super) fn decode_color(&self, path: &Path) -> Result<DynamicImage, FrameError> {
         let check = |size| {
             if size == self.color_size {
                 return Ok(());
@@ -283,7 +283,7 @@ fn borrowed_map<'a>(
 }
 
 /// Converts an image to grey with the luma weights of ITU-R BT.601.
-fn gray_of(image: &DynamicImage, path: &Path) -> Result<GrayImage, FrameError> {
+pub(super) fn gray_of(image: &DynamicImage, path: &Path) -> Result<GrayImage, FrameError> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     match image {
         DynamicImage::ImageLuma8(gray) => Plane::new(width, height, gray.as_raw().clone()),
@@ -364,7 +364,7 @@ pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
 
 /// Decodes an image; its bytes decide the format, not its name. The size is checked before memory is allocated, since
 /// corrupt headers can claim any size.
-fn decode(
+pub(super) fn decode(
     path: &Path,
     check: impl FnOnce(ImageSize) -> Result<(), FrameError>,
 ) -> Result<DynamicImage, FrameError> {

@@ -169,6 +169,7 @@ impl StoredModel {
                 pose: Some(image.world_from_camera),
                 color,
                 depth: None,
+                right: None,
                 camera: (image.camera != main).then_some(image.camera),
             });
         }

@@ -13,6 +13,7 @@ use super::layout::{Folder, PoseSource, RecordedFrame, Recording, recognise};
 use super::load::{image_size, size_error};
 use super::pose_convention::{Extrinsics, PoseConvention};
 use super::poses::{self, PoseFileFormat};
+use super::stereo::StereoPair;
 use super::undistortion::Undistortion;
 use super::warning::WarningCounter;
 use super::{DepthCalibration, Frame, FrameError, Sequence, SequenceError, Warning};
@@ -210,6 +211,18 @@ pub(super) fn assemble(
     } else {
         (None, None)
     };
+    let has_right = frames.iter().any(|frame| frame.right.is_some());
+    let stereo = match calibration.right.as_ref().filter(|_| has_right) {
+        Some(right) => Some(
+            StereoPair::new(&color.camera, right, color_size.size).map_err(|problem| {
+                SequenceError::Content {
+                    path: right.camera.source.clone().into(),
+                    problem,
+                }
+            })?,
+        ),
+        None => None,
+    };
     if calibration.pose_convention != PoseConvention::default() {
         conventions.push(format!("pose convention: {}", calibration.pose_convention));
     }
@@ -235,6 +248,7 @@ pub(super) fn assemble(
         color_undistortion,
         downsampling: None,
         depth_undistortion,
+        stereo,
         other_cameras: cameras.into_iter().map(|camera| camera.camera).collect(),
         camera_of_frame,
         recorded_poses,
@@ -367,6 +381,7 @@ fn posed(
                 world_from_camera: reading.world_from_color(&recorded, extrinsics),
                 color: frame.color,
                 depth: frame.depth,
+                right: frame.right,
             };
             (posed, recorded)
         })

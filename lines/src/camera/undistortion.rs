@@ -1,6 +1,6 @@
 //! Undistortion by a lookup table from pinhole pixels to positions in the distorted image.
 
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, UnitQuaternion};
 
 use super::Camera;
 use crate::image::{GrayImage, ImageError, Plane};
@@ -24,12 +24,26 @@ impl UndistortionMap {
         width: usize,
         height: usize,
     ) -> Result<Self, ImageError> {
+        Self::with_rotation(source, target, &UnitQuaternion::identity(), width, height)
+    }
+
+    /// As [`UndistortionMap::new`] for a target camera that is turned: `point_in_source = source_from_target * point_in_target`.
+    ///
+    /// # Errors
+    /// When a side exceeds 65535 pixels.
+    pub fn with_rotation(
+        source: &Camera,
+        target: &Camera,
+        source_from_target: &UnitQuaternion<f64>,
+        width: usize,
+        height: usize,
+    ) -> Result<Self, ImageError> {
         let target = target.without_distortion();
         let mut positions = Plane::new(width, height, vec![[f32::NAN; 2]; width * height])?;
         for (index, position) in positions.samples_mut().iter_mut().enumerate() {
             let x = ((index % width) as f64 - target.cx()) / target.fx();
             let y = ((index / width) as f64 - target.cy()) / target.fy();
-            if let Some(pixel) = source.project(&Point3::new(x, y, 1.0)) {
+            if let Some(pixel) = source.project(&(source_from_target * Point3::new(x, y, 1.0))) {
                 *position = [pixel.x as f32, pixel.y as f32];
             }
         }

@@ -165,6 +165,7 @@ mod tests {
                 world_from_camera: Isometry3::identity(),
                 color: Path::new("rgb").join(name).with_extension("png"),
                 depth: None,
+                right: None,
             })
             .collect()
     }

@@ -6,12 +6,14 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::{Camera, Distortion};
 use serde::Deserialize;
 
-use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
+use super::super::calibration::{
+    CalibratedCamera, Calibration, ImageSize, PoseCamera, RightCamera,
+};
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
 use super::super::poses;
 use super::super::text::{TextFile, parse_stamp_ns, shorten};
 use super::super::warning::WarningCounter;
-use super::super::{SequenceError, Warning, rigid, yaml};
+use super::super::{SequenceError, Warning, associate, rigid, yaml};
 
 /// Reader of EuRoC.
 pub(in super::super) struct Euroc;
@@ -21,6 +23,9 @@ const TRAJECTORIES: [&str; 3] = [
     "vicon0/data.csv",
     "mocap0/data.csv",
 ];
+
+/// Largest time between the two images of a stereo pair: they are triggered together.
+const MAX_STEREO_DIFFERENCE_NS: i64 = 1_000_000;
 
 /// The folder of the left camera, and the folder of all sensors.
 struct CameraFolder {
@@ -75,7 +80,9 @@ impl Layout for Euroc {
                 ),
             });
         }
-        let calibration = calibration(&folders.camera.join("sensor.yaml"))?;
+        let mut calibration = calibration(&folders.camera.join("sensor.yaml"))?;
+        let mut frames = frames;
+        add_right(&folders, &mut frames, &mut calibration, &mut warnings)?;
         let mut recording = Recording::new(frames, calibration);
         recording.warnings = warnings;
         recording
@@ -152,9 +159,52 @@ fn images(camera: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<RecordedFram
             pose: None,
             color: data.path().join(&name),
             depth: None,
+            right: None,
             camera: None,
         })
         .collect())
+}
+
+/// Adds the right camera `cam1`, when there is one: its images of the same times, and its position.
+fn add_right(
+    folders: &CameraFolder,
+    frames: &mut [RecordedFrame],
+    calibration: &mut Calibration,
+    warnings: &mut Vec<Warning>,
+) -> Result<(), SequenceError> {
+    let camera = folders.sensors.join("cam1");
+    let sensor = camera.join("sensor.yaml");
+    if !(camera.join("data").is_dir() && sensor.is_file()) {
+        return Ok(());
+    }
+    let right = self::calibration(&sensor)?;
+    let (Some(body_from_left), Some(body_from_right), Some(right)) = (
+        calibration.body_from_color,
+        right.body_from_color,
+        right.color,
+    ) else {
+        warnings.push(Warning::statement(
+            "cam0 or cam1 has no T_BS in its sensor.yaml: the right camera is not used",
+        ));
+        return Ok(());
+    };
+    calibration.right = Some(RightCamera {
+        camera: right,
+        color_from_right: body_from_left.inverse() * body_from_right,
+    });
+    let others = images(&camera, warnings)?;
+    let left: Vec<i64> = frames.iter().map(|frame| frame.timestamp_ns).collect();
+    let right: Vec<i64> = others.iter().map(|frame| frame.timestamp_ns).collect();
+    let partners = associate::nearest_unique(&left, &right, MAX_STEREO_DIFFERENCE_NS);
+    let mut missing = WarningCounter::default();
+    for (frame, partner) in frames.iter_mut().zip(partners) {
+        match partner {
+            Some(at) => frame.right = Some(others[at].color.clone()),
+            None => missing.add(frame.name.clone()),
+        }
+    }
+    warnings.extend(missing.into_warning(left.len(), "images have no image of the right camera"));
+    Ok(())
 }
 
 /// Assigns the body poses of the data set.

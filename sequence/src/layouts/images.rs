@@ -53,10 +53,25 @@ pub(super) fn color_folder(folder: &Folder) -> Option<PathBuf> {
         .iter()
         .map(|name| folder.path().join(name))
         .find(|path| path.is_dir())
-        .or_else(|| {
-            let has_images = folder.names().iter().any(|name| image_stem(name).is_some());
-            has_images.then(|| folder.path().to_owned())
-        })
+        .or_else(|| has_images(folder).then(|| folder.path().to_owned()))
+        .or_else(|| only_folder_with_images(folder))
+}
+
+fn has_images(folder: &Folder) -> bool {
+    folder.names().iter().any(|name| image_stem(name).is_some())
+}
+
+/// The sub-folder of any name that has images, if there is exactly one beside folders of depth.
+fn only_folder_with_images(folder: &Folder) -> Option<PathBuf> {
+    let mut found = folder
+        .names()
+        .iter()
+        .filter(|name| !DEPTH_FOLDERS.contains(&name.as_str()))
+        .map(|name| folder.path().join(name))
+        .filter(|path| path.is_dir())
+        .filter(|path| Folder::list(path).is_ok_and(|inside| has_images(&inside)));
+    let first = found.next()?;
+    found.next().is_none().then_some(first)
 }
 
 /// Lists the images of a folder from an association list, from `rgb.txt`, or from the files of its image folder.
@@ -125,6 +140,7 @@ fn read_associations(
                 pose: None,
                 color,
                 depth: Some(depth).filter(|path| path.is_file()),
+                right: None,
                 camera: None,
             },
         ));
@@ -173,7 +189,8 @@ fn stamp_of(stem: &str) -> Option<i64> {
     is_time.then(|| stamp.as_written_ns()).flatten()
 }
 
-fn from_files(
+/// Lists the images of the folder `path` of a sequence, with times and depth images found beside it.
+pub(super) fn from_files(
     folder: &Folder,
     path: &Path,
     warnings: &mut Vec<Warning>,
@@ -234,6 +251,7 @@ fn from_files(
                 pose: None,
                 color: image.path,
                 depth,
+                right: None,
                 camera: None,
             }
         })

@@ -3,6 +3,7 @@
 pub(super) mod colmap;
 pub(super) mod euroc;
 mod images;
+pub(super) mod kitti;
 pub(super) mod nvm;
 pub(super) mod open3d_log;
 pub(super) mod openmvs;

@@ -177,6 +177,7 @@ fn join(
             pose,
             color,
             depth,
+            right: None,
             camera: None,
         });
     }

@@ -149,6 +149,7 @@ impl FrameCollector {
             pose,
             color,
             depth: files.depth,
+            right: None,
             camera: None,
         });
         Ok(())

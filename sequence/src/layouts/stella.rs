@@ -339,6 +339,7 @@ fn attach_images(
                 pose: Some(view.world_from_camera),
                 color: image.color.clone(),
                 depth: image.depth.clone(),
+                right: None,
                 camera: None,
             });
         }

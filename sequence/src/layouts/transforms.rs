@@ -157,6 +157,7 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
                 .as_deref()
                 .map(|name| folder.path().join(name))
                 .filter(|path| path.is_file()),
+            right: None,
             camera: Some(at as u32),
         });
     }

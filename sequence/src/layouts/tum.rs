@@ -235,6 +235,7 @@ fn join(
             pose,
             color: image.path,
             depth,
+            right: None,
             camera: None,
         });
     }

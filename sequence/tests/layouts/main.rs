@@ -12,6 +12,7 @@ mod models;
 mod mutated;
 mod recorded;
 mod recorded_export;
+mod stereo;
 mod support;
 mod writers;
 
@@ -20,8 +21,8 @@ use std::path::Path;
 use linecarve_sequence::{OpenOptions, Sequence};
 use support::{write_open3d, write_seven_scenes, write_tum};
 use writers::{
-    write_colmap_binary, write_colmap_text, write_euroc, write_mvs, write_nvm, write_orb_slam,
-    write_pose_list, write_stella, write_transforms,
+    write_colmap_binary, write_colmap_text, write_euroc, write_kitti, write_mvs, write_nvm,
+    write_orb_slam, write_pose_list, write_stella, write_transforms,
 };
 
 pub(crate) fn open(folder: &Path) -> Result<Sequence, String> {
@@ -72,7 +73,7 @@ pub(crate) const LAYOUTS: [(&str, Writer); 3] = [
     ("open3d-log", |folder| write_open3d(folder, 11, 2)),
 ];
 /// Layouts of models: name, writer, whether they have points.
-pub(crate) const MODELS: [(&str, Writer, bool); 9] = [
+pub(crate) const MODELS: [(&str, Writer, bool); 10] = [
     ("colmap", write_colmap_text, true),
     ("colmap", write_colmap_binary, true),
     ("nvm", write_nvm, true),
@@ -81,5 +82,6 @@ pub(crate) const MODELS: [(&str, Writer, bool); 9] = [
     ("stella-vslam", write_stella, true),
     ("orb-slam", write_orb_slam, true),
     ("euroc", write_euroc, false),
+    ("kitti", write_kitti, false),
     ("images-and-poses", write_pose_list, false),
 ];

@@ -49,7 +49,7 @@ fn seen(pose: &Isometry3<f64>) -> Vec<(usize, [f64; 2])> {
         .collect()
 }
 
-fn write_images(folder: &Path, names: &[String]) {
+pub(crate) fn write_images(folder: &Path, names: &[String]) {
     std::fs::create_dir_all(folder).unwrap();
     for (name, pose) in names.iter().zip(poses(names.len())) {
         color_image(&pose).save(folder.join(name)).unwrap();
@@ -487,6 +487,46 @@ pub(crate) fn body_from_camera() -> Isometry3<f64> {
         nalgebra::Vector3::new(0.05, -0.02, 0.01),
         nalgebra::Vector3::new(0.0, 0.1, 1.5),
     )
+}
+
+/// Distance between the cameras of [`write_kitti`].
+pub(crate) const BASELINE: f64 = 0.25;
+
+/// KITTI odometry with grey and colour pairs; the left colour camera is not at the origin of the poses.
+pub(crate) fn write_kitti(folder: &Path) {
+    let names: Vec<String> = (0..FRAMES).map(|i| format!("{i:06}.png")).collect();
+    let mut calibration = String::new();
+    for (camera, shift) in [0.0, -BASELINE, 0.06, 0.06 - BASELINE].iter().enumerate() {
+        let images = folder.join(format!("image_{camera}"));
+        std::fs::create_dir_all(&images).unwrap();
+        for (name, pose) in names.iter().zip(poses(FRAMES)) {
+            let displaced = pose * Isometry3::translation(-shift, 0.0, 0.0);
+            color_image(&displaced).save(images.join(name)).unwrap();
+        }
+        writeln!(
+            calibration,
+            "P{camera}: {FOCAL:e} 0 {} {:e} 0 {FOCAL:e} {} 0 0 0 1 0",
+            CENTRE[0],
+            FOCAL * shift,
+            CENTRE[1]
+        )
+        .unwrap();
+    }
+    calibration += "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n";
+    std::fs::write(folder.join("calib.txt"), calibration).unwrap();
+    let times: String = (0..FRAMES)
+        .map(|i| format!("{:e}\n", 0.1 * i as f64))
+        .collect();
+    std::fs::write(folder.join("times.txt"), times).unwrap();
+    let rows: String = poses(FRAMES)
+        .iter()
+        .map(|pose| {
+            let matrix = pose.to_homogeneous().transpose();
+            let row: Vec<String> = matrix.iter().take(12).map(|v| format!("{v:e}")).collect();
+            row.join(" ") + "\n"
+        })
+        .collect();
+    std::fs::write(folder.join("poses.txt"), rows).unwrap();
 }
 
 /// Numbered images, depth, and a trajectory without stamps; the camera in a sidecar.
