@@ -17,6 +17,7 @@ const MAX_TILT_DEGREES: f64 = 30.0;
 #[derive(Debug)]
 pub struct StereoPair {
     camera: Camera,
+    size: ImageSize,
     baseline: f64,
     color_from_rectified: UnitQuaternion<f64>,
     /// Left and right.
@@ -86,6 +87,7 @@ impl StereoPair {
         });
         Ok(Self {
             camera,
+            size,
             baseline: length,
             color_from_rectified,
             resampling,
@@ -93,9 +95,14 @@ impl StereoPair {
         })
     }
 
-    /// The pinhole camera of both rectified images, of the size of the colour images as stored.
+    /// The pinhole camera of both rectified images.
     pub fn camera(&self) -> &Camera {
         &self.camera
+    }
+
+    /// Size of the rectified images: that of the left images as stored.
+    pub fn size(&self) -> ImageSize {
+        self.size
     }
 
     /// Distance between the cameras, in units of the poses.
@@ -153,7 +160,7 @@ impl Sequence {
         let left = gray_of(&self.decode_color(&frame.color)?, &frame.color)?;
         let rectified = |side: usize, image, path| {
             pair.resampling[side]
-                .apply(image, &pair.camera, self.color_size)
+                .apply(image, &pair.camera, pair.size)
                 .map_err(|error| undecodable(path, error.to_string()))
         };
         let left = rectified(0, left, &frame.color)?;

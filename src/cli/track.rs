@@ -14,7 +14,8 @@ pub struct TrackArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
 
-    /// What the poses are found from; default: depth images when there are some, else the images of one camera.
+    /// What the poses are found from; default: depth images when there are some, else left and right images, else
+    /// the images of one camera.
     #[arg(long, value_enum)]
     pub mode: Option<TrackMode>,
 

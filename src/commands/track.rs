@@ -7,9 +7,8 @@ use crate::commands::Outcome;
 use crate::options::Options;
 use crate::run::Verbosity;
 use crate::sinks::{OutputFolder, print_object, write_tracked};
-use crate::tracking::{TrackReport, track_sequence, tracking_options};
+use crate::tracking::{TrackReport, TrackingMode, track_sequence};
 use linecarve_sequence::{OpenOptions, Sequence};
-use linecarve_tracking::TrackingOptions;
 
 pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let open = OpenOptions {
@@ -18,23 +17,23 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         layout: args.layout.clone(),
     };
     let sequence = Sequence::open_without_poses(&args.input, &open)?;
-    let mut options = match args.mode {
-        None => tracking_options(&sequence),
-        Some(TrackMode::Rgbd) => TrackingOptions::default(),
-        Some(TrackMode::Mono) => TrackingOptions::monocular(),
-        Some(TrackMode::Stereo) => {
-            bail!("--mode stereo is not built yet: only rgbd and mono are")
-        }
+    let mode = match args.mode {
+        None => TrackingMode::of(&sequence),
+        Some(TrackMode::Rgbd) => TrackingMode::Rgbd,
+        Some(TrackMode::Stereo) => TrackingMode::Stereo,
+        Some(TrackMode::Mono) => TrackingMode::Mono,
     };
+    mode.check(&sequence)?;
+    let mut options = mode.options();
     if args.causal && options.is_monocular {
         bail!(
-            "--causal needs depth images: one camera begins its map with two views chosen among later ones"
+            "--causal needs depth images or stereo pairs: one camera begins its map with two views chosen among later ones"
         );
     }
     options.looks_ahead = !args.causal;
     let mut output = OutputFolder::create(&args.out)?;
     let noise = Options::default().sensor.relative_noise;
-    let tracked = track_sequence(&sequence, options, noise, verbosity)?;
+    let tracked = track_sequence(&sequence, mode, options, noise, verbosity)?;
     let mut report = TrackReport::new(&tracked, &sequence, args.causal);
     write_tracked(&tracked, &sequence, &mut report, &mut output)?;
     if args.json {

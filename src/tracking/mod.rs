@@ -7,4 +7,4 @@ mod run;
 pub(crate) use open::open_or_track;
 pub use report::TrackReport;
 pub(crate) use report::poses_file;
-pub use run::{TrackError, TrackedSequence, track_sequence, tracking_options};
+pub use run::{TrackError, TrackedSequence, TrackingMode, track_sequence};

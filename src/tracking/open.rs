@@ -4,7 +4,7 @@ use std::path::Path;
 
 use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 
-use super::run::{TrackError, track_sequence, tracking_options};
+use super::run::{TrackError, TrackingMode, track_sequence};
 use crate::run::Verbosity;
 
 /// A sequence with poses.
@@ -15,7 +15,7 @@ pub(crate) struct Opened {
     pub(crate) warnings: Vec<String>,
 }
 
-/// Opens a sequence; finds its poses from images with depth when it has none, or when `track` says so.
+/// Opens a sequence; finds its poses from images with depth, or from stereo pairs, when it has none, or when `track` says so.
 pub(crate) fn open_or_track(
     path: &Path,
     options: &OpenOptions,
@@ -48,13 +48,9 @@ pub(crate) fn open_or_track(
         }
     };
     let mut sequence = sequence;
-    let tracked = track_sequence(
-        &sequence,
-        tracking_options(&sequence),
-        relative_noise,
-        verbosity,
-    )?;
-    if sequence.depth_calibration().is_none() {
+    let mode = TrackingMode::of(&sequence);
+    let tracked = track_sequence(&sequence, mode, mode.options(), relative_noise, verbosity)?;
+    if mode == TrackingMode::Mono {
         warnings.push(
             "there is no depth: the unit of all lengths is the median depth of the first two views that start the map"
                 .to_owned(),
@@ -95,7 +91,7 @@ pub(crate) fn open_or_track(
     })
 }
 
-/// The sequence without poses, when an error may mean that it has none, and it has depth.
+/// The sequence without poses, when an error may mean that it has none, and it has depth images or stereo pairs.
 fn without_poses(path: &Path, options: &OpenOptions, error: &SequenceError) -> Option<Sequence> {
     let may_lack_poses = match error {
         SequenceError::NoFrames { .. } | SequenceError::UnknownLayout { .. } => true,
@@ -106,5 +102,5 @@ fn without_poses(path: &Path, options: &OpenOptions, error: &SequenceError) -> O
         return None;
     }
     let sequence = Sequence::open_without_poses(path, options).ok()?;
-    sequence.depth_calibration().is_some().then_some(sequence)
+    (TrackingMode::of(&sequence) != TrackingMode::Mono).then_some(sequence)
 }

@@ -1,10 +1,10 @@
 //! `track.json`.
 
-use linecarve_sequence::Sequence;
+use linecarve_sequence::{Sequence, StereoPair};
 use linecarve_tracking::{FramePose, LoopReport, NoPose};
 use serde::Serialize;
 
-use super::run::TrackedSequence;
+use super::run::{TrackedSequence, TrackingMode};
 
 /// Contents of `track.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -19,7 +19,7 @@ pub struct TrackReport {
     pub layout: String,
     /// Whether poses use earlier frames only.
     pub causal: bool,
-    /// Camera of the images that were tracked, without lens distortion.
+    /// Camera of the (left) images, without lens distortion.
     pub calibration: CalibrationReport,
     /// Number of frames.
     pub frames: usize,
@@ -53,6 +53,8 @@ pub struct CalibrationReport {
     pub cy: f64,
     /// Units of the depth images in a unit of the poses.
     pub depth_scale: Option<f64>,
+    /// Distance of the right camera from the left one.
+    pub baseline: Option<f64>,
 }
 
 /// A sub-map.
@@ -136,12 +138,8 @@ impl TrackReport {
         let per_keyframe = |sum: f64| sum / times.keyframes.max(1) as f64;
         Self {
             version: env!("CARGO_PKG_VERSION"),
-            mode: if tracked.has_depth { "rgbd" } else { "mono" },
-            unit: if tracked.has_depth {
-                "unit of the depth images divided by their scale"
-            } else {
-                "median depth of the two views that start the map"
-            },
+            mode: tracked.mode.name(),
+            unit: tracked.mode.unit(),
             layout: sequence.layout().to_owned(),
             causal,
             calibration: CalibrationReport {
@@ -150,9 +148,13 @@ impl TrackReport {
                 fy: camera.fy(),
                 cx: camera.cx(),
                 cy: camera.cy(),
+                baseline: sequence
+                    .stereo()
+                    .filter(|_| tracked.mode == TrackingMode::Stereo)
+                    .map(StereoPair::baseline),
                 depth_scale: sequence
                     .depth_calibration()
-                    .filter(|_| tracked.has_depth)
+                    .filter(|_| tracked.mode == TrackingMode::Rgbd)
                     .map(|depth| depth.scale),
             },
             frames,

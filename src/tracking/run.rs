@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use linecarve_lines::depth::{DepthSensor, SensorError};
-use linecarve_sequence::{FrameError, Sequence, SequenceError};
+use linecarve_sequence::{FrameError, Sequence, SequenceError, StereoPair};
 use linecarve_tracking::{
     FrameDetector, FrameFeatures, FramePose, TrackedRecording, Tracker, TrackingOptions,
     TrackingOptionsError,
@@ -57,8 +57,7 @@ pub struct TrackedSequence {
     pub recording: TrackedRecording,
     /// Frames whose images cannot be read, with the error, which names the file.
     pub unreadable: Vec<(usize, String)>,
-    /// Whether depth was used.
-    pub(super) has_depth: bool,
+    pub(super) mode: TrackingMode,
     pub(super) times: PrepareTimes,
 }
 
@@ -81,38 +80,102 @@ impl TrackedSequence {
     }
 }
 
-/// Options that fit a sequence: with depth images when it has some, else as images of one camera.
-pub fn tracking_options(sequence: &Sequence) -> TrackingOptions {
-    match sequence.depth_calibration() {
-        Some(_) => TrackingOptions::default(),
-        None => TrackingOptions::monocular(),
+/// What the depth of features comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrackingMode {
+    /// Depth images.
+    Rgbd,
+    /// The right image of a stereo pair.
+    Stereo,
+    /// Other frames: one camera.
+    Mono,
+}
+
+impl TrackingMode {
+    /// Depth images when a sequence has some, else stereo pairs, else one camera.
+    pub fn of(sequence: &Sequence) -> Self {
+        match (sequence.depth_calibration(), sequence.stereo()) {
+            (Some(_), _) => Self::Rgbd,
+            (None, Some(_)) => Self::Stereo,
+            (None, None) => Self::Mono,
+        }
+    }
+
+    /// Checks that a sequence has what this needs.
+    ///
+    /// # Errors
+    /// What is missing, and the remedy.
+    pub fn check(self, sequence: &Sequence) -> Result<(), TrackError> {
+        let folder = sequence.folder().display();
+        let layout = sequence.layout();
+        match self {
+            Self::Rgbd if sequence.depth_calibration().is_none() => {
+                Err(TrackError::Missing(format!(
+                    "{folder} has no depth images (layout {layout}): track it with --mode mono, or give the poses with \
+                     --poses FILE"
+                )))
+            }
+            Self::Stereo if sequence.stereo().is_none() => Err(TrackError::Missing(format!(
+                "{folder} has no images of a calibrated right camera (layout {layout}): stereo needs mav0/cam1 with its \
+                 sensor.yaml (EuRoC), or image_1 and calib.txt (KITTI); without them: --mode mono"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Defaults of tracking.
+    pub fn options(self) -> TrackingOptions {
+        match self {
+            Self::Rgbd => TrackingOptions::default(),
+            Self::Stereo => TrackingOptions::stereo(),
+            Self::Mono => TrackingOptions::monocular(),
+        }
+    }
+
+    /// Name in reports.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Rgbd => "rgbd",
+            Self::Stereo => "stereo",
+            Self::Mono => "mono",
+        }
+    }
+
+    /// Unit of lengths, for reports.
+    pub(super) fn unit(self) -> &'static str {
+        match self {
+            Self::Rgbd => "unit of the depth images divided by their scale",
+            Self::Stereo => "unit of the baseline of the calibration",
+            Self::Mono => "median depth of the two views that start the map",
+        }
     }
 }
 
-/// Finds the pose of each frame of a sequence, with depth images unless `options.is_monocular`. Poses of the sequence are not
-/// used. Frames whose images cannot be read have no pose.
+/// Finds the pose of each frame of a sequence. Poses of the sequence are not used. Frames whose images cannot be read have no
+/// pose.
 ///
 /// # Errors
-/// When no image can be read, or there is no depth and `options` need it.
+/// When no image can be read, or there are neither depth images nor stereo pairs and `mode` needs them.
 pub fn track_sequence(
     sequence: &Sequence,
+    mode: TrackingMode,
     options: TrackingOptions,
     relative_noise: f64,
     verbosity: Verbosity,
 ) -> Result<TrackedSequence, TrackError> {
     let folder = sequence.folder().display();
     let all: Vec<usize> = (0..sequence.frames().len()).collect();
-    let has_depth = !options.is_monocular;
     let preparation = Preparation {
         sequence,
-        sensor: has_depth
-            .then(|| depth_sensor(sequence, &all, relative_noise))
-            .transpose()?,
+        source: DepthSource::new(sequence, mode, &all, relative_noise)?,
         detector: FrameDetector::new(&options),
     };
-    let size = sequence.color_size();
+    let (camera, size) = match preparation.source {
+        DepthSource::Pair(pair) => (pair.camera(), pair.size()),
+        _ => (sequence.color_camera(), sequence.color_size()),
+    };
     let (width, height) = (size.width as usize, size.height as usize);
-    let mut tracker = Tracker::new(options, sequence.color_camera(), width, height)?;
+    let mut tracker = Tracker::new(options, camera, width, height)?;
     let mut times = PrepareTimes::default();
     let mut unreadable = Vec::new();
     let mut progress = Progress::start("frames", all.len(), verbosity);
@@ -147,53 +210,83 @@ pub fn track_sequence(
             all.len()
         )));
     }
+    let mut recording = tracker.finish();
+    if let DepthSource::Pair(pair) = preparation.source {
+        recording.turn_camera(pair.color_from_rectified());
+    }
     Ok(TrackedSequence {
-        recording: tracker.finish(),
+        recording,
         unreadable,
-        has_depth,
+        mode,
         times,
     })
 }
 
-/// The depth sensor of a sequence.
-fn depth_sensor(
-    sequence: &Sequence,
-    frames: &[usize],
-    relative_noise: f64,
-) -> Result<DepthSensor, TrackError> {
-    let folder = sequence.folder().display();
-    let Some(calibration) = sequence.depth_calibration() else {
-        return Err(TrackError::Missing(format!(
-            "{folder} has no depth images (layout {}): track it with --mode mono, or give the poses with --poses FILE",
-            sequence.layout()
-        )));
-    };
-    let Some(median_depth) = median_scene_depth(sequence, frames)? else {
-        return Err(TrackError::Missing(format!(
-            "{folder}: none of the depth images looked at holds a depth: are they the right files? Without them: --mode mono"
-        )));
-    };
-    Ok(calibration.sensor(relative_noise, median_depth))
+/// Where the depth of features comes from.
+enum DepthSource<'a> {
+    Sensor(DepthSensor),
+    Pair(&'a StereoPair),
+    None,
+}
+
+impl<'a> DepthSource<'a> {
+    fn new(
+        sequence: &'a Sequence,
+        mode: TrackingMode,
+        frames: &[usize],
+        relative_noise: f64,
+    ) -> Result<Self, TrackError> {
+        mode.check(sequence)?;
+        match (mode, sequence.depth_calibration(), sequence.stereo()) {
+            (TrackingMode::Rgbd, Some(calibration), _) => {
+                let median_depth = median_scene_depth(sequence, frames)?.ok_or_else(|| {
+                    TrackError::Missing(format!(
+                        "{}: none of the depth images looked at holds a depth: are they the right files? Without them: \
+                         --mode mono",
+                        sequence.folder().display()
+                    ))
+                })?;
+                Ok(Self::Sensor(
+                    calibration.sensor(relative_noise, median_depth),
+                ))
+            }
+            (TrackingMode::Stereo, _, Some(pair)) => Ok(Self::Pair(pair)),
+            _ => Ok(Self::None),
+        }
+    }
 }
 
 /// What is needed to find the features of a frame.
 struct Preparation<'a> {
     sequence: &'a Sequence,
-    /// `None` when depth is not used.
-    sensor: Option<DepthSensor>,
+    source: DepthSource<'a>,
     detector: FrameDetector,
 }
 
 impl Preparation<'_> {
     fn features(&self, frame: usize) -> Result<(FrameFeatures, PrepareTimes), TrackError> {
         let start = Instant::now();
+        if let DepthSource::Pair(pair) = &self.source {
+            let (left, right) = self.sequence.load_stereo(frame)?;
+            let loaded = start.elapsed();
+            let focal_baseline = pair.camera().fx() * pair.baseline();
+            let features = self
+                .detector
+                .detect_stereo(&left, right.as_ref(), focal_baseline);
+            let times = PrepareTimes {
+                load: milliseconds(loaded),
+                depth: 0.0,
+                features: milliseconds(start.elapsed() - loaded),
+            };
+            return Ok((features, times));
+        }
         let image = self.sequence.load_gray(frame)?;
-        let depth = match &self.sensor {
-            Some(sensor) => self
+        let depth = match &self.source {
+            DepthSource::Sensor(sensor) => self
                 .sequence
                 .load_depth(frame)?
                 .map(|depth| (sensor, depth)),
-            None => None,
+            _ => None,
         };
         let loaded = start.elapsed();
         let camera = self.sequence.color_camera();

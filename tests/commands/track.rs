@@ -87,9 +87,9 @@ fn the_sample_is_tracked_and_every_frame_has_a_pose() {
 }
 
 #[test]
-fn what_is_not_built_is_refused() {
+fn what_a_recording_lacks_is_refused() {
     for (extra, reason) in [
-        (&["--mode", "stereo"][..], "not built yet"),
+        (&["--mode", "stereo"][..], "calibrated right camera"),
         (&["--mode", "mono", "--causal"], "--causal needs depth"),
     ] {
         let out = tempfile::tempdir().unwrap();
@@ -306,6 +306,13 @@ fn tracked(name: &str, reference: &str) -> (f64, f64) {
 fn a_hand_held_camera_that_turns_fast_is_tracked() {
     let (rmse, coverage) = tracked("tum-fr1-rpy", "groundtruth.txt");
     assert!(rmse < 0.026 && coverage > 0.98, "{rmse} m, {coverage}");
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn stereo_pairs_of_a_flight_are_tracked() {
+    let (rmse, coverage) = tracked("euroc-v101", "cam0_trajectory_tum.txt");
+    assert!(rmse < 0.05 && coverage > 0.95, "{rmse} m, {coverage}");
 }
 
 #[test]

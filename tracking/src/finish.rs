@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion};
 
 use crate::camera::Measurement;
 use crate::map::{KeyframeId, Map, PointId};
@@ -60,6 +60,24 @@ pub struct TrackedRecording {
     pub loops: Vec<LoopReport>,
     /// Durations.
     pub times: StageTimes,
+}
+
+impl TrackedRecording {
+    /// Replaces the camera by one that is turned at the same position: `point_in_new = new_from_old * point_in_old`. The world of
+    /// each sub-map turns with its first camera.
+    pub fn turn_camera(&mut self, new_from_old: &UnitQuaternion<f64>) {
+        for pose in &mut self.poses {
+            if let FramePose::Known {
+                world_from_camera, ..
+            } = pose
+            {
+                *world_from_camera = new_from_old * *world_from_camera * new_from_old.inverse();
+            }
+        }
+        for point in self.submaps.iter_mut().flat_map(|one| &mut one.points) {
+            *point = new_from_old * *point;
+        }
+    }
 }
 
 impl Tracker {

@@ -7,6 +7,7 @@ use nalgebra::Point2;
 
 use crate::camera::Measurement;
 use crate::options::TrackingOptions;
+use crate::stereo::{RightView, stereo_depths};
 
 /// Ratio of the sizes of successive pyramid levels, as in the feature detector.
 pub(crate) const SCALE_FACTOR: f64 = 1.2;
@@ -18,7 +19,10 @@ pub(crate) const LEVELS: u8 = 8;
 const DEPTH_REACH_PX: usize = 2;
 
 /// Largest relative standard deviation of a depth that is used.
-const MAX_RELATIVE_SIGMA: f32 = 0.1;
+pub(crate) const MAX_RELATIVE_SIGMA: f32 = 0.1;
+
+/// Largest disparity as a share of the width of an image: nearer points have little in common in both images.
+const MAX_DISPARITY_SHARE: f32 = 0.4;
 
 /// Size of a pixel of a pyramid level in pixels of the image.
 pub(crate) fn level_scale(octave: u8) -> f64 {
@@ -46,6 +50,37 @@ impl FrameDetector {
         let features = self.detector.detect(image);
         let depth_at = |pixel: &[f32; 2]| depth.and_then(|map| depth_near(map, pixel));
         let inverse_depths = features.pixels.iter().map(depth_at).collect();
+        self.with_depths(features, inverse_depths)
+    }
+
+    /// The features of the left image of a rectified pair, and their depths by disparity. `focal_baseline` is the focal length
+    /// in pixels times the baseline. Both images have one size; without a right image no depth is known.
+    pub fn detect_stereo(
+        &self,
+        left: &GrayImage,
+        right: Option<&GrayImage>,
+        focal_baseline: f64,
+    ) -> FrameFeatures {
+        let features = self.detector.detect(left);
+        let inverse_depths = match right {
+            None => vec![None; features.len()],
+            Some(image) => {
+                let right = RightView {
+                    image,
+                    features: &self.detector.detect(image),
+                };
+                let widest = MAX_DISPARITY_SHARE * left.width() as f32;
+                stereo_depths(left, &features, &right, focal_baseline, widest)
+            }
+        };
+        self.with_depths(features, inverse_depths)
+    }
+
+    fn with_depths(
+        &self,
+        features: Features,
+        inverse_depths: Vec<Option<[f32; 2]>>,
+    ) -> FrameFeatures {
         FrameFeatures {
             grid: FeatureGrid::new(&features.pixels),
             features,

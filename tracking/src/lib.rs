@@ -15,6 +15,7 @@ mod options;
 mod places;
 mod records;
 mod solve;
+mod stereo;
 mod submaps;
 mod tracker;
 

@@ -79,6 +79,14 @@ impl TrackingOptions {
         }
     }
 
+    /// Defaults for stereo pairs: depth is less certain than that of a sensor, and unknown far away.
+    pub fn stereo() -> Self {
+        Self {
+            features: 1500,
+            ..Self::default()
+        }
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors
