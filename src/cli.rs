@@ -21,7 +21,7 @@ pub use diff::DiffArgs;
 pub use evaluate::{AlignBy, EvaluateArgs};
 pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
-pub use track::{TrackArgs, TrackMode};
+pub use track::{TrackArgs, TrackFormat, TrackMode};
 pub use values::{
     CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice, TextureChoice,
 };

@@ -37,6 +37,7 @@ pub mod stream;
 mod text;
 pub mod texture;
 pub mod tracking;
+mod video;
 
 pub use error::{Error, SinkError};
 pub use mapper::KeyframeUpdate;

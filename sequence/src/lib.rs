@@ -147,6 +147,8 @@ pub struct Sequence {
     downsampling: Option<Downsampling>,
     depth_undistortion: Option<Undistortion>,
     stereo: Option<StereoPair>,
+    /// Whether no file calibrates the camera.
+    has_assumed_camera: bool,
     /// Additional cameras; all have the same image size.
     other_cameras: Vec<Camera>,
     /// Index into `other_cameras` for each frame; `None` for the main camera.
@@ -287,6 +289,11 @@ impl Sequence {
         self.camera_of_frame[index]
             .and_then(|at| self.other_cameras.get(at as usize))
             .unwrap_or(&self.stored_color_camera)
+    }
+
+    /// Whether no file calibrates the camera, and [`OpenOptions::assumed_focal`] gives its focal length.
+    pub fn has_assumed_camera(&self) -> bool {
+        self.has_assumed_camera
     }
 
     /// The file or default that the colour camera comes from.

@@ -100,7 +100,7 @@ impl LiveSequence {
         let mut recording = Recording::new(vec![frame], calibration);
         recording.has_time = false;
         Ok(Self {
-            sequence: assemble(Path::new("."), "live", recording)?,
+            sequence: assemble(Path::new("."), "live", recording, None)?,
             reading,
             extrinsics,
         })

@@ -28,6 +28,9 @@ pub struct OpenOptions {
     pub poses: Option<PathBuf>,
     /// Layout name; `None` detects the layout.
     pub layout: Option<String>,
+    /// Focal length of images whose calibration no file gives, as a share of their longer side; the principal point is the centre.
+    /// `None` refuses such images.
+    pub assumed_focal: Option<f64>,
 }
 
 impl Sequence {
@@ -114,7 +117,12 @@ impl Sequence {
         }
         Ok(Sequence {
             sidecar_pose_convention,
-            ..assemble(folder.path(), layout.name(), recording)?
+            ..assemble(
+                folder.path(),
+                layout.name(),
+                recording,
+                options.assumed_focal,
+            )?
         })
     }
 }
@@ -143,6 +151,7 @@ pub(super) fn assemble(
     folder: &Path,
     layout: &'static str,
     recording: Recording,
+    assumed_focal: Option<f64>,
 ) -> Result<Sequence, SequenceError> {
     let Recording {
         frames,
@@ -154,7 +163,12 @@ pub(super) fn assemble(
         mut warnings,
         mut conventions,
     } = recording;
-    let Some(mut color) = calibration.color.take() else {
+    let assumed = match (&calibration.color, assumed_focal) {
+        (None, Some(share)) => Some(assumed_camera(folder, &frames, share)?),
+        _ => None,
+    };
+    let has_assumed_camera = assumed.is_some();
+    let Some(mut color) = calibration.color.take().or(assumed) else {
         return Err(SequenceError::Content {
             path: folder.to_owned(),
             problem: format!(
@@ -168,7 +182,7 @@ pub(super) fn assemble(
     let extrinsics = extrinsics(&calibration);
     let camera_of_frame: Vec<Option<u32>> = frames.iter().map(|frame| frame.camera).collect();
     let (frames, recorded_poses) = posed(frames, &calibration.pose_convention, &extrinsics);
-    let color_size = match first_size(folder, &frames) {
+    let color_size = match first_size(folder, frames.iter().map(|frame| frame.color.as_path())) {
         Ok(found) => found,
         // A sparse model needs no images; the size is then irrelevant.
         Err(_) if frames.is_empty() && sparse_model.is_some() => FirstSize {
@@ -249,6 +263,7 @@ pub(super) fn assemble(
         downsampling: None,
         depth_undistortion,
         stereo,
+        has_assumed_camera,
         other_cameras: cameras.into_iter().map(|camera| camera.camera).collect(),
         camera_of_frame,
         recorded_poses,
@@ -394,13 +409,36 @@ struct FirstSize {
     size: ImageSize,
 }
 
-fn first_size(folder: &Path, frames: &[Frame]) -> Result<FirstSize, SequenceError> {
+/// A camera for images that no file calibrates.
+fn assumed_camera(
+    folder: &Path,
+    frames: &[RecordedFrame],
+    focal_share: f64,
+) -> Result<CalibratedCamera, SequenceError> {
+    let colors = frames.iter().map(|frame| frame.color.as_path());
+    let ImageSize { width, height } = first_size(folder, colors)?.size;
+    let focal = focal_share * f64::from(width.max(height));
+    let center = |side: u32| 0.5 * (f64::from(side) - 1.0);
+    let camera = Camera::pinhole(focal, focal, center(width), center(height)).map_err(|error| {
+        SequenceError::Content {
+            path: folder.to_owned(),
+            problem: error.to_string(),
+        }
+    })?;
+    Ok(CalibratedCamera::known(camera, None, "assumed"))
+}
+
+fn first_size<'a>(
+    folder: &Path,
+    colors: impl ExactSizeIterator<Item = &'a Path>,
+) -> Result<FirstSize, SequenceError> {
+    let total = colors.len();
     let mut first_failure = None;
-    for frame in frames {
-        match image_size(&frame.color) {
+    for color in colors {
+        match image_size(color) {
             Ok(size) => {
                 return Ok(FirstSize {
-                    path: frame.color.clone(),
+                    path: color.to_owned(),
                     size,
                 });
             }
@@ -412,10 +450,7 @@ fn first_size(folder: &Path, frames: &[Frame]) -> Result<FirstSize, SequenceErro
     let example = first_failure.map_or_else(String::new, |error| format!(" (first: {error})"));
     Err(SequenceError::NoFrames {
         folder: folder.to_owned(),
-        reason: format!(
-            "none of the {} colour images can be read{example}",
-            frames.len()
-        ),
+        reason: format!("none of the {total} colour images can be read{example}"),
     })
 }
 

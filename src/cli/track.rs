@@ -27,6 +27,14 @@ pub struct TrackArgs {
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
 
+    /// Further formats of the poses, beside `poses.txt`.
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "FORMAT")]
+    pub format: Vec<TrackFormat>,
+
+    /// The two frames that start the map of one camera, by number from 0 or by name, in place of those chosen.
+    #[arg(long, value_delimiter = ',', num_args = 1.., value_name = "A,B")]
+    pub start_pair: Vec<String>,
+
     /// Poses as a live system knows them: no frame uses a later one.
     #[arg(long)]
     pub causal: bool,
@@ -34,6 +42,19 @@ pub struct TrackArgs {
     /// One JSON object about the run on standard output.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Formats of poses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TrackFormat {
+    /// `stamp tx ty tz qx qy qz qw`, seconds: `poses.txt`, always written.
+    Tum,
+    /// `stamp,px,py,pz,qw,qx,qy,qz`, nanoseconds: `poses.csv`.
+    Euroc,
+    /// Twelve numbers a line: `poses-kitti.txt`.
+    Kitti,
+    /// `i i i+1` and a 4x4 matrix: `poses.log`.
+    Open3dLog,
 }
 
 /// What poses are found from.

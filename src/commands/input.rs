@@ -45,6 +45,7 @@ fn open_options(args: &SequenceArgs) -> OpenOptions {
         calibration: args.calibration.clone(),
         poses: args.poses.clone(),
         layout: args.layout.clone(),
+        assumed_focal: None,
     }
 }
 

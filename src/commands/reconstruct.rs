@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::ensure;
+use anyhow::{bail, ensure};
 
 use crate::cli::{ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
@@ -16,6 +16,7 @@ use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     model_left_out, reason_for_nothing, simplified, write_results,
 };
+use crate::video::{is_video, of_video, unpack};
 use linecarve_mesh::TriangleMesh;
 use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajectory};
 
@@ -72,6 +73,21 @@ pub fn reconstruct(
         verbosity,
     );
     input.track = args.track;
+    if is_video(&input.path) {
+        let folder = match &output {
+            Some(output) => output.subfolder("video")?,
+            None => bail!(
+                "{}: unpack the video with linecarve track first",
+                input.path.display()
+            ),
+        };
+        for warning in unpack(&input.path, &folder, verbosity)? {
+            eprintln!("warning: {warning}");
+        }
+        input.open = of_video(input.open);
+        input.path = folder;
+        input.track = input.open.poses.is_none();
+    }
     let recording = Recording::open(&input, options)?;
     if recording.is_tracked
         && let Some(output) = &mut output

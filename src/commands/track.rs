@@ -1,13 +1,15 @@
 //! `linecarve track`: recording in, camera poses out.
 
-use anyhow::bail;
+use anyhow::{Context, bail, ensure};
 
-use crate::cli::{TrackArgs, TrackMode};
+use crate::cli::{TrackArgs, TrackFormat, TrackMode};
 use crate::commands::Outcome;
 use crate::options::Options;
 use crate::run::Verbosity;
 use crate::sinks::{OutputFolder, print_object, write_tracked};
-use crate::tracking::{TrackReport, TrackingMode, track_sequence};
+use crate::tracking::{TrackReport, TrackingMode, open_unposed, track_sequence};
+use crate::video::{is_video, of_video, unpack};
+use linecarve_sequence::export::TrajectoryFormat;
 use linecarve_sequence::{OpenOptions, Sequence};
 
 pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
@@ -15,8 +17,18 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         calibration: args.calibration.clone(),
         poses: None,
         layout: args.layout.clone(),
+        assumed_focal: None,
     };
-    let sequence = Sequence::open_without_poses(&args.input, &open)?;
+    let mut warnings = Vec::new();
+    let (sequence, warning) = if is_video(&args.input) {
+        let _ = OutputFolder::create(&args.out)?;
+        warnings.extend(unpack(&args.input, &args.out, verbosity)?);
+        open_unposed(&args.out, &of_video(open))?
+    } else {
+        open_unposed(&args.input, &open)?
+    };
+    warnings.extend(warning);
+    warnings.extend(sequence.warnings().iter().map(ToString::to_string));
     let mode = match args.mode {
         None => TrackingMode::of(&sequence),
         Some(TrackMode::Rgbd) => TrackingMode::Rgbd,
@@ -31,16 +43,24 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         );
     }
     options.looks_ahead = !args.causal;
+    if !args.start_pair.is_empty() {
+        ensure!(
+            mode == TrackingMode::Mono,
+            "--start-pair is for one camera (--mode mono): with depth the map starts with any frame"
+        );
+        options.start_pair = Some(start_pair(&args.start_pair, &sequence)?);
+    }
     let mut output = OutputFolder::create(&args.out)?;
     let noise = Options::default().sensor.relative_noise;
     let tracked = track_sequence(&sequence, mode, options, noise, verbosity)?;
     let mut report = TrackReport::new(&tracked, &sequence, args.causal);
-    write_tracked(&tracked, &sequence, &mut report, &mut output)?;
+    let formats: Vec<TrajectoryFormat> = args.format.iter().map(|one| (*one).into()).collect();
+    write_tracked(&tracked, &sequence, &mut report, &formats, &mut output)?;
     if args.json {
         print_object(&report)?;
     }
     if verbosity > Verbosity::Quiet {
-        for warning in sequence.warnings() {
+        for warning in &warnings {
             eprintln!("warning: {warning}");
         }
         describe(&report, verbosity);
@@ -54,6 +74,41 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     } else {
         Outcome::Done
     })
+}
+
+/// The frames of `--start-pair` in order.
+fn start_pair(given: &[String], sequence: &Sequence) -> anyhow::Result<[u32; 2]> {
+    let frames = sequence.frames();
+    let find = |wanted: &String| {
+        let named = frames.iter().position(|frame| frame.name == *wanted);
+        named
+            .or_else(|| wanted.parse().ok())
+            .filter(|at| *at < frames.len())
+            .with_context(|| {
+                format!(
+                    "--start-pair {wanted}: neither a name (such as {}) nor a number below {}",
+                    frames.first().map_or("", |frame| &frame.name),
+                    frames.len()
+                )
+            })
+    };
+    let [a, b] = given else {
+        bail!("--start-pair: give two frames, such as 0,12");
+    };
+    let [a, b] = [find(a)? as u32, find(b)? as u32];
+    ensure!(a != b, "--start-pair: both frames are the same");
+    Ok([a.min(b), a.max(b)])
+}
+
+impl From<TrackFormat> for TrajectoryFormat {
+    fn from(format: TrackFormat) -> Self {
+        match format {
+            TrackFormat::Tum => Self::Tum,
+            TrackFormat::Euroc => Self::Euroc,
+            TrackFormat::Kitti => Self::Kitti,
+            TrackFormat::Open3dLog => Self::Open3dLog,
+        }
+    }
 }
 
 /// Says what came out.

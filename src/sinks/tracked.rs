@@ -2,28 +2,59 @@
 
 use std::path::Path;
 
+use image::RgbImage;
 use linecarve_mesh::files::{WriteError, write_atomically};
-use linecarve_mesh::write_points_ply;
-use linecarve_sequence::Sequence;
+use linecarve_mesh::render::{RenderOptions, Renderer, View, write_png};
+use linecarve_mesh::{LineSet, TriangleMesh, write_points_ply};
 use linecarve_sequence::export::{PosedImage, TrajectoryFormat, posed_images, write_trajectory};
-use nalgebra::Isometry3;
+use linecarve_sequence::{SIDECAR_FILE, Sequence};
+use nalgebra::{Isometry3, Point3};
 
 use super::output::OutputFolder;
 use crate::tracking::{TrackReport, TrackedSequence, poses_file};
+
+/// Size of the picture of the path.
+const PICTURE_SIZE: (u32, u32) = (960, 720);
+
+const POINT_COLOR: [u8; 3] = [150, 150, 150];
+const PATH_COLOR: [u8; 3] = [30, 80, 200];
+
+/// Where frames between two have no pose.
+const GAP_COLOR: [u8; 3] = [220, 60, 40];
 
 /// Writes the poses of each sub-map, the points of the largest, and the report, which is last.
 pub(crate) fn write_tracked(
     tracked: &TrackedSequence,
     sequence: &Sequence,
     report: &mut TrackReport,
+    formats: &[TrajectoryFormat],
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
     for number in 0..tracked.recording.submaps.len() {
-        let path = output.file(&poses_file(number));
-        write_frames(&path, sequence, tracked.poses_in(number))?;
+        let name = poses_file(number);
+        let path = output.file(&name);
+        write_frames(
+            &path,
+            TrajectoryFormat::Tum,
+            sequence,
+            tracked.poses_in(number),
+        )?;
+        for format in formats {
+            let Some((start, end)) = ending(*format) else {
+                continue;
+            };
+            let path = output.file(&name.replace("poses", start).replace(".txt", end));
+            write_frames(&path, *format, sequence, tracked.poses_in(number))?;
+        }
     }
     if let Some(submap) = tracked.recording.submaps.first() {
         write_points_ply(&output.file("points.ply"), &submap.points, None)?;
+    }
+    if sequence.has_assumed_camera() {
+        write_calibration(&output.file(SIDECAR_FILE), sequence)?;
+    }
+    if let Some(picture) = path_picture(tracked)? {
+        write_png(&output.file("path.png"), &picture)?;
     }
     let path = output.file("track.json");
     report.files = output.written().to_vec();
@@ -34,8 +65,90 @@ pub(crate) fn write_tracked(
     Ok(())
 }
 
+/// Start and end of the names of files in another format than that of `poses.txt`.
+fn ending(format: TrajectoryFormat) -> Option<(&'static str, &'static str)> {
+    match format {
+        TrajectoryFormat::Tum => None,
+        TrajectoryFormat::Kitti => Some(("poses-kitti", ".txt")),
+        TrajectoryFormat::Euroc => Some(("poses", ".csv")),
+        TrajectoryFormat::Open3dLog => Some(("poses", ".log")),
+    }
+}
+
+/// The estimated camera, as a calibration file.
+fn write_calibration(path: &Path, sequence: &Sequence) -> Result<(), WriteError> {
+    let camera = sequence.stored_color_camera();
+    let text = format!(
+        "# Estimated from the images by linecarve track.\n[color]\nfx = {:?}\nfy = {:?}\ncx = {:?}\ncy = {:?}\n",
+        camera.fx(),
+        camera.fy(),
+        camera.cx(),
+        camera.cy()
+    );
+    write_atomically(path, |out| out.write_all(text.as_bytes()))
+}
+
+/// The path and the points of the largest sub-map from outside and above; `None` when there is nothing to see.
+fn path_picture(tracked: &TrackedSequence) -> anyhow::Result<Option<RgbImage>> {
+    let Some(submap) = tracked.recording.submaps.first() else {
+        return Ok(None);
+    };
+    let poses: Vec<(usize, Isometry3<f64>)> = tracked.poses().collect();
+    let mut drawing = LineSet::default();
+    let mut colors = Vec::new();
+    let mut draw = |ends: [Point3<f64>; 2], color| {
+        let at = drawing.points.len() as u32;
+        drawing.points.extend(ends);
+        drawing.lines.push([at, at + 1]);
+        colors.extend([color; 2]);
+    };
+    for point in near_points(&submap.points) {
+        draw([point; 2], POINT_COLOR);
+    }
+    for pair in poses.windows(2) {
+        let ends = [0, 1].map(|at| Point3::from(pair[at].1.translation.vector));
+        // A gap is not drawn as if the camera had gone straight.
+        let is_gap = pair[0].0 + 1 != pair[1].0;
+        draw(ends, if is_gap { GAP_COLOR } else { PATH_COLOR });
+    }
+    drawing.colors = Some(colors);
+    let cameras: Vec<Isometry3<f64>> = poses.iter().map(|(_, pose)| *pose).collect();
+    let Some(view) = View::outside(&drawing.points, &cameras, PICTURE_SIZE) else {
+        return Ok(None);
+    };
+    let nothing = TriangleMesh::default();
+    let picture = Renderer::new(&nothing).draw(
+        Some(&drawing),
+        &view,
+        &RenderOptions::default(),
+        &|_, _| {},
+    )?;
+    Ok(Some(picture))
+}
+
+/// Points without the few far ones, which would make all others small.
+fn near_points(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    if points.is_empty() {
+        return Vec::new();
+    }
+    let middle = |axis: usize| {
+        let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
+        let half = values.len() / 2;
+        *values.select_nth_unstable_by(half, f64::total_cmp).1
+    };
+    let center = Point3::new(middle(0), middle(1), middle(2));
+    let mut distances: Vec<f64> = points.iter().map(|point| (point - center).norm()).collect();
+    let most = (distances.len() - 1) * 9 / 10;
+    let reach = 1.5 * *distances.select_nth_unstable_by(most, f64::total_cmp).1;
+    let near = points
+        .iter()
+        .filter(|point| (*point - center).norm() <= reach);
+    near.copied().collect()
+}
+
 fn write_frames(
     path: &Path,
+    format: TrajectoryFormat,
     sequence: &Sequence,
     poses: impl Iterator<Item = (usize, Isometry3<f64>)>,
 ) -> Result<(), WriteError> {
@@ -46,5 +159,5 @@ fn write_frames(
             ..images[frame].clone()
         })
         .collect();
-    write_trajectory(path, TrajectoryFormat::Tum, &posed)
+    write_trajectory(path, format, &posed)
 }

@@ -1,9 +1,11 @@
 //! Poses for recordings that have none: images through `linecarve-tracking`.
 
+mod calibrate;
 mod open;
 mod report;
 mod run;
 
+pub(crate) use calibrate::open_unposed;
 pub(crate) use open::open_or_track;
 pub use report::TrackReport;
 pub(crate) use report::poses_file;

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 
+use super::calibrate::open_unposed;
 use super::run::{TrackError, TrackingMode, track_sequence};
 use crate::run::Verbosity;
 
@@ -25,7 +26,9 @@ pub(crate) fn open_or_track(
 ) -> Result<Opened, TrackError> {
     let mut warnings = Vec::new();
     let sequence = if track {
-        Sequence::open_without_poses(path, options)?
+        let (sequence, warning) = open_unposed(path, options)?;
+        warnings.extend(warning);
+        sequence
     } else {
         match Sequence::open(path, options) {
             Ok(sequence) => {

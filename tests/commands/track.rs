@@ -149,6 +149,124 @@ fn one_camera_tracks_the_sample_without_its_depth() {
     assert!(rmse < 0.05, "{found}");
 }
 
+/// Grey values of the images of the sample as an uncompressed video.
+fn video_of_the_room() -> Vec<u8> {
+    let list = std::fs::read_to_string(room().join("rgb.txt")).unwrap();
+    let mut bytes = b"YUV4MPEG2 W640 H480 F10:1 Cmono XCOLORRANGE=FULL\n".to_vec();
+    for file in list
+        .lines()
+        .skip(1)
+        .filter_map(|line| line.split(' ').nth(1))
+    {
+        bytes.extend(b"FRAME\n");
+        bytes.extend(
+            image::open(room().join(file))
+                .unwrap()
+                .into_luma8()
+                .into_raw(),
+        );
+    }
+    bytes
+}
+
+#[test]
+fn a_video_without_calibration_is_tracked_and_leaves_a_sequence() {
+    let out = tempfile::tempdir().unwrap();
+    let video = out.path().join("room.y4m");
+    std::fs::write(&video, video_of_the_room()).unwrap();
+    let folder = out.path().join("out");
+    let output = expect_status(0, ["track", &text(&video), "--out", &text(&folder)]);
+    assert!(
+        stderr(&output).contains("px is estimated"),
+        "{}",
+        stderr(&output)
+    );
+    let report = json(&folder.join("track.json"));
+    let focal = report["calibration"]["fx"].as_f64().unwrap();
+    assert!((focal / 525.0 - 1.0).abs() < 0.06, "{focal}");
+    assert!(report["coverage"].as_f64().unwrap() > 0.9, "{report}");
+    // Images, times, poses and calibration are a sequence.
+    let output = expect_status(0, ["info", &text(&folder)]);
+    let shown = String::from_utf8_lossy(&output.stdout);
+    assert!(shown.contains("images-and-poses"), "{shown}");
+    // From a pipe, with a calibration.
+    let piped = out.path().join("piped");
+    let mut program = assert_cmd::Command::cargo_bin("linecarve").unwrap();
+    program
+        .args(["track", "-", "--quiet", "--out", &text(&piped)])
+        .args(["--calibration", &text(room().join("linecarve.toml"))])
+        .write_stdin(video_of_the_room())
+        .assert()
+        .success();
+    let report = json(&piped.join("track.json"));
+    assert_eq!(report["calibration"]["fx"], 525.0);
+    assert!(report["coverage"].as_f64().unwrap() > 0.9, "{report}");
+}
+
+#[test]
+fn the_pair_that_starts_the_map_and_further_formats_can_be_given() {
+    let folder = room_without_poses(12);
+    let out = tempfile::tempdir().unwrap();
+    let (input, output) = (text(folder.path()), text(out.path()));
+    let run = |status: i32, extra: &[&str]| {
+        let mut arguments = vec!["track", &input, "--mode", "mono", "--out", &output];
+        arguments.extend(extra);
+        stderr(&expect_status(status, arguments))
+    };
+    run(
+        0,
+        &["--start-pair", "2,3", "--format", "kitti,euroc,open3d-log"],
+    );
+    let report = json(&out.path().join("track.json"));
+    assert!(report["coverage"].as_f64().unwrap() > 0.8, "{report}");
+    let count = |name: &str| {
+        let file = std::fs::read_to_string(out.path().join(name)).unwrap();
+        file.lines().filter(|line| !line.starts_with('#')).count() as u64
+    };
+    let tracked = report["tracked"].as_u64().unwrap();
+    assert_eq!(
+        ["poses.txt", "poses-kitti.txt", "poses.csv"].map(count),
+        [tracked; 3]
+    );
+    assert_eq!(count("poses.log"), 5 * tracked);
+    let picture = image::open(out.path().join("path.png"))
+        .unwrap()
+        .into_rgb8();
+    let blue = picture
+        .pixels()
+        .filter(|pixel| pixel.0[2] > pixel.0[0].saturating_add(60))
+        .count();
+    assert!(blue > 50, "{blue}");
+    for (pair, reason) in [
+        ("2", "two frames"),
+        ("2,2", "the same"),
+        ("2,nowhere", "neither a name"),
+        ("2,12", "below 12"),
+    ] {
+        let message = run(2, &["--start-pair", pair]);
+        assert!(message.contains(reason), "{message}");
+    }
+}
+
+#[test]
+fn damaged_videos_are_refused_with_a_remedy() {
+    let out = tempfile::tempdir().unwrap();
+    for (bytes, reason) in [
+        (&b"YUV4MPEG2 W640 H480 C420p16\nFRAME\n"[..], "-pix_fmt"),
+        (b"YUV4MPEG2 W640 H480\nFRAME\nxyz", "cut off"),
+        (b"\0\0\0\x10ftypisom\0\0\0\0", "moov"),
+    ] {
+        let video = out.path().join("video");
+        std::fs::write(&video, bytes).unwrap();
+        let output = expect_status(2, ["track", &text(&video), "--out", &text(out.path())]);
+        let message = stderr(&output);
+        assert!(
+            message.contains(reason) && message.contains("byte"),
+            "{message}"
+        );
+    }
+}
+
 #[test]
 fn an_unreadable_image_is_named_and_left_out() {
     let folder = room_without_poses(6);

@@ -57,6 +57,15 @@ impl Tracker {
         views: &[FrameFeatures],
         first: u32,
     ) -> Option<([usize; 2], Frame)> {
+        if let Some(pair) = self.options.start_pair {
+            let of_views = |number: u32| {
+                let at = number.checked_sub(first)? as usize;
+                (at < views.len()).then_some(at)
+            };
+            let start = self.start_of(views, [of_views(pair[0])?, of_views(pair[1])?])?;
+            let frame = self.insert_start(views, first, &start);
+            return Some((start.views, frame));
+        }
         let mut starts: Vec<Start> = Vec::new();
         let step = views.len().div_ceil(ANCHORS).max(1);
         for anchor in (0..views.len()).step_by(step) {

@@ -3,6 +3,7 @@
 mod adjust;
 mod camera;
 mod finish;
+mod focal;
 mod frame;
 mod initialise;
 mod local_adjustment;

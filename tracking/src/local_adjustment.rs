@@ -3,6 +3,7 @@
 use nalgebra::Isometry3;
 
 use crate::adjust::{Bundle, BundleObservation, BundlePoint};
+use crate::camera::Pinhole;
 use crate::map::{KeyframeId, PointId};
 use crate::tracker::Tracker;
 
@@ -26,6 +27,40 @@ impl Tracker {
     /// Adjusts some keyframes of a sub-map and the points that they see. Other keyframes that see these are fixed; without any,
     /// the oldest is.
     pub(crate) fn adjust(&mut self, free: &[KeyframeId], steps: [usize; 2]) {
+        let Problem {
+            mut bundle,
+            cameras,
+            points,
+        } = self.problem(free, &self.camera);
+        bundle.adjust(steps[0], steps[1]);
+        let Bundle {
+            poses,
+            is_free,
+            points: adjusted,
+            ..
+        } = bundle;
+        for ((id, pose), _) in cameras
+            .iter()
+            .zip(poses)
+            .zip(is_free)
+            .filter(|(_, free)| *free)
+        {
+            self.map.move_keyframe(*id, pose);
+        }
+        for (id, point) in points.iter().zip(adjusted) {
+            self.map.point_mut(*id).position = point.position;
+            for observation in point.observations.iter().filter(|o| !o.is_used) {
+                self.map
+                    .remove_observation(*id, cameras[observation.camera as usize]);
+            }
+            if self.map.point(*id).is_alive {
+                self.map.update_view_range(*id);
+            }
+        }
+    }
+
+    /// What [`Tracker::adjust`] minimises, for images of a camera.
+    pub(crate) fn problem<'a>(&self, free: &[KeyframeId], camera: &'a Pinhole) -> Problem<'a> {
         let mut slot_of: Vec<Option<u32>> = vec![None; self.map.keyframes.len()];
         let mut cameras: Vec<KeyframeId> = free.to_vec();
         let mut is_free: Vec<bool> = free
@@ -70,8 +105,8 @@ impl Tracker {
             .iter()
             .map(|id| self.map.keyframe(*id).camera_from_world)
             .collect();
-        let mut bundle = Bundle {
-            camera: &self.camera,
+        let bundle = Bundle {
+            camera,
             poses,
             is_free,
             points: of_bundle,
@@ -80,30 +115,17 @@ impl Tracker {
                 false => LAST_GAIN,
             },
         };
-        bundle.adjust(steps[0], steps[1]);
-        let Bundle {
-            poses,
-            is_free,
-            points: adjusted,
-            ..
-        } = bundle;
-        for ((id, pose), _) in cameras
-            .iter()
-            .zip(poses)
-            .zip(is_free)
-            .filter(|(_, free)| *free)
-        {
-            self.map.move_keyframe(*id, pose);
-        }
-        for (id, point) in points.iter().zip(adjusted) {
-            self.map.point_mut(*id).position = point.position;
-            for observation in point.observations.iter().filter(|o| !o.is_used) {
-                self.map
-                    .remove_observation(*id, cameras[observation.camera as usize]);
-            }
-            if self.map.point(*id).is_alive {
-                self.map.update_view_range(*id);
-            }
+        Problem {
+            bundle,
+            cameras,
+            points,
         }
     }
+}
+
+/// A bundle and what its cameras and points are in the map.
+pub(crate) struct Problem<'a> {
+    pub(crate) bundle: Bundle<'a>,
+    cameras: Vec<KeyframeId>,
+    points: Vec<PointId>,
 }

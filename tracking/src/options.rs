@@ -29,6 +29,8 @@ pub struct TrackingOptions {
     pub lost_frames: u32,
     /// Whether images have no depth: the map starts from two views, and its scale is that with a median depth of one.
     pub is_monocular: bool,
+    /// Frames, by number and in order, that start the map of one camera in place of those chosen.
+    pub start_pair: Option<[u32; 2]>,
     /// Whether loops are looked for.
     pub loops: bool,
     /// Whether poses may use later frames: global adjustment, and all frames tracked again in the final map.
@@ -51,6 +53,7 @@ impl Default for TrackingOptions {
             local_keyframes: 10,
             lost_frames: 15,
             is_monocular: false,
+            start_pair: None,
             loops: true,
             looks_ahead: true,
         }

@@ -128,7 +128,11 @@ impl Tracker {
         self.frames += 1;
         let outcome = if self.options.is_monocular && self.map.keyframes.is_empty() {
             self.waiting.push(view);
-            if self.waiting.len() >= START_VIEWS {
+            let is_enough = match self.options.start_pair {
+                Some([_, second]) => number >= second,
+                None => self.waiting.len() >= START_VIEWS,
+            };
+            if is_enough {
                 self.start_from_waiting();
             }
             FrameOutcome::Lost(NoPose::NoStart)

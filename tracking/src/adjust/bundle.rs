@@ -78,7 +78,8 @@ impl Bundle<'_> {
         }
     }
 
-    fn minimise(&mut self, steps: usize) -> [f64; 2] {
+    /// A round of at most so many steps, robust where errors are large. Returns the cost before and after.
+    pub(crate) fn minimise(&mut self, steps: usize) -> [f64; 2] {
         let mut slots: Vec<Option<usize>> = Vec::with_capacity(self.poses.len());
         let mut free = 0;
         for &is_free in &self.is_free {

@@ -1,0 +1,54 @@
+//! Video files: pictures out of MP4 and MOV (H.264) and of uncompressed Y4M, written as images that a sequence is read from.
+
+mod h264;
+mod mp4;
+mod picture;
+mod unpack;
+mod y4m;
+
+pub(crate) use unpack::{is_video, of_video, unpack};
+
+use std::path::{Path, PathBuf};
+
+use picture::Picture;
+
+/// Why a video cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum VideoError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Unreadable {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    /// The file is damaged, or holds what is not supported.
+    #[error("{}, byte {offset}: {problem}", path.display())]
+    Content {
+        path: PathBuf,
+        offset: u64,
+        problem: String,
+    },
+    /// The pictures cannot be written.
+    #[error("cannot write {}: {problem}", path.display())]
+    Write { path: PathBuf, problem: String },
+}
+
+impl VideoError {
+    fn unreadable(path: &Path, source: std::io::Error) -> Self {
+        Self::Unreadable {
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    fn content(path: &Path, offset: u64, problem: impl Into<String>) -> Self {
+        Self::Content {
+            path: path.to_owned(),
+            offset,
+            problem: problem.into(),
+        }
+    }
+}
+
+/// Takes the pictures of a video in the order of their times.
+type Take<'a> = dyn FnMut(Picture) -> Result<(), VideoError> + 'a;

@@ -1,0 +1,181 @@
+//! Videos that are whole, damaged and cut off.
+
+use std::path::Path;
+
+use super::*;
+
+fn images_in(folder: &Path) -> usize {
+    std::fs::read_dir(folder.join(IMAGES)).map_or(0, Iterator::count)
+}
+
+/// Two uncompressed pictures.
+fn y4m() -> Vec<u8> {
+    let mut bytes = b"YUV4MPEG2 W16 H16 F10:1 Cmono\n".to_vec();
+    for grey in [40, 200] {
+        bytes.extend(b"FRAME\n");
+        bytes.extend([grey; 256]);
+    }
+    bytes
+}
+
+#[test]
+fn uncompressed_video_becomes_images_with_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("video.y4m");
+    std::fs::write(&path, y4m()).unwrap();
+    assert!(is_video(&path));
+    std::fs::write(folder.path().join("linecarve.toml"), "old").unwrap();
+    let warnings = unpack(&path, folder.path(), Verbosity::Quiet).unwrap();
+    assert!(warnings.is_empty());
+    assert_eq!(images_in(folder.path()), 2);
+    assert!(!folder.path().join("linecarve.toml").exists());
+    let times = std::fs::read_to_string(folder.path().join("times.txt")).unwrap();
+    assert_eq!(times, "# seconds\n0.000000000\n0.100000000\n");
+    // A shorter video leaves no image of the longer one.
+    let mut bytes = y4m();
+    bytes.truncate(bytes.len() - 100);
+    std::fs::write(&path, bytes).unwrap();
+    let warnings = unpack(&path, folder.path(), Verbosity::Quiet).unwrap();
+    assert!(warnings[0].contains("picture 1 is cut off"), "{warnings:?}");
+    assert_eq!(images_in(folder.path()), 1);
+}
+
+#[test]
+fn what_is_no_video_is_not_taken_for_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notes.txt");
+    std::fs::write(&path, "nothing to see, but more than twelve bytes").unwrap();
+    assert!(!is_video(&path) && !is_video(folder.path()));
+}
+
+fn number(value: u32) -> [u8; 4] {
+    value.to_be_bytes()
+}
+
+/// A box of an MP4 file.
+fn boxed(name: &[u8; 4], parts: &[&[u8]]) -> Vec<u8> {
+    let inside = parts.concat();
+    [&number(inside.len() as u32 + 8)[..], name, &inside].concat()
+}
+
+/// An MP4 file with an index of three samples in two chunks, and a codec.
+fn mp4(codec: &[u8; 4]) -> Vec<u8> {
+    let table = |rows: &[u32]| {
+        rows.iter()
+            .flat_map(|row| number(*row))
+            .collect::<Vec<u8>>()
+    };
+    let entry = boxed(
+        codec,
+        &[&[0; 78], &boxed(b"avcC", &[&[1, 66, 0, 30, 255, 224, 0]])],
+    );
+    let stbl = boxed(
+        b"stbl",
+        &[
+            &boxed(b"stsd", &[&table(&[0, 1]), &entry]),
+            &boxed(b"stts", &[&table(&[0, 1, 3, 100])]),
+            &boxed(b"ctts", &[&table(&[0, 3, 1, 100, 1, 300, 1, 100])]),
+            &boxed(b"stsc", &[&table(&[0, 2, 1, 2, 1, 2, 1, 1])]),
+            &boxed(b"stsz", &[&table(&[0, 0, 3, 10, 20, 30])]),
+            &boxed(b"stco", &[&table(&[0, 2, 1000, 2000])]),
+        ],
+    );
+    let mut head = vec![0; 84];
+    head[40..52].copy_from_slice(&table(&[0, 0x1_0000, 0]));
+    let mdhd = boxed(b"mdhd", &[&table(&[0, 0, 0, 1000, 300, 0])]);
+    let hdlr = boxed(b"hdlr", &[&table(&[0, 0]), b"vide", &[0; 13]]);
+    let minf = boxed(b"minf", &[&stbl]);
+    let mdia = boxed(b"mdia", &[&mdhd, &hdlr, &minf]);
+    let trak = boxed(b"trak", &[&boxed(b"tkhd", &[&head]), &mdia]);
+    [boxed(b"ftyp", &[b"isom"]), boxed(b"moov", &[&trak])].concat()
+}
+
+fn track_of(bytes: &[u8]) -> Result<mp4::VideoTrack, VideoError> {
+    mp4::read_track(Path::new("video.mp4"), &mut Cursor::new(bytes))
+}
+
+#[test]
+fn the_index_says_where_samples_lie_and_when_they_are_shown() {
+    let track = track_of(&mp4(b"avc1")).unwrap();
+    let samples: Vec<(u64, u32, i64)> = track
+        .samples
+        .iter()
+        .map(|one| (one.offset, one.size, one.time_ns / 1_000_000))
+        .collect();
+    assert_eq!(samples, [(1000, 10, 0), (1010, 20, 300), (2000, 30, 200)]);
+    assert_eq!(track.quarter_turns, 1);
+    let error = track_of(&mp4(b"hvc1")).unwrap_err().to_string();
+    assert!(
+        error.contains("hvc1") && error.contains("ffmpeg"),
+        "{error}"
+    );
+}
+
+#[test]
+fn damaged_indices_are_refused_or_read() {
+    let whole = mp4(b"avc1");
+    for cut in 0..whole.len() {
+        let error = track_of(&whole[..cut]).unwrap_err().to_string();
+        assert!(error.contains("video.mp4, byte"), "{error}");
+    }
+    for at in 0..whole.len() {
+        for bit in 0..8 {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 1 << bit;
+            if let Err(error) = track_of(&damaged) {
+                assert!(error.to_string().contains("video.mp4, byte"), "{error}");
+            }
+        }
+    }
+}
+
+/// The recorded video of the data, cut after some pictures by its index.
+fn recorded() -> Vec<u8> {
+    let root = std::env::var("LINECARVE_DATA").unwrap();
+    std::fs::read(Path::new(&root).join("video/desk.mp4")).unwrap()
+}
+
+fn decoded(bytes: &[u8], most: usize) -> Result<(usize, Vec<String>), VideoError> {
+    let mut file = Cursor::new(bytes);
+    let path = Path::new("video.mp4");
+    let mut track = mp4::read_track(path, &mut file)?;
+    track.samples.truncate(most);
+    let mut count = 0;
+    let mut last = -1;
+    let warnings = h264::read(path, &mut file, &track, &mut |picture| {
+        assert!(picture.time_ns > last || count == 0);
+        last = picture.time_ns;
+        count += 1;
+        Ok(())
+    })?;
+    Ok((count, warnings))
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn a_recorded_video_is_decoded_whole_cut_and_damaged() {
+    use rand::{RngExt, SeedableRng};
+    let whole = recorded();
+    let (count, warnings) = decoded(&whole, usize::MAX).unwrap();
+    assert_eq!((count, warnings.len()), (1400, 0));
+    for share in [2, 3, 10] {
+        let (cut, warnings) =
+            decoded(&whole[..whole.len() * (share - 1) / share], usize::MAX).unwrap();
+        assert!(
+            cut > 300 && cut < 1400 && warnings[0].contains("cut off"),
+            "{cut} {warnings:?}"
+        );
+    }
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+    for _ in 0..200 {
+        let mut damaged = whole.clone();
+        for _ in 0..random.random_range(1..200) {
+            let at = random.random_range(0..damaged.len() / 4);
+            damaged[at] ^= 1 << random.random_range(0..8);
+        }
+        match decoded(&damaged, 60) {
+            Ok((count, _)) => assert!(count > 0),
+            Err(error) => assert!(error.to_string().contains("video.mp4"), "{error}"),
+        }
+    }
+}
