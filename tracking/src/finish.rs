@@ -221,9 +221,14 @@ impl Tracker {
         let mut order: Vec<usize> = (0..counts.len()).filter(|&at| counts[at] > 0).collect();
         order.sort_by_key(|&at| (std::cmp::Reverse(counts[at]), at));
         let mut rank = 0;
+        // Two views of a plane have two solutions: without depth, a map that hardly any other frame fits is not believed.
+        let least = match self.options.is_monocular {
+            true => MIN_SUBMAP_FRAMES.min(found.len() / 2),
+            false => 1,
+        };
         order.retain(|&at| {
             rank += 1;
-            rank == 1 || counts[at] >= MIN_SUBMAP_FRAMES
+            counts[at] >= if rank == 1 { least } else { MIN_SUBMAP_FRAMES }
         });
         let poses = found
             .into_iter()

@@ -27,6 +27,14 @@ fn tracker() -> Tracker {
 
 /// Frame `number` of a camera that moves along a wall.
 fn frame(wall: usize, number: usize) -> FrameFeatures {
+    let mut depth = InverseDepthMap::unknown(WIDTH, HEIGHT).unwrap();
+    for at in 0..WIDTH * HEIGHT {
+        depth.set(at % WIDTH, at / WIDTH, InverseDepth::new(0.5, 0.0015));
+    }
+    FrameDetector::new(&TrackingOptions::default()).detect(&image(wall, number), Some(&depth))
+}
+
+fn image(wall: usize, number: usize) -> GrayImage {
     let grey = |x: usize, y: usize| {
         let block = ((x / 9) * 7919 + (y / 7) * 104_729 + wall * 1_299_709 + 1) as u64;
         let mixed = (block ^ (block >> 7)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -36,12 +44,7 @@ fn frame(wall: usize, number: usize) -> FrameFeatures {
     let samples = (0..WIDTH * HEIGHT)
         .map(|i| grey(i % WIDTH + 4 * number, i / WIDTH))
         .collect();
-    let image = GrayImage::new(WIDTH, HEIGHT, samples).unwrap();
-    let mut depth = InverseDepthMap::unknown(WIDTH, HEIGHT).unwrap();
-    for at in 0..WIDTH * HEIGHT {
-        depth.set(at % WIDTH, at / WIDTH, InverseDepth::new(0.5, 0.0015));
-    }
-    FrameDetector::new(&TrackingOptions::default()).detect(&image, Some(&depth))
+    GrayImage::new(WIDTH, HEIGHT, samples).unwrap()
 }
 
 fn covered() -> FrameFeatures {
@@ -182,4 +185,128 @@ fn one_camera_that_stands_still_has_no_map() {
     let found = tracker.finish();
     assert!(found.submaps.is_empty());
     assert_eq!(found.poses, [FramePose::Unknown(NoPose::NoStart); 6]);
+}
+
+#[test]
+fn two_views_of_one_camera_end_well() {
+    let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
+    for views in [1, 2] {
+        let options = TrackingOptions::monocular();
+        let mut tracker = Tracker::new(options, &camera, WIDTH, HEIGHT).unwrap();
+        for number in 0..views {
+            tracker.track(relief(4 * number));
+        }
+        let found = tracker.finish();
+        assert_eq!(found.poses.len(), views);
+        assert!(found.submaps.len() <= 1);
+    }
+}
+
+/// Frame `number` of a camera without depth that turns to the right and moves nowhere.
+fn turned(number: usize) -> FrameFeatures {
+    let grey = |x: f64, y: f64| {
+        let (across, up) = (
+            x.atan2(1.0) + 0.02 * number as f64,
+            y.atan2((1.0 + x * x).sqrt()),
+        );
+        let [column, row] = [across, up].map(|angle| (angle / 0.04 + 1000.0) as u64);
+        let mixed = (column * 7919 + row * 104_729).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (mixed >> 56) as u8
+    };
+    let samples = (0..WIDTH * HEIGHT)
+        .map(|at| {
+            let [x, y] = [at % WIDTH, at / WIDTH].map(|at| at as f64);
+            grey((x - 159.5) / 200.0, (y - 119.5) / 200.0)
+        })
+        .collect();
+    let image = GrayImage::new(WIDTH, HEIGHT, samples).unwrap();
+    FrameDetector::new(&TrackingOptions::monocular()).detect(&image, None)
+}
+
+#[test]
+fn one_camera_that_only_turns_has_no_map() {
+    let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
+    let mut tracker = Tracker::new(TrackingOptions::monocular(), &camera, WIDTH, HEIGHT).unwrap();
+    for number in 0..20 {
+        tracker.track(turned(number));
+    }
+    let found = tracker.finish();
+    assert!(
+        found.submaps.is_empty(),
+        "{} frames",
+        found.submaps[0].frames
+    );
+    assert_eq!(found.poses, [FramePose::Unknown(NoPose::NoStart); 20]);
+}
+
+#[test]
+fn foreign_frames_in_between_have_no_pose() {
+    let mut tracker = tracker();
+    let is_foreign = |number: usize| matches!(number, 5 | 9 | 10);
+    for number in 0..18 {
+        tracker.track(frame(usize::from(is_foreign(number)), number));
+    }
+    let found = tracker.finish();
+    assert_eq!(found.submaps.len(), 1);
+    for (number, pose) in found.poses.iter().enumerate() {
+        match place(pose) {
+            Some((_, x)) => {
+                assert!(!is_foreign(number), "frame {number}");
+                assert!(
+                    (x - number as f64 * STEP_M).abs() < 0.01,
+                    "frame {number}: {x}"
+                );
+            }
+            None => assert!(is_foreign(number), "frame {number}"),
+        }
+    }
+}
+
+#[test]
+fn one_camera_does_not_join_what_a_cut_separates() {
+    let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
+    let mut tracker = Tracker::new(TrackingOptions::monocular(), &camera, WIDTH, HEIGHT).unwrap();
+    for number in 0..12 {
+        tracker.track(relief(number));
+    }
+    let detector = FrameDetector::new(&TrackingOptions::monocular());
+    for number in 0..6 {
+        tracker.track(detector.detect(&image(1, number), None));
+    }
+    let found = tracker.finish();
+    assert_eq!(found.submaps.len(), 1);
+    let posed = |range: std::ops::Range<usize>| {
+        let found = found.poses[range].iter();
+        found.filter(|pose| place(pose).is_some()).count()
+    };
+    // Either side may start the map.
+    let [before, after] = [posed(0..12), posed(12..18)];
+    assert!(before == 0 || after == 0, "{before}, {after}");
+    assert!(before >= 5 || after >= 5, "{before}, {after}");
+}
+
+#[test]
+fn hundred_covered_frames_do_not_harm_the_others() {
+    let mut tracker = tracker();
+    for number in 0..8 {
+        tracker.track(frame(0, number));
+    }
+    for _ in 0..100 {
+        tracker.track(covered());
+    }
+    for number in 8..16 {
+        tracker.track(frame(0, number));
+    }
+    let found = tracker.finish();
+    for (at, pose) in found.poses.iter().enumerate() {
+        let number = if at < 8 { at } else { at.saturating_sub(100) };
+        match place(pose) {
+            Some((submap, x)) => {
+                assert_eq!(submap, 0);
+                assert!((x - number as f64 * STEP_M).abs() < 0.01, "frame {at}: {x}");
+            }
+            None => assert!((8..108).contains(&at), "frame {at}"),
+        }
+    }
 }

@@ -70,6 +70,7 @@ fn recorded_trajectories_survive_a_round_trip_in_every_format() {
                 poses: Some(path.clone()),
                 layout: Some(taking.to_owned()),
                 calibration: Some(calibration.clone()),
+                ..OpenOptions::default()
             };
             let back = Sequence::open(&source, &options).unwrap();
             assert_same(&sequence, &back, &format!("{name}, {format:?}"));
