@@ -45,6 +45,8 @@ pub(crate) enum Command {
     /// How flat meshes are on the largest planes of a ground truth: root mean square distance in thousandths, mean angle of
     /// triangles in degrees.
     Flatness(FlatnessArgs),
+    /// Tracking from many first frames: coverage and error of each, with depth and with one camera.
+    Starts(StartsArgs),
     /// Views of the textured mesh beside frames that are no keyframes.
     Texture(TextureArgs),
     /// One run of the reconstruction as JSON: what `benchmarks` starts for each sequence, in a process of its own.
@@ -77,6 +79,26 @@ pub(crate) struct FlatnessArgs {
     /// Seed of the samples and of the search for planes.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u64,
+
+    /// Where the table goes.
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
+}
+
+/// Arguments of `starts`.
+#[derive(Debug, Args)]
+pub(crate) struct StartsArgs {
+    /// Sequences with poses, which are compared with.
+    #[arg(required = true, value_name = "SEQUENCE")]
+    pub(crate) sequences: Vec<PathBuf>,
+
+    /// First frames of each sequence.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    pub(crate) starts: usize,
+
+    /// Frames that are tracked from each.
+    #[arg(long, value_name = "N", default_value_t = 300)]
+    pub(crate) frames: usize,
 
     /// Where the table goes.
     #[command(flatten)]

@@ -11,6 +11,7 @@ mod published;
 mod results;
 mod rivals;
 mod scored_run;
+mod starts;
 mod tables;
 mod texture;
 
@@ -32,7 +33,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         (false, _) => Verbosity::Verbose,
     };
     let reports_times = match &cli.command {
-        Command::Tables(_) | Command::Lines(_) | Command::Flatness(_) => false,
+        Command::Tables(_) | Command::Lines(_) | Command::Flatness(_) | Command::Starts(_) => false,
         Command::Ablation(_)
         | Command::Benchmarks(_)
         | Command::Cost(_)
@@ -52,6 +53,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Cost(args) => cost::run(&args, threads),
         Command::Measure(args) => measure::run(&args),
         Command::Flatness(args) => flatness::run(&args),
+        Command::Starts(args) => starts::run(&args, verbosity),
         Command::Texture(args) => texture::run(&args),
     }
 }
