@@ -37,6 +37,12 @@ pub use tetrahedralization::{
 #[cfg(feature = "internals")]
 pub mod internals {
     pub use crate::carver::{CarvedCell, Snapshot};
+    pub use crate::labels::{FacetShape, cosines};
+    pub use crate::surface::{
+        NO_NEIGHBOR, RankedSurface, RankedTriangle, across_where, assemble, has_edges_within,
+        is_surface_where,
+    };
+    pub use crate::visibility::rays::{FREE_SUM, OCCUPIED_SUM, RayTracer, TracedRay};
     pub use crate::visibility::{crosses_cell, crosses_ghost, triangle_meets_cell};
 
     /// Signs of determinants of coordinates.

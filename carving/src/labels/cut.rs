@@ -5,7 +5,7 @@ use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
 use crate::visibility::{CellEvidence, Evidence};
 
 use super::cut_options::CutOptions;
-use super::quality::cosines;
+use super::quality::{FacetShape, cosines};
 
 /// The network of cells: one node a cell, one joint a facet between finite cells.
 ///
@@ -14,7 +14,7 @@ use super::quality::cosines;
 #[derive(Clone, Debug)]
 pub(crate) struct Cut {
     options: CutOptions,
-    quality: i64,
+    shape: FacetShape,
     network: Network,
     /// Per cell and facet; see [`cosines`].
     cosines: Vec<[i16; 4]>,
@@ -30,7 +30,7 @@ impl Cut {
     pub(crate) fn new(options: CutOptions) -> Self {
         Self {
             options,
-            quality: options.quality_units(),
+            shape: FacetShape::new(&options),
             network: Network::new(),
             cosines: Vec::new(),
             touched: Vec::new(),
@@ -126,9 +126,11 @@ impl Cut {
         back: usize,
         sums: &CellEvidence,
     ) -> i64 {
-        let cosine = self.cosines[cell.index()][facet].min(self.cosines[other.index()][back]);
-        let shape = self.quality * (crate::visibility::UNIT as i64 - i64::from(cosine));
-        sums.entered[facet] as i64 + shape / crate::visibility::UNIT as i64
+        let cosines = [
+            self.cosines[cell.index()][facet],
+            self.cosines[other.index()][back],
+        ];
+        sums.entered[facet] as i64 + self.shape.cost(cosines)
     }
 
     /// Verifies the flow and that capacities follow from the evidence; `Ok(Some(cell))` names a cell where they do not.

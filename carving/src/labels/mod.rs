@@ -10,6 +10,8 @@ mod votes;
 
 pub(crate) use cut::Cut;
 pub use cut_options::{CutOptions, CutOptionsError};
+#[cfg(feature = "internals")]
+pub use quality::{FacetShape, cosines};
 pub use votes::Votes;
 
 /// How cells are labelled.

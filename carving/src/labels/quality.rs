@@ -1,13 +1,37 @@
 //! Quality of a facet: its angles with the circumspheres of its two cells.
 
+use super::cut_options::CutOptions;
 use crate::vectors::{cross, dot, minus};
 use crate::visibility::UNIT;
+
+/// What the shape of a facet costs.
+#[derive(Clone, Copy, Debug)]
+pub struct FacetShape {
+    /// Weight of the shape in units.
+    quality: i64,
+}
+
+impl FacetShape {
+    /// Costs of a cut with these options.
+    pub fn new(options: &CutOptions) -> Self {
+        Self {
+            quality: options.quality_units(),
+        }
+    }
+
+    /// The cost of a facet, from its cosines on both sides.
+    pub fn cost(self, cosines: [i16; 2]) -> i64 {
+        let cosine = cosines[0].min(cosines[1]);
+        let shape = self.quality * (UNIT as i64 - i64::from(cosine));
+        shape / UNIT as i64
+    }
+}
 
 /// For the facet opposite each corner the cosine of its angle with the circumsphere, in units of 1/[`UNIT`]: 1 when the
 /// sphere's centre is far inside, -1 when it is far on the other side of the facet. 0 where the result is NaN.
 ///
 /// The result depends on positions alone, not on the order of the corners.
-pub(super) fn cosines(corners: [&[f64; 3]; 4]) -> [i16; 4] {
+pub fn cosines(corners: [&[f64; 3]; 4]) -> [i16; 4] {
     let mut order = [0, 1, 2, 3];
     order.sort_unstable_by(|&i, &j| {
         let pairs = corners[i].iter().zip(corners[j]);

@@ -1,13 +1,13 @@
 //! A copy of the surface as an indexed mesh.
 
 use nalgebra::Point3;
-use rustc_hash::FxHashMap;
 
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 
+use super::assemble::{NO_NEIGHBOR, RankedSurface, RankedTriangle, assemble};
 use super::delta::{Triangle, rotate_smallest_first};
 use super::facets::{Facets, triangle};
-use super::repair::split_into_manifold;
+use super::repair::across;
 
 /// Filters and repair of an exported surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -27,6 +27,13 @@ pub struct ExportOptions {
     pub manifold: bool,
 }
 
+impl ExportOptions {
+    /// Whether the neighbours of triangles matter.
+    pub(super) fn needs_neighbors(&self) -> bool {
+        self.manifold || self.minimum_component > 1
+    }
+}
+
 /// Triangles with indexed vertices.
 ///
 /// Vertices are in lexicographic order of their coordinates (copies of one vertex in the order of their first
@@ -41,30 +48,6 @@ pub struct IndexedMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// The triangles to be exported and their connectivity.
-pub(super) struct SurfacePatch {
-    /// Triangles with their vertices.
-    pub(super) triangles: Vec<Triangle>,
-    /// For each corner the copy of its vertex; all 0 without repair.
-    pub(super) copies: Vec<[u32; 3]>,
-    /// For each edge, which starts at the corner of the same index, a number that it shares with the edge of the
-    /// neighbouring triangle only.
-    pub(super) edges: Vec<[u32; 3]>,
-}
-
-impl SurfacePatch {
-    /// Drops triangles; `is_kept` has an entry for each.
-    pub(super) fn keep(&mut self, is_kept: &[bool]) {
-        fn keep<T>(list: &mut Vec<T>, is_kept: &[bool]) {
-            let mut is_kept = is_kept.iter();
-            list.retain(|_| is_kept.next().copied().unwrap_or(false));
-        }
-        keep(&mut self.triangles, is_kept);
-        keep(&mut self.copies, is_kept);
-        keep(&mut self.edges, is_kept);
-    }
-}
-
 /// Exports the triangles of the surface that satisfy `is_wanted`. Also returns for each vertex of the mesh the vertex that it
 /// copies, `None` for the midpoints of split edges.
 pub(crate) fn extract(
@@ -73,7 +56,7 @@ pub(crate) fn extract(
     options: &ExportOptions,
     is_wanted: impl Fn(Triangle) -> bool,
 ) -> (IndexedMesh, Vec<Option<VertexId>>) {
-    let facets_in_use: Vec<(Triangle, (CellId, usize))> = facets
+    let facets_in_use: Vec<Chosen> = facets
         .iter()
         .map(|(cell, facet)| (triangle(tetrahedra, cell, facet), (cell, facet)))
         .filter(|(corners, _)| {
@@ -100,133 +83,69 @@ pub(crate) fn extract(
         rank[vertex.index()] = index;
     }
     let rank = |v: VertexId| rank[v.index()];
-    let mut keyed: Vec<_> = facets_in_use
+    let mut keyed: Vec<(RankedTriangle, Chosen)> = facets_in_use
         .into_iter()
         .map(|chosen| (rotate_smallest_first(chosen.0.map(rank)), chosen))
         .collect();
     keyed.sort_unstable_by_key(|(key, _)| *key);
-    let chosen: Vec<(Triangle, (CellId, usize))> =
-        keyed.into_iter().map(|(_, chosen)| chosen).collect();
+    let (triangles, chosen): (Vec<RankedTriangle>, Vec<Chosen>) = keyed.into_iter().unzip();
     let is_wanted: Vec<bool> = chosen
         .iter()
         .map(|(corners, _)| is_wanted(*corners))
         .collect();
-    let patch = split_into_manifold(tetrahedra, facets, &chosen, &is_wanted, options);
-
-    let mut corners: Vec<(u32, u32)> = patch
-        .triangles
-        .iter()
-        .zip(&patch.copies)
-        .flat_map(|(triangle, copies)| {
-            let corner = |k: usize| (rank(triangle[k]), copies[k]);
-            [corner(0), corner(1), corner(2)]
-        })
-        .collect();
-    let all_corners = corners.clone();
-    corners.sort_unstable();
-    corners.dedup();
-    let mut mesh = IndexedMesh {
-        vertices: corners
-            .iter()
-            .map(|&(r, _)| tetrahedra.position(vertices[r as usize]))
+    let neighbors = match options.needs_neighbors() {
+        true => neighbors(tetrahedra, facets, &chosen, &rank, &triangles),
+        false => Vec::new(),
+    };
+    let ranked = RankedSurface {
+        positions: (vertices.iter())
+            .map(|&vertex| *tetrahedra.coordinates(vertex))
             .collect(),
-        triangles: Vec::with_capacity(patch.triangles.len()),
+        triangles,
+        neighbors,
     };
-    let index = |corner: &(u32, u32)| {
-        corners
-            .binary_search(corner)
-            .expect("every corner has been listed") as u32
-    };
-    mesh.triangles.extend(
-        all_corners
-            .chunks_exact(3)
-            .map(|c| [index(&c[0]), index(&c[1]), index(&c[2])]),
-    );
-    let mut origins: Vec<Option<VertexId>> = corners
-        .iter()
-        .map(|&(r, _)| Some(vertices[r as usize]))
+    let (mesh, ranks) = assemble(&ranked, &is_wanted, options);
+    let origins = ranks
+        .into_iter()
+        .map(|rank| rank.map(|rank| vertices[rank as usize]))
         .collect();
-    if options.manifold {
-        split_repeated_edges(&mut mesh, &patch.edges);
-        origins.resize(mesh.vertices.len(), None);
-    }
-    for triangle in &mut mesh.triangles {
-        *triangle = rotate_smallest_first(*triangle);
-    }
-    mesh.triangles.sort_unstable();
     (mesh, origins)
 }
 
-/// Splits edges at their midpoints where several of different number have the same ends, all but the first.
-fn split_repeated_edges(mesh: &mut IndexedMesh, edges: &[[u32; 3]]) {
-    let mut ends: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * edges.len());
-    for (triangle, numbers) in mesh.triangles.iter().zip(edges) {
-        for k in 0..3 {
-            let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-            ends.push((a.min(b), a.max(b), numbers[k]));
-        }
-    }
-    ends.sort_unstable();
-    ends.dedup();
-    let mut midpoints: FxHashMap<u32, u32> = FxHashMap::default();
-    for pair in ends.windows(2) {
-        let ((a, b, _), (c, d, number)) = (pair[0], pair[1]);
-        if (a, b) == (c, d) {
-            let middle = nalgebra::center(&mesh.vertices[a as usize], &mesh.vertices[b as usize]);
-            midpoints.insert(number, mesh.vertices.len() as u32);
-            mesh.vertices.push(middle);
-        }
-    }
-    if midpoints.is_empty() {
-        return;
-    }
-    let whole = std::mem::take(&mut mesh.triangles);
-    for (triangle, numbers) in whole.into_iter().zip(edges) {
-        let middle = numbers.map(|number| midpoints.get(&number).copied());
-        // Vertices are sorted by position.
-        let first = (0..3).min_by_key(|&k| triangle[k]).unwrap_or(0);
-        cut_at_midpoints(triangle, middle, first, &mut mesh.triangles);
-    }
-}
+/// A surface triangle with its free cell and facet.
+type Chosen = (Triangle, (CellId, usize));
 
-/// Appends the parts of a triangle whose edges have the given vertices in their middle; the triangle itself when there are none.
-///
-/// `first` is the corner at the lexicographically smallest position: which parts two midpoints make must not depend on ids.
-pub(super) fn cut_at_midpoints(
-    triangle: [u32; 3],
-    middle: [Option<u32>; 3],
-    first: usize,
-    parts: &mut Vec<[u32; 3]>,
-) {
-    if middle == [None; 3] {
-        parts.push(triangle);
-        return;
-    }
-    // The boundary of the triangle with its midpoints, cut into ears at the midpoints.
-    let mut boundary: Vec<(u32, bool)> = Vec::with_capacity(6);
-    for k in [first, (first + 1) % 3, (first + 2) % 3] {
-        boundary.push((triangle[k], false));
-        boundary.extend(middle[k].map(|m| (m, true)));
-    }
-    while boundary.len() > 3 {
-        // A corner between two other vertices of which one is a midpoint makes a triangle with them.
-        let n = boundary.len();
-        let ear = (0..n)
-            .find(|&k| !boundary[k].1 && (boundary[(k + 1) % n].1 || boundary[(k + n - 1) % n].1));
-        let Some(ear) = ear else { break };
-        let [before, at, after] = [(ear + n - 1) % n, ear, (ear + 1) % n].map(|k| boundary[k].0);
-        parts.push([before, at, after]);
-        boundary.remove(ear);
-    }
-    parts.push([boundary[0].0, boundary[1].0, boundary[2].0]);
+/// For each edge of each ranked triangle the neighbour across it; `chosen` has the same triangles in the same order.
+fn neighbors(
+    tetrahedra: &Tetrahedralization,
+    facets: &Facets,
+    chosen: &[Chosen],
+    rank: &impl Fn(VertexId) -> u32,
+    triangles: &[RankedTriangle],
+) -> Vec<[u32; 3]> {
+    let mut indices: Vec<((CellId, usize), u32)> =
+        chosen.iter().map(|(_, at)| *at).zip(0..).collect();
+    indices.sort_unstable();
+    let neighbor = |at: (CellId, usize), a: VertexId, b: VertexId| {
+        let partner = across(tetrahedra, facets, at, a, b)?;
+        // The partner may have been filtered out.
+        let found = indices.binary_search_by_key(&partner, |(at, _)| *at);
+        found.ok().map(|found| indices[found].1)
+    };
+    let of_triangle = |(triangle, (corners, at)): (&RankedTriangle, &Chosen)| {
+        // Corners begin with the smallest id, ranked triangles with the smallest rank.
+        let first = (0..3).find(|&k| rank(corners[k]) == triangle[0]);
+        let first = first.unwrap_or(0);
+        std::array::from_fn(|k| {
+            let (a, b) = (corners[(first + k) % 3], corners[(first + k + 1) % 3]);
+            neighbor(*at, a, b).unwrap_or(NO_NEIGHBOR)
+        })
+    };
+    triangles.iter().zip(chosen).map(of_triangle).collect()
 }
 
 /// Whether no edge of a triangle is longer than `longest`.
-pub(crate) fn has_edges_within(
-    tetrahedra: &Tetrahedralization,
-    corners: &Triangle,
-    longest: f64,
-) -> bool {
+pub fn has_edges_within(tetrahedra: &Tetrahedralization, corners: &Triangle, longest: f64) -> bool {
     let p = corners.map(|v| tetrahedra.position(v));
     (0..3).all(|k| (p[k] - p[(k + 1) % 3]).norm() <= longest)
 }

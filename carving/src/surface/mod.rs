@@ -3,6 +3,7 @@
 //! Triangles are counter-clockwise seen from free space. [`SurfaceDelta`] is the change by one update, [`IndexedMesh`] a copy of
 //! the surface in an order that does not depend on history, [`IncrementalMesh`] such a copy kept up to date.
 
+mod assemble;
 mod check;
 mod delta;
 mod extract;
@@ -10,14 +11,19 @@ mod facets;
 mod incremental;
 mod repair;
 
+#[cfg(feature = "internals")]
+pub use assemble::{NO_NEIGHBOR, RankedSurface, RankedTriangle, assemble};
 pub use check::SurfaceViolation;
 pub(crate) use check::check;
 pub use delta::{SurfaceDelta, Triangle};
+pub(crate) use extract::extract;
+pub use extract::has_edges_within;
 pub use extract::{ExportOptions, IndexedMesh};
-pub(crate) use extract::{extract, has_edges_within};
 pub(crate) use facets::{Facets, triangle};
 pub(crate) use incremental::Carved;
 pub use incremental::{ChangeLog, Face, IncrementalMesh, MeshChange, TriangleRole};
+#[cfg(feature = "internals")]
+pub use repair::{across_where, is_surface_where};
 
 /// Treatment of facets between a free cell and the outside of the hull.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

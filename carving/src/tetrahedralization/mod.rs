@@ -250,6 +250,16 @@ impl Tetrahedralization {
         let cell = self.storage.vertices.get(vertex.index())?.cell;
         (cell != NO_CELL).then(|| CellId::from_raw(cell))
     }
+
+    /// The same, a finite one.
+    #[inline]
+    pub(crate) fn finite_cell_of(&self, vertex: VertexId) -> Option<CellId> {
+        let cell = self.cell_of(vertex)?;
+        Some(match self.is_ghost(cell) {
+            true => self.neighbors(cell)[3],
+            false => cell,
+        })
+    }
 }
 
 #[cfg(test)]

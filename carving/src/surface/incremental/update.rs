@@ -3,8 +3,8 @@
 use nalgebra::Point3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
+use super::super::assemble::cut_at_midpoints;
 use super::super::delta::{SurfaceDelta, Triangle};
-use super::super::extract::cut_at_midpoints;
 use super::components::ComponentSearch;
 use super::locate::{Carved, Located};
 use super::splits::EdgeGroup;

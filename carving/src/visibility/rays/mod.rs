@@ -10,29 +10,36 @@
 //! * `line`: on which side of an edge a ray passes, exact;
 //! * `table`: the rays;
 //! * `evidence`: what one ray contributes to cut labels;
+//! * `cell_walk`: steps from cell to cell along a line;
+//! * `trace`: what a single ray adds to the cells of any tetrahedralisation;
 //! * `walk`: all cells of a ray, from cell to cell where it pierces the interior of every facet on its way, otherwise by
 //!   searching all cells that it touches;
 //! * `record`: adding rays to cells and removing them;
 //! * `rewalk`: what to walk again after cells have been destroyed and created;
 //! * `check`: what cells should list, without any walk.
 
+mod cell_walk;
 mod check;
 mod evidence;
 mod line;
 mod record;
 mod rewalk;
 mod table;
+mod trace;
 mod walk;
 
 pub(crate) use table::Rays;
+#[cfg(feature = "internals")]
+pub use trace::{FREE_SUM, OCCUPIED_SUM, RayTracer, TracedRay};
 
 use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
 
 use super::anchors::OccupiedAnchors;
 use super::crossings::Crossings;
 use super::{Contribution, ListError, ObservationId, Softness, Space, Views, Visibility};
+use cell_walk::WalkScratch;
 use rewalk::RewalkScratch;
-use walk::{WalkScratch, Walker};
+use walk::Walker;
 
 /// Rays and the cells that they cross.
 #[derive(Clone, Debug)]

@@ -8,8 +8,9 @@ use super::super::crossings::{Crossings, Entrance};
 use super::super::segment_cell::Exit;
 use super::super::{Cells, ObservationId, ObservationTable, Space};
 use super::RayVisibility;
+use super::cell_walk::Step;
 use super::evidence::RayEvidence;
-use super::walk::{Step, Walker};
+use super::walk::Walker;
 
 /// Number of rays that one thread walks at a time: enough to be worth a task.
 const PARALLEL_CHUNK: usize = 64;

@@ -147,8 +147,8 @@ impl RayVisibility {
         let line = walker.line(ray);
         let walked = walker.last_cell(ray).and_then(|last| match start {
             Some((outer, facet)) => {
-                let front = walker.front(&line, outer, facet);
-                walker.follow(&line, front, last, within, steps)
+                let front = walker.cells().front(&line, outer, facet);
+                walker.cells().follow(&line, front, last, within, steps)
             }
             None => walker.follow_from_vertex(&line, (ray, None), last, within, steps),
         });
