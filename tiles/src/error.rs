@@ -1,0 +1,108 @@
+//! Why a plan or one of its stages fails.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::stage::Item;
+
+/// Why a plan cannot be made or carried out. Texts name the file and the remedy.
+#[derive(Debug, thiserror::Error)]
+pub enum TilesError {
+    /// A file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file is not what was written.
+    #[error("{}: damaged ({what}); delete it and run `linecarve tiles run` again", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A file belongs to another plan.
+    #[error("{}: made for another plan; delete the folder's contents and plan again", path.display())]
+    OtherPlan {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The folder holds another plan.
+    #[error(
+        "{} holds the plan of another input or of other options: give another folder, or delete this one", path.display()
+    )]
+    Planned {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The plan was made by another version.
+    #[error(
+        "{}: planned by version {found} of the program, this is {expected}: use that version, or plan again into another folder",
+        path.display()
+    )]
+    OtherProgram {
+        /// The plan.
+        path: PathBuf,
+        /// The version that made it.
+        found: String,
+        /// This version.
+        expected: String,
+    },
+    /// What an item needs has not been made.
+    #[error(
+        "{item} needs {needed}, which has not been made: run the stages in order (`linecarve tiles run`)"
+    )]
+    NotReady {
+        /// The item.
+        item: Item,
+        /// What it needs.
+        needed: Item,
+    },
+    /// There is no such item.
+    #[error("there is no item {item}: the plan has {tiles} tiles")]
+    NoItem {
+        /// The item.
+        item: Item,
+        /// Number of tiles.
+        tiles: usize,
+    },
+    /// The points do not span space, so there are no cells.
+    #[error("the {points} points of the input lie in a plane or are too few: there is no surface")]
+    Flat {
+        /// Number of distinct positions.
+        points: usize,
+    },
+    /// The carver has segments, which tiles do not carve.
+    #[error("the input has {segments} segments seen by views, which tiles do not carve")]
+    Segments {
+        /// Number of segments.
+        segments: usize,
+    },
+    /// More than ids can number.
+    #[error("{what}: {count} are too many for one plan")]
+    TooMany {
+        /// What there are too many of.
+        what: &'static str,
+        /// How many.
+        count: usize,
+    },
+}
+
+impl TilesError {
+    pub(crate) fn io(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
+        move |source| Self::Io {
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    pub(crate) fn damaged(path: &Path, what: impl Into<String>) -> Self {
+        Self::Damaged {
+            path: path.to_owned(),
+            what: what.into(),
+        }
+    }
+}

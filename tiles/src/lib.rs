@@ -1,0 +1,29 @@
+#![doc = include_str!("../README.md")]
+
+mod bounds;
+mod carve;
+mod conflict;
+mod error;
+mod exact;
+mod file;
+mod frame;
+mod giants;
+mod label;
+mod merge;
+mod network;
+mod plan;
+mod record;
+mod run;
+mod settle;
+mod split;
+mod stage;
+mod surface;
+mod tile;
+mod work;
+
+pub use error::TilesError;
+pub use merge::merged_mesh;
+pub use plan::{Plan, PlanOptions, TileSummary, plan};
+pub use run::run;
+pub use stage::{Item, Stage, run_item};
+pub use work::{Manifest, Work};

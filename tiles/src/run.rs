@@ -1,0 +1,54 @@
+//! All stages on one machine.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use crate::error::TilesError;
+use crate::stage::{Item, Stage};
+use crate::work::Work;
+
+/// Carries out what is left of a plan, stage by stage, with `jobs` calls of `execute` at a time. Files of items that are done are
+/// verified first; damaged ones are made again. Returns the number of items carried out.
+///
+/// # Errors
+/// The first error of an item; others of its stage that had begun are waited for.
+pub fn run<E: From<TilesError> + Send>(
+    work: &Work,
+    jobs: usize,
+    execute: impl Fn(Item) -> Result<(), E> + Sync,
+) -> Result<usize, E> {
+    work.verify_plan()?;
+    work.remove_unfinished();
+    let mut carried_out = 0;
+    for stage in Stage::of(work) {
+        let mut pending: Vec<Item> = Vec::new();
+        for item in stage.items(work) {
+            let was_damaged = work.verify(item)?;
+            if was_damaged || work.done(item).is_none() {
+                pending.push(item);
+            }
+        }
+        carried_out += pending.len();
+        let next = AtomicUsize::new(0);
+        let failed: Mutex<Option<E>> = Mutex::new(None);
+        let first_error = || failed.lock().unwrap_or_else(PoisonError::into_inner);
+        std::thread::scope(|scope| {
+            for _ in 0..jobs.clamp(1, pending.len().max(1)) {
+                scope.spawn(|| {
+                    while let Some(&item) = pending.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        if first_error().is_some() {
+                            break;
+                        }
+                        if let Err(error) = execute(item) {
+                            first_error().get_or_insert(error);
+                        }
+                    }
+                });
+            }
+        });
+        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(error);
+        }
+    }
+    Ok(carried_out)
+}

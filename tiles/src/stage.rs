@@ -1,0 +1,154 @@
+//! The stages of a plan and their items.
+
+use std::fmt;
+use std::str::FromStr;
+use std::time::Instant;
+
+use crate::error::TilesError;
+use crate::file::{Kind, Writer};
+use crate::work::Work;
+use crate::{carve, frame, giants, label, merge, network, settle, surface};
+
+/// A stage; all items of the stages before it must be done.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Stage {
+    /// Points of other tiles that a tile needs.
+    Frame,
+    /// What rays say about the cells of a tile.
+    Carve,
+    /// What the rays of all tiles say about giant cells.
+    Giants,
+    /// The network of the cells of a tile (cut).
+    Network,
+    /// The labels of a tile that its surroundings cannot change (cut).
+    Label,
+    /// The other labels (cut).
+    Settle,
+    /// The surface triangles of a tile.
+    Surface,
+    /// The mesh.
+    Merge,
+}
+
+impl Stage {
+    /// All stages in order.
+    pub const ALL: [Stage; 8] = [
+        Stage::Frame,
+        Stage::Carve,
+        Stage::Giants,
+        Stage::Network,
+        Stage::Label,
+        Stage::Settle,
+        Stage::Surface,
+        Stage::Merge,
+    ];
+
+    /// Name on the command line, and of the folder with its files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Stage::Frame => "frame",
+            Stage::Carve => "carve",
+            Stage::Giants => "giants",
+            Stage::Network => "network",
+            Stage::Label => "label",
+            Stage::Settle => "settle",
+            Stage::Surface => "surface",
+            Stage::Merge => "merge",
+        }
+    }
+
+    pub(crate) fn kind(self) -> Kind {
+        match self {
+            Stage::Frame => Kind::Frame,
+            Stage::Carve => Kind::Carve,
+            Stage::Giants => Kind::Giants,
+            Stage::Network => Kind::Network,
+            Stage::Label => Kind::Label,
+            Stage::Settle => Kind::Settle,
+            Stage::Surface => Kind::Surface,
+            Stage::Merge => Kind::Merge,
+        }
+    }
+
+    /// The stages of a plan.
+    pub fn of(work: &Work) -> Vec<Stage> {
+        let is_cut = work.plan().is_cut();
+        let needs = |stage: &Stage| {
+            is_cut || !matches!(stage, Stage::Network | Stage::Label | Stage::Settle)
+        };
+        Stage::ALL.into_iter().filter(needs).collect()
+    }
+
+    /// The items of the stage.
+    pub fn items(self, work: &Work) -> impl Iterator<Item = Item> + use<> {
+        let count = match self {
+            Stage::Giants | Stage::Settle | Stage::Merge => 1,
+            _ => work.plan().tiles.len(),
+        };
+        (0..count).map(move |number| Item {
+            stage: self,
+            number,
+        })
+    }
+}
+
+impl FromStr for Stage {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let names = || Self::ALL.map(Stage::name).join(", ");
+        (Self::ALL.into_iter())
+            .find(|stage| stage.name() == text)
+            .ok_or_else(|| format!("no stage of this name; stages are {}", names()))
+    }
+}
+
+/// One task: a pure function of files.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct Item {
+    /// The stage.
+    pub stage: Stage,
+    /// Number within the stage: that of the tile.
+    pub number: usize,
+}
+
+impl fmt::Display for Item {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.stage.name(), self.number)
+    }
+}
+
+/// What an item counted.
+pub(crate) type Counts = Vec<(String, u64)>;
+
+/// Carries out an item and writes its file and manifest. Done again, it writes the same bytes.
+///
+/// `peak_mb` is asked for the peak memory of the process at the end.
+///
+/// # Errors
+/// When a file that it needs is missing or damaged, or its own cannot be written.
+pub fn run_item(
+    work: &Work,
+    item: Item,
+    peak_mb: impl FnOnce() -> Option<f64>,
+) -> Result<(), TilesError> {
+    let start = Instant::now();
+    let is_known =
+        Stage::of(work).contains(&item.stage) && item.stage.items(work).any(|other| other == item);
+    if !is_known {
+        let tiles = work.plan().tiles.len();
+        return Err(TilesError::NoItem { item, tiles });
+    }
+    let (writer, counts): (Writer, Counts) = match item.stage {
+        Stage::Frame => frame::run(work, item),
+        Stage::Carve => carve::run(work, item),
+        Stage::Giants => giants::run(work, item),
+        Stage::Network => network::run(work, item),
+        Stage::Label => label::run(work, item),
+        Stage::Settle => settle::run(work, item),
+        Stage::Surface => surface::run(work, item),
+        Stage::Merge => merge::run(work, item),
+    }?;
+    let measured = (counts, start.elapsed().as_secs_f64(), peak_mb());
+    work.finish(item, writer, measured)
+}

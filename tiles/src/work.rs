@@ -1,0 +1,228 @@
+//! The folder of a plan: where files lie, and what is done.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use xxhash_rust::xxh3::xxh3_64;
+
+use crate::error::TilesError;
+use crate::file::{FORMAT, Kind, Reader, Writer};
+use crate::plan::Plan;
+use crate::stage::{Item, Stage};
+
+/// Begins the names of files that are being written.
+pub(crate) const UNFINISHED: &str = ".linecarve-unfinished-";
+
+/// An opened plan.
+#[derive(Debug)]
+pub struct Work {
+    folder: PathBuf,
+    plan: Plan,
+    digest: u64,
+}
+
+/// What an item left behind beside its file; renamed into place last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Digest of the plan, in hexadecimal.
+    pub plan: String,
+    /// Digest of the file, in hexadecimal.
+    pub file: String,
+    /// What was counted.
+    pub counts: Vec<(String, u64)>,
+    /// Seconds that it took.
+    pub seconds: f64,
+    /// Peak memory of the process, MB (10^6 bytes), where the system tells.
+    pub peak_mb: Option<f64>,
+}
+
+impl Work {
+    /// Opens a folder with a plan.
+    ///
+    /// # Errors
+    /// When there is no plan, or another version of the program made it.
+    pub fn open(folder: &Path) -> Result<Self, TilesError> {
+        let path = folder.join("plan.json");
+        let bytes = std::fs::read(&path).map_err(TilesError::io(&path))?;
+        let text: serde_json::Value = serde_json::from_slice(&bytes)
+            .map_err(|error| TilesError::damaged(&path, error.to_string()))?;
+        let found = text["program"].as_str().unwrap_or("unknown").to_owned();
+        let expected = program();
+        if found != expected {
+            return Err(TilesError::OtherProgram {
+                path,
+                found,
+                expected,
+            });
+        }
+        let plan: Plan = serde_json::from_slice(&bytes)
+            .map_err(|error| TilesError::damaged(&path, error.to_string()))?;
+        if plan.seal() != plan.sealed {
+            return Err(TilesError::damaged(&path, "it was changed by hand"));
+        }
+        Ok(Self {
+            folder: folder.to_owned(),
+            plan,
+            digest: xxh3_64(&bytes),
+        })
+    }
+
+    pub(crate) fn new(folder: &Path, plan: Plan, digest: u64) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            plan,
+            digest,
+        }
+    }
+
+    /// The plan.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The file of an item.
+    pub fn path(&self, item: Item) -> PathBuf {
+        let name = format!("{:06}.tile", item.number);
+        self.folder.join(item.stage.name()).join(name)
+    }
+
+    /// The manifest of an item.
+    pub fn manifest_path(&self, item: Item) -> PathBuf {
+        self.path(item).with_extension("json")
+    }
+
+    pub(crate) fn plan_file(&self, name: &str) -> PathBuf {
+        self.folder.join("plan").join(name)
+    }
+
+    pub(crate) fn open_plan_file(&self, name: &str, kind: Kind) -> Result<Reader, TilesError> {
+        Reader::open(&self.plan_file(name), kind, self.digest)
+    }
+
+    pub(crate) fn open_tile(
+        &self,
+        folder: &str,
+        tile: usize,
+        kind: Kind,
+    ) -> Result<Reader, TilesError> {
+        self.open_plan_file(&format!("{folder}/{tile:06}.tile"), kind)
+    }
+
+    pub(crate) fn create_plan_file(&self, name: &str, kind: Kind) -> Result<Writer, TilesError> {
+        Writer::create(&self.plan_file(name), kind, self.digest)
+    }
+
+    /// The result of an item, which another one needs.
+    pub(crate) fn open_result(&self, needed: Item, item: Item) -> Result<Reader, TilesError> {
+        if !self.manifest_path(needed).exists() {
+            return Err(TilesError::NotReady { item, needed });
+        }
+        Reader::open(&self.path(needed), needed.stage.kind(), self.digest)
+    }
+
+    pub(crate) fn create_result(&self, item: Item) -> Result<Writer, TilesError> {
+        Writer::create(&self.path(item), item.stage.kind(), self.digest)
+    }
+
+    /// Completes an item: its file, then its manifest.
+    pub(crate) fn finish(
+        &self,
+        item: Item,
+        writer: Writer,
+        (counts, seconds, peak_mb): (Vec<(String, u64)>, f64, Option<f64>),
+    ) -> Result<(), TilesError> {
+        let digest = writer.finish()?;
+        let manifest = Manifest {
+            plan: format!("{:016x}", self.digest),
+            file: format!("{digest:016x}"),
+            counts,
+            seconds,
+            peak_mb,
+        };
+        let path = self.manifest_path(item);
+        let text = serde_json::to_vec_pretty(&manifest).unwrap_or_default();
+        write_whole(&path, &text)
+    }
+
+    /// The manifest of an item that is done; `None` when it is not, or its file is not that of the manifest.
+    pub fn done(&self, item: Item) -> Option<Manifest> {
+        let bytes = std::fs::read(self.manifest_path(item)).ok()?;
+        let manifest: Manifest = serde_json::from_slice(&bytes).ok()?;
+        let reader = Reader::open(&self.path(item), item.stage.kind(), self.digest).ok()?;
+        let is_same = manifest.plan == format!("{:016x}", self.digest)
+            && manifest.file == format!("{:016x}", reader.digest());
+        is_same.then_some(manifest)
+    }
+
+    /// Verifies every checksum of the file of an item that is done; removes the manifest of a damaged one, so that it is not
+    /// done any more, and returns whether it was damaged.
+    ///
+    /// # Errors
+    /// When the manifest cannot be removed.
+    pub fn verify(&self, item: Item) -> Result<bool, TilesError> {
+        let path = self.manifest_path(item);
+        if !path.exists() {
+            return Ok(false);
+        }
+        let is_whole = self.done(item).is_some()
+            && Reader::open(&self.path(item), item.stage.kind(), self.digest)
+                .and_then(|reader| reader.verify())
+                .is_ok();
+        if !is_whole {
+            std::fs::remove_file(&path).map_err(TilesError::io(&path))?;
+        }
+        Ok(!is_whole)
+    }
+
+    /// Verifies every checksum of the files of the plan itself.
+    ///
+    /// # Errors
+    /// Names the damaged file; the input has to be planned again into an empty folder.
+    pub fn verify_plan(&self) -> Result<(), TilesError> {
+        self.open_plan_file("views", Kind::Views)?.verify()?;
+        self.open_plan_file("sample", Kind::Sample)?.verify()?;
+        (0..self.plan.tiles.len()).try_for_each(|tile| {
+            self.open_tile("points", tile, Kind::Points)?.verify()?;
+            self.open_tile("rays", tile, Kind::Rays)?.verify()
+        })
+    }
+
+    /// Removes what interrupted writers left behind. No other process may be writing.
+    pub fn remove_unfinished(&self) {
+        for stage in Stage::ALL {
+            let Ok(entries) = std::fs::read_dir(self.folder.join(stage.name())) else {
+                continue;
+            };
+            for entry in entries.flatten() {
+                if entry.file_name().to_string_lossy().starts_with(UNFINISHED) {
+                    // A file that stays does no harm.
+                    let _ = std::fs::remove_file(entry.path());
+                }
+            }
+        }
+    }
+}
+
+/// Writes a file under a temporary name and renames it.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), TilesError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let write = || {
+        std::fs::create_dir_all(folder)?;
+        let mut file = tempfile::Builder::new()
+            .prefix(UNFINISHED)
+            .tempfile_in(folder)?;
+        std::io::Write::write_all(&mut file, bytes)?;
+        file.persist(path).map(drop).map_err(|error| error.error)
+    };
+    write().map_err(TilesError::io(path))
+}
+
+/// Version of the program and of its files.
+pub(crate) fn program() -> String {
+    format!("{} (files {FORMAT})", env!("CARGO_PKG_VERSION"))
+}
