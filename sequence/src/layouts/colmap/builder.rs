@@ -85,6 +85,11 @@ impl ModelBuilder {
             .add_observation(point, view, Some([x - 0.5, y - 0.5]));
     }
 
+    /// The view of each image, in the order of their ids.
+    pub(super) fn views(&self) -> Vec<u32> {
+        self.view_of.values().copied().collect()
+    }
+
     /// The model. Tracks name views; where those list no pixels, the observation still counts.
     pub(super) fn finish(mut self) -> StoredModel {
         for (point, image) in self.tracks {

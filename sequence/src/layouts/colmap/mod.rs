@@ -1,10 +1,13 @@
 //! COLMAP: `cameras`, `images` and `points3D` as text or binary, in the folder itself, in `colmap/` or in `sparse/`.
 //!
+//! With `fused.ply` as input, the points are those of the dense cloud.
+//!
 //! `rigs` and `frames` of newer versions are redundant to `images` and are not read.
 
 mod binary;
 mod builder;
 mod camera;
+mod fused;
 mod text;
 
 use std::path::{Path, PathBuf};
@@ -59,19 +62,29 @@ impl ModelFormat {
     }
 }
 
-/// Reads `cameras`, `images` and, if it exists, `points3D`.
-fn read_model(folder: &Path, format: ModelFormat) -> Result<StoredModel, SequenceError> {
+/// Reads `cameras`, `images` and, if it exists, `points3D`; with a dense cloud the points are those of the cloud.
+fn read_model(
+    folder: &Path,
+    format: ModelFormat,
+    cloud: Option<&Path>,
+) -> Result<StoredModel, SequenceError> {
     let file = |name: &str| folder.join(format!("{name}.{}", format.extension()));
     let [read_cameras, read_points, read_images] = format.readers();
     let mut model = ModelBuilder::default();
     read_cameras(&file("cameras"), &mut model)?;
     // Points come first, since images refer to them.
     let points = file("points3D");
-    if points.is_file() {
+    if points.is_file() && cloud.is_none() {
         read_points(&points, &mut model)?;
     }
     read_images(&file("images"), &mut model)?;
-    Ok(model.finish())
+    let Some(cloud) = cloud else {
+        return Ok(model.finish());
+    };
+    let points = fused::read_cloud(cloud, &model.views())?;
+    let mut model = model.finish();
+    model.points = points;
+    Ok(model)
 }
 
 fn format_of(folder: &Path) -> Option<ModelFormat> {
@@ -111,6 +124,10 @@ impl Layout for Colmap {
         find_model(folder).is_some()
     }
 
+    fn recognises_file(&self, name: &str) -> bool {
+        fused::is_cloud(name)
+    }
+
     fn accepts_external_poses(&self) -> bool {
         false
     }
@@ -121,7 +138,9 @@ impl Layout for Colmap {
             problem: "has no COLMAP model: put cameras and images, as .txt or .bin, into this folder, colmap/ or sparse/0/"
                 .to_owned(),
         })?;
-        let mut recording = into_recording(read_model(&path, format)?, folder, &path)?;
+        let cloud = fused::named_cloud(folder);
+        let model = read_model(&path, format, cloud.as_deref())?;
+        let mut recording = into_recording(model, folder, &path)?;
         recording.conventions.push(format!(
             "poses: COLMAP {} in {}, camera from world, inverted; pixels are shifted by half a pixel, since COLMAP's first \
              pixel centre is (0.5, 0.5)",
