@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod city;
 mod ground_truth;
 mod lighting;
 mod noise;
@@ -12,6 +13,7 @@ mod texture;
 mod trajectory;
 mod write;
 
+pub use city::{CityOptions, write_city};
 pub use options::{
     ColorFormat, DepthNoise, SceneKind, SequenceLayout, SynthOptions, SynthOptionsError,
 };

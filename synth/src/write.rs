@@ -246,13 +246,7 @@ impl<'a> Files<'a> {
             let folder = folder.to_owned();
             |source| SynthError::Folder { folder, source }
         };
-        std::fs::create_dir_all(self.out).map_err(failed(self.out))?;
-        let mut entries = std::fs::read_dir(self.out).map_err(failed(self.out))?;
-        if entries.next().is_some() {
-            return Err(SynthError::NotEmpty {
-                folder: self.out.to_owned(),
-            });
-        }
+        make_folder(self.out)?;
         for name in self.folders() {
             let folder = self.out.join(name);
             std::fs::create_dir(&folder).map_err(failed(&folder))?;
@@ -386,4 +380,20 @@ fn readme(
         triangles = summary.triangles,
         share = 100.0 * summary.observed_share,
     )
+}
+
+/// Makes a folder, which must be empty if it is there.
+pub(super) fn make_folder(folder: &Path) -> Result<(), SynthError> {
+    let failed = |source| SynthError::Folder {
+        folder: folder.to_owned(),
+        source,
+    };
+    std::fs::create_dir_all(folder).map_err(failed)?;
+    let mut entries = std::fs::read_dir(folder).map_err(failed)?;
+    match entries.next() {
+        Some(_) => Err(SynthError::NotEmpty {
+            folder: folder.to_owned(),
+        }),
+        None => Ok(()),
+    }
 }
