@@ -6,6 +6,8 @@ mod diff;
 mod evaluate;
 mod simplify;
 mod stream;
+mod synth;
+mod tiles;
 mod track;
 mod values;
 mod view;
@@ -21,6 +23,8 @@ pub use diff::DiffArgs;
 pub use evaluate::{AlignBy, EvaluateArgs};
 pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
+pub use synth::{NoiseModel, SynthArgs};
+pub use tiles::{TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 pub use track::{TrackArgs, TrackFormat, TrackMode};
 pub use values::{
     CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice, TextureChoice,
@@ -82,9 +86,10 @@ pub enum Command {
     Compare(CompareArgs),
     /// Serve the page of an output folder on this machine, for browsers that do not open it from disk.
     View(ViewArgs),
-
     /// The same surface with fewer triangles: what is nearly plane is triangulated anew from its borders.
     Simplify(SimplifyArgs),
+    /// The mesh of `reconstruct --from map-points --final-only` in tiles, for more points than one process should hold.
+    Tiles(TilesArgs),
 }
 
 /// Where a sequence lies and how to read it.
@@ -320,71 +325,6 @@ pub enum DepthArg {
     Sensor,
     /// Estimated at image edges from neighbouring keyframes.
     SemiDense,
-}
-
-/// Arguments of `synth`.
-#[derive(Debug, Args)]
-pub struct SynthArgs {
-    /// The scene.
-    #[arg(value_enum, default_value_t = SceneChoice::Room)]
-    pub scene: SceneChoice,
-
-    /// Folder for the sequence and its ground truth; must be empty or missing.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-
-    /// Number of frames, spread evenly over the path.
-    #[arg(long, value_name = "N", default_value_t = 36)]
-    pub frames: u32,
-
-    /// Image size.
-    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = parse_size)]
-    pub size: (u32, u32),
-
-    /// Focal length in pixels; default: that of a 640 pixel wide image with 525.
-    #[arg(long, value_name = "PIXELS")]
-    pub focal: Option<f64>,
-
-    /// Layout of the files.
-    #[arg(long, value_enum, default_value_t = LayoutChoice::Tum)]
-    pub layout: LayoutChoice,
-
-    /// Quality of the colour images, which are JPEG, 1 to 100.
-    #[arg(long, value_name = "QUALITY", default_value_t = 85)]
-    pub jpeg_quality: u8,
-
-    /// Write colour as PNG, without loss.
-    #[arg(long, conflicts_with = "jpeg_quality")]
-    pub png: bool,
-
-    /// Errors of the depth camera.
-    #[arg(long, value_enum, default_value_t = NoiseModel::None)]
-    pub noise: NoiseModel,
-
-    /// How strong those errors are; 1 is the sensor as modelled.
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
-    pub noise_strength: f64,
-
-    /// Standard deviation of the noise of colour images, in 8-bit steps.
-    #[arg(long, value_name = "STEPS", default_value_t = 0.0)]
-    pub color_noise: f64,
-
-    /// Largest relative change of the exposure along the path.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
-    pub exposure_change: f64,
-
-    /// Seed of path and errors.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
-}
-
-/// Errors of the depth camera.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum NoiseModel {
-    /// Exact up to the resolution of the files.
-    None,
-    /// Structured light: disparity noise and steps, dropouts at edges, a largest range.
-    Kinect,
 }
 
 /// Arguments of `render`.

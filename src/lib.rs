@@ -36,6 +36,7 @@ pub mod sinks;
 pub mod stream;
 mod text;
 pub mod texture;
+mod tiles;
 pub mod tracking;
 mod video;
 

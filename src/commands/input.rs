@@ -40,7 +40,7 @@ pub(super) fn open(args: &SequenceArgs) -> anyhow::Result<Sequence> {
     Ok(Sequence::open(&args.sequence, &open_options(args))?)
 }
 
-fn open_options(args: &SequenceArgs) -> OpenOptions {
+pub(super) fn open_options(args: &SequenceArgs) -> OpenOptions {
     OpenOptions {
         calibration: args.calibration.clone(),
         poses: args.poses.clone(),

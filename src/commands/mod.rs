@@ -15,6 +15,7 @@ mod render;
 mod simplify;
 mod stream;
 mod synth;
+mod tiles;
 mod track;
 mod view;
 
@@ -68,5 +69,6 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Compare(args) => compare::run(args, verbosity),
         Command::View(args) => view::run(args, verbosity),
         Command::Simplify(args) => simplify::run(args),
+        Command::Tiles(args) => tiles::run(args, verbosity),
     }
 }

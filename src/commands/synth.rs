@@ -1,16 +1,21 @@
-//! `linecarve synth`: a rendered sequence with exact ground truth.
+//! `linecarve synth`: a rendered sequence with exact ground truth, or the points of a city.
 
 use std::sync::Mutex;
 
 use crate::cli::{NoiseModel, SynthArgs};
 use crate::commands::Outcome;
 use crate::run::{Progress, Verbosity};
-use linecarve_synth::{ColorFormat, DepthNoise, SynthOptions, write_sequence};
+use linecarve_synth::{
+    CityOptions, ColorFormat, DepthNoise, SynthOptions, write_city, write_sequence,
+};
 
 pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let (width, height) = args.size;
+    let Some(scene) = args.scene.rendered() else {
+        return city(args, verbosity);
+    };
     let options = SynthOptions {
-        scene: args.scene.into(),
+        scene,
         frames: args.frames,
         width,
         height,
@@ -47,6 +52,19 @@ pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outc
             100.0 * summary.observed_share,
             args.out.display()
         );
+    }
+    Ok(Outcome::Done)
+}
+
+fn city(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let options = CityOptions {
+        points: args.points,
+        seed: args.seed,
+    };
+    let rays = write_city(&options, &args.out)?;
+    if verbosity > Verbosity::Quiet {
+        let (points, cloud) = (args.points, args.out.join("fused.ply"));
+        eprintln!("{points} points, {rays} rays; {}", cloud.display());
     }
     Ok(Outcome::Done)
 }

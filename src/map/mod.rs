@@ -196,6 +196,17 @@ impl Map {
         }
     }
 
+    /// Adds all views of a model, and carves nothing where that is [deferred](Self::defer_carving).
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub(crate) fn enter_model(&mut self) -> Result<(), MapError> {
+        match &mut self.contents {
+            Contents::Model(model) => model.enter_all(&mut self.carver),
+            _ => Err(MapError::WrongKeyframe),
+        }
+    }
+
     /// Adds a keyframe. Keyframes are numbered from 0 in the order of insertion.
     ///
     /// # Errors
@@ -425,7 +436,7 @@ impl Map {
             lines.adjust(&mut mesh, self.options.surface.holes);
         }
         if self.options.surface.holes == HoleFilling::All {
-            close_holes(&mut mesh, LARGEST_HOLE_EDGES, |_| true);
+            close_all_holes(&mut mesh);
         }
         mesh
     }
@@ -481,7 +492,7 @@ impl Map {
     }
 
     /// Filters and repair of the exported surface.
-    fn export_options(&self) -> ExportOptions {
+    pub(crate) fn export_options(&self) -> ExportOptions {
         let surface = &self.options.surface;
         ExportOptions {
             longest_edge: self
@@ -492,6 +503,11 @@ impl Map {
             manifold: surface.manifold,
         }
     }
+}
+
+/// Closes all holes but the largest, whether anything was measured there or not.
+pub(crate) fn close_all_holes(mesh: &mut TriangleMesh) {
+    close_holes(mesh, LARGEST_HOLE_EDGES, |_| true);
 }
 
 /// The options of the carver.

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use linecarve_carving::{Carver, PointId, Transaction};
+use linecarve_carving::{Carver, CommitReport, PointId, Transaction};
 use linecarve_points::parallax_cosine;
 use linecarve_sequence::{ModelPoint, ModelView, SparseModel};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -99,6 +99,24 @@ impl ModelMap {
         views: Range<usize>,
     ) -> Result<MapUpdate, MapError> {
         let start = Instant::now();
+        let (mut update, mut report) = self.enter(carver, views)?;
+        if carver.is_deferred() {
+            report = carver.carve();
+        }
+        update.deltas.push(report.surface);
+        update.times.carving = start.elapsed();
+        Ok(update)
+    }
+
+    /// The same without carving where the carver is deferred, and without the change of the surface.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    fn enter(
+        &mut self,
+        carver: &mut Carver,
+        views: Range<usize>,
+    ) -> Result<(MapUpdate, CommitReport), MapError> {
         let mut update = MapUpdate::default();
         let last = views.end.saturating_sub(1);
         let mut transaction = carver.transaction();
@@ -114,7 +132,7 @@ impl ModelMap {
                 &mut update,
             )?;
         }
-        let mut report = transaction.commit().map_err(|source| MapError::View {
+        let report = transaction.commit().map_err(|source| MapError::View {
             name: self
                 .model
                 .views
@@ -122,12 +140,16 @@ impl ModelMap {
                 .map_or_else(String::new, |view| view.name.clone()),
             source,
         })?;
-        if carver.is_deferred() {
-            report = carver.carve();
-        }
-        update.deltas.push(report.surface);
-        update.times.carving = start.elapsed();
-        Ok(update)
+        Ok((update, report))
+    }
+
+    /// Enters all views.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub(super) fn enter_all(&mut self, carver: &mut Carver) -> Result<(), MapError> {
+        let views = 0..self.model.views.len();
+        self.enter(carver, views).map(drop)
     }
 
     /// The view with the most carved points, the first of equals; `None` without views.

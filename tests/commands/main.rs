@@ -24,4 +24,5 @@ mod sample;
 mod simplify;
 mod stream;
 mod texture;
+mod tiles;
 mod track;

@@ -7,7 +7,9 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use crate::program::{expect_status, linecarve, small_sequence, stderr, text, with_open_holes};
+use crate::program::{
+    colmap_relief, expect_status, linecarve, small_sequence, stderr, text, with_open_holes,
+};
 use serde_json::Value;
 
 /// A headless browser.
@@ -278,56 +280,10 @@ fn the_page_works_through_the_server() {
     assert_eq!(found["states"].as_array().unwrap().len(), 3);
 }
 
-/// A COLMAP model without images: a relief of 12 x 9 points and four views that see all of them.
-fn colmap_model(folder: &Path) {
-    std::fs::create_dir_all(folder).unwrap();
-    let points: Vec<[f64; 3]> = (0..108)
-        .map(|i| (i % 12, i / 12))
-        .map(|(i, j)| {
-            let relief = 0.05 * f64::from((3 * i + 5 * j) % 7);
-            [
-                0.2 * f64::from(i) - 1.1,
-                0.2 * f64::from(j) - 0.8,
-                3.0 + relief,
-            ]
-        })
-        .collect();
-    let centers = [[-0.6, 0.0], [0.6, 0.1], [0.0, -0.5], [0.1, 0.5]];
-    let mut images = String::new();
-    for (view, [x, y]) in centers.iter().enumerate() {
-        let number = view + 1;
-        images += &format!("{number} 1 0 0 0 {} {} 0 1 view{number}.png\n", -x, -y);
-        for (id, p) in points.iter().enumerate() {
-            let pixel = [
-                500.0 * (p[0] - x) / p[2] + 320.0,
-                500.0 * (p[1] - y) / p[2] + 240.0,
-            ];
-            images += &format!("{} {} {} ", pixel[0], pixel[1], id + 1);
-        }
-        images.push('\n');
-    }
-    let mut lines = String::new();
-    for (id, [x, y, z]) in points.iter().enumerate() {
-        lines += &format!("{} {x} {y} {z} 200 120 40 0.1", id + 1);
-        for view in 1..=centers.len() {
-            lines += &format!(" {view} {id}");
-        }
-        lines.push('\n');
-    }
-    let camera = "1 PINHOLE 640 480 500 500 320 240\n";
-    for (name, content) in [
-        ("cameras.txt", camera),
-        ("images.txt", &images),
-        ("points3D.txt", &lines),
-    ] {
-        std::fs::write(folder.join(name), content).unwrap();
-    }
-}
-
 fn reconstructed_model() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let (model, out) = (folder.path().join("model"), folder.path().join("out"));
-    colmap_model(&model);
+    colmap_relief(&model, [0.0; 3]);
     let arguments = ["reconstruct", text(&model), "--from", "map-points"];
     let to = ["--no-picture", "--quiet", "--out", text(&out)];
     expect_status(0, arguments.iter().chain(&to));

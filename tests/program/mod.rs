@@ -170,3 +170,54 @@ pub(crate) fn data(name: &str) -> PathBuf {
 pub(crate) fn text(path: &Path) -> &str {
     path.to_str().expect("paths of the tests are UTF-8")
 }
+
+/// A COLMAP model without images: a relief of 12 x 9 points and four views that see all of them, shifted.
+pub(crate) fn colmap_relief(folder: &Path, shift: [f64; 3]) {
+    std::fs::create_dir_all(folder).unwrap();
+    let points: Vec<[f64; 3]> = (0..108)
+        .map(|i| (i % 12, i / 12))
+        .map(|(i, j)| {
+            let relief = 0.05 * f64::from((3 * i + 5 * j) % 7);
+            [
+                0.2 * f64::from(i) - 1.1,
+                0.2 * f64::from(j) - 0.8,
+                3.0 + relief,
+            ]
+        })
+        .collect();
+    let centers = [[-0.6, 0.0], [0.6, 0.1], [0.0, -0.5], [0.1, 0.5]];
+    let mut images = String::new();
+    for (view, [x, y]) in centers.iter().enumerate() {
+        let number = view + 1;
+        let center = [x + shift[0], y + shift[1], shift[2]].map(|c| -c);
+        images += &format!(
+            "{number} 1 0 0 0 {} {} {} 1 view{number}.png\n",
+            center[0], center[1], center[2]
+        );
+        for (id, p) in points.iter().enumerate() {
+            let pixel = [
+                500.0 * (p[0] - x) / p[2] + 320.0,
+                500.0 * (p[1] - y) / p[2] + 240.0,
+            ];
+            images += &format!("{} {} {} ", pixel[0], pixel[1], id + 1);
+        }
+        images.push('\n');
+    }
+    let mut lines = String::new();
+    for (id, p) in points.iter().enumerate() {
+        let [x, y, z]: [f64; 3] = std::array::from_fn(|k| p[k] + shift[k]);
+        lines += &format!("{} {x} {y} {z} 200 120 40 0.1", id + 1);
+        for view in 1..=centers.len() {
+            lines += &format!(" {view} {id}");
+        }
+        lines.push('\n');
+    }
+    let camera = "1 PINHOLE 640 480 500 500 320 240\n";
+    for (name, content) in [
+        ("cameras.txt", camera),
+        ("images.txt", &images),
+        ("points3D.txt", &lines),
+    ] {
+        std::fs::write(folder.join(name), content).unwrap();
+    }
+}

@@ -1,0 +1,98 @@
+//! Arguments of `tiles`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use linecarve_tiles::Stage;
+
+use super::{LabelChoice, SequenceArgs};
+use crate::run::MemoryLimit;
+
+/// Arguments of `tiles`.
+#[derive(Debug, Args)]
+pub struct TilesArgs {
+    /// What to do with the folder of a plan.
+    #[command(subcommand)]
+    pub command: TilesCommand,
+}
+
+/// The commands of `tiles`.
+#[derive(Debug, Subcommand)]
+pub enum TilesCommand {
+    /// Split the points of a model into tiles and write their files.
+    Plan(TilesPlanArgs),
+    /// Carry out what is left of a plan on this machine, and write `mesh.ply`. Damaged files are made again.
+    Run {
+        /// Folder of the plan.
+        work: PathBuf,
+
+        /// Tasks at a time, each a process of its own.
+        #[arg(long, value_name = "N", default_value_t = 1)]
+        jobs: usize,
+
+        /// Most memory of one task (800M, 2G); a task that needs more ends the run.
+        #[arg(long, value_name = "SIZE")]
+        memory_limit: Option<MemoryLimit>,
+    },
+    /// The tasks of a plan, and which are done.
+    Stages {
+        /// Folder of the plan.
+        work: PathBuf,
+
+        /// One JSON object on standard output in place of text.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Verify the checksums of all files of a plan. Exit status: 0 whole, 1 damaged files, which the next run makes again.
+    Check {
+        /// Folder of the plan.
+        work: PathBuf,
+    },
+    /// Carry out one task; all tasks of the stages before must be done.
+    Item(TilesItemArgs),
+}
+
+/// Arguments of `tiles plan`.
+#[derive(Debug, Args)]
+pub struct TilesPlanArgs {
+    /// Which model.
+    #[command(flatten)]
+    pub input: SequenceArgs,
+
+    /// Folder for the plan and everything that comes of it; made when missing.
+    pub work: PathBuf,
+
+    /// Number of tiles; the mesh does not depend on it. Default: one for each million points.
+    #[arg(long, value_name = "N")]
+    pub tiles: Option<usize>,
+
+    /// How tetrahedra are labelled; default: what the configuration says, a minimum cut when it says nothing.
+    #[arg(long, value_enum)]
+    pub labels: Option<LabelChoice>,
+
+    /// TOML file with parameters (docs/configuration.md).
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+
+    /// Cells around those of a tile that it looks at for a minimum cut, counted across facets; the mesh does not depend on it.
+    #[arg(long, value_name = "N", default_value_t = linecarve_tiles::PlanOptions::default().halo)]
+    pub halo: u32,
+}
+
+/// Arguments of `tiles item`.
+#[derive(Debug, Args)]
+pub struct TilesItemArgs {
+    /// Folder of the plan.
+    pub work: PathBuf,
+
+    /// The stage.
+    #[arg(value_name = "STAGE")]
+    pub stage: Stage,
+
+    /// Number of the task within the stage.
+    pub number: usize,
+
+    /// Most memory of the task (800M, 2G).
+    #[arg(long, value_name = "SIZE")]
+    pub memory_limit: Option<MemoryLimit>,
+}

@@ -1,0 +1,149 @@
+//! `linecarve tiles`: the surface from a model in tiles.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, ensure};
+use linecarve_tiles::{Item, Stage, Work, run_item};
+
+use crate::cli::{TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
+use crate::commands::Outcome;
+use crate::configuration::Configuration;
+use crate::options::Options;
+use crate::recording::{Input, Source};
+use crate::run::{MemoryLimit, Verbosity, limit_task, peak_mb};
+use crate::tiles::{plan, write_mesh};
+
+use super::input::open_options;
+
+pub(super) fn run(args: &TilesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    match &args.command {
+        TilesCommand::Plan(args) => make_plan(args, verbosity),
+        TilesCommand::Run {
+            work,
+            jobs,
+            memory_limit,
+        } => run_all(work, *jobs, *memory_limit, verbosity),
+        TilesCommand::Stages { work, json } => stages(&Work::open(work)?, *json),
+        TilesCommand::Check { work } => check(&Work::open(work)?),
+        TilesCommand::Item(args) => run_one(args),
+    }
+}
+
+fn make_plan(args: &TilesPlanArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let mut options = match &args.config {
+        Some(path) => Configuration::read(path)?.options(),
+        None => Options::default(),
+    };
+    let labels = &mut options.carving.labels;
+    *labels = args.labels.map_or(*labels, Into::into);
+    let input = Input {
+        open: open_options(&args.input),
+        source: Source::MapPoints,
+        verbosity,
+        ..Input::from(&args.input.sequence)
+    };
+    let work = plan(&input, options, (args.tiles, args.halo), &args.work)?;
+    if verbosity > Verbosity::Quiet {
+        let tiles = &work.plan().tiles;
+        let vertices: usize = tiles.iter().map(|tile| tile.vertices).sum();
+        let rays: usize = tiles.iter().map(|tile| tile.rays).sum();
+        eprintln!(
+            "{vertices} vertices, {rays} rays in {} tile(s); next: linecarve tiles run {}",
+            tiles.len(),
+            args.work.display()
+        );
+    }
+    Ok(Outcome::Done)
+}
+
+fn run_all(
+    folder: &Path,
+    jobs: usize,
+    limit: Option<MemoryLimit>,
+    verbosity: Verbosity,
+) -> anyhow::Result<Outcome> {
+    ensure!(jobs > 0, "--jobs 0: give at least one");
+    let work = Work::open(folder)?;
+    let program = std::env::current_exe().context("this program cannot be found")?;
+    let carried_out = linecarve_tiles::run(&work, jobs, |item: Item| -> anyhow::Result<()> {
+        let mut task = Command::new(&program);
+        task.args(["tiles", "item"]).arg(folder);
+        task.args([item.stage.name(), &item.number.to_string()]);
+        task.args(["--threads", "1"]);
+        if let Some(limit) = limit {
+            task.arg(format!("--memory-limit={}M", limit.megabytes));
+        }
+        let output = task.output().context("a task cannot be started")?;
+        let said = String::from_utf8_lossy(&output.stderr);
+        let remedy = match (limit, output.status.code()) {
+            (Some(_), None) => " (plan more tiles, or give a task more with --memory-limit)",
+            _ => "",
+        };
+        let status = output.status;
+        ensure!(
+            status.success(),
+            "{item}: {status}: {}{remedy}",
+            said.trim()
+        );
+        Ok(())
+    })?;
+    let (path, triangles) = write_mesh(&work)?;
+    if verbosity > Verbosity::Quiet {
+        let path = path.display();
+        eprintln!("{carried_out} tasks carried out; {triangles} triangles; {path}");
+    }
+    Ok(match triangles {
+        0 => Outcome::Negative("the mesh is empty".to_owned()),
+        _ => Outcome::Done,
+    })
+}
+
+fn run_one(args: &TilesItemArgs) -> anyhow::Result<Outcome> {
+    limit_task(args.memory_limit).context("the limits of the task")?;
+    let item = Item {
+        stage: args.stage,
+        number: args.number,
+    };
+    run_item(&Work::open(&args.work)?, item, peak_mb)?;
+    Ok(Outcome::Done)
+}
+
+fn stages(work: &Work, is_json: bool) -> anyhow::Result<Outcome> {
+    let all = Stage::of(work).into_iter();
+    let mut items = Vec::new();
+    let mut lines = String::new();
+    for item in all.flat_map(|stage| stage.items(work)) {
+        let manifest = work.done(item);
+        let state = if manifest.is_some() { "done" } else { "to do" };
+        lines += &format!("{item}: {state}\n");
+        items.push(serde_json::json!({
+            "stage": item.stage.name(), "item": item.number, "done": manifest.is_some(), "manifest": manifest,
+        }));
+    }
+    let mut stdout = std::io::stdout().lock();
+    match is_json {
+        true => writeln!(stdout, "{}", serde_json::json!({ "items": items }))?,
+        false => write!(stdout, "{lines}")?,
+    }
+    Ok(Outcome::Done)
+}
+
+fn check(work: &Work) -> anyhow::Result<Outcome> {
+    work.verify_plan()?;
+    let mut damaged = Vec::new();
+    let all = Stage::of(work).into_iter();
+    for item in all.flat_map(|stage| stage.items(work)) {
+        if work.verify(item)? {
+            damaged.push(item.to_string());
+        }
+    }
+    let damaged = damaged.join(", ");
+    Ok(match damaged.as_str() {
+        "" => Outcome::Done,
+        _ => Outcome::Negative(format!(
+            "damaged, to be made again by the next run: {damaged}"
+        )),
+    })
+}

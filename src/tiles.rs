@@ -1,0 +1,90 @@
+//! A model in tiles: what goes into a plan, and the mesh that comes of it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail, ensure};
+use linecarve_mesh::{TriangleMesh, write_mesh_ply};
+use linecarve_tiles::{PlanOptions, Work, merged_mesh};
+use serde::{Deserialize, Serialize};
+
+use crate::map::{Map, close_all_holes};
+use crate::options::{HoleFilling, Options};
+use crate::recording::{Input, Recording};
+
+/// Points of a tile when the number of tiles is not given.
+const POINTS_OF_TILE: usize = 1_000_000;
+
+/// What happens to the merged mesh.
+#[derive(Serialize, Deserialize)]
+struct Finish {
+    /// Added to all coordinates; as text, which keeps all bits.
+    origin: [String; 3],
+    closes_holes: bool,
+}
+
+/// Plans the points and views of a model as `reconstruct --from map-points --final-only` carves them. Without a number of tiles
+/// there is one for each million points.
+///
+/// # Errors
+/// When the input has no points with views, the options ask for a simplified mesh, or the plan cannot be made.
+pub(crate) fn plan(
+    input: &Input,
+    options: Options,
+    (tiles, halo): (Option<usize>, u32),
+    folder: &Path,
+) -> anyhow::Result<Work> {
+    ensure!(
+        options.simplify.tolerance.is_none(),
+        "tiles are not simplified: leave the tolerance out of the configuration, and use `linecarve simplify` on the mesh"
+    );
+    let mut recording = Recording::open(input, options)?;
+    let Some(model) = recording.model.take() else {
+        bail!(
+            "{} has no points with the views that see them: tiles carve models (COLMAP, OpenMVS and others, docs/map-points.md)",
+            input.path.display()
+        );
+    };
+    let mut map = Map::of_model(&recording.options, model)?;
+    map.defer_carving();
+    map.enter_model()?;
+    let carver = map.carver();
+    let options = PlanOptions {
+        tiles: tiles.unwrap_or(carver.point_count().div_ceil(POINTS_OF_TILE)),
+        halo,
+        ..PlanOptions::default()
+    };
+    let finish = Finish {
+        origin: <[f64; 3]>::from(recording.origin).map(|x| x.to_string()),
+        closes_holes: recording.options.surface.holes == HoleFilling::All,
+    };
+    let finish = serde_json::to_string(&finish)?;
+    let export = map.export_options();
+    Ok(linecarve_tiles::plan(
+        folder, carver, &export, &options, finish,
+    )?)
+}
+
+/// Writes `mesh.ply` of a plan whose stages are done; returns its path and the number of its triangles.
+///
+/// # Errors
+/// When the merged mesh is damaged or the file cannot be written.
+pub(crate) fn write_mesh(work: &Work) -> anyhow::Result<(PathBuf, usize)> {
+    let finish: Finish = serde_json::from_str(&work.plan().caller).context("plan.json")?;
+    let merged = merged_mesh(work)?;
+    let mut mesh = TriangleMesh {
+        positions: merged.vertices,
+        triangles: merged.triangles,
+        colors: None,
+    };
+    if finish.closes_holes {
+        close_all_holes(&mut mesh);
+    }
+    let mut origin = [0.0; 3];
+    for (x, text) in origin.iter_mut().zip(&finish.origin) {
+        *x = text.parse().context("plan.json: origin")?;
+    }
+    mesh.translate(&origin.into());
+    let path = work.folder().join("mesh.ply");
+    write_mesh_ply(&path, &mesh)?;
+    Ok((path, mesh.triangles.len()))
+}
