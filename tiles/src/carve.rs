@@ -2,7 +2,7 @@
 //!
 //! What one ray adds to one cell is an integer that depends on these two alone, so a sum may be split among tiles in any way. Small
 //! cells are summed by the tiles that have a vertex of them: from the rays to their own points and from all others that may meet
-//! the cells. A few cells are giants, wider than half a tile, and crossed by a good part of all rays; each tile adds up what the
+//! the cells. Some cells are giants, wider than an eighth of a tile, and crossed by a good part of all rays; each tile adds up what the
 //! rays to its own points say about them, and the stage `giants` adds these sums.
 //!
 //! A ray walks through the tetrahedra of the tile even where these are not those of the whole scene: what it adds there is not
@@ -83,25 +83,40 @@ impl Sums {
         })
     }
 
-    /// Boxes of the small cells, in the order of the tile's points.
+    /// Boxes of the small cells, in the order of the tile's points: of those around a group of points, and of each cell that is wider
+    /// than its group.
     fn tree(&self) -> BoxTree {
-        let mut boxes: Vec<Bounds> = Vec::new();
+        let mut groups: Vec<(Bounds, Bounds)> = Vec::new();
+        let mut cells: Vec<(usize, Bounds)> = Vec::new();
         let tetrahedra = &self.cells.tetrahedra;
         for &cell in &self.small {
             let around = std::iter::once(cell).chain(tetrahedra.neighbors(cell));
             let own = around
                 .flat_map(|cell| tetrahedra.cell_vertices(cell))
                 .filter(|&vertex| self.cells.is_own(vertex))
-                .map(|vertex| crate::tile::local_of(self.cells.id(vertex)))
+                .map(|vertex| (crate::tile::local_of(self.cells.id(vertex)), vertex))
                 .min();
-            let group = own.unwrap_or(0) / GROUP;
-            if boxes.len() <= group {
-                boxes.resize(group + 1, Bounds::EMPTY);
+            let (Some((local, vertex)), Some(bounds)) = (own, self.cells.bounds(cell)) else {
+                continue;
+            };
+            let group = local / GROUP;
+            if groups.len() <= group {
+                groups.resize(group + 1, (Bounds::EMPTY, Bounds::EMPTY));
             }
-            if let Some(bounds) = self.cells.bounds(cell) {
-                boxes[group] = boxes[group].join(&bounds);
+            groups[group].0.add(tetrahedra.coordinates(vertex));
+            cells.push((group, bounds));
+        }
+        let mut wide: Vec<(usize, Bounds)> = Vec::new();
+        for (group, bounds) in cells {
+            let (points, joined) = &mut groups[group];
+            match bounds.extent() <= points.extent() {
+                true => *joined = joined.join(&bounds),
+                false => wide.push((group, bounds)),
             }
         }
+        wide.sort_by_key(|(group, _)| *group);
+        let boxes = groups.into_iter().map(|(_, joined)| joined);
+        let boxes: Vec<Bounds> = boxes.chain(wide.into_iter().map(|(_, b)| b)).collect();
         BoxTree::new(&boxes)
     }
 

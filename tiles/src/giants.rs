@@ -1,4 +1,4 @@
-//! Cells wider than half a tile, which many rays of all tiles cross.
+//! Cells wider than an eighth of a tile, which many rays of all tiles cross.
 
 use rustc_hash::FxHashMap;
 
