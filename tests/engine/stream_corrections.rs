@@ -182,16 +182,10 @@ fn random_session(recording: &Recording, seed: u64) {
 #[test]
 fn any_messages_end_with_the_surface_of_the_final_keyframes() {
     let recording = Recording::new();
-    for seed in 0..20 {
-        random_session(&recording, seed);
-    }
-}
-
-#[test]
-#[ignore = "takes minutes"]
-fn any_messages_end_with_the_surface_of_the_final_keyframes_long() {
-    let recording = Recording::new();
-    for seed in 0..200 {
+    // As for property tests: more cases when asked for.
+    let cases = std::env::var("PROPTEST_CASES").ok();
+    let cases = cases.and_then(|cases| cases.parse().ok()).unwrap_or(20);
+    for seed in 0..cases {
         random_session(&recording, seed);
     }
 }
