@@ -108,7 +108,7 @@ fn surface_of(path: &Path) -> Vec<Corners> {
 struct Session {
     run: LiveRun,
     input: Option<ChildStdin>,
-    output: BufReader<ChildStdout>,
+    output: Option<BufReader<ChildStdout>>,
 }
 
 impl Session {
@@ -116,6 +116,7 @@ impl Session {
         let mut run = LiveRun::start(&[&["stream"], arguments].concat());
         let input = run.child.stdin.take();
         let output = BufReader::new(run.child.stdout.take().unwrap());
+        let output = Some(output);
         let mut session = Self { run, input, output };
         session.send(&recording.start);
         session
@@ -125,8 +126,18 @@ impl Session {
     fn send(&mut self, message: &Value) {
         writeln!(self.input.as_mut().unwrap(), "{message}").unwrap();
         let mut reply = String::new();
-        self.output.read_line(&mut reply).unwrap();
+        let output = self.output.as_mut().unwrap();
+        output.read_line(&mut reply).unwrap();
         assert!(!reply.contains("\"error\""), "{reply}");
+    }
+
+    /// Ends the input, and reads the last replies, so that the program never waits for a reader.
+    fn end(&mut self) {
+        drop(self.input.take());
+        let output = self.output.take();
+        std::thread::spawn(move || {
+            output.map(|mut output| std::io::copy(&mut output, &mut std::io::sink()))
+        });
     }
 }
 
@@ -164,12 +175,12 @@ fn a_live_page_follows_a_session() {
     drop(first);
 
     session.send(&recording.keyframe(3, &recording.poses[3]));
-    // Another pose makes the map anew.
+    // A corrected pose moves its keyframe.
     let moved =
         json!({ "type": "poses", "poses": [{ "id": 1, "world_from_camera": recording.poses[2] }] });
     session.send(&moved);
     session.send(&recording.keyframe(4, &recording.poses[4]));
-    drop(session.input.take());
+    session.end();
     second.follow(&mut seen, |client| client.has_ended);
     assert_eq!(seen.keyframes.len(), 5);
     assert_eq!(seen.keyframes[1]["position"], seen.keyframes[2]["position"]);
@@ -226,7 +237,7 @@ fn the_page_of_a_live_session_shows_its_surface() {
     assert_eq!(found["elements"][1], seen.clusters);
     assert_eq!(found["image"], true);
     assert!(found["drawn_share"].as_f64().unwrap() > 0.02, "{found}");
-    drop(session.input.take());
+    session.end();
     let found = browser.self_test(|found| found["ended"] == true);
     assert_eq!(found["triangles"], seen.surface().len());
     assert_eq!(found["plots"], 2);
