@@ -27,7 +27,7 @@ impl FacetShape {
     }
 }
 
-/// For the facet opposite each corner the cosine of its angle with the circumsphere, in units of 1/[`UNIT`]: 1 when the
+/// For the facet opposite each corner the cosine of its angle with the circumsphere, in units of 1/`UNIT`: 1 when the
 /// sphere's centre is far inside, -1 when it is far on the other side of the facet. 0 where the result is NaN.
 ///
 /// The result depends on positions alone, not on the order of the corners.
