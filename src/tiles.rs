@@ -17,8 +17,8 @@ const POINTS_OF_TILE: usize = 1_000_000;
 /// What happens to the merged mesh.
 #[derive(Serialize, Deserialize)]
 struct Finish {
-    /// Added to all coordinates; as text, which keeps all bits.
-    origin: [String; 3],
+    /// Added to all coordinates.
+    origin: [f64; 3],
     closes_holes: bool,
 }
 
@@ -54,7 +54,7 @@ pub(crate) fn plan(
         ..PlanOptions::default()
     };
     let finish = Finish {
-        origin: <[f64; 3]>::from(recording.origin).map(|x| x.to_string()),
+        origin: recording.origin.into(),
         closes_holes: recording.options.surface.holes == HoleFilling::All,
     };
     let finish = serde_json::to_string(&finish)?;
@@ -79,11 +79,7 @@ pub(crate) fn write_mesh(work: &Work) -> anyhow::Result<(PathBuf, usize)> {
     if finish.closes_holes {
         close_all_holes(&mut mesh);
     }
-    let mut origin = [0.0; 3];
-    for (x, text) in origin.iter_mut().zip(&finish.origin) {
-        *x = text.parse().context("plan.json: origin")?;
-    }
-    mesh.translate(&origin.into());
+    mesh.translate(&finish.origin.into());
     let path = work.folder().join("mesh.ply");
     write_mesh_ply(&path, &mesh)?;
     Ok((path, mesh.triangles.len()))

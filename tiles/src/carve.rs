@@ -18,7 +18,7 @@ use crate::error::TilesError;
 use crate::file::{Kind, Reader, Writer};
 use crate::giants::{self, Giants};
 use crate::record::RayRecord;
-use crate::stage::{Counts, Item};
+use crate::stage::{Counts, Item, counts};
 use crate::tile::{CellKey, TileCells, Vertex, global, traced};
 use crate::work::Work;
 
@@ -41,14 +41,13 @@ struct Sums {
     locations: Vec<Option<Location>>,
     /// The latest vertex of another tile, and where it lies.
     latest: Option<(u64, Location)>,
-    rays: u64,
+    rays: usize,
 }
 
 impl Sums {
     fn new(work: &Work, cells: TileCells, giants: &Giants) -> Result<Self, TilesError> {
         let tetrahedra = &cells.tetrahedra;
         let is_cut = work.plan().is_cut();
-        let extent = work.plan().giant_extent.0;
         let mut numbers = vec![NO_SUM; tetrahedra.cell_capacity()];
         let mut small = Vec::new();
         let mut large = Vec::new();
@@ -56,7 +55,7 @@ impl Sums {
             .cells()
             .filter(|&cell| !tetrahedra.is_ghost(cell))
         {
-            if cells.extent(cell) > extent {
+            if work.plan().is_giant(cells.extent(cell)) {
                 let giant = cells.key(cell).and_then(|key| giants.number(&key));
                 large.extend(giant.map(|giant| (cell, giant)));
             } else if cells.is_star(cell) || is_cut && cells.is_near(cell) {
@@ -71,7 +70,7 @@ impl Sums {
         let centers: Vec<[f64; 3]> = work.open_plan_file("views", Kind::Views)?.records(0)?;
         Ok(Self {
             sums: vec![0; (small.len() + giants.keys.len()) * width],
-            tracer: RayTracer::new(&work.plan().carver().labels),
+            tracer: RayTracer::new(&work.plan().carver.labels),
             locations: vec![None; centers.len()],
             latest: None,
             rays: 0,
@@ -275,13 +274,12 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     writer.section(&values)?;
     let partial = partial_sums(&sums, &giants);
     writer.section(&partial)?;
-    let counts = [
-        ("cells", small.len() as u64),
+    let counted = [
+        ("cells", small.len()),
         ("rays", sums.rays - foreign),
         ("foreign_rays", foreign),
     ];
-    let counts = counts.map(|(name, count)| (name.to_owned(), count));
-    Ok((writer, counts.to_vec()))
+    Ok((writer, counts(counted)))
 }
 
 /// What the rays to the tile's own points say about giants: for each giant its number and its sums.

@@ -14,7 +14,8 @@ use crate::bounds::{Bounds, BoxTree, Node};
 use crate::conflict::{Quadratic, is_in_conflict};
 use crate::error::TilesError;
 use crate::file::{Kind, Reader, Writer};
-use crate::stage::{Counts, Item};
+use crate::plan::Plan;
+use crate::stage::{Counts, Item, counts};
 use crate::tile::{CellKey, TileCells, Vertex, global, listed, own_vertices, tile_of};
 use crate::work::Work;
 
@@ -186,28 +187,27 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
             candidates.sort_unstable();
             candidates.dedup();
         }
-        giants = list_giants(&cells, tile, work.plan().giant_extent.0);
+        giants = list_giants(&cells, tile, work.plan());
     }
     let mut writer = work.create_result(item)?;
     writer.section(&pulled.iter().map(|(id, _)| *id).collect::<Vec<u64>>())?;
     writer.section(&pulled.iter().map(|(_, p)| *p).collect::<Vec<[f64; 3]>>())?;
     writer.section(&giants.iter().map(|(key, _)| *key).collect::<Vec<_>>())?;
     writer.section(&giants.iter().map(|(_, p)| *p).collect::<Vec<_>>())?;
-    let counts = [
+    let counted = [
         ("vertices", own.len()),
         ("pulled", pulled.len()),
         ("giants", giants.len()),
         ("rounds", rounds),
     ];
-    let counts = counts.map(|(name, count)| (name.to_owned(), count as u64));
-    Ok((writer, counts.to_vec()))
+    Ok((writer, counts(counted)))
 }
 
 /// The giant cells that belong to the tile, in order, with the positions of their vertices.
-fn list_giants(cells: &TileCells, tile: usize, extent: f64) -> Vec<(CellKey, [[f64; 3]; 4])> {
+fn list_giants(cells: &TileCells, tile: usize, plan: &Plan) -> Vec<(CellKey, [[f64; 3]; 4])> {
     let tetrahedra = &cells.tetrahedra;
     let all = tetrahedra.cells().filter(|&cell| cells.is_star(cell));
-    let large = all.filter(|&cell| cells.extent(cell) > extent);
+    let large = all.filter(|&cell| plan.is_giant(cells.extent(cell)));
     let mut giants: Vec<(CellKey, [[f64; 3]; 4])> = large
         .filter_map(|cell| {
             let vertices = tetrahedra.cell_vertices(cell);

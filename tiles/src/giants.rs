@@ -4,7 +4,7 @@ use rustc_hash::FxHashMap;
 
 use crate::error::TilesError;
 use crate::file::Writer;
-use crate::stage::{Counts, Item, Stage};
+use crate::stage::{Counts, Item, Stage, counts};
 use crate::tile::{CellKey, Vertex};
 use crate::work::Work;
 
@@ -63,8 +63,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let mut writer = work.create_result(item)?;
     writer.section(&giants.keys)?;
     writer.section(&sums)?;
-    let counts = vec![("giants".to_owned(), giants.keys.len() as u64)];
-    Ok((writer, counts))
+    Ok((writer, counts([("giants", giants.keys.len())])))
 }
 
 /// The sums of cells by their keys, from one or more results.

@@ -13,12 +13,12 @@ use crate::error::TilesError;
 use crate::file::Writer;
 use crate::giants;
 use crate::network::Cells;
-use crate::stage::{Counts, Item, Stage};
+use crate::stage::{Counts, Item, Stage, counts};
 use crate::tile::{CellKey, tile_of};
 use crate::work::Work;
 
-const OCCUPIED: u8 = 0;
-const FREE: u8 = 1;
+pub(crate) const OCCUPIED: u8 = 0;
+pub(crate) const FREE: u8 = 1;
 pub(crate) const UNDECIDED: u8 = 2;
 
 /// Cells of one or more tiles that are solved together.
@@ -128,13 +128,12 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let undecided = labels.iter().filter(|&&label| label == UNDECIDED).count();
     let mut writer = work.create_result(item)?;
     writer.section(&labels)?;
-    let counts = [
+    let counted = [
         ("cells", own),
         ("halo", region.cells.len() - own),
         ("undecided", undecided),
     ];
-    let counts = counts.map(|(name, count)| (name.to_owned(), count as u64));
-    Ok((writer, counts.to_vec()))
+    Ok((writer, counts(counted)))
 }
 
 /// The labels that a tile proved, in the order of its network.

@@ -4,7 +4,6 @@ mod bounds;
 mod carve;
 mod conflict;
 mod error;
-mod exact;
 mod file;
 mod frame;
 mod giants;

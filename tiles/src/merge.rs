@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use crate::error::TilesError;
 use crate::file::{Reader, Writer};
 use crate::split::by_position;
-use crate::stage::{Counts, Item, Stage};
+use crate::stage::{Counts, Item, Stage, counts};
 use crate::tile::{NO_VERTEX, listed, local_of, tile_of};
 use crate::work::Work;
 
@@ -121,17 +121,16 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let readers: Vec<Reader> = readers.collect::<Result<_, _>>()?;
     let surface = ranked(work, &readers)?;
     let is_wanted = vec![true; surface.triangles.len()];
-    let (mesh, _) = assemble(&surface, &is_wanted, &work.plan().export());
+    let (mesh, _) = assemble(&surface, &is_wanted, &work.plan().export);
     let mut writer = work.create_result(item)?;
     let vertices = mesh.vertices.iter().map(|&vertex| vertex.into());
     writer.section(&vertices.collect::<Vec<[f64; 3]>>())?;
     writer.section(&mesh.triangles)?;
-    let counts = [
+    let counted = [
         ("vertices", mesh.vertices.len()),
         ("triangles", mesh.triangles.len()),
     ];
-    let counts = counts.map(|(name, count)| (name.to_owned(), count as u64));
-    Ok((writer, counts.to_vec()))
+    Ok((writer, counts(counted)))
 }
 
 /// The mesh of a plan whose stages are all done.

@@ -7,7 +7,7 @@ use linecarve_carving::{CellId, CutOptions};
 use crate::error::TilesError;
 use crate::file::Writer;
 use crate::giants::CellSums;
-use crate::stage::{Counts, Item, Stage};
+use crate::stage::{Counts, Item, Stage, counts};
 use crate::tile::{CellKey, NO_VERTEX, TileCells, tile_of};
 use crate::work::Work;
 
@@ -72,7 +72,7 @@ pub(crate) fn across(key: &CellKey, facet: usize, apex: u64) -> Option<(CellKey,
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
     let cells = TileCells::framed(work, item)?;
     let sums = CellSums::read(work, item)?;
-    let options = match work.plan().carver().labels {
+    let options = match work.plan().carver.labels {
         Labels::Cut(options) => options,
         Labels::Votes(_) => CutOptions::default(),
     };
@@ -118,8 +118,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     writer.section(&network.apexes)?;
     writer.section(&network.into)?;
     writer.section(&network.out)?;
-    let counts = vec![("cells".to_owned(), network.keys.len() as u64)];
-    Ok((writer, counts))
+    Ok((writer, counts([("cells", network.keys.len())])))
 }
 
 /// The cosines of the facets of a finite cell by their places.

@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use linecarve_carving::{Carver, CarverOptions, CutOptions, ExportOptions, Hull, Labels, Votes};
+use linecarve_carving::{Carver, CarverOptions, ExportOptions, Labels};
 use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use crate::bounds::Bounds;
 use crate::error::TilesError;
-use crate::exact::Exact;
 use crate::file::Kind;
 use crate::record::{RayRecord, Record};
 use crate::split::{self, Tile};
@@ -45,14 +44,6 @@ pub struct TileSummary {
     pub rays: usize,
 }
 
-/// Labels with exact numbers.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-enum PlannedLabels {
-    Votes(Votes),
-    /// The four options of a cut, in the order of [`CutOptions`].
-    Cut([Exact; 4]),
-}
-
 /// What all tasks know.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
@@ -60,14 +51,13 @@ pub struct Plan {
     program: String,
     /// Digest of points, views, observations and split.
     input: String,
-    labels: PlannedLabels,
-    hull: Hull,
-    longest_edge: Option<Exact>,
-    minimum_component: usize,
-    manifold: bool,
+    /// How the carver labels.
+    pub(crate) carver: CarverOptions,
+    /// How the mesh is exported.
+    pub(crate) export: ExportOptions,
     pub(crate) halo: u32,
-    /// Cells with a longer side of their bounding box are giants.
-    pub(crate) giant_extent: Exact,
+    /// Cells with a longer side of their bounding box are giants; without it none are.
+    giant_extent: Option<f64>,
     /// The tiles.
     pub tiles: Vec<TileSummary>,
     /// What the caller wants to know again when the mesh is there.
@@ -77,36 +67,14 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// How the carver labels.
-    pub(crate) fn carver(&self) -> CarverOptions {
-        CarverOptions {
-            labels: match self.labels {
-                PlannedLabels::Votes(votes) => Labels::Votes(votes),
-                PlannedLabels::Cut([relative_sigma, behind_sigmas, matter_weight, quality]) => {
-                    Labels::Cut(CutOptions {
-                        relative_sigma: relative_sigma.0,
-                        behind_sigmas: behind_sigmas.0,
-                        matter_weight: matter_weight.0,
-                        quality_weight: quality.0,
-                    })
-                }
-            },
-            hull: self.hull,
-        }
-    }
-
-    /// How the mesh is exported.
-    pub(crate) fn export(&self) -> ExportOptions {
-        ExportOptions {
-            longest_edge: self.longest_edge.map(|edge| edge.0),
-            minimum_component: self.minimum_component,
-            manifold: self.manifold,
-        }
-    }
-
     /// Whether labels are those of a minimum cut.
     pub fn is_cut(&self) -> bool {
-        matches!(self.labels, PlannedLabels::Cut(_))
+        matches!(self.carver.labels, Labels::Cut(_))
+    }
+
+    /// Whether a cell with this longest side of its bounding box is a giant.
+    pub(crate) fn is_giant(&self, extent: f64) -> bool {
+        self.giant_extent.is_some_and(|giant| extent > giant)
     }
 
     /// Number of sums that a cell has.
@@ -160,24 +128,10 @@ pub fn plan(
     let mut plan = Plan {
         program: program(),
         input: digest(&scene, &tiles),
-        labels: match carver.options().labels {
-            Labels::Votes(votes) => PlannedLabels::Votes(votes),
-            Labels::Cut(cut) => PlannedLabels::Cut(
-                [
-                    cut.relative_sigma,
-                    cut.behind_sigmas,
-                    cut.matter_weight,
-                    cut.quality_weight,
-                ]
-                .map(Exact),
-            ),
-        },
-        hull: carver.options().hull,
-        longest_edge: export.longest_edge.map(Exact),
-        minimum_component: export.minimum_component,
-        manifold: export.manifold,
+        carver: carver.options(),
+        export: *export,
         halo: options.halo,
-        giant_extent: Exact(giant_extent(&scene, &tiles)),
+        giant_extent: giant_extent(&scene, &tiles),
         tiles: (tiles.iter().zip(&rays))
             .map(|(tile, rays)| TileSummary {
                 vertices: tile.vertices.len(),
@@ -274,10 +228,10 @@ fn rays_of_tiles(scene: &Scene, tiles: &[Tile]) -> Vec<Vec<RayRecord>> {
 /// smaller one gives every tile more vertices of giants. Chosen on a generated city in 8 tiles.
 const GIANT_SHARE: f64 = 0.125;
 
-/// From which extent on cells are giants.
-fn giant_extent(scene: &Scene, tiles: &[Tile]) -> f64 {
+/// From which extent on cells are giants; none are in a single tile.
+fn giant_extent(scene: &Scene, tiles: &[Tile]) -> Option<f64> {
     if tiles.len() == 1 {
-        return f64::INFINITY;
+        return None;
     }
     let extent = |tile: &Tile| {
         let positions = tile.vertices.iter().map(|&v| &scene.positions[v as usize]);
@@ -286,7 +240,8 @@ fn giant_extent(scene: &Scene, tiles: &[Tile]) -> f64 {
     let filled = tiles.iter().filter(|tile| !tile.vertices.is_empty());
     let mut extents: Vec<f64> = filled.map(extent).collect();
     extents.sort_unstable_by(f64::total_cmp);
-    GIANT_SHARE * extents.get(extents.len() / 2).copied().unwrap_or(0.0)
+    let middle = extents.get(extents.len() / 2).copied();
+    Some(GIANT_SHARE * middle.unwrap_or(0.0))
 }
 
 fn digest(scene: &Scene, tiles: &[Tile]) -> String {
@@ -324,7 +279,7 @@ fn write_scene(
     let mut views = work.create_plan_file("views", Kind::Views)?;
     views.section(&scene.centers)?;
     views.finish()?;
-    let tracer = linecarve_carving::internals::RayTracer::new(&work.plan().carver().labels);
+    let tracer = linecarve_carving::internals::RayTracer::new(&work.plan().carver.labels);
     let mut sample: Vec<(u64, [f64; 3])> = Vec::new();
     for (number, (tile, rays)) in tiles.iter().zip(rays).enumerate() {
         let position = |&vertex: &u32| scene.positions[vertex as usize];

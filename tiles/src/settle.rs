@@ -7,9 +7,9 @@ use rustc_hash::FxHashMap;
 
 use crate::error::TilesError;
 use crate::file::Writer;
-use crate::label::{UNDECIDED, proved};
+use crate::label::{FREE, OCCUPIED, UNDECIDED, proved};
 use crate::network::{Cells, across};
-use crate::stage::{Counts, Item};
+use crate::stage::{Counts, Item, counts};
 use crate::tile::CellKey;
 use crate::work::Work;
 
@@ -56,7 +56,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
             let network = Cells::read(work, tile, item)?;
             for (key, label) in network.keys.iter().zip(proved(work, tile, item)?) {
                 if let Some(is_free) = fixed.get_mut(key) {
-                    *is_free = label != 0;
+                    *is_free = label == FREE;
                 }
             }
         }
@@ -65,10 +65,9 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let mut writer = work.create_result(item)?;
     writer.section(&cells.iter().map(|cell| cell.key).collect::<Vec<CellKey>>())?;
     writer.section(&labels)?;
-    let free = labels.iter().filter(|&&label| label != 0).count();
-    let counts = [("settled", cells.len()), ("free", free)];
-    let counts = counts.map(|(name, count)| (name.to_owned(), count as u64));
-    Ok((writer, counts.to_vec()))
+    let free = labels.iter().filter(|&&label| label == FREE).count();
+    let counted = [("settled", cells.len()), ("free", free)];
+    Ok((writer, counts(counted)))
 }
 
 fn solve(
@@ -102,6 +101,9 @@ fn solve(
     network.maximize();
     let numbers = 0..cells.len() as u32;
     numbers
-        .map(|number| u8::from(network.is_source_side(NodeId(number))))
+        .map(|number| match network.is_source_side(NodeId(number)) {
+            true => FREE,
+            false => OCCUPIED,
+        })
         .collect()
 }

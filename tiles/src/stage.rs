@@ -121,6 +121,12 @@ impl fmt::Display for Item {
 /// What an item counted.
 pub(crate) type Counts = Vec<(String, u64)>;
 
+/// Names and numbers of what an item counted.
+pub(crate) fn counts<const N: usize>(counted: [(&str, usize); N]) -> Counts {
+    let counted = counted.map(|(name, count)| (name.to_owned(), count as u64));
+    counted.to_vec()
+}
+
 /// Carries out an item and writes its file and manifest. Done again, it writes the same bytes.
 ///
 /// `peak_mb` is asked for the peak memory of the process at the end.

@@ -10,7 +10,7 @@ use crate::file::Writer;
 use crate::giants::CellSums;
 use crate::label::Labels;
 use crate::split::by_position;
-use crate::stage::{Counts, Item};
+use crate::stage::{Counts, Item, counts};
 use crate::tile::{NO_VERTEX, TileCells, tile_of};
 use crate::work::Work;
 
@@ -21,7 +21,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let cells = TileCells::framed(work, item)?;
     let is_free = labels(work, item, &cells)?;
     let plan = work.plan();
-    let (hull, longest) = (plan.carver().hull, plan.export().longest_edge);
+    let (hull, longest) = (plan.carver.hull, plan.export.longest_edge);
     let tetrahedra = &cells.tetrahedra;
     let is_free = |cell: CellId| is_free[cell.index()];
     let mut triangles: Vec<[u64; 5]> = Vec::new();
@@ -70,8 +70,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     writer.section(&edges)?;
     writer.section(&vertices.iter().map(|(id, _)| *id).collect::<Vec<u64>>())?;
     writer.section(&vertices.iter().map(|(_, p)| *p).collect::<Vec<[f64; 3]>>())?;
-    let counts = vec![("triangles".to_owned(), triangles.len() as u64)];
-    Ok((writer, counts))
+    Ok((writer, counts([("triangles", triangles.len())])))
 }
 
 /// The corners of a facet as seen from inside its cell.
@@ -94,7 +93,7 @@ fn labels(work: &Work, item: Item, cells: &TileCells) -> Result<Vec<bool>, Tiles
     };
     let missing = || TilesError::damaged(&work.path(item), "a cell without a label");
     let mut is_free = vec![false; tetrahedra.cell_capacity()];
-    match work.plan().carver().labels {
+    match work.plan().carver.labels {
         linecarve_carving::Labels::Votes(votes) => {
             let sums = CellSums::read(work, item)?;
             for (cell, key) in stars() {
