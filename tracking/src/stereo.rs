@@ -1,6 +1,6 @@
 //! Depth of the features of a left image from the right image of a rectified pair.
 
-use linecarve_lines::image::GrayImage;
+use linecarve_lines::image::{GrayImage, block_sums};
 use linecarve_points::Features;
 
 use crate::frame::{MAX_RELATIVE_SIGMA, level_scale};
@@ -110,28 +110,19 @@ fn match_rows(left: &Features, right: &Features, max_disparity_px: f32) -> Vec<O
 }
 
 /// An image and its half, in which the features of coarse levels are refined.
-struct Levels {
-    images: [GrayImage; 2],
+struct Levels<'a> {
+    whole: &'a GrayImage,
+    half: GrayImage,
 }
 
-impl Levels {
-    fn new(image: &GrayImage) -> Self {
-        let (width, height) = (image.width() / 2, image.height() / 2);
-        let mut half = Vec::with_capacity(width * height);
-        for y in 0..height {
-            let rows = [image.row(2 * y), image.row(2 * y + 1)];
-            for x in 0..width {
-                let sum: u16 = rows
-                    .iter()
-                    .flat_map(|row| &row[2 * x..2 * x + 2])
-                    .map(|sample| u16::from(*sample))
-                    .sum();
-                half.push(((sum + 2) / 4) as u8);
-            }
-        }
-        let half = GrayImage::new(width, height, half).expect("as many samples as pixels");
+impl<'a> Levels<'a> {
+    fn new(whole: &'a GrayImage) -> Self {
+        let sums = block_sums::<1>(whole.samples(), whole.width(), 2);
+        let means = sums.into_iter().map(|sum| ((sum + 2) / 4) as u8).collect();
+        let half = GrayImage::new(whole.width() / 2, whole.height() / 2, means);
         Self {
-            images: [image.clone(), half],
+            whole,
+            half: half.expect("a sum for each block"),
         }
     }
 }
@@ -170,10 +161,13 @@ fn sample<const N: usize>(
 const STRIP: usize = SIDE + 2 * (SEARCH as usize + 2);
 
 /// Disparity at a pixel of the left image, and its standard deviation, from patches around.
-fn refine(levels: &[Levels; 2], pixel: [f32; 2], octave: u8, start: f32) -> Option<[f64; 2]> {
-    let half = usize::from(level_scale(octave) >= 1.7);
-    let scale = [1.0, 2.0][half];
-    let [left, right] = levels.each_ref().map(|levels| &levels.images[half]);
+fn refine(levels: &[Levels<'_>; 2], pixel: [f32; 2], octave: u8, start: f32) -> Option<[f64; 2]> {
+    let is_coarse = level_scale(octave) >= 1.7;
+    let scale = if is_coarse { 2.0 } else { 1.0 };
+    let [left, right] = levels.each_ref().map(|levels| match is_coarse {
+        true => &levels.half,
+        false => levels.whole,
+    });
     // Pixels of the half image are the means of four.
     let [x, y] = pixel.map(|at| (f64::from(at) + 0.5) / scale - 0.5);
     let start = f64::from(start) / scale;

@@ -2,9 +2,11 @@
 
 mod gradient;
 mod plane;
+mod reduce;
 mod smooth;
 
 pub(crate) use gradient::GradientField;
 pub use gradient::sobel;
 pub use plane::{GrayImage, ImageError, Plane};
+pub use reduce::block_sums;
 pub(crate) use smooth::{SmoothScratch, smooth_gaussian};

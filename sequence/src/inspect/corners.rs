@@ -6,9 +6,7 @@
 //! compared by the ratio of the best to the second). *Differs from the papers:* one scale and no orientation, since neighbouring frames
 //! rotate little about the viewing direction.
 
-use linecarve_lines::image::GrayImage;
-
-use crate::downsampling::block_sums;
+use linecarve_lines::image::{GrayImage, block_sums};
 
 /// Images are downsampled to at most this width, by an integer factor.
 const TARGET_WIDTH: usize = 800;

@@ -1,6 +1,6 @@
 //! A keyframe image at reduced size.
 
-use crate::image::GrayImage;
+use crate::image::{GrayImage, block_sums};
 
 /// An image reduced by a whole factor: each sample is the mean of a square of pixels.
 pub(super) struct Level {
@@ -18,22 +18,12 @@ impl Level {
     pub(super) fn reduced(image: &GrayImage, factor: usize) -> Self {
         let (width, height) = (image.width() / factor, image.height() / factor);
         let share = 1.0 / (factor * factor) as f32;
-        let mut samples = Vec::with_capacity(width * height);
-        let mut sums = vec![0_u32; width];
-        for row in 0..height {
-            sums.fill(0);
-            for y in row * factor..(row + 1) * factor {
-                for (sum, square) in sums.iter_mut().zip(image.row(y).chunks_exact(factor)) {
-                    *sum += square.iter().copied().map(u32::from).sum::<u32>();
-                }
-            }
-            samples.extend(sums.iter().map(|sum| *sum as f32 * share));
-        }
+        let sums = block_sums::<1>(image.samples(), image.width(), factor);
         Self {
             factor,
             width,
             height,
-            samples,
+            samples: sums.into_iter().map(|sum| sum as f32 * share).collect(),
         }
     }
 
