@@ -18,13 +18,15 @@ impl Map {
     /// Whether a correction to this pose, in the frame of computation, changes more than a share of the deviation of what the
     /// keyframe measured. Smaller ones need not be made until they add up.
     pub fn is_moved(&self, keyframe: usize, world_from_camera: &Isometry3<f64>) -> bool {
-        match &self.contents {
-            Contents::Lines(lines) => lines.is_moved(&self.options, keyframe, world_from_camera),
+        match (&self.contents, self.median_depth) {
+            (Contents::Lines(lines), Some(depth)) => {
+                lines.is_moved(&self.options, depth, keyframe, world_from_camera)
+            }
             _ => true,
         }
     }
 
-    /// Moves keyframes to other poses, in the frame of computation, or removes them, with their segments, measurements and rays. The
+    /// Moves keyframes, in ascending order, to other poses in the frame of computation, or removes them, with their segments, measurements and rays. The
     /// surface stays valid. It is not that of a map made from the new poses: a measurement stays with the landmark that it
     /// joined. Maps of lines that [keep measurements](Self::keep_measurements) alone do this.
     ///

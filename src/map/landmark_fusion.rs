@@ -307,23 +307,14 @@ impl LandmarkFusion {
     ) -> Result<(usize, usize), TransactionError> {
         let mut removed = 0;
         self.moved.clear();
-        for &landmark in self.contradicted.iter().chain(&self.seen) {
-            let point = self.points[landmark as usize];
-            match self.landmarks.update(landmark) {
-                LandmarkUpdate::Unchanged => {}
-                LandmarkUpdate::Settled { position, sigma } => {
-                    transaction.set_sigma(point, Some(self.sigma_factor * sigma))?;
-                    if let Some(position) = position {
-                        transaction.move_point(point, position)?;
-                        self.moved.push(landmark);
-                    }
-                }
-                LandmarkUpdate::Removed => {
-                    transaction.remove_point(point)?;
-                    self.rays.remove(landmark);
-                    removed += 1;
-                }
-            }
+        for index in 0..self.contradicted.len() + self.seen.len() {
+            let landmark = match index.checked_sub(self.contradicted.len()) {
+                Some(seen) => self.seen[seen],
+                None => self.contradicted[index],
+            };
+            let update = self.landmarks.update(landmark);
+            removed += usize::from(update == LandmarkUpdate::Removed);
+            self.follow(transaction, landmark, update)?;
         }
         let landmarks = &self.landmarks;
         self.seen.retain(|landmark| landmarks.is_in_use(*landmark));
@@ -385,7 +376,32 @@ impl LandmarkFusion {
         Ok(())
     }
 
-    /// Moves keyframes, given by number and view, to these poses, or removes them, with what they measured. Landmarks follow the
+    /// Makes the carver follow what became of a landmark.
+    fn follow(
+        &mut self,
+        transaction: &mut Transaction<'_>,
+        landmark: u32,
+        update: LandmarkUpdate,
+    ) -> Result<(), TransactionError> {
+        let point = self.points[landmark as usize];
+        match update {
+            LandmarkUpdate::Unchanged => {}
+            LandmarkUpdate::Settled { position, sigma } => {
+                transaction.set_sigma(point, Some(self.sigma_factor * sigma))?;
+                if let Some(position) = position {
+                    transaction.move_point(point, position)?;
+                    self.moved.push(landmark);
+                }
+            }
+            LandmarkUpdate::Removed => {
+                transaction.remove_point(point)?;
+                self.rays.remove(landmark);
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves keyframes, given by number and view, both ascending, to these poses, or removes them, with what they measured. Landmarks follow the
     /// mean of their measurements; those without any are removed. [`seen`](Self::seen) lists the landmarks concerned that are
     /// left, ascending.
     ///
@@ -433,22 +449,10 @@ impl LandmarkFusion {
         }
         self.seen.sort_unstable();
         self.seen.dedup();
-        for &landmark in &self.seen {
-            let point = self.points[landmark as usize];
-            match self.landmarks.settle_again(landmark) {
-                LandmarkUpdate::Unchanged => {}
-                LandmarkUpdate::Settled { position, sigma } => {
-                    if let Some(position) = position {
-                        transaction.set_sigma(point, Some(self.sigma_factor * sigma))?;
-                        transaction.move_point(point, position)?;
-                        self.moved.push(landmark);
-                    }
-                }
-                LandmarkUpdate::Removed => {
-                    transaction.remove_point(point)?;
-                    self.rays.remove(landmark);
-                }
-            }
+        for index in 0..self.seen.len() {
+            let landmark = self.seen[index];
+            let update = self.landmarks.settle_again(landmark);
+            self.follow(transaction, landmark, update)?;
         }
         let landmarks = &self.landmarks;
         self.seen.retain(|landmark| landmarks.is_in_use(*landmark));
@@ -457,8 +461,8 @@ impl LandmarkFusion {
         self.moved.sort_unstable();
         self.moved.dedup();
         let pose_of = |view: ViewId| {
-            let moved = keyframes.iter().find(|(_, other, _)| *other == view);
-            moved.and_then(|(_, _, pose)| *pose)
+            let found = keyframes.binary_search_by_key(&view, |(_, view, _)| *view);
+            found.ok().and_then(|at| keyframes[at].2)
         };
         self.select_rays(transaction, |before, view| match pose_of(view) {
             Some(pose) => pose.translation.vector.into(),

@@ -264,7 +264,8 @@ impl Landmarks {
         landmark.keyframes = landmark.keyframes.saturating_sub(1).max(1);
     }
 
-    /// Moves a landmark to the mean of its corrected measurements, or removes it when it has none any more.
+    /// Moves a landmark to the mean of its corrected measurements where that is far enough, or removes it when it has none any
+    /// more.
     ///
     /// # Panics
     /// When the index is out of range.
@@ -279,7 +280,10 @@ impl Landmarks {
             self.tree.remove(&indexed);
             return LandmarkUpdate::Removed;
         }
-        self.settle(id)
+        match self.settle(id) {
+            LandmarkUpdate::Settled { position: None, .. } => LandmarkUpdate::Unchanged,
+            moved => moved,
+        }
     }
 
     /// Moves a landmark to the mean of its measurements, where that is far enough.

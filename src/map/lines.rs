@@ -47,8 +47,6 @@ pub(super) struct LineMap {
     provisional: ProvisionalKeyframes,
     vertices: VertexLandmarks,
     validation: DepthValidation,
-    /// Median scene depth in units of the poses.
-    median_depth: f64,
 }
 
 impl LineMap {
@@ -68,7 +66,6 @@ impl LineMap {
             segments: SegmentMap::new(options.cluster, median_depth)?,
             landmarks: LandmarkFusion::new(options),
             views: Vec::new(),
-            median_depth,
             provisional: ProvisionalKeyframes::default(),
             vertices: VertexLandmarks::default(),
             validation: DepthValidation::new(
@@ -148,17 +145,17 @@ impl LineMap {
         self.landmarks.keep_measurements();
     }
 
-    /// Whether a keyframe that moves to this pose moves what it measured by more than a share of its deviation.
+    /// Whether a keyframe that moves to this pose moves what it measured at this depth by more than a share of its deviation.
     pub(super) fn is_moved(
         &self,
         options: &Options,
+        depth: f64,
         keyframe: usize,
         world_from_camera: &Isometry3<f64>,
     ) -> bool {
         let Some(before) = self.landmarks.pose(keyframe) else {
             return true;
         };
-        let depth = self.median_depth;
         let sigma = self.noise.sigma(1.0 / depth) * depth * depth;
         let ahead = Point3::new(0.0, 0.0, depth);
         let turn = before.rotation.angle_to(&world_from_camera.rotation);
@@ -166,7 +163,7 @@ impl LineMap {
         moved.is_nan() || moved > options.landmarks.settling_share * sigma
     }
 
-    /// Moves keyframes to these poses, or removes them, with their segments, measurements and rays.
+    /// Moves keyframes, in ascending order, to these poses, or removes them, with their segments, measurements and rays.
     ///
     /// # Errors
     /// When the carver rejects a position. The map must not be used afterwards.

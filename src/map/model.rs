@@ -76,9 +76,7 @@ impl ModelMap {
                     .map(|sigma| sigma_factor * sigma);
             }
         }
-        let middle = depths.len() / 2;
-        let median_depth =
-            (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1);
+        let median_depth = upper_median(&mut depths);
         Ok(Self {
             counts,
             points_of_view,
@@ -184,6 +182,12 @@ impl ModelMap {
                 .collect(),
         }
     }
+}
+
+/// The upper median; `None` of an empty list.
+pub(super) fn upper_median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Whether a point is carved. If so, `views` holds its views, and its depths are appended to `depths`.

@@ -7,7 +7,7 @@ use linecarve_carving::{Carver, PointId, Transaction, TransactionError, ViewId};
 use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
-use super::model::{ModelCounts, select_point, sigma_along_rays};
+use super::model::{ModelCounts, select_point, sigma_along_rays, upper_median};
 use super::update::MapUpdate;
 use crate::options::PointModelOptions;
 
@@ -46,7 +46,7 @@ pub struct ObservationChange {
     pub points: Vec<ObservedPoint>,
     /// Points that go with their observations.
     pub removed_points: Vec<u32>,
-    /// New observations by view and point. Known ones, and those by removed views, have no effect.
+    /// New observations by view and point. Known ones are repeated without effect.
     pub observations: Vec<[u32; 2]>,
     /// Observations by view and point that go.
     pub removed_observations: Vec<[u32; 2]>,
@@ -191,8 +191,7 @@ impl ObservedMap {
             touched.insert(*point);
         }
         for [view, point] in &change.observations {
-            let is_there = self.views[*view as usize].is_some();
-            if is_there && self.points_of_view[*view as usize].insert(*point) {
+            if self.points_of_view[*view as usize].insert(*point) {
                 let observations = &mut self.records[*point as usize].point.observations;
                 let place = observations.partition_point(|other| other.view < *view);
                 let (view, pixel) = (*view, None);
@@ -304,9 +303,7 @@ impl ObservedMap {
                 depths.push(pose.inverse_transform_point(&record.point.point_in_world).z);
             }
         }
-        let middle = depths.len() / 2;
-        self.median_depth =
-            (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1);
+        self.median_depth = upper_median(&mut depths);
         self.measured_at = self.observations;
     }
 

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use linecarve_carving::accept_position;
 use linecarve_mesh::LineSet;
-use linecarve_sequence::{LiveCamera, ModelView, Sequence};
+use linecarve_sequence::{LiveCamera, LiveFrame, ModelView, Sequence};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
@@ -31,12 +31,9 @@ pub(super) struct MessageMap {
     keyframes: BTreeMap<u64, u32>,
     /// By number in the map, also of keyframes that were removed.
     poses: Vec<Isometry3<f64>>,
-    removed_views: BTreeSet<u32>,
     points: BTreeMap<u64, u32>,
     lines: BTreeMap<u64, Line>,
-    /// Numbers of points that are free again, and the number of all.
-    free: Vec<u32>,
-    numbers: u32,
+    numbers: Numbers,
     spacing: SegmentPointOptions,
     mapper: Mapper,
 }
@@ -50,11 +47,11 @@ impl MessageMap {
         start: &StartMessage,
         options: &Options,
         id: u64,
-        world_from_camera: &Isometry3<f64>,
+        frame: LiveFrame,
     ) -> Result<Self, SessionError> {
         let has_camera = !start.calibration.is_null();
         let camera = has_camera.then(|| LiveCamera::new(&start.calibration));
-        let first = Point3::from(world_from_camera.translation.vector);
+        let first = Point3::from(frame.world_from_camera.translation.vector);
         let origin = match start.origin {
             Some(origin) => origin.into(),
             None => far_origin([first], start.median_depth.unwrap_or(1.0)),
@@ -64,39 +61,15 @@ impl MessageMap {
             camera: camera.transpose()?,
             keyframes: BTreeMap::new(),
             poses: Vec::new(),
-            removed_views: BTreeSet::new(),
             points: BTreeMap::new(),
             lines: BTreeMap::new(),
-            free: Vec::new(),
-            numbers: 0,
+            numbers: Numbers::default(),
             spacing: options.segment_points,
             mapper: Mapper::new(map, origin),
         };
         session_map.mapper.follow_surface();
-        session_map.add_view(id, world_from_camera)?;
+        session_map.add(id, frame, options)?;
         Ok(session_map)
-    }
-
-    /// Adds a keyframe with a new id.
-    pub(super) fn add_view(
-        &mut self,
-        id: u64,
-        world_from_camera: &Isometry3<f64>,
-    ) -> Result<(), SessionError> {
-        let pose = self.pose(id, world_from_camera)?;
-        let view = ModelView {
-            name: id.to_string(),
-            world_from_camera: pose,
-            camera: self.camera.as_ref().map(|camera| camera.camera().clone()),
-            size_px: None,
-        };
-        self.mapper.observe(&ObservationChange {
-            views: vec![view],
-            ..ObservationChange::default()
-        })?;
-        self.keyframes.insert(id, self.poses.len() as u32);
-        self.poses.push(pose);
-        Ok(())
     }
 
     /// Adds, moves and removes points.
@@ -105,31 +78,16 @@ impl MessageMap {
         points: &[PointMessage],
         removed: &[u64],
     ) -> Result<(), SessionError> {
+        check_once("point", points.iter().map(|point| point.id))?;
         let mut change = ObservationChange::default();
-        let mut new = Vec::new();
-        let mut numbers = Numbers::of(self);
         for point in points {
-            let position = self.position("point", point.id, point.position)?;
             check_sigma("point", point.id, point.sigma)?;
-            let number = match self.points.get(&point.id) {
-                Some(number) => *number,
-                None => {
-                    let number = numbers.take();
-                    new.push((point.id, number));
-                    number
-                }
-            };
             change.points.push(ObservedPoint {
-                number,
-                position,
+                number: 0,
+                position: self.position("point", point.id, point.position)?,
                 sigma: point.sigma,
                 kind: PointKind::Single,
             });
-        }
-        if let Some(id) = repeated(points.iter().map(|point| point.id)) {
-            let problem = "it is twice in one message".to_owned();
-            let what = "point";
-            return Err(SessionError::Observed { what, id, problem });
         }
         for id in removed {
             let unknown = SessionError::UnknownPoint { id: *id };
@@ -137,11 +95,13 @@ impl MessageMap {
                 .removed_points
                 .push(*self.points.get(id).ok_or(unknown)?);
         }
+        for (point, observed) in points.iter().zip(&mut change.points) {
+            let number = self.points.entry(point.id);
+            observed.number = *number.or_insert_with(|| self.numbers.take());
+        }
         self.mapper.observe(&change)?;
-        (self.numbers, self.free) = (numbers.count, numbers.free);
-        self.points.extend(new);
         for id in removed {
-            self.free.extend(self.points.remove(id));
+            self.numbers.free.extend(self.points.remove(id));
         }
         Ok(())
     }
@@ -179,6 +139,7 @@ impl MessageMap {
         lines: &[LineMessage],
         removed: &[u64],
     ) -> Result<(), SessionError> {
+        check_once("line", lines.iter().map(|line| line.id))?;
         let mut new = Vec::with_capacity(lines.len());
         for line in lines {
             let ends = [
@@ -195,11 +156,6 @@ impl MessageMap {
             };
             new.push((line.id, line_of_map));
         }
-        if let Some(id) = repeated(lines.iter().map(|line| line.id)) {
-            let problem = "it is twice in one message".to_owned();
-            let what = "line";
-            return Err(SessionError::Observed { what, id, problem });
-        }
         for id in removed {
             let unknown = SessionError::UnknownLine { id: *id };
             self.lines.get(id).ok_or(unknown)?;
@@ -214,12 +170,11 @@ impl MessageMap {
         removed: &[u64],
     ) -> Result<(), SessionError> {
         let mut change = ObservationChange::default();
-        let mut numbers = Numbers::of(self);
         for (_, line) in &mut new {
             let [from, to] = line.ends;
             line.points.clear();
             for share in self.spacing.shares(self.length_px(line)) {
-                let number = numbers.take();
+                let number = self.numbers.take();
                 line.points.push(number);
                 change.points.push(ObservedPoint {
                     number,
@@ -238,8 +193,7 @@ impl MessageMap {
         let old = gone.iter().filter_map(|id| self.lines.get(id));
         change.removed_points = old.flat_map(|line| line.points.iter().copied()).collect();
         self.mapper.observe(&change)?;
-        (self.numbers, self.free) = (numbers.count, numbers.free);
-        self.free.extend(change.removed_points);
+        self.numbers.free.extend(change.removed_points);
         for id in gone {
             self.lines.remove(&id);
         }
@@ -248,7 +202,10 @@ impl MessageMap {
     }
 
     /// Spaces the points anew on lines whose length in the images has changed with these keyframes.
-    fn space_lines(&mut self, views: &[u32]) -> Result<(), SessionError> {
+    ///
+    /// # Complexity
+    /// One look at each line and its keyframes.
+    fn space_lines(&mut self, views: &BTreeSet<u32>) -> Result<(), SessionError> {
         let is_other = |line: &Line| {
             let is_seen = line.views.iter().any(|view| views.contains(view));
             is_seen && self.spacing.shares(self.length_px(line)).count() != line.points.len()
@@ -266,11 +223,7 @@ impl MessageMap {
         let Some(camera) = &self.camera else {
             return 0.0;
         };
-        let views = line
-            .views
-            .iter()
-            .filter(|view| !self.removed_views.contains(view));
-        let lengths = views.filter_map(|view| {
+        let lengths = line.views.iter().filter_map(|view| {
             let pose = &self.poses[*view as usize];
             let project = |end| camera.camera().project(&pose.inverse_transform_point(end));
             Some((project(&line.ends[1])? - project(&line.ends[0])?).norm())
@@ -315,20 +268,14 @@ impl MessageMap {
     }
 }
 
-/// Numbers for new points.
+/// Gives numbers to points; those of removed points again.
+#[derive(Default)]
 struct Numbers {
     free: Vec<u32>,
     count: u32,
 }
 
 impl Numbers {
-    fn of(map: &MessageMap) -> Self {
-        Self {
-            free: map.free.clone(),
-            count: map.numbers,
-        }
-    }
-
     fn take(&mut self) -> u32 {
         self.free.pop().unwrap_or_else(|| {
             self.count += 1;
@@ -348,18 +295,38 @@ fn check_sigma(what: &'static str, id: u64, sigma: Option<f64>) -> Result<(), Se
     }
 }
 
-/// An id that occurs twice.
-fn repeated(ids: impl Iterator<Item = u64>) -> Option<u64> {
-    let mut ids: Vec<u64> = ids.collect();
-    ids.sort_unstable();
-    ids.windows(2)
-        .find(|pair| pair[0] == pair[1])
-        .map(|pair| pair[0])
+/// Refuses an id that occurs twice.
+fn check_once(what: &'static str, ids: impl Iterator<Item = u64>) -> Result<(), SessionError> {
+    let mut known = BTreeSet::new();
+    for id in ids {
+        if !known.insert(id) {
+            let problem = "it is twice in one message".to_owned();
+            return Err(SessionError::Observed { what, id, problem });
+        }
+    }
+    Ok(())
 }
 
 impl SessionMap for MessageMap {
     fn contains(&self, id: u64) -> bool {
         self.keyframes.contains_key(&id)
+    }
+
+    fn add(&mut self, id: u64, frame: LiveFrame, _options: &Options) -> Result<(), SessionError> {
+        let pose = self.pose(id, &frame.world_from_camera)?;
+        let view = ModelView {
+            name: frame.name,
+            world_from_camera: pose,
+            camera: self.camera.as_ref().map(|camera| camera.camera().clone()),
+            size_px: None,
+        };
+        self.mapper.observe(&ObservationChange {
+            views: vec![view],
+            ..ObservationChange::default()
+        })?;
+        self.keyframes.insert(id, self.poses.len() as u32);
+        self.poses.push(pose);
+        Ok(())
     }
 
     fn messages(&mut self) -> Option<&mut MessageMap> {
@@ -380,7 +347,7 @@ impl SessionMap for MessageMap {
             ..ObservationChange::default()
         };
         self.mapper.observe(&change)?;
-        let moved: Vec<u32> = change.moved_views.iter().map(|(view, _)| *view).collect();
+        let moved = change.moved_views.iter().map(|(view, _)| *view).collect();
         for (view, pose) in change.moved_views {
             self.poses[view as usize] = pose;
         }
@@ -395,8 +362,14 @@ impl SessionMap for MessageMap {
         };
         self.mapper.observe(&change)?;
         self.keyframes.retain(|id, _| !ids.contains(id));
-        self.removed_views.extend(&change.removed_views);
-        self.space_lines(&change.removed_views)
+        let removed = BTreeSet::from_iter(change.removed_views);
+        let is_other = |line: &&mut Line| line.views.iter().any(|view| removed.contains(view));
+        let mut shortened = BTreeSet::new();
+        for line in self.lines.values_mut().filter(is_other) {
+            line.views.retain(|view| !removed.contains(view));
+            shortened.extend(&line.views);
+        }
+        self.space_lines(&shortened)
     }
 
     fn finish(&mut self, _options: &Options) -> Result<bool, SessionError> {

@@ -18,7 +18,6 @@ use crate::run::StageTimes;
 use linecarve_sequence::{FrameError, LiveFrame, LiveSequence, Sequence};
 
 /// A keyframe of the session.
-#[derive(Clone)]
 struct SessionKeyframe {
     id: u64,
     /// In the frame of computation.
@@ -119,12 +118,14 @@ impl SessionMap for SensorMap {
         for &id in ids {
             changes.insert(self.keyframes[self.index_of(id)?].place, None);
         }
-        let before = self.keyframes.clone();
-        self.keyframes
-            .retain(|keyframe| !ids.contains(&keyframe.id));
+        let all = std::mem::take(&mut self.keyframes).into_iter();
+        let (removed, kept): (Vec<_>, Vec<_>) =
+            all.partition(|keyframe| changes.contains_key(&keyframe.place));
+        self.keyframes = kept;
         let outcome = self.change_map(changes, options);
         if outcome.is_err() {
-            self.keyframes = before;
+            self.keyframes.extend(removed);
+            self.keyframes.sort_by_key(|keyframe| keyframe.place);
             self.rebuild(options)?;
         }
         outcome

@@ -196,32 +196,22 @@ impl Session {
             return Err(SessionError::KeyframeTwice { id });
         }
         let world_from_camera = isometry(id, &message.world_from_camera)?;
-        if start.depth_source == DepthKind::None {
-            return match self.map.as_mut() {
-                Some(map) => match map.messages() {
-                    Some(map) => map.add_view(id, &world_from_camera),
-                    None => Err(SessionError::WithImages),
-                },
-                None => {
-                    let map = MessageMap::begin(start, &self.options, id, &world_from_camera)?;
-                    self.map = Some(Box::new(map));
-                    Ok(())
-                }
-            };
-        }
-        let color = message.color.as_ref();
-        let color = color.ok_or(SessionError::WithoutImage { id })?;
-        let depth = match start.depth_source {
-            DepthKind::Sensor => message.depth.as_ref(),
-            DepthKind::SemiDense | DepthKind::None => None,
+        let (color, depth) = match start.depth_source {
+            DepthKind::Sensor => (message.color.as_ref(), message.depth.as_ref()),
+            DepthKind::SemiDense => (message.color.as_ref(), None),
+            DepthKind::None => (None, None),
         };
+        if color.is_none() && start.depth_source != DepthKind::None {
+            return Err(SessionError::WithoutImage { id });
+        }
         let mut stored_images = Vec::new();
         let mut file =
             |source: &ImageSource| store_image(&self.image_folder, id, source, &mut stored_images);
         let frame = LiveFrame {
             name: id.to_string(),
             world_from_camera,
-            color: file(color)?,
+            // Sessions without images never look at it.
+            color: color.map_or_else(|| Ok(PathBuf::new()), &mut file)?,
             depth: depth.map(&mut file).transpose()?,
         };
         let outcome = match &mut self.map {
@@ -244,11 +234,13 @@ impl Session {
     /// The map of a session whose points and segments come in messages.
     fn messages(&mut self) -> Result<&mut MessageMap, SessionError> {
         let start = self.start.as_ref().ok_or(SessionError::NotStarted)?;
-        if start.depth_source != DepthKind::None {
-            return Err(SessionError::WithImages);
+        match (start.depth_source, &mut self.map) {
+            (DepthKind::None, None) => Err(SessionError::NoKeyframe),
+            (_, map) => {
+                let map = map.as_mut().and_then(|map| map.messages());
+                map.ok_or(SessionError::WithImages)
+            }
         }
-        let map = self.map.as_mut().ok_or(SessionError::NoKeyframe)?;
-        map.messages().ok_or(SessionError::WithImages)
     }
 
     fn correct(&mut self, poses: &[PoseUpdate]) -> Result<(), SessionError> {
@@ -345,7 +337,7 @@ fn begin_map(
     Ok(match start.depth_source {
         DepthKind::Sensor => Box::new(SensorMap::begin(start, options, id, frame)?),
         DepthKind::SemiDense => Box::new(ImageMap::begin(start, options, id, frame)?),
-        DepthKind::None => return Err(SessionError::WithImages),
+        DepthKind::None => Box::new(MessageMap::begin(start, options, id, frame)?),
     })
 }
 

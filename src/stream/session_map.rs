@@ -43,11 +43,8 @@ pub(super) trait SessionMap {
     /// Whether there is a keyframe with this id.
     fn contains(&self, id: u64) -> bool;
 
-    /// Adds a keyframe with images and a new id.
-    fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError> {
-        let _ = (id, frame, options);
-        Err(SessionError::WithImages)
-    }
+    /// Adds a keyframe with a new id.
+    fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError>;
 
     /// The map itself, where points and segments come in messages.
     fn messages(&mut self) -> Option<&mut MessageMap> {
