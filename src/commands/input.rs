@@ -1,10 +1,14 @@
 //! What the options of the command line ask for.
 
+use anyhow::bail;
+
 use crate::cli::{DepthArg, KeyframeArgs, SequenceArgs, StageArgs};
 use crate::configuration::Configuration;
 use crate::options::Options;
 use crate::recording::{DepthChoice, Input, Selection, Source};
 use crate::run::Verbosity;
+use crate::sinks::OutputFolder;
+use crate::video::{of_video, unpack};
 use linecarve_sequence::{OpenOptions, Sequence};
 
 /// What is to be reconstructed from which source.
@@ -47,6 +51,33 @@ pub(super) fn open_options(args: &SequenceArgs) -> OpenOptions {
         layout: args.layout.clone(),
         assumed_focal: None,
     }
+}
+
+/// Writes the images of a video to the output folder, and makes these the input.
+///
+/// # Errors
+/// When there is no output folder, or the video has no picture that can be read.
+pub(super) fn unpack_video(
+    input: &mut Input,
+    output: Option<&mut OutputFolder>,
+    verbosity: Verbosity,
+) -> anyhow::Result<()> {
+    let Some(output) = output else {
+        bail!(
+            "{}: unpack the video with linecarve track first",
+            input.path.display()
+        );
+    };
+    let folder = output.subfolder("video")?;
+    for warning in unpack(&input.path, &folder, verbosity)? {
+        if verbosity > Verbosity::Quiet {
+            eprintln!("warning: {warning}");
+        }
+    }
+    input.open = of_video(std::mem::take(&mut input.open));
+    input.path = folder;
+    input.track = input.open.poses.is_none();
+    Ok(())
 }
 
 /// The parameters of all stages: those of the configuration, with the flags on top.

@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{bail, ensure};
+use anyhow::ensure;
 
 use crate::cli::{ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
-use crate::commands::input::{input, parameters};
+use crate::commands::input::{input, parameters, unpack_video};
 use crate::commands::simplify::check_tolerance;
 use crate::reconstruction::{Reconstruction, RunOptions, Sink};
 use crate::recording::{Recording, Source};
@@ -16,7 +16,7 @@ use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     model_left_out, reason_for_nothing, simplified, write_results,
 };
-use crate::video::{is_video, of_video, unpack};
+use crate::video::is_video;
 use linecarve_mesh::TriangleMesh;
 use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajectory};
 
@@ -74,19 +74,7 @@ pub fn reconstruct(
     );
     input.track = args.track;
     if is_video(&input.path) {
-        let folder = match &output {
-            Some(output) => output.subfolder("video")?,
-            None => bail!(
-                "{}: unpack the video with linecarve track first",
-                input.path.display()
-            ),
-        };
-        for warning in unpack(&input.path, &folder, verbosity)? {
-            eprintln!("warning: {warning}");
-        }
-        input.open = of_video(input.open);
-        input.path = folder;
-        input.track = input.open.poses.is_none();
+        unpack_video(&mut input, output.as_mut(), verbosity)?;
     }
     let recording = Recording::open(&input, options)?;
     if recording.is_tracked

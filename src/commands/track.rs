@@ -21,7 +21,6 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     };
     let mut warnings = Vec::new();
     let (sequence, warning) = if is_video(&args.input) {
-        let _ = OutputFolder::create(&args.out)?;
         warnings.extend(unpack(&args.input, &args.out, verbosity)?);
         open_unposed(&args.out, &of_video(open))?
     } else {

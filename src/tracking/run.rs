@@ -133,7 +133,7 @@ impl TrackingMode {
     }
 
     /// Name in reports.
-    pub(super) fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Self::Rgbd => "rgbd",
             Self::Stereo => "stereo",

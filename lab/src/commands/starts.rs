@@ -120,10 +120,9 @@ fn one_start(
             .collect(),
         frames: None,
     };
-    let (alignment, name) = match mode {
-        TrackingMode::Rgbd => (TrajectoryAlignment::Se3, "rgbd"),
-        TrackingMode::Stereo => (TrajectoryAlignment::Se3, "stereo"),
-        TrackingMode::Mono => (TrajectoryAlignment::Sim3, "mono"),
+    let alignment = match mode {
+        TrackingMode::Rgbd | TrackingMode::Stereo => TrajectoryAlignment::Se3,
+        TrackingMode::Mono => TrajectoryAlignment::Sim3,
     };
     let found = estimate.compare_with(&reference, alignment).ok();
     let frames = sequence.frames();
@@ -133,7 +132,7 @@ fn one_start(
             .unwrap_or_default()
             .to_string_lossy()
             .into_owned(),
-        mode: name,
+        mode: mode.name(),
         first: frames
             .first()
             .map_or_else(String::new, |frame| frame.name.clone()),
