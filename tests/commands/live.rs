@@ -144,8 +144,8 @@ impl Session {
 #[test]
 fn a_live_page_follows_a_session() {
     let recording = Recording::new();
-    let out = recording.folder.path().join("out");
-    let open = with_open_holes(recording.folder.path());
+    let out = recording.folder().join("out");
+    let open = with_open_holes(recording.folder());
     let options = ["--out", text(&out), "--config", text(&open)];
     let mut session = Session::start(&recording, &options);
     let host = session.run.host.clone();

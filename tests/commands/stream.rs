@@ -2,85 +2,51 @@
 
 use std::path::Path;
 
-use crate::program::{expect_status, small_sequence, stream, triangles_after};
+use crate::program::live_recording::LiveRecording;
+use crate::program::{expect_status, stream, text, triangles_after};
 use serde_json::{Value, json};
 
 const FRAMES: usize = 5;
 
-fn rows(text: &str) -> Value {
-    let numbers: Vec<f64> = text
-        .split_whitespace()
-        .map(|word| word.parse().unwrap())
-        .collect();
-    json!({ "matrix": numbers.chunks(4).collect::<Vec<_>>() })
-}
-
 pub(crate) struct Recording {
-    pub(crate) folder: tempfile::TempDir,
+    recording: LiveRecording,
     pub(crate) start: Value,
     pub(crate) poses: Vec<Value>,
 }
 
 impl Recording {
     pub(crate) fn new() -> Self {
-        let folder = small_sequence(FRAMES, "7-scenes");
-        let sequence = folder.path().join("sequence");
-        let out = folder.path().join("batch");
-        let text = |path: &Path| path.to_str().unwrap().to_owned();
+        let recording = LiveRecording::new(FRAMES);
+        let sequence = recording.folder.path().join("sequence");
+        let out = recording.folder.path().join("batch");
         let arguments = [
             "reconstruct",
-            &text(&sequence),
+            text(&sequence),
             "--every",
             "1",
             "--final-only",
             "--no-picture",
             "--quiet",
         ];
-        expect_status(0, arguments.into_iter().chain(["--out", &text(&out)]));
+        expect_status(0, arguments.into_iter().chain(["--out", text(&out)]));
         let report: Value =
             serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
-        let intrinsics = std::fs::read_to_string(sequence.join("camera-intrinsics.txt")).unwrap();
-        let k: Vec<f64> = intrinsics
-            .split_whitespace()
-            .map(|word| word.parse().unwrap())
-            .collect();
-        let start = json!({
-            "type": "start",
-            "calibration": {
-                "color": { "fx": k[0], "fy": k[4], "cx": k[2], "cy": k[5] },
-                "depth": { "scale": 1000.0 },
-            },
-            "median_depth": report["sequence"]["median_depth"],
-        });
-        let poses = (0..FRAMES)
-            .map(|i| {
-                rows(
-                    &std::fs::read_to_string(sequence.join(format!("frame-{i:06}.pose.txt")))
-                        .unwrap(),
-                )
-            })
-            .collect();
+        let mut start = recording.start.clone();
+        start["median_depth"] = report["sequence"]["median_depth"].clone();
+        let poses = recording.poses.iter();
         Self {
-            folder,
+            poses: poses.map(|pose| json!({ "matrix": pose })).collect(),
+            recording,
             start,
-            poses,
         }
     }
 
-    fn file(&self, frame: usize, kind: &str) -> std::path::PathBuf {
-        let folder = self.folder.path().join("sequence");
-        ["jpg", "png"]
-            .map(|extension| folder.join(format!("frame-{frame:06}.{kind}.{extension}")))
-            .into_iter()
-            .find(|path| path.exists())
-            .unwrap()
+    pub(crate) fn folder(&self) -> &Path {
+        self.recording.folder.path()
     }
 
     pub(crate) fn keyframe(&self, frame: usize, pose: &Value) -> Value {
-        json!({
-            "type": "keyframe", "id": frame, "world_from_camera": pose,
-            "color": { "path": self.file(frame, "color") }, "depth": { "path": self.file(frame, "depth") },
-        })
+        self.recording.keyframe(frame as u64, frame, pose)
     }
 }
 
@@ -94,7 +60,7 @@ fn a_session_with_corrections_ends_with_the_surface_of_the_recording() {
         let mut keyframe = recording.keyframe(frame, &recording.poses[0]);
         if frame == 2 {
             for kind in ["color", "depth"] {
-                let bytes = std::fs::read(recording.file(frame, kind)).unwrap();
+                let bytes = std::fs::read(recording.recording.file(frame, kind)).unwrap();
                 let text = base64::engine::general_purpose::STANDARD.encode(bytes);
                 keyframe[kind] = json!({ "base64": text });
             }
@@ -110,7 +76,7 @@ fn a_session_with_corrections_ends_with_the_surface_of_the_recording() {
         .collect();
     messages.push(json!({ "type": "poses", "poses": poses }));
     let lines: Vec<String> = messages.iter().map(Value::to_string).collect();
-    let out = recording.folder.path().join("live");
+    let out = recording.folder().join("live");
     let (status, replies) = stream(&["--out", out.to_str().unwrap()], &lines);
     assert_eq!(status, Some(0), "{replies:?}");
     assert_eq!(replies.len(), messages.len() + 1);
@@ -133,7 +99,7 @@ fn a_session_with_corrections_ends_with_the_surface_of_the_recording() {
         "feature-edges.ply",
         "mesh.glb",
     ] {
-        let read = |run: &str| std::fs::read(recording.folder.path().join(run).join(name)).unwrap();
+        let read = |run: &str| std::fs::read(recording.folder().join(run).join(name)).unwrap();
         assert!(read("batch") == read("live"), "{name} differs");
     }
 }
@@ -147,8 +113,8 @@ fn bad_messages_are_answered_and_leave_the_session_as_it_was() {
         message[key] = value;
         message.to_string()
     };
-    let cut = recording.folder.path().join("cut.png");
-    let bytes = std::fs::read(recording.file(1, "depth")).unwrap();
+    let cut = recording.folder().join("cut.png");
+    let bytes = std::fs::read(recording.recording.file(1, "depth")).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
     let nowhere = json!({ "matrix": [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]] });
     let bad = [

@@ -1,9 +1,7 @@
 //! Corrections during a session: in between the surface stays close to the right one, at the end it is that of a session that was given
 //! the final keyframes at once.
 
-use std::path::PathBuf;
-
-use crate::program::small_sequence;
+use crate::program::live_recording::{LiveRecording, TriangleCount};
 use linecarve::Options;
 use linecarve::stream::{Message, Reply, Session, SessionSummary};
 use linecarve_mesh::TriangleMesh;
@@ -14,13 +12,6 @@ use serde_json::{Value, json};
 
 const FRAMES: usize = 6;
 
-/// A rendered sequence with exact poses, rows of 4x4 matrices.
-struct Recording {
-    folder: tempfile::TempDir,
-    poses: Vec<Vec<Vec<f64>>>,
-    start: Value,
-}
-
 /// A keyframe of a session: the frame that it is made from, and its pose.
 #[derive(Clone)]
 struct Known {
@@ -29,50 +20,24 @@ struct Known {
     pose: Vec<Vec<f64>>,
 }
 
+/// The recording with a length scale, and what a session makes of it.
+struct Recording(LiveRecording);
+
 impl Recording {
     fn new() -> Self {
-        let folder = small_sequence(FRAMES, "7-scenes");
-        let read = |name: String| -> Vec<f64> {
-            let text = std::fs::read_to_string(folder.path().join("sequence").join(name)).unwrap();
-            let words = text.split_whitespace();
-            words.map(|word| word.parse().unwrap()).collect()
-        };
-        let k = read("camera-intrinsics.txt".to_owned());
-        let rows = |frame: usize| {
-            let numbers = read(format!("frame-{frame:06}.pose.txt"));
-            numbers.chunks(4).map(<[f64]>::to_vec).collect()
-        };
-        Self {
-            poses: (0..FRAMES).map(rows).collect(),
-            start: json!({
-                "type": "start", "median_depth": 2.0,
-                "calibration": {
-                    "color": { "fx": k[0], "fy": k[4], "cx": k[2], "cy": k[5] },
-                    "depth": { "scale": 1000.0 },
-                },
-            }),
-            folder,
-        }
-    }
-
-    fn file(&self, frame: usize, kind: &str) -> PathBuf {
-        let folder = self.folder.path().join("sequence");
-        let named = |extension: &str| folder.join(format!("frame-{frame:06}.{kind}.{extension}"));
-        let files = ["jpg", "png"].map(named);
-        files.into_iter().find(|path| path.exists()).unwrap()
+        let mut recording = LiveRecording::new(FRAMES);
+        recording.start["median_depth"] = json!(2.0);
+        Self(recording)
     }
 
     fn keyframe(&self, known: &Known) -> Value {
-        json!({
-            "type": "keyframe", "id": known.id, "world_from_camera": { "matrix": known.pose },
-            "color": { "path": self.file(known.frame, "color") },
-            "depth": { "path": self.file(known.frame, "depth") },
-        })
+        let pose = json!({ "matrix": known.pose });
+        self.0.keyframe(known.id, known.frame, &pose)
     }
 
     /// The pose of a frame, moved at random.
     fn moved(&self, frame: usize, by: f64, rng: &mut impl Rng) -> Vec<Vec<f64>> {
-        let mut pose = self.poses[frame].clone();
+        let mut pose = self.0.poses[frame].clone();
         for row in pose.iter_mut().take(3) {
             row[3] += rng.random_range(-by..=by);
         }
@@ -82,7 +47,7 @@ impl Recording {
     /// The end of a session that is given these keyframes and nothing else.
     fn at_once(&self, known: &[Known]) -> SessionSummary {
         let mut session = Session::new(Options::default()).unwrap();
-        send(&mut session, &self.start);
+        send(&mut session, &self.0.start);
         for known in known {
             send(&mut session, &self.keyframe(known));
         }
@@ -107,30 +72,11 @@ fn bits(mesh: &TriangleMesh) -> (Vec<[u64; 3]>, &[[u32; 3]]) {
     (bits.collect(), &mesh.triangles)
 }
 
-/// Replies add up: removed triangles were there.
-#[derive(Default)]
-struct Client {
-    triangles: usize,
-}
-
-impl Client {
-    fn apply(&mut self, reply: Option<Reply>) {
-        let Some(Reply::Surface {
-            triangles, change, ..
-        }) = reply
-        else {
-            panic!("{reply:?}");
-        };
-        self.triangles = self.triangles + change.added.len() - change.removed.len();
-        assert_eq!(self.triangles, triangles);
-    }
-}
-
 fn random_session(recording: &Recording, seed: u64) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut session = Session::new(Options::default()).unwrap();
-    send(&mut session, &recording.start);
-    let mut client = Client::default();
+    send(&mut session, &recording.0.start);
+    let mut client = TriangleCount::default();
     let mut known: Vec<Known> = Vec::new();
     for id in 0..12 {
         let kind = if known.len() < 3 {

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::program::live_recording::TriangleCount;
 use linecarve::Options;
 use linecarve::stream::{Message, Reply, Session, SessionSummary};
 use rand::{Rng, RngExt, SeedableRng};
@@ -156,22 +157,16 @@ impl World {
 /// Runs a session and demands that the changes of its surface add up.
 fn run(messages: &[Value]) -> SessionSummary {
     let mut session = Session::new(Options::default()).unwrap();
-    let mut count = 0;
-    let mut follow = |reply: Option<Reply>| {
-        if let Some(Reply::Surface {
-            triangles, change, ..
-        }) = reply
-        {
-            count = count + change.added.len() - change.removed.len();
-            assert_eq!(count, triangles);
-        }
-    };
+    let mut count = TriangleCount::default();
     for message in messages {
         let message: Message = serde_json::from_value(message.clone()).unwrap();
-        follow(session.handle(&message).unwrap());
+        let reply = session.handle(&message).unwrap();
+        if let Some(Reply::Surface { .. }) = reply {
+            count.apply(reply);
+        }
     }
     let end = session.finish();
-    follow(end.last_change.unwrap());
+    count.apply(end.last_change.unwrap());
     end.summary
 }
 

@@ -4,6 +4,7 @@
 
 pub(crate) mod delta_reader;
 pub(crate) mod live_client;
+pub(crate) mod live_recording;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
