@@ -370,12 +370,14 @@ impl Recording {
         progress.finish();
         let summary = corrected.summary;
         if summary.is_corrected {
-            let keyframes = self.keyframes.iter().copied();
+            let keyframes = || self.keyframes.iter().copied();
+            self.sequence.set_poses(keyframes().zip(corrected.placed));
             self.sequence
-                .set_poses(keyframes.zip(corrected.world_from_camera));
+                .set_fitted_poses(keyframes().zip(corrected.fitted));
             self.warnings.push(format!(
                 "the images disagree with the poses of {} keyframes, by {:.1} pixels in direction and {:.1} in place (RMS): \
-                 corrected ([pose_correction] enabled = false takes poses as they are)",
+                 depth comes from corrected poses, keyframes are where the given poses around them say \
+                 ([pose_correction] enabled = false takes poses as they are)",
                 summary.keyframes, summary.turn_px, summary.shift_px
             ));
         }

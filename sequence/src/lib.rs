@@ -27,6 +27,7 @@ mod undistortion;
 mod warning;
 mod yaml;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use linecarve_lines::camera::{Camera, CameraError, Distortion};
@@ -155,6 +156,8 @@ pub struct Sequence {
     camera_of_frame: Vec<Option<u32>>,
     /// Poses as stored in the files; `pose_convention` says how they are interpreted.
     recorded_poses: Vec<Isometry3<f64>>,
+    /// Poses that fit the images where they differ from those of the frames, by index.
+    fitted_poses: BTreeMap<usize, Isometry3<f64>>,
     /// Whether time stamps are times rather than image numbers.
     has_time: bool,
     pose_convention: PoseConvention,
@@ -189,12 +192,32 @@ impl Sequence {
     pub fn set_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
         for (index, world_from_camera) in poses {
             self.frames[index].world_from_camera = world_from_camera;
+            self.fitted_poses.remove(&index);
         }
+    }
+
+    /// Sets poses, by frame index, that fit the images of other frames better than those of the [frames](Self::frames), which say
+    /// where a frame is in the world. [`set_poses`](Self::set_poses) takes them back.
+    pub fn set_fitted_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
+        self.fitted_poses.extend(poses);
+    }
+
+    /// The pose with which a frame is matched with others.
+    ///
+    /// # Panics
+    /// If the index is out of range.
+    pub fn fitted_pose(&self, index: usize) -> &Isometry3<f64> {
+        let fitted = self.fitted_poses.get(&index);
+        fitted.unwrap_or(&self.frames[index].world_from_camera)
     }
 
     /// Keeps some frames, given by ascending frame index.
     pub fn retain_frames(&mut self, indices: &[usize]) {
         let kept = |index: usize| indices.binary_search(&index).is_ok();
+        self.fitted_poses = std::mem::take(&mut self.fitted_poses)
+            .into_iter()
+            .filter_map(|(index, pose)| Some((indices.binary_search(&index).ok()?, pose)))
+            .collect();
         let mut index = 0;
         self.frames.retain(|_| {
             index += 1;

@@ -138,6 +138,11 @@ impl LiveSequence {
         self.sequence.set_poses(poses);
     }
 
+    /// As [`Sequence::set_fitted_poses`].
+    pub fn set_fitted_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
+        self.sequence.set_fitted_poses(poses);
+    }
+
     /// As [`Sequence::set_radial_distortion`].
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! Opening a sequence: layout, sidecar, colour camera poses and image sizes.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use linecarve_lines::camera::Camera;
@@ -267,6 +268,7 @@ pub(super) fn assemble(
         other_cameras: cameras.into_iter().map(|camera| camera.camera).collect(),
         camera_of_frame,
         recorded_poses,
+        fitted_poses: BTreeMap::new(),
         has_time,
         pose_convention: calibration.pose_convention,
         sidecar_pose_convention: None,

@@ -5,6 +5,7 @@
 
 use nalgebra::Isometry3;
 
+use super::placed_poses::placed;
 use super::{
     Arrival, FeatureFrontEnd, FrontEnd, FrontEndError, Keyframe, group_size, run_in_groups,
 };
@@ -48,9 +49,11 @@ impl PoseSummary {
 /// Poses of keyframes after the comparison with images.
 #[derive(Debug, Clone)]
 pub struct ImagePoses {
-    /// `point_in_world = pose * point_in_camera` for each keyframe: corrected, or as given where too few points are observed
-    /// or the given poses are accurate enough.
-    pub world_from_camera: Vec<Isometry3<f64>>,
+    /// `point_in_world = pose * point_in_camera` for each keyframe, with which images are matched: corrected, or as given where too
+    /// few points are observed or the given poses are accurate enough.
+    pub fitted: Vec<Isometry3<f64>>,
+    /// Where each keyframe is in the world of the given poses, see [`placed`]. The same as `fitted` where nothing was corrected.
+    pub placed: Vec<Isometry3<f64>>,
     /// Difference of poses and images, and the estimated lens.
     pub summary: PoseSummary,
 }
@@ -110,7 +113,7 @@ pub fn correct_poses(
     )?;
     map.adjust_all();
 
-    let mut world_from_camera: Vec<Isometry3<f64>> = frames
+    let given: Vec<Isometry3<f64>> = frames
         .iter()
         .map(|frame| sequence.frames()[*frame].world_from_camera)
         .collect();
@@ -134,13 +137,19 @@ pub fn correct_poses(
     let quality = map.quality();
     summary.points = quality.points;
     summary.reprojection_rms_px = quality.reprojection_rms_px;
+    let mut fitted = given.clone();
+    let mut places = given.clone();
     if summary.is_corrected {
         for (position, number) in corrected {
-            world_from_camera[position] = *pose(number).world_from_camera();
+            fitted[position] = *pose(number).world_from_camera();
+        }
+        if let Some(median_depth) = map.median_depth() {
+            places = placed(&given, &fitted, median_depth);
         }
     }
     Ok(ImagePoses {
-        world_from_camera,
+        fitted,
+        placed: places,
         summary,
     })
 }

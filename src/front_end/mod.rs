@@ -12,6 +12,7 @@ mod features;
 mod image_poses;
 mod image_scale;
 mod keyframe;
+mod placed_poses;
 mod scale;
 mod semi_dense;
 mod sensor;

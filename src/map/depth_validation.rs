@@ -70,6 +70,8 @@ pub(super) struct DepthValidation {
     disagreement: f64,
     /// Indexed by view.
     dense_views: Vec<Option<DenseView>>,
+    /// The view added last.
+    newest: Option<ViewId>,
     triangles: FxHashMap<Triangle, FacetEvidence>,
     /// Triangles whose status may have changed.
     changed: Vec<Triangle>,
@@ -106,6 +108,7 @@ impl DepthValidation {
             options: *options,
             disagreement: 0.0,
             dense_views: Vec::new(),
+            newest: None,
             triangles: FxHashMap::default(),
             changed: Vec::new(),
         }
@@ -129,41 +132,43 @@ impl DepthValidation {
         std::mem::take(&mut self.changed)
     }
 
-    /// Adds a view with depth `surface`, which observes the landmarks `seen`, after its commit. Returns the pixels of that view
+    /// Adds a view with depth `surface`; its landmarks follow with [`update`](Self::update), or all with
+    /// [`validate_anew`](Self::validate_anew).
+    pub(super) fn add_view(
+        &mut self,
+        view: ViewId,
+        world_from_camera: &Isometry3<f64>,
+        surface: &SurfaceSamples,
+    ) {
+        if self.least_share <= 0.0 {
+            return;
+        }
+        let total = (surface.columns() * surface.rows()) as f64;
+        let is_dense = total > 0.0 && surface.known_count() as f64 >= DENSE_SHARE * total;
+        let index = view.0 as usize;
+        if index >= self.dense_views.len() {
+            self.dense_views.resize(index + 1, None);
+        }
+        self.dense_views[index] = is_dense.then(|| DenseView {
+            world_from_camera: *world_from_camera,
+            surface: surface.thinned(),
+        });
+        self.newest = Some(view);
+    }
+
+    /// Updates the evidence after a commit in which the last view gained the landmarks `seen`. Returns the pixels of that view
     /// where its depth lies well behind a triangle: at most one per image cell of side
     /// [`minimum_distance_px`](linecarve_lines::triangulation::RefineOptions::minimum_distance_px), in the order of the cells.
     ///
     /// # Complexity
     /// The new triangles, and the incomplete ones around the observed landmarks, times the views that observe them.
-    pub(super) fn push(
-        &mut self,
-        map: VertexViews<'_>,
-        delta: &SurfaceDelta,
-        seen: &[u32],
-        world_from_camera: &Isometry3<f64>,
-        surface: &SurfaceSamples,
-    ) -> Vec<Point2<f64>> {
-        if self.least_share <= 0.0 {
-            return Vec::new();
-        }
-        let total = (surface.columns() * surface.rows()) as f64;
-        let is_dense = total > 0.0 && surface.known_count() as f64 >= DENSE_SHARE * total;
-        self.dense_views.push(is_dense.then(|| DenseView {
-            world_from_camera: *world_from_camera,
-            surface: surface.thinned(),
-        }));
-        self.update(map, delta, seen)
-    }
-
-    /// Updates the evidence after another commit in which the last view gained the landmarks `seen`. Returns pixels as
-    /// [`push`](Self::push) does.
     pub(super) fn update(
         &mut self,
         map: VertexViews<'_>,
         delta: &SurfaceDelta,
         seen: &[u32],
     ) -> Vec<Point2<f64>> {
-        let Some(last) = self.dense_views.len().checked_sub(1) else {
+        let Some(newest) = self.newest else {
             return Vec::new();
         };
         for triangle in &delta.removed {
@@ -190,7 +195,22 @@ impl DepthValidation {
             .map(|triangle| (triangle, self.triangles.get(&triangle).copied()))
             .filter(|(_, known)| known.is_none_or(|known| !known.is_complete()))
             .collect();
-        self.update_evidence(map, incomplete, last as u32)
+        self.update_evidence(map, incomplete, newest.0)
+    }
+
+    /// Makes the evidence of all triangles anew, so that it does not depend on what was known when each of them came.
+    ///
+    /// # Complexity
+    /// All triangles times the views that observe them.
+    pub(super) fn validate_anew(&mut self, map: VertexViews<'_>) {
+        let Some(newest) = self.newest else {
+            return;
+        };
+        self.triangles.clear();
+        let mut triangles: Vec<Triangle> = map.carver().triangles().collect();
+        triangles.sort_unstable();
+        let without_evidence = triangles.into_iter().map(|triangle| (triangle, None));
+        self.update_evidence(map, without_evidence.collect(), newest.0);
     }
 
     /// Gives a view another pose, or removes its depth. Follow with [`look_again`](Self::look_again).
@@ -376,7 +396,16 @@ struct Samples {
 }
 
 impl Samples {
-    fn of(corners: [Point3<f64>; 3]) -> Self {
+    /// The samples do not depend on which corner comes first, so not on the numbers of vertices.
+    fn of(mut corners: [Point3<f64>; 3]) -> Self {
+        let order = |a: &Point3<f64>, b: &Point3<f64>| {
+            let mut pairs = a.iter().zip(b.iter());
+            pairs
+                .find_map(|(a, b)| Some(a.total_cmp(b)).filter(|order| order.is_ne()))
+                .unwrap_or(Ordering::Equal)
+        };
+        let first = (0..3).min_by(|a, b| order(&corners[*a], &corners[*b]));
+        corners.rotate_left(first.unwrap_or(0));
         let share = |index: u32| (f64::from(index) + 1.0 / 3.0) / f64::from(SUBDIVISIONS);
         let mut points = [Point3::origin(); SAMPLE_COUNT as usize];
         let pairs = (0..SUBDIVISIONS).flat_map(|i| (0..SUBDIVISIONS - i).map(move |j| (i, j)));

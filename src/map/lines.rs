@@ -225,6 +225,13 @@ impl LineMap {
             .update_postponed(carver, self.landmarks.points(), recolored);
     }
 
+    /// Compares all triangles with the depth of all keyframes. Appends those whose status may have changed.
+    pub(super) fn validate_anew(&mut self, carver: &Carver, revalidated: &mut Vec<Triangle>) {
+        let views = VertexViews::new(carver, self.landmarks.points(), &self.vertices);
+        self.validation.validate_anew(views);
+        revalidated.extend(self.validation.take_changed());
+    }
+
     /// Updates depth validation after a commit without a new view.
     fn update_validation(&mut self, carver: &Carver, delta: SurfaceDelta, update: &mut MapUpdate) {
         let views = VertexViews::new(carver, self.landmarks.points(), &self.vertices);
@@ -329,6 +336,7 @@ impl LineMap {
         let carved = start.elapsed();
         update.times.carving = carved - update.times.matching;
 
+        self.validation.add_view(view, pose, &keyframe.surface);
         let affected = landmarks.contradicted().iter().chain(landmarks.seen());
         if carver.is_deferred() {
             self.vertices.postpone(affected.copied());
@@ -337,13 +345,10 @@ impl LineMap {
         let recolored = &mut update.recolored;
         let (points, affected) = (landmarks.points(), affected.copied());
         self.vertices.update(carver, points, affected, recolored);
-        let conflicts = self.validation.push(
-            VertexViews::new(carver, landmarks.points(), &self.vertices),
-            &report.surface,
-            landmarks.observed(),
-            pose,
-            &keyframe.surface,
-        );
+        let views = VertexViews::new(carver, landmarks.points(), &self.vertices);
+        let conflicts = self
+            .validation
+            .update(views, &report.surface, landmarks.observed());
         update.deltas.push(report.surface);
         if !conflicts.is_empty() {
             // Measurements behind the carved surface become points.
@@ -391,11 +396,14 @@ impl LineMap {
         }
     }
 
-    /// Moves the vertices of a surface to where the dense depth of all keyframes says that they are, and closes small holes where it
-    /// lies along the new triangles.
-    pub(super) fn adjust(&self, mesh: &mut TriangleMesh, holes: HoleFilling) {
+    /// Moves the vertices of a surface to where the dense depth of all keyframes says that they are.
+    pub(super) fn adjust(&self, mesh: &mut TriangleMesh) {
+        adjust_vertices(mesh, &self.validation.dense_surfaces());
+    }
+
+    /// Closes small holes of a surface where the dense depth of keyframes lies along the new triangles.
+    pub(super) fn close_holes(&self, mesh: &mut TriangleMesh, holes: HoleFilling) {
         let surfaces = self.validation.dense_surfaces();
-        adjust_vertices(mesh, &surfaces);
         if holes == HoleFilling::Measured && !surfaces.is_empty() {
             close_holes(mesh, MEASURED_HOLE_EDGES, |triangle| {
                 self.validation.is_along(&surfaces, triangle)

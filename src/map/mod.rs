@@ -66,6 +66,9 @@ pub struct Map {
     median_depth: Option<f64>,
     /// Whether points depend on the surfaces of earlier keyframes, which then have to be carved.
     needs_every_surface: bool,
+    /// Whether the vertices of the final surface go to where dense depth says that they are. Depth from images is off by more than its
+    /// deviations where poses are, and they would go to other surfaces.
+    adjusts_vertices: bool,
     /// Time of carving after the last keyframe.
     final_carving: Option<Duration>,
     /// The exported surface, where it is followed.
@@ -112,9 +115,17 @@ impl Map {
         median_depth: f64,
     ) -> Result<Self, MapError> {
         let mut options = options.clone();
-        if let DepthSource::SemiDense(_) = depth {
-            // A surface that was not matched may well be there, and the deviations of matched depth are too large to tell what is not.
+        let is_dense = match depth {
+            DepthSource::Sensor(_) => true,
+            DepthSource::SemiDense(source) => source.options.is_dense,
+        };
+        if !is_dense {
             options.surface.least_measured_share = 0.0;
+        }
+        if let DepthSource::SemiDense(source) = depth {
+            options.surface_points.refine.largest_gap_px = source.options.largest_gap_px;
+            // The surface at that time depends on provisional keyframes.
+            options.surface_points.correction_sigmas = f64::INFINITY;
         }
         let lines = LineMap::new(&options, camera, depth.noise(), median_depth)?;
         match depth {
@@ -128,9 +139,10 @@ impl Map {
         }
         let contents = Contents::Lines(Box::new(lines));
         let mut map = Self::new(&options, contents, Some(median_depth));
+        let is_sensor = matches!(depth, DepthSource::Sensor(_));
         // Depth images behind the surface become points.
-        let is_compared = options.surface.least_measured_share > 0.0;
-        map.needs_every_surface = is_compared && matches!(depth, DepthSource::Sensor(_));
+        map.needs_every_surface = is_sensor && options.surface.least_measured_share > 0.0;
+        map.adjusts_vertices = is_sensor;
         Ok(map)
     }
 
@@ -181,6 +193,7 @@ impl Map {
             contents,
             median_depth,
             needs_every_surface: false,
+            adjusts_vertices: false,
             final_carving: None,
             surface: None,
             keyframes: 0,
@@ -284,6 +297,11 @@ impl Map {
                 lines.finish_deferred(&self.carver, &mut update.recolored);
             }
             self.final_carving = Some(start.elapsed());
+        }
+        if let Contents::Lines(lines) = &mut self.contents
+            && !self.needs_every_surface
+        {
+            lines.validate_anew(&self.carver, &mut update.revalidated);
         }
         self.note(&update);
         Ok(())
@@ -433,7 +451,10 @@ impl Map {
     pub fn adjusted_surface(&self) -> TriangleMesh {
         let mut mesh = self.surface();
         if let Contents::Lines(lines) = &self.contents {
-            lines.adjust(&mut mesh, self.options.surface.holes);
+            if self.adjusts_vertices {
+                lines.adjust(&mut mesh);
+            }
+            lines.close_holes(&mut mesh, self.options.surface.holes);
         }
         if self.options.surface.holes == HoleFilling::All {
             close_all_holes(&mut mesh);

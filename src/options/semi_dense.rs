@@ -28,6 +28,12 @@ pub struct SemiDenseStage {
     pub is_dense: bool,
     /// The surface between edges.
     pub dense: DenseOptions,
+    /// Number of earlier keyframes whose surfaces are fused with that of a keyframe.
+    pub fused_past: usize,
+    /// Number of later ones. The final keyframe waits for theirs.
+    pub fused_future: usize,
+    /// Side of the squares of an image that receive at least one vertex where a surface was measured, in pixels.
+    pub largest_gap_px: f64,
     /// Longest edge of a triangle of a surface that was measured between edges, as a share of the median scene depth.
     pub longest_edge_share: f64,
 }
@@ -45,6 +51,9 @@ impl Default for SemiDenseStage {
             confirm: ConsistencyOptions::default(),
             is_dense: true,
             dense: DenseOptions::default(),
+            fused_past: 10,
+            fused_future: 3,
+            largest_gap_px: 12.0,
             longest_edge_share: 0.11,
         }
     }
@@ -63,6 +72,7 @@ impl SemiDenseStage {
             ("neighbours.precision", self.neighbours.precision),
             ("neighbours.match_sigma_px", self.neighbours.match_sigma_px),
             ("confirm.chi2", self.confirm.chi2),
+            ("largest_gap_px", self.largest_gap_px),
             ("longest_edge_share", self.longest_edge_share),
         ] {
             if !(value.is_finite() && value > 0.0) {

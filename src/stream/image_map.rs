@@ -109,8 +109,10 @@ impl SessionMap for ImageMap {
             let poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
             is_corrected = poses.summary.is_corrected;
             if is_corrected {
-                let corrected = frames.iter().copied().zip(poses.world_from_camera);
-                self.live.set_poses(corrected);
+                self.live
+                    .set_poses(frames.iter().copied().zip(poses.placed));
+                self.live
+                    .set_fitted_poses(frames.iter().copied().zip(poses.fitted));
             }
             if let Some(k1) = poses.summary.lens_k1 {
                 self.live.set_radial_distortion(k1)?;
@@ -418,6 +420,7 @@ impl ImageMap {
                         return Err(error);
                     }
                 }
+                mapping.mapper.finish()?;
                 return Ok(());
             }
         }
@@ -453,6 +456,7 @@ impl ImageMap {
             None,
             add_arrival,
         )?;
+        mapper.finish()?;
         mapper.follow_surface();
         self.mapping = Some(SemiDenseMapper {
             front_end: None,

@@ -96,7 +96,8 @@ fn exact_poses_stay() {
     let corrected = correct(&sequence);
     assert!(!corrected.summary.is_corrected, "{:?}", corrected.summary);
     assert_eq!(corrected.summary.keyframes, KEYFRAMES);
-    assert_eq!(corrected.world_from_camera, poses(&sequence));
+    assert_eq!(corrected.fitted, poses(&sequence));
+    assert_eq!(corrected.placed, corrected.fitted);
 }
 
 #[test]
@@ -109,7 +110,7 @@ fn disturbed_poses_are_brought_back() {
     assert!(summary.is_corrected && summary.turn_px > 2.0, "{summary:?}");
     assert!(summary.points > 100 && summary.reprojection_rms_px < 1.5);
     let before = error_rad(&poses(&sequence), &truth);
-    let after = error_rad(&corrected.world_from_camera, &truth);
+    let after = error_rad(&corrected.fitted, &truth);
     assert!(before > 0.008 && after < 0.35 * before, "{before} {after}");
 }
 
@@ -122,7 +123,7 @@ fn a_keyframe_without_an_image_keeps_its_pose() {
     assert!(corrected.summary.is_corrected);
     assert_eq!(corrected.summary.keyframes, KEYFRAMES - 1);
     let given = poses(&sequence);
-    for (number, pose) in corrected.world_from_camera.iter().enumerate() {
+    for (number, pose) in corrected.fitted.iter().enumerate() {
         assert_eq!(*pose == given[number], number == 4, "keyframe {number}");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::program::{distort, expect_status, stream, triangles_after};
+use crate::program::{distort, expect_status, stream, triangles_after, with_open_holes};
 use base64::Engine;
 use linecarve::Options;
 use linecarve::stream::{Message, Reply, Session};
@@ -10,7 +10,7 @@ use linecarve_lines::camera::Camera;
 use serde_json::{Value, json};
 
 /// More than the keyframes that one waits for, so that some are finished while messages come.
-const KEYFRAMES: usize = 13;
+const KEYFRAMES: usize = 15;
 
 /// The first images of the sample with their exact poses, and what a run makes of them.
 struct Recording {
@@ -18,6 +18,13 @@ struct Recording {
     images: Vec<PathBuf>,
     poses: Vec<Value>,
     median_depth: Value,
+}
+
+/// A session that closes no holes in the final mesh: its triangles are those of the changes.
+fn stream_with_open_holes(out: &Path, lines: &[String]) -> (Option<i32>, Vec<Value>) {
+    let open = with_open_holes(out.parent().unwrap());
+    let config = open.to_str().unwrap();
+    stream(&["--out", out.to_str().unwrap(), "--config", config], lines)
 }
 
 impl Recording {
@@ -76,7 +83,9 @@ impl Recording {
         let out = self.folder.path().join("batch");
         let sequence = self.folder.path().join("sequence");
         let (sequence, out_text) = (sequence.to_str().unwrap(), out.to_str().unwrap());
+        let open = with_open_holes(self.folder.path());
         let arguments = ["--every", "1", "--depth", "semi-dense", "--final-only"];
+        let arguments = [&arguments[..], &["--config", open.to_str().unwrap()]].concat();
         let quiet = ["--no-picture", "--no-page", "--quiet", "--out", out_text];
         expect_status(
             0,
@@ -124,7 +133,7 @@ impl Recording {
     fn expect_files_of_the_run(&self, messages: &[Value]) -> Vec<Value> {
         let out = self.folder.path().join("live");
         let lines: Vec<String> = messages.iter().map(Value::to_string).collect();
-        let (status, replies) = stream(&["--out", out.to_str().unwrap()], &lines);
+        let (status, replies) = stream_with_open_holes(&out, &lines);
         assert_eq!(status, Some(0), "{replies:?}");
         // One for each message, one for the last estimates, one for the end.
         assert_eq!(replies.len(), messages.len() + 2);
@@ -237,7 +246,7 @@ fn bad_messages_change_nothing() {
     }
     let lines: Vec<String> = messages.iter().map(Value::to_string).collect();
     let out = recording.folder.path().join("live");
-    let (status, replies) = stream(&["--out", out.to_str().unwrap()], &lines);
+    let (status, replies) = stream_with_open_holes(&out, &lines);
     assert_eq!(status, Some(0));
     for (place, (message, expected)) in bad.iter().enumerate() {
         let reply = &replies[6 + place];

@@ -4,12 +4,13 @@ use std::time::{Duration, Instant};
 
 use linecarve_lines::SegmentExtractor;
 use linecarve_lines::depth::semi_dense::{
-    DepthView, MatchView, SemiDenseDepth, enforce_consistency,
+    DenseSurface, DepthView, MatchView, SemiDenseDepth, enforce_consistency,
 };
 use linecarve_lines::triangulation::SurfaceSamples;
 
 use super::resume::CheckpointEntry;
 use super::schedule::Task;
+use super::surface_fusion::MeasuredKeyframe;
 use super::{KeyframeResult, ScheduledTask, SemiDenseFrontEnd, WindowEntry};
 use crate::front_end::edge_points::edge_points;
 use crate::front_end::error::FrontEndError;
@@ -75,9 +76,10 @@ impl SemiDenseFrontEnd {
         }
         let first = self.entry(number).first.as_ref();
         let mut keyframe = self.consistent_keyframe(due, extractor)?;
-        keyframe.times.load = milliseconds(self.entry(number).loading);
-        keyframe.times.edges = milliseconds(self.entry(number).edges);
-        keyframe.times.depth += milliseconds(first.map_or(Duration::ZERO, |first| first.duration));
+        let times = &mut keyframe.keyframe.times;
+        times.load = milliseconds(self.entry(number).loading);
+        times.edges = milliseconds(self.entry(number).edges);
+        times.depth += milliseconds(first.map_or(Duration::ZERO, |first| first.duration));
         let entry = CheckpointEntry {
             emits_provisional: self.emits_provisional,
             provisional: first.and_then(|first| first.keyframe.clone()),
@@ -130,16 +132,16 @@ impl SemiDenseFrontEnd {
         self.extract_keyframe(task, &depth, times, extractor)
     }
 
-    /// The surface of a keyframe between its edges; empty in first estimates.
+    /// The surface of a keyframe from its own images; empty in first estimates.
     fn surface(
         &self,
         task: &Task,
         view: &MatchView,
         depth: &SemiDenseDepth,
-    ) -> Result<SurfaceSamples, FrontEndError> {
+    ) -> Result<DenseSurface, FrontEndError> {
         let options = &self.source.options;
         if !(task.is_final && options.is_dense) {
-            return Ok(SurfaceSamples::default());
+            return Ok(DenseSurface::default());
         }
         let neighbours = self.neighbours(task)?;
         let estimator = &self.estimator;
@@ -177,17 +179,18 @@ impl SemiDenseFrontEnd {
         let start = Instant::now();
         let surface = self.surface(task, view, depth)?;
         times.depth += milliseconds(start.elapsed());
-        Ok(LineKeyframe {
+        let keyframe = LineKeyframe {
             frame: self.entry(task.keyframe).frame,
-            world_from_camera: *view.world_from_camera(),
+            world_from_camera: self.entry(task.keyframe).world_from_camera,
             segments: extraction.segments,
             edge_points,
-            surface,
+            surface: SurfaceSamples::default(),
             colors: self.entry(task.keyframe).colors.clone(),
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,
             edge_pixels_with_depth: extraction.edge_pixels_with_depth,
             times,
-        })
+        };
+        Ok(MeasuredKeyframe { keyframe, surface })
     }
 }

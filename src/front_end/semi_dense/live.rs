@@ -43,8 +43,10 @@ impl SemiDenseFrontEnd {
         &mut self,
         mut pose_of: impl FnMut(usize) -> Option<Isometry3<f64>>,
     ) -> Result<(), FrontEndError> {
+        self.fusion.set_poses(&mut pose_of);
         for (index, entry) in self.window.iter_mut().enumerate() {
             let pose = pose_of(entry.frame);
+            entry.world_from_camera = pose.unwrap_or(entry.world_from_camera);
             self.schedule.set_pose(self.first + index, pose);
             match (&mut entry.view, pose) {
                 (Some(view), Some(pose)) => {

@@ -5,6 +5,7 @@ mod estimates;
 mod live;
 mod resume;
 mod schedule;
+mod surface_fusion;
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -13,10 +14,12 @@ use linecarve_lines::depth::EdgeDepthOptions;
 use linecarve_lines::depth::semi_dense::{MatchView, SemiDense, SemiDenseDepth, ViewGeometry};
 use linecarve_lines::edges::EdgeDetector;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use resume::{CheckpointEntry, ResumePlan};
 use schedule::{Schedule, Task};
+use surface_fusion::{MeasuredKeyframe, SurfaceFusion};
 
 use super::colors::KeyframeColors;
 use super::depth_source::SemiDenseSource;
@@ -26,13 +29,15 @@ use super::{Arrival, Arrivals, Group};
 use crate::run::Checkpoint;
 use linecarve_sequence::Sequence;
 
-type KeyframeResult = Result<LineKeyframe, FrontEndError>;
+type KeyframeResult = Result<MeasuredKeyframe, FrontEndError>;
 
 /// A keyframe in the sliding window.
 pub(super) struct WindowEntry {
     /// Position and name of its frame in the sequence.
     pub(super) frame: usize,
     pub(super) name: String,
+    /// Where the keyframe is; its view has the pose that fits the images.
+    pub(super) world_from_camera: Isometry3<f64>,
     /// `None` when the image cannot be read, the keyframe was removed, or no pending estimate needs it.
     pub(super) view: Option<MatchView>,
     pub(super) colors: KeyframeColors,
@@ -64,6 +69,8 @@ pub(super) struct ScheduledTask {
 pub(super) struct StepTasks {
     fault: Option<(usize, FrontEndError)>,
     due: Vec<ScheduledTask>,
+    /// Whether no keyframe follows.
+    is_last: bool,
 }
 
 /// A loaded frame, and its geometry or error.
@@ -83,6 +90,7 @@ pub struct SemiDenseFrontEnd {
     extractor: SegmentExtractor,
     pub(super) schedule: Schedule,
     pub(super) window: VecDeque<WindowEntry>,
+    fusion: SurfaceFusion,
     /// Number of the first keyframe in the window.
     pub(super) first: usize,
     /// Number of keyframes read.
@@ -112,6 +120,7 @@ impl SemiDenseFrontEnd {
             extractor: SegmentExtractor::new(options)?,
             schedule: Schedule::new(source),
             window: VecDeque::new(),
+            fusion: SurfaceFusion::new(&source.options),
             first: 0,
             read: 0,
         })
@@ -154,6 +163,7 @@ impl SemiDenseFrontEnd {
                 .into_iter()
                 .map(|task| ScheduledTask { step, task })
                 .collect(),
+            is_last: false,
         }
     }
 
@@ -167,6 +177,7 @@ impl SemiDenseFrontEnd {
                 .into_iter()
                 .map(|task| ScheduledTask { step, task })
                 .collect(),
+            is_last: true,
         }
     }
 
@@ -207,21 +218,31 @@ impl SemiDenseFrontEnd {
         for step in steps {
             let fault = step.fault.map(|(number, fault)| (number, Err(fault)));
             arrivals.extend(fault.map(|(number, fault)| (number, Arrival::Final(fault))));
+            let mut newest = None;
             for due in step.due {
                 let number = due.task.keyframe;
-                let arrival = if due.task.is_final {
-                    finals
-                        .next()
-                        .map(|keyframe| Arrival::Final(keyframe.map(boxed)))
-                } else {
+                if due.task.is_final {
+                    newest = Some(number);
+                    match finals.next() {
+                        Some(Ok(measured)) => self.hold(number, measured),
+                        Some(Err(fault)) => arrivals.push((number, Arrival::Final(Err(fault)))),
+                        None => {}
+                    }
+                } else if let Some(keyframe) = provisional.next().flatten() {
                     let delay_keyframes = due.step - number;
-                    let first = provisional.next().flatten();
-                    first.map(|keyframe| Arrival::Provisional {
+                    let arrival = Arrival::Provisional {
                         keyframe: boxed(keyframe),
                         delay_keyframes,
-                    })
-                };
-                arrivals.extend(arrival.map(|arrival| (number, arrival)));
+                    };
+                    arrivals.push((number, arrival));
+                }
+            }
+            if newest.is_some() || step.is_last {
+                let newest = newest.filter(|_| !step.is_last);
+                let released = self.fusion.release(newest).into_iter();
+                arrivals.extend(
+                    released.map(|(number, lines)| (number, Arrival::Final(Ok(boxed(lines))))),
+                );
             }
         }
         while self.first < self.schedule.oldest_needed() {
@@ -229,6 +250,17 @@ impl SemiDenseFrontEnd {
             self.first += 1;
         }
         arrivals
+    }
+
+    /// Keeps a final keyframe until its surface is fused.
+    fn hold(&mut self, number: usize, measured: MeasuredKeyframe) {
+        let entry = &self.window[number - self.first];
+        let geometry = self.schedule.geometry(number);
+        let pose = geometry.map_or(entry.world_from_camera, |it| it.world_from_camera);
+        let camera = geometry.map(|geometry| geometry.camera.clone());
+        if let Some(camera) = camera {
+            self.fusion.push(number, measured, &camera, &pose);
+        }
     }
 
     /// Provisional keyframes, when requested.
@@ -240,7 +272,10 @@ impl SemiDenseFrontEnd {
             let number = due.task.keyframe;
             match CheckpointEntry::load(this.checkpoint.as_ref(), number, true) {
                 Some(entry) => entry.provisional,
-                None => this.consistent_keyframe(due, extractor).ok(),
+                None => {
+                    let measured = this.consistent_keyframe(due, extractor).ok();
+                    measured.map(|measured| measured.keyframe)
+                }
             }
         });
         for (due, keyframe) in due.iter().zip(&keyframes) {
@@ -277,13 +312,14 @@ impl SemiDenseFrontEnd {
         let size = sequence.color_size();
         let geometry = ViewGeometry {
             camera: sequence.color_camera().clone(),
-            world_from_camera: recorded.world_from_camera,
+            world_from_camera: *sequence.fitted_pose(frame),
             width: size.width as usize,
             height: size.height as usize,
         };
         let mut entry = WindowEntry {
             frame,
             name: recorded.name.clone(),
+            world_from_camera: recorded.world_from_camera,
             view: None,
             colors: KeyframeColors::default(),
             loading: Duration::ZERO,

@@ -4,6 +4,7 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
+use super::surface_fusion::MeasuredKeyframe;
 use crate::front_end::keyframe::LineKeyframe;
 use crate::options::SemiDenseStage;
 use crate::run::Checkpoint;
@@ -16,7 +17,7 @@ pub(super) struct CheckpointEntry {
     /// The provisional keyframe, when there was one.
     pub(super) provisional: Option<LineKeyframe>,
     /// The final keyframe.
-    pub(super) keyframe: LineKeyframe,
+    pub(super) keyframe: MeasuredKeyframe,
 }
 
 impl CheckpointEntry {

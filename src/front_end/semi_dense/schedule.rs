@@ -89,6 +89,12 @@ impl Schedule {
         tasks
     }
 
+    /// Camera and pose of a keyframe in the window.
+    pub(super) fn geometry(&self, keyframe: usize) -> Option<&ViewGeometry> {
+        let index = keyframe.checked_sub(self.first)?;
+        Some(&self.window.get(index)?.as_ref()?.geometry)
+    }
+
     /// Replaces the pose of a keyframe in the window; `None` removes it from all later tasks.
     pub(super) fn set_pose(&mut self, keyframe: usize, pose: Option<Isometry3<f64>>) {
         let index = keyframe.checked_sub(self.first);

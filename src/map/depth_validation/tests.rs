@@ -73,8 +73,8 @@ impl Room {
         self.vertices
             .update(&self.carver, &self.points, landmarks, &mut Vec::new());
         let map = VertexViews::new(&self.carver, &self.points, &self.vertices);
-        self.validation
-            .push(map, &report.surface, &seen, &pose, surface)
+        self.validation.add_view(view, &pose, surface);
+        self.validation.update(map, &report.surface, &seen)
     }
 
     /// Moves a landmark that the last view still observes.

@@ -34,7 +34,7 @@ mod photometric;
 mod view;
 
 pub use consistency::{ConsistencyOptions, DepthView, enforce_consistency};
-pub use dense::DenseOptions;
+pub use dense::{DenseOptions, DenseSurface, SurfaceView, fuse_surfaces};
 pub use estimate::{PairReport, SemiDense, SemiDenseDepth};
 pub use neighbours::{NeighbourOptions, ViewGeometry, choose_neighbours};
 pub use options::{InverseDepthRange, SemiDenseOptions, SemiDenseOptionsError};

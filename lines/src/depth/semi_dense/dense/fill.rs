@@ -2,46 +2,61 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 
 use super::field::Grid;
 use super::plane::Noise;
+use super::support::{Demand, SECTORS, Support, SupportedPlane};
 use crate::triangulation::SurfaceSample;
 
 /// Fewest grid pixels of a region.
 const LEAST_CELLS: usize = 12;
 /// Distance around a region within which samples are its border, in grid steps.
 const BORDER: isize = 3;
-/// Fewest samples of a border on the plane.
-const LEAST_SAMPLES: usize = 24;
-/// Round of the random numbers, apart from those of propagation.
-const ROUND: usize = 2000;
-/// Planes tried.
-const TRIALS: usize = 60;
-/// Sectors of directions around the middle of a region.
-const SECTORS: usize = 8;
-/// Fewest of them with a sample on the plane.
-const LEAST_SECTORS: usize = 5;
-/// Least share of a border on the plane.
-const LEAST_SHARE: f64 = 0.6;
-/// Largest distance of a border sample from the plane, in its standard deviations.
-const GATE_SIGMAS: f64 = 2.0;
+/// Demand on the plane of a region.
+const REGION: Demand = Demand {
+    samples: 24,
+    share: 0.6,
+    sectors: 5,
+    extension: 0.0,
+    gate_sigmas: 2.0,
+    trials: 60,
+};
+/// Round of the random numbers of regions, apart from those of propagation.
+const REGION_ROUND: usize = 2000;
 
-/// A sample of a border.
-#[derive(Clone, Copy)]
-struct Border {
-    column: f64,
-    row: f64,
-    rho: f64,
-    sigma: f64,
-}
+/// Directions in which samples are looked for around a single pixel, a multiple of [`SECTORS`].
+const DIRECTIONS: usize = 16;
+/// Samples taken in each direction.
+const TAKEN: usize = 3;
+/// How far they are looked for, in grid steps.
+const REACH: usize = 40;
+/// Demand on the plane of a single pixel.
+const PIXEL: Demand = Demand {
+    samples: 8,
+    share: 0.4,
+    sectors: 4,
+    extension: 8.0,
+    gate_sigmas: 1.5,
+    trials: 30,
+};
+/// Fewest samples around a single pixel.
+const LEAST_AROUND: usize = 18;
+/// Round of the random numbers of single pixels.
+const PIXEL_ROUND: usize = 3000;
 
-/// Closes the connected regions of grid pixels that have no sample and where `is_open`, if the samples around them lie on a plane. Its
-/// standard deviation includes that of the samples and their distances from it.
+/// Closes places without samples and without edges (`is_open`), if the samples around them, on several sides, lie on a plane: first
+/// connected regions as a whole, then single pixels. The standard deviation of a plane includes that of the samples and their distances from
+/// it.
 ///
 /// # Complexity
-/// Linear in the grid pixels, times the pixels of the border window.
+/// Linear in the grid pixels, times the samples around each.
 pub(super) fn fill(grid: &Grid, samples: &mut [SurfaceSample], is_open: &[bool]) {
+    fill_regions(grid, samples, is_open);
+    fill_pixels(grid, samples, is_open);
+}
+
+fn fill_regions(grid: &Grid, samples: &mut [SurfaceSample], is_open: &[bool]) {
     let measured = samples.to_vec();
     let mut is_left: Vec<bool> = is_open
         .iter()
@@ -58,21 +73,46 @@ pub(super) fn fill(grid: &Grid, samples: &mut [SurfaceSample], is_open: &[bool])
             continue;
         }
         let border = border(grid, &measured, &cells);
-        let Some((plane, sigma)) = plane_of(&border, &cells, grid) else {
+        let noise = Noise::new(cells[0], REGION_ROUND);
+        let Some(plane) = SupportedPlane::of(&border, &REGION, noise) else {
             continue;
         };
-        let spacing = f64::from(grid.spacing);
         for &index in &cells {
             let (column, row) = (index % grid.columns, index / grid.columns);
-            let rho = plane.dot(&Vector3::new(1.0, column as f64, row as f64));
-            if rho > 0.0 {
-                samples[index] = SurfaceSample {
-                    rho: rho as f32,
-                    slope: [(plane.y / spacing) as f32, (plane.z / spacing) as f32],
-                    sigma: sigma as f32,
-                };
-            }
+            samples[index] = sample(grid, &plane, column as f64, row as f64);
         }
+    }
+}
+
+fn fill_pixels(grid: &Grid, samples: &mut [SurfaceSample], is_open: &[bool]) {
+    let measured = samples.to_vec();
+    samples
+        .par_iter_mut()
+        .enumerate()
+        .filter(|(index, sample)| is_open[*index] && !(sample.rho > 0.0))
+        .for_each_init(Vec::new, |around, (index, open)| {
+            look_around(grid, &measured, index, around);
+            if around.len() < LEAST_AROUND {
+                return;
+            }
+            let noise = Noise::new(index, PIXEL_ROUND);
+            if let Some(plane) = SupportedPlane::of(around, &PIXEL, noise) {
+                *open = sample(grid, &plane, 0.0, 0.0);
+            }
+        });
+}
+
+/// The sample on a plane; none where it reaches infinite depth.
+fn sample(grid: &Grid, plane: &SupportedPlane, column: f64, row: f64) -> SurfaceSample {
+    let rho = plane.at(column, row);
+    if !(rho > 0.0) {
+        return SurfaceSample::default();
+    }
+    let spacing = f64::from(grid.spacing);
+    SurfaceSample {
+        rho: rho as f32,
+        slope: [plane.plane.y, plane.plane.z].map(|change| (change / spacing) as f32),
+        sigma: plane.sigma as f32,
     }
 }
 
@@ -101,7 +141,7 @@ fn take_region(grid: &Grid, is_left: &mut [bool], seed: usize, cells: &mut Vec<u
 }
 
 /// The samples around a region.
-fn border(grid: &Grid, measured: &[SurfaceSample], cells: &[usize]) -> Vec<Border> {
+fn border(grid: &Grid, measured: &[SurfaceSample], cells: &[usize]) -> Vec<Support> {
     let mut around: Vec<usize> = Vec::new();
     for &index in cells {
         let (column, row) = (index % grid.columns, index / grid.columns);
@@ -116,88 +156,52 @@ fn border(grid: &Grid, measured: &[SurfaceSample], cells: &[usize]) -> Vec<Borde
     }
     around.sort_unstable();
     around.dedup();
-    let samples = around.into_iter().map(|index| Border {
-        column: (index % grid.columns) as f64,
-        row: (index / grid.columns) as f64,
-        rho: measured[index].rho.into(),
-        sigma: measured[index].sigma.into(),
-    });
-    samples.collect()
-}
-
-/// Distance of a border sample from a plane.
-fn residual(plane: &Vector3<f64>, sample: &Border) -> f64 {
-    (plane.x + plane.y * sample.column + plane.z * sample.row - sample.rho).abs()
-}
-
-fn is_near(plane: &Vector3<f64>, sample: &Border) -> bool {
-    residual(plane, sample) <= GATE_SIGMAS * sample.sigma
-}
-
-/// The plane over columns and rows on which most of a border lies, from several sides, and its standard deviation.
-fn plane_of(border: &[Border], cells: &[usize], grid: &Grid) -> Option<(Vector3<f64>, f64)> {
-    if border.len() < LEAST_SAMPLES {
-        return None;
-    }
-    let mut plane = consensus(border, cells[0])?;
-    for _ in 0..2 {
-        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-        for sample in border.iter().filter(|sample| is_near(&plane, sample)) {
-            let row = Vector3::new(1.0, sample.column, sample.row);
-            let weight = sample.sigma.powi(-2);
-            normal += weight * row * row.transpose();
-            right += weight * sample.rho * row;
-        }
-        plane = normal.try_inverse()? * right;
-    }
-    let near = border.iter().filter(|sample| is_near(&plane, sample));
-    let inliers: Vec<&Border> = near.collect();
-    if inliers.len() < LEAST_SAMPLES
-        || (inliers.len() as f64) < LEAST_SHARE * border.len() as f64
-        || sector_count(&inliers, cells, grid) < LEAST_SECTORS
-    {
-        return None;
-    }
-    let squares: f64 = inliers
-        .iter()
-        .map(|sample| residual(&plane, sample).powi(2) + sample.sigma.powi(2))
-        .sum();
-    Some((plane, (squares / inliers.len() as f64).sqrt()))
-}
-
-/// The plane through three samples that most others are near; the same for the same `seed`.
-fn consensus(border: &[Border], seed: usize) -> Option<Vector3<f64>> {
-    let mut noise = Noise::new(seed, ROUND);
-    let mut best: Option<(usize, Vector3<f64>)> = None;
-    for _ in 0..TRIALS {
-        let mut pick = || {
-            let share = 0.5 * (1.0 + noise.next());
-            border[((share * border.len() as f32) as usize).min(border.len() - 1)]
-        };
-        let picked = [pick(), pick(), pick()];
-        let rows = Matrix3::from_fn(|i, j| [1.0, picked[i].column, picked[i].row][j]);
-        let Some(inverse) = rows.try_inverse() else {
-            continue;
-        };
-        let plane = inverse * Vector3::from_fn(|i, _| picked[i].rho);
-        let count = border.iter().filter(|b| is_near(&plane, b)).count();
-        if best.is_none_or(|(most, _)| count > most) {
-            best = Some((count, plane));
-        }
-    }
-    best.map(|(_, plane)| plane)
-}
-
-/// Number of sectors around the middle of a region that have a sample.
-fn sector_count(samples: &[&Border], cells: &[usize], grid: &Grid) -> usize {
     let count = cells.len() as f64;
     let mean = |sum: usize| sum as f64 / count;
     let x = mean(cells.iter().map(|index| index % grid.columns).sum());
     let y = mean(cells.iter().map(|index| index / grid.columns).sum());
-    let mut has_sample = [false; SECTORS];
-    for sample in samples {
-        let turn = (sample.row - y).atan2(sample.column - x) / TAU + 0.5;
-        has_sample[((turn * SECTORS as f64) as usize).min(SECTORS - 1)] = true;
+    let samples = around.into_iter().map(|index| {
+        let (column, row) = ((index % grid.columns) as f64, (index / grid.columns) as f64);
+        let turn = (row - y).atan2(column - x) / TAU + 0.5;
+        Support {
+            column,
+            row,
+            rho: measured[index].rho.into(),
+            sigma: measured[index].sigma.into(),
+            sector: ((turn * SECTORS as f64) as usize).min(SECTORS - 1),
+        }
+    });
+    samples.collect()
+}
+
+/// Fills `around` with the first samples in each direction from a pixel; their places are relative to it.
+fn look_around(grid: &Grid, measured: &[SurfaceSample], index: usize, around: &mut Vec<Support>) {
+    around.clear();
+    let (column, row) = (index % grid.columns, index / grid.columns);
+    for direction in 0..DIRECTIONS {
+        let angle = direction as f64 / DIRECTIONS as f64 * TAU;
+        let (dx, dy) = (angle.cos(), angle.sin());
+        let scale = dx.abs().max(dy.abs()).recip();
+        let mut taken = 0;
+        for step in 1..=REACH {
+            let along = |component: f64| (component * scale * step as f64).round() as isize;
+            let away = [along(dx), along(dy)];
+            let x = column.wrapping_add_signed(away[0]);
+            let y = row.wrapping_add_signed(away[1]);
+            if x >= grid.columns || y >= grid.rows || taken == TAKEN {
+                break;
+            }
+            let other = &measured[y * grid.columns + x];
+            if other.rho > 0.0 {
+                taken += 1;
+                around.push(Support {
+                    column: away[0] as f64,
+                    row: away[1] as f64,
+                    rho: other.rho.into(),
+                    sigma: other.sigma.into(),
+                    sector: direction * SECTORS / DIRECTIONS,
+                });
+            }
+        }
     }
-    has_sample.iter().filter(|has_sample| **has_sample).count()
 }

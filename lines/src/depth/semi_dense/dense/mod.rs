@@ -5,7 +5,9 @@
 //!    random, on a coarse grid with large patches first, then on a fine one with the four best neighbours of each pixel.
 //! 3. A plane is a measurement where the correlation is high, has a maximum along the view ray that is sharp enough, and where the pixels around lie
 //!    on it. Their mean plane is taken. Where small patches have too little texture, those of the coarse grid are used.
-//! 4. Regions without edges that are still open are closed by a plane where most of the samples around them, on several sides, lie on it.
+//! 4. Next to edges the planes beyond the reach of a patch are taken, so that objects do not grow.
+//! 5. The surfaces of several keyframes are fused ([`fuse_surfaces`]): what most agree on is kept, and each keyframe gets what the others saw.
+//! 6. Places without edges that are still open are closed by a plane where most of the samples around them, on several sides, lie on it.
 //!
 //! # Reference
 //! M. Bleyer, C. Rhemann, C. Rother, PatchMatch Stereo, BMVC 2011. The chequerboard is that of S. Galliani, K. Lasinger, K. Schindler,
@@ -17,14 +19,20 @@
 
 mod field;
 mod fill;
+mod fuse;
 mod initial;
 mod level;
 mod measure;
 mod options;
+mod outlines;
 mod plane;
 mod score;
+mod support;
+mod warp;
 
+pub use fuse::fuse_surfaces;
 pub use options::DenseOptions;
+pub use warp::SurfaceView;
 
 use self::field::{Field, Grid, Variation};
 use self::initial::EdgeTriangles;
@@ -44,7 +52,9 @@ const LEAST_KNOWN: usize = 50;
 /// Random planes of a pixel with and without a prediction.
 const RANDOM_PLANES: [usize; 2] = [1, 5];
 /// Rounds on the coarse grid.
-const COARSE_ROUNDS: usize = 4;
+const COARSE_ROUNDS: usize = 3;
+/// Round of the random numbers of the fine grid.
+const FINE_ROUND: usize = 4;
 /// Neighbours that a pixel of the fine grid is compared with.
 const FINE_SOURCES: usize = 4;
 /// Weight of samples that differ from the centre of a patch: exp(-d / 15), d in grey levels.
@@ -52,6 +62,16 @@ const LEVEL_RANGE: f32 = 15.0;
 const LEAST_WEIGHT: f32 = 1e-3;
 /// Rounds of random numbers that start no round of propagation.
 const INITIAL_ROUND: usize = 1000;
+
+/// The surface of a keyframe from its own images, before it is [fused](fuse_surfaces) with others.
+#[derive(Debug, Clone, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct DenseSurface {
+    /// What was measured.
+    pub samples: SurfaceSamples,
+    /// Flags the grid pixels without an image edge, row by row: there the surface may go on where nothing was measured.
+    pub is_open: Vec<bool>,
+}
 
 /// The pair of the reference and a neighbour.
 struct Pair<'a> {
@@ -78,10 +98,10 @@ impl SemiDense {
         depth: &SemiDenseDepth,
         neighbours: &[&MatchView],
         options: &DenseOptions,
-    ) -> SurfaceSamples {
+    ) -> DenseSurface {
         let pairs = pairs(reference, depth, neighbours, options);
         let Some(range) = depth_range(depth).filter(|_| pairs.len() >= MIN_SOURCES) else {
-            return SurfaceSamples::default();
+            return DenseSurface::default();
         };
         let bounds = PlaneBounds::new(range, reference.camera());
         let image = reference.smoothed();
@@ -119,8 +139,12 @@ impl SemiDense {
                 *sample = SurfaceSample { rho, ..known };
             }
         }
-        fill::fill(&grid, &mut samples, &without_edges(reference, &grid));
-        grid.into_surface(samples)
+        let is_open = without_edges(reference, &grid);
+        outlines::separate(&grid, &mut samples, &is_open);
+        DenseSurface {
+            samples: grid.into_surface(samples),
+            is_open,
+        }
     }
 }
 
@@ -233,7 +257,7 @@ fn fine_field(
         candidates.extend(predicted[index]);
     });
     let variations = [(0.02, 0.2), (0.005, 0.05)].map(|(depth, tilt)| Variation { depth, tilt });
-    field.improve(matcher, bounds, COARSE_ROUNDS, &variations);
+    field.improve(matcher, bounds, FINE_ROUND, &variations);
     field
 }
 

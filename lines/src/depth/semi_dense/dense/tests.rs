@@ -3,7 +3,9 @@
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 
 use crate::camera::Camera;
-use crate::depth::semi_dense::{DenseOptions, MatchView, SemiDense, SemiDenseOptions};
+use crate::depth::semi_dense::{
+    DenseOptions, MatchView, SemiDense, SemiDenseOptions, SurfaceView, fuse_surfaces,
+};
 use crate::edges::EdgeDetector;
 use crate::image::GrayImage;
 use crate::triangulation::{SurfaceSample, SurfaceSamples};
@@ -72,7 +74,13 @@ fn surface(views: &[MatchView]) -> SurfaceSamples {
     let estimator = SemiDense::new(SemiDenseOptions::default()).unwrap();
     let neighbours: Vec<&MatchView> = views[1..].iter().collect();
     let depth = estimator.estimate(&views[0], &neighbours, None).unwrap();
-    estimator.dense_surface(&views[0], &depth, &neighbours, &DenseOptions::default())
+    let surface = estimator.dense_surface(&views[0], &depth, &neighbours, &DenseOptions::default());
+    let view = SurfaceView {
+        samples: &surface.samples,
+        camera: views[0].camera(),
+        world_from_camera: views[0].world_from_camera(),
+    };
+    fuse_surfaces(&view, &[], &surface.is_open)
 }
 
 fn known(surface: &SurfaceSamples) -> Vec<(Point2<f64>, SurfaceSample)> {
