@@ -156,6 +156,10 @@ pub(crate) enum MethodChoice {
     EdgeAided,
     /// Segments detected in the image (EDLines), then a line through the depths along each by RANSAC.
     Decoupled,
+    /// Segments detected in the image (EDLines), then a line through the points in space along each by RANSAC.
+    Ransac,
+    /// Algorithm 1 and the clustering of the paper to the letter.
+    Paper,
     /// Segments detected in the images and matched between keyframes (Line3D++); uses no depth.
     Matched,
     /// No lines: every pixel with a strong gradient and a depth, as `points.ply`.
@@ -167,6 +171,8 @@ impl From<MethodChoice> for Method {
         match choice {
             MethodChoice::EdgeAided => Self::EdgeAided,
             MethodChoice::Decoupled => Self::Decoupled,
+            MethodChoice::Ransac => Self::Ransac,
+            MethodChoice::Paper => Self::Paper,
             MethodChoice::Matched => Self::Matched,
             MethodChoice::Points => Self::Points,
         }

@@ -244,7 +244,11 @@ impl Decoupled {
 
 /// The inverse depth at a position: bilinear between the four pixels around it, which is exact on a plane, or that of the nearest
 /// pixel where one is unknown or they differ by more than the share `jump`.
-fn inverse_depth(depth: &InverseDepthMap, pixel: &Point2<f64>, jump: f64) -> Option<f64> {
+pub(super) fn inverse_depth(
+    depth: &InverseDepthMap,
+    pixel: &Point2<f64>,
+    jump: f64,
+) -> Option<f64> {
     let rho = |x: f64, y: f64| {
         let measured = (x >= 0.0 && y >= 0.0).then(|| depth.get(x as usize, y as usize))?;
         Some(f64::from(measured?.rho))

@@ -9,7 +9,9 @@ use super::decoupled::{Decoupled, DecoupledOptions};
 use super::edge_aided::EdgeAided;
 use super::line_detection::{LineDetectorOptions, LineDetectorOptionsError};
 use super::matched::{Matched, MatchedOptions};
+use super::paper::{Paper, PaperOptions};
 use super::points::{PointCloud, PointCloudOptions};
+use super::ransac::{Ransac, RansacOptions};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
@@ -149,6 +151,10 @@ pub enum Method {
     EdgeAided,
     /// Detection in the image and depth by RANSAC, one after the other.
     Decoupled,
+    /// Detection in the image, then RANSAC on the points in space along each segment.
+    Ransac,
+    /// Algorithm 1 of the paper to the letter.
+    Paper,
     /// Detection in images and matching between views.
     Matched,
     /// Every pixel with a strong gradient and a depth.
@@ -160,6 +166,8 @@ impl std::fmt::Display for Method {
         formatter.pad(match self {
             Self::EdgeAided => "edge-aided",
             Self::Decoupled => "decoupled",
+            Self::Ransac => "ransac",
+            Self::Paper => "paper",
             Self::Matched => "matched",
             Self::Points => "points",
         })
@@ -175,6 +183,10 @@ pub struct MethodOptions {
     pub detector: LineDetectorOptions,
     /// Depth along them.
     pub decoupled: DecoupledOptions,
+    /// Lines through points in space.
+    pub ransac: RansacOptions,
+    /// The paper to the letter.
+    pub paper: PaperOptions,
     /// Matching between views.
     pub matched: MatchedOptions,
     /// The point cloud.
@@ -198,6 +210,8 @@ impl Method {
             Self::Decoupled => {
                 Box::new(Decoupled::new(edges, options.detector, options.decoupled)?)
             }
+            Self::Ransac => Box::new(Ransac::new(edges, options.detector, options.ransac)?),
+            Self::Paper => Box::new(Paper::new(edges, options.paper)?),
             Self::Matched => Box::new(Matched::new(edges, options.detector, options.matched)?),
             Self::Points => Box::new(PointCloud::new(options.points)?),
         })

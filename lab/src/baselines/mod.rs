@@ -8,9 +8,11 @@
 //! | [`EdgeAided`] | segments grown along edge chains in image and depth together | needed |
 //! | [`Decoupled`] | line segments detected in the image, then a line through the depths along each by RANSAC | needed |
 //! | [`Matched`] | line segments detected in the images, matched between views, scored, grouped over views | unused |
+//! | [`Ransac`] | line segments detected in the image, then a line through the 3D points along each by RANSAC | needed |
+//! | [`Paper`] | Algorithm 1 of the paper to the letter | needed |
 //! | [`PointCloud`] | every pixel with a strong gradient and a depth | needed |
 //!
-//! The two line baselines share [`LineDetector`], which finds straight segments on the edge chains that edge-aided fitting
+//! The baselines that detect lines share [`LineDetector`], which finds straight segments on the edge chains that edge-aided fitting
 //! starts from, so that methods differ in their use of depth, not in their edges.
 
 mod decoupled;
@@ -19,7 +21,9 @@ mod image_segments;
 pub mod line_detection;
 mod matched;
 mod method;
+mod paper;
 mod points;
+mod ransac;
 
 pub use decoupled::{Decoupled, DecoupledOptions};
 pub use edge_aided::EdgeAided;
@@ -29,4 +33,6 @@ pub use method::{
     Findings, FoundPoint, FoundSegment, LineMethod, Method, MethodError, MethodOptions,
     PosedKeyframe,
 };
+pub use paper::{Paper, PaperClusterOptions, PaperClusterer, PaperOptions};
 pub use points::{PointCloud, PointCloudOptions};
+pub use ransac::{Ransac, RansacOptions};

@@ -10,7 +10,9 @@ use linecarve::front_end::{DepthSource, FrontEndError};
 use linecarve::report::KeyframeReport;
 use linecarve::run::{Progress, StageTimes, Verbosity, milliseconds};
 use linecarve::{Recording, Source};
-use linecarve_lab::baselines::{Findings, LineMethod, Method, MethodOptions, PosedKeyframe};
+use linecarve_lab::baselines::{
+    Findings, LineMethod, Method, MethodOptions, PaperOptions, PosedKeyframe,
+};
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
 
@@ -54,6 +56,10 @@ pub(super) fn run(
     );
     let mut runner = method.build(&MethodOptions {
         extract: recording.options.extract(),
+        paper: PaperOptions {
+            unit: recording.median_depth.unwrap_or(1.0),
+            ..PaperOptions::default()
+        },
         ..MethodOptions::default()
     })?;
     let mut findings = Findings::default();

@@ -12,7 +12,7 @@ use linecarve::report::{
 use linecarve::run::peak_mb;
 use linecarve::sinks::Format;
 use linecarve_lab::baselines::{Findings, Method};
-use linecarve_lines::cluster::SegmentClusterer;
+use linecarve_lab::tables::methods::cluster_lines;
 use linecarve_mesh::{
     Geometry, GlbPart, LineSet, TriangleMesh, write_glb, write_lines_obj, write_lines_ply,
     write_mesh_ply,
@@ -70,16 +70,9 @@ impl<'a> Output<'a> {
             return Ok(());
         }
         let median_depth = self.recording.median_depth.unwrap_or(1.0);
-        let mut clusterer = SegmentClusterer::new(self.recording.options.cluster, median_depth)?;
-        let mut events = Vec::new();
-        for ends in ends {
-            events.clear();
-            clusterer.insert(ends, &mut events);
-        }
-        let clusters = clusterer
-            .clusters()
-            .map(|(_, cluster)| cluster.representative.ends);
-        let mut clusters = LineSet::from_segments(clusters);
+        let options = self.recording.options.cluster;
+        let lines = cluster_lines(self.method, ends, options, median_depth)?;
+        let mut clusters = LineSet::from_segments(lines);
         clusters.translate(&origin);
         self.result.clusters = clusters.lines.len();
         self.write_lines("clusters", CLUSTER, &clusters)
@@ -190,6 +183,8 @@ fn command(method: Method) -> &'static str {
     match method {
         Method::EdgeAided => "lines",
         Method::Decoupled => "lines --method decoupled",
+        Method::Ransac => "lines --method ransac",
+        Method::Paper => "lines --method paper",
         Method::Matched => "lines --method matched",
         Method::Points => "lines --method points",
     }
@@ -209,7 +204,7 @@ pub(super) fn nothing(method: Method, keyframes: usize) -> String {
             "no pixel of {keyframes} keyframe(s) has both a strong gradient and a depth: are the images black, blurred or \
              overexposed?"
         ),
-        Method::EdgeAided | Method::Decoupled => format!(
+        Method::EdgeAided | Method::Decoupled | Method::Ransac | Method::Paper => format!(
             "no segment was found in {keyframes} keyframe(s): are the images black, blurred or overexposed, and do depth \
              and colour belong together?"
         ),

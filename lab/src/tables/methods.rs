@@ -3,7 +3,8 @@
 use std::time::Instant;
 
 use crate::baselines::{
-    Findings, FoundSegment, LineMethod, Method, MethodError, MethodOptions, PosedKeyframe,
+    Findings, FoundSegment, LineMethod, Method, MethodError, MethodOptions, PaperClusterOptions,
+    PaperClusterer, PosedKeyframe,
 };
 use linecarve_lines::cluster::{ClusterOptions, ClusterOptionsError, SegmentClusterer};
 use linecarve_lines::depth::InverseDepthMap;
@@ -119,23 +120,45 @@ impl Runs {
     }
 }
 
+/// The lines of the clusters of segments: those of the product, or those of the paper for [`Method::Paper`].
+///
+/// # Errors
+/// When an option is out of range.
+pub fn cluster_lines(
+    method: Method,
+    segments: impl Iterator<Item = [Point3<f64>; 2]>,
+    options: ClusterOptions,
+    median_depth: f64,
+) -> Result<Vec<[Point3<f64>; 2]>, ClusterOptionsError> {
+    if method == Method::Paper {
+        let mut clusterer = PaperClusterer::new(PaperClusterOptions::with_unit(median_depth));
+        segments.for_each(|ends| clusterer.insert(ends));
+        return Ok(clusterer.lines().collect());
+    }
+    let mut clusterer = SegmentClusterer::new(options, median_depth)?;
+    let mut events = Vec::new();
+    for ends in segments {
+        events.clear();
+        clusterer.insert(ends, &mut events);
+    }
+    let clusters = clusterer.clusters();
+    Ok(clusters.map(|(_, c)| c.representative.ends).collect())
+}
+
 /// The clusters of a method's segments as a run of their own; the time is divided by `keyframes`.
 ///
 /// # Errors
 /// When an option is out of range.
 pub fn clustered(
     run: &MethodRun,
+    method: Method,
     options: ClusterOptions,
     median_depth: f64,
     keyframes: usize,
 ) -> Result<MethodRun, ClusterOptionsError> {
     let start = Instant::now();
-    let mut clusterer = SegmentClusterer::new(options, median_depth)?;
-    let mut events = Vec::new();
-    for segment in &run.segments {
-        events.clear();
-        clusterer.insert(segment.ends_in_world, &mut events);
-    }
+    let ends = run.segments.iter().map(|segment| segment.ends_in_world);
+    let lines = cluster_lines(method, ends, options, median_depth)?;
     let mut stages = run.stages.clone();
     stages.push(StageTime {
         stage: "cluster".to_owned(),
@@ -144,10 +167,10 @@ pub fn clustered(
     Ok(MethodRun {
         name: format!("{}, clustered", run.name),
         depth: run.depth,
-        segments: clusterer
-            .clusters()
-            .map(|(_, cluster)| FoundSegment {
-                ends_in_world: cluster.representative.ends,
+        segments: lines
+            .into_iter()
+            .map(|ends_in_world| FoundSegment {
+                ends_in_world,
                 keyframe: None,
             })
             .collect(),

@@ -6,14 +6,20 @@ use anyhow::{Context, ensure};
 use linecarve::front_end::{DepthSource, SemiDenseSource, median_depth_from_images};
 use linecarve::run::{Progress, Verbosity, milliseconds};
 use linecarve::{DepthChoice, Input, Recording, Selection};
-use linecarve_lab::baselines::{Method, MethodOptions};
+use linecarve_lab::baselines::{Method, MethodOptions, PaperOptions};
 use linecarve_lab::tables::methods::{MethodRun, Runs, StageTime, clustered};
 use linecarve_lines::depth::EdgeDepthOptions;
 
 use super::semi_dense;
 
 /// The methods that need depth.
-const WITH_DEPTH: [Method; 3] = [Method::Points, Method::Decoupled, Method::EdgeAided];
+const WITH_DEPTH: [Method; 5] = [
+    Method::Points,
+    Method::Decoupled,
+    Method::Ransac,
+    Method::Paper,
+    Method::EdgeAided,
+];
 
 /// The results of all methods on the keyframes that could be used.
 pub(super) struct Results {
@@ -32,6 +38,10 @@ pub(super) fn median_depth(recording: &Recording) -> f64 {
 fn method_options(recording: &Recording) -> MethodOptions {
     MethodOptions {
         extract: recording.options.extract(),
+        paper: PaperOptions {
+            unit: median_depth(recording),
+            ..PaperOptions::default()
+        },
         ..MethodOptions::default()
     }
 }
@@ -158,7 +168,7 @@ pub(super) fn corrected(
     Ok(corrected)
 }
 
-/// The runs, each run of edge-aided segments followed by its clusters.
+/// The runs, each run of edge-aided segments and of the paper followed by its clusters.
 pub(super) fn with_clusters(
     runs: Vec<MethodRun>,
     recording: &Recording,
@@ -166,10 +176,12 @@ pub(super) fn with_clusters(
 ) -> anyhow::Result<Vec<MethodRun>> {
     let mut all = Vec::with_capacity(runs.len() + 1);
     for run in runs {
-        let clusters = (run.name == Method::EdgeAided.to_string())
-            .then(|| {
+        let clusters = [Method::EdgeAided, Method::Paper]
+            .into_iter()
+            .find(|method| run.name == method.to_string())
+            .map(|method| {
                 let options = recording.options.cluster;
-                clustered(&run, options, median_depth(recording), keyframes)
+                clustered(&run, method, options, median_depth(recording), keyframes)
             })
             .transpose()?;
         all.push(run);
