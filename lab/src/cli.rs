@@ -112,9 +112,18 @@ pub(crate) struct TablesArgs {
     #[command(flatten)]
     pub(crate) input: SequenceArgs,
 
-    /// Mesh of the true surface, in the frame of the poses.
-    #[arg(long, value_name = "MESH")]
+    /// Mesh or cloud of the true surface, or the points of a COLMAP model (points3D.txt, points3D.bin).
+    #[arg(long, value_name = "FILE")]
     pub(crate) ground_truth: PathBuf,
+
+    /// Move the ground truth to the frame of the poses, by a transformation that is estimated once, on the points of the
+    /// keyframes, and applied to all methods.
+    #[arg(long, value_enum, default_value_t = AlignArg::None)]
+    pub(crate) align: AlignArg,
+
+    /// Two files of camera positions, from which the alignment begins; without, the frames must nearly agree.
+    #[arg(long, num_args = 2, value_names = ["ESTIMATED", "TRUE"])]
+    pub(crate) trajectories: Option<Vec<PathBuf>>,
 
     /// The keyframes.
     #[command(flatten)]
@@ -135,6 +144,17 @@ pub(crate) struct TablesArgs {
     /// One JSON object on standard output in place of text.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Alignments with the ground truth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AlignArg {
+    /// The ground truth is in the frame of the poses.
+    None,
+    /// Rotation and translation.
+    Se3,
+    /// Rotation, translation and scale.
+    Sim3,
 }
 
 /// Arguments of `lines`.

@@ -104,7 +104,7 @@ fn tables_as_text_name_rows_and_bars() {
 }
 
 #[test]
-fn a_ground_truth_without_triangles_is_refused() {
+fn a_ground_truth_of_lines_is_refused() {
     let folder = small_sequence(2);
     let sequence = folder.path().join("sequence");
     let (_, error) = tables(2, &sequence, &folder.path().join("nowhere.ply"), &[]);
@@ -113,7 +113,7 @@ fn a_ground_truth_without_triangles_is_refused() {
     std::fs::write(&points, "v 0 0 0\nv 1 0 0\nl 1 2\n").unwrap();
     let (_, error) = tables(2, &sequence, &points, &[]);
     assert!(
-        error.contains("points.obj") && error.contains("triangles"),
+        error.contains("points.obj") && error.contains("lines and no triangles"),
         "{error}"
     );
 }

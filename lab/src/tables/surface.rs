@@ -5,9 +5,9 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use linecarve_mesh::raycast::RayScene;
+use super::truth::Truth;
 
-/// Distances to the ground truth, in units of the poses.
+/// Distances to the ground truth, in its units.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct SurfaceMeasure {
     /// Distances of end points: the measure of the paper's Table I.
@@ -48,13 +48,10 @@ impl Distances {
     }
 }
 
-/// Distances of segments to a surface. Samples along a segment are at most `step` apart; each segment has at least one.
-pub fn measure(scene: &RayScene, segments: &[FoundSegment], step: f64) -> SurfaceMeasure {
-    let distance = |point: &Point3<f64>| {
-        scene
-            .closest(point, f64::INFINITY)
-            .map(|closest| closest.distance)
-    };
+/// Distances of segments to the ground truth. Samples along a segment are at most `step` apart, in units of the poses; each segment
+/// has at least one.
+pub fn measure(truth: &Truth, segments: &[FoundSegment], step: f64) -> SurfaceMeasure {
+    let distance = |point: &Point3<f64>| truth.distance(point);
     let found: Vec<(Vec<f64>, Vec<f64>)> = segments
         .par_iter()
         .map(|segment| {
@@ -80,24 +77,29 @@ pub fn measure(scene: &RayScene, segments: &[FoundSegment], step: f64) -> Surfac
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linecarve_mesh::TriangleMesh;
+    use linecarve_mesh::Shape;
+    use nalgebra::Similarity3;
 
     #[test]
     fn a_slanted_segment_over_a_floor() {
-        let floor = TriangleMesh {
+        let floor = Shape {
             positions: vec![
                 Point3::new(-9.0, -9.0, 0.0),
                 Point3::new(9.0, -9.0, 0.0),
                 Point3::new(0.0, 9.0, 0.0),
             ],
             triangles: vec![[0, 1, 2]],
-            colors: None,
+            ..Shape::default()
         };
         let segment = FoundSegment {
             ends_in_world: [Point3::new(0.0, 0.0, 0.0), Point3::new(1.0, 0.0, 0.2)],
             keyframe: None,
         };
-        let measure = measure(&RayScene::new(&floor), &[segment], 0.01);
+        let measure = measure(
+            &Truth::new(floor, &Similarity3::identity()),
+            &[segment],
+            0.01,
+        );
         assert!((measure.ends.mean - 0.1).abs() < 1e-12);
         assert_eq!(measure.ends.count, 2);
         assert!((measure.along.mean - 0.1).abs() < 1e-3);

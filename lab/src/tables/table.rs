@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::images::ImageMeasure;
 use super::methods::{MethodRun, StageTime};
 use super::surface::SurfaceMeasure;
+use super::truth::TruthAlignment;
 
 /// One method with one source of depth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -19,7 +20,7 @@ pub struct Row {
     pub segments: usize,
     /// Vertices: two a segment, one a point (the paper's Table II).
     pub vertices: usize,
-    /// Distances to the ground truth, in units of the poses.
+    /// Distances to the ground truth, in its units.
     pub surface: SurfaceMeasure,
     /// Distances to the edges of images; `None` for points.
     pub images: Option<ImageMeasure>,
@@ -71,8 +72,12 @@ pub struct Tables {
     pub sequence: String,
     /// Number of keyframes.
     pub keyframes: usize,
-    /// Triangles of the ground truth.
+    /// Triangles of the ground truth; 0 for a cloud.
     pub ground_truth_triangles: usize,
+    /// Points of the ground truth, when it is a cloud: distances are to the nearest of them.
+    pub ground_truth_points: usize,
+    /// The alignment with the ground truth, the same for all methods, if one was asked for.
+    pub alignment: Option<TruthAlignment>,
     /// Median depth of the scene in units of the poses.
     pub median_depth: f64,
     /// Milliseconds a keyframe for depth maps, by source.
@@ -99,57 +104,63 @@ pub fn ratios(rows: &[Row]) -> Vec<Ratio> {
         rows.iter()
             .find(|row| row.method == method && row.depth == depth && row.segments > 0)
     };
-    let mut sources: Vec<Option<&'static str>> = Vec::new();
-    for row in rows.iter().filter(|row| row.method == "edge-aided") {
-        if !sources.contains(&row.depth) {
-            sources.push(row.depth);
+    let mut found = Vec::new();
+    for ours in ["edge-aided", "paper"] {
+        let mut sources: Vec<Option<&'static str>> = Vec::new();
+        for row in rows.iter().filter(|row| row.method == ours) {
+            if !sources.contains(&row.depth) {
+                sources.push(row.depth);
+            }
+        }
+        for depth in sources {
+            let segments = find(ours, depth);
+            let clustered = find(&format!("{ours}, clustered"), depth);
+            let decoupled = find("decoupled", depth);
+            let matched = find("matched", None);
+            let clusters = match ours {
+                "paper" => "paper, clustered / paper",
+                _ => "clustered / edge-aided",
+            };
+            found.extend(
+                [
+                    distances(
+                        &format!("{ours} / decoupled"),
+                        segments,
+                        decoupled,
+                        DECOUPLED_BAR,
+                    ),
+                    distances(&format!("{ours} / matched"), segments, matched, MATCHED_BAR),
+                    distances(clusters, clustered, segments, CLUSTERED_BAR),
+                ]
+                .map(|ratio| Ratio { depth, ..ratio }),
+            );
+            let both = clustered.zip(segments);
+            let vertices = both.map(|(a, b)| a.vertices as f64 / b.vertices as f64);
+            found.push(Ratio {
+                name: format!("{clusters}, vertices"),
+                depth,
+                value: vertices,
+                of_medians: None,
+                bar: CLUSTERED_VERTICES_BAR,
+                holds: vertices.is_some_and(|value| value <= CLUSTERED_VERTICES_BAR),
+            });
         }
     }
-    let mut found = Vec::new();
-    for depth in sources {
-        let edge_aided = find("edge-aided", depth);
-        let clustered = find("edge-aided, clustered", depth);
-        let mut compare = |name: &str, over: Option<&Row>, under: Option<&Row>, bar: f64| {
-            let both = over.zip(under);
-            let value = both.map(|(a, b)| a.surface.ends.mean / b.surface.ends.mean);
-            let of_medians = both.map(|(a, b)| a.surface.ends.median / b.surface.ends.median);
-            found.push(Ratio {
-                name: format!("{name}, mean distance of end points"),
-                depth,
-                value,
-                of_medians,
-                bar,
-                holds: value.is_some_and(|value| value <= bar),
-            });
-        };
-        let decoupled = find("decoupled", depth);
-        compare(
-            "edge-aided / decoupled",
-            edge_aided,
-            decoupled,
-            DECOUPLED_BAR,
-        );
-        let matched = find("matched", None);
-        compare("edge-aided / matched", edge_aided, matched, MATCHED_BAR);
-        compare(
-            "clustered / edge-aided",
-            clustered,
-            edge_aided,
-            CLUSTERED_BAR,
-        );
-        let vertices = clustered
-            .zip(edge_aided)
-            .map(|(a, b)| a.vertices as f64 / b.vertices as f64);
-        found.push(Ratio {
-            name: "clustered / edge-aided, vertices".to_owned(),
-            depth,
-            value: vertices,
-            of_medians: None,
-            bar: CLUSTERED_VERTICES_BAR,
-            holds: vertices.is_some_and(|value| value <= CLUSTERED_VERTICES_BAR),
-        });
-    }
     found
+}
+
+/// The ratio of the distances of two rows.
+fn distances(name: &str, over: Option<&Row>, under: Option<&Row>, bar: f64) -> Ratio {
+    let both = over.zip(under);
+    let value = both.map(|(a, b)| a.surface.ends.mean / b.surface.ends.mean);
+    Ratio {
+        name: format!("{name}, mean distance of end points"),
+        depth: None,
+        value,
+        of_medians: both.map(|(a, b)| a.surface.ends.median / b.surface.ends.median),
+        bar,
+        holds: value.is_some_and(|value| value <= bar),
+    }
 }
 
 impl Tables {
@@ -164,9 +175,30 @@ impl Tables {
     fn write(&self, out: &mut String) -> std::fmt::Result {
         writeln!(
             out,
-            "{}: {} keyframes, ground truth of {} triangles, median depth {:.3}",
-            self.sequence, self.keyframes, self.ground_truth_triangles, self.median_depth
+            "{}: {} keyframes, ground truth of {}, median depth {:.3}",
+            self.sequence,
+            self.keyframes,
+            match self.ground_truth_points {
+                0 => format!("{} triangles", self.ground_truth_triangles),
+                points => format!("{points} points (distances are to the nearest point)"),
+            },
+            self.median_depth
         )?;
+        if let Some(alignment) = &self.alignment {
+            writeln!(
+                out,
+                "aligned by {} on {}, all methods alike: scale {:.5}, {} pairs {:.2} thousandths apart (root mean square){}",
+                alignment.method,
+                alignment.estimated_on,
+                alignment.scale,
+                alignment.pairs,
+                1e3 * alignment.rms,
+                match alignment.is_reliable {
+                    true => "",
+                    false => "; NOT reliable",
+                }
+            )?;
+        }
         self.write_accuracy(out)?;
         self.write_times(out)?;
         writeln!(out, "\nRatios against the bars of the paper")?;
@@ -197,7 +229,7 @@ impl Tables {
     fn write_accuracy(&self, out: &mut String) -> std::fmt::Result {
         writeln!(
             out,
-            "\nDistances to the ground truth in thousandths of the unit of the poses (mm for metres); edges: distance in \
+            "\nDistances to the ground truth in thousandths of its unit (mm for metres); edges: distance in \
              pixels\nfrom the projected line to the nearest image edge of its direction in other keyframes (by chance), and \
              share of long\nimage edges that a line from another keyframe explains\n"
         )?;
@@ -336,6 +368,8 @@ mod tests {
             sequence: "room".to_owned(),
             keyframes: 3,
             ground_truth_triangles: 12,
+            ground_truth_points: 0,
+            alignment: None,
             median_depth: 2.0,
             depth_stages: Vec::new(),
             ratios: ratios(&rows),

@@ -7,8 +7,8 @@ use linecarve_lab::tables::images::{ImageEdges, ImageMeasure, Tally, tally};
 use linecarve_lab::tables::methods::MethodRun;
 use linecarve_lab::tables::surface::{Distances, SurfaceMeasure, measure};
 use linecarve_lab::tables::table::Row;
+use linecarve_lab::tables::truth::Truth;
 use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
-use linecarve_mesh::raycast::RayScene;
 use linecarve_sequence::Sequence;
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ const LONG_EDGE_SHARE: f64 = 0.1;
 /// A row for each run; `recording` has the poses that the runs used.
 pub(super) fn measure_all(
     recording: &Recording,
-    scene: &RayScene,
+    truth: &Truth,
     frames: &[usize],
     runs: &[MethodRun],
     verbosity: Verbosity,
@@ -35,7 +35,7 @@ pub(super) fn measure_all(
         .par_iter()
         .enumerate()
         .map(|(number, &frame)| {
-            keyframe_tallies(sequence, edges, scene, &sets, number as u32, frame)
+            keyframe_tallies(sequence, edges, truth, &sets, number as u32, frame)
         })
         .collect::<anyhow::Result<Vec<_>>>()?;
     // From keyframe by keyframe to method by method.
@@ -50,13 +50,13 @@ pub(super) fn measure_all(
         .zip(by_method)
         .map(|(run, tallies)| {
             if run.points.is_empty() {
-                let surface = measure(scene, &run.segments, step);
+                let surface = measure(truth, &run.segments, step);
                 Row::new(run, surface, Some(ImageMeasure::new(tallies)))
             } else {
                 let distances = run
                     .points
                     .par_iter()
-                    .filter_map(|point| Some(scene.closest(point, f64::INFINITY)?.distance))
+                    .filter_map(|point| truth.distance(point))
                     .collect();
                 let surface = SurfaceMeasure {
                     ends: Distances::new(distances),
@@ -73,7 +73,7 @@ pub(super) fn measure_all(
 fn keyframe_tallies(
     sequence: &Sequence,
     edges: EdgeOptions,
-    scene: &RayScene,
+    truth: &Truth,
     sets: &[&[FoundSegment]],
     number: u32,
     frame: usize,
@@ -90,5 +90,5 @@ fn keyframe_tallies(
         chains: &chains,
         long_edges: &long_edges,
     };
-    Ok(tally(&edges, scene, sets))
+    Ok(tally(&edges, truth.occluder(), sets))
 }

@@ -6,7 +6,7 @@ mod semi_dense;
 
 use std::path::Path;
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use linecarve::cli::{DepthArg, StageArgs};
 use linecarve::commands::Outcome;
 use linecarve::commands::input::{input, parameters};
@@ -15,21 +15,17 @@ use linecarve::run::Verbosity;
 use linecarve::{Recording, Source};
 use linecarve_lab::tables::methods::MethodRun;
 use linecarve_lab::tables::table::{Tables, ratios};
-use linecarve_mesh::raycast::RayScene;
-use linecarve_mesh::{LineSet, TriangleMesh, read_geometry, write_lines_obj};
+use linecarve_lab::tables::truth::{self, Truth, TruthAlignment, read_truth};
+use linecarve_mesh::{LineSet, Shape, write_lines_obj};
+use linecarve_sequence::Trajectory;
+use nalgebra::Similarity3;
 
 use super::{print_json, print_text};
-use crate::cli::TablesArgs;
+use crate::cli::{AlignArg, TablesArgs};
 
 pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let truth = ground_truth(&args.ground_truth)?;
-    let scene = RayScene::new(&truth);
-    ensure!(
-        scene.triangle_count() > 0,
-        "{}: none of its {} triangles has an area; a mesh of the true surface is needed",
-        args.ground_truth.display(),
-        truth.triangles.len()
-    );
+    let start = start(args)?;
+    let truth = read_truth(&args.ground_truth)?;
     let stages = StageArgs {
         depth: args.depth,
         config: args.config.clone(),
@@ -62,6 +58,14 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
         _ => {}
     }
     let keyframes = results.frames.len();
+    let mut warnings = [recording.warnings.as_slice(), &results.warnings].concat();
+    let (truth, alignment) = align(args, truth, start, &results.runs)?;
+    if alignment.as_ref().is_some_and(|found| !found.is_reliable) {
+        warnings.push(
+            "the alignment did not converge near the ground truth: give a start (--trajectories)"
+                .to_owned(),
+        );
+    }
     let mut rows = Vec::new();
     let first = (None, std::mem::take(&mut results.runs));
     let second = second.map(|(corrected, runs)| (Some(corrected), runs));
@@ -71,7 +75,7 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
         if let Some(folder) = &args.save {
             save(folder, &runs)?;
         }
-        let measured = measure::measure_all(recording, &scene, &results.frames, &runs, verbosity)?;
+        let measured = measure::measure_all(recording, &truth, &results.frames, &runs, verbosity)?;
         rows.extend(measured);
     }
     let folder = recording.sequence.folder();
@@ -80,12 +84,14 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
         generator: concat!("linecarve-lab ", env!("CARGO_PKG_VERSION")).to_owned(),
         sequence: name.to_string_lossy().into_owned(),
         keyframes,
-        ground_truth_triangles: scene.triangle_count(),
+        ground_truth_triangles: if truth.is_mesh() { truth.elements() } else { 0 },
+        ground_truth_points: if truth.is_mesh() { 0 } else { truth.elements() },
+        alignment,
         median_depth: methods::median_depth(&recording),
         depth_stages: results.depth_stages,
         ratios: ratios(&rows),
         rows,
-        warnings: [recording.warnings.as_slice(), &results.warnings].concat(),
+        warnings,
     };
     if args.json {
         print_json(&tables)?;
@@ -100,14 +106,41 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
     Ok(Outcome::Done)
 }
 
-fn ground_truth(path: &Path) -> anyhow::Result<TriangleMesh> {
-    let shape = read_geometry(path)?;
+/// Where the search for the alignment begins: the two trajectories, if given.
+fn start(args: &TablesArgs) -> anyhow::Result<Option<Similarity3<f64>>> {
+    let Some(paths) = &args.trajectories else {
+        return Ok(None);
+    };
     ensure!(
-        !shape.triangles.is_empty(),
-        "{}: it has no triangles; a mesh of the true surface is needed",
-        path.display()
+        args.align != AlignArg::None,
+        "--trajectories is where an alignment begins: add --align sim3 or se3"
     );
-    Ok(shape.into_mesh())
+    let [estimated, truth] = paths.as_slice() else {
+        bail!("--trajectories: give two files");
+    };
+    let (mut found, _) = Trajectory::read(estimated)?.similarity_to(&Trajectory::read(truth)?)?;
+    if args.align == AlignArg::Se3 {
+        found.set_scaling(1.0);
+    }
+    Ok(Some(found))
+}
+
+/// The ground truth in the frame of the poses.
+fn align(
+    args: &TablesArgs,
+    truth: Shape,
+    start: Option<Similarity3<f64>>,
+    runs: &[MethodRun],
+) -> anyhow::Result<(Truth, Option<TruthAlignment>)> {
+    if args.align == AlignArg::None {
+        return Ok((Truth::new(truth, &Similarity3::identity()), None));
+    }
+    // The points, not the lines: no method is to have its own errors fitted away.
+    let points = runs.iter().find(|run| !run.points.is_empty());
+    let points = points.map_or(&[][..], |run| &run.points);
+    let with_scale = args.align == AlignArg::Sim3;
+    let (truth_from_poses, report) = truth::align(points, &truth, with_scale, start)?;
+    Ok((Truth::new(truth, &truth_from_poses), Some(report)))
 }
 
 /// Writes the lines of every run as OBJ.
