@@ -34,6 +34,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Every line method on a sequence, against a ground truth and against the images.
     Tables(TablesArgs),
+    /// Pictures of a sequence side by side: image, cloud, and the lines of every method.
+    Figure(FigureArgs),
     /// Lines or points of a sequence by one method: segments, clusters or `points.ply`, and `report.json`.
     Lines(LineMethodArgs),
     /// The contribution of each part of the reconstruction: F, vertices and time, with and without it.
@@ -144,6 +146,38 @@ pub(crate) struct TablesArgs {
     /// One JSON object on standard output in place of text.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Arguments of `figure`.
+#[derive(Debug, Args)]
+pub(crate) struct FigureArgs {
+    /// The sequence.
+    #[command(flatten)]
+    pub(crate) input: SequenceArgs,
+
+    /// The keyframes.
+    #[command(flatten)]
+    pub(crate) selection: KeyframeArgs,
+
+    /// Source of depth.
+    #[arg(long, value_enum, default_value_t = DepthArg::Auto)]
+    pub(crate) depth: DepthArg,
+
+    /// TOML file with parameters (docs/configuration.md).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+
+    /// Folder of the pictures: `figure.png` with all of them, and each alone.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+
+    /// Frame that is shown and gives the direction of view, by name or index. Default: the middle keyframe.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) frame: Option<String>,
+
+    /// Distance of the view behind that frame, in median scene depths.
+    #[arg(long, value_name = "LENGTH", default_value_t = 1.0)]
+    pub(crate) back: f64,
 }
 
 /// Alignments with the ground truth.

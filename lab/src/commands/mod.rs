@@ -33,7 +33,11 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         (false, _) => Verbosity::Verbose,
     };
     let reports_times = match &cli.command {
-        Command::Tables(_) | Command::Lines(_) | Command::Flatness(_) | Command::Starts(_) => false,
+        Command::Tables(_)
+        | Command::Figure(_)
+        | Command::Lines(_)
+        | Command::Flatness(_)
+        | Command::Starts(_) => false,
         Command::Ablation(_)
         | Command::Benchmarks(_)
         | Command::Cost(_)
@@ -47,6 +51,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
     }
     match cli.command {
         Command::Tables(args) => tables::run(&args, verbosity),
+        Command::Figure(args) => tables::figure::run(&args, verbosity),
         Command::Lines(args) => lines::run(args, threads, verbosity),
         Command::Ablation(args) => ablation::run(&args, verbosity),
         Command::Benchmarks(args) => benchmarks::run(&args, threads, verbosity),

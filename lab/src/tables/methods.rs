@@ -35,6 +35,8 @@ pub struct MethodRun {
     pub segments: Vec<FoundSegment>,
     /// Its points, for a method that yields points.
     pub points: Vec<Point3<f64>>,
+    /// Grey levels of the points.
+    pub point_grays: Vec<u8>,
     /// Time of its stages.
     pub stages: Vec<StageTime>,
 }
@@ -104,6 +106,7 @@ impl Runs {
                 MethodRun {
                     name: kind.to_string(),
                     depth: self.depth.filter(|_| kind.needs_depth()),
+                    point_grays: findings.points.iter().map(|p| p.gray).collect(),
                     points: findings.points.iter().map(|p| p.point_in_world).collect(),
                     stages: findings
                         .stages
@@ -175,6 +178,7 @@ pub fn clustered(
             })
             .collect(),
         points: Vec::new(),
+        point_grays: Vec::new(),
         stages,
     })
 }

@@ -1,5 +1,6 @@
 //! `linecarve-lab tables`: every line method on a sequence, as in the tables of the paper.
 
+pub(super) mod figure;
 mod measure;
 mod methods;
 mod semi_dense;
