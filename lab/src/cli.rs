@@ -127,6 +127,10 @@ pub(crate) struct TablesArgs {
     #[arg(long, num_args = 2, value_names = ["ESTIMATED", "TRUE"])]
     pub(crate) trajectories: Option<Vec<PathBuf>>,
 
+    /// Also carve surfaces from the ends of the segments, with the labels of the paper's public code beside ours, and score them.
+    #[arg(long)]
+    pub(crate) surfaces: bool,
+
     /// The keyframes.
     #[command(flatten)]
     pub(crate) selection: KeyframeArgs,

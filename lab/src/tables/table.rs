@@ -46,6 +46,29 @@ impl Row {
     }
 }
 
+/// A surface carved from the ends of segments. Lengths are in units of the ground truth.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct SurfaceRow {
+    /// The method of the segments.
+    pub method: String,
+    /// Source of its depth.
+    pub depth: Option<&'static str>,
+    /// Which cells are free.
+    pub labels: &'static str,
+    /// Vertices of the surface.
+    pub vertices: usize,
+    /// Its triangles.
+    pub triangles: usize,
+    /// Mean distance to the ground truth; `None` without a surface there.
+    pub accuracy: Option<f64>,
+    /// Mean distance from the ground truth.
+    pub completeness: Option<f64>,
+    /// Thresholds of F.
+    pub thresholds: Vec<f64>,
+    /// F at each of them.
+    pub f: Vec<Option<f64>>,
+}
+
 /// A ratio of two rows against its bar.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ratio {
@@ -84,6 +107,8 @@ pub struct Tables {
     pub depth_stages: Vec<StageTime>,
     /// The methods.
     pub rows: Vec<Row>,
+    /// Surfaces from the ends of segments, if they were asked for.
+    pub surfaces: Vec<SurfaceRow>,
     /// The ratios of the paper.
     pub ratios: Vec<Ratio>,
     /// Frames that were left out, and assumptions.
@@ -200,6 +225,7 @@ impl Tables {
             )?;
         }
         self.write_accuracy(out)?;
+        self.write_surfaces(out)?;
         self.write_times(out)?;
         writeln!(out, "\nRatios against the bars of the paper")?;
         for ratio in &self.ratios {
@@ -280,6 +306,45 @@ impl Tables {
                     "-", "-", "-", "-", "-", "-"
                 )?,
             }
+        }
+        Ok(())
+    }
+
+    fn write_surfaces(&self, out: &mut String) -> std::fmt::Result {
+        let Some(thresholds) = self
+            .surfaces
+            .iter()
+            .map(|row| &row.thresholds)
+            .max_by_key(|t| t.len())
+        else {
+            return Ok(());
+        };
+        writeln!(
+            out,
+            "\nSurfaces carved from the ends of segments; F at {thresholds:?}\n\n\
+             {:<11} {:<11} {:<20} {:>8} {:>9} | {:>9} {:>12} | F",
+            "method", "depth", "labels", "vertices", "triangles", "accuracy", "completeness"
+        )?;
+        let thousandths =
+            |mean: Option<f64>| mean.map_or("-".to_owned(), |mean| format!("{:.1}", 1e3 * mean));
+        for row in &self.surfaces {
+            let f: Vec<String> = row
+                .f
+                .iter()
+                .map(|f| f.map_or("-".to_owned(), |f| format!("{f:.3}")))
+                .collect();
+            writeln!(
+                out,
+                "{:<11} {:<11} {:<20} {:>8} {:>9} | {:>9} {:>12} | {}",
+                row.method,
+                row.depth.unwrap_or("-"),
+                row.labels,
+                row.vertices,
+                row.triangles,
+                thousandths(row.accuracy),
+                thousandths(row.completeness),
+                f.join(" / ")
+            )?;
         }
         Ok(())
     }
@@ -370,6 +435,13 @@ mod tests {
             ground_truth_triangles: 12,
             ground_truth_points: 0,
             alignment: None,
+            surfaces: vec![SurfaceRow {
+                method: "paper".to_owned(),
+                labels: "votes",
+                thresholds: vec![0.02],
+                f: vec![Some(0.4567)],
+                ..SurfaceRow::default()
+            }],
             median_depth: 2.0,
             depth_stages: Vec::new(),
             ratios: ratios(&rows),
@@ -378,6 +450,7 @@ mod tests {
         };
         let text = tables.text();
         assert!(text.contains("matched"));
+        assert!(text.contains("0.457"), "{text}");
         assert!(text.contains("12.00"), "{text}");
         assert!(text.contains("warning: something"));
         assert!(

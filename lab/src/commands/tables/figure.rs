@@ -21,10 +21,15 @@ use super::methods;
 use crate::cli::FigureArgs;
 
 /// Panels of lines: file, method, caption.
-const LINES: [(&str, &str, &str); 5] = [
+const LINES: [(&str, &str, &str); 6] = [
     ("matched", "matched", "matched (Line3D++)"),
     ("decoupled", "decoupled", "decoupled"),
     ("paper", "paper", "Algorithm 1 to the letter"),
+    (
+        "paper-clustered",
+        "paper, clustered",
+        "Algorithm 1, clustered",
+    ),
     ("edge-aided", "edge-aided", "edge-aided"),
     (
         "clustered",

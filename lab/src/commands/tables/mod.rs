@@ -4,6 +4,7 @@ pub(super) mod figure;
 mod measure;
 mod methods;
 mod semi_dense;
+mod surfaces;
 
 use std::path::Path;
 
@@ -60,14 +61,16 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
     }
     let keyframes = results.frames.len();
     let mut warnings = [recording.warnings.as_slice(), &results.warnings].concat();
-    let (truth, alignment) = align(args, truth, start, &results.runs)?;
+    let shape = args.surfaces.then(|| truth.clone());
+    let (truth_from_poses, alignment) = align(args, &truth, start, &results.runs)?;
+    let truth = Truth::new(truth, &truth_from_poses);
     if alignment.as_ref().is_some_and(|found| !found.is_reliable) {
         warnings.push(
             "the alignment did not converge near the ground truth: give a start (--trajectories)"
                 .to_owned(),
         );
     }
-    let mut rows = Vec::new();
+    let (mut rows, mut surfaces) = (Vec::new(), Vec::new());
     let first = (None, std::mem::take(&mut results.runs));
     let second = second.map(|(corrected, runs)| (Some(corrected), runs));
     for (corrected, runs) in std::iter::once(first).chain(second) {
@@ -78,6 +81,11 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
         }
         let measured = measure::measure_all(recording, &truth, &results.frames, &runs, verbosity)?;
         rows.extend(measured);
+        if let Some(shape) = &shape {
+            let frames = &results.frames;
+            let scored = surfaces::score_all(recording, frames, &runs, shape, &truth_from_poses)?;
+            surfaces.extend(scored);
+        }
     }
     let folder = recording.sequence.folder();
     let name = folder.file_name().unwrap_or(folder.as_os_str());
@@ -90,6 +98,7 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
         alignment,
         median_depth: methods::median_depth(&recording),
         depth_stages: results.depth_stages,
+        surfaces,
         ratios: ratios(&rows),
         rows,
         warnings,
@@ -126,22 +135,22 @@ fn start(args: &TablesArgs) -> anyhow::Result<Option<Similarity3<f64>>> {
     Ok(Some(found))
 }
 
-/// The ground truth in the frame of the poses.
+/// The transformation from the frame of the poses to that of the ground truth.
 fn align(
     args: &TablesArgs,
-    truth: Shape,
+    truth: &Shape,
     start: Option<Similarity3<f64>>,
     runs: &[MethodRun],
-) -> anyhow::Result<(Truth, Option<TruthAlignment>)> {
+) -> anyhow::Result<(Similarity3<f64>, Option<TruthAlignment>)> {
     if args.align == AlignArg::None {
-        return Ok((Truth::new(truth, &Similarity3::identity()), None));
+        return Ok((Similarity3::identity(), None));
     }
     // The points, not the lines: no method is to have its own errors fitted away.
     let points = runs.iter().find(|run| !run.points.is_empty());
     let points = points.map_or(&[][..], |run| &run.points);
     let with_scale = args.align == AlignArg::Sim3;
-    let (truth_from_poses, report) = truth::align(points, &truth, with_scale, start)?;
-    Ok((Truth::new(truth, &truth_from_poses), Some(report)))
+    let (truth_from_poses, report) = truth::align(points, truth, with_scale, start)?;
+    Ok((truth_from_poses, Some(report)))
 }
 
 /// Writes the lines of every run as OBJ.
