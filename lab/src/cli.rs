@@ -36,6 +36,8 @@ pub(crate) enum Command {
     Tables(TablesArgs),
     /// Pictures of a sequence side by side: image, cloud, and the lines of every method.
     Figure(FigureArgs),
+    /// How much of the length of two sets of lines lies near the other.
+    Agreement(AgreementArgs),
     /// Lines or points of a sequence by one method: segments, clusters or `points.ply`, and `report.json`.
     Lines(LineMethodArgs),
     /// The contribution of each part of the reconstruction: F, vertices and time, with and without it.
@@ -146,6 +148,25 @@ pub(crate) struct TablesArgs {
     /// Also write the lines of every method to this folder, as OBJ.
     #[arg(long, value_name = "DIR")]
     pub(crate) save: Option<PathBuf>,
+
+    /// One JSON object on standard output in place of text.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Arguments of `agreement`.
+#[derive(Debug, Args)]
+pub(crate) struct AgreementArgs {
+    /// Lines: GLB, OBJ or PLY.
+    pub(crate) lines: PathBuf,
+
+    /// Lines to compare with, in the same frame.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) reference: PathBuf,
+
+    /// Distance within which lines agree.
+    #[arg(long, value_name = "LENGTH")]
+    pub(crate) within: f64,
 
     /// One JSON object on standard output in place of text.
     #[arg(long)]

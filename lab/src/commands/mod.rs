@@ -1,6 +1,7 @@
 //! The commands, one file each.
 
 mod ablation;
+mod agreement;
 mod benchmarks;
 mod cost;
 mod flatness;
@@ -35,6 +36,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
     let reports_times = match &cli.command {
         Command::Tables(_)
         | Command::Figure(_)
+        | Command::Agreement(_)
         | Command::Lines(_)
         | Command::Flatness(_)
         | Command::Starts(_) => false,
@@ -51,6 +53,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
     }
     match cli.command {
         Command::Tables(args) => tables::run(&args, verbosity),
+        Command::Agreement(args) => agreement::run(&args),
         Command::Figure(args) => tables::figure::run(&args, verbosity),
         Command::Lines(args) => lines::run(args, threads, verbosity),
         Command::Ablation(args) => ablation::run(&args, verbosity),

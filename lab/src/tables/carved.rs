@@ -165,8 +165,7 @@ fn volume_against_area(carver: &Carver, corners: &[VertexId], unit: f64) -> Vec<
             let [p, q, r] = triangle.map(at);
             let area = 0.5 * (q - p).cross(&(r - p)).norm();
             network.join(node(cell), facet, node(other), back);
-            // The same in both directions: the other cell sets the arc back. Of the same three vertices in another order the area
-            // may differ in its last bit, which the cut may not see.
+            // The other cell sets the arc back.
             let capacity = (AREA_WEIGHT * area * RESOLUTION).round() as i64;
             network.set_capacity(node(cell), facet, capacity);
         }
