@@ -56,6 +56,9 @@ fn tables_of_the_sample_have_every_method_and_lie_near_the_truth() {
     for (method, depth, mean_m, reprojection_px) in [
         ("matched", None, 0.05, 2.0),
         ("decoupled", Some("sensor"), 0.01, 1.6),
+        ("ransac", Some("sensor"), 0.01, 1.6),
+        ("paper", Some("sensor"), 0.01, 1.6),
+        ("paper, clustered", Some("sensor"), 0.01, 2.5),
         ("edge-aided", Some("sensor"), 0.005, 1.6),
         ("edge-aided, clustered", Some("sensor"), 0.005, 1.6),
     ] {
@@ -104,6 +107,65 @@ fn tables_as_text_name_rows_and_bars() {
 }
 
 #[test]
+fn tables_take_a_cloud_align_it_and_carve_surfaces() {
+    let folder = small_sequence(8);
+    let sequence = folder.path().join("sequence");
+    let out = folder.path().join("points");
+    lines(0, "points", &sequence, &out, &["--every", "1", "--quiet"]);
+    let cloud = out.join("points.ply");
+    let more = ["--every", "1", "--align", "sim3", "--surfaces", "--json"];
+    let (json, _) = tables(0, &sequence, &cloud, &more);
+    let tables: serde_json::Value = serde_json::from_str(&json).expect("one JSON object");
+    assert_eq!(tables["ground_truth_triangles"], 0);
+    assert!(tables["ground_truth_points"].as_u64().unwrap() > 1000);
+    let alignment = &tables["alignment"];
+    assert_eq!(alignment["is_reliable"], true, "{alignment}");
+    assert!((alignment["scale"].as_f64().unwrap() - 1.0).abs() < 1e-3);
+    let surfaces = tables["surfaces"].as_array().expect("surfaces");
+    let labels = surfaces.iter().map(|row| row["labels"].as_str().unwrap());
+    assert!(labels.clone().any(|name| name == "volume against area"));
+    assert_eq!(labels.count() % 6, 0);
+    assert!(surfaces[0]["triangles"].as_u64().unwrap() > 0);
+    let (_, error) = self::tables(2, &sequence, &cloud, &["--trajectories", "a.txt", "b.txt"]);
+    assert!(error.contains("--align"), "{error}");
+}
+
+#[test]
+fn the_figure_has_a_picture_for_each_method() {
+    let folder = small_sequence(8);
+    let sequence = folder.path().join("sequence");
+    let out = folder.path().join("figure");
+    let run = |status, more: &[&str]| {
+        let mut arguments = vec!["figure", text(&sequence), "--out", text(&out)];
+        arguments.extend(["--every", "1", "--depth", "sensor", "--quiet"]);
+        arguments.extend(more);
+        stderr(&expect_status(status, &arguments))
+    };
+    run(0, &[]);
+    let names: Vec<_> = contents(&out).into_keys().collect();
+    assert_eq!(names.len(), 9, "{names:?}");
+    assert!(names.contains(&"figure.png".into()));
+    let error = run(2, &["--frame", "nowhere"]);
+    assert!(error.contains("nowhere"), "{error}");
+}
+
+#[test]
+fn lines_agree_with_themselves() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = folder.path().join("lines.obj");
+    std::fs::write(&lines, "v 0 0 0\nv 1 0 0\nl 1 2\n").unwrap();
+    let run = |status, within| {
+        let files = [text(&lines), "--reference", text(&lines)];
+        let arguments = [&["agreement"][..], &files, &["--within", within]].concat();
+        expect_status(status, &arguments)
+    };
+    let output = run(0, "0.02");
+    let found = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(found.matches("100.0 %").count() == 2, "{found}");
+    assert!(stderr(&run(2, "0")).contains("--within"));
+}
+
+#[test]
 fn a_ground_truth_of_lines_is_refused() {
     let folder = small_sequence(2);
     let sequence = folder.path().join("sequence");
@@ -122,7 +184,14 @@ fn a_ground_truth_of_lines_is_refused() {
 fn each_method_writes_the_same_lines_for_any_number_of_threads() {
     let folder = small_sequence(8);
     let sequence = folder.path().join("sequence");
-    for method in ["edge-aided", "decoupled", "matched", "points"] {
+    for method in [
+        "edge-aided",
+        "decoupled",
+        "ransac",
+        "paper",
+        "matched",
+        "points",
+    ] {
         let run = |name: &str, threads: &str| {
             let out = folder.path().join(name);
             let more = ["--every", "1", "--threads", threads, "--quiet"];

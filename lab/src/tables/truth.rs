@@ -256,8 +256,10 @@ pub fn align(
     start: Option<Similarity3<f64>>,
 ) -> Result<(Similarity3<f64>, TruthAlignment), TruthError> {
     let shape = cloud(points.to_vec());
+    // Pairs of points without normals slide slowly: far more steps than a mesh needs.
     let options = IcpOptions {
         with_scale,
+        max_iterations: 500,
         ..IcpOptions::default()
     };
     let starts = match start {
