@@ -6,10 +6,10 @@
 
 Needs Python 3.9 and a network, nothing else. A download that breaks off goes on where it ended when the script runs again. Of each
 archive the size that the server names, the checksums inside, and the SHA-256 are checked: the SHA-256 of the first complete download is
-kept in SHA256SUMS beside the archives (publishers give none), and later downloads must have the same. The room scan of EuRoC comes with
+kept in SHA256SUMS beside the archives (this script knows none beforehand), and later downloads must have the same. The room scan of EuRoC comes with
 its sequences as mav0/pointcloud0/data.ply; TUM has no scan.
 
-EuRoC archives hold all sequences of a room (5 to 15 GB); sequences of one room share a download. Publishers move their files:
+EuRoC archives hold all sequences of a room (several GB); sequences of one room share a download. Publishers move their files:
 --url NAME=URL takes an archive from another place, also from a file (file:///...).
 """
 
