@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
 use linecarve_points::PointOptionsError;
 use linecarve_sequence::{
-    FrameError, KeyframeListError, KeyframeOptionsError, OpenOptions, Sequence, SequenceError,
-    SparseModel, every_nth, read_keyframe_list, select_keyframes,
+    FrameError, KeyframeListError, KeyframeOptionsError, ModelView, OpenOptions, Sequence,
+    SequenceError, SparseModel, every_nth, read_keyframe_list, select_keyframes,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -306,12 +306,11 @@ impl Recording {
                  carved; leave it out"
             )));
         }
-        // The shift must not depend on the depth, which is only known once the points are chosen.
-        let centers = model
-            .views
-            .iter()
-            .map(|view| Point3::from(view.world_from_camera.translation.vector));
-        self.shift_to(far_origin(centers, extent(&model)));
+        let mut extent = PointExtent::default();
+        for point in &model.points {
+            extent.add(&point.point_in_world);
+        }
+        self.shift_to(model_origin(&model.views, &extent));
         self.keyframes = (0..model.views.len()).collect();
         self.model = Some(model.translated(&-self.origin));
         Ok(())
@@ -486,17 +485,38 @@ pub(crate) fn lens_warning(k1: f64) -> String {
     )
 }
 
-/// Largest extent of the finite points of a model along an axis.
-fn extent(model: &SparseModel) -> f64 {
-    let finite = model.points.iter().map(|point| point.point_in_world);
-    let finite = finite.filter(|point| point.iter().all(|x| x.is_finite()));
-    let (mut low, mut high) = (
-        Point3::from([f64::INFINITY; 3]),
-        Point3::from([f64::NEG_INFINITY; 3]),
-    );
-    for point in finite {
-        low = low.inf(&point);
-        high = high.sup(&point);
+/// The box around finite points.
+pub(crate) struct PointExtent([Point3<f64>; 2]);
+
+impl Default for PointExtent {
+    fn default() -> Self {
+        Self([
+            Point3::from([f64::INFINITY; 3]),
+            Point3::from([f64::NEG_INFINITY; 3]),
+        ])
     }
-    (high - low).max().max(0.0)
+}
+
+impl PointExtent {
+    pub(crate) fn add(&mut self, point: &Point3<f64>) {
+        if point.iter().all(|x| x.is_finite()) {
+            let [low, high] = &mut self.0;
+            (*low, *high) = (low.inf(point), high.sup(point));
+        }
+    }
+
+    /// The longest side.
+    pub(crate) fn longest(&self) -> f64 {
+        let [low, high] = &self.0;
+        (high - low).max().max(0.0)
+    }
+}
+
+/// Where the frame of computation of a model has its origin.
+pub(crate) fn model_origin(views: &[ModelView], extent: &PointExtent) -> Vector3<f64> {
+    // The shift must not depend on the depth, which is only known once the points are chosen.
+    let centers = views
+        .iter()
+        .map(|view| Point3::from(view.world_from_camera.translation.vector));
+    far_origin(centers, extent.longest())
 }

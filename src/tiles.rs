@@ -1,9 +1,13 @@
 //! A model in tiles: what goes into a plan, and the mesh that comes of it.
 
+mod cloud;
+mod median;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use linecarve_mesh::{TriangleMesh, write_mesh_ply};
+use linecarve_sequence::DenseCloud;
 use linecarve_tiles::{PlanOptions, Work, merged_mesh};
 use serde::{Deserialize, Serialize};
 
@@ -22,8 +26,17 @@ struct Finish {
     closes_holes: bool,
 }
 
+impl Finish {
+    fn text(origin: [f64; 3], options: &Options) -> anyhow::Result<String> {
+        Ok(serde_json::to_string(&Self {
+            origin,
+            closes_holes: options.surface.holes == HoleFilling::All,
+        })?)
+    }
+}
+
 /// Plans the points and views of a model as `reconstruct --from map-points --final-only` carves them. Without a number of tiles
-/// there is one for each million points.
+/// there is one for each million points. A dense cloud of COLMAP is read point by point, other models as a whole.
 ///
 /// # Errors
 /// When the input has no points with views, the options ask for a simplified mesh, or the plan cannot be made.
@@ -37,6 +50,11 @@ pub(crate) fn plan(
         options.simplify.tolerance.is_none(),
         "tiles are not simplified: leave the tolerance out of the configuration, and use `linecarve simplify` on the mesh"
     );
+    let open = &input.open;
+    let is_plain = open.layout.is_none() && open.poses.is_none() && open.calibration.is_none();
+    if is_plain && let Some(cloud) = DenseCloud::open(&input.path)? {
+        return cloud::plan(&cloud, &options, (tiles, halo), folder);
+    }
     let mut recording = Recording::open(input, options)?;
     let Some(model) = recording.model.take() else {
         bail!(
@@ -53,11 +71,7 @@ pub(crate) fn plan(
         halo,
         ..PlanOptions::default()
     };
-    let finish = Finish {
-        origin: recording.origin.into(),
-        closes_holes: recording.options.surface.holes == HoleFilling::All,
-    };
-    let finish = serde_json::to_string(&finish)?;
+    let finish = Finish::text(recording.origin.into(), &recording.options)?;
     let export = map.export_options();
     Ok(linecarve_tiles::plan(
         folder, carver, &export, &options, finish,

@@ -46,6 +46,7 @@ pub use keyframes::{
     KeyframeListError, KeyframeOptions, KeyframeOptionsError, every_nth, read_keyframe_list,
     select_keyframes,
 };
+pub use layouts::DenseCloud;
 pub use live::{LiveCamera, LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;

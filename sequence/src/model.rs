@@ -70,9 +70,8 @@ impl PointBuilder {
 }
 
 impl StoredModel {
-    /// Sorts images by time if all have one, else by name (numbers in names by value), and renumbers the observations.
-    /// Keeps one observation a view for each point. Skips points that are not finite.
-    fn normalise(&mut self, warnings: &mut Vec<Warning>) {
+    /// Sorts images by time if all have one, else by name (numbers in names by value). Returns the new index of each.
+    pub(super) fn sort_images(&mut self) -> Vec<u32> {
         let mut order: Vec<u32> = (0..self.images.len() as u32).collect();
         let images = &self.images;
         order.sort_by(|&a, &b| {
@@ -91,6 +90,31 @@ impl StoredModel {
             .iter()
             .filter_map(|&old| images[old as usize].take())
             .collect();
+        new_index
+    }
+
+    /// The views, in the order of the images.
+    pub(super) fn views(&mut self) -> Vec<ModelView> {
+        let view = |image: ModelImage| {
+            let camera = self.cameras.get(image.camera as usize);
+            ModelView {
+                name: image.name,
+                world_from_camera: image.world_from_camera,
+                camera: camera.map(|camera| camera.camera.clone()),
+                size_px: camera
+                    .and_then(|camera| camera.size)
+                    .map(|size| [size.width, size.height]),
+            }
+        };
+        std::mem::take(&mut self.images)
+            .into_iter()
+            .map(view)
+            .collect()
+    }
+
+    /// Sorts images and renumbers the observations. Keeps one observation a view for each point. Skips points that are not finite.
+    fn normalise(&mut self, warnings: &mut Vec<Warning>) {
+        let new_index = self.sort_images();
         let total = self.points.len();
         let mut not_finite = WarningCounter::default();
         let mut number = 0;
@@ -193,21 +217,7 @@ impl StoredModel {
         };
         warnings.extend(missing.into_warning(total, what));
         let color = self.cameras.get(main as usize).cloned();
-        let views = self
-            .images
-            .into_iter()
-            .map(|image| {
-                let camera = self.cameras.get(image.camera as usize);
-                ModelView {
-                    name: image.name,
-                    world_from_camera: image.world_from_camera,
-                    camera: camera.map(|camera| camera.camera.clone()),
-                    size_px: camera
-                        .and_then(|camera| camera.size)
-                        .map(|size| [size.width, size.height]),
-                }
-            })
-            .collect();
+        let views = self.views();
         let mut recording = Recording::new(frames, Calibration::of_color(color));
         recording.has_time = has_stamps;
         recording.cameras = self.cameras;

@@ -47,10 +47,10 @@ fn make_plan(args: &TilesPlanArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     let work = plan(&input, options, (args.tiles, args.halo), &args.work)?;
     if verbosity > Verbosity::Quiet {
         let tiles = &work.plan().tiles;
-        let vertices: usize = tiles.iter().map(|tile| tile.vertices).sum();
+        let points: usize = tiles.iter().map(|tile| tile.points).sum();
         let rays: usize = tiles.iter().map(|tile| tile.rays).sum();
         eprintln!(
-            "{vertices} vertices, {rays} rays in {} tile(s); next: linecarve tiles run {}",
+            "{points} points, {rays} rays in {} tile(s); next: linecarve tiles run {}",
             tiles.len(),
             args.work.display()
         );

@@ -47,6 +47,7 @@ use surface::DEFAULT_COLOR;
 
 pub use error::MapError;
 pub use model::ModelCounts;
+pub(crate) use model::PointSelector;
 pub use observed::{ObservationChange, ObservedPoint, PointKind};
 pub use segment_map::SegmentMap;
 pub use surface::{MapSurface, SurfaceChange};
@@ -514,15 +515,19 @@ impl Map {
 
     /// Filters and repair of the exported surface.
     pub(crate) fn export_options(&self) -> ExportOptions {
-        let surface = &self.options.surface;
-        ExportOptions {
-            longest_edge: self
-                .median_depth()
-                .zip(surface.longest_edge_share)
-                .map(|(depth, share)| share * depth),
-            minimum_component: surface.minimum_component,
-            manifold: surface.manifold,
-        }
+        export_options(&self.options, self.median_depth())
+    }
+}
+
+/// How a surface of this median depth is exported.
+pub(crate) fn export_options(options: &Options, median_depth: Option<f64>) -> ExportOptions {
+    let surface = &options.surface;
+    ExportOptions {
+        longest_edge: median_depth
+            .zip(surface.longest_edge_share)
+            .map(|(depth, share)| share * depth),
+        minimum_component: surface.minimum_component,
+        manifold: surface.manifold,
     }
 }
 
@@ -532,7 +537,7 @@ pub(crate) fn close_all_holes(mesh: &mut TriangleMesh) {
 }
 
 /// The options of the carver.
-fn carver_options(options: &Options) -> CarverOptions {
+pub(crate) fn carver_options(options: &Options) -> CarverOptions {
     CarverOptions {
         labels: options.carving.labels(),
         hull: if options.surface.keep_hull {

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::error::MapError;
 use super::update::MapUpdate;
-use crate::options::PointModelOptions;
+use crate::options::{Options, PointModelOptions};
 
 /// Numbers of carved and rejected points of a model.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -181,6 +181,54 @@ impl ModelMap {
                 .map(|(_, point)| point.clone())
                 .collect(),
         }
+    }
+}
+
+/// Selects the points of a model as [`ModelMap`] does, one by one.
+pub(crate) struct PointSelector {
+    /// Without points.
+    model: SparseModel,
+    options: PointModelOptions,
+    sigma_factor: f64,
+    counts: ModelCounts,
+    views: Vec<u32>,
+    depths: Vec<f64>,
+}
+
+impl PointSelector {
+    pub(crate) fn new(views: Vec<ModelView>, options: &Options) -> Self {
+        Self {
+            model: SparseModel {
+                views,
+                points: Vec::new(),
+            },
+            options: options.point_model,
+            sigma_factor: options.carving.cut.sigma_factor,
+            counts: ModelCounts::default(),
+            views: Vec::new(),
+            depths: Vec::new(),
+        }
+    }
+
+    /// The views of a point with its depth in these and its standard deviation, if it is carved. Observations must name views of the
+    /// model.
+    pub(crate) fn select(&mut self, point: &ModelPoint) -> Option<(&[u32], &[f64], Option<f64>)> {
+        self.depths.clear();
+        let (model, views) = (&self.model, &mut self.views);
+        let is_carved = select_point(
+            model,
+            point,
+            &self.options,
+            views,
+            &mut self.depths,
+            &mut self.counts,
+        );
+        is_carved.then(|| {
+            let seen_from = views.iter().map(|view| &model.views[*view as usize]);
+            let sigma = sigma_along_rays(&point.point_in_world, seen_from);
+            let sigma = sigma.map(|sigma| self.sigma_factor * sigma);
+            (&views[..], &self.depths[..], sigma)
+        })
     }
 }
 

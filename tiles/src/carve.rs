@@ -240,7 +240,7 @@ fn add_block(
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
     let tile = item.number;
     let giants = giants::list(work, item)?;
-    let is_empty = work.plan().tiles[tile].vertices == 0;
+    let is_empty = work.plan().tiles[tile].points == 0;
     let vertices = if is_empty {
         Vec::new()
     } else {

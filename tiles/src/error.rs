@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use linecarve_carving::PointError;
+
 use crate::stage::Item;
 
 /// Why a plan cannot be made or carried out. Texts name the file and the remedy.
@@ -80,6 +82,32 @@ pub enum TilesError {
     Segments {
         /// Number of segments.
         segments: usize,
+    },
+    /// The centre of a view cannot be computed with.
+    #[error("view {view}: {source}")]
+    View {
+        /// Number of the view.
+        view: usize,
+        /// Why.
+        source: PointError,
+    },
+    /// A point cannot be computed with.
+    #[error("point {point}: {source}")]
+    Point {
+        /// Number of the point.
+        point: u64,
+        /// Why.
+        source: PointError,
+    },
+    /// A point is seen by a view that there is not.
+    #[error("point {point} is seen by view {view}, but there are {views} views")]
+    UnknownView {
+        /// Number of the point.
+        point: u64,
+        /// The view.
+        view: u32,
+        /// Number of views.
+        views: usize,
     },
     /// More than ids can number.
     #[error("{what}: {count} are too many for one plan")]

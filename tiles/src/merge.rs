@@ -30,7 +30,7 @@ impl Ranks {
         // The sort finds the sorted runs of the tiles and merges them.
         vertices.sort_by(|(_, a), (_, b)| by_position(a, b));
         let tiles = work.plan().tiles.iter();
-        let mut of_tile: Vec<Vec<u32>> = tiles.map(|tile| vec![NO_RANK; tile.vertices]).collect();
+        let mut of_tile: Vec<Vec<u32>> = tiles.map(|tile| vec![NO_RANK; tile.points]).collect();
         for (rank, (id, _)) in (0u32..).zip(&vertices) {
             let slot = (of_tile.get_mut(tile_of(*id))).and_then(|tile| tile.get_mut(local_of(*id)));
             match slot {

@@ -6,18 +6,19 @@ use std::ops::Range;
 use linecarve_carving::internals::predicates::{are_collinear, orient3d};
 
 use crate::bounds::Bounds;
+use crate::record::Record;
 
 /// Most positions of a block.
 const BLOCK: usize = 256;
 
-/// The positions of a tile.
+/// How the positions of a tile are numbered.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Tile {
-    /// Numbers of its positions, block by block.
-    pub(crate) vertices: Vec<u32>,
-    /// The blocks: ranges of `vertices`.
+pub(crate) struct Numbering {
+    /// Indices of its positions, block by block.
+    pub(crate) order: Vec<u32>,
+    /// The blocks: ranges of `order`.
     pub(crate) blocks: Vec<Range<usize>>,
-    /// Where in `vertices` the smallest and largest along each axis are.
+    /// Where in `order` the smallest and largest along each axis are.
     pub(crate) extremes: Vec<usize>,
 }
 
@@ -28,46 +29,127 @@ pub(crate) fn by_position(a: &[f64; 3], b: &[f64; 3]) -> Ordering {
         .fold(Ordering::Equal, Ordering::then)
 }
 
-/// Splits distinct positions into tiles; some are empty when there are fewer positions.
-pub(crate) fn tiles(positions: &[[f64; 3]], count: usize, seed: u64) -> Vec<Tile> {
+/// Numbers the distinct positions of a tile: near ones are in one block.
+pub(crate) fn number(positions: &[[f64; 3]]) -> Numbering {
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-    let mut ranges = Vec::new();
-    split(positions, &mut order, 0, count, seed, &mut ranges);
-    let tile = |range: Range<usize>| {
-        let mut vertices = order[range].to_vec();
-        let mut blocks = Vec::new();
-        let parts = vertices.len().div_ceil(BLOCK).max(1);
-        split(positions, &mut vertices, 0, parts, 0, &mut blocks);
-        blocks.retain(|block| !block.is_empty());
-        let at = |&local: &usize| &positions[vertices[local] as usize];
-        let extreme = |k: usize| {
-            let by = move |a: &usize, b: &usize| {
-                (at(a)[k].total_cmp(&at(b)[k])).then_with(|| by_position(at(a), at(b)))
-            };
-            let all = || 0..vertices.len();
-            [all().min_by(by), all().max_by(by)]
+    let mut blocks = Vec::new();
+    let parts = order.len().div_ceil(BLOCK).max(1);
+    let mut leaf = |range: Range<usize>| blocks.push(range);
+    split(positions, &mut order, 0, parts, 0, &mut leaf, &mut |_| ());
+    blocks.retain(|block| !block.is_empty());
+    let at = |&local: &usize| &positions[order[local] as usize];
+    let extreme = |k: usize| {
+        let by = move |a: &usize, b: &usize| {
+            (at(a)[k].total_cmp(&at(b)[k])).then_with(|| by_position(at(a), at(b)))
         };
-        let extremes = (0..3).flat_map(extreme).flatten().collect();
-        Tile {
-            extremes,
-            vertices,
-            blocks,
-        }
+        let all = || 0..order.len();
+        [all().min_by(by), all().max_by(by)]
     };
-    ranges.into_iter().map(tile).collect()
+    Numbering {
+        extremes: (0..3).flat_map(extreme).flatten().collect(),
+        order,
+        blocks,
+    }
 }
 
-/// Appends the ranges of `parts` parts of `order`, which is sorted along. Parts are of about equal size.
+/// Where a part of space is split in two.
+#[derive(Clone, Copy, Debug)]
+enum Border {
+    /// The smallest position of the upper half, along an axis.
+    At(usize, [f64; 3]),
+    /// The upper half is empty.
+    AllLower,
+    /// The lower half is empty.
+    AllUpper,
+}
+
+impl Border {
+    fn is_upper(&self, position: &[f64; 3]) -> bool {
+        match self {
+            Border::At(axis, border) => along(*axis, position, border).is_ge(),
+            Border::AllLower => false,
+            Border::AllUpper => true,
+        }
+    }
+}
+
+/// Which tile owns which position: a tree over all of space.
+#[derive(Clone, Debug)]
+pub(crate) struct Territory {
+    /// The borders in depth-first order, each with the number of tiles below and in its lower half.
+    borders: Vec<(Border, usize)>,
+    tiles: usize,
+}
+
+impl Territory {
+    /// Splits space into tiles with about equally many of these distinct positions; some are empty when there are fewer. Another seed
+    /// splits in another way.
+    pub(crate) fn new(positions: &[[f64; 3]], tiles: usize, seed: u64) -> Self {
+        let mut order: Vec<u32> = (0..positions.len() as u32).collect();
+        let mut borders = Vec::new();
+        let mut enter = |border| borders.push(border);
+        split(
+            positions,
+            &mut order,
+            0,
+            tiles,
+            seed,
+            &mut |_| (),
+            &mut enter,
+        );
+        Self { borders, tiles }
+    }
+
+    /// The tile that owns a position.
+    ///
+    /// # Complexity
+    /// Logarithmic in the number of tiles.
+    pub(crate) fn tile(&self, position: &[f64; 3]) -> usize {
+        let (mut node, mut first, mut count) = (0, 0, self.tiles);
+        while count > 1 {
+            let (border, lower) = &self.borders[node];
+            // A part of n tiles has n - 1 borders.
+            if border.is_upper(position) {
+                (node, first, count) = (node + lower, first + lower, count - lower);
+            } else {
+                (node, count) = (node + 1, *lower);
+            }
+        }
+        first
+    }
+
+    /// Everything that tells it from others.
+    pub(crate) fn put(&self, out: &mut Vec<u8>) {
+        for (border, lower) in &self.borders {
+            let (axis, position) = match border {
+                Border::At(axis, position) => (*axis as u64, *position),
+                Border::AllLower => (3, [0.0; 3]),
+                Border::AllUpper => (4, [0.0; 3]),
+            };
+            [*lower as u64, axis].put(out);
+            position.put(out);
+        }
+    }
+}
+
+/// Order along an axis; equal positions alone are equal.
+fn along(axis: usize, a: &[f64; 3], b: &[f64; 3]) -> Ordering {
+    a[axis].total_cmp(&b[axis]).then_with(|| by_position(a, b))
+}
+
+/// Passes the ranges of `parts` parts of `order`, which is sorted along, to `leaf`, and the borders between to `enter`. Parts are of
+/// about equal size.
 fn split(
     positions: &[[f64; 3]],
     order: &mut [u32],
     first: usize,
     parts: usize,
     seed: u64,
-    ranges: &mut Vec<Range<usize>>,
+    leaf: &mut impl FnMut(Range<usize>),
+    enter: &mut impl FnMut((Border, usize)),
 ) {
     if parts <= 1 {
-        ranges.push(first..first + order.len());
+        leaf(first..first + order.len());
         return;
     }
     let bounds = Bounds::of(order.iter().map(|&v| &positions[v as usize]));
@@ -77,38 +159,67 @@ fn split(
     let mixed = seed
         .wrapping_mul(0x9e37_79b9_7f4a_7c15)
         .wrapping_add(first as u64 ^ parts as u64);
-    let turned = if seed == 0 {
-        0
-    } else {
-        (mixed >> 17) as usize % 3
+    let turned = match seed {
+        0 => 0,
+        _ => (mixed >> 17) as usize % 3,
     };
     let axis = (longest.unwrap_or(0) + turned) % 3;
-    let left = match seed {
+    let lower = match seed {
         0 => parts / 2,
         _ => (parts / 3 + (mixed >> 29) as usize % (parts / 3 + 1)).clamp(1, parts - 1),
     };
-    let at = (order.len() as u128 * left as u128 / parts as u128) as usize;
-    let by = |a: &u32, b: &u32| {
-        let (a, b) = (&positions[*a as usize], &positions[*b as usize]);
-        a[axis].total_cmp(&b[axis]).then_with(|| by_position(a, b))
-    };
-    if at > 0 && at < order.len() {
+    let at = (order.len() as u128 * lower as u128 / parts as u128) as usize;
+    let border = if at == 0 {
+        Border::AllUpper
+    } else if at == order.len() {
+        Border::AllLower
+    } else {
+        let by = |a: &u32, b: &u32| along(axis, &positions[*a as usize], &positions[*b as usize]);
         order.select_nth_unstable_by(at, by);
-    }
+        Border::At(axis, positions[order[at] as usize])
+    };
+    enter((border, lower));
     let (low, high) = order.split_at_mut(at);
     // The selection leaves an order of its own within the parts.
-    let (left_parts, right_parts) = (left, parts - left);
-    split(positions, low, first, left_parts, seed, ranges);
-    split(positions, high, first + at, right_parts, seed, ranges);
+    split(positions, low, first, lower, seed, leaf, enter);
+    split(
+        positions,
+        high,
+        first + at,
+        parts - lower,
+        seed,
+        leaf,
+        enter,
+    );
 }
 
-/// Four positions that span space; `None` when there are none.
-pub(crate) fn basis(positions: &[[f64; 3]]) -> Option<[u32; 4]> {
-    let at = |i: usize| &positions[i];
-    let (a, b) = (0, 1);
-    let c = (2..positions.len()).find(|&c| !are_collinear(at(a), at(b), at(c)))?;
-    let d = (c + 1..positions.len()).find(|&d| orient3d(at(a), at(b), at(c), at(d)) != 0.0)?;
-    Some([a as u32, b as u32, c as u32, d as u32])
+/// Four positions that span space, found one after another.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Basis {
+    found: Vec<[f64; 3]>,
+}
+
+impl Basis {
+    pub(crate) fn add(&mut self, position: &[f64; 3]) {
+        let is_next = match &self.found[..] {
+            [] => true,
+            [a] => a != position,
+            [a, b] => !are_collinear(a, b, position),
+            [a, b, c] => orient3d(a, b, c, position) != 0.0,
+            _ => false,
+        };
+        if is_next {
+            self.found.push(*position);
+        }
+    }
+
+    pub(crate) fn is_complete(&self) -> bool {
+        self.found.len() == 4
+    }
+
+    pub(crate) fn contains(&self, position: &[f64; 3]) -> bool {
+        self.found.contains(position)
+    }
 }
 
 #[cfg(test)]
@@ -118,30 +229,31 @@ mod tests {
     #[test]
     fn every_position_is_in_one_tile_and_one_block() {
         let positions: Vec<[f64; 3]> = (0..1000)
-            .map(|i| {
-                [
-                    f64::from(i % 10),
-                    f64::from(i / 10 % 10),
-                    f64::from(i / 100),
-                ]
-            })
+            .map(|i| [i % 10, i / 10 % 10, i / 100].map(f64::from))
             .collect();
         for (count, seed) in [(1, 0), (2, 0), (7, 3), (64, 1), (3000, 0)] {
-            let tiles = tiles(&positions, count, seed);
-            assert_eq!(tiles.len(), count);
-            let mut all: Vec<u32> = tiles
-                .iter()
-                .flat_map(|tile| tile.vertices.clone())
-                .collect();
-            all.sort_unstable();
-            assert_eq!(all, (0..1000).collect::<Vec<u32>>());
-            for tile in &tiles {
-                let blocks: Vec<usize> = tile.blocks.iter().cloned().flatten().collect();
-                assert_eq!(blocks, (0..tile.vertices.len()).collect::<Vec<_>>());
+            let territory = Territory::new(&positions, count, seed);
+            let mut owned = vec![0usize; count];
+            for position in &positions {
+                owned[territory.tile(position)] += 1;
+            }
+            assert_eq!(owned.iter().sum::<usize>(), 1000);
+            if seed == 0 {
+                let most = owned.iter().max().unwrap();
+                assert!(most - owned.iter().min().unwrap() <= 1, "{owned:?}");
             }
         }
-        let flat: Vec<[f64; 3]> = positions.iter().map(|p| [p[0], p[1], 2.0]).collect();
-        assert_eq!(basis(&flat[..100]), None);
-        assert!(basis(&positions).is_some());
+        let numbering = number(&positions);
+        let blocks: Vec<usize> = numbering.blocks.iter().cloned().flatten().collect();
+        assert_eq!(blocks, (0..1000).collect::<Vec<_>>());
+        let mut all = numbering.order;
+        all.sort_unstable();
+        assert_eq!(all, (0..1000).collect::<Vec<u32>>());
+        let mut basis = Basis::default();
+        let flat = positions.iter().map(|p| [p[0], p[1], 2.0]);
+        flat.for_each(|position| basis.add(&position));
+        assert!(!basis.is_complete());
+        positions.iter().for_each(|position| basis.add(position));
+        assert!(basis.is_complete());
     }
 }

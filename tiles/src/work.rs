@@ -194,14 +194,18 @@ impl Work {
 
     /// Removes what interrupted writers left behind. No other process may be writing.
     pub fn remove_unfinished(&self) {
-        for stage in Stage::ALL {
-            let Ok(entries) = std::fs::read_dir(self.folder.join(stage.name())) else {
+        let names = Stage::ALL.map(Stage::name).into_iter();
+        for name in names.chain(["", "plan", "plan/points", "plan/rays"]) {
+            let Ok(entries) = std::fs::read_dir(self.folder.join(name)) else {
                 continue;
             };
             for entry in entries.flatten() {
                 if entry.file_name().to_string_lossy().starts_with(UNFINISHED) {
                     // A file that stays does no harm.
-                    let _ = std::fs::remove_file(entry.path());
+                    let _ = match entry.path().is_dir() {
+                        true => std::fs::remove_dir_all(entry.path()),
+                        false => std::fs::remove_file(entry.path()),
+                    };
                 }
             }
         }

@@ -14,3 +14,5 @@ pub(super) mod seven_scenes;
 pub(super) mod stella;
 pub(super) mod transforms;
 pub(super) mod tum;
+
+pub use colmap::DenseCloud;

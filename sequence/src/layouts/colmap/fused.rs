@@ -22,6 +22,13 @@ pub(super) fn named_cloud(folder: &Folder) -> Option<PathBuf> {
     Some(folder.path().join(name))
 }
 
+/// The file beside a cloud that lists the images of each point.
+pub(super) fn visibility(cloud: &Path) -> PathBuf {
+    let mut seen = cloud.as_os_str().to_owned();
+    seen.push(".vis");
+    PathBuf::from(seen)
+}
+
 /// The points of a cloud. `view_of` has the view of each image, in the order of their ids.
 pub(super) fn read_cloud(path: &Path, view_of: &[u32]) -> Result<Vec<ModelPoint>, SequenceError> {
     let content = |problem: String| SequenceError::Content {
@@ -29,9 +36,7 @@ pub(super) fn read_cloud(path: &Path, view_of: &[u32]) -> Result<Vec<ModelPoint>
         problem,
     };
     let shape = read_geometry(path).map_err(|error| content(error.to_string()))?;
-    let mut seen = path.as_os_str().to_owned();
-    seen.push(".vis");
-    let seen = PathBuf::from(seen);
+    let seen = visibility(path);
     let bytes = read_file(&seen)?;
     let mut reader = ByteReader::new(&seen, &bytes);
     let count = reader.count("points", 4)?;

@@ -7,6 +7,7 @@
 mod binary;
 mod builder;
 mod camera;
+mod dense_cloud;
 mod fused;
 mod text;
 
@@ -16,6 +17,8 @@ use super::super::SequenceError;
 use super::super::layout::{Folder, Layout, PoseSource, Recording};
 use super::super::model::StoredModel;
 use builder::ModelBuilder;
+
+pub use dense_cloud::DenseCloud;
 
 /// Reader of COLMAP.
 pub(in super::super) struct Colmap;
@@ -85,6 +88,20 @@ fn read_model(
     let mut model = model.finish();
     model.points = points;
     Ok(model)
+}
+
+/// Reads `cameras` and `images` alone, and the view of each image in the order of their ids.
+fn read_images_only(
+    folder: &Path,
+    format: ModelFormat,
+) -> Result<(StoredModel, Vec<u32>), SequenceError> {
+    let file = |name: &str| folder.join(format!("{name}.{}", format.extension()));
+    let [read_cameras, _, read_images] = format.readers();
+    let mut model = ModelBuilder::default();
+    read_cameras(&file("cameras"), &mut model)?;
+    read_images(&file("images"), &mut model)?;
+    let views = model.views();
+    Ok((model.finish(), views))
 }
 
 fn format_of(folder: &Path) -> Option<ModelFormat> {
