@@ -1,8 +1,7 @@
 //! What rays say about the cells of a tile.
 //!
 //! What one ray adds to one cell is an integer that depends on these two alone, so a sum may be split among tiles in any way. Small
-//! cells are summed by the tiles that have a vertex of them: from the rays to their own points and from all others that may meet
-//! the cells. Some cells are giants, wider than an eighth of a tile, and crossed by a good part of all rays; each tile adds up what the
+//! cells are summed by the tile that they belong to, from the rays to its own points and from all others that may meet the cells. Some cells are giants, wider than an eighth of a tile, and crossed by a good part of all rays; each tile adds up what the
 //! rays to its own points say about them, and the stage `giants` adds these sums.
 //!
 //! A ray walks through the tetrahedra of the tile even where these are not those of the whole scene: what it adds there is not
@@ -13,13 +12,14 @@ use linecarve_carving::{CellId, Changes, Location};
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
+use crate::blocks::write_blocks;
 use crate::bounds::{Bounds, BoxTree, Node};
 use crate::error::TilesError;
 use crate::file::{Kind, Reader, Writer};
 use crate::giants::{self, Giants};
 use crate::record::RayRecord;
 use crate::stage::{Counts, Item, counts};
-use crate::tile::{CellKey, TileCells, Vertex, global, traced};
+use crate::tile::{CellKey, TileCells, Vertex, global, tile_of, traced};
 use crate::work::Work;
 
 /// A cell without a sum.
@@ -45,9 +45,13 @@ struct Sums {
 }
 
 impl Sums {
-    fn new(work: &Work, cells: TileCells, giants: &Giants) -> Result<Self, TilesError> {
+    fn new(
+        work: &Work,
+        tile: usize,
+        cells: TileCells,
+        giants: &Giants,
+    ) -> Result<Self, TilesError> {
         let tetrahedra = &cells.tetrahedra;
-        let is_cut = work.plan().is_cut();
         let mut numbers = vec![NO_SUM; tetrahedra.cell_capacity()];
         let mut small = Vec::new();
         let mut large = Vec::new();
@@ -58,7 +62,7 @@ impl Sums {
             if work.plan().is_giant(cells.extent(cell)) {
                 let giant = cells.key(cell).and_then(|key| giants.number(&key));
                 large.extend(giant.map(|giant| (cell, giant)));
-            } else if cells.is_star(cell) || is_cut && cells.is_near(cell) {
+            } else if (cells.key(cell)).is_some_and(|key| tile_of(key[0]) == tile) {
                 numbers[cell.index()] = small.len() as u32;
                 small.push(cell);
             }
@@ -89,9 +93,7 @@ impl Sums {
         let mut cells: Vec<(usize, Bounds)> = Vec::new();
         let tetrahedra = &self.cells.tetrahedra;
         for &cell in &self.small {
-            let around = std::iter::once(cell).chain(tetrahedra.neighbors(cell));
-            let own = around
-                .flat_map(|cell| tetrahedra.cell_vertices(cell))
+            let own = (tetrahedra.cell_vertices(cell).into_iter())
                 .filter(|&vertex| self.cells.is_own(vertex))
                 .map(|vertex| (crate::tile::local_of(self.cells.id(vertex)), vertex))
                 .min();
@@ -247,7 +249,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         giants.vertices.clone()
     };
     let cells = TileCells::framed_with(work, item, vertices)?;
-    let mut sums = Sums::new(work, cells, &giants)?;
+    let mut sums = Sums::new(work, tile, cells, &giants)?;
     let tree = sums.tree();
     let mut stack = Vec::new();
     let root = tree.root().map(|root| *tree.bounds(root));
@@ -268,12 +270,14 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         .filter_map(|&cell| Some((sums.cells.key(cell)?, cell)))
         .collect();
     small.sort_unstable();
+    let keys: Vec<CellKey> = small.iter().map(|(key, _)| *key).collect();
     let mut writer = work.create_result(item)?;
-    writer.section(&small.iter().map(|(key, _)| *key).collect::<Vec<CellKey>>())?;
-    let values: Vec<u64> = small.iter().flat_map(|(_, cell)| sums.of(*cell)).collect();
-    writer.section(&values)?;
-    let partial = partial_sums(&sums, &giants);
-    writer.section(&partial)?;
+    writer.section(&partial_sums(&sums, &giants))?;
+    write_blocks(&mut writer, &keys, |writer, block| {
+        writer.section(&keys[block.clone()])?;
+        let values = small[block].iter().flat_map(|(_, cell)| sums.of(*cell));
+        writer.section(&values.collect::<Vec<u64>>())
+    })?;
     let counted = [
         ("cells", small.len()),
         ("rays", sums.rays - foreign),

@@ -2,6 +2,7 @@
 
 use rustc_hash::FxHashMap;
 
+use crate::blocks::visit_blocks;
 use crate::error::TilesError;
 use crate::file::Writer;
 use crate::stage::{Counts, Item, Stage, counts};
@@ -49,7 +50,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let mut sums = vec![0u64; giants.keys.len() * width];
     for needed in Stage::Carve.items(work) {
         let carved = work.open_result(needed, item)?;
-        let partial: Vec<u64> = carved.records(2)?;
+        let partial: Vec<u64> = carved.records(0)?;
         for entry in partial.chunks_exact(1 + width) {
             let first = entry[0] as usize * width;
             let Some(own) = sums.get_mut(first..first + width) else {
@@ -66,38 +67,73 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     Ok((writer, counts([("giants", giants.keys.len())])))
 }
 
-/// The sums of cells by their keys, from one or more results.
+/// The sums of some cells by their keys.
 pub(crate) struct CellSums {
-    tables: Vec<(Vec<CellKey>, Vec<u64>)>,
+    /// In increasing order.
+    keys: Vec<CellKey>,
+    sums: Vec<u64>,
     width: usize,
 }
 
 impl CellSums {
-    /// Those of a tile, giants included.
-    pub(crate) fn read(work: &Work, item: Item) -> Result<Self, TilesError> {
-        let carve = Item {
-            stage: Stage::Carve,
-            number: item.number,
+    /// Those of the cells with these keys, giants included, from the tiles that they belong to.
+    pub(crate) fn read(
+        work: &Work,
+        item: Item,
+        mut keys: Vec<CellKey>,
+    ) -> Result<Self, TilesError> {
+        keys.sort_unstable();
+        keys.dedup();
+        let width = work.plan().sums();
+        let giants = work.open_result(
+            Item {
+                stage: Stage::Giants,
+                number: 0,
+            },
+            item,
+        )?;
+        let giant_keys: Vec<CellKey> = giants.records(0)?;
+        let giant_sums: Vec<u64> = giants.records(1)?;
+        let mut sums = vec![u64::MAX; keys.len() * width];
+        let mut small = Vec::with_capacity(keys.len());
+        for (number, key) in keys.iter().enumerate() {
+            match giant_keys.binary_search(key) {
+                Ok(giant) => sums[number * width..(number + 1) * width]
+                    .copy_from_slice(&giant_sums[giant * width..(giant + 1) * width]),
+                Err(_) => small.push(*key),
+            }
+        }
+        let open = |tile| {
+            let stage = Stage::Carve;
+            work.open_result(
+                Item {
+                    stage,
+                    number: tile,
+                },
+                item,
+            )
         };
-        let giants = Item {
-            stage: Stage::Giants,
-            number: 0,
-        };
-        let table = |needed| {
-            let reader = work.open_result(needed, item)?;
-            Ok((reader.records(0)?, reader.records(1)?))
-        };
-        Ok(Self {
-            tables: vec![table(carve)?, table(giants)?],
-            width: work.plan().sums(),
-        })
+        visit_blocks(&small, open, (1, 2), |reader, _, block, needed| {
+            let found: Vec<CellKey> = reader.records(block.section)?;
+            let values: Vec<u64> = reader.records(block.section + 1)?;
+            for key in needed {
+                let (Ok(at), Ok(number)) = (found.binary_search(key), keys.binary_search(key))
+                else {
+                    return Err(TilesError::damaged(reader.path(), "a cell without sums"));
+                };
+                let Some(own) = values.get(at * width..(at + 1) * width) else {
+                    return Err(TilesError::damaged(reader.path(), "lists differ in length"));
+                };
+                sums[number * width..(number + 1) * width].copy_from_slice(own);
+            }
+            Ok(())
+        })?;
+        Ok(Self { keys, sums, width })
     }
 
     /// The sums of a cell; those of facets in the order of the opposite vertices.
     pub(crate) fn of(&self, key: &CellKey) -> Option<&[u64]> {
-        self.tables.iter().find_map(|(keys, sums)| {
-            let at = keys.binary_search(key).ok()?;
-            sums.get(at * self.width..(at + 1) * self.width)
-        })
+        let at = self.keys.binary_search(key).ok()?;
+        self.sums.get(at * self.width..(at + 1) * self.width)
     }
 }

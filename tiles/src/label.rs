@@ -4,8 +4,6 @@
 //! and a halo around them twice: what is free although everything outside is occupied is free, and what is occupied although
 //! everything outside is free is occupied. What differs is settled later (`settle`).
 
-use std::collections::hash_map::Entry;
-
 use linecarve_carving::internals::flow::{Network, NodeId};
 use rustc_hash::FxHashMap;
 
@@ -14,7 +12,7 @@ use crate::file::Writer;
 use crate::giants;
 use crate::network::Cells;
 use crate::stage::{Counts, Item, Stage, counts};
-use crate::tile::{CellKey, tile_of};
+use crate::tile::CellKey;
 use crate::work::Work;
 
 pub(crate) const OCCUPIED: u8 = 0;
@@ -23,9 +21,10 @@ pub(crate) const UNDECIDED: u8 = 2;
 
 /// Cells of one or more tiles that are solved together.
 struct Region {
-    networks: FxHashMap<usize, Cells>,
-    /// Tile of each cell and its number there.
-    cells: Vec<(usize, usize)>,
+    /// Those of the tile, then those around.
+    cells: Cells,
+    /// Number of cells of the tile.
+    own: usize,
     numbers: FxHashMap<CellKey, u32>,
 }
 
@@ -33,90 +32,75 @@ impl Region {
     /// The cells of a tile and those up to `halo` facets away. Giants are reached, but not passed: they lead everywhere.
     fn around(work: &Work, item: Item) -> Result<Self, TilesError> {
         let giants = giants::list(work, item)?;
-        let own = Cells::read(work, item.number, item)?;
+        let cells = Cells::read(work, item.number, item)?;
         let mut region = Self {
-            numbers: (own.keys.iter().copied()).zip(0..).collect(),
-            cells: (0..own.keys.len())
-                .map(|cell| (item.number, cell))
-                .collect(),
-            networks: FxHashMap::default(),
+            numbers: (cells.keys.iter().copied()).zip(0..).collect(),
+            own: cells.keys.len(),
+            cells,
         };
-        region.networks.insert(item.number, own);
-        let mut ring = 0..region.cells.len();
+        let mut ring = 0..region.own;
         for _ in 0..work.plan().halo {
             let mut reached = Vec::new();
-            for &(tile, cell) in &region.cells[ring.clone()] {
-                let network = &region.networks[&tile];
-                let is_giant = giants.number(&network.keys[cell]).is_some();
-                if is_giant && tile != item.number {
+            for cell in ring.clone() {
+                let is_giant =
+                    cell >= region.own && giants.number(&region.cells.keys[cell]).is_some();
+                if is_giant {
                     continue;
                 }
-                let neighbors = (0..4).filter_map(|facet| network.neighbor(cell, facet));
-                reached.extend(neighbors.map(|(key, _)| key));
+                let neighbors = (0..4).filter_map(|facet| region.cells.neighbor(cell, facet));
+                let neighbors = neighbors.map(|(key, _)| key);
+                reached.extend(neighbors.filter(|key| !region.numbers.contains_key(key)));
             }
-            reached.retain(|key| !region.numbers.contains_key(key));
             reached.sort_unstable();
             reached.dedup();
-            let before = region.cells.len();
-            for key in reached {
-                region.take(work, item, key)?;
-            }
-            ring = before..region.cells.len();
+            let before = region.cells.keys.len();
+            region.cells.append(work, item, &reached)?;
+            ring = before..region.cells.keys.len();
+            let keys = region.cells.keys[before..].iter().copied();
+            region.numbers.extend(keys.zip(before as u32..));
         }
         Ok(region)
     }
 
-    fn take(&mut self, work: &Work, item: Item, key: CellKey) -> Result<(), TilesError> {
-        let tile = tile_of(key[0]);
-        if let Entry::Vacant(entry) = self.networks.entry(tile) {
-            entry.insert(Cells::read(work, tile, item)?);
-        }
-        let Ok(cell) = self.networks[&tile].keys.binary_search(&key) else {
-            return Err(TilesError::damaged(&work.path(item), "a cell without arcs"));
-        };
-        self.numbers.insert(key, self.cells.len() as u32);
-        self.cells.push((tile, cell));
-        Ok(())
-    }
-
-    /// Whether each cell is free when all cells outside are free, or all are occupied.
+    /// Whether each cell of the tile is free when all cells outside are free, or all are occupied.
     fn solve(&self, is_outside_free: bool) -> Vec<bool> {
+        let cells = &self.cells;
+        let count = cells.keys.len();
         let mut network = Network::new();
-        network.grow(self.cells.len());
-        let mut terminals = Vec::with_capacity(self.cells.len());
-        for (number, &(tile, cell)) in (0u32..).zip(&self.cells) {
-            let cells = &self.networks[&tile];
+        network.grow(count);
+        let mut terminals = Vec::with_capacity(count);
+        for cell in 0..count {
+            let number = NodeId(cell as u32);
             let mut terminal = cells.terminals[cell];
             for facet in 0..4 {
                 let Some((other, back)) = cells.neighbor(cell, facet) else {
                     continue;
                 };
                 match self.numbers.get(&other) {
-                    Some(&other) => network.join(NodeId(number), facet, NodeId(other), back),
+                    Some(&other) => network.join(number, facet, NodeId(other), back),
                     None if is_outside_free => terminal += cells.into[cell][facet],
                     None => terminal -= cells.out[cell][facet],
                 }
             }
             terminals.push(terminal);
         }
-        for (number, &(tile, cell)) in (0u32..).zip(&self.cells) {
+        for (cell, terminal) in terminals.into_iter().enumerate() {
+            let number = NodeId(cell as u32);
             for facet in 0..4 {
-                let capacity = self.networks[&tile].out[cell][facet];
-                network.set_capacity(NodeId(number), facet, capacity);
+                network.set_capacity(number, facet, cells.out[cell][facet]);
             }
-            network.set_terminal(NodeId(number), terminals[number as usize]);
+            network.set_terminal(number, terminal);
         }
         network.maximize();
-        let numbers = 0..self.cells.len() as u32;
-        numbers
-            .map(|number| network.is_source_side(NodeId(number)))
+        let own = 0..self.own as u32;
+        own.map(|number| network.is_source_side(NodeId(number)))
             .collect()
     }
 }
 
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
     let region = Region::around(work, item)?;
-    let own = region.networks[&item.number].keys.len();
+    let own = region.own;
     let least = region.solve(false);
     let most = region.solve(true);
     let label = |cell: usize| match (least[cell], most[cell]) {
@@ -130,7 +114,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     writer.section(&labels)?;
     let counted = [
         ("cells", own),
-        ("halo", region.cells.len() - own),
+        ("halo", region.cells.keys.len() - own),
         ("undecided", undecided),
     ];
     Ok((writer, counts(counted)))
@@ -145,52 +129,47 @@ pub(crate) fn proved(work: &Work, tile: usize, item: Item) -> Result<Vec<u8>, Ti
     work.open_result(needed, item)?.records(0)
 }
 
-/// The final labels of the cells of some tiles.
+/// The final labels of some cells.
 pub(crate) struct Labels {
-    tiles: FxHashMap<usize, (Vec<CellKey>, Vec<u8>)>,
-    settled: (Vec<CellKey>, Vec<u8>),
+    /// Whether each is free, in increasing order.
+    cells: Vec<(CellKey, bool)>,
 }
 
 impl Labels {
-    /// Those of the tiles to which some cells belong.
     pub(crate) fn read(
         work: &Work,
         item: Item,
-        keys: impl Iterator<Item = CellKey>,
+        mut keys: Vec<CellKey>,
     ) -> Result<Self, TilesError> {
-        let mut tiles: Vec<usize> = keys.map(|key| tile_of(key[0])).collect();
-        tiles.sort_unstable();
-        tiles.dedup();
+        keys.sort_unstable();
+        keys.dedup();
         let needed = Item {
             stage: Stage::Settle,
             number: 0,
         };
         let settled = work.open_result(needed, item)?;
-        let mut labels = Self {
-            tiles: FxHashMap::default(),
-            settled: (settled.records(0)?, settled.records(1)?),
-        };
-        for tile in tiles {
-            let network = Item {
-                stage: Stage::Network,
-                number: tile,
+        let settled: (Vec<CellKey>, Vec<u8>) = (settled.records(0)?, settled.records(1)?);
+        let mut of_tile: (usize, Vec<u8>) = (usize::MAX, Vec::new());
+        let mut cells = Vec::with_capacity(keys.len());
+        for (key, tile, number) in Cells::numbers(work, item, &keys)? {
+            if of_tile.0 != tile {
+                of_tile = (tile, proved(work, tile, item)?);
+            }
+            let label = match of_tile.1.get(number) {
+                Some(&UNDECIDED) => {
+                    let at = settled.0.binary_search(&key).ok();
+                    at.and_then(|at| settled.1.get(at))
+                }
+                label => label,
             };
-            let keys = work.open_result(network, item)?.records(0)?;
-            labels.tiles.insert(tile, (keys, proved(work, tile, item)?));
+            cells.extend(label.map(|&label| (key, label == FREE)));
         }
-        Ok(labels)
+        Ok(Self { cells })
     }
 
     /// Whether a cell is free.
     pub(crate) fn is_free(&self, key: &CellKey) -> Option<bool> {
-        let look_up = |(keys, labels): &(Vec<CellKey>, Vec<u8>)| {
-            let at = keys.binary_search(key).ok()?;
-            labels.get(at).copied()
-        };
-        let proved = look_up(self.tiles.get(&tile_of(key[0]))?)?;
-        match proved {
-            UNDECIDED => look_up(&self.settled).map(|label| label == FREE),
-            label => Some(label == FREE),
-        }
+        let at = self.cells.binary_search_by(|(own, _)| own.cmp(key)).ok()?;
+        Some(self.cells[at].1)
     }
 }

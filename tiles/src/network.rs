@@ -4,8 +4,9 @@ use linecarve_carving::Labels;
 use linecarve_carving::internals::{FREE_SUM, FacetShape, OCCUPIED_SUM, cosines};
 use linecarve_carving::{CellId, CutOptions};
 
+use crate::blocks::{Block, all_blocks, visit_blocks, write_blocks};
 use crate::error::TilesError;
-use crate::file::Writer;
+use crate::file::{Reader, Writer};
 use crate::giants::CellSums;
 use crate::stage::{Counts, Item, Stage, counts};
 use crate::tile::{CellKey, NO_VERTEX, TileCells, tile_of};
@@ -26,32 +27,112 @@ pub(crate) struct Cells {
     pub(crate) out: Vec<[i64; 4]>,
 }
 
+/// Sections of a block: those of [`Cells`].
+const SECTIONS: usize = 5;
+
 impl Cells {
     /// The network of a tile.
     pub(crate) fn read(work: &Work, tile: usize, item: Item) -> Result<Self, TilesError> {
-        let needed = Item {
-            stage: Stage::Network,
-            number: tile,
-        };
-        let reader = work.open_result(needed, item)?;
+        let reader = Self::open(work, tile, item)?;
+        let mut cells = Self::default();
+        for block in all_blocks(&reader, 0, SECTIONS) {
+            let mut more = Self::block(&reader, block)?;
+            cells.keys.append(&mut more.keys);
+            cells.terminals.append(&mut more.terminals);
+            cells.apexes.append(&mut more.apexes);
+            cells.into.append(&mut more.into);
+            cells.out.append(&mut more.out);
+        }
+        Ok(cells)
+    }
+
+    fn open(work: &Work, tile: usize, item: Item) -> Result<Reader, TilesError> {
+        let stage = Stage::Network;
+        work.open_result(
+            Item {
+                stage,
+                number: tile,
+            },
+            item,
+        )
+    }
+
+    fn block(reader: &Reader, block: Block) -> Result<Self, TilesError> {
+        let section = block.section;
         let cells = Self {
-            keys: reader.records(0)?,
-            terminals: reader.records(1)?,
-            apexes: reader.records(2)?,
-            into: reader.records(3)?,
-            out: reader.records(4)?,
+            keys: reader.records(section)?,
+            terminals: reader.records(section + 1)?,
+            apexes: reader.records(section + 2)?,
+            into: reader.records(section + 3)?,
+            out: reader.records(section + 4)?,
         };
-        let count = cells.keys.len();
         let lengths = [
             cells.terminals.len(),
             cells.apexes.len(),
             cells.into.len(),
             cells.out.len(),
         ];
-        match lengths == [count; 4] {
+        match lengths == [cells.keys.len(); 4] {
             true => Ok(cells),
             false => Err(TilesError::damaged(reader.path(), "lists differ in length")),
         }
+    }
+
+    /// Passes the blocks of a tile to `take`, each with the number of its first cell.
+    pub(crate) fn visit(
+        work: &Work,
+        tile: usize,
+        item: Item,
+        mut take: impl FnMut(usize, Cells),
+    ) -> Result<(), TilesError> {
+        let reader = Self::open(work, tile, item)?;
+        all_blocks(&reader, 0, SECTIONS).try_for_each(|block| {
+            take(block.first, Self::block(&reader, block)?);
+            Ok(())
+        })
+    }
+
+    /// Appends cells of any tiles; `keys` is sorted.
+    pub(crate) fn append(
+        &mut self,
+        work: &Work,
+        item: Item,
+        keys: &[CellKey],
+    ) -> Result<(), TilesError> {
+        let open = |tile| Self::open(work, tile, item);
+        visit_blocks(keys, open, (0, SECTIONS), |reader, _, block, needed| {
+            let found = Self::block(reader, block)?;
+            for key in needed {
+                let Ok(cell) = found.keys.binary_search(key) else {
+                    return Err(TilesError::damaged(reader.path(), "a cell without arcs"));
+                };
+                self.keys.push(*key);
+                self.terminals.push(found.terminals[cell]);
+                self.apexes.push(found.apexes[cell]);
+                self.into.push(found.into[cell]);
+                self.out.push(found.out[cell]);
+            }
+            Ok(())
+        })
+    }
+
+    /// Tile and number of cells there; `keys` is sorted, and cells that no tile has are left out.
+    pub(crate) fn numbers(
+        work: &Work,
+        item: Item,
+        keys: &[CellKey],
+    ) -> Result<Vec<(CellKey, usize, usize)>, TilesError> {
+        let open = |tile| Self::open(work, tile, item);
+        let mut numbers = Vec::with_capacity(keys.len());
+        visit_blocks(keys, open, (0, SECTIONS), |reader, tile, block, needed| {
+            let found: Vec<CellKey> = reader.records(block.section)?;
+            for key in needed {
+                let at = found.binary_search(key).ok();
+                numbers.extend(at.map(|at| (*key, tile, block.first + at)));
+            }
+            Ok(())
+        })?;
+        Ok(numbers)
     }
 
     /// The cell across a facet and its facet back; `None` on the hull.
@@ -71,7 +152,6 @@ pub(crate) fn across(key: &CellKey, facet: usize, apex: u64) -> Option<(CellKey,
 
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
     let cells = TileCells::framed(work, item)?;
-    let sums = CellSums::read(work, item)?;
     let options = match work.plan().carver.labels {
         Labels::Cut(options) => options,
         Labels::Votes(_) => CutOptions::default(),
@@ -85,6 +165,10 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         .filter(|(key, _)| tile_of(key[0]) == item.number)
         .collect();
     own.sort_unstable();
+    let around = |cell: CellId| tetrahedra.neighbors(cell).into_iter().chain([cell]);
+    let needed = own.iter().flat_map(|(_, cell)| around(*cell));
+    let needed = needed.filter_map(|cell| cells.key(cell)).collect();
+    let sums = CellSums::read(work, item, needed)?;
     let missing = || TilesError::damaged(&work.path(item), "a cell without sums");
     let mut network = Cells::default();
     for (key, cell) in own {
@@ -113,11 +197,13 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         network.out.push(out);
     }
     let mut writer = work.create_result(item)?;
-    writer.section(&network.keys)?;
-    writer.section(&network.terminals)?;
-    writer.section(&network.apexes)?;
-    writer.section(&network.into)?;
-    writer.section(&network.out)?;
+    write_blocks(&mut writer, &network.keys, |writer, block| {
+        writer.section(&network.keys[block.clone()])?;
+        writer.section(&network.terminals[block.clone()])?;
+        writer.section(&network.apexes[block.clone()])?;
+        writer.section(&network.into[block.clone()])?;
+        writer.section(&network.out[block])
+    })?;
     Ok((writer, counts([("cells", network.keys.len())])))
 }
 

@@ -25,18 +25,20 @@ struct Cell {
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
     let tiles = 0..work.plan().tiles.len();
     let mut cells: Vec<Cell> = Vec::new();
-    for tile in tiles.clone() {
-        let network = Cells::read(work, tile, item)?;
+    for tile in tiles {
         let labels = proved(work, tile, item)?;
-        let undecided = (0..network.keys.len()).zip(&labels);
-        let undecided = undecided.filter(|(_, label)| **label == UNDECIDED);
-        cells.extend(undecided.map(|(cell, _)| Cell {
-            key: network.keys[cell],
-            terminal: network.terminals[cell],
-            apexes: network.apexes[cell],
-            into: network.into[cell],
-            out: network.out[cell],
-        }));
+        Cells::visit(work, tile, item, |first, network| {
+            let labels = labels.get(first..).unwrap_or_default();
+            let undecided = (0..network.keys.len()).zip(labels);
+            let undecided = undecided.filter(|(_, label)| **label == UNDECIDED);
+            cells.extend(undecided.map(|(cell, _)| Cell {
+                key: network.keys[cell],
+                terminal: network.terminals[cell],
+                apexes: network.apexes[cell],
+                into: network.into[cell],
+                out: network.out[cell],
+            }));
+        })?;
     }
     cells.sort_unstable_by_key(|cell| cell.key);
     let numbers: FxHashMap<CellKey, u32> = cells.iter().map(|cell| cell.key).zip(0..).collect();
@@ -47,19 +49,19 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         facets.filter_map(|(cell, facet)| across(&cell.key, facet, cell.apexes[facet]))
     };
     // What is proved of the cells around.
-    let mut fixed: FxHashMap<CellKey, bool> = around()
-        .filter(|(key, _)| !numbers.contains_key(key))
-        .map(|(key, _)| (key, false))
+    let mut beyond: Vec<CellKey> = around()
+        .map(|(key, _)| key)
+        .filter(|key| !numbers.contains_key(key))
         .collect();
-    if !fixed.is_empty() {
-        for tile in tiles {
-            let network = Cells::read(work, tile, item)?;
-            for (key, label) in network.keys.iter().zip(proved(work, tile, item)?) {
-                if let Some(is_free) = fixed.get_mut(key) {
-                    *is_free = label == FREE;
-                }
-            }
+    beyond.sort_unstable();
+    beyond.dedup();
+    let mut fixed: FxHashMap<CellKey, bool> = FxHashMap::default();
+    let mut of_tile: (usize, Vec<u8>) = (usize::MAX, Vec::new());
+    for (key, tile, number) in Cells::numbers(work, item, &beyond)? {
+        if of_tile.0 != tile {
+            of_tile = (tile, proved(work, tile, item)?);
         }
+        fixed.insert(key, of_tile.1.get(number) == Some(&FREE));
     }
     let labels = solve(&cells, &numbers, &fixed);
     let mut writer = work.create_result(item)?;

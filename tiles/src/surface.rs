@@ -95,14 +95,14 @@ fn labels(work: &Work, item: Item, cells: &TileCells) -> Result<Vec<bool>, Tiles
     let mut is_free = vec![false; tetrahedra.cell_capacity()];
     match work.plan().carver.labels {
         linecarve_carving::Labels::Votes(votes) => {
-            let sums = CellSums::read(work, item)?;
+            let sums = CellSums::read(work, item, stars().map(|(_, key)| key).collect())?;
             for (cell, key) in stars() {
                 let sum = sums.of(&key).ok_or_else(missing)?;
                 is_free[cell.index()] = votes.is_free(sum[0]);
             }
         }
         linecarve_carving::Labels::Cut(_) => {
-            let labels = Labels::read(work, item, stars().map(|(_, key)| key))?;
+            let labels = Labels::read(work, item, stars().map(|(_, key)| key).collect())?;
             for (cell, key) in stars() {
                 is_free[cell.index()] = labels.is_free(&key).ok_or_else(missing)?;
             }
