@@ -24,7 +24,7 @@ pub use evaluate::{AlignBy, EvaluateArgs};
 pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
 pub use synth::{NoiseModel, SynthArgs};
-pub use tiles::{TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
+pub use tiles::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 pub use track::{TrackArgs, TrackFormat, TrackMode};
 pub use values::{
     CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice, TextureChoice,

@@ -2,6 +2,7 @@
 
 mod cloud;
 mod median;
+mod slurm;
 
 use std::path::{Path, PathBuf};
 
@@ -10,6 +11,8 @@ use linecarve_mesh::{TriangleMesh, write_mesh_ply};
 use linecarve_sequence::DenseCloud;
 use linecarve_tiles::{PlanOptions, Work, merged_mesh};
 use serde::{Deserialize, Serialize};
+
+pub(crate) use slurm::slurm_script;
 
 use crate::map::{Map, close_all_holes};
 use crate::options::{HoleFilling, Options};

@@ -48,8 +48,28 @@ pub enum TilesCommand {
         /// Folder of the plan.
         work: PathBuf,
     },
+    /// Print a script that carries out a plan on a cluster: a job array for each stage, which waits for the stage before.
+    Script {
+        /// Folder of the plan, on a file system that all nodes share.
+        work: PathBuf,
+
+        /// What schedules the jobs.
+        #[arg(long, value_enum, default_value = "slurm")]
+        engine: Engine,
+
+        /// Most memory of one task (800M, 2G), which is also asked for each job.
+        #[arg(long, value_name = "SIZE")]
+        memory_limit: Option<MemoryLimit>,
+    },
     /// Carry out one task; all tasks of the stages before must be done.
     Item(TilesItemArgs),
+}
+
+/// What schedules the jobs of a script.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Engine {
+    /// Slurm: job arrays of `sbatch`.
+    Slurm,
 }
 
 /// Arguments of `tiles plan`.

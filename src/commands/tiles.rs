@@ -7,13 +7,13 @@ use std::process::Command;
 use anyhow::{Context, ensure};
 use linecarve_tiles::{Item, Stage, Work, run_item};
 
-use crate::cli::{TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
+use crate::cli::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 use crate::commands::Outcome;
 use crate::configuration::Configuration;
 use crate::options::Options;
 use crate::recording::{Input, Source};
 use crate::run::{MemoryLimit, Verbosity, limit_task, peak_mb};
-use crate::tiles::{plan, write_mesh};
+use crate::tiles::{plan, slurm_script, write_mesh};
 
 use super::input::open_options;
 
@@ -27,6 +27,11 @@ pub(super) fn run(args: &TilesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         } => run_all(work, *jobs, *memory_limit, verbosity),
         TilesCommand::Stages { work, json } => stages(&Work::open(work)?, *json),
         TilesCommand::Check { work } => check(&Work::open(work)?),
+        TilesCommand::Script {
+            work,
+            engine: Engine::Slurm,
+            memory_limit,
+        } => script(work, *memory_limit),
         TilesCommand::Item(args) => run_one(args),
     }
 }
@@ -100,13 +105,25 @@ fn run_all(
     })
 }
 
+fn script(folder: &Path, limit: Option<MemoryLimit>) -> anyhow::Result<Outcome> {
+    let folder = std::path::absolute(folder)?;
+    let program = std::env::current_exe().context("this program cannot be found")?;
+    let script = slurm_script(&Work::open(&folder)?, &program, limit);
+    write!(std::io::stdout().lock(), "{script}")?;
+    Ok(Outcome::Done)
+}
+
 fn run_one(args: &TilesItemArgs) -> anyhow::Result<Outcome> {
     limit_task(args.memory_limit).context("the limits of the task")?;
     let item = Item {
         stage: args.stage,
         number: args.number,
     };
-    run_item(&Work::open(&args.work)?, item, peak_mb)?;
+    let work = Work::open(&args.work)?;
+    // Schedulers start tasks twice.
+    if work.done(item).is_none() {
+        run_item(&work, item, peak_mb)?;
+    }
     Ok(Outcome::Done)
 }
 

@@ -136,3 +136,150 @@ fn stages_are_listed_and_damage_is_named() {
     std::fs::create_dir(&no_model).unwrap();
     expect_status(2, plan(&no_model, &work, "4", "votes"));
 }
+
+/// The commands of a plan's tasks in the order of their stages.
+fn items(work: &Path) -> Vec<[String; 2]> {
+    let json = expect_status(0, ["tiles", "stages", text(work), "--json"]).stdout;
+    let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    let items = json["items"].as_array().unwrap().iter();
+    let name = |item: &serde_json::Value| item["stage"].as_str().unwrap().to_owned();
+    items
+        .map(|item| [name(item), item["item"].to_string()])
+        .collect()
+}
+
+fn start_item(work: &Path, [stage, number]: &[String; 2]) -> std::process::Child {
+    let program = assert_cmd::cargo::cargo_bin("linecarve");
+    std::process::Command::new(program)
+        .args(["tiles", "item", text(work), stage, number])
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+#[test]
+fn killed_and_repeated_tasks_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let city = folder.path().join("city");
+    let synth = ["synth", "city", "--points", "2500", "-q", "--out"];
+    expect_status(0, synth.into_iter().chain([text(&city)]));
+    let cloud = city.join("fused.ply");
+    let expected = whole(&cloud, &folder.path().join("whole"), "cut");
+    let work = folder.path().join("work");
+    expect_status(0, plan(&cloud, &work, "2", "cut"));
+    for (moment, item) in (0u64..).zip(items(&work)) {
+        // Killed at a moment that differs from task to task, which may be after its end.
+        let mut killed = start_item(&work, &item);
+        std::thread::sleep(std::time::Duration::from_millis(moment * 37 % 61));
+        let _ = killed.kill();
+        killed.wait().unwrap();
+        // Two at once, and one more.
+        let both = [start_item(&work, &item), start_item(&work, &item)];
+        for mut one in both {
+            assert!(one.wait().unwrap().success(), "{item:?}");
+        }
+        assert!(start_item(&work, &item).wait().unwrap().success());
+    }
+    let said = stderr(&expect_status(0, ["tiles", "run", text(&work)]));
+    assert!(said.contains("0 tasks"), "{said}");
+    assert!(std::fs::read(work.join("mesh.ply")).unwrap() == expected);
+}
+
+#[test]
+#[cfg(unix)]
+fn a_full_disk_is_named_and_the_run_goes_on_later() {
+    let folder = tempfile::tempdir().unwrap();
+    let [model, _] = models(folder.path());
+    let expected = whole(&model, &folder.path().join("whole"), "votes");
+    let work = folder.path().join("work");
+    expect_status(0, plan(&model, &work, "2", "votes"));
+    // Files of more than so many blocks of 512 bytes are refused, as by a disk that is full.
+    let program = assert_cmd::cargo::cargo_bin("linecarve");
+    let limited = |blocks: u32| {
+        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
+        let run = ["tiles", "run", text(&work), "-q"];
+        let mut shell = std::process::Command::new("sh");
+        shell.args(["-c", &script, "sh"]).arg(&program).args(run);
+        shell.output().unwrap()
+    };
+    let mut refusals = 0;
+    for blocks in [1, 8, 32, 64] {
+        let output = limited(blocks);
+        if output.status.success() {
+            continue;
+        }
+        refusals += 1;
+        assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+        let said = stderr(&output);
+        assert!(said.contains(text(&work)), "{said}");
+        assert!(!work.join("mesh.ply").exists());
+    }
+    assert!(refusals > 1);
+    expect_status(0, ["tiles", "run", text(&work), "-q"]);
+    assert!(std::fs::read(work.join("mesh.ply")).unwrap() == expected);
+}
+
+#[test]
+#[cfg(unix)]
+fn the_script_for_slurm_carries_out_all_stages() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let folder = tempfile::tempdir().unwrap();
+    let [model, _] = models(folder.path());
+    let expected = whole(&model, &folder.path().join("whole"), "cut");
+    let work = folder.path().join("the user's work");
+    expect_status(0, plan(&model, &work, "3", "cut"));
+    let arguments = ["tiles", "script", text(&work), "--memory-limit", "3G"];
+    let script = expect_status(0, arguments).stdout;
+    let script = String::from_utf8(script).unwrap();
+    for part in [
+        "job0=$(array frame 0 2 \"$@\")",
+        "after=--dependency=afterok:${job0%%;*}",
+        "job0=$(array settle 0 0 \"$@\")",
+        "--mem=3000M",
+        "--memory-limit=3000M",
+        "--kill-on-invalid-dep=yes",
+    ] {
+        assert!(script.contains(part), "{part} is not in\n{script}");
+    }
+    let path = folder.path().join("run.sh");
+    std::fs::write(&path, script).unwrap();
+    // A stand-in that carries out each job at once, and writes down its arguments.
+    let stub = folder.path().join("sbatch");
+    let stand_in = r#"#!/bin/sh
+set -eu
+echo "$*" >> "$(dirname "$0")/jobs"
+last=
+for argument; do
+    case $argument in --array=0-*) last=${argument#--array=0-};; esac
+    command=$argument
+done
+number=$(wc -l < "$(dirname "$0")/jobs")
+index=0
+while [ "$index" -le "${last:-0}" ]; do
+    SLURM_ARRAY_TASK_ID=$index sh -c "$command" >&2
+    index=$((index + 1))
+done
+echo "$((number + 100));cluster"
+"#;
+    std::fs::write(&stub, stand_in).unwrap();
+    std::fs::set_permissions(&stub, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let paths = format!(
+        "{}:{}",
+        folder.path().display(),
+        std::env::var("PATH").unwrap()
+    );
+    let output = std::process::Command::new("sh")
+        .arg(&path)
+        .args(["--partition=long"])
+        .env("PATH", paths)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(std::fs::read(work.join("mesh.ply")).unwrap() == expected);
+    let jobs = std::fs::read_to_string(folder.path().join("jobs")).unwrap();
+    assert_eq!(jobs.lines().count(), 8 + 1);
+    assert!(jobs.lines().all(|job| job.contains("--partition=long")));
+    let carve = jobs.lines().nth(1).unwrap();
+    assert!(carve.contains("--dependency=afterok:101 "), "{carve}");
+}

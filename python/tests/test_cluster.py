@@ -1,0 +1,130 @@
+"""`linecarve.cluster` on a cluster of this machine."""
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+distributed = pytest.importorskip("distributed")
+
+import linecarve
+from linecarve import cluster
+
+ROOM = pathlib.Path(__file__).parents[2] / "assets" / "room"
+PROGRAM = [sys.executable, "-m", "linecarve"]
+
+
+@pytest.fixture(scope="module")
+def client():
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local,
+        distributed.Client(local) as client,
+    ):
+        yield client
+
+
+@pytest.fixture(scope="module")
+def city(tmp_path_factory):
+    """A cloud and the mesh that one process makes of it."""
+    folder = tmp_path_factory.mktemp("city")
+    subprocess.run([*PROGRAM, "synth", "city", "--points", "3000", "-q", "--out", folder / "city"], check=True)
+    cloud = folder / "city" / "fused.ply"
+    how = ["--from", "map-points", "--final-only", "--format", "ply", "--labels", "cut", "--no-page", "--no-picture"]
+    subprocess.run([*PROGRAM, "reconstruct", cloud, *how, "--quiet", "--out", folder / "whole"], check=True)
+    return cloud, (folder / "whole" / "mesh.ply").read_bytes()
+
+
+def test_tiles_have_the_bytes_of_one_process(client, city, tmp_path):
+    cloud, whole = city
+    run = cluster.reconstruct(cloud, work=tmp_path / "work", client=client, labels="cut", tiles=3, memory="4G")
+    assert run.mesh_path.read_bytes() == whole
+    assert run.tiles == 3 and run.report["label"]["tasks"] == 3 and run.report["merge"]["peak_mb"] > 0
+    run.mesh_path.unlink()
+    manifest = tmp_path / "work" / "carve" / "000001.json"
+    before = manifest.stat().st_mtime_ns
+    again = cluster.reconstruct(cloud, work=tmp_path / "work", client=client, labels="cut", tiles=3)
+    assert again.mesh_path.read_bytes() == whole and manifest.stat().st_mtime_ns == before
+
+
+def test_killed_processes_are_started_again(client, city, tmp_path):
+    cloud, whole = city
+    # Kills itself before every task's first attempt.
+    script = tmp_path / "program.py"
+    script.write_text(
+        "import os, pathlib, signal, subprocess, sys\n"
+        "mark = pathlib.Path(__file__).parent / ('-'.join(sys.argv[1:3] + sys.argv[4:6]).replace('/', '_') + '.mark')\n"
+        "if sys.argv[1:3] == ['tiles', 'item'] and not mark.exists():\n"
+        "    mark.touch()\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+        "sys.exit(subprocess.call([sys.executable, '-m', 'linecarve', *sys.argv[1:]]))\n"
+    )
+    program = [sys.executable, str(script)]
+    work = tmp_path / "work"
+    run = cluster.reconstruct(cloud, work=work, client=client, labels="cut", tiles=2, program=program)
+    assert run.mesh_path.read_bytes() == whole
+    assert len(list(tmp_path.glob("*.mark"))) >= 12
+
+
+def test_a_lost_worker_changes_nothing(client, city, tmp_path):
+    cloud, whole = city
+    pids = list(client.run(os.getpid).values())
+    killer = threading.Timer(1.5, os.kill, (pids[0], signal.SIGKILL))
+    killer.start()
+    run = cluster.reconstruct(cloud, work=tmp_path / "work", client=client, labels="cut", tiles=4)
+    killer.join()
+    assert run.mesh_path.read_bytes() == whole
+
+
+def test_errors_name_the_task_and_the_remedy(client, city, tmp_path):
+    cloud, _ = city
+    with pytest.raises(linecarve.Error, match="nothing"):
+        cluster.reconstruct(tmp_path / "nothing", work=tmp_path / "a", client=client)
+    if sys.platform == "linux":
+        with pytest.raises(linecarve.Error, match="frame .*memory"):
+            cluster.reconstruct(cloud, work=tmp_path / "b", client=client, tiles=2, memory="1M")
+
+
+def test_tasks_end_when_the_run_is_cancelled(client, tmp_path):
+    script = tmp_path / "program.py"
+    pid = tmp_path / "pid"
+    script.write_text(
+        "import os, pathlib, time\n"
+        f"part = pathlib.Path({str(pid)!r} + '.part')\n"
+        "part.write_text(str(os.getpid())); part.rename(str(part)[:-5])\n"
+        "time.sleep(600)\n"
+    )
+
+    def interrupt():
+        while not pid.exists():
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        program = [sys.executable, str(script)]
+        cluster.reconstruct(ROOM, work=tmp_path / "work", client=client, program=program)
+    thread.join()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
+
+
+def test_sequences_are_one_task_each(client, tmp_path):
+    options = dict(max_keyframes=3, min_translation=0.3, no_page=True, no_picture=True)
+    [room] = cluster.reconstruct_many([ROOM], tmp_path, client=client, **options)
+    assert (room / "mesh.ply").stat().st_size > 1000
+    with pytest.raises(ValueError, match="room"):
+        cluster.reconstruct_many([ROOM, ROOM], tmp_path, client=client)
+
+
+def test_little_goes_through_the_scheduler(city):
+    import pickle
+
+    cloud, _ = city
+    command = [*PROGRAM, "tiles", "item", str(cloud), "carve", "12345", "--threads", "1"]
+    assert len(pickle.dumps(("carve 12345", command, str(cloud)))) < 4096
