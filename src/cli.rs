@@ -257,7 +257,8 @@ pub struct ReconstructArgs {
     #[arg(long)]
     pub no_picture: bool,
 
-    /// End the run at the keyframe after which the program holds more memory than this (800M, 2G), with what is done saved.
+    /// End the run at the keyframe after which the program holds more memory than this (800M, 2G), with what is done saved. A
+    /// model that is carved at once (--final-only) has nothing to save: its run ends with an error.
     #[arg(long, value_name = "SIZE")]
     pub memory_limit: Option<MemoryLimit>,
 

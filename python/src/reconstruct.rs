@@ -8,7 +8,7 @@ use clap::Parser;
 use linecarve::Reconstruction as Run;
 use linecarve::cli::{Cli, Command};
 use linecarve::commands::{Outcome, final_mesh, reconstruct as run_command};
-use linecarve::run::{CancelToken, Verbosity};
+use linecarve::run::{CancelToken, Verbosity, WatchError};
 use linecarve_mesh::TriangleMesh;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -123,12 +123,15 @@ pub(crate) fn reconstruct(
     let cancel = token.clone();
     let (sender, receiver) = channel();
     let worker = std::thread::spawn(move || {
-        let done = run_command(&args, out.as_deref(), verbosity, || Ok(token)).and_then(
-            |(outcome, run)| {
+        let watch = |is_model_at_once: bool| match is_model_at_once && limit.is_some() {
+            true => Err(WatchError::AtOnce),
+            false => Ok(token),
+        };
+        let done =
+            run_command(&args, out.as_deref(), verbosity, watch).and_then(|(outcome, run)| {
                 let mesh = final_mesh(&run)?;
                 Ok((outcome, run, mesh))
-            },
-        );
+            });
         // The receiver is gone only when the interpreter is.
         let _ = sender.send(done);
     });

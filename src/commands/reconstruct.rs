@@ -11,7 +11,7 @@ use crate::commands::input::{input, parameters, unpack_video};
 use crate::commands::simplify::check_tolerance;
 use crate::reconstruction::{Reconstruction, RunOptions, Sink};
 use crate::recording::{Recording, Source};
-use crate::run::{CancelToken, Checkpoint, Verbosity, WatchError};
+use crate::run::{CancelToken, Checkpoint, Verbosity, WatchError, end_beyond};
 use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     model_left_out, reason_for_nothing, simplified, write_results,
@@ -21,7 +21,18 @@ use linecarve_mesh::TriangleMesh;
 use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajectory};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let watch = || CancelToken::watch(args.memory_limit);
+    let watch = |is_model_at_once: bool| {
+        let Some(limit) = args.memory_limit.filter(|_| is_model_at_once) else {
+            return CancelToken::watch(args.memory_limit);
+        };
+        let remedy = format!(
+            "more than --memory-limit; carve the model in tiles, which gives the same mesh (linecarve tiles plan {} WORK, then \
+             linecarve tiles run WORK), or give more memory",
+            args.input.sequence.display()
+        );
+        end_beyond(limit, remedy);
+        CancelToken::watch(None)
+    };
     let (outcome, _) = reconstruct(args, Some(&args.out), verbosity, watch)?;
     Ok(outcome)
 }
@@ -41,7 +52,7 @@ pub fn final_mesh(run: &Reconstruction) -> anyhow::Result<TriangleMesh> {
 }
 
 /// Does what `linecarve reconstruct` does. `args.out` is not looked at: everything is written to `out`, or nothing without it.
-/// `watch` is asked for what ends the run early once the recording is open.
+/// `watch` is asked for what ends the run early once the recording is open, and is told whether a model is carved at once.
 ///
 /// # Errors
 /// On bad input or options, or when an output cannot be written.
@@ -49,7 +60,7 @@ pub fn reconstruct(
     args: &ReconstructArgs,
     out: Option<&Path>,
     verbosity: Verbosity,
-    watch: impl FnOnce() -> Result<CancelToken, WatchError>,
+    watch: impl FnOnce(bool) -> Result<CancelToken, WatchError>,
 ) -> anyhow::Result<(Outcome, Reconstruction)> {
     check_tolerance(args.simplify)?;
     let started = Instant::now();
@@ -88,10 +99,8 @@ pub fn reconstruct(
         )?;
     }
     let is_model = recording.source == Source::Model;
-    ensure!(
-        !(is_model && is_final_only && args.memory_limit.is_some()),
-        "--memory-limit is checked between views, and --final-only carves all at once: leave one of them out"
-    );
+    let is_followed = !is_final_only || live.is_some();
+    let token = watch(is_model && !is_followed)?;
     let mut log = RunLog::begin("reconstruct", &recording, verbosity);
     let checkpoint = match &output {
         Some(output) if !is_model => {
@@ -104,7 +113,7 @@ pub fn reconstruct(
         checkpoint: checkpoint.clone(),
         is_provisional: !is_final_only,
         // The memory limit and the live page follow the surface of each keyframe.
-        is_at_once: is_final_only && live.is_none() && args.memory_limit.is_none(),
+        is_at_once: !is_followed && (is_model || args.memory_limit.is_none()),
         keeps_keyframes: false,
     };
     let mut run = Reconstruction::new(recording, settings)?;
@@ -129,7 +138,7 @@ pub fn reconstruct(
         }
         sinks.extend(live.as_mut().map(|live| live as &mut dyn Sink));
         sinks.push(&mut log);
-        run.run(watch()?, &mut sinks)?
+        run.run(token, &mut sinks)?
     };
     if let Some(live) = &mut live {
         live.finish(&run);

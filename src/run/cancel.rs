@@ -51,6 +51,11 @@ pub enum WatchError {
     /// The system does not report memory use.
     #[error("--memory-limit is not supported: this system does not report memory use")]
     Memory,
+    /// Nothing can end the work in between.
+    #[error(
+        "--memory-limit is checked between views, and a model without updates is carved at once: leave it out"
+    )]
+    AtOnce,
     /// Signal handlers cannot be installed.
     #[error("cannot install the handler for Ctrl-C: {0}")]
     Signals(#[from] ctrlc::Error),

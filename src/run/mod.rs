@@ -11,5 +11,5 @@ pub use cancel::{CancelToken, Cancelled, WatchError};
 pub use checkpoint::{Checkpoint, CheckpointError, FOLDER as CHECKPOINT_FOLDER};
 pub use memory::{MemoryLimit, peak_mb, resident_mb};
 pub use progress::{Progress, Verbosity};
-pub use task::limit_task;
+pub use task::{end_beyond, limit_task};
 pub use times::{StageTimes, milliseconds};

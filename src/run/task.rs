@@ -35,3 +35,21 @@ pub fn limit_task(limit: Option<MemoryLimit>) -> std::io::Result<()> {
         None => Ok(()),
     }
 }
+
+/// Ends this process with exit status 2 and a text on standard error once it holds more memory than `limit`: for work that cannot be
+/// stopped in between. The memory is looked at fifty times a second. Does nothing where the system does not report it.
+pub fn end_beyond(limit: MemoryLimit, text: String) {
+    let look = move || {
+        if let Some(resident) = super::resident_mb().filter(|mb| *mb > limit.megabytes) {
+            eprintln!("linecarve: {resident:.0} MB are in use: {text}");
+            std::process::exit(2);
+        }
+    };
+    look();
+    std::thread::spawn(move || {
+        loop {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+            look();
+        }
+    });
+}

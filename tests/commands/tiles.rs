@@ -75,6 +75,21 @@ fn a_city_is_written_read_and_carved_in_tiles() {
     for labels in ["votes", "cut"] {
         assert_same(&cloud, folder.path(), labels, &["6"]);
     }
+    // One process under a limit names the remedy.
+    let limited = ["--final-only", "--memory-limit", "2M", "--quiet"];
+    let out = folder.path().join("limited");
+    let from = [
+        "reconstruct",
+        text(&cloud),
+        "--from",
+        "map-points",
+        "--out",
+        text(&out),
+    ];
+    if cfg!(target_os = "linux") {
+        let refused = stderr(&expect_status(2, from.into_iter().chain(limited)));
+        assert!(refused.contains("linecarve tiles plan"), "{refused}");
+    }
     // One image too few, and a cloud without its visibility.
     let visibility = city.join("fused.ply.vis");
     let mut bytes = std::fs::read(&visibility).unwrap();
