@@ -3,7 +3,6 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::ensure;
 
 use crate::cli::{ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;

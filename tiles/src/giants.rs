@@ -131,9 +131,19 @@ impl CellSums {
         Ok(Self { keys, sums, width })
     }
 
+    /// The number of a cell among these.
+    pub(crate) fn number(&self, key: &CellKey) -> Option<u32> {
+        self.keys.binary_search(key).ok().map(|at| at as u32)
+    }
+
+    /// The sums of a cell by its number; those of facets in the order of the opposite vertices.
+    pub(crate) fn at(&self, number: u32) -> Option<&[u64]> {
+        let first = number as usize * self.width;
+        self.sums.get(first..first + self.width)
+    }
+
     /// The sums of a cell; those of facets in the order of the opposite vertices.
     pub(crate) fn of(&self, key: &CellKey) -> Option<&[u64]> {
-        let at = self.keys.binary_search(key).ok()?;
-        self.sums.get(at * self.width..(at + 1) * self.width)
+        self.at(self.number(key)?)
     }
 }

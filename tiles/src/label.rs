@@ -19,6 +19,17 @@ pub(crate) const OCCUPIED: u8 = 0;
 pub(crate) const FREE: u8 = 1;
 pub(crate) const UNDECIDED: u8 = 2;
 
+/// What is across a facet.
+#[derive(Clone, Copy)]
+enum Across {
+    /// Nothing.
+    Hull,
+    /// A cell of the region, and its facet back.
+    Cell(u32, u8),
+    /// A cell that is not of the region.
+    Outside,
+}
+
 /// Cells of one or more tiles that are solved together.
 struct Region {
     /// Those of the tile, then those around.
@@ -62,27 +73,39 @@ impl Region {
         Ok(region)
     }
 
+    /// What is across each facet of each cell.
+    fn across(&self) -> Vec<[Across; 4]> {
+        let across = |cell: usize, facet: usize| match self.cells.neighbor(cell, facet) {
+            None => Across::Hull,
+            Some((key, back)) => match self.numbers.get(&key) {
+                Some(&other) => Across::Cell(other, back as u8),
+                None => Across::Outside,
+            },
+        };
+        let cells = 0..self.cells.keys.len();
+        cells
+            .map(|cell| std::array::from_fn(|facet| across(cell, facet)))
+            .collect()
+    }
+
     /// Whether each cell of the tile is free when all cells outside are free, or all are occupied.
-    fn solve(&self, is_outside_free: bool) -> Vec<bool> {
+    fn solve(&self, across: &[[Across; 4]], is_outside_free: bool) -> Vec<bool> {
         let cells = &self.cells;
-        let count = cells.keys.len();
         let mut network = Network::new();
-        network.grow(count);
-        let mut terminals = Vec::with_capacity(count);
-        for cell in 0..count {
+        network.grow(across.len());
+        let mut terminals = cells.terminals.clone();
+        for (cell, (across, terminal)) in across.iter().zip(&mut terminals).enumerate() {
             let number = NodeId(cell as u32);
-            let mut terminal = cells.terminals[cell];
-            for facet in 0..4 {
-                let Some((other, back)) = cells.neighbor(cell, facet) else {
-                    continue;
-                };
-                match self.numbers.get(&other) {
-                    Some(&other) => network.join(number, facet, NodeId(other), back),
-                    None if is_outside_free => terminal += cells.into[cell][facet],
-                    None => terminal -= cells.out[cell][facet],
+            for (facet, across) in across.iter().enumerate() {
+                match *across {
+                    Across::Hull => (),
+                    Across::Cell(other, back) => {
+                        network.join(number, facet, NodeId(other), back.into());
+                    }
+                    Across::Outside if is_outside_free => *terminal += cells.into[cell][facet],
+                    Across::Outside => *terminal -= cells.out[cell][facet],
                 }
             }
-            terminals.push(terminal);
         }
         for (cell, terminal) in terminals.into_iter().enumerate() {
             let number = NodeId(cell as u32);
@@ -101,8 +124,9 @@ impl Region {
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
     let region = Region::around(work, item)?;
     let own = region.own;
-    let least = region.solve(false);
-    let most = region.solve(true);
+    let across = region.across();
+    let least = region.solve(&across, false);
+    let most = region.solve(&across, true);
     let label = |cell: usize| match (least[cell], most[cell]) {
         (true, _) => FREE,
         (_, false) => OCCUPIED,

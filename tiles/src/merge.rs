@@ -23,7 +23,8 @@ struct Ranks {
 impl Ranks {
     /// Merges the vertices of all tiles, which are sorted by position in each.
     fn merge(work: &Work, readers: &[Reader]) -> Result<Self, TilesError> {
-        let mut vertices = Vec::new();
+        let count = readers.iter().map(|reader| reader.length(2) / 8).sum();
+        let mut vertices = Vec::with_capacity(count);
         for reader in readers {
             vertices.extend(listed(reader, 2)?);
         }
@@ -66,7 +67,9 @@ fn rotated((corners, apexes): ([u32; 3], [u32; 3])) -> Entry {
 /// The triangles of all tiles with the neighbours across their edges.
 fn ranked(work: &Work, readers: &[Reader]) -> Result<RankedSurface, TilesError> {
     let ranks = Ranks::merge(work, readers)?;
-    let mut entries: Vec<Entry> = Vec::new();
+    // A triangle has 40 bytes in a file.
+    let count = readers.iter().map(|reader| reader.length(0) / 40).sum();
+    let mut entries: Vec<Entry> = Vec::with_capacity(count);
     for reader in readers {
         let triangles: Vec<[u64; 5]> = reader.records(0)?;
         entries.extend(triangles.into_iter().map(|[a, b, c, ab, ca]| {
@@ -122,6 +125,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let surface = ranked(work, &readers)?;
     let is_wanted = vec![true; surface.triangles.len()];
     let (mesh, _) = assemble(&surface, &is_wanted, &work.plan().export);
+    drop((surface, is_wanted));
     let mut writer = work.create_result(item)?;
     let vertices = mesh.vertices.iter().map(|&vertex| vertex.into());
     writer.section(&vertices.collect::<Vec<[f64; 3]>>())?;

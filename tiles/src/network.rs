@@ -170,11 +170,22 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let needed = needed.filter_map(|cell| cells.key(cell)).collect();
     let sums = CellSums::read(work, item, needed)?;
     let missing = || TilesError::damaged(&work.path(item), "a cell without sums");
+    // For each cell around the number of its sums, and its cosines: each is asked for five times.
+    let mut numbers = vec![u32::MAX; tetrahedra.cell_capacity()];
+    let mut angles = vec![[0i16; 4]; tetrahedra.cell_capacity()];
+    for cell in own.iter().flat_map(|(_, cell)| around(*cell)) {
+        if numbers[cell.index()] == u32::MAX
+            && let Some(key) = cells.key(cell)
+        {
+            numbers[cell.index()] = sums.number(&key).ok_or_else(missing)?;
+            angles[cell.index()] = cell_cosines(&cells, cell);
+        }
+    }
     let mut network = Cells::default();
     for (key, cell) in own {
-        let evidence = sums.of(&key).ok_or_else(missing)?;
+        let evidence = sums.at(numbers[cell.index()]).ok_or_else(missing)?;
         let places = cells.places(cell);
-        let own_cosines = cell_cosines(&cells, cell);
+        let own_cosines = angles[cell.index()];
         let mut terminal = evidence[FREE_SUM] as i64 - evidence[OCCUPIED_SUM] as i64;
         let (mut apexes, mut into, mut out) = ([NO_VERTEX; 4], [0; 4], [0; 4]);
         for k in 0..4 {
@@ -184,9 +195,9 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
                 continue;
             };
             apexes[k] = cells.id(tetrahedra.cell_vertices(other)[back]);
-            let behind = sums.of(&other_key).ok_or_else(missing)?;
+            let behind = sums.at(numbers[other.index()]).ok_or_else(missing)?;
             let facet = other_key.iter().position(|&id| id == apexes[k]);
-            let cost = shape.cost([own_cosines[places[k]], cell_cosines(&cells, other)[back]]);
+            let cost = shape.cost([own_cosines[places[k]], angles[other.index()][back]]);
             into[k] = evidence[k] as i64 + cost;
             out[k] = behind[facet.unwrap_or(0)] as i64 + cost;
         }

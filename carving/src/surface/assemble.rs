@@ -85,16 +85,15 @@ pub fn assemble(
     is_wanted: &[bool],
     options: &ExportOptions,
 ) -> (IndexedMesh, Vec<Option<u32>>) {
-    let patch = split_into_manifold(surface, is_wanted, options);
-    let mut corners: Vec<(u32, u32)> = (patch.triangles.iter().zip(&patch.copies))
-        .flat_map(|(triangle, copies)| {
-            let corner = |k: usize| (triangle[k], copies[k]);
-            [corner(0), corner(1), corner(2)]
-        })
-        .collect();
-    let all_corners = corners.clone();
+    let mut patch = split_into_manifold(surface, is_wanted, options);
+    // Sorted in place and shortened: surfaces may take a good part of the memory.
+    let mut corners: Vec<(u32, u32)> = Vec::with_capacity(3 * patch.triangles.len());
+    for (triangle, copies) in patch.triangles.iter().zip(&patch.copies) {
+        corners.extend((0..3).map(|k| (triangle[k], copies[k])));
+    }
     corners.sort_unstable();
     corners.dedup();
+    corners.shrink_to_fit();
     let mut mesh = IndexedMesh {
         vertices: corners
             .iter()
@@ -107,11 +106,11 @@ pub fn assemble(
             .binary_search(corner)
             .expect("every corner has been listed") as u32
     };
+    let triangles = patch.triangles.iter().zip(&patch.copies);
     mesh.triangles.extend(
-        all_corners
-            .chunks_exact(3)
-            .map(|c| [index(&c[0]), index(&c[1]), index(&c[2])]),
+        triangles.map(|(triangle, copies)| [0, 1, 2].map(|k| index(&(triangle[k], copies[k])))),
     );
+    (patch.triangles, patch.copies) = (Vec::new(), Vec::new());
     let mut ranks: Vec<Option<u32>> = corners.iter().map(|&(rank, _)| Some(rank)).collect();
     if options.manifold {
         split_repeated_edges(&mut mesh, &patch.edges);
