@@ -3,7 +3,6 @@
 use std::path::Path;
 use std::time::Instant;
 
-
 use crate::cli::{ReconstructArgs, SurfaceSource};
 use crate::commands::Outcome;
 use crate::commands::input::{input, parameters, unpack_video};
