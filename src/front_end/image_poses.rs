@@ -52,7 +52,8 @@ pub struct ImagePoses {
     /// `point_in_world = pose * point_in_camera` for each keyframe, with which images are matched: corrected, or as given where too
     /// few points are observed or the given poses are accurate enough.
     pub fitted: Vec<Isometry3<f64>>,
-    /// Where each keyframe is in the world of the given poses, see [`placed`]. The same as `fitted` where nothing was corrected.
+    /// Where each keyframe is in the world of the given poses: the mean of where those of the keyframes around it put it, through the
+    /// relative poses of `fitted`. The same as `fitted` where nothing was corrected.
     pub placed: Vec<Isometry3<f64>>,
     /// Difference of poses and images, and the estimated lens.
     pub summary: PoseSummary,
