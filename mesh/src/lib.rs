@@ -10,6 +10,7 @@ pub mod raycast;
 pub mod render;
 mod shape;
 pub mod simplify;
+mod smooth;
 pub mod srgb;
 #[cfg(test)]
 mod test_room;
@@ -23,4 +24,5 @@ pub use io::{
     write_textured_obj,
 };
 pub use shape::{Shape, ShapeKind};
+pub use smooth::{SmoothOptions, smooth_piecewise_flat};
 pub use types::{GeometryError, LineSet, TriangleMesh};

@@ -6,7 +6,7 @@ use linecarve_carving::{Carver, TransactionError, VertexId, ViewId};
 use linecarve_carving::{SurfaceDelta, Triangle, TriangleRole};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
-use linecarve_mesh::{TriangleMesh, close_holes};
+use linecarve_mesh::{SmoothOptions, TriangleMesh, close_holes, smooth_piecewise_flat};
 use nalgebra::{Isometry3, Point3};
 use rustc_hash::FxHashMap;
 
@@ -19,7 +19,7 @@ use super::segment_map::SegmentMap;
 use super::segment_points::{edge_measurements, measurements};
 use super::surface_points::KeyframeSurface;
 use super::update::MapUpdate;
-use super::vertex_adjustment::adjust_vertices;
+use super::vertex_adjustment::{adjust_vertices, deviations, scatter};
 use super::vertex_landmarks::{VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::{HoleFilling, Options};
@@ -33,6 +33,8 @@ impl MapUpdate {
     }
 }
 
+/// How far a vertex is smoothed, in deviations of its measurements.
+const SMOOTHING_BOUND: f64 = 1.5;
 /// Most edges of a hole that is closed where depth measured a surface. Larger ones are shadows of objects.
 const MEASURED_HOLE_EDGES: usize = 24;
 
@@ -396,19 +398,30 @@ impl LineMap {
         }
     }
 
-    /// Moves the vertices of a surface to where the dense depth of all keyframes says that they are.
-    pub(super) fn adjust(&self, mesh: &mut TriangleMesh) {
-        adjust_vertices(mesh, &self.validation.dense_surfaces());
-    }
-
-    /// Closes small holes of a surface where the dense depth of keyframes lies along the new triangles.
-    pub(super) fn close_holes(&self, mesh: &mut TriangleMesh, holes: HoleFilling) {
+    /// The surface as an estimate from the dense depth of all keyframes. Where vertices are `adjusted`, they go to where depth says that
+    /// they are. Small holes are closed where depth lies along the new triangles. Then planes are flattened: no vertex moves by
+    /// more than its measurements lie apart or, where vertices are not adjusted, than these may be off.
+    pub(super) fn estimate(&self, mesh: &mut TriangleMesh, is_adjusted: bool, holes: HoleFilling) {
         let surfaces = self.validation.dense_surfaces();
-        if holes == HoleFilling::Measured && !surfaces.is_empty() {
+        if surfaces.is_empty() {
+            return;
+        }
+        if is_adjusted {
+            adjust_vertices(mesh, &surfaces);
+        }
+        if holes == HoleFilling::Measured {
             close_holes(mesh, MEASURED_HOLE_EDGES, |triangle| {
                 self.validation.is_along(&surfaces, triangle)
             });
         }
+        let mut bounds = match is_adjusted {
+            true => scatter(&mesh.positions, &surfaces),
+            false => deviations(&mesh.positions, &surfaces),
+        };
+        for bound in &mut bounds {
+            *bound *= SMOOTHING_BOUND;
+        }
+        smooth_piecewise_flat(mesh, &bounds, &SmoothOptions::default());
     }
 
     /// The colours of vertices.

@@ -38,7 +38,7 @@ use linecarve_sequence::{Sequence, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
 use crate::front_end::{DepthSource, Keyframe};
-use crate::options::{HoleFilling, Options};
+use crate::options::{HoleFilling, LandmarkOptions, Options};
 use lines::LineMap;
 use model::ModelMap;
 use observed::ObservedMap;
@@ -124,7 +124,16 @@ impl Map {
             options.surface.least_measured_share = 0.0;
         }
         if let DepthSource::SemiDense(source) = depth {
-            options.surface_points.refine.largest_gap_px = source.options.largest_gap_px;
+            let source = &source.options;
+            options.surface_points.refine.largest_gap_px = source.largest_gap_px;
+            if source.is_dense {
+                options.surface_points.agreement_sigmas = source.agreement_sigmas;
+                options.landmarks = LandmarkOptions {
+                    lateral_px: source.lateral_px,
+                    depth_sigmas: source.agreement_sigmas,
+                    ..options.landmarks
+                };
+            }
             // The surface at that time depends on provisional keyframes.
             options.surface_points.correction_sigmas = f64::INFINITY;
         }
@@ -444,18 +453,17 @@ impl Map {
             .collect()
     }
 
-    /// The current surface as an estimate: that of [`surface`](Self::surface), with each vertex adjusted to the dense depth of all
-    /// keyframes that measured its surroundings, and with holes closed as `options.surface.holes` says.
+    /// The current surface as an estimate: that of [`surface`](Self::surface), with each vertex adjusted to the depth images of all
+    /// keyframes that measured its surroundings, with holes closed as `options.surface.holes` says, and planes flattened within what
+    /// measurements allow.
     ///
     /// # Complexity
     /// That of the surface, plus its vertices times the keyframes.
     pub fn adjusted_surface(&self) -> TriangleMesh {
         let mut mesh = self.surface();
         if let Contents::Lines(lines) = &self.contents {
-            if self.adjusts_vertices {
-                lines.adjust(&mut mesh);
-            }
-            lines.close_holes(&mut mesh, self.options.surface.holes);
+            let holes = self.options.surface.holes;
+            lines.estimate(&mut mesh, self.adjusts_vertices, holes);
         }
         if self.options.surface.holes == HoleFilling::All {
             close_all_holes(&mut mesh);

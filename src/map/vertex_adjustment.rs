@@ -46,6 +46,50 @@ pub(super) fn adjust_vertices(mesh: &mut TriangleMesh, views: &[KeyframeSurface<
         });
 }
 
+/// Standard deviation with which one view measured each position along its normal: the root of the mean variance of the planes
+/// around it; 0 where no view measured one.
+///
+/// # Complexity
+/// O(positions x views).
+pub(super) fn deviations(positions: &[Point3<f64>], views: &[KeyframeSurface<'_>]) -> Vec<f64> {
+    each(positions, views, |planes| {
+        let sum: f64 = planes.iter().map(|plane| plane.variance).sum();
+        (sum / planes.len().max(1) as f64).sqrt()
+    })
+}
+
+/// How far the planes that views measured around each position lie apart: the lower quartile of their distances from it, which
+/// planes of other surfaces hardly change; 0 with fewer than two.
+///
+/// # Complexity
+/// O(positions x views).
+pub(super) fn scatter(positions: &[Point3<f64>], views: &[KeyframeSurface<'_>]) -> Vec<f64> {
+    each(positions, views, |planes| {
+        if planes.len() < 2 {
+            return 0.0;
+        }
+        planes.sort_unstable_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()));
+        planes[planes.len() / 4].distance.abs()
+    })
+}
+
+/// A value of the planes around each position.
+fn each(
+    positions: &[Point3<f64>],
+    views: &[KeyframeSurface<'_>],
+    value: impl Fn(&mut Vec<MeasuredPlane>) -> f64 + Sync,
+) -> Vec<f64> {
+    positions
+        .par_iter()
+        .map_init(Vec::new, |planes, position| {
+            planes.clear();
+            let measured = views.iter();
+            planes.extend(measured.filter_map(|view| view.plane_near(position, GATE_SIGMAS)));
+            value(planes)
+        })
+        .collect()
+}
+
 /// The robust least-squares point of planes near `position`.
 fn adjusted(position: &Point3<f64>, planes: &[MeasuredPlane]) -> Point3<f64> {
     let mut offset = Vector3::zeros();

@@ -11,7 +11,8 @@ use crate::triangulation::{SurfaceSample, SurfaceSamples};
 const GATE_SIGMAS: f32 = 2.0;
 
 /// The surface of a keyframe from its own samples and those that `others` see in its view. At each grid pixel the inverse depth is taken on
-/// which the samples with the largest weight agree, and their weighted mean. Then places that are still open are closed where the samples
+/// which the samples with the largest weight agree, and their weighted mean. Its standard deviation is that of one sample: neighbouring
+/// keyframes share images, and their errors do not average out. Then places that are still open are closed where the samples
 /// around them lie on a plane; `is_open` flags the grid pixels without an image edge, row by row.
 ///
 /// Poses have to fit the images: the samples of keyframes are compared within their standard deviations.
@@ -82,10 +83,11 @@ fn agreement(seen: &[SurfaceSample]) -> Option<SurfaceSample> {
         }
     }
     let (_, center) = best?;
-    let (mut weights, mut rho, mut slope) = (0.0, 0.0, [0.0; 2]);
+    let (mut weights, mut rho, mut slope, mut count) = (0.0, 0.0, [0.0; 2], 0.0);
     for sample in seen.iter().filter(|other| agree(center, other)) {
         let weight = weight(sample);
         weights += weight;
+        count += 1.0;
         rho += weight * sample.rho;
         for (sum, component) in slope.iter_mut().zip(sample.slope) {
             *sum += weight * component;
@@ -94,7 +96,7 @@ fn agreement(seen: &[SurfaceSample]) -> Option<SurfaceSample> {
     Some(SurfaceSample {
         rho: rho / weights,
         slope: slope.map(|sum| sum / weights),
-        sigma: weights.sqrt().recip(),
+        sigma: (count / weights).sqrt(),
     })
 }
 
@@ -205,9 +207,10 @@ mod tests {
             .filter(|share| (**share - 1.0).abs() < 0.005)
             .count();
         assert!(near > COLUMNS * ROWS * 8 / 10, "{near}");
-        // Three keyframes that agree are more certain than one.
+        // Keyframes that agree are as certain as one of them.
         let certain = fused.get(20, 15).unwrap();
-        assert!(certain.sigma < 0.007 * certain.rho, "{certain:?}");
+        let relative = certain.sigma / certain.rho;
+        assert!((relative - 0.01).abs() < 0.001, "{certain:?}");
     }
 
     #[test]
