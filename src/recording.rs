@@ -357,17 +357,30 @@ impl Recording {
         Ok(())
     }
 
-    /// Corrects the poses of the keyframes, and the lens, where the images contradict them.
+    /// Corrects the poses of the keyframes, and the lens, where the images contradict them; or the focal length, where that explains
+    /// the images.
     ///
     /// # Errors
     /// When an image cannot be read, or the estimated lens is no camera.
     pub fn correct_poses(&mut self, verbosity: Verbosity) -> Result<(), RecordingError> {
-        let mut progress = Progress::start("poses", self.keyframes.len(), verbosity);
-        let corrected = correct_poses(&self.sequence, &self.keyframes, &self.options, || {
-            progress.step(|| "comparing poses with images".to_owned());
-        })?;
-        progress.finish();
-        let summary = corrected.summary;
+        let compare = |sequence: &Sequence| {
+            let mut progress = Progress::start("poses", self.keyframes.len(), verbosity);
+            let corrected = correct_poses(sequence, &self.keyframes, &self.options, || {
+                progress.step(|| "comparing poses with images".to_owned());
+            });
+            progress.finish();
+            corrected
+        };
+        let mut corrected = compare(&self.sequence)?;
+        let focal_factor = corrected.summary.focal_factor;
+        if let Some(factor) = focal_factor {
+            self.sequence.scale_focal_length(factor)?;
+            corrected = compare(&self.sequence)?;
+            let focal = self.sequence.color_camera().mean_focal_px();
+            self.warnings.push(focal_warning(focal, factor));
+        }
+        let mut summary = corrected.summary;
+        summary.focal_factor = focal_factor;
         if summary.is_corrected {
             let keyframes = || self.keyframes.iter().copied();
             self.sequence.set_poses(keyframes().zip(corrected.placed));
@@ -474,6 +487,14 @@ impl Recording {
     pub fn depth_name(&self) -> &'static str {
         self.depth.as_ref().map_or("none", DepthSource::name)
     }
+}
+
+/// Says that images and poses belong to another focal length than the given one.
+fn focal_warning(focal: f64, factor: f64) -> String {
+    format!(
+        "the images agree with the poses at a focal length of {focal:.1} pixels, {factor:.4} times the given one, which is used instead \
+         ([pose_correction] lens = false keeps the given one; to say what a calibration found: [color] fx, fy in linecarve.toml)"
+    )
 }
 
 /// Says that images were distorted although their camera is given as a pinhole.

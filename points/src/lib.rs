@@ -6,6 +6,7 @@ mod create;
 mod describe;
 mod descriptor;
 mod epipolar;
+mod estimate_focal;
 mod estimate_lens;
 mod fast;
 mod features;

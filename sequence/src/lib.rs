@@ -260,11 +260,35 @@ impl Sequence {
             camera.cy(),
             distortion,
         )?;
-        self.color_undistortion = Undistortion::new(&stored, self.color_size);
-        self.color_camera = pinhole_of(&stored, self.color_undistortion.as_ref());
         for other in &mut self.other_cameras {
             other.clone_from(&stored);
         }
+        self.set_stored_camera(stored)
+    }
+
+    /// Multiplies the focal lengths of the images by a factor. Updates [`color_camera`](Self::color_camera).
+    ///
+    /// # Errors
+    /// If the product is not positive and finite.
+    pub fn scale_focal_length(&mut self, factor: f64) -> Result<(), CameraError> {
+        let scaled = |camera: &Camera| {
+            let (fx, fy) = (factor * camera.fx(), factor * camera.fy());
+            Camera::with_distortion(fx, fy, camera.cx(), camera.cy(), *camera.distortion())
+        };
+        let others = self
+            .other_cameras
+            .iter()
+            .map(scaled)
+            .collect::<Result<_, _>>()?;
+        self.set_stored_camera(scaled(&self.stored_color_camera)?)?;
+        self.other_cameras = others;
+        Ok(())
+    }
+
+    /// Replaces the camera of the stored images and all that depends on it.
+    fn set_stored_camera(&mut self, stored: Camera) -> Result<(), CameraError> {
+        self.color_undistortion = Undistortion::new(&stored, self.color_size);
+        self.color_camera = pinhole_of(&stored, self.color_undistortion.as_ref());
         self.stored_color_camera = stored;
         if let Some(depth) = self.depth.as_mut().filter(|depth| depth.registered) {
             depth.camera.clone_from(&self.color_camera);

@@ -153,6 +153,16 @@ impl LiveSequence {
             .map_err(|error| content(error.to_string()))
     }
 
+    /// As [`Sequence::scale_focal_length`].
+    ///
+    /// # Errors
+    /// If the product is not positive and finite.
+    pub fn scale_focal_length(&mut self, factor: f64) -> Result<(), SequenceError> {
+        self.sequence
+            .scale_focal_length(factor)
+            .map_err(|error| content(error.to_string()))
+    }
+
     /// Appends a frame and returns its index. Its depth image is ignored if the first frame had none.
     pub fn append(&mut self, frame: LiveFrame) -> usize {
         let world_from_camera = self.world_from_color(&frame.world_from_camera);

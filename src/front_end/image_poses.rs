@@ -35,6 +35,10 @@ pub struct PoseSummary {
     /// Radial distortion `k1` (Brown) found in images given as those of a pinhole; it is removed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens_k1: Option<f64>,
+    /// Factor on the focal length with which the images agree with the given poses: these need no correction, and the comparison has to
+    /// be made anew with that focal length.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focal_factor: Option<f64>,
     /// Whether the corrected poses replace the given ones.
     pub is_corrected: bool,
 }
@@ -132,6 +136,7 @@ pub fn correct_poses(
         map.median_depth(),
     );
     summary.lens_k1 = map.lens().k1();
+    summary.focal_factor = map.focal_of_given_poses();
     // Poses estimated with a lens belong to it.
     summary.is_corrected = summary.lens_k1.is_some()
         || summary.moved_px() > MIN_CORRECTION_SHARE * options.pose_correction.sigma_px;

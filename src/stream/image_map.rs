@@ -104,11 +104,16 @@ impl SessionMap for ImageMap {
                 })?,
         };
         let before = self.poses();
-        let mut is_corrected = false;
+        let (mut is_corrected, mut focal_factor) = (false, 1.0);
         if options.pose_correction.enabled {
-            let poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
-            is_corrected = poses.summary.is_corrected;
-            if is_corrected {
+            let mut poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
+            if let Some(factor) = poses.summary.focal_factor {
+                self.live.scale_focal_length(factor)?;
+                focal_factor = factor;
+                poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
+            }
+            is_corrected = poses.summary.is_corrected || focal_factor != 1.0;
+            if poses.summary.is_corrected {
                 self.live
                     .set_poses(frames.iter().copied().zip(poses.placed));
                 self.live
@@ -129,6 +134,9 @@ impl SessionMap for ImageMap {
             Ok(()) => {}
             Err(_) => {
                 self.live.set_poses(before);
+                if focal_factor != 1.0 {
+                    self.live.scale_focal_length(1.0 / focal_factor)?;
+                }
                 if self.lens_k1.take().is_some() {
                     self.live.set_radial_distortion(0.0)?;
                 }

@@ -191,3 +191,31 @@ fn a_lens_that_the_calibration_leaves_out_is_found_and_taken_out() {
     assert!(again.summary.lens_k1.is_none(), "{:?}", again.summary);
     assert!(rms(&again) < 1.3, "{}", rms(&again));
 }
+
+#[test]
+fn a_wrong_focal_length_under_good_poses_is_recognised() {
+    let folder = sample_of(16, |_, pose| pose);
+    let mut sequence = open(&folder);
+    let frames: Vec<usize> = (0..16).collect();
+    let factor = |sequence: &Sequence| {
+        let found = correct_poses(sequence, &frames, &Options::default(), || {});
+        found.expect("images are there").summary.focal_factor
+    };
+    assert_eq!(factor(&sequence), None);
+    let mut before = 1.0;
+    for wrong in [0.98, 1.03] {
+        let scaled = sequence.scale_focal_length(wrong / before);
+        scaled.expect("a positive number");
+        before = wrong;
+        let found = factor(&sequence).expect("a factor");
+        assert!((found * wrong - 1.0).abs() < 0.004, "{wrong} {found}");
+    }
+}
+
+#[test]
+fn wrong_poses_do_not_look_like_a_wrong_focal_length() {
+    let folder = sample_of(16, disturbed);
+    let frames: Vec<usize> = (0..16).collect();
+    let found = correct_poses(&open(&folder), &frames, &Options::default(), || {});
+    assert_eq!(found.expect("images are there").summary.focal_factor, None);
+}

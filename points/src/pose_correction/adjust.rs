@@ -44,7 +44,7 @@ pub struct AdjustmentSummary {
 }
 
 /// Minimises the reprojection errors over the `free` cameras, the points of all tracks and, with `is_lens_free`, the lens that
-/// all cameras share. Other cameras are fixed. Each free camera is held by its given pose. The cost never grows.
+/// all cameras share. Other cameras are fixed; without free ones the points alone move. Each free camera is held by its given pose. The cost never grows.
 ///
 /// Levenberg-Marquardt with Cauchy's kernel. Points are eliminated by the Schur complement, so that the linear system has six
 /// unknowns per free camera and one for the lens. The result is deterministic.
@@ -80,7 +80,7 @@ pub fn adjust_bundle(
         cost_after: cost,
         steps: 0,
     };
-    if free.is_empty() || !cost.is_finite() {
+    if !cost.is_finite() {
         return adjustment;
     }
     let mut damping = 1e-4;

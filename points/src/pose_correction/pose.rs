@@ -56,6 +56,16 @@ impl CorrectedPose {
         }
     }
 
+    /// The given pose without correction.
+    pub(crate) fn as_given(&self) -> Self {
+        let world_from_camera = self.given_camera_from_world.inverse();
+        Self {
+            world_from_camera,
+            camera_from_world: self.given_camera_from_world,
+            ..*self
+        }
+    }
+
     /// The corrected pose: `point_in_world = world_from_camera * point_in_camera`.
     pub fn world_from_camera(&self) -> &Isometry3<f64> {
         &self.world_from_camera
