@@ -46,6 +46,8 @@ pub(crate) enum Command {
     Benchmarks(BenchmarksArgs),
     /// Time of a keyframe by stage as the map grows.
     Cost(CostArgs),
+    /// Depth from images alone beside the depth images, by how much texture there is.
+    Depth(DepthArgs),
     /// How flat meshes are on the largest planes of a ground truth: root mean square distance in thousandths, mean angle of
     /// triangles in degrees.
     Flatness(FlatnessArgs),
@@ -55,6 +57,22 @@ pub(crate) enum Command {
     Texture(TextureArgs),
     /// One run of the reconstruction as JSON: what `benchmarks` starts for each sequence, in a process of its own.
     Measure(MeasureArgs),
+}
+
+/// Arguments of `depth`.
+#[derive(Debug, Args)]
+pub(crate) struct DepthArgs {
+    /// Folders of sequences with depth images.
+    #[arg(required = true)]
+    pub(crate) sequences: Vec<PathBuf>,
+
+    /// The keyframes.
+    #[command(flatten)]
+    pub(crate) selection: KeyframeArgs,
+
+    /// Where the table goes.
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
 }
 
 /// Arguments of `flatness`.

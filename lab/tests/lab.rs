@@ -248,6 +248,23 @@ fn a_method_that_needs_depth_images_says_so() {
 }
 
 #[test]
+fn depth_from_images_lies_near_the_depth_images() {
+    let output = expect_status(0, &["depth", text(&sample()), "--json", "--quiet"]);
+    let rows: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a JSON list");
+    let places = rows[0]["places"].as_array().expect("places");
+    assert_eq!(places.len(), 4);
+    for places in places {
+        let number = |key: &str| places[key].as_u64().expect("a count") as f64;
+        let covered = number("estimated") / number("compared");
+        let within = number("within_two_sigma") / number("estimated");
+        let median = places["error"][0].as_f64().expect("an error");
+        assert!(covered > 0.8 && within > 0.7 && median < 0.005, "{places}");
+    }
+    let compared = |at: usize| places[at]["compared"].as_u64().expect("a count");
+    assert_eq!((0..3).map(compared).sum::<u64>(), compared(3));
+}
+
+#[test]
 fn the_ablation_writes_rows_with_their_provenance() {
     let folder = small_sequence(6);
     let sequence = folder.path().join("sequence");

@@ -4,6 +4,7 @@ mod ablation;
 mod agreement;
 mod benchmarks;
 mod cost;
+mod depth;
 mod flatness;
 mod lines;
 mod lines_output;
@@ -38,6 +39,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         | Command::Figure(_)
         | Command::Agreement(_)
         | Command::Lines(_)
+        | Command::Depth(_)
         | Command::Flatness(_)
         | Command::Starts(_) => false,
         Command::Ablation(_)
@@ -60,6 +62,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Benchmarks(args) => benchmarks::run(&args, threads, verbosity),
         Command::Cost(args) => cost::run(&args, threads),
         Command::Measure(args) => measure::run(&args),
+        Command::Depth(args) => depth::run(&args),
         Command::Flatness(args) => flatness::run(&args),
         Command::Starts(args) => starts::run(&args, verbosity),
         Command::Texture(args) => texture::run(&args),

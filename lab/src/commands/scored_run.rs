@@ -57,8 +57,18 @@ pub(super) fn open(
     selection: &KeyframeArgs,
     change: impl FnOnce(&mut Options),
 ) -> anyhow::Result<Recording> {
+    open_with(sequence, selection, DepthArg::Auto, change)
+}
+
+/// As [`open`], with depth from this source.
+pub(super) fn open_with(
+    sequence: &Path,
+    selection: &KeyframeArgs,
+    depth: DepthArg,
+    change: impl FnOnce(&mut Options),
+) -> anyhow::Result<Recording> {
     let stages = StageArgs {
-        depth: DepthArg::Auto,
+        depth,
         config: None,
         max_image_size: None,
         format: Vec::new(),
