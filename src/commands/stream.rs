@@ -62,7 +62,8 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     }
     let keyframes = summary.keyframes;
     let (vertices, triangles) = (summary.mesh.positions.len(), summary.mesh.triangles.len());
-    let (corrected_poses, lens_k1) = (summary.corrected_poses.clone(), summary.lens_k1);
+    let corrected_poses = summary.corrected_poses.clone();
+    let (lens_k1, focal_factor) = (summary.lens_k1, summary.focal_factor);
     if let Some(output) = &mut output {
         write_results(args, summary, output)?;
     }
@@ -73,6 +74,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         files: output.map_or_else(Vec::new, |output| output.written().to_vec()),
         corrected_poses,
         lens_k1,
+        focal_factor,
     })?;
     Ok(if triangles == 0 {
         Outcome::Negative(format!("the mesh is empty after {keyframes} keyframe(s)"))

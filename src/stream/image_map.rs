@@ -29,6 +29,7 @@ pub(super) struct ImageMap {
     matches_batch_run: bool,
     corrected_poses: Vec<(u64, Isometry3<f64>)>,
     lens_k1: Option<f64>,
+    focal_factor: Option<f64>,
 }
 
 impl SessionMap for ImageMap {
@@ -104,16 +105,17 @@ impl SessionMap for ImageMap {
                 })?,
         };
         let before = self.poses();
-        let (mut is_corrected, mut focal_factor) = (false, 1.0);
+        let (mut is_corrected, mut is_other) = (false, false);
         if options.pose_correction.enabled {
             let mut poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
             if let Some(factor) = poses.summary.focal_factor {
                 self.live.scale_focal_length(factor)?;
-                focal_factor = factor;
+                self.focal_factor = Some(factor);
                 poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
             }
-            is_corrected = poses.summary.is_corrected || focal_factor != 1.0;
-            if poses.summary.is_corrected {
+            is_corrected = poses.summary.is_corrected;
+            is_other = is_corrected || self.focal_factor.is_some();
+            if is_corrected {
                 self.live
                     .set_poses(frames.iter().copied().zip(poses.placed));
                 self.live
@@ -124,7 +126,7 @@ impl SessionMap for ImageMap {
                 self.lens_k1 = Some(k1);
             }
         }
-        let outcome = self.finish_at(median_depth, is_corrected, options);
+        let outcome = self.finish_at(median_depth, is_other, options);
         match &outcome {
             Ok(()) if is_corrected => {
                 let ids = self.keyframes.iter().map(|keyframe| keyframe.id);
@@ -134,8 +136,8 @@ impl SessionMap for ImageMap {
             Ok(()) => {}
             Err(_) => {
                 self.live.set_poses(before);
-                if focal_factor != 1.0 {
-                    self.live.scale_focal_length(1.0 / focal_factor)?;
+                if let Some(factor) = self.focal_factor.take() {
+                    self.live.scale_focal_length(1.0 / factor)?;
                 }
                 if self.lens_k1.take().is_some() {
                     self.live.set_radial_distortion(0.0)?;
@@ -172,6 +174,10 @@ impl SessionMap for ImageMap {
 
     fn lens_k1(&self) -> Option<f64> {
         self.lens_k1
+    }
+
+    fn focal_factor(&self) -> Option<f64> {
+        self.focal_factor
     }
 
     fn sequence(&self) -> Option<&Sequence> {
@@ -225,6 +231,7 @@ impl ImageMap {
             matches_batch_run: true,
             corrected_poses: Vec::new(),
             lens_k1: None,
+            focal_factor: None,
         };
         map.push(id, 0, options)?;
         Ok(map)

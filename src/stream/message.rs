@@ -232,6 +232,9 @@ pub enum Reply {
         /// estimates.
         #[serde(skip_serializing_if = "Option::is_none")]
         lens_k1: Option<f64>,
+        /// Factor on the given focal length, which was wrong, in the final estimates.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        focal_factor: Option<f64>,
     },
 }
 

@@ -61,6 +61,8 @@ pub struct SessionSummary {
     pub corrected_poses: Vec<CorrectedPose>,
     /// Estimated radial distortion `k1` (Brown) of images given as those of a pinhole.
     pub lens_k1: Option<f64>,
+    /// Factor on the focal length with which images agree with the poses, where the given one was wrong.
+    pub focal_factor: Option<f64>,
 }
 
 /// The end of a session.
@@ -306,6 +308,7 @@ impl Session {
             origin,
             median_depth: map.median_depth(),
             lens_k1: map.lens_k1(),
+            focal_factor: map.focal_factor(),
             corrected_poses: poses
                 .iter()
                 .map(|(id, pose)| CorrectedPose {

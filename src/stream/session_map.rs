@@ -107,6 +107,11 @@ pub(super) trait SessionMap {
         None
     }
 
+    /// Factor on the focal length with which images agree with the poses, where the given one was wrong.
+    fn focal_factor(&self) -> Option<f64> {
+        None
+    }
+
     /// The frames of all messages so far; `None` without images.
     fn sequence(&self) -> Option<&Sequence>;
 

@@ -17,6 +17,8 @@ struct Recording {
     folder: tempfile::TempDir,
     images: Vec<PathBuf>,
     poses: Vec<Value>,
+    /// Focal length of its calibration.
+    focal: f64,
     median_depth: Value,
 }
 
@@ -29,11 +31,11 @@ fn stream_with_open_holes(out: &Path, lines: &[String]) -> (Option<i32>, Vec<Val
 
 impl Recording {
     fn new() -> Self {
-        Self::through_a_lens(0.0)
+        Self::with_calibration(0.0, 525.0)
     }
 
-    /// As the camera has it whose lens has this `k1` and is taken for a pinhole.
-    fn through_a_lens(k1: f64) -> Self {
+    /// As the camera has it whose lens has this `k1` and is taken for a pinhole of this focal length; the true one is 525.
+    fn with_calibration(k1: f64, focal: f64) -> Self {
         let pinhole = Camera::pinhole(525.0, 525.0, 319.5, 239.5).unwrap();
         let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
         let folder = tempfile::tempdir().unwrap();
@@ -66,13 +68,15 @@ impl Recording {
             .collect();
         std::fs::write(sequence.join("rgb.txt"), listed.join("\n")).unwrap();
         std::fs::write(sequence.join("groundtruth.txt"), recorded.join("\n")).unwrap();
-        let camera =
-            "[color]\nmodel = \"pinhole\"\nfx = 525.0\nfy = 525.0\ncx = 319.5\ncy = 239.5\n";
+        let camera = format!(
+            "[color]\nmodel = \"pinhole\"\nfx = {focal}\nfy = {focal}\ncx = 319.5\ncy = 239.5\n"
+        );
         std::fs::write(sequence.join("linecarve.toml"), camera).unwrap();
         let mut recording = Self {
             folder,
             images,
             poses,
+            focal,
             median_depth: Value::Null,
         };
         recording.reconstruct();
@@ -99,15 +103,16 @@ impl Recording {
         self.median_depth = report["sequence"]["median_depth"].clone();
     }
 
-    fn start() -> Value {
+    fn start(&self) -> Value {
+        let focal = self.focal;
         json!({
             "type": "start", "depth_source": "semi-dense",
-            "calibration": { "color": { "fx": 525.0, "fy": 525.0, "cx": 319.5, "cy": 239.5 } },
+            "calibration": { "color": { "fx": focal, "fy": focal, "cx": 319.5, "cy": 239.5 } },
         })
     }
 
     fn start_at_scale(&self) -> Value {
-        let mut start = Self::start();
+        let mut start = self.start();
         start["median_depth"] = self.median_depth.clone();
         start
     }
@@ -175,7 +180,7 @@ fn the_surface_grows_and_ends_as_that_of_the_recording() {
     assert_ne!(replies[5]["triangles"], 0, "three neighbours have come");
 
     // Nobody tells the scale, an image comes in its message, depth images are left alone, and one keyframe too many goes again.
-    messages[0] = Recording::start();
+    messages[0] = recording.start();
     let bytes = std::fs::read(&recording.images[2]).unwrap();
     let text = base64::engine::general_purpose::STANDARD.encode(bytes);
     messages[3]["color"] = json!({ "base64": text });
@@ -214,12 +219,22 @@ fn corrected_poses_leave_no_trace() {
 
 #[test]
 fn a_lens_is_found_at_the_end_as_in_a_run() {
-    let recording = Recording::through_a_lens(-0.09);
+    let recording = Recording::with_calibration(-0.09, 525.0);
     let mut messages = vec![recording.start_at_scale()];
     messages.extend(recording.keyframes());
     let replies = recording.expect_files_of_the_run(&messages);
     let k1 = replies.last().unwrap()["lens_k1"].as_f64().unwrap();
     assert!((k1 + 0.09).abs() < 0.03, "{k1}");
+}
+
+#[test]
+fn a_wrong_focal_length_is_found_at_the_end_as_in_a_run() {
+    let recording = Recording::with_calibration(0.0, 1.02 * 525.0);
+    let mut messages = vec![recording.start_at_scale()];
+    messages.extend(recording.keyframes());
+    let replies = recording.expect_files_of_the_run(&messages);
+    let factor = replies.last().unwrap()["focal_factor"].as_f64().unwrap();
+    assert!((1.02 * factor - 1.0).abs() < 0.005, "{factor}");
 }
 
 #[test]
@@ -261,15 +276,15 @@ fn bad_messages_change_nothing() {
 #[test]
 fn sessions_that_cannot_have_depth_say_so() {
     let recording = Recording::new();
-    let mut sensor = Recording::start();
+    let mut sensor = recording.start();
     sensor["depth_source"] = json!("sensor");
-    let mut unknown = Recording::start();
+    let mut unknown = recording.start();
     unknown["depth_source"] = json!("lidar");
     let first = recording.keyframe(0, &recording.poses[0]);
     for (start, expected) in [
         (sensor, "\"depth_source\": \"semi-dense\""),
         (unknown, "lidar"),
-        (Recording::start(), "no depth can be estimated"),
+        (recording.start(), "no depth can be estimated"),
     ] {
         let (status, replies) = stream(&[], &[start.to_string(), first.to_string()]);
         assert_eq!(status, Some(1));
