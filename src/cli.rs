@@ -317,6 +317,15 @@ pub enum SurfaceSource {
     MapPoints,
 }
 
+impl From<SurfaceSource> for crate::recording::Source {
+    fn from(source: SurfaceSource) -> Self {
+        match source {
+            SurfaceSource::Lines => Self::Lines,
+            SurfaceSource::MapPoints => Self::MapPoints,
+        }
+    }
+}
+
 /// Where depth comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DepthArg {

@@ -12,6 +12,7 @@ mod lines;
 mod observed;
 mod reconstruct;
 mod render;
+mod render_view;
 mod simplify;
 mod stream;
 mod synth;
@@ -19,7 +20,8 @@ mod tiles;
 mod track;
 mod view;
 
-pub use reconstruct::{final_mesh, reconstruct};
+pub use crate::sinks::final_mesh;
+pub use reconstruct::reconstruct;
 
 use anyhow::Context;
 

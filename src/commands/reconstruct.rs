@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use crate::cli::{ReconstructArgs, SurfaceSource};
+use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
 use crate::commands::input::{input, parameters, unpack_video};
 use crate::commands::simplify::check_tolerance;
@@ -12,11 +12,9 @@ use crate::recording::{Recording, Source};
 use crate::run::{CancelToken, Checkpoint, Verbosity, WatchError, end_beyond};
 use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
-    model_left_out, reason_for_nothing, simplified, write_results,
+    model_left_out, reason_for_nothing, write_results, write_tracked_poses,
 };
 use crate::video::is_video;
-use linecarve_mesh::TriangleMesh;
-use linecarve_sequence::export::{TrajectoryFormat, posed_images, write_trajectory};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let watch = |is_model_at_once: bool| {
@@ -33,20 +31,6 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     };
     let (outcome, _) = reconstruct(args, Some(&args.out), verbosity, watch)?;
     Ok(outcome)
-}
-
-/// The mesh that a run ends with, in the frame of the poses.
-///
-/// # Errors
-/// When the tolerance of the simplification is out of range.
-pub fn final_mesh(run: &Reconstruction) -> anyhow::Result<TriangleMesh> {
-    let map = run.map();
-    let clusters = map.segments().map(|segments| segments.clusters());
-    let recording = run.recording();
-    let lines = clusters.unwrap_or_default();
-    let mut mesh = simplified(map.adjusted_surface(), &lines, recording.options.simplify)?;
-    mesh.translate(&recording.origin);
-    Ok(mesh)
 }
 
 /// Does what `linecarve reconstruct` does. `args.out` is not looked at: everything is written to `out`, or nothing without it.
@@ -70,31 +54,15 @@ pub fn reconstruct(
     *labels = args.labels.map_or(*labels, Into::into);
     let simplification = &mut options.simplify;
     simplification.tolerance = args.simplify.or(simplification.tolerance);
-    let source = match args.from {
-        SurfaceSource::Lines => Source::Lines,
-        SurfaceSource::MapPoints => Source::MapPoints,
-    };
-    let mut input = input(
-        &args.input,
-        &args.selection,
-        args.stages.depth,
-        source,
-        verbosity,
-    );
+    let (depth, source) = (args.stages.depth, args.from.into());
+    let mut input = input(&args.input, &args.selection, depth, source, verbosity);
     input.track = args.track;
     if is_video(&input.path) {
         unpack_video(&mut input, output.as_mut(), verbosity)?;
     }
     let recording = Recording::open(&input, options)?;
-    if recording.is_tracked
-        && let Some(output) = &mut output
-    {
-        let images = posed_images(&recording.sequence);
-        write_trajectory(
-            &output.file("trajectory.txt"),
-            TrajectoryFormat::Tum,
-            &images,
-        )?;
+    if let Some(output) = &mut output {
+        write_tracked_poses(&recording, output)?;
     }
     let is_model = recording.source == Source::Model;
     let is_followed = !is_final_only || live.is_some();

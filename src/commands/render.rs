@@ -4,17 +4,17 @@ use std::path::Path;
 
 use anyhow::{Context, ensure};
 use image::RgbImage;
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::Point3;
 
 use crate::cli::RenderArgs;
 use crate::commands::Outcome;
+use crate::commands::render_view::{given_view, outside_view};
 use crate::compare::distance_within;
 use linecarve_mesh::evaluate::NearestPointIndex;
 use linecarve_mesh::render::{
-    BackFaces, HeatScale, RenderOptions, Renderer, View, up_direction, with_color_bar, write_png,
+    BackFaces, HeatScale, RenderOptions, Renderer, View, with_color_bar, write_png,
 };
-use linecarve_mesh::{LineSet, Shape, ShapeKind, TriangleMesh, read_geometry, read_textured};
-use linecarve_sequence::{OpenOptions, Sequence};
+use linecarve_mesh::{LineSet, Shape, ShapeKind, read_geometry, read_textured};
 
 /// Diameter of the points of a cloud in the picture.
 const POINT_WIDTH_PX: f64 = 2.5;
@@ -46,23 +46,18 @@ pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
     marks.append(over.map_or_else(Shape::default, with_dots));
     let mesh = shape.into_mesh();
     let lines = (!marks.lines.is_empty()).then(|| marks.into_lines());
-    let view = if let Some(folder) = &args.sequence {
-        let open = OpenOptions {
-            calibration: args.calibration.clone(),
-            ..OpenOptions::default()
-        };
-        view_of_frame(&Sequence::open(folder, &open)?, &args.frame)?
-    } else if let (Some(eye), Some(target)) = (args.eye, args.target) {
-        view_from(eye, target, args)?
-    } else {
-        options.back_faces = BackFaces::Hidden;
-        let view = outside_view(&mesh, lines.as_ref(), args);
-        view.with_context(|| {
-            format!(
-                "{} has no extent: give a view with --eye and --target",
-                args.mesh.display()
-            )
-        })?
+    let view = match given_view(args)? {
+        Some(view) => view,
+        None => {
+            options.back_faces = BackFaces::Hidden;
+            let view = outside_view(&mesh, lines.as_ref(), args);
+            view.with_context(|| {
+                format!(
+                    "{} has no extent: give a view with --eye and --target",
+                    args.mesh.display()
+                )
+            })?
+        }
     };
     let mut renderer = Renderer::new(&mesh);
     if let Some(texture) = &texture {
@@ -119,66 +114,6 @@ fn share_of(length: f64) -> f64 {
         .into_iter()
         .find(|step| *step >= wanted)
         .unwrap_or(wanted)
-}
-
-/// What a frame, given by name or index, saw.
-fn view_of_frame(sequence: &Sequence, wanted: &str) -> anyhow::Result<View> {
-    let frames = sequence.frames();
-    let index = frames
-        .iter()
-        .position(|frame| frame.name == wanted)
-        .or_else(|| wanted.parse().ok())
-        .filter(|index| *index < frames.len())
-        .with_context(|| {
-            format!(
-                "--frame {wanted}: neither a name (such as {}) nor an index below {}",
-                frames.first().map_or("", |frame| &frame.name),
-                frames.len()
-            )
-        })?;
-    let poses: Vec<Isometry3<f64>> = frames.iter().map(|frame| frame.world_from_camera).collect();
-    let size = sequence.color_size();
-    Ok(View::from_keyframe(
-        sequence.color_camera(),
-        size.width,
-        size.height,
-        poses[index],
-        up_direction(&poses),
-    ))
-}
-
-fn view_from(eye: [f64; 3], target: [f64; 3], args: &RenderArgs) -> anyhow::Result<View> {
-    ensure!(eye != target, "--eye and --target are the same point");
-    ensure!(
-        args.field_of_view > 0.0 && args.field_of_view < 170.0,
-        "--field-of-view {}: give an angle between 0 and 170 degrees",
-        args.field_of_view
-    );
-    let view = View::look_at(
-        &Point3::from(eye),
-        &Point3::from(target),
-        &Vector3::from(args.up),
-        args.size,
-        args.field_of_view.to_radians(),
-    )?;
-    Ok(view)
-}
-
-/// From outside and above, where "above" is what `--up` says: as seen by cameras that were held so.
-fn outside_view(mesh: &TriangleMesh, lines: Option<&LineSet>, args: &RenderArgs) -> Option<View> {
-    let upright = UnitQuaternion::rotation_between(&-Vector3::y(), &Vector3::from(args.up))
-        .unwrap_or_else(|| UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::PI));
-    let pose = Isometry3::from_parts(Vector3::zeros().into(), upright);
-    if !mesh.triangles.is_empty() {
-        return View::dollhouse(mesh, &[pose], args.size);
-    }
-    let lines = lines?;
-    let ends = lines.lines.iter().flatten();
-    let ends = ends.filter_map(|end| lines.points.get(*end as usize).copied());
-    let ends: Vec<Point3<f64>> = ends
-        .filter(|end| end.iter().all(|value| value.is_finite()))
-        .collect();
-    View::outside(&ends, &[pose], args.size)
 }
 
 /// A cloud with a line from each point to itself, which is drawn as a dot; other shapes as they are.

@@ -7,6 +7,7 @@ mod corrections;
 mod depth_noise;
 mod depth_validation;
 mod error;
+mod export;
 mod keyframe_measurements;
 mod landmark_fusion;
 mod landmarks;
@@ -30,31 +31,27 @@ mod vertex_landmarks;
 use std::time::{Duration, Instant};
 
 use linecarve_carving::{Carver, CarverOptions};
-use linecarve_carving::{ExportOptions, Hull, Triangle, TriangleRole, VertexId};
+use linecarve_carving::{Hull, Triangle, TriangleRole};
 use linecarve_lines::camera::Camera;
-use linecarve_mesh::{TriangleMesh, close_holes};
 use linecarve_points::PointMap;
 use linecarve_sequence::{Sequence, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
 use crate::front_end::{DepthSource, Keyframe};
-use crate::options::{HoleFilling, LandmarkOptions, Options};
+use crate::options::{LandmarkOptions, Options};
 use lines::LineMap;
 use model::ModelMap;
 use observed::ObservedMap;
 use points::FeatureMap;
-use surface::DEFAULT_COLOR;
 
 pub use error::MapError;
+pub(crate) use export::{close_all_holes, export_options};
 pub use model::ModelCounts;
 pub(crate) use model::PointSelector;
 pub use observed::{ObservationChange, ObservedPoint, PointKind};
 pub use segment_map::SegmentMap;
 pub use surface::{MapSurface, SurfaceChange};
 pub use update::{MapTimes, MapUpdate};
-
-/// Most edges of a hole that can be closed; the cost is cubic in them.
-const LARGEST_HOLE_EDGES: usize = 400;
 
 /// Segments, points and free space of the keyframes so far.
 ///
@@ -452,96 +449,6 @@ impl Map {
             .filter_map(|point| self.carver.point(point))
             .collect()
     }
-
-    /// The current surface as an estimate: that of [`surface`](Self::surface), with each vertex adjusted to the depth images of all
-    /// keyframes that measured its surroundings, with holes closed as `options.surface.holes` says, and planes flattened within what
-    /// measurements allow.
-    ///
-    /// # Complexity
-    /// That of the surface, plus its vertices times the keyframes.
-    pub fn adjusted_surface(&self) -> TriangleMesh {
-        let mut mesh = self.surface();
-        if let Contents::Lines(lines) = &self.contents {
-            let holes = self.options.surface.holes;
-            lines.estimate(&mut mesh, self.adjusts_vertices, holes);
-        }
-        if self.options.surface.holes == HoleFilling::All {
-            close_all_holes(&mut mesh);
-        }
-        mesh
-    }
-
-    /// The current surface as it is carved, filtered by `options.surface`.
-    ///
-    /// # Complexity
-    /// Linear in the size of the surface, plus sorting of its vertices.
-    pub fn surface(&self) -> TriangleMesh {
-        match self.followed_surface() {
-            Some(surface) if surface.is_current(self.export_options().longest_edge) => {
-                surface.to_mesh()
-            }
-            _ => self.extract_surface(),
-        }
-    }
-
-    /// The current surface, made anew from the carver.
-    fn extract_surface(&self) -> TriangleMesh {
-        let export = self.export_options();
-        let (mesh, origins) = match &self.contents {
-            Contents::Lines(lines) => {
-                let longest = export.longest_edge;
-                let is_exported = |triangle: Triangle| {
-                    lines.role(&self.carver, &triangle, longest) == TriangleRole::Exported
-                };
-                let all = ExportOptions {
-                    longest_edge: None,
-                    ..export
-                };
-                self.carver.mesh_where(&all, is_exported)
-            }
-            _ => self.carver.mesh_where(&export, |_| true),
-        };
-        TriangleMesh {
-            positions: mesh.vertices,
-            triangles: mesh.triangles,
-            colors: self.colors_of(&origins),
-        }
-    }
-
-    /// Colours of exported vertices, by their vertices in the triangulation; `None` when none has a colour.
-    fn colors_of(&self, origins: &[Option<VertexId>]) -> Option<Vec<[u8; 3]>> {
-        let Contents::Lines(lines) = &self.contents else {
-            return None;
-        };
-        let observed = lines.colors(&self.carver);
-        let colors = origins.iter().map(|vertex| observed.get((*vertex)?));
-        let colors: Vec<Option<[u8; 3]>> = colors.collect();
-        let has_any = colors.iter().any(Option::is_some);
-        let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
-        has_any.then(|| colors.into_iter().map(color).collect())
-    }
-
-    /// Filters and repair of the exported surface.
-    pub(crate) fn export_options(&self) -> ExportOptions {
-        export_options(&self.options, self.median_depth())
-    }
-}
-
-/// How a surface of this median depth is exported.
-pub(crate) fn export_options(options: &Options, median_depth: Option<f64>) -> ExportOptions {
-    let surface = &options.surface;
-    ExportOptions {
-        longest_edge: median_depth
-            .zip(surface.longest_edge_share)
-            .map(|(depth, share)| share * depth),
-        minimum_component: surface.minimum_component,
-        manifold: surface.manifold,
-    }
-}
-
-/// Closes all holes but the largest, whether anything was measured there or not.
-pub(crate) fn close_all_holes(mesh: &mut TriangleMesh) {
-    close_holes(mesh, LARGEST_HOLE_EDGES, |_| true);
 }
 
 /// The options of the carver.

@@ -8,11 +8,26 @@ use linecarve_mesh::{LineSet, TriangleMesh};
 use nalgebra::Point3;
 
 use crate::options::SimplifySettings;
+use crate::reconstruction::Reconstruction;
 
 /// The tolerance when none is given.
 pub(crate) const DEFAULT_TOLERANCE: Tolerance = Tolerance::ShareOfDiagonal(0.02 / 100.0);
 /// The same as written on the command line.
 pub(crate) const DEFAULT_TOLERANCE_TEXT: &str = "0.02%";
+
+/// The mesh that a run ends with, in the frame of the poses.
+///
+/// # Errors
+/// When the tolerance of the simplification is out of range.
+pub fn final_mesh(run: &Reconstruction) -> anyhow::Result<TriangleMesh> {
+    let map = run.map();
+    let clusters = map.segments().map(|segments| segments.clusters());
+    let recording = run.recording();
+    let lines = clusters.unwrap_or_default();
+    let mut mesh = simplified(map.adjusted_surface(), &lines, recording.options.simplify)?;
+    mesh.translate(&recording.origin);
+    Ok(mesh)
+}
 
 /// The mesh, simplified when the settings have a tolerance; mesh edges along `lines` are kept.
 ///

@@ -11,6 +11,7 @@ use linecarve_sequence::{SIDECAR_FILE, Sequence};
 use nalgebra::{Isometry3, Point3};
 
 use super::output::OutputFolder;
+use crate::recording::Recording;
 use crate::tracking::{TrackReport, TrackedSequence, poses_file};
 
 /// Size of the picture of the path.
@@ -21,6 +22,19 @@ const PATH_COLOR: [u8; 3] = [30, 80, 200];
 
 /// Where frames between two have no pose.
 const GAP_COLOR: [u8; 3] = [220, 60, 40];
+
+/// Writes `trajectory.txt`, where the poses of a recording come from tracking.
+pub(crate) fn write_tracked_poses(
+    recording: &Recording,
+    output: &mut OutputFolder,
+) -> anyhow::Result<()> {
+    if recording.is_tracked {
+        let images = posed_images(&recording.sequence);
+        let path = output.file("trajectory.txt");
+        write_trajectory(&path, TrajectoryFormat::Tum, &images)?;
+    }
+    Ok(())
+}
 
 /// Writes the poses of each sub-map, the points of the largest, and the report, which is last.
 pub(crate) fn write_tracked(

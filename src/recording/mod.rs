@@ -1,136 +1,23 @@
 //! A recording that is ready to be reconstructed: keyframes are chosen, depth and length scale are known.
 
-use std::path::{Path, PathBuf};
+mod fit;
+mod input;
+mod origin;
 
-use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
-use linecarve_points::PointOptionsError;
-use linecarve_sequence::{
-    FrameError, KeyframeListError, KeyframeOptionsError, ModelView, OpenOptions, Sequence,
-    SequenceError, SparseModel, every_nth, read_keyframe_list, select_keyframes,
-};
-use nalgebra::{Isometry3, Point3, Vector3};
+use linecarve_sequence::{Sequence, SparseModel, every_nth, read_keyframe_list, select_keyframes};
+use nalgebra::{Isometry3, Vector3};
 
 use crate::front_end::{
-    DepthSource, ImagePosesError, PoseSummary, ScaleError, SemiDenseSource, correct_poses,
-    far_origin, median_depth_from_images, median_feature_depth, median_scene_depth,
+    DepthSource, PoseSummary, SemiDenseSource, median_depth_from_images, median_feature_depth,
+    median_scene_depth,
 };
-use crate::options::{Options, OptionsError};
-use crate::run::{Progress, Verbosity};
-use crate::tracking::{TrackError, open_or_track};
+use crate::options::Options;
+use crate::run::Progress;
+use crate::tracking::open_or_track;
 
-/// What a map is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
-    /// 3D line segments, and points between them where depth is dense.
-    Lines,
-    /// 3D line segments alone; nothing is carved.
-    Segments,
-    /// Map points triangulated from ORB features.
-    MapPoints,
-    /// The points of a model, with the views that see them.
-    Model,
-}
-
-/// Where the depth of segments comes from.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum DepthChoice {
-    /// The depth images when the sequence has some, else neighbouring keyframes.
-    #[default]
-    Auto,
-    /// Depth images.
-    Sensor,
-    /// Neighbouring keyframes.
-    SemiDense,
-}
-
-/// Which frames become keyframes, beside [`Options::keyframes`].
-#[derive(Debug, Clone, Default)]
-pub struct Selection {
-    /// Every N-th frame in place of a choice by motion.
-    pub every: Option<usize>,
-    /// The frames that this file names, one a line.
-    pub list: Option<PathBuf>,
-    /// At most this many.
-    pub max_keyframes: Option<usize>,
-    /// Options of the command line that were given and choose keyframes; a model has none to choose.
-    pub given: Vec<&'static str>,
-}
-
-/// What to reconstruct.
-#[derive(Debug, Clone)]
-pub struct Input {
-    /// Folder of a sequence, or a model file.
-    pub path: PathBuf,
-    /// Layout, poses and calibration where they are not those of the folder.
-    pub open: OpenOptions,
-    /// Which frames become keyframes.
-    pub selection: Selection,
-    /// What the map is made of. [`Source::MapPoints`] becomes [`Source::Model`] when the sequence brings points along.
-    pub source: Source,
-    /// Where the depth of segments comes from.
-    pub depth: DepthChoice,
-    /// Whether poses are found from the images although the recording may have some. Without poses they are in any case, where
-    /// there is depth.
-    pub track: bool,
-    /// What is shown on standard error while the recording is prepared.
-    pub verbosity: Verbosity,
-}
-
-impl<P: AsRef<Path>> From<P> for Input {
-    /// A sequence as it lies in its folder, reconstructed from lines; nothing is printed.
-    fn from(path: P) -> Self {
-        Self {
-            path: path.as_ref().to_owned(),
-            open: OpenOptions::default(),
-            selection: Selection::default(),
-            source: Source::Lines,
-            depth: DepthChoice::Auto,
-            track: false,
-            verbosity: Verbosity::Quiet,
-        }
-    }
-}
-
-/// Why a recording cannot be reconstructed.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
-    /// The sequence cannot be read.
-    #[error(transparent)]
-    Sequence(#[from] SequenceError),
-    /// An image cannot be read.
-    #[error(transparent)]
-    Frame(#[from] FrameError),
-    /// The list of keyframes cannot be used.
-    #[error(transparent)]
-    List(#[from] KeyframeListError),
-    /// An option of the choice of keyframes is out of range.
-    #[error(transparent)]
-    Keyframes(#[from] KeyframeOptionsError),
-    /// The median scene depth cannot be estimated.
-    #[error(transparent)]
-    Scale(#[from] ScaleError),
-    /// An option of the map points is out of range.
-    #[error(transparent)]
-    Points(#[from] PointOptionsError),
-    /// An option of the semi-dense depth is out of range.
-    #[error(transparent)]
-    SemiDense(#[from] SemiDenseOptionsError),
-    /// Poses cannot be compared with the images.
-    #[error(transparent)]
-    Poses(#[from] ImagePosesError),
-    /// The estimated lens is no camera.
-    #[error(transparent)]
-    Lens(#[from] linecarve_lines::camera::CameraError),
-    /// A parameter is out of range.
-    #[error(transparent)]
-    Options(#[from] OptionsError),
-    /// Poses cannot be found from the images.
-    #[error(transparent)]
-    Track(#[from] TrackError),
-    /// The recording lacks what was asked for; the text says what, and the remedy.
-    #[error("{0}")]
-    Missing(String),
-}
+pub(crate) use fit::lens_warning;
+pub use input::{DepthChoice, Input, RecordingError, Selection, Source};
+pub(crate) use origin::{PointExtent, model_origin};
 
 /// A sequence whose keyframes are chosen, with everything that must be known before the first of them.
 #[derive(Debug)]
@@ -357,70 +244,6 @@ impl Recording {
         Ok(())
     }
 
-    /// Corrects the poses of the keyframes, and the lens, where the images contradict them; or the focal length, where that explains
-    /// the images.
-    ///
-    /// # Errors
-    /// When an image cannot be read, or the estimated lens is no camera.
-    pub fn correct_poses(&mut self, verbosity: Verbosity) -> Result<(), RecordingError> {
-        let compare = |sequence: &Sequence| {
-            let mut progress = Progress::start("poses", self.keyframes.len(), verbosity);
-            let corrected = correct_poses(sequence, &self.keyframes, &self.options, || {
-                progress.step(|| "comparing poses with images".to_owned());
-            });
-            progress.finish();
-            corrected
-        };
-        let mut corrected = compare(&self.sequence)?;
-        let focal_factor = corrected.summary.focal_factor;
-        if let Some(factor) = focal_factor {
-            self.sequence.scale_focal_length(factor)?;
-            corrected = compare(&self.sequence)?;
-            let focal = self.sequence.color_camera().mean_focal_px();
-            self.warnings.push(focal_warning(focal, factor));
-        }
-        let mut summary = corrected.summary;
-        summary.focal_factor = focal_factor;
-        if summary.is_corrected {
-            let keyframes = || self.keyframes.iter().copied();
-            self.sequence.set_poses(keyframes().zip(corrected.placed));
-            self.sequence
-                .set_fitted_poses(keyframes().zip(corrected.fitted));
-            self.warnings.push(format!(
-                "the images disagree with the poses of {} keyframes, by {:.1} pixels in direction and {:.1} in place (RMS): \
-                 depth comes from corrected poses, keyframes are where the given poses around them say \
-                 ([pose_correction] enabled = false takes poses as they are)",
-                summary.keyframes, summary.turn_px, summary.shift_px
-            ));
-        }
-        if let Some(k1) = summary.lens_k1 {
-            self.sequence.set_radial_distortion(k1)?;
-            self.warnings.push(lens_warning(k1));
-        }
-        self.poses = Some(summary);
-        Ok(())
-    }
-
-    /// Subtracts an origin from all coordinates where they are far from zero.
-    fn choose_origin(&mut self, median_depth: f64) {
-        let frames = self.sequence.frames();
-        let positions = self.keyframes.iter().map(|frame| {
-            let pose = &frames[*frame].world_from_camera;
-            Point3::from(pose.translation.vector)
-        });
-        self.shift_to(far_origin(positions, median_depth));
-    }
-
-    fn shift_to(&mut self, origin: Vector3<f64>) {
-        self.origin = origin;
-        if origin != Vector3::zeros() {
-            self.warnings.push(format!(
-                "coordinates lie far from zero: computed relative to ({}, {}, {})",
-                origin.x, origin.y, origin.z
-            ));
-        }
-    }
-
     /// What a run over this recording is, line by line. A run of another description cannot go on with
     /// its checkpoint.
     pub fn description(&self) -> String {
@@ -487,57 +310,4 @@ impl Recording {
     pub fn depth_name(&self) -> &'static str {
         self.depth.as_ref().map_or("none", DepthSource::name)
     }
-}
-
-/// Says that images and poses belong to another focal length than the given one.
-fn focal_warning(focal: f64, factor: f64) -> String {
-    format!(
-        "the images agree with the poses at a focal length of {focal:.1} pixels, {factor:.4} times the given one, which is used instead \
-         ([pose_correction] lens = false keeps the given one; to say what a calibration found: [color] fx, fy in linecarve.toml)"
-    )
-}
-
-/// Says that images were distorted although their camera is given as a pinhole.
-pub(crate) fn lens_warning(k1: f64) -> String {
-    format!(
-        "the images are not those of a pinhole: radial distortion k1 = {k1:.4} is taken out ([pose_correction] lens = false takes them \
-         as they are; to say it, or what a calibration found, in linecarve.toml: [color] model = \"radial-tangential\", distortion = \
-         [{k1:.4}, 0.0, 0.0, 0.0])"
-    )
-}
-
-/// The box around finite points.
-pub(crate) struct PointExtent([Point3<f64>; 2]);
-
-impl Default for PointExtent {
-    fn default() -> Self {
-        Self([
-            Point3::from([f64::INFINITY; 3]),
-            Point3::from([f64::NEG_INFINITY; 3]),
-        ])
-    }
-}
-
-impl PointExtent {
-    pub(crate) fn add(&mut self, point: &Point3<f64>) {
-        if point.iter().all(|x| x.is_finite()) {
-            let [low, high] = &mut self.0;
-            (*low, *high) = (low.inf(point), high.sup(point));
-        }
-    }
-
-    /// The longest side.
-    pub(crate) fn longest(&self) -> f64 {
-        let [low, high] = &self.0;
-        (high - low).max().max(0.0)
-    }
-}
-
-/// Where the frame of computation of a model has its origin.
-pub(crate) fn model_origin(views: &[ModelView], extent: &PointExtent) -> Vector3<f64> {
-    // The shift must not depend on the depth, which is only known once the points are chosen.
-    let centers = views
-        .iter()
-        .map(|view| Point3::from(view.world_from_camera.translation.vector));
-    far_origin(centers, extent.longest())
 }

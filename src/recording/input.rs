@@ -1,0 +1,128 @@
+//! What to reconstruct, and why that may be impossible.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
+use linecarve_points::PointOptionsError;
+use linecarve_sequence::{
+    FrameError, KeyframeListError, KeyframeOptionsError, OpenOptions, SequenceError,
+};
+
+use crate::front_end::{ImagePosesError, ScaleError};
+use crate::options::OptionsError;
+use crate::run::Verbosity;
+use crate::tracking::TrackError;
+
+/// What a map is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// 3D line segments, and points between them where depth is dense.
+    Lines,
+    /// 3D line segments alone; nothing is carved.
+    Segments,
+    /// Map points triangulated from ORB features.
+    MapPoints,
+    /// The points of a model, with the views that see them.
+    Model,
+}
+
+/// Where the depth of segments comes from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum DepthChoice {
+    /// The depth images when the sequence has some, else neighbouring keyframes.
+    #[default]
+    Auto,
+    /// Depth images.
+    Sensor,
+    /// Neighbouring keyframes.
+    SemiDense,
+}
+
+/// Which frames become keyframes, beside [`Options::keyframes`](crate::Options::keyframes).
+#[derive(Debug, Clone, Default)]
+pub struct Selection {
+    /// Every N-th frame in place of a choice by motion.
+    pub every: Option<usize>,
+    /// The frames that this file names, one a line.
+    pub list: Option<PathBuf>,
+    /// At most this many.
+    pub max_keyframes: Option<usize>,
+    /// Options of the command line that were given and choose keyframes; a model has none to choose.
+    pub given: Vec<&'static str>,
+}
+
+/// What to reconstruct.
+#[derive(Debug, Clone)]
+pub struct Input {
+    /// Folder of a sequence, or a model file.
+    pub path: PathBuf,
+    /// Layout, poses and calibration where they are not those of the folder.
+    pub open: OpenOptions,
+    /// Which frames become keyframes.
+    pub selection: Selection,
+    /// What the map is made of. [`Source::MapPoints`] becomes [`Source::Model`] when the sequence brings points along.
+    pub source: Source,
+    /// Where the depth of segments comes from.
+    pub depth: DepthChoice,
+    /// Whether poses are found from the images although the recording may have some. Without poses they are in any case, where
+    /// there is depth.
+    pub track: bool,
+    /// What is shown on standard error while the recording is prepared.
+    pub verbosity: Verbosity,
+}
+
+impl<P: AsRef<Path>> From<P> for Input {
+    /// A sequence as it lies in its folder, reconstructed from lines; nothing is printed.
+    fn from(path: P) -> Self {
+        Self {
+            path: path.as_ref().to_owned(),
+            open: OpenOptions::default(),
+            selection: Selection::default(),
+            source: Source::Lines,
+            depth: DepthChoice::Auto,
+            track: false,
+            verbosity: Verbosity::Quiet,
+        }
+    }
+}
+
+/// Why a recording cannot be reconstructed.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The sequence cannot be read.
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
+    /// An image cannot be read.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// The list of keyframes cannot be used.
+    #[error(transparent)]
+    List(#[from] KeyframeListError),
+    /// An option of the choice of keyframes is out of range.
+    #[error(transparent)]
+    Keyframes(#[from] KeyframeOptionsError),
+    /// The median scene depth cannot be estimated.
+    #[error(transparent)]
+    Scale(#[from] ScaleError),
+    /// An option of the map points is out of range.
+    #[error(transparent)]
+    Points(#[from] PointOptionsError),
+    /// An option of the semi-dense depth is out of range.
+    #[error(transparent)]
+    SemiDense(#[from] SemiDenseOptionsError),
+    /// Poses cannot be compared with the images.
+    #[error(transparent)]
+    Poses(#[from] ImagePosesError),
+    /// The estimated lens is no camera.
+    #[error(transparent)]
+    Lens(#[from] linecarve_lines::camera::CameraError),
+    /// A parameter is out of range.
+    #[error(transparent)]
+    Options(#[from] OptionsError),
+    /// Poses cannot be found from the images.
+    #[error(transparent)]
+    Track(#[from] TrackError),
+    /// The recording lacks what was asked for; the text says what, and the remedy.
+    #[error("{0}")]
+    Missing(String),
+}
