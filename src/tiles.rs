@@ -7,9 +7,10 @@ mod slurm;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
-use linecarve_mesh::{TriangleMesh, write_mesh_ply};
+use linecarve_mesh::{StreamedMesh, TriangleMesh, write_mesh_ply, write_streamed_mesh_ply};
 use linecarve_sequence::DenseCloud;
-use linecarve_tiles::{PlanOptions, Work, merged_mesh};
+use linecarve_tiles::{MergedMesh, PlanOptions, TilesError, Work, merged_mesh};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use slurm::slurm_script;
@@ -81,23 +82,36 @@ pub(crate) fn plan(
     )?)
 }
 
-/// Writes `mesh.ply` of a plan whose stages are done; returns its path and the number of its triangles.
+/// Writes `mesh.ply` of a plan whose stages are done; returns its path and the number of its triangles. The mesh passes through
+/// memory in blocks, unless its holes have to be closed.
 ///
 /// # Errors
 /// When the merged mesh is damaged or the file cannot be written.
 pub(crate) fn write_mesh(work: &Work) -> anyhow::Result<(PathBuf, usize)> {
     let finish: Finish = serde_json::from_str(&work.plan().caller).context("plan.json")?;
-    let merged = merged_mesh(work)?;
-    let mut mesh = TriangleMesh {
-        positions: merged.vertices,
-        triangles: merged.triangles,
-        colors: None,
-    };
-    if finish.closes_holes {
-        close_all_holes(&mut mesh);
-    }
-    mesh.translate(&finish.origin.into());
     let path = work.folder().join("mesh.ply");
-    write_mesh_ply(&path, &mesh)?;
-    Ok((path, mesh.triangles.len()))
+    let origin: Vector3<f64> = finish.origin.into();
+    if finish.closes_holes {
+        let merged = merged_mesh(work)?;
+        let mut mesh = TriangleMesh {
+            positions: merged.vertices,
+            triangles: merged.triangles,
+            colors: None,
+        };
+        close_all_holes(&mut mesh);
+        mesh.translate(&origin);
+        write_mesh_ply(&path, &mesh)?;
+        return Ok((path, mesh.triangles.len()));
+    }
+    let merged = MergedMesh::open(work)?;
+    let wrong = |error: TilesError| std::io::Error::other(error);
+    let positions = merged.vertices().map(|position| position.map_err(wrong));
+    let mesh = StreamedMesh {
+        counts: [merged.vertex_count(), merged.triangle_count()],
+        bounds: merged.bounds().map(|ends| ends.map(|end| end + origin)),
+        vertices: positions.map(|position| position.map(|position| position + origin)),
+        triangles: merged.triangles().map(|triangle| triangle.map_err(wrong)),
+    };
+    write_streamed_mesh_ply(&path, mesh)?;
+    Ok((path, merged.triangle_count()))
 }

@@ -39,8 +39,8 @@ pub mod internals {
     pub use crate::carver::{CarvedCell, Snapshot};
     pub use crate::labels::{FacetShape, cosines};
     pub use crate::surface::{
-        NO_NEIGHBOR, RankedSurface, RankedTriangle, across_where, assemble, has_edges_within,
-        is_surface_where,
+        Connectivity, NO_NEIGHBOR, RankedSurface, RankedTriangle, across_where, connect,
+        cut_at_midpoints, has_edges_within, is_surface_where, rotate_smallest_first,
     };
     pub use crate::visibility::rays::{FREE_SUM, OCCUPIED_SUM, RayTracer, TracedRay};
     pub use crate::visibility::{crosses_cell, crosses_ghost, triangle_meets_cell};

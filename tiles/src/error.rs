@@ -40,6 +40,9 @@ pub enum TilesError {
         /// The folder.
         path: PathBuf,
     },
+    /// Vertices of a mesh have 32 bits.
+    #[error("the mesh has 4 294 967 295 vertices or more: reconstruct parts of the scene")]
+    TooLarge,
     /// The plan was made by another version.
     #[error(
         "{}: planned by version {found} of the program, this is {expected}: use that version, or plan again into another folder",

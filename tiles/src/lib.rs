@@ -19,11 +19,12 @@ mod settle;
 mod split;
 mod stage;
 mod surface;
+mod surface_file;
 mod tile;
 mod work;
 
 pub use error::TilesError;
-pub use merge::merged_mesh;
+pub use merge::{MergedMesh, merged_mesh};
 pub use plan::{Plan, PlanOptions, TileSummary, plan};
 pub use planner::{Planner, SeenPoint};
 pub use run::run;

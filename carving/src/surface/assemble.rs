@@ -80,7 +80,7 @@ impl Sets {
 /// The mesh of the triangles that are wanted and belong to a component that is large enough; `is_wanted` has an entry for each
 /// triangle. Also returns for each vertex of the mesh the rank of its position, `None` for the midpoints of split edges. The
 /// filter of long edges is not applied here.
-pub fn assemble(
+pub(super) fn assemble(
     surface: &RankedSurface,
     is_wanted: &[bool],
     options: &ExportOptions,
@@ -142,8 +142,47 @@ fn split_into_manifold(
         patch.keep(is_wanted);
         return patch;
     }
+    let connected = connect(surface, |index| is_wanted[index as usize]);
+    patch.edges = connected.edges;
+    if options.manifold {
+        patch.copies = connected.fans;
+    }
+    let components = connected.components;
+    let mut sizes = vec![0usize; triangles.len()];
+    for &component in &components {
+        sizes[component as usize] += 1;
+    }
+    let is_kept: Vec<bool> = components
+        .iter()
+        .zip(is_wanted)
+        .map(|(&component, is_wanted)| {
+            *is_wanted && sizes[component as usize] >= options.minimum_component
+        })
+        .collect();
+    drop((components, sizes));
+    patch.keep(&is_kept);
+    patch
+}
+
+/// How the triangles of a surface are connected, and their corners around each vertex.
+#[derive(Clone, Debug, Default)]
+pub struct Connectivity {
+    /// For each corner its fan: the smallest `3 * triangle + corner` of the corners connected around the vertex.
+    pub fans: Vec<[u32; 3]>,
+    /// For each edge, which starts at the corner of the same index, the smaller `3 * triangle + edge` of the two that meet there.
+    pub edges: Vec<[u32; 3]>,
+    /// For each triangle the smallest triangle of its component.
+    pub components: Vec<u32>,
+}
+
+/// Connects triangles with their neighbours: all of them to components, the wanted ones also to fans and edges.
+pub fn connect(surface: &RankedSurface, is_wanted: impl Fn(u32) -> bool) -> Connectivity {
+    let triangles = &surface.triangles;
     let mut components = Sets::new(triangles.len());
     let mut fans = Sets::new(3 * triangles.len());
+    let mut edges: Vec<[u32; 3]> = (0..triangles.len() as u32)
+        .map(|index| [3 * index, 3 * index + 1, 3 * index + 2])
+        .collect();
     for (index, (triangle, neighbors)) in (0u32..).zip(triangles.iter().zip(&surface.neighbors)) {
         for k in 0..3 {
             let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
@@ -152,38 +191,28 @@ fn split_into_manifold(
                 continue;
             }
             components.unite(index, other);
-            if !(is_wanted[index as usize] && is_wanted[other as usize]) {
+            if !(is_wanted(index) && is_wanted(other)) {
                 continue;
             }
             let corner_of = |vertex: u32| {
                 let corner = triangles[other as usize].iter().position(|&v| v == vertex);
                 3 * other + corner.expect("neighbours share the edge") as u32
             };
-            let edge = &mut patch.edges[index as usize][k];
+            let edge = &mut edges[index as usize][k];
             *edge = corner_of(b).min(*edge);
             for (corner, vertex) in [(k, a), ((k + 1) % 3, b)] {
                 fans.unite(3 * index + corner as u32, corner_of(vertex));
             }
         }
     }
-    if options.manifold {
-        for (index, copies) in (0u32..).zip(&mut patch.copies) {
-            *copies = [0, 1, 2].map(|k| fans.find(3 * index + k));
-        }
+    let all = 0..triangles.len() as u32;
+    Connectivity {
+        fans: (all.clone())
+            .map(|index| [0, 1, 2].map(|k| fans.find(3 * index + k)))
+            .collect(),
+        edges,
+        components: all.map(|index| components.find(index)).collect(),
     }
-    let mut sizes = vec![0usize; triangles.len()];
-    for index in 0..triangles.len() as u32 {
-        sizes[components.find(index) as usize] += 1;
-    }
-    let is_kept: Vec<bool> = (0u32..)
-        .zip(is_wanted)
-        .map(|(index, is_wanted)| {
-            let size = sizes[components.find(index) as usize];
-            *is_wanted && size >= options.minimum_component
-        })
-        .collect();
-    patch.keep(&is_kept);
-    patch
 }
 
 /// Splits edges at their midpoints where several of different number have the same ends, all but the first.
@@ -221,7 +250,7 @@ fn split_repeated_edges(mesh: &mut IndexedMesh, edges: &[[u32; 3]]) {
 /// Appends the parts of a triangle whose edges have the given vertices in their middle; the triangle itself when there are none.
 ///
 /// `first` is the corner at the lexicographically smallest position: which parts two midpoints make must not depend on ids.
-pub(super) fn cut_at_midpoints(
+pub fn cut_at_midpoints(
     triangle: [u32; 3],
     middle: [Option<u32>; 3],
     first: usize,

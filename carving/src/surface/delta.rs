@@ -61,7 +61,7 @@ impl SurfaceDelta {
 }
 
 /// The same triangle with the smallest corner first.
-pub(super) fn rotate_smallest_first<T: Copy + Ord>([a, b, c]: [T; 3]) -> [T; 3] {
+pub fn rotate_smallest_first<T: Copy + Ord>([a, b, c]: [T; 3]) -> [T; 3] {
     if a < b && a < c {
         [a, b, c]
     } else if b < c {

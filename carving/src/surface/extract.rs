@@ -29,7 +29,7 @@ pub struct ExportOptions {
 
 impl ExportOptions {
     /// Whether the neighbours of triangles matter.
-    pub(super) fn needs_neighbors(&self) -> bool {
+    pub fn needs_neighbors(&self) -> bool {
         self.manifold || self.minimum_component > 1
     }
 }

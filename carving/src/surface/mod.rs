@@ -12,9 +12,13 @@ mod incremental;
 mod repair;
 
 #[cfg(feature = "internals")]
-pub use assemble::{NO_NEIGHBOR, RankedSurface, RankedTriangle, assemble};
+pub use assemble::{
+    Connectivity, NO_NEIGHBOR, RankedSurface, RankedTriangle, connect, cut_at_midpoints,
+};
 pub use check::SurfaceViolation;
 pub(crate) use check::check;
+#[cfg(feature = "internals")]
+pub use delta::rotate_smallest_first;
 pub use delta::{SurfaceDelta, Triangle};
 pub(crate) use extract::extract;
 pub use extract::has_edges_within;

@@ -10,5 +10,7 @@ mod read;
 pub use error::MeshFileError;
 pub use glb::{Geometry, GlbPart, GlbWriter, write_glb};
 pub use obj::{write_lines_obj, write_mesh_obj, write_textured_obj};
-pub use ply::{write_lines_ply, write_mesh_ply, write_points_ply};
+pub use ply::{
+    StreamedMesh, write_lines_ply, write_mesh_ply, write_points_ply, write_streamed_mesh_ply,
+};
 pub use read::{ReadError, read_geometry, read_textured};

@@ -24,18 +24,86 @@ pub fn write_mesh_ply(path: &Path, mesh: &TriangleMesh) -> Result<(), MeshFileEr
     write_atomically(path, |out| {
         let vertices = Vertices::new(&mesh.positions, mesh.colors.as_deref());
         vertices.write_header(out)?;
-        writeln!(out, "element face {}", mesh.triangles.len())?;
-        writeln!(out, "property list uchar int vertex_indices")?;
-        writeln!(out, "end_header")?;
+        write_face_header(out, mesh.triangles.len())?;
         vertices.write_data(out)?;
-        for triangle in &mesh.triangles {
-            out.write_all(&[3])?;
-            for index in triangle {
-                out.write_all(&index.to_le_bytes())?;
-            }
-        }
-        Ok(())
+        (mesh.triangles.iter()).try_for_each(|triangle| write_face(out, triangle))
     })?;
+    Ok(())
+}
+
+/// A mesh without colours that is not in memory as a whole.
+#[derive(Clone, Copy, Debug)]
+pub struct StreamedMesh<V, T> {
+    /// Number of vertices and of triangles.
+    pub counts: [usize; 2],
+    /// The smallest and the largest coordinates; `None` without vertices.
+    pub bounds: Option<[Point3<f64>; 2]>,
+    /// The vertices, as many as counted.
+    pub vertices: V,
+    /// The triangles, as many as counted.
+    pub triangles: T,
+}
+
+/// Writes a mesh as it comes, with the bytes of [`write_mesh_ply`].
+///
+/// # Errors
+/// The first error of the vertices and triangles; when there are more or fewer of them than counted, a vertex is not finite, an
+/// index out of range, or the file cannot be written.
+pub fn write_streamed_mesh_ply(
+    path: &Path,
+    mesh: StreamedMesh<
+        impl Iterator<Item = std::io::Result<Point3<f64>>>,
+        impl Iterator<Item = std::io::Result<[u32; 3]>>,
+    >,
+) -> Result<(), MeshFileError> {
+    let [vertices, triangles] = mesh.counts;
+    let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
+    let is_double = (mesh.bounds).is_some_and(|[low, high]| needs_double(&low, &high));
+    write_atomically(path, |out| {
+        write_vertex_header(out, (vertices, is_double, false))?;
+        write_face_header(out, triangles)?;
+        let mut count = 0;
+        for position in mesh.vertices {
+            let position = position?;
+            // False for NaN; larger values would overflow `f32`.
+            let is_finite = |x: &f64| x.abs() <= f64::from(f32::MAX);
+            if !position.coords.iter().all(is_finite) {
+                return Err(wrong("a vertex is not finite"));
+            }
+            write_position(out, &position, is_double)?;
+            count += 1;
+        }
+        if count != vertices {
+            return Err(wrong("not as many vertices as counted"));
+        }
+        count = 0;
+        for triangle in mesh.triangles {
+            let triangle = triangle?;
+            if triangle.iter().any(|&index| index as usize >= vertices) {
+                return Err(wrong("a triangle without its vertices"));
+            }
+            write_face(out, &triangle)?;
+            count += 1;
+        }
+        match count == triangles {
+            true => Ok(()),
+            false => Err(wrong("not as many triangles as counted")),
+        }
+    })?;
+    Ok(())
+}
+
+fn write_face_header(out: &mut dyn Write, triangles: usize) -> std::io::Result<()> {
+    writeln!(out, "element face {triangles}")?;
+    writeln!(out, "property list uchar int vertex_indices")?;
+    writeln!(out, "end_header")
+}
+
+fn write_face(out: &mut dyn Write, triangle: &[u32; 3]) -> std::io::Result<()> {
+    out.write_all(&[3])?;
+    for index in triangle {
+        out.write_all(&index.to_le_bytes())?;
+    }
     Ok(())
 }
 
@@ -94,10 +162,7 @@ struct Vertices<'a> {
 
 impl<'a> Vertices<'a> {
     fn new(points: &'a [Point3<f64>], colors: Option<&'a [[u8; 3]]>) -> Self {
-        let is_double = bounds(points).is_some_and(|(low, high)| {
-            let largest = low.coords.amax().max(high.coords.amax());
-            largest * f64::from(f32::EPSILON) / 2.0 > (high - low).norm() * VISIBLE_ROUNDING
-        });
+        let is_double = bounds(points).is_some_and(|(low, high)| needs_double(&low, &high));
         Self {
             points,
             colors,
@@ -106,37 +171,59 @@ impl<'a> Vertices<'a> {
     }
 
     fn write_header(&self, out: &mut dyn Write) -> std::io::Result<()> {
-        writeln!(out, "ply")?;
-        writeln!(out, "format binary_little_endian 1.0")?;
-        writeln!(out, "comment linecarve {}", env!("CARGO_PKG_VERSION"))?;
-        writeln!(out, "element vertex {}", self.points.len())?;
-        let number = if self.is_double { "double" } else { "float" };
-        for axis in ["x", "y", "z"] {
-            writeln!(out, "property {number} {axis}")?;
-        }
-        if self.colors.is_some() {
-            for channel in ["red", "green", "blue"] {
-                writeln!(out, "property uchar {channel}")?;
-            }
-        }
-        Ok(())
+        let has_colors = self.colors.is_some();
+        write_vertex_header(out, (self.points.len(), self.is_double, has_colors))
     }
 
     fn write_data(&self, out: &mut dyn Write) -> std::io::Result<()> {
         for (index, point) in self.points.iter().enumerate() {
-            for &coordinate in point.coords.iter() {
-                if self.is_double {
-                    out.write_all(&coordinate.to_le_bytes())?;
-                } else {
-                    out.write_all(&(coordinate as f32).to_le_bytes())?;
-                }
-            }
+            write_position(out, point, self.is_double)?;
             if let Some(colors) = self.colors {
                 out.write_all(&colors[index])?;
             }
         }
         Ok(())
     }
+}
+
+fn needs_double(low: &Point3<f64>, high: &Point3<f64>) -> bool {
+    let largest = low.coords.amax().max(high.coords.amax());
+    largest * f64::from(f32::EPSILON) / 2.0 > (high - low).norm() * VISIBLE_ROUNDING
+}
+
+fn write_vertex_header(
+    out: &mut dyn Write,
+    (count, is_double, has_colors): (usize, bool, bool),
+) -> std::io::Result<()> {
+    writeln!(out, "ply")?;
+    writeln!(out, "format binary_little_endian 1.0")?;
+    writeln!(out, "comment linecarve {}", env!("CARGO_PKG_VERSION"))?;
+    writeln!(out, "element vertex {count}")?;
+    let number = if is_double { "double" } else { "float" };
+    for axis in ["x", "y", "z"] {
+        writeln!(out, "property {number} {axis}")?;
+    }
+    if has_colors {
+        for channel in ["red", "green", "blue"] {
+            writeln!(out, "property uchar {channel}")?;
+        }
+    }
+    Ok(())
+}
+
+fn write_position(
+    out: &mut dyn Write,
+    point: &Point3<f64>,
+    is_double: bool,
+) -> std::io::Result<()> {
+    for &coordinate in point.coords.iter() {
+        if is_double {
+            out.write_all(&coordinate.to_le_bytes())?;
+        } else {
+            out.write_all(&(coordinate as f32).to_le_bytes())?;
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -200,6 +287,36 @@ mod tests {
         assert!(header.contains("element edge 1\nproperty int vertex1\nproperty int vertex2\n"));
         assert_eq!(data.len(), 2 * 24 + 8);
         assert_eq!(data[24..32], (5e6_f64 + 0.001).to_le_bytes());
+    }
+
+    #[test]
+    fn a_streamed_mesh_has_the_same_bytes() {
+        for shift in [0.0, 5e6] {
+            let positions: Vec<Point3<f64>> = [[0.1, 0.2, 0.3], [1.5, 0.0, 0.0], [0.0, 1.0, 0.0]]
+                .map(|p| Point3::from(p.map(|x| x + shift)))
+                .to_vec();
+            let triangles = vec![[0, 2, 1], [1, 2, 0]];
+            let streamed = |counts: [usize; 2]| StreamedMesh {
+                counts,
+                bounds: bounds(&positions).map(|(low, high)| [low, high]),
+                vertices: positions.clone().into_iter().map(Ok),
+                triangles: triangles.clone().into_iter().map(Ok),
+            };
+            let mesh = TriangleMesh {
+                positions: positions.clone(),
+                triangles: triangles.clone(),
+                colors: None,
+            };
+            let whole = written(|path| write_mesh_ply(path, &mesh));
+            let same = written(|path| write_streamed_mesh_ply(path, streamed([3, 2])));
+            assert_eq!(same, whole);
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("out.ply");
+            for counts in [[2, 2], [4, 2], [3, 1]] {
+                assert!(write_streamed_mesh_ply(&path, streamed(counts)).is_err());
+                assert!(!path.exists());
+            }
+        }
     }
 
     #[test]
