@@ -113,14 +113,18 @@ impl CellSums {
                 item,
             )
         };
+        // Cells are asked for in the order of `keys`.
+        let mut number = 0;
         visit_blocks(&small, open, (1, 2), |reader, _, block, needed| {
             let found: Vec<CellKey> = reader.records(block.section)?;
             let values: Vec<u64> = reader.records(block.section + 1)?;
             for key in needed {
-                let (Ok(at), Ok(number)) = (found.binary_search(key), keys.binary_search(key))
-                else {
+                let Ok(at) = found.binary_search(key) else {
                     return Err(TilesError::damaged(reader.path(), "a cell without sums"));
                 };
+                while keys.get(number).is_some_and(|other| other < key) {
+                    number += 1;
+                }
                 let Some(own) = values.get(at * width..(at + 1) * width) else {
                     return Err(TilesError::damaged(reader.path(), "lists differ in length"));
                 };

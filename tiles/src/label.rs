@@ -10,9 +10,9 @@ use rustc_hash::FxHashMap;
 use crate::error::TilesError;
 use crate::file::Writer;
 use crate::giants;
-use crate::network::Cells;
+use crate::network::{Cells, ELSEWHERE};
 use crate::stage::{Counts, Item, Stage, counts};
-use crate::tile::CellKey;
+use crate::tile::{CellKey, tile_of};
 use crate::work::Work;
 
 pub(crate) const OCCUPIED: u8 = 0;
@@ -25,17 +25,19 @@ enum Across {
     /// Nothing.
     Hull,
     /// A cell of the region, and its facet back.
-    Cell(u32, u8),
+    Cell(u32, usize),
     /// A cell that is not of the region.
-    Outside,
+    Outside(CellKey),
 }
 
 /// Cells of one or more tiles that are solved together.
 struct Region {
+    tile: usize,
     /// Those of the tile, then those around.
     cells: Cells,
     /// Number of cells of the tile.
     own: usize,
+    /// Numbers of the cells around.
     numbers: FxHashMap<CellKey, u32>,
 }
 
@@ -45,7 +47,8 @@ impl Region {
         let giants = giants::list(work, item)?;
         let cells = Cells::read(work, item.number, item)?;
         let mut region = Self {
-            numbers: (cells.keys.iter().copied()).zip(0..).collect(),
+            tile: item.number,
+            numbers: FxHashMap::default(),
             own: cells.keys.len(),
             cells,
         };
@@ -58,9 +61,11 @@ impl Region {
                 if is_giant {
                     continue;
                 }
-                let neighbors = (0..4).filter_map(|facet| region.cells.neighbor(cell, facet));
-                let neighbors = neighbors.map(|(key, _)| key);
-                reached.extend(neighbors.filter(|key| !region.numbers.contains_key(key)));
+                for facet in 0..4 {
+                    if let Across::Outside(key) = region.across(cell, facet) {
+                        reached.push(key);
+                    }
+                }
             }
             reached.sort_unstable();
             reached.dedup();
@@ -73,38 +78,56 @@ impl Region {
         Ok(region)
     }
 
-    /// What is across each facet of each cell.
-    fn across(&self) -> Vec<[Across; 4]> {
-        let across = |cell: usize, facet: usize| match self.cells.neighbor(cell, facet) {
-            None => Across::Hull,
-            Some((key, back)) => match self.numbers.get(&key) {
-                Some(&other) => Across::Cell(other, back as u8),
-                None => Across::Outside,
-            },
+    /// What is across a facet.
+    fn across(&self, cell: usize, facet: usize) -> Across {
+        let inside = self.cells.inside[cell][facet];
+        if inside != ELSEWHERE {
+            return Across::Cell(inside / 4, inside as usize % 4);
+        }
+        let Some((key, back)) = self.cells.neighbor(cell, facet) else {
+            return Across::Hull;
         };
-        let cells = 0..self.cells.keys.len();
-        cells
-            .map(|cell| std::array::from_fn(|facet| across(cell, facet)))
-            .collect()
+        let is_own = cell >= self.own && tile_of(key[0]) == self.tile;
+        let number = match is_own {
+            true => {
+                let own = self.cells.keys[..self.own].binary_search(&key);
+                own.ok().map(|number| number as u32)
+            }
+            false => self.numbers.get(&key).copied(),
+        };
+        number.map_or(Across::Outside(key), |number| Across::Cell(number, back))
     }
 
-    /// Whether each cell of the tile is free when all cells outside are free, or all are occupied.
-    fn solve(&self, across: &[[Across; 4]], is_outside_free: bool) -> Vec<bool> {
+    /// Whether each cell of the tile is free when all cells outside are occupied, and when all are free.
+    ///
+    /// The second flow begins with the first one: only the supplies at the rim are larger.
+    fn solve(&self) -> [Vec<bool>; 2] {
         let cells = &self.cells;
         let mut network = Network::new();
-        network.grow(across.len());
+        network.grow(cells.keys.len());
         let mut terminals = cells.terminals.clone();
-        for (cell, (across, terminal)) in across.iter().zip(&mut terminals).enumerate() {
+        let mut rim: Vec<(u32, i64)> = Vec::new();
+        for (cell, terminal) in terminals.iter_mut().enumerate() {
             let number = NodeId(cell as u32);
-            for (facet, across) in across.iter().enumerate() {
-                match *across {
+            let mut occupied = *terminal;
+            for facet in 0..4 {
+                match self.across(cell, facet) {
                     Across::Hull => (),
+                    // Once for both sides.
                     Across::Cell(other, back) => {
-                        network.join(number, facet, NodeId(other), back.into());
+                        if number.0 < other {
+                            network.join(number, facet, NodeId(other), back);
+                        }
                     }
-                    Across::Outside if is_outside_free => *terminal += cells.into[cell][facet],
-                    Across::Outside => *terminal -= cells.out[cell][facet],
+                    Across::Outside(_) => {
+                        *terminal += cells.into[cell][facet];
+                        occupied -= cells.out[cell][facet];
+                    }
                 }
+            }
+            if occupied != *terminal {
+                rim.push((number.0, *terminal));
+                *terminal = occupied;
             }
         }
         for (cell, terminal) in terminals.into_iter().enumerate() {
@@ -114,19 +137,24 @@ impl Region {
             }
             network.set_terminal(number, terminal);
         }
-        network.maximize();
-        let own = 0..self.own as u32;
-        own.map(|number| network.is_source_side(NodeId(number)))
-            .collect()
+        let solved = |network: &mut Network| -> Vec<bool> {
+            network.maximize();
+            let own = 0..self.own as u32;
+            own.map(|number| network.is_source_side(NodeId(number)))
+                .collect()
+        };
+        let occupied_outside = solved(&mut network);
+        for (cell, terminal) in rim {
+            network.set_terminal(NodeId(cell), terminal);
+        }
+        [occupied_outside, solved(&mut network)]
     }
 }
 
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
     let region = Region::around(work, item)?;
     let own = region.own;
-    let across = region.across();
-    let least = region.solve(&across, false);
-    let most = region.solve(&across, true);
+    let [least, most] = region.solve();
     let label = |cell: usize| match (least[cell], most[cell]) {
         (true, _) => FREE,
         (_, false) => OCCUPIED,

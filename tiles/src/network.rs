@@ -25,10 +25,15 @@ pub(crate) struct Cells {
     pub(crate) into: Vec<[i64; 4]>,
     /// For each facet the cost of a surface there with this cell free.
     pub(crate) out: Vec<[i64; 4]>,
+    /// For each facet the cell across it, where that belongs to the same tile: `4 * cell + facet back`, or [`ELSEWHERE`].
+    pub(crate) inside: Vec<[u32; 4]>,
 }
 
+/// A cell that belongs to another tile, or none.
+pub(crate) const ELSEWHERE: u32 = u32::MAX;
+
 /// Sections of a block: those of [`Cells`].
-const SECTIONS: usize = 5;
+const SECTIONS: usize = 6;
 
 impl Cells {
     /// The network of a tile.
@@ -42,6 +47,7 @@ impl Cells {
             cells.apexes.append(&mut more.apexes);
             cells.into.append(&mut more.into);
             cells.out.append(&mut more.out);
+            cells.inside.append(&mut more.inside);
         }
         Ok(cells)
     }
@@ -65,14 +71,16 @@ impl Cells {
             apexes: reader.records(section + 2)?,
             into: reader.records(section + 3)?,
             out: reader.records(section + 4)?,
+            inside: reader.records(section + 5)?,
         };
         let lengths = [
             cells.terminals.len(),
             cells.apexes.len(),
             cells.into.len(),
             cells.out.len(),
+            cells.inside.len(),
         ];
-        match lengths == [cells.keys.len(); 4] {
+        match lengths == [cells.keys.len(); 5] {
             true => Ok(cells),
             false => Err(TilesError::damaged(reader.path(), "lists differ in length")),
         }
@@ -111,6 +119,8 @@ impl Cells {
                 self.apexes.push(found.apexes[cell]);
                 self.into.push(found.into[cell]);
                 self.out.push(found.out[cell]);
+                // The numbers are those of its own tile.
+                self.inside.push([ELSEWHERE; 4]);
             }
             Ok(())
         })
@@ -165,21 +175,33 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         .filter(|(key, _)| tile_of(key[0]) == item.number)
         .collect();
     own.sort_unstable();
-    let around = |cell: CellId| tetrahedra.neighbors(cell).into_iter().chain([cell]);
-    let needed = own.iter().flat_map(|(_, cell)| around(*cell));
-    let needed = needed.filter_map(|cell| cells.key(cell)).collect();
-    let sums = CellSums::read(work, item, needed)?;
-    let missing = || TilesError::damaged(&work.path(item), "a cell without sums");
     // For each cell around the number of its sums, and its cosines: each is asked for five times.
     let mut numbers = vec![u32::MAX; tetrahedra.cell_capacity()];
     let mut angles = vec![[0i16; 4]; tetrahedra.cell_capacity()];
-    for cell in own.iter().flat_map(|(_, cell)| around(*cell)) {
-        if numbers[cell.index()] == u32::MAX
-            && let Some(key) = cells.key(cell)
-        {
-            numbers[cell.index()] = sums.number(&key).ok_or_else(missing)?;
-            angles[cell.index()] = cell_cosines(&cells, cell);
+    let mut needed: Vec<(CellKey, CellId)> = Vec::with_capacity(own.len() + own.len() / 8);
+    for &(key, cell) in &own {
+        for other in tetrahedra.neighbors(cell).into_iter().chain([cell]) {
+            if std::mem::replace(&mut numbers[other.index()], 0) == u32::MAX {
+                let key = if other == cell {
+                    Some(key)
+                } else {
+                    cells.key(other)
+                };
+                needed.extend(key.map(|key| (key, other)));
+            }
         }
+    }
+    needed.sort_unstable();
+    for (number, &(_, cell)) in (0u32..).zip(&needed) {
+        numbers[cell.index()] = number;
+        angles[cell.index()] = cell_cosines(&cells, cell);
+    }
+    let needed = needed.into_iter().map(|(key, _)| key).collect();
+    let sums = CellSums::read(work, item, needed)?;
+    let missing = || TilesError::damaged(&work.path(item), "a cell without sums");
+    let mut places_of = vec![ELSEWHERE; tetrahedra.cell_capacity()];
+    for (number, (_, cell)) in (0u32..).zip(&own) {
+        places_of[cell.index()] = number;
     }
     let mut network = Cells::default();
     for (key, cell) in own {
@@ -188,24 +210,30 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         let own_cosines = angles[cell.index()];
         let mut terminal = evidence[FREE_SUM] as i64 - evidence[OCCUPIED_SUM] as i64;
         let (mut apexes, mut into, mut out) = ([NO_VERTEX; 4], [0; 4], [0; 4]);
+        let mut inside = [ELSEWHERE; 4];
         for k in 0..4 {
             let (other, back) = tetrahedra.neighbor(cell, places[k]);
-            let Some(other_key) = cells.key(other) else {
+            if tetrahedra.is_ghost(other) {
                 terminal += evidence[k] as i64;
                 continue;
-            };
+            }
             apexes[k] = cells.id(tetrahedra.cell_vertices(other)[back]);
             let behind = sums.at(numbers[other.index()]).ok_or_else(missing)?;
-            let facet = other_key.iter().position(|&id| id == apexes[k]);
+            let facet = cells.places(other).iter().position(|&place| place == back);
+            let facet = facet.unwrap_or(0);
+            if places_of[other.index()] != ELSEWHERE {
+                inside[k] = 4 * places_of[other.index()] + facet as u32;
+            }
             let cost = shape.cost([own_cosines[places[k]], angles[other.index()][back]]);
             into[k] = evidence[k] as i64 + cost;
-            out[k] = behind[facet.unwrap_or(0)] as i64 + cost;
+            out[k] = behind[facet] as i64 + cost;
         }
         network.keys.push(key);
         network.terminals.push(terminal);
         network.apexes.push(apexes);
         network.into.push(into);
         network.out.push(out);
+        network.inside.push(inside);
     }
     let mut writer = work.create_result(item)?;
     write_blocks(&mut writer, &network.keys, |writer, block| {
@@ -213,7 +241,8 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         writer.section(&network.terminals[block.clone()])?;
         writer.section(&network.apexes[block.clone()])?;
         writer.section(&network.into[block.clone()])?;
-        writer.section(&network.out[block])
+        writer.section(&network.out[block.clone()])?;
+        writer.section(&network.inside[block])
     })?;
     Ok((writer, counts([("cells", network.keys.len())])))
 }

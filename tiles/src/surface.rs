@@ -283,6 +283,9 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let counted = [
         ("triangles", part.triangles.len()),
         ("vertices", part.vertices.len()),
+        ("corners_in_later_fans", part.fans.len()),
+        ("sides_of_repeated_edges", part.repeated.len()),
+        ("triangles_of_small_components", part.small.len()),
     ];
     Ok((writer, counts(counted)))
 }

@@ -202,6 +202,62 @@ fn long_edges_and_export_without_repair_are_the_same() {
 }
 
 #[test]
+fn surfaces_that_touch_themselves_across_tiles_are_repaired_alike() {
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    // What the surfaces of tiles had to tell the merge, so that the test tests it.
+    let mut told = std::collections::BTreeMap::<String, u64>::new();
+    for round in 0..24 {
+        let mut position = || [0; 3].map(|_| random.random_range(-1.0..1.0));
+        let points = (0..260).map(|_| position()).collect();
+        let views = (0..9).map(|_| position()).collect();
+        let scene = Scene::new(points, views, 4 + round % 3);
+        let options = match round % 2 {
+            0 => votes(if round % 4 == 0 {
+                Hull::Drop
+            } else {
+                Hull::Keep
+            }),
+            _ => cut(),
+        };
+        let export = ExportOptions {
+            longest_edge: (round % 5 == 0).then_some(0.6),
+            minimum_component: [8, 30, 100, 1][round % 4],
+            manifold: round % 6 != 5,
+        };
+        let mut whole = scene.carver(options);
+        whole.carve();
+        let whole = whole.mesh(&export);
+        let carver = scene.carver(options);
+        for tiles in [3, 12] {
+            let options = PlanOptions {
+                tiles,
+                seed: round as u64,
+                halo: 2,
+                ..PlanOptions::default()
+            };
+            let folder = tempfile::tempdir().unwrap();
+            let work = plan(folder.path(), &carver, &export, &options, String::new()).unwrap();
+            run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
+            let mesh = merged_mesh(&work).unwrap();
+            assert!(mesh == whole, "round {round}, {tiles} tiles");
+            for item in Stage::Surface.items(&work) {
+                for (name, count) in work.done(item).unwrap().counts {
+                    *told.entry(name).or_default() += count;
+                }
+            }
+        }
+    }
+    for what in [
+        "corners_in_later_fans",
+        "sides_of_repeated_edges",
+        "triangles_of_small_components",
+    ] {
+        assert!(told[what] > 50, "{told:?}");
+    }
+    eprintln!("{told:?}");
+}
+
+#[test]
 fn degenerate_sets_have_the_bytes_of_one_process() {
     let grid = |n: i32| {
         let cube = (0..n * n * n).map(move |i| [i % n, i / n % n, i / (n * n)].map(f64::from));
