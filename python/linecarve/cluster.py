@@ -89,7 +89,9 @@ def reconstruct(
 def reconstruct_many(sequences, out, *, client, retries=5, program=None, **options):
     """Reconstructs sequences, each as one task; returns the folders of the results, in the order of the sequences.
 
-    `options` are those of `linecarve reconstruct`, with underscores. The result of `a/room` goes to `out/room`.
+    `options` are those of `linecarve reconstruct`, with underscores. The result of `a/room` goes to `out/room`. A sequence whose process
+    was lost, or whose call was interrupted, goes on with the keyframes that it saved in `out/room/.linecarve`; with other options than
+    those of the interrupted call it is refused, until that folder is deleted.
 
     Raises `ValueError` when two sequences have one name, and `linecarve.Error`.
     """
@@ -106,7 +108,8 @@ def reconstruct_many(sequences, out, *, client, retries=5, program=None, **optio
         for name, sequence in zip(names, sequences)
     }
     with _Cancel(out) as cancel:
-        _carry_out(client, tasks, cancel, retries)
+        checkpoints = {name: str(out / name / ".linecarve" / "run.txt") for name in names}
+        _carry_out(client, tasks, cancel, retries, checkpoints)
     return [out / name for name in names]
 
 
@@ -156,8 +159,8 @@ def _pending(program, work):
     return stages
 
 
-def _carry_out(client, tasks, cancel, retries):
-    """Carries out commands by name; returns when all are done."""
+def _carry_out(client, tasks, cancel, retries, checkpoints=None):
+    """Carries out commands by name; returns when all are done. A command whose checkpoint is there goes on with it."""
     attempts = dict.fromkeys(tasks, 0)
     waiting = list(reversed(tasks))
     running = {}
@@ -166,7 +169,7 @@ def _carry_out(client, tasks, cancel, retries):
     def submit(name):
         # A key of its own: an earlier result of the same command is none of this run.
         key = f"linecarve-{name.replace(' ', '-')}-{uuid.uuid4().hex}"
-        future = client.submit(_execute, name, tasks[name], str(cancel), key=key, pure=False)
+        future = client.submit(_execute, name, tasks[name], str(cancel), (checkpoints or {}).get(name), key=key, pure=False)
         running[future.key] = (name, future)
         finished.add(future)
 
@@ -192,8 +195,10 @@ def _carry_out(client, tasks, cancel, retries):
         client.cancel([future for _, future in running.values()])
 
 
-def _execute(name, command, cancel):
+def _execute(name, command, cancel, checkpoint=None):
     """Runs a command on a worker. Nothing is returned: results are files."""
+    if checkpoint and "--resume" not in command and pathlib.Path(checkpoint).exists():
+        command = [*command, "--resume"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     cancel = pathlib.Path(cancel)
     looked = time.monotonic()

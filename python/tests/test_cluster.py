@@ -122,6 +122,22 @@ def test_sequences_are_one_task_each(client, tmp_path):
         cluster.reconstruct_many([ROOM, ROOM], tmp_path, client=client)
 
 
+def test_an_interrupted_sequence_goes_on(client, tmp_path):
+    script = tmp_path / "program.py"
+    script.write_text(
+        "import os, pathlib, signal, sys\n"
+        "out = pathlib.Path(sys.argv[sys.argv.index('--out') + 1])\n"
+        "if '--resume' in sys.argv:\n"
+        "    (out / 'mesh.ply').write_text('resumed')\n"
+        "else:\n"
+        "    (out / '.linecarve').mkdir(parents=True)\n"
+        "    (out / '.linecarve' / 'run.txt').write_text('')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    [room] = cluster.reconstruct_many([ROOM], tmp_path, client=client, program=[sys.executable, str(script)])
+    assert (room / "mesh.ply").read_text() == "resumed"
+
+
 def test_little_goes_through_the_scheduler(city):
     import pickle
 

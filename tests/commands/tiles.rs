@@ -98,6 +98,7 @@ fn a_city_is_written_read_and_carved_in_tiles() {
     let work = folder.path().join("refused");
     let refused = stderr(&expect_status(2, plan(&cloud, &work, "2", "cut")));
     assert!(refused.contains("fused.ply.vis"), "{refused}");
+    assert!(!work.exists());
     std::fs::remove_file(visibility).unwrap();
     let refused = stderr(&expect_status(2, plan(&cloud, &work, "2", "cut")));
     assert!(refused.contains("fused.ply.vis"), "{refused}");

@@ -47,6 +47,8 @@ const BUFFERED: usize = 64 << 20;
 pub struct Planner {
     folder: PathBuf,
     scratch: TempDir,
+    /// Dropped after `scratch`.
+    _made: MadeFolder,
     spill: BufWriter<File>,
     centers: Vec<[f64; 3]>,
     options: PlanOptions,
@@ -56,6 +58,16 @@ pub struct Planner {
     /// Sum of the digests of all points, so their order is of no influence.
     digest: u64,
     record: Vec<u8>,
+}
+
+/// A folder that did not exist before; removed again if nothing was left in it.
+struct MadeFolder(Option<PathBuf>);
+
+impl Drop for MadeFolder {
+    fn drop(&mut self) {
+        // Fails where a plan is.
+        let _ = self.0.take().map(std::fs::remove_dir);
+    }
 }
 
 /// Distinct positions chosen by their digests.
@@ -115,6 +127,7 @@ impl Planner {
             accepted.push(center.map_err(|source| TilesError::View { view, source })?);
         }
         too_many("views", accepted.len())?;
+        let made = MadeFolder((!folder.exists()).then(|| folder.to_owned()));
         std::fs::create_dir_all(folder).map_err(TilesError::io(folder))?;
         let scratch = tempfile::Builder::new()
             .prefix(UNFINISHED)
@@ -126,6 +139,7 @@ impl Planner {
             folder: folder.to_owned(),
             spill: BufWriter::with_capacity(1 << 20, spill),
             scratch,
+            _made: made,
             centers: accepted,
             sample: Sample {
                 positions: Vec::new(),

@@ -307,15 +307,17 @@ fn a_plane_is_refused_as_it_has_no_surface() {
     let plane = (0..100).map(|i| [f64::from(i % 10), f64::from(i / 10), 1.0]);
     let scene = Scene::new(plane.collect(), vec![[3.3, 3.3, 5.0]], 1);
     let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().join("work");
     let carver = scene.carver(votes(Hull::Drop));
     let planned = plan(
-        folder.path(),
+        &folder,
         &carver,
         &ExportOptions::default(),
         &PlanOptions::default(),
         String::new(),
     );
     assert!(matches!(planned, Err(TilesError::Flat { points: 100 })));
+    assert!(!folder.exists());
 }
 
 #[test]
