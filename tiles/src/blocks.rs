@@ -5,7 +5,7 @@ use crate::file::{Reader, Writer};
 use crate::tile::{CellKey, tile_of};
 
 /// Most cells of a block.
-const BLOCK: usize = 4096;
+pub(crate) const BLOCK: usize = 4096;
 
 /// Writes a section with the first key of each block, then the sections of each block: `write` gets a range of cells.
 pub(crate) fn write_blocks(

@@ -200,20 +200,19 @@ impl Labels {
             number: 0,
         };
         let settled = work.open_result(needed, item)?;
-        let settled: (Vec<CellKey>, Vec<u8>) = (settled.records(0)?, settled.records(1)?);
         let mut of_tile: (usize, Vec<u8>) = (usize::MAX, Vec::new());
         let mut cells = Vec::with_capacity(keys.len());
         for (key, tile, number) in Cells::numbers(work, item, &keys)? {
             if of_tile.0 != tile {
-                of_tile = (tile, proved(work, tile, item)?);
-            }
-            let label = match of_tile.1.get(number) {
-                Some(&UNDECIDED) => {
-                    let at = settled.0.binary_search(&key).ok();
-                    at.and_then(|at| settled.1.get(at))
+                let mut labels = proved(work, tile, item)?;
+                let mut settled_of_tile = settled.records::<u8>(tile)?.into_iter();
+                for label in labels.iter_mut().filter(|label| **label == UNDECIDED) {
+                    let missing = || TilesError::damaged(settled.path(), "a label is missing");
+                    *label = settled_of_tile.next().ok_or_else(missing)?;
                 }
-                label => label,
-            };
+                of_tile = (tile, labels);
+            }
+            let label = of_tile.1.get(number);
             cells.extend(label.map(|&label| (key, label == FREE)));
         }
         Ok(Self { cells })

@@ -4,7 +4,7 @@ use linecarve_carving::Labels;
 use linecarve_carving::internals::{FREE_SUM, FacetShape, OCCUPIED_SUM, cosines};
 use linecarve_carving::{CellId, CutOptions};
 
-use crate::blocks::{Block, all_blocks, visit_blocks, write_blocks};
+use crate::blocks::{BLOCK, Block, all_blocks, visit_blocks, write_blocks};
 use crate::error::TilesError;
 use crate::file::{Reader, Writer};
 use crate::giants::CellSums;
@@ -86,16 +86,19 @@ impl Cells {
         }
     }
 
-    /// Passes the blocks of a tile to `take`, each with the number of its first cell.
+    /// Passes the blocks of a tile that are `wanted` to `take`, each with the number of its first cell; `wanted` gets a range of
+    /// numbers that may end beyond the last one.
     pub(crate) fn visit(
         work: &Work,
-        tile: usize,
-        item: Item,
-        mut take: impl FnMut(usize, Cells),
+        (tile, item): (usize, Item),
+        wanted: impl Fn(std::ops::Range<usize>) -> bool,
+        mut take: impl FnMut(usize, &Cells),
     ) -> Result<(), TilesError> {
         let reader = Self::open(work, tile, item)?;
-        all_blocks(&reader, 0, SECTIONS).try_for_each(|block| {
-            take(block.first, Self::block(&reader, block)?);
+        let blocks = all_blocks(&reader, 0, SECTIONS);
+        let mut blocks = blocks.filter(|block| wanted(block.first..block.first + BLOCK));
+        blocks.try_for_each(|block| {
+            take(block.first, &Self::block(&reader, block)?);
             Ok(())
         })
     }
