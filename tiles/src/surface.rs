@@ -167,10 +167,10 @@ fn part(around: &Around, least: usize, is_manifold: bool) -> SurfacePart {
     // One for each fan, or without fans for each component at a vertex.
     let mut copies: Vec<(u32, u32, u32)> = Vec::new();
     for (index, triangle, number) in used() {
-        for k in 0..3 {
+        for (k, corner) in triangle.into_iter().enumerate() {
             let is_first = !is_manifold || fan(index, k) as usize == 3 * index + k;
-            if is_first && around.is_own(triangle[k]) {
-                copies.push((triangle[k], fan(index, k), number));
+            if is_first && around.is_own(corner) {
+                copies.push((corner, fan(index, k), number));
             }
         }
     }
@@ -197,10 +197,8 @@ fn part(around: &Around, least: usize, is_manifold: bool) -> SurfacePart {
     }
     for (index, triangle, number) in used() {
         let ids = around.key(triangle);
-        for k in 0..3 {
-            let copy = later
-                .get(&fan(index, k))
-                .filter(|_| around.is_own(triangle[k]));
+        for (k, corner) in triangle.into_iter().enumerate() {
+            let copy = later.get(&fan(index, k)).filter(|_| around.is_own(corner));
             part.fans.extend(copy.map(|&number| Place {
                 triangle: ids,
                 corner: k as u32,

@@ -11,6 +11,9 @@ use crate::tile::tile_of;
 /// An edge by its ends and its number among those with the same ids at the ends.
 type Edge = (u32, u32, u32);
 
+/// Sorted triangles.
+type Parts = Vec<[u32; 3]>;
+
 /// Edges that may be repeated, and their triangles.
 #[derive(Default)]
 pub(super) struct Repeated {
@@ -68,10 +71,7 @@ impl Repeated {
     }
 
     /// The triangles that were taken, split where they have to be, sorted; and the positions of new vertices.
-    pub(super) fn split(
-        self,
-        numbers: &mut Numbers,
-    ) -> Result<(Vec<[u32; 3]>, Vec<[f64; 3]>), TilesError> {
+    pub(super) fn split(self, numbers: &mut Numbers) -> Result<(Parts, Vec<[f64; 3]>), TilesError> {
         let mut edges: Vec<Edge> = self.midpoints.keys().copied().collect();
         edges.sort_unstable();
         let mut positions = Vec::new();
