@@ -221,14 +221,16 @@ fn part(around: &Around, least: usize, is_manifold: bool) -> SurfacePart {
     part
 }
 
-/// Edges with the same ends in the same fan of the smaller one: their sides, with the number of each edge among these.
+/// Edges with the same ends in the same fans, as far as the tile knows these: their sides, with the number of each edge among these.
+/// It knows the fans of its own vertices, of which the smaller end is one.
 fn repeated(around: &Around, fans: &[[u32; 3]], edges: &[[u32; 3]]) -> Vec<(Place, [f64; 3])> {
     let RankedSurface {
         positions,
         triangles,
         neighbors,
     } = &around.surface;
-    let mut ends: Vec<(u32, u32, u32)> = Vec::new();
+    // Fan of the smaller end; fan or rank of the larger one; the edge.
+    let mut ends: Vec<(u32, (bool, u32), u32)> = Vec::new();
     for (index, triangle) in triangles.iter().enumerate() {
         for k in 0..3 {
             let next = (k + 1) % 3;
@@ -238,7 +240,11 @@ fn repeated(around: &Around, fans: &[[u32; 3]], edges: &[[u32; 3]]) -> Vec<(Plac
             };
             let is_first = edges[index][k] as usize == 3 * index + k;
             if is_first && around.is_own(triangle[low]) {
-                ends.push((fans[index][low], triangle[high], edges[index][k]));
+                let larger = match around.is_own(triangle[high]) {
+                    true => (true, fans[index][high]),
+                    false => (false, triangle[high]),
+                };
+                ends.push((fans[index][low], larger, edges[index][k]));
             }
         }
     }

@@ -1,8 +1,8 @@
 //! One mesh from the triangles of all tiles, with the memory of one tile.
 //!
 //! Vertices are merged in the order of their positions and get their numbers, which go to a file. Then each tile's triangles
-//! get the numbers of their corners and are sorted; these lists are merged as well. What concerns more than a tile is little, and
-//! held in memory: components that may be too small, and edges that may have to be split.
+//! get the numbers of their corners and are sorted; these lists are merged as well. Two things concern more than a tile and are held in
+//! memory: components that may be too small, and edges that have to be split or may have to be.
 
 mod mesh;
 mod repeated;
