@@ -345,27 +345,49 @@ mod tests {
             }
         }
         transaction.commit().unwrap();
-        let mut most_components = 0;
-        for halo in [0, 1, 2, 4] {
-            let folder = tempfile::tempdir().unwrap();
-            let options = PlanOptions {
-                tiles: 9,
-                halo,
-                ..PlanOptions::default()
-            };
-            let export = Default::default();
-            let work = plan(folder.path(), &carver, &export, &options, String::new()).unwrap();
-            run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
-            let item = Stage::Settle.items(&work).next().unwrap();
-            let (_, whole, [one, components, _]) = settle(&work, item, usize::MAX).unwrap();
-            assert!(one <= 1 && one <= components);
-            most_components = most_components.max(components);
-            for most in [1, 7, 100] {
-                let (_, labels, [batches, ..]) = settle(&work, item, most).unwrap();
-                assert!(batches <= components && (most > 1 || batches == components));
-                assert!(labels == whole, "halo {halo}, at most {most}");
+        let folder = tempfile::tempdir().unwrap();
+        let options = PlanOptions {
+            tiles: 3,
+            halo: 60,
+            ..PlanOptions::default()
+        };
+        let export = Default::default();
+        let work = plan(folder.path(), &carver, &export, &options, String::new()).unwrap();
+        run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
+        let item = Stage::Settle.items(&work).next().unwrap();
+        // Some of the proved labels are forgotten, so that there are many components.
+        let mut before: Vec<u8> = Vec::new();
+        for tile in Stage::Label.items(&work) {
+            let mut labels = proved(&work, tile.number, item).unwrap();
+            for label in labels.iter_mut().step_by(4) {
+                if *label != UNDECIDED {
+                    before.push(*label);
+                    *label = UNDECIDED + 1;
+                }
             }
+            let mut forgotten = Vec::new();
+            for label in &mut labels {
+                if *label >= UNDECIDED {
+                    forgotten.push(*label > UNDECIDED);
+                    *label = UNDECIDED;
+                }
+            }
+            // A mark for each undecided cell: whether its label was forgotten.
+            before.extend(forgotten.iter().map(|&is| 10 + u8::from(is)));
+            let mut writer = work.create_result(tile).unwrap();
+            writer.section(&labels).unwrap();
+            work.finish(tile, writer, (Vec::new(), 0.0, None)).unwrap();
         }
-        assert!(most_components > 1, "{most_components} component(s)");
+        let (labels_before, marks): (Vec<u8>, Vec<u8>) = before.into_iter().partition(|&l| l < 10);
+        let (_, whole, [one, components, largest]) = settle(&work, item, usize::MAX).unwrap();
+        let shape = (one, components, largest, labels_before.len());
+        assert!(one == 1 && components > 10 && largest > 1, "{shape:?}");
+        let found_again = whole.iter().zip(&marks).filter(|(_, mark)| **mark == 11);
+        assert!(found_again.map(|(label, _)| *label).eq(labels_before));
+        for most in [1, 50, 1000] {
+            let (_, labels, [batches, ..]) = settle(&work, item, most).unwrap();
+            assert!(batches > 1 && (most > 1 || batches == components));
+            assert!(labels == whole, "at most {most}");
+        }
     }
 }
