@@ -8,8 +8,8 @@ use crate::cli::CompareArgs;
 use crate::commands::Outcome;
 use crate::commands::input::{input, parameters};
 use crate::compare::{
-    Comparison, GroundTruth, SurfaceSummary, compared_run, score_table, write_compare_page,
-    write_pictures, write_surfaces,
+    Comparison, GroundTruth, SurfaceSummary, Warnings, compared_run, score_table,
+    write_compare_page, write_pictures, write_surfaces,
 };
 use crate::recording::{Recording, Source};
 use crate::run::Verbosity;
@@ -126,32 +126,5 @@ fn outcome(surfaces: &[SurfaceSummary]) -> Outcome {
         Outcome::Done
     } else {
         Outcome::Negative(empty.join("; "))
-    }
-}
-
-/// Warnings, each said once, when it arises.
-struct Warnings {
-    list: Vec<String>,
-    verbosity: Verbosity,
-}
-
-impl Warnings {
-    fn new(verbosity: Verbosity) -> Self {
-        Self {
-            list: Vec::new(),
-            verbosity,
-        }
-    }
-
-    fn extend(&mut self, warnings: impl IntoIterator<Item = String>) {
-        for warning in warnings {
-            if self.list.contains(&warning) {
-                continue;
-            }
-            if self.verbosity > Verbosity::Quiet {
-                eprintln!("warning: {warning}");
-            }
-            self.list.push(warning);
-        }
     }
 }

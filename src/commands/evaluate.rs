@@ -7,16 +7,17 @@ use nalgebra::Similarity3;
 
 use crate::cli::{AlignBy, EvaluateArgs};
 use crate::commands::Outcome;
+use crate::commands::evaluate_trajectory::evaluate_trajectory;
 use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::observed::observe;
 use crate::run::Verbosity;
 use crate::sinks::{print_object, print_text};
-use crate::text::{evaluation_text, trajectory_text};
+use crate::text::evaluation_text;
 use linecarve_mesh::evaluate::{
     Alignment, Evaluation, EvaluationOptions, NearestPointIndex, evaluate_observed,
 };
 use linecarve_mesh::{Shape, ShapeKind, read_geometry};
-use linecarve_sequence::{TimedPoses, Trajectory, TrajectoryAlignment};
+use linecarve_sequence::Trajectory;
 
 pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     if let (Some(estimate), Some(reference)) = (&args.trajectory, &args.reference) {
@@ -67,31 +68,6 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
             "no part of {} was measured",
             shape_file.display()
         )));
-    }
-    Ok(Outcome::Done)
-}
-
-fn evaluate_trajectory(
-    estimate: &Path,
-    reference: &Path,
-    args: &EvaluateArgs,
-) -> anyhow::Result<Outcome> {
-    let alignment = match args.align {
-        None | Some(AlignBy::Se3) => TrajectoryAlignment::Se3,
-        Some(AlignBy::Sim3) => TrajectoryAlignment::Sim3,
-        Some(AlignBy::None) => TrajectoryAlignment::None,
-        Some(AlignBy::Icp | AlignBy::Trajectories) => {
-            bail!("--trajectory is aligned by its positions: --align takes se3, sim3 or none")
-        }
-    };
-    let (estimated, truth) = (TimedPoses::read(estimate)?, TimedPoses::read(reference)?);
-    let found = estimated
-        .compare_with(&truth, alignment)
-        .with_context(|| format!("{} against {}", estimate.display(), reference.display()))?;
-    if args.json {
-        print_object(&found)?;
-    } else {
-        print_text(&trajectory_text(&found))?;
     }
     Ok(Outcome::Done)
 }

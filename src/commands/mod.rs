@@ -2,8 +2,10 @@
 
 mod compare;
 mod convert;
+mod convert_geometry;
 mod diff;
 mod evaluate;
+mod evaluate_trajectory;
 
 mod heat_map;
 mod info;
@@ -15,8 +17,10 @@ mod render;
 mod render_view;
 mod simplify;
 mod stream;
+mod stream_lines;
 mod synth;
 mod tiles;
+mod tiles_state;
 mod track;
 mod view;
 

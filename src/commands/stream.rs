@@ -1,11 +1,10 @@
 //! `linecarve stream`: messages on standard input, changes of the surface on standard output.
 
-use std::io::{BufRead, ErrorKind, Write};
-
 use anyhow::Context;
 
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
+use crate::commands::stream_lines::{Line, Replies, next};
 use crate::configuration::Configuration;
 use crate::options::Options;
 use crate::run::Verbosity;
@@ -13,9 +12,6 @@ use crate::sinks::OutputFolder;
 use crate::sinks::SurfaceFiles;
 use crate::sinks::final_mesh_edges;
 use crate::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
-
-/// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.
-const LONGEST_MESSAGE: u64 = 1 << 28;
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let options = match &args.config {
@@ -81,64 +77,6 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     } else {
         Outcome::Done
     })
-}
-
-enum Line {
-    Text(String),
-    /// It was read to its end, and cannot be a message for this reason.
-    Unusable(String),
-    End,
-}
-
-/// The next line of the input.
-fn next(input: &mut impl BufRead) -> anyhow::Result<Line> {
-    let mut bytes = Vec::new();
-    let context = "cannot read standard input";
-    let mut limited = std::io::Read::take(&mut *input, LONGEST_MESSAGE);
-    limited.read_until(b'\n', &mut bytes).context(context)?;
-    if bytes.is_empty() {
-        return Ok(Line::End);
-    }
-    if bytes.len() as u64 == LONGEST_MESSAGE && bytes.last() != Some(&b'\n') {
-        input.skip_until(b'\n').context(context)?;
-        return Ok(Line::Unusable(format!(
-            "longer than {LONGEST_MESSAGE} bytes: give images as files, or compressed"
-        )));
-    }
-    Ok(match String::from_utf8(bytes) {
-        Ok(text) => Line::Text(text),
-        Err(_) => Line::Unusable("not UTF-8".to_owned()),
-    })
-}
-
-/// Standard output, a reply a line.
-#[derive(Default)]
-struct Replies {
-    /// The reader has gone away, so that more messages have no use.
-    nobody_listens: bool,
-}
-
-impl Replies {
-    /// Says what is wrong with a line, to the sender and on standard error.
-    fn refuse(&mut self, line: u64, message: String, verbosity: Verbosity) -> anyhow::Result<()> {
-        if verbosity > Verbosity::Quiet {
-            eprintln!("warning: line {line}: {message}");
-        }
-        self.send(&Reply::Error { line, message })
-    }
-
-    fn send(&mut self, reply: &Reply) -> anyhow::Result<()> {
-        let mut line = serde_json::to_vec(reply)?;
-        line.push(b'\n');
-        let mut output = std::io::stdout().lock();
-        match output.write_all(&line).and_then(|()| output.flush()) {
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => {
-                self.nobody_listens = true;
-                Ok(())
-            }
-            outcome => outcome.context("cannot write to standard output"),
-        }
-    }
 }
 
 /// Writes what there is at the end.

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, ensure};
-use linecarve_tiles::{Item, Stage, Work, run_item};
+use linecarve_tiles::{Item, Work, run_item};
 
 use crate::cli::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 use crate::commands::Outcome;
@@ -16,6 +16,7 @@ use crate::run::{MemoryLimit, Verbosity, limit_task, peak_mb};
 use crate::tiles::{plan, slurm_script, write_mesh};
 
 use super::input::open_options;
+use super::tiles_state::{check, stages};
 
 pub(super) fn run(args: &TilesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     match &args.command {
@@ -125,42 +126,4 @@ fn run_one(args: &TilesItemArgs) -> anyhow::Result<Outcome> {
         run_item(&work, item, peak_mb)?;
     }
     Ok(Outcome::Done)
-}
-
-fn stages(work: &Work, is_json: bool) -> anyhow::Result<Outcome> {
-    let all = Stage::of(work).into_iter();
-    let mut items = Vec::new();
-    let mut lines = String::new();
-    for item in all.flat_map(|stage| stage.items(work)) {
-        let manifest = work.done(item);
-        let state = if manifest.is_some() { "done" } else { "to do" };
-        lines += &format!("{item}: {state}\n");
-        items.push(serde_json::json!({
-            "stage": item.stage.name(), "item": item.number, "done": manifest.is_some(), "manifest": manifest,
-        }));
-    }
-    let mut stdout = std::io::stdout().lock();
-    match is_json {
-        true => writeln!(stdout, "{}", serde_json::json!({ "items": items }))?,
-        false => write!(stdout, "{lines}")?,
-    }
-    Ok(Outcome::Done)
-}
-
-fn check(work: &Work) -> anyhow::Result<Outcome> {
-    work.verify_plan()?;
-    let mut damaged = Vec::new();
-    let all = Stage::of(work).into_iter();
-    for item in all.flat_map(|stage| stage.items(work)) {
-        if work.verify(item)? {
-            damaged.push(item.to_string());
-        }
-    }
-    let damaged = damaged.join(", ");
-    Ok(match damaged.as_str() {
-        "" => Outcome::Done,
-        _ => Outcome::Negative(format!(
-            "damaged, to be made again by the next run: {damaged}"
-        )),
-    })
 }

@@ -13,6 +13,7 @@ mod result;
 mod run;
 mod shots;
 mod table;
+mod warnings;
 
 pub(crate) use files::write_surfaces;
 pub use grid::panel_grid;
@@ -25,3 +26,4 @@ pub use result::{
 pub(crate) use run::compared_run;
 pub(crate) use shots::write_pictures;
 pub use table::{ScoreTable, score_table};
+pub(crate) use warnings::Warnings;

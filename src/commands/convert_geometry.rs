@@ -1,0 +1,70 @@
+//! Meshes and lines of `linecarve convert`.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+
+use crate::cli::Target;
+use crate::commands::Outcome;
+use linecarve_mesh::{
+    Geometry, GlbPart, LineSet, TriangleMesh, read_geometry, write_glb, write_lines_obj,
+    write_lines_ply, write_mesh_obj, write_mesh_ply,
+};
+
+/// Colour of what has none of its own.
+const CLAY: [u8; 3] = [214, 206, 192];
+
+/// Writes the mesh or the lines of a file in another format.
+pub(super) fn convert_geometry(
+    input: &Path,
+    out: &Path,
+    target: Target,
+) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(
+        input.is_file(),
+        "{}: meshes and lines are read from files (OBJ, PLY, GLB, STL); a sequence becomes tum, euroc, kitti, open3d-log, \
+         colmap or transforms",
+        input.display()
+    );
+    let shape = read_geometry(input)?;
+    let lines: &LineSet = &shape.clone().into_lines();
+    let mesh: &TriangleMesh = &shape.into_mesh();
+    if mesh.is_empty() && lines.is_empty() {
+        return Ok(Outcome::Negative(format!(
+            "{} holds neither triangles nor lines",
+            input.display()
+        )));
+    }
+    let both = !mesh.is_empty() && !lines.is_empty();
+    if target == Target::Glb {
+        let mut parts = Vec::new();
+        if !mesh.is_empty() {
+            parts.push(GlbPart {
+                name: "surface",
+                geometry: Geometry::Mesh(mesh),
+                color: CLAY,
+            });
+        }
+        if !lines.is_empty() {
+            parts.push(GlbPart {
+                name: "lines",
+                geometry: Geometry::Lines(lines),
+                color: CLAY,
+            });
+        }
+        write_glb(out, &parts, &Vector3::zeros())?;
+        return Ok(Outcome::Done);
+    }
+    anyhow::ensure!(
+        !both,
+        "{} holds triangles and lines: only GLB keeps both",
+        input.display()
+    );
+    match (target, lines.is_empty()) {
+        (Target::Obj, true) => write_mesh_obj(out, mesh)?,
+        (Target::Obj, false) => write_lines_obj(out, lines)?,
+        (_, true) => write_mesh_ply(out, mesh)?,
+        (_, false) => write_lines_ply(out, lines)?,
+    }
+    Ok(Outcome::Done)
+}
