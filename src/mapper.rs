@@ -169,6 +169,22 @@ impl Mapper {
         self.map.correct(keyframes)
     }
 
+    /// Puts a keyframe whose depth is still refined, in the frame of computation, to its present pose.
+    ///
+    /// # Errors
+    /// As [`correct`](Self::correct).
+    pub(crate) fn move_provisional(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
+        self.map.push_provisional(keyframe)
+    }
+
+    /// Removes the provisional keyframes of these frames, see [`Map::remove_provisional`].
+    ///
+    /// # Errors
+    /// As [`correct`](Self::correct).
+    pub(crate) fn remove_provisional(&mut self, frames: &[usize]) -> Result<MapUpdate, MapError> {
+        self.map.remove_provisional(frames)
+    }
+
     /// Changes views, points and observations, see [`Map::observe`].
     ///
     /// # Errors

@@ -90,6 +90,24 @@ impl Keyframe {
         }
     }
 
+    /// Pose of the colour camera; that of the world for views of a model.
+    pub fn world_from_camera(&self) -> Isometry3<f64> {
+        match self {
+            Self::Lines(keyframe) => keyframe.world_from_camera,
+            Self::Features(keyframe) => keyframe.world_from_camera,
+            Self::Views(_) => Isometry3::identity(),
+        }
+    }
+
+    /// Gives all segments another keyframe number.
+    pub fn renumber(&mut self, number: usize) {
+        if let Self::Lines(keyframe) = self {
+            for segment in &mut keyframe.segments {
+                segment.keyframe = number as u32;
+            }
+        }
+    }
+
     /// Processor time so far.
     pub fn times(&self) -> StageTimes {
         match self {

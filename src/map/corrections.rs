@@ -52,6 +52,19 @@ impl Map {
         Ok(update)
     }
 
+    /// Removes the [provisional](Self::push_provisional) keyframes of these frames of the sequence.
+    ///
+    /// # Errors
+    /// As [`correct`](Self::correct).
+    pub fn remove_provisional(&mut self, frames: &[usize]) -> Result<MapUpdate, MapError> {
+        let Contents::Lines(lines) = &mut self.contents else {
+            return Err(MapError::WrongKeyframe);
+        };
+        let update = lines.remove_provisional(&mut self.carver, frames, self.keyframes)?;
+        self.note(&update);
+        Ok(update)
+    }
+
     /// Adds, moves and removes views, points and observations of a map [of observations](Self::of_observations). The map
     /// depends on what there is afterwards, not on how it came.
     ///

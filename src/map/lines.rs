@@ -115,22 +115,28 @@ impl LineMap {
         Ok(update)
     }
 
-    /// Removes all provisional keyframes; errors name keyframe `last`.
+    /// Frames of the provisional keyframes, ascending.
+    pub(super) fn provisional_frames(&self) -> Vec<usize> {
+        self.provisional.frames()
+    }
+
+    /// Removes the provisional keyframes of these frames; errors of the whole name keyframe `last`.
     ///
     /// # Errors
     /// As [`push_provisional`](Self::push_provisional).
     pub(super) fn remove_provisional(
         &mut self,
         carver: &mut Carver,
+        frames: &[usize],
         last: usize,
     ) -> Result<MapUpdate, MapError> {
         let mut update = MapUpdate::default();
-        if self.provisional.is_empty() {
+        if frames.is_empty() {
             return Ok(update);
         }
         let rejected = |keyframe| move |source| MapError::Keyframe { keyframe, source };
         let mut transaction = carver.transaction();
-        for frame in self.provisional.frames() {
+        for &frame in frames {
             let vertices = self.provisional.vertices(transaction.before(), frame);
             update.recolored.extend(vertices);
             self.provisional

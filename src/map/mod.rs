@@ -288,7 +288,10 @@ impl Map {
     pub fn finish(&mut self) -> Result<(), MapError> {
         let last = self.keyframes;
         let mut update = match &mut self.contents {
-            Contents::Lines(lines) => lines.remove_provisional(&mut self.carver, last)?,
+            Contents::Lines(lines) => {
+                let frames = lines.provisional_frames();
+                lines.remove_provisional(&mut self.carver, &frames, last)?
+            }
             Contents::Features(features) => features.finish(&mut self.carver, last)?,
             Contents::Observed(observed) => {
                 observed.measure_depth();

@@ -145,11 +145,6 @@ impl ProvisionalKeyframes {
         self.keyframes.keys().copied().collect()
     }
 
-    /// Whether there are no provisional keyframes.
-    pub(super) fn is_empty(&self) -> bool {
-        self.keyframes.is_empty()
-    }
-
     /// Number of segments of the provisional keyframes.
     pub(super) fn segment_count(&self) -> usize {
         let segments = |provisional: &Provisional| provisional.segments;

@@ -5,7 +5,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
 use super::message::StartMessage;
-use super::semi_dense_mapper::{Estimate, SemiDenseMapper, SessionKeyframe, empty_map};
+use super::semi_dense_mapper::{SemiDenseMapper, empty_map};
+use super::session_keyframes::{SessionKeyframe, SessionKeyframes};
 use super::session_map::{NewestKeyframe, SessionMap};
 use crate::front_end::{
     Arrival, DepthSource, FrontEnd, SemiDenseSource, correct_poses, far_origin, group_size,
@@ -22,7 +23,7 @@ pub(super) struct ImageMap {
     live: LiveSequence,
     given_depth: Option<f64>,
     given_origin: Option<Vector3<f64>>,
-    keyframes: Vec<SessionKeyframe>,
+    keyframes: SessionKeyframes,
     /// `None` until the length scale is known.
     mapping: Option<SemiDenseMapper>,
     /// Whether all estimates equal those of a batch run over the keyframes at their current poses.
@@ -34,7 +35,7 @@ pub(super) struct ImageMap {
 
 impl SessionMap for ImageMap {
     fn contains(&self, id: u64) -> bool {
-        self.index_of(id).is_ok()
+        self.keyframes.index_of(id).is_ok()
     }
 
     fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError> {
@@ -49,50 +50,56 @@ impl SessionMap for ImageMap {
     ) -> Result<(), SessionError> {
         let mut corrected = Vec::with_capacity(poses.len());
         for (id, pose) in poses {
-            let frame = self.keyframes[self.index_of(*id)?].frame;
+            let index = self.keyframes.index_of(*id)?;
             let pose = self.live.world_from_color(pose);
             check_position(*id, &pose)?;
-            corrected.push((frame, pose));
+            corrected.push((index, pose));
         }
         let before = self.poses();
-        self.live.set_poses(corrected);
-        if self.poses() == before {
+        corrected.retain(|(index, pose)| before[*index].1 != *pose);
+        if corrected.is_empty() {
             return Ok(());
         }
-        let outcome = self.rebuild_at_current_poses(options);
-        if outcome.is_err() {
-            self.live.set_poses(before);
-            self.update_estimate_poses();
-            return outcome;
+        let keyframes = self.keyframes.list();
+        let by_frame = corrected.iter();
+        let by_frame = by_frame.map(|(index, pose)| (keyframes[*index].frame, *pose));
+        self.live.set_poses(by_frame.collect::<Vec<_>>());
+        if let Some(mapping) = &mut self.mapping {
+            for (_, pose) in &mut corrected {
+                pose.translation.vector -= mapping.mapper.origin();
+            }
+            let empty_map = || empty_map(options, &self.live, mapping.source);
+            let outcome = self
+                .keyframes
+                .correct(&corrected, &mut mapping.mapper, empty_map);
+            if let Err(error) = outcome {
+                self.live.set_poses(before);
+                return Err(error);
+            }
         }
         self.matches_batch_run = false;
         self.update_front_end_poses()
     }
 
     fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
-        for &id in ids {
-            self.index_of(id)?;
-        }
         if ids.is_empty() {
             return Ok(());
         }
-        let all = std::mem::take(&mut self.keyframes);
-        let is_kept = |keyframe: &SessionKeyframe| !ids.contains(&keyframe.id);
-        let (kept, removed): (Vec<SessionKeyframe>, Vec<SessionKeyframe>) =
-            all.into_iter().partition(is_kept);
-        self.keyframes = kept;
-        let outcome = self.rebuild_at_current_poses(options);
-        if outcome.is_err() {
-            self.keyframes.extend(removed);
-            self.keyframes.sort_by_key(|keyframe| keyframe.frame);
-            return outcome;
+        match &mut self.mapping {
+            Some(mapping) => {
+                let empty_map = || empty_map(options, &self.live, mapping.source);
+                self.keyframes.remove(ids, &mut mapping.mapper, empty_map)?;
+            }
+            None => {
+                self.keyframes.take(ids)?;
+            }
         }
         self.matches_batch_run = false;
         self.update_front_end_poses()
     }
 
     fn finish(&mut self, options: &Options) -> Result<bool, SessionError> {
-        if self.keyframes.is_empty() {
+        if self.keyframes.list().is_empty() {
             return Ok(false);
         }
         let frames = self.frames();
@@ -129,7 +136,7 @@ impl SessionMap for ImageMap {
         let outcome = self.finish_at(median_depth, is_other, options);
         match &outcome {
             Ok(()) if is_corrected => {
-                let ids = self.keyframes.iter().map(|keyframe| keyframe.id);
+                let ids = self.keyframes.list().iter().map(|keyframe| keyframe.id);
                 let poses = self.poses().into_iter().map(|(_, pose)| pose);
                 self.corrected_poses = ids.zip(poses).collect();
             }
@@ -148,7 +155,7 @@ impl SessionMap for ImageMap {
     }
 
     fn keyframe_count(&self) -> usize {
-        self.keyframes.len()
+        self.keyframes.list().len()
     }
 
     fn map(&self) -> Option<&Map> {
@@ -186,7 +193,7 @@ impl SessionMap for ImageMap {
 
     fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
         let origin = self.origin();
-        let ids = self.keyframes.iter().map(|keyframe| keyframe.id);
+        let ids = self.keyframes.list().iter().map(|keyframe| keyframe.id);
         let shifted = Self::poses(self).into_iter().map(|(_, mut pose)| {
             pose.translation.vector -= origin;
             pose
@@ -195,12 +202,7 @@ impl SessionMap for ImageMap {
     }
 
     fn newest(&self) -> Option<NewestKeyframe> {
-        let mut keyframes = self.keyframes.iter().enumerate().rev();
-        keyframes.find_map(|(place, keyframe)| {
-            let (Estimate::Provisional(found) | Estimate::Final(found)) =
-                keyframe.estimate.as_ref()?;
-            NewestKeyframe::new(place, found)
-        })
+        self.keyframes.newest()
     }
 
     fn keeps_images(&self) -> bool {
@@ -226,7 +228,7 @@ impl ImageMap {
             live,
             given_depth: start.median_depth,
             given_origin: start.origin.map(Vector3::from),
-            keyframes: Vec::new(),
+            keyframes: SessionKeyframes::default(),
             mapping: None,
             matches_batch_run: true,
             corrected_poses: Vec::new(),
@@ -237,19 +239,9 @@ impl ImageMap {
         Ok(map)
     }
 
-    /// Index of a keyframe.
-    fn index_of(&self, id: u64) -> Result<usize, SessionError> {
-        self.keyframes
-            .iter()
-            .position(|keyframe| keyframe.id == id)
-            .ok_or(SessionError::UnknownKeyframe { id })
-    }
-
     fn frames(&self) -> Vec<usize> {
-        self.keyframes
-            .iter()
-            .map(|keyframe| keyframe.frame)
-            .collect()
+        let keyframes = self.keyframes.list().iter();
+        keyframes.map(|keyframe| keyframe.frame).collect()
     }
 
     /// Poses of the keyframes, with their frames.
@@ -257,7 +249,7 @@ impl ImageMap {
         let frames = self.live.sequence().frames();
         let pose =
             |keyframe: &SessionKeyframe| (keyframe.frame, frames[keyframe.frame].world_from_camera);
-        self.keyframes.iter().map(pose).collect()
+        self.keyframes.list().iter().map(pose).collect()
     }
 
     fn measured_depth(
@@ -285,17 +277,13 @@ impl ImageMap {
     /// Adds a frame of the sequence as the next keyframe.
     fn push(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
         check_position(id, &self.live.sequence().frames()[frame].world_from_camera)?;
-        self.keyframes.push(SessionKeyframe {
-            id,
-            frame,
-            estimate: None,
-        });
+        self.keyframes.push(id, frame);
         let outcome = match self.mapping {
             Some(_) => self.estimate(id, frame, options),
             None => self.start_mapping(id, frame, options),
         };
         if outcome.is_err() {
-            self.keyframes.retain(|keyframe| keyframe.frame != frame);
+            self.keyframes.withdraw(frame);
         }
         outcome
     }
@@ -313,9 +301,9 @@ impl ImageMap {
             .map_err(|source| SessionError::FrontEnd { id, source })?;
         for arrival in arrivals {
             if let Err(error) = mapping.add_arrival(id, arrival, &mut self.keyframes) {
-                self.keyframes.retain(|keyframe| keyframe.frame != frame);
+                self.keyframes.withdraw(frame);
                 self.matches_batch_run = false;
-                self.rebuild_at_current_poses(options)?;
+                self.rebuild(options)?;
                 self.update_front_end_poses()?;
                 return Err(error);
             }
@@ -355,37 +343,20 @@ impl ImageMap {
         for frame in frames {
             if let Err(error) = self.estimate(id, frame, options) {
                 self.mapping = None;
-                for keyframe in &mut self.keyframes {
-                    keyframe.estimate = None;
-                }
+                self.keyframes.forget_estimates();
                 return Err(error);
             }
         }
         Ok(())
     }
 
-    /// Moves all estimates to the current poses of their keyframes.
-    fn update_estimate_poses(&mut self) {
-        let Some(mapping) = &self.mapping else {
-            return;
+    /// Makes the map anew from the keyframes. On an error it is unchanged.
+    fn rebuild(&mut self, options: &Options) -> Result<(), SessionError> {
+        let Some(mapping) = &mut self.mapping else {
+            return Ok(());
         };
-        let frames = self.live.sequence().frames();
-        for keyframe in &mut self.keyframes {
-            if let Some(estimate) = &mut keyframe.estimate {
-                let mut pose = frames[keyframe.frame].world_from_camera;
-                pose.translation.vector -= mapping.mapper.origin();
-                estimate.keyframe_mut().set_world_from_camera(pose);
-            }
-        }
-    }
-
-    /// Rebuilds the map from the keyframes at their current poses. On an error it is unchanged.
-    fn rebuild_at_current_poses(&mut self, options: &Options) -> Result<(), SessionError> {
-        self.update_estimate_poses();
-        match &mut self.mapping {
-            Some(mapping) => mapping.rebuild_map(&self.keyframes, options, &self.live),
-            None => Ok(()),
-        }
+        let map = empty_map(options, &self.live, mapping.source)?;
+        self.keyframes.rebuild(&mut mapping.mapper, map)
     }
 
     /// Updates the keyframes and poses of the front end.
@@ -397,16 +368,14 @@ impl ImageMap {
             return Ok(());
         };
         let (keyframes, frames) = (&self.keyframes, self.live.sequence().frames());
-        let index_of =
-            |frame: usize| keyframes.binary_search_by_key(&frame, |keyframe| keyframe.frame);
+        let pose_of = |frame: usize| {
+            let is_kept = keyframes.index_of_frame(frame).is_some();
+            is_kept.then(|| frames[frame].world_from_camera)
+        };
         front_end
-            .set_poses(|frame| {
-                index_of(frame)
-                    .ok()
-                    .map(|_| frames[frame].world_from_camera)
-            })
+            .set_poses(pose_of)
             .map_err(|source| SessionError::FrontEnd {
-                id: keyframes.last().map_or(0, |keyframe| keyframe.id),
+                id: keyframes.list().last().map_or(0, |keyframe| keyframe.id),
                 source,
             })
     }
@@ -428,10 +397,11 @@ impl ImageMap {
                 && mapping.source.median_depth.to_bits() == median_depth.to_bits()
                 && mapping.mapper.origin() == origin;
             if matches_batch_run && let Some(mut front_end) = front_end {
-                let id = self.keyframes.last().map_or(0, |newest| newest.id);
+                let newest = self.keyframes.list().last();
+                let id = newest.map_or(0, |newest| newest.id);
                 for arrival in front_end.finish() {
                     if let Err(error) = mapping.add_arrival(id, arrival, &mut self.keyframes) {
-                        mapping.rebuild_map(&self.keyframes, options, &self.live)?;
+                        self.rebuild(options)?;
                         return Err(error);
                     }
                 }
@@ -445,7 +415,7 @@ impl ImageMap {
         };
         let map = empty_map(options, &self.live, source)?;
         let mut mapper = Mapper::new(map, origin);
-        let keyframes = &self.keyframes;
+        let keyframes = self.keyframes.list();
         let depth = DepthSource::SemiDense(source);
         let extract = options.extract();
         let mut front_end = FrontEnd::lines(&depth, frames.len(), extract, None, false)?;

@@ -15,6 +15,7 @@ mod message_map;
 mod semi_dense_mapper;
 mod sensor_map;
 mod session;
+mod session_keyframes;
 mod session_map;
 mod surface_diff;
 

@@ -3,33 +3,12 @@
 use nalgebra::Vector3;
 
 use super::SessionError;
+use super::session_keyframes::SessionKeyframes;
 use crate::front_end::{Arrival, DepthSource, Keyframe, SemiDenseFrontEnd, SemiDenseSource};
 use crate::map::Map;
-use crate::mapper::Mapper;
+use crate::mapper::{Mapper, Taken};
 use crate::options::Options;
 use linecarve_sequence::LiveSequence;
-
-/// A keyframe of the session.
-pub(super) struct SessionKeyframe {
-    pub(super) id: u64,
-    /// Position in the sequence.
-    pub(super) frame: usize,
-    pub(super) estimate: Option<Estimate>,
-}
-
-/// The latest estimate of a keyframe; its pose is in the frame of computation.
-pub(super) enum Estimate {
-    Provisional(Keyframe),
-    Final(Keyframe),
-}
-
-impl Estimate {
-    pub(super) fn keyframe_mut(&mut self) -> &mut Keyframe {
-        match self {
-            Self::Provisional(keyframe) | Self::Final(keyframe) => keyframe,
-        }
-    }
-}
 
 /// The front end of a live session and the map of its estimates.
 pub(super) struct SemiDenseMapper {
@@ -51,7 +30,9 @@ impl SemiDenseMapper {
             options: options.semi_dense,
             median_depth,
         };
-        let mut mapper = Mapper::new(empty_map(options, live, source)?, origin);
+        let mut map = empty_map(options, live, source)?;
+        map.keep_measurements();
+        let mut mapper = Mapper::new(map, origin);
         mapper.follow_surface();
         Ok(Self {
             front_end: Some(SemiDenseFrontEnd::live(&source, options.extract())?),
@@ -65,57 +46,37 @@ impl SemiDenseMapper {
     pub(super) fn add_arrival(
         &mut self,
         id: u64,
-        (number, arrival): (usize, Arrival),
-        keyframes: &mut [SessionKeyframe],
+        (number, mut arrival): (usize, Arrival),
+        keyframes: &mut SessionKeyframes,
     ) -> Result<(), SessionError> {
-        let (keyframe, is_final) = match &arrival {
-            Arrival::Provisional { keyframe, .. } => (keyframe, false),
-            Arrival::Final(Ok(keyframe)) => (keyframe, true),
-            Arrival::Final(Err(_)) => {
-                let Arrival::Final(Err(source)) = arrival else {
-                    return Ok(());
-                };
-                return Err(SessionError::FrontEnd { id, source });
+        let failed = |source| SessionError::FrontEnd { id, source };
+        let (frame, provisional) = match &mut arrival {
+            Arrival::Provisional { keyframe, .. } => (frame_of(keyframe), Some(keyframe.clone())),
+            Arrival::Final(Ok(keyframe)) => {
+                keyframe.renumber(keyframes.next_place());
+                (frame_of(keyframe), None)
             }
+            Arrival::Final(Err(_)) => (None, None),
         };
-        // Keyframes with pending estimates are among the newest.
-        let frame = frame_of(keyframe);
-        let mut newest_first = keyframes.iter_mut().rev();
-        let Some(session_keyframe) = newest_first.find(|other| Some(other.frame) == frame) else {
+        let index = frame.and_then(|frame| keyframes.index_of_frame(frame));
+        if frame.is_some() && index.is_none() {
+            // It was removed meanwhile.
             return Ok(());
-        };
-        let mut keyframe = keyframe.clone();
-        keyframe.translate(&-self.mapper.origin());
-        self.mapper.take(number, arrival, false)?;
-        session_keyframe.estimate = Some(if is_final {
-            Estimate::Final(keyframe)
-        } else {
-            Estimate::Provisional(keyframe)
-        });
-        Ok(())
-    }
-
-    /// Rebuilds the map from the current estimates. On an error it is unchanged.
-    pub(super) fn rebuild_map(
-        &mut self,
-        keyframes: &[SessionKeyframe],
-        options: &Options,
-        live: &LiveSequence,
-    ) -> Result<(), SessionError> {
-        let map = empty_map(options, live, self.source)?;
-        let finals = keyframes
-            .iter()
-            .filter_map(|keyframe| match &keyframe.estimate {
-                Some(Estimate::Final(keyframe)) => Some(keyframe),
-                _ => None,
-            });
-        let provisional = keyframes
-            .iter()
-            .filter_map(|keyframe| match &keyframe.estimate {
-                Some(Estimate::Provisional(keyframe)) => Some(keyframe),
-                _ => None,
-            });
-        Ok(self.mapper.rebuild(map, finals, provisional)?)
+        }
+        let taken = self.mapper.take(number, arrival, false)?;
+        match (taken, index, provisional) {
+            (Taken::Skipped(source), ..) => Err(failed(source)),
+            (Taken::Keyframe(update), Some(index), _) => {
+                keyframes.set_final(index, update.keyframe);
+                Ok(())
+            }
+            (Taken::Provisional, Some(index), Some(mut keyframe)) => {
+                keyframe.translate(&-self.mapper.origin());
+                keyframes.set_provisional(index, keyframe);
+                Ok(())
+            }
+            _ => Ok(()),
+        }
     }
 }
 
@@ -126,6 +87,7 @@ fn frame_of(keyframe: &Keyframe) -> Option<usize> {
     }
 }
 
+/// A map without keyframes.
 pub(super) fn empty_map(
     options: &Options,
     live: &LiveSequence,

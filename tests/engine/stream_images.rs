@@ -218,6 +218,34 @@ fn corrected_poses_leave_no_trace() {
 }
 
 #[test]
+fn a_few_corrections_move_what_these_keyframes_brought() {
+    let recording = Recording::new();
+    let mut messages = vec![recording.start_at_scale()];
+    for number in 0..KEYFRAMES {
+        let pose = &recording.poses[number];
+        let is_wrong = (1..3).contains(&number);
+        let wrong = drifted(pose, if is_wrong { 2 } else { 0 });
+        messages.push(recording.keyframe(number, &wrong));
+    }
+    let mut again = recording.keyframe(1, &recording.poses[1]);
+    again["id"] = json!(77);
+    messages.insert(4, again);
+    // The depth of the first keyframes is final, that of the last ones is not.
+    messages.push(recording.poses(1..3));
+    messages.push(recording.poses(KEYFRAMES - 2..KEYFRAMES));
+    messages.push(json!({ "type": "remove", "ids": [77] }));
+    let replies = recording.expect_files_of_the_run(&messages);
+    let removed = |reply: &Value| reply["removed"].as_array().unwrap().len();
+    let [corrected, same, without] = [0, 1, 2].map(|at| &replies[KEYFRAMES + 2 + at]);
+    let before = replies[KEYFRAMES + 1]["triangles"].as_u64().unwrap() as usize;
+    for reply in [corrected, without] {
+        assert!(removed(reply) > 0);
+        assert!(removed(reply) < before, "only a part changes");
+    }
+    assert_eq!(removed(same), 0, "these poses were right");
+}
+
+#[test]
 fn a_lens_is_found_at_the_end_as_in_a_run() {
     let recording = Recording::with_calibration(-0.09, 525.0);
     let mut messages = vec![recording.start_at_scale()];
