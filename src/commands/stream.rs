@@ -7,6 +7,7 @@ use crate::commands::Outcome;
 use crate::commands::stream_lines::{Line, Replies, next};
 use crate::configuration::Configuration;
 use crate::options::Options;
+use crate::report::page::write_page;
 use crate::run::Verbosity;
 use crate::sinks::OutputFolder;
 use crate::sinks::SurfaceFiles;
@@ -20,6 +21,9 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     };
     let mut output = args.out.as_deref().map(OutputFolder::create).transpose()?;
     let mut session = Session::new(options).context("cannot make a folder for temporary files")?;
+    if output.is_some() {
+        session.make_page();
+    }
     if let Some(view) = args.live.start(verbosity)? {
         session.show(view);
     }
@@ -50,6 +54,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let SessionEnd {
         last_change,
         summary,
+        page,
     } = session.finish();
     match last_change {
         Ok(Some(reply)) => replies.send(&reply)?,
@@ -62,6 +67,9 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let (lens_k1, focal_factor) = (summary.lens_k1, summary.focal_factor);
     if let Some(output) = &mut output {
         write_results(args, summary, output)?;
+        if let Some(page) = page {
+            write_page(&output.file("report.html"), &page)?;
+        }
     }
     replies.send(&Reply::End {
         keyframes,

@@ -147,20 +147,26 @@ impl LiveState {
             rest.keyframes.truncate(kept);
             rest.keyframes.extend_from_slice(&keyframes[kept..]);
         }
+        if let Some(current) = update.current {
+            // The same keyframe as of now; later ones are gone.
+            while let Some(last) = rest.rows.last()
+                && last.keyframe >= current.keyframe
+            {
+                rest.rows.pop();
+            }
+        }
         let known_rows = rest.rows.len();
         rest.rows.extend(update.current);
         if update.are_segments_anew {
             rest.segments.clear();
         }
         let known_segments = rest.segments.len();
-        match update.elements {
-            Some(Elements::Lines { segments, clusters }) => {
-                let known = known_segments.min(segments.len());
-                rest.segments.extend_from_slice(&segments[known..]);
-                rest.clusters = ends(clusters);
-            }
-            Some(Elements::Points(points)) => rest.points = points.to_vec(),
-            None => {}
+        let had_points = !rest.points.is_empty();
+        if let Some(elements) = update.elements {
+            let known = known_segments.min(elements.segments.len());
+            rest.segments.extend_from_slice(&elements.segments[known..]);
+            rest.clusters = elements.clusters.map(ends).unwrap_or_default();
+            rest.points = elements.points.to_vec();
         }
         if update.image.is_some() {
             rest.image.clone_from(&update.image);
@@ -172,8 +178,8 @@ impl LiveState {
         if !wants_message {
             return None;
         }
-        let has_lines = matches!(update.elements, Some(Elements::Lines { .. }));
-        let has_points = matches!(update.elements, Some(Elements::Points(_)));
+        let has_clusters = (update.elements).is_some_and(|elements| elements.clusters.is_some());
+        let has_points = update.elements.is_some() && (had_points || !rest.points.is_empty());
         let new_segments = rest.segments[known_segments..].as_flattened();
         let message = Message {
             whole: false,
@@ -189,11 +195,11 @@ impl LiveState {
             surface: update
                 .surface
                 .map(|(surface, change)| SurfaceMessage::new(surface, change)),
-            segments: (has_lines || update.are_segments_anew).then(|| Tail {
+            segments: (!new_segments.is_empty() || update.are_segments_anew).then(|| Tail {
                 from: known_segments,
                 list: Positions::new(new_segments),
             }),
-            clusters: has_lines.then(|| Positions::new(&rest.clusters)),
+            clusters: has_clusters.then(|| Positions::new(&rest.clusters)),
             points: has_points.then(|| Positions::new(&rest.points)),
             image: update.image.as_ref(),
             ended: rest.has_ended,

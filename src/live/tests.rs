@@ -75,7 +75,7 @@ proptest! {
             let change = surface.change_to(faces, &positions(*shift));
             let update = LiveUpdate {
                 surface: Some((&surface, &change)),
-                elements: Some(Elements::Lines { segments: &segments, clusters: &LineSet::default() }),
+                elements: Some(Elements { segments: &segments, clusters: Some(&LineSet::default()), points: &[] }),
                 are_segments_anew: change.is_anew,
                 ..LiveUpdate::default()
             };

@@ -28,7 +28,8 @@ pub(crate) use output::{
     write_part, write_poses,
 };
 pub(crate) use page::{
-    GrowingView, PageRecorder, growth_plots, page_of, page_surface, with_elements,
+    GrowingView, PageRecorder, grouped, growth_plots, last_surface, page_of, page_surface,
+    with_elements,
 };
 pub(crate) use page_run::PageRun;
 pub(crate) use picture::{RichestKeyframe, crosses};

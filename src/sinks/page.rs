@@ -90,12 +90,7 @@ impl PageRecorder {
                 let vertices = surface.vertex_count();
                 self.history.finish(last, position, vertices, elements);
             }
-            None => {
-                self.history.note(&change_to(mesh));
-                let position = |vertex: u32| mesh.positions[vertex as usize];
-                let vertices = mesh.positions.len();
-                self.history.finish(last, position, vertices, elements);
-            }
+            None => finish_with(&mut self.history, last, mesh, elements),
         });
     }
 
@@ -109,7 +104,9 @@ impl PageRecorder {
         let images: Result<Vec<Option<KeyframeImage>>, image::ImageError> = wanted
             .into_par_iter()
             .map(|(keyframe, segments)| {
-                let Ok(image) = run.sequence.load_color(run.numbers[keyframe]) else {
+                let frame = run.numbers[keyframe];
+                let image = run.sequence.map(|sequence| sequence.load_color(frame));
+                let Some(Ok(image)) = image else {
                     return Ok(None);
                 };
                 keyframe_image(keyframe, &image, segments).map(Some)
@@ -118,6 +115,31 @@ impl PageRecorder {
         let images = images.context("the images of the page cannot be encoded")?;
         Ok(images.into_iter().flatten().collect())
     }
+}
+
+/// Records a mesh that was not followed as the last state.
+fn finish_with(
+    history: &mut SurfaceHistory,
+    keyframe: usize,
+    mesh: &TriangleMesh,
+    elements: Elements<'_>,
+) {
+    history.note(&change_to(mesh));
+    let position = |vertex: u32| mesh.positions[vertex as usize];
+    history.finish(keyframe, position, mesh.positions.len(), elements);
+}
+
+/// A surface with its last state only, as of this keyframe.
+pub(crate) fn last_surface(
+    name: &'static str,
+    label: &str,
+    keyframe: usize,
+    mesh: &TriangleMesh,
+    elements: Elements<'_>,
+) -> PageSurface {
+    let mut recorder = PageRecorder::new();
+    finish_with(&mut recorder.history, keyframe, mesh, elements);
+    page_surface(name, label, recorder, &[], &[])
 }
 
 /// The change from nothing to a mesh.
@@ -136,32 +158,35 @@ fn change_to(mesh: &TriangleMesh) -> SurfaceChange {
 /// Hands over what the map is made of.
 pub(crate) fn with_elements(map: &Map, take: impl FnOnce(Elements<'_>)) {
     match map.segments() {
-        Some(segments) => take(Elements::Lines {
+        Some(segments) => take(Elements {
             segments: &segments.ends(),
-            clusters: &segments.clusters(),
+            clusters: Some(&segments.clusters()),
+            points: &[],
         }),
-        None => take(Elements::Points(&map.points())),
+        None => take(Elements {
+            points: &map.points(),
+            ..Elements::default()
+        }),
     }
 }
 
-/// A page about a sequence, without surfaces yet; `mesh` is what the view from outside is to hold.
+/// A page about keyframes, without surfaces yet; `mesh` is what the view from outside is to hold. The title is the name of the
+/// recording, or the command without one.
 pub(crate) fn page_of(run: &PageRun<'_>, command: &str, mesh: &TriangleMesh) -> Page {
-    let sequence = run.sequence;
-    let folder = sequence.folder();
-    let name = folder.file_name().unwrap_or(folder.as_os_str());
     let poses = &run.poses;
-    let mut facts = vec![
-        ("command".to_owned(), format!("linecarve {command}")),
-        ("layout".to_owned(), sequence.layout().to_owned()),
-        (
-            "frames, keyframes".to_owned(),
-            format!("{}, {}", sequence.frames().len(), poses.len()),
-        ),
-        (
-            "median depth".to_owned(),
-            format!("{:.3} units of the poses", run.median_depth),
-        ),
-    ];
+    let mut title = command.to_owned();
+    let mut facts = vec![("command".to_owned(), format!("linecarve {command}"))];
+    if let Some(sequence) = run.sequence {
+        let folder = sequence.folder();
+        let name = folder.file_name().unwrap_or(folder.as_os_str());
+        title = name.to_string_lossy().into_owned();
+        facts.push(("layout".to_owned(), sequence.layout().to_owned()));
+        let frames = sequence.frames().len();
+        facts.push(("frames".to_owned(), frames.to_string()));
+    }
+    facts.push(("keyframes".to_owned(), poses.len().to_string()));
+    let depth = format!("{:.3} units of the poses", run.median_depth);
+    facts.push(("median depth".to_owned(), depth));
     if run.origin.norm() > 0.0 {
         let [x, y, z]: [f64; 3] = run.origin.into();
         facts.push((
@@ -170,7 +195,7 @@ pub(crate) fn page_of(run: &PageRun<'_>, command: &str, mesh: &TriangleMesh) -> 
         ));
     }
     Page {
-        title: name.to_string_lossy().into_owned(),
+        title,
         subtitle: String::new(),
         generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")).to_owned(),
         up: up_direction(poses),

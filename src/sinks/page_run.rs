@@ -10,7 +10,8 @@ use crate::report::page::PageCamera;
 
 /// What a page tells of the sequence and the keyframes of a run.
 pub(crate) struct PageRun<'a> {
-    pub(crate) sequence: &'a Sequence,
+    /// The frames; `None` where there are no images.
+    pub(crate) sequence: Option<&'a Sequence>,
     /// The number by which reports know each keyframe: that of its frame, or of its view in a model.
     pub(crate) numbers: &'a [usize],
     /// Name of each keyframe.
@@ -46,22 +47,26 @@ impl<'a> PageRun<'a> {
         Self::with_camera(recording, camera, size, recording.median_depth)
     }
 
-    /// A session, over the frames of its messages so far.
-    pub(crate) fn of_session(
-        sequence: &'a Sequence,
+    /// Keyframes of which names and poses are given. Without a camera, one with a field of view of 65 degrees is drawn.
+    pub(crate) fn of_poses(
+        sequence: Option<&'a Sequence>,
+        camera: Option<&Camera>,
         poses: Vec<Isometry3<f64>>,
         names: Vec<&'a str>,
         median_depth: Option<f64>,
         origin: Vector3<f64>,
     ) -> Self {
-        let size = sequence.color_size();
-        let camera = sequence.color_camera();
+        let of_sequence = sequence.map(|sequence| {
+            let size = sequence.color_size();
+            page_camera(sequence.color_camera(), (size.width, size.height))
+        });
+        let given = || camera.map(|camera| page_camera(camera, size_around(camera)));
         Self {
             sequence,
             numbers: &[],
             names,
             poses,
-            camera: page_camera(camera, (size.width, size.height)),
+            camera: of_sequence.or_else(given).unwrap_or(ANY_CAMERA),
             median_depth: median_depth.unwrap_or(1.0),
             origin,
         }
@@ -75,7 +80,7 @@ impl<'a> PageRun<'a> {
     ) -> Self {
         let count = recording.keyframes.len();
         Self {
-            sequence: &recording.sequence,
+            sequence: Some(&recording.sequence),
             numbers: &recording.keyframes,
             names: (0..count)
                 .map(|number| recording.keyframe_name(number))
@@ -87,6 +92,16 @@ impl<'a> PageRun<'a> {
         }
     }
 }
+
+/// Drawn where no camera is known.
+const ANY_CAMERA: PageCamera = PageCamera {
+    fx: 500.0,
+    fy: 500.0,
+    cx: 319.5,
+    cy: 239.5,
+    width: 640,
+    height: 480,
+};
 
 fn page_camera(camera: &Camera, (width, height): (u32, u32)) -> PageCamera {
     PageCamera {
@@ -102,12 +117,14 @@ fn page_camera(camera: &Camera, (width, height): (u32, u32)) -> PageCamera {
 /// The camera of a view with width and height of its images, `None` when the model does not say.
 pub(crate) fn view_camera(view: &ModelView) -> Option<(Camera, (u32, u32))> {
     let camera = view.camera.as_ref()?;
-    // The principal point is near the middle of an image of unknown size.
-    let side = |c: f64| 2.0 * c + 1.0;
-    let [width, height] = view.size_px.map_or_else(
-        || [side(camera.cx()), side(camera.cy())],
-        |size| size.map(f64::from),
-    );
-    let clamped = |side: f64| side.clamp(16.0, 8192.0) as u32;
-    Some((camera.clone(), (clamped(width), clamped(height))))
+    let size = view.size_px.map(|[width, height]| (width, height));
+    let size = size.unwrap_or_else(|| size_around(camera));
+    let clamped = |side: u32| side.clamp(16, 8192);
+    Some((camera.clone(), (clamped(size.0), clamped(size.1))))
+}
+
+/// Size of an image of unknown size: the principal point is near its middle.
+fn size_around(camera: &Camera) -> (u32, u32) {
+    let side = |c: f64| (2.0 * c + 1.0).clamp(16.0, 8192.0) as u32;
+    (side(camera.cx()), side(camera.cy()))
 }

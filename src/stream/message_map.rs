@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use linecarve_carving::accept_position;
+use linecarve_lines::camera::Camera;
 use linecarve_mesh::LineSet;
 use linecarve_sequence::{LiveCamera, LiveFrame, ModelView, Sequence};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -14,6 +15,7 @@ use crate::front_end::far_origin;
 use crate::map::{Map, ObservationChange, ObservedPoint, PointKind, SurfaceChange};
 use crate::mapper::Mapper;
 use crate::options::{Options, SegmentPointOptions};
+use crate::run::{StageTimes, milliseconds};
 
 /// A 3D segment and the numbers of its points in the map.
 #[derive(Clone)]
@@ -36,6 +38,8 @@ pub(super) struct MessageMap {
     numbers: Numbers,
     spacing: SegmentPointOptions,
     mapper: Mapper,
+    /// Processor times since the newest keyframe came.
+    times: StageTimes,
 }
 
 impl MessageMap {
@@ -66,6 +70,7 @@ impl MessageMap {
             numbers: Numbers::default(),
             spacing: options.segment_points,
             mapper: Mapper::new(map, origin),
+            times: StageTimes::default(),
         };
         session_map.mapper.follow_surface();
         session_map.add(id, frame, options)?;
@@ -99,7 +104,7 @@ impl MessageMap {
             let number = self.points.entry(point.id);
             observed.number = *number.or_insert_with(|| self.numbers.take());
         }
-        self.mapper.observe(&change)?;
+        self.observe(&change)?;
         for id in removed {
             self.numbers.free.extend(self.points.remove(id));
         }
@@ -128,7 +133,7 @@ impl MessageMap {
             removed_observations: pairs(removed)?,
             ..ObservationChange::default()
         };
-        self.mapper.observe(&change)?;
+        self.observe(&change)?;
         Ok(())
     }
 
@@ -192,7 +197,7 @@ impl MessageMap {
         gone.dedup();
         let old = gone.iter().filter_map(|id| self.lines.get(id));
         change.removed_points = old.flat_map(|line| line.points.iter().copied()).collect();
-        self.mapper.observe(&change)?;
+        self.observe(&change)?;
         self.numbers.free.extend(change.removed_points);
         for id in gone {
             self.lines.remove(&id);
@@ -229,6 +234,13 @@ impl MessageMap {
             Some((project(&line.ends[1])? - project(&line.ends[0])?).norm())
         });
         lengths.fold(0.0, f64::max)
+    }
+
+    fn observe(&mut self, change: &ObservationChange) -> Result<(), SessionError> {
+        let times = self.mapper.observe(change)?.times;
+        self.times.points += milliseconds(times.matching);
+        self.times.carve += milliseconds(times.carving);
+        Ok(())
     }
 
     fn view(&self, id: u64) -> Result<u32, SessionError> {
@@ -320,7 +332,8 @@ impl SessionMap for MessageMap {
             camera: self.camera.as_ref().map(|camera| camera.camera().clone()),
             size_px: None,
         };
-        self.mapper.observe(&ObservationChange {
+        self.times = StageTimes::default();
+        self.observe(&ObservationChange {
             views: vec![view],
             ..ObservationChange::default()
         })?;
@@ -346,7 +359,7 @@ impl SessionMap for MessageMap {
             moved_views,
             ..ObservationChange::default()
         };
-        self.mapper.observe(&change)?;
+        self.observe(&change)?;
         let moved = change.moved_views.iter().map(|(view, _)| *view).collect();
         for (view, pose) in change.moved_views {
             self.poses[view as usize] = pose;
@@ -360,7 +373,7 @@ impl SessionMap for MessageMap {
             removed_views: views.collect::<Result<_, _>>()?,
             ..ObservationChange::default()
         };
-        self.mapper.observe(&change)?;
+        self.observe(&change)?;
         self.keyframes.retain(|id, _| !ids.contains(id));
         let removed = BTreeSet::from_iter(change.removed_views);
         let is_other = |line: &&mut Line| line.views.iter().any(|view| removed.contains(view));
@@ -417,7 +430,18 @@ impl SessionMap for MessageMap {
             .collect()
     }
 
+    fn camera(&self) -> Option<&Camera> {
+        self.camera.as_ref().map(LiveCamera::camera)
+    }
+
     fn newest(&self) -> Option<NewestKeyframe> {
-        None
+        let views = self.keyframes.values().enumerate();
+        let (keyframe, _) = views.max_by_key(|(_, view)| **view)?;
+        Some(NewestKeyframe {
+            keyframe,
+            frame: 0,
+            ends_px: Vec::new(),
+            times: self.times,
+        })
     }
 }

@@ -9,7 +9,6 @@
 
 mod error;
 mod image_map;
-mod live_page;
 mod message;
 mod message_map;
 mod semi_dense_mapper;
@@ -17,6 +16,7 @@ mod sensor_map;
 mod session;
 mod session_keyframes;
 mod session_map;
+mod session_page;
 mod surface_diff;
 
 pub use error::SessionError;

@@ -11,7 +11,6 @@ use tempfile::TempDir;
 
 use super::SessionError;
 use super::image_map::ImageMap;
-use super::live_page::SessionPage;
 use super::message::{
     CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseUpdate, Reply,
     StartMessage,
@@ -19,9 +18,11 @@ use super::message::{
 use super::message_map::MessageMap;
 use super::sensor_map::SensorMap;
 use super::session_map::SessionMap;
+use super::session_page::{SessionPage, last_page};
 use super::surface_diff::SurfaceDiff;
 use crate::live::LiveView;
 use crate::options::Options;
+use crate::report::page::Page;
 use crate::run::milliseconds;
 use linecarve_mesh::{LineSet, TriangleMesh};
 use linecarve_sequence::{LiveFrame, LiveSequence};
@@ -36,6 +37,7 @@ pub struct Session {
     map: Option<Box<dyn SessionMap>>,
     surface_diff: SurfaceDiff,
     page: Option<SessionPage>,
+    wants_last_page: bool,
     /// Temporary files of images sent in messages.
     image_folder: TempDir,
     /// Files that are still needed, by keyframe.
@@ -72,6 +74,8 @@ pub struct SessionEnd {
     pub last_change: Result<Option<Reply>, SessionError>,
     /// The result.
     pub summary: SessionSummary,
+    /// The page of the result, where it was [asked for](Session::make_page).
+    pub page: Option<Page>,
 }
 
 impl Session {
@@ -86,6 +90,7 @@ impl Session {
             map: None,
             surface_diff: SurfaceDiff::default(),
             page: None,
+            wants_last_page: false,
             image_folder: tempfile::tempdir()?,
             stored_images: BTreeMap::new(),
         })
@@ -94,6 +99,11 @@ impl Session {
     /// Shows the state after each message on a live page.
     pub(crate) fn show(&mut self, view: LiveView) {
         self.page = Some(SessionPage::new(view));
+    }
+
+    /// Asks for the page of the result, for [`finish`](Self::finish).
+    pub fn make_page(&mut self) {
+        self.wants_last_page = true;
     }
 
     /// Handles a message. The reply is `None` when there is nothing to report.
@@ -290,9 +300,13 @@ impl Session {
             Ok(false) => Ok(None),
             Err(error) => Err(error),
         };
+        let summary = self.summary();
+        let page = self.map.as_ref().filter(|_| self.wants_last_page);
+        let page = page.map(|map| last_page(map.as_ref(), &summary.mesh));
         SessionEnd {
             last_change,
-            summary: self.summary(),
+            summary,
+            page,
         }
     }
 

@@ -8,6 +8,7 @@ use crate::front_end::Keyframe;
 use crate::map::{Map, SurfaceChange};
 use crate::options::Options;
 use crate::run::StageTimes;
+use linecarve_lines::camera::Camera;
 use linecarve_mesh::LineSet;
 use linecarve_sequence::{LiveFrame, Sequence};
 
@@ -115,10 +116,15 @@ pub(super) trait SessionMap {
     /// The frames of all messages so far; `None` without images.
     fn sequence(&self) -> Option<&Sequence>;
 
+    /// The camera of keyframes without images; `None` where it is unknown, or where there are images.
+    fn camera(&self) -> Option<&Camera> {
+        None
+    }
+
     /// Ids of the keyframes and poses of their colour cameras, in the frame of computation.
     fn poses(&self) -> Vec<(u64, Isometry3<f64>)>;
 
-    /// The newest keyframe whose segments are known.
+    /// The newest keyframe whose segments are known, or that messages are about.
     fn newest(&self) -> Option<NewestKeyframe>;
 
     /// Whether image files are still needed after a keyframe was added.

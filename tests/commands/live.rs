@@ -9,6 +9,7 @@ use crate::browser::Browser;
 use crate::program::delta_reader::{Corners, sorted};
 use crate::program::live_client::LiveClient;
 use crate::program::{small_sequence, text, with_open_holes};
+use crate::report_page::{chromium, self_test};
 use crate::stream::Recording;
 use serde_json::{Value, json};
 
@@ -113,12 +114,16 @@ struct Session {
 
 impl Session {
     fn start(recording: &Recording, arguments: &[&str]) -> Self {
+        Self::start_with(&recording.start, arguments)
+    }
+
+    fn start_with(start: &Value, arguments: &[&str]) -> Self {
         let mut run = LiveRun::start(&[&["stream"], arguments].concat());
         let input = run.child.stdin.take();
         let output = BufReader::new(run.child.stdout.take().unwrap());
         let output = Some(output);
         let mut session = Self { run, input, output };
-        session.send(&recording.start);
+        session.send(start);
         session
     }
 
@@ -215,6 +220,94 @@ fn a_live_page_ends_with_the_surface_of_the_run() {
     assert_eq!(Some(seen.segments), report["result"]["segments"].as_u64());
     assert_eq!(Some(seen.clusters), report["result"]["clusters"].as_u64());
     assert_eq!((seen.keyframes.len(), seen.rows.len()), (5, 5));
+}
+
+/// A map without images: cameras in a row that look along z at points between 3 and 4, and two lines.
+fn map_messages(cameras: u64) -> Vec<Value> {
+    let points: Vec<Value> = (0..150_u64)
+        .map(|id| {
+            let at = |prime: u64| (id * prime % 151) as f64 / 151.0;
+            let position = [4.0 * at(29) - 2.0, 4.0 * at(53) - 2.0, 3.0 + at(97)];
+            json!({ "id": id, "position": position })
+        })
+        .collect();
+    let ids: Vec<u64> = (0..150).collect();
+    let start = json!({
+        "type": "start", "depth_source": "none",
+        "calibration": { "color": { "fx": 500, "fy": 500, "cx": 320, "cy": 240 } },
+    });
+    let mut messages = vec![start];
+    for id in 0..cameras {
+        let pose = json!({ "translation": [0.2 * id as f64, 0, 0], "rotation": [0, 0, 0, 1] });
+        messages.push(json!({ "type": "keyframe", "id": id, "world_from_camera": pose }));
+        if id == 0 {
+            messages.push(json!({ "type": "points", "points": points }));
+        }
+        messages.push(json!({ "type": "observations", "keyframe": id, "points": ids }));
+    }
+    let line = |id: u64| {
+        let ends = [[-1.0, id as f64, 2.9], [1.0, id as f64, 2.9]];
+        json!({ "id": id, "ends": ends, "keyframes": [0, 1] })
+    };
+    messages.push(json!({ "type": "lines", "lines": [line(0), line(1)] }));
+    messages
+}
+
+#[test]
+fn a_live_page_shows_a_map_without_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let messages = map_messages(5);
+    let mut session = Session::start_with(&messages[0], &["--out", text(&out)]);
+    let (mut events, mut seen) = (session.run.connect(), LiveClient::default());
+    for message in &messages[1..] {
+        session.send(message);
+    }
+    events.follow(&mut seen, |client| client.segments == 2);
+    assert!(seen.has_scene && seen.image.is_none());
+    assert_eq!((seen.keyframes.len(), seen.rows.len()), (5, 5));
+    assert!(seen.points > 100 && !seen.surface().is_empty());
+
+    // A line that is removed is gone, and so is a keyframe.
+    session.send(&json!({ "type": "lines", "lines": [], "removed": [1] }));
+    session.send(&json!({ "type": "remove", "ids": [4] }));
+    session.end();
+    events.follow(&mut seen, |client| client.has_ended);
+    assert_eq!((seen.keyframes.len(), seen.segments), (4, 1));
+    assert!(session.run.child.wait().unwrap().success());
+    assert_eq!(seen.surface(), surface_of(&out.join("mesh.ply")));
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("4 keyframes, "), "the page tells its size");
+}
+
+#[test]
+#[ignore = "needs chromium"]
+fn the_page_of_a_map_without_images_shows_its_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let messages = map_messages(5);
+    let mut session = Session::start_with(&messages[0], &["--out", text(&out)]);
+    let (mut events, mut seen) = (session.run.connect(), LiveClient::default());
+    let mut browser = Browser::open(&format!("http://{}/#selftest", session.run.host));
+    for message in &messages[1..] {
+        session.send(message);
+    }
+    events.follow(&mut seen, |client| client.segments == 2);
+    let shows_all = |found: &Value| found["cameras"] == 5 && found["elements"][0] == 2;
+    let found = browser.self_test(shows_all);
+    assert_eq!(found["errors"], json!([]), "{found}");
+    assert_eq!(found["triangles"], seen.surface().len());
+    assert_eq!(found["elements"][2], seen.points);
+    assert_eq!(found["image"], false);
+    assert!(found["drawn_share"].as_f64().unwrap() > 0.02, "{found}");
+    session.end();
+    assert!(session.run.child.wait().unwrap().success());
+    let page = format!("file://{}", text(&out.join("report.html")));
+    let found = self_test(&chromium(), &page);
+    assert_eq!(found["errors"], json!([]), "{found}");
+    let last = found["states"].as_array().unwrap().last().unwrap();
+    assert_eq!(last["triangles"][0], seen.surface().len());
+    assert_eq!(last["elements"][0][0], 2);
 }
 
 #[test]

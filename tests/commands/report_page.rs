@@ -55,7 +55,7 @@ fn browse(chromium: &Path, arguments: &[&str], address: &str) -> String {
 }
 
 /// What the page found out about itself.
-fn self_test(chromium: &Path, address: &str) -> Value {
+pub(crate) fn self_test(chromium: &Path, address: &str) -> Value {
     let dom = browse(chromium, &["--dump-dom"], &format!("{address}#selftest"));
     let marker = "<pre id=\"selftest\">";
     let (_, rest) = dom.split_once(marker).expect("the page has tested itself");

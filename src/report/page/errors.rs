@@ -45,7 +45,7 @@ mod tests {
         let mut surface = TestSurface::default();
         let mut history = SurfaceHistory::new(HistoryLimits::default());
         history.note(&surface.change_to(&[[0, 1, 2]], &positions));
-        history.record(0, |v| surface.position(v), 3, Elements::Points(&[]));
+        history.record(0, |v| surface.position(v), 3, Elements::default());
         // The mean of x over the triangle is 1.
         assert_eq!(triangle_errors(&history, 10.0, &|point| point.x), [26]);
         assert_eq!(triangle_errors(&history, 10.0, &|_| f64::INFINITY), [255]);

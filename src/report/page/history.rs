@@ -29,17 +29,14 @@ impl Default for HistoryLimits {
 }
 
 /// The elements that a surface is made from.
-#[derive(Debug, Clone, Copy)]
-pub enum Elements<'a> {
-    /// Segments and clusters.
-    Lines {
-        /// All segments so far; they never change.
-        segments: &'a [[Point3<f64>; 2]],
-        /// Current clusters.
-        clusters: &'a LineSet,
-    },
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Elements<'a> {
+    /// All segments so far.
+    pub segments: &'a [[Point3<f64>; 2]],
+    /// Current clusters, where there are any.
+    pub clusters: Option<&'a LineSet>,
     /// Current points.
-    Points(&'a [Point3<f64>]),
+    pub points: &'a [Point3<f64>],
 }
 
 /// A surface and its elements over keyframes, stored as changes.
@@ -149,23 +146,17 @@ impl SurfaceHistory {
     }
 
     fn record_elements(&mut self, elements: Elements<'_>) {
-        match elements {
-            Elements::Lines { segments, clusters } => {
-                let ends = |line: &[u32; 2]| -> Option<[Key; 2]> {
-                    let [from, to] = line.map(|end| clusters.points.get(end as usize).map(key));
-                    Some([from?, to?])
-                };
-                let clusters = clusters.lines.iter().filter_map(ends);
-                self.clusters.push(clusters.collect());
-                self.points.push(Vec::new());
-                let known = self.segments.len().min(segments.len());
-                self.segments.extend_from_slice(&segments[known..]);
-            }
-            Elements::Points(points) => {
-                self.clusters.push(Vec::new());
-                self.points.push(points.iter().map(key).collect());
-            }
-        }
+        let clusters = elements.clusters.map(|clusters| {
+            let ends = |line: &[u32; 2]| -> Option<[Key; 2]> {
+                let [from, to] = line.map(|end| clusters.points.get(end as usize).map(key));
+                Some([from?, to?])
+            };
+            clusters.lines.iter().filter_map(ends).collect()
+        });
+        self.clusters.push(clusters.unwrap_or_default());
+        self.points.push(elements.points.iter().map(key).collect());
+        let known = self.segments.len().min(elements.segments.len());
+        self.segments.extend_from_slice(&elements.segments[known..]);
         self.segments_until.push(self.segments.len() as u32);
     }
 

@@ -6,7 +6,11 @@ use proptest::prelude::*;
 use super::{Elements, HistoryLimits, SurfaceHistory};
 use crate::map::test_surface::TestSurface;
 
-const NOTHING: Elements<'static> = Elements::Points(&[]);
+const NOTHING: Elements<'static> = Elements {
+    segments: &[],
+    clusters: None,
+    points: &[],
+};
 
 /// Points on a line, one of them elsewhere.
 fn positions(turn: usize) -> Vec<Point3<f64>> {
