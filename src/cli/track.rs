@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::LiveArgs;
+
 /// Arguments of `track`.
 #[derive(Debug, Args)]
 pub struct TrackArgs {
@@ -38,6 +40,10 @@ pub struct TrackArgs {
     /// Poses as a live system knows them: no frame uses a later one.
     #[arg(long)]
     pub causal: bool,
+
+    /// The page while frames are tracked.
+    #[command(flatten)]
+    pub live: LiveArgs,
 
     /// One JSON object about the run on standard output.
     #[arg(long)]

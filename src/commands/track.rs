@@ -6,8 +6,8 @@ use crate::cli::{TrackArgs, TrackFormat, TrackMode};
 use crate::commands::Outcome;
 use crate::options::Options;
 use crate::run::Verbosity;
-use crate::sinks::{OutputFolder, print_object, write_tracked};
-use crate::tracking::{TrackReport, TrackingMode, open_unposed, track_sequence};
+use crate::sinks::{LiveTracking, OutputFolder, print_object, write_tracked};
+use crate::tracking::{FrameDone, TrackReport, TrackingMode, open_unposed, track_watched};
 use crate::video::{is_video, of_video, unpack};
 use linecarve_sequence::export::TrajectoryFormat;
 use linecarve_sequence::{OpenOptions, Sequence};
@@ -51,7 +51,17 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     }
     let mut output = OutputFolder::create(&args.out)?;
     let noise = Options::default().sensor.relative_noise;
-    let tracked = track_sequence(&sequence, mode, options, noise, verbosity)?;
+    let view = args.live.start(verbosity)?;
+    let mut live = view.map(|view| LiveTracking::new(view, &sequence));
+    let mut watch = |done: &FrameDone<'_>| {
+        if let Some(live) = &mut live {
+            live.update(done);
+        }
+    };
+    let tracked = track_watched(&sequence, mode, options, noise, verbosity, &mut watch)?;
+    if let Some(live) = &mut live {
+        live.finish(&tracked);
+    }
     let mut report = TrackReport::new(&tracked, &sequence, args.causal);
     let formats: Vec<TrajectoryFormat> = args.format.iter().map(|one| (*one).into()).collect();
     write_tracked(&tracked, &sequence, &mut report, &formats, &mut output)?;

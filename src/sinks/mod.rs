@@ -15,6 +15,7 @@ mod simplified;
 mod surface_files;
 mod surface_page;
 mod tracked;
+mod tracked_page;
 
 pub(crate) use empty::{model_left_out, reason_for_nothing};
 pub(crate) use feature_edges::final_mesh_edges;
@@ -39,3 +40,4 @@ pub use simplified::final_mesh;
 pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends};
 pub(crate) use surface_files::SurfaceFiles;
 pub(crate) use tracked::{write_tracked, write_tracked_poses};
+pub(crate) use tracked_page::LiveTracking;

@@ -250,8 +250,28 @@ impl GrowingView {
 
 /// From outside and above; around the path of the camera when there is no surface.
 fn outside_view(mesh: &TriangleMesh, poses: &[Isometry3<f64>], median_depth: f64) -> OutsideView {
-    let view = View::dollhouse(mesh, poses, OUTSIDE_SIZE)
-        .or_else(|| View::dollhouse(&around_path(poses, median_depth), poses, OUTSIDE_SIZE));
+    let view = View::dollhouse(mesh, poses, OUTSIDE_SIZE);
+    outside_of(view, &mesh.positions, poses, median_depth)
+}
+
+/// From outside and above points; around the path of the camera when there are none.
+pub(crate) fn outside_of_points(
+    points: &[Point3<f64>],
+    poses: &[Isometry3<f64>],
+    median_depth: f64,
+) -> OutsideView {
+    let view = View::outside(points, poses, OUTSIDE_SIZE);
+    outside_of(view, points, poses, median_depth)
+}
+
+fn outside_of(
+    view: Option<View>,
+    points: &[Point3<f64>],
+    poses: &[Isometry3<f64>],
+    median_depth: f64,
+) -> OutsideView {
+    let view =
+        view.or_else(|| View::dollhouse(&around_path(poses, median_depth), poses, OUTSIDE_SIZE));
     let view = view.unwrap_or_else(|| View {
         camera: linecarve_lines::camera::Camera::pinhole(500.0, 500.0, 319.5, 239.5)
             .expect("a pinhole camera with positive focal lengths"),
@@ -263,13 +283,13 @@ fn outside_view(mesh: &TriangleMesh, poses: &[Isometry3<f64>], median_depth: f64
     let eye = view.world_from_camera.translation.vector;
     let forward = view.world_from_camera.rotation * Vector3::z();
     // The middle of what is looked at: where the mean of the vertices lies along the view.
-    let places: Vec<Point3<f64>> = if mesh.positions.is_empty() {
+    let places: Vec<Point3<f64>> = if points.is_empty() {
         poses
             .iter()
             .map(|pose| Point3::from(pose.translation.vector))
             .collect()
     } else {
-        mesh.positions.clone()
+        points.to_vec()
     };
     let along: f64 = places
         .iter()

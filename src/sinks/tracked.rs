@@ -11,7 +11,9 @@ use linecarve_sequence::{SIDECAR_FILE, Sequence};
 use nalgebra::{Isometry3, Point3};
 
 use super::output::OutputFolder;
+use super::tracked_page::tracked_page;
 use crate::recording::Recording;
+use crate::report::page::write_page;
 use crate::tracking::{TrackReport, TrackedSequence, poses_file};
 
 /// Size of the picture of the path.
@@ -69,6 +71,10 @@ pub(crate) fn write_tracked(
     }
     if let Some(picture) = path_picture(tracked)? {
         write_png(&output.file("path.png"), &picture)?;
+    }
+    if tracked.poses().next().is_some() {
+        let page = tracked_page(tracked, sequence);
+        write_page(&output.file("report.html"), &page)?;
     }
     let path = output.file("track.json");
     report.files = output.written().to_vec();

@@ -9,4 +9,5 @@ pub(crate) use calibrate::open_unposed;
 pub(crate) use open::open_or_track;
 pub use report::TrackReport;
 pub(crate) use report::poses_file;
+pub(crate) use run::{FrameDone, track_watched};
 pub use run::{TrackError, TrackedSequence, TrackingMode, track_sequence};

@@ -8,11 +8,11 @@ use linecarve_tracking::{
     FrameDetector, FrameFeatures, FramePose, TrackedRecording, Tracker, TrackingOptions,
     TrackingOptionsError,
 };
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, UnitQuaternion};
 use rayon::prelude::*;
 
 use crate::front_end::median_scene_depth;
-use crate::run::{Progress, Verbosity, milliseconds};
+use crate::run::{Progress, StageTimes, Verbosity, milliseconds};
 
 /// Frames whose features are found ahead of tracking, per thread.
 const AHEAD: usize = 4;
@@ -50,6 +50,18 @@ pub(super) struct PrepareTimes {
     pub(super) features: f64,
 }
 
+/// A frame that was just tracked.
+pub(crate) struct FrameDone<'a> {
+    /// Its number.
+    pub(crate) number: usize,
+    /// The tracker, with its map.
+    pub(crate) tracker: &'a Tracker,
+    /// `color_from_tracked`, where the images were rectified.
+    pub(crate) turn: Option<&'a UnitQuaternion<f64>>,
+    /// Durations of this frame; tracking and mapping are `points`.
+    pub(crate) times: StageTimes,
+}
+
 /// A sequence whose frames were tracked.
 #[derive(Debug)]
 pub struct TrackedSequence {
@@ -57,7 +69,7 @@ pub struct TrackedSequence {
     pub recording: TrackedRecording,
     /// Frames whose images cannot be read, with the error, which names the file.
     pub unreadable: Vec<(usize, String)>,
-    pub(super) mode: TrackingMode,
+    pub(crate) mode: TrackingMode,
     pub(super) times: PrepareTimes,
 }
 
@@ -163,6 +175,25 @@ pub fn track_sequence(
     relative_noise: f64,
     verbosity: Verbosity,
 ) -> Result<TrackedSequence, TrackError> {
+    track_watched(
+        sequence,
+        mode,
+        options,
+        relative_noise,
+        verbosity,
+        &mut |_| {},
+    )
+}
+
+/// [`track_sequence`], which tells of each frame as soon as it is tracked.
+pub(crate) fn track_watched(
+    sequence: &Sequence,
+    mode: TrackingMode,
+    options: TrackingOptions,
+    relative_noise: f64,
+    verbosity: Verbosity,
+    watch: &mut dyn FnMut(&FrameDone<'_>),
+) -> Result<TrackedSequence, TrackError> {
     let folder = sequence.folder().display();
     let all: Vec<usize> = (0..sequence.frames().len()).collect();
     let preparation = Preparation {
@@ -190,7 +221,20 @@ pub fn track_sequence(
                     times.load += took.load;
                     times.depth += took.depth;
                     times.features += took.features;
+                    let start = Instant::now();
                     tracker.track(features);
+                    watch(&FrameDone {
+                        number: frame,
+                        tracker: &tracker,
+                        turn: preparation.turn(),
+                        times: StageTimes {
+                            load: took.load,
+                            depth: took.depth,
+                            features: took.features,
+                            points: milliseconds(start.elapsed()),
+                            ..StageTimes::default()
+                        },
+                    });
                 }
                 Err(TrackError::Frame(error)) if error.is_limited_to_frame() => {
                     unreadable.push((frame, error.to_string()));
@@ -211,8 +255,8 @@ pub fn track_sequence(
         )));
     }
     let mut recording = tracker.finish();
-    if let DepthSource::Pair(pair) = preparation.source {
-        recording.turn_camera(pair.color_from_rectified());
+    if let Some(turn) = preparation.turn() {
+        recording.turn_camera(turn);
     }
     Ok(TrackedSequence {
         recording,
@@ -264,6 +308,14 @@ struct Preparation<'a> {
 }
 
 impl Preparation<'_> {
+    /// `color_from_tracked`, where images are rectified.
+    fn turn(&self) -> Option<&UnitQuaternion<f64>> {
+        match &self.source {
+            DepthSource::Pair(pair) => Some(pair.color_from_rectified()),
+            _ => None,
+        }
+    }
+
     fn features(&self, frame: usize) -> Result<(FrameFeatures, PrepareTimes), TrackError> {
         let start = Instant::now();
         if let DepthSource::Pair(pair) = &self.source {

@@ -11,6 +11,7 @@ use crate::program::live_client::LiveClient;
 use crate::program::{small_sequence, text, with_open_holes};
 use crate::report_page::{chromium, self_test};
 use crate::stream::Recording;
+use crate::track::room_without_poses;
 use serde_json::{Value, json};
 
 /// A run with `--live`, ended when dropped.
@@ -278,6 +279,54 @@ fn a_live_page_shows_a_map_without_images() {
     assert_eq!(seen.surface(), surface_of(&out.join("mesh.ply")));
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("4 keyframes, "), "the page tells its size");
+}
+
+#[test]
+fn a_live_page_follows_tracking() {
+    let folder = room_without_poses(20);
+    let out = folder.path().join("out");
+    let input = folder.path();
+    let mut run = LiveRun::start(&["track", text(input), "--out", text(&out)]);
+    let mut seen = LiveClient::default();
+    run.connect().follow(&mut seen, |client| client.has_ended);
+    assert!(run.child.wait().unwrap().success());
+    assert!(seen.has_scene && seen.image.is_some());
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(out.join("track.json")).unwrap()).unwrap();
+    let submap = &report["submaps"][0];
+    assert_eq!(Some(seen.points), submap["points"].as_u64());
+    let mut names = submap["keyframes"].as_array().unwrap().clone();
+    names.sort_by_key(|name| name.as_str().map(str::to_owned));
+    let shown: Vec<Value> = (seen.keyframes.iter())
+        .map(|keyframe| keyframe["name"].clone())
+        .collect();
+    assert_eq!(shown, names);
+    assert!(!seen.rows.is_empty() && seen.rows.len() <= shown.len());
+}
+
+#[test]
+#[ignore = "needs chromium"]
+fn the_page_of_tracking_shows_cameras_and_points() {
+    let folder = room_without_poses(20);
+    let out = folder.path().join("out");
+    let run = LiveRun::start(&["track", text(folder.path()), "--out", text(&out)]);
+    let mut browser = Browser::open(&format!("http://{}/#selftest", run.host));
+    let found = browser.self_test(|found| found["ended"] == true);
+    assert_eq!(found["errors"], json!([]), "{found}");
+    assert_eq!(
+        (&found["image"], &found["plots"]),
+        (&json!(true), &json!(1))
+    );
+    let page = self_test(
+        &chromium(),
+        &format!("file://{}", text(&out.join("report.html"))),
+    );
+    assert_eq!(page["errors"], json!([]), "{page}");
+    let last = page["states"].as_array().unwrap().last().unwrap();
+    // No segments, no clusters: points are all there is.
+    assert_eq!(last["elements"][0], json!([found["elements"][2]]));
+    assert!(found["elements"][2].as_u64().unwrap() > 100, "{found}");
+    assert!(page["drawn_share"].as_f64().unwrap() > 0.01, "{page}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ fn room() -> PathBuf {
 }
 
 /// The sample without its poses.
-fn room_without_poses(frames: usize) -> tempfile::TempDir {
+pub(crate) fn room_without_poses(frames: usize) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for name in ["rgb", "depth"] {
         std::fs::create_dir(folder.path().join(name)).unwrap();

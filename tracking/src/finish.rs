@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion};
 use crate::camera::Measurement;
 use crate::map::{KeyframeId, Map, PointId};
 use crate::records::{FrameRecord, LoopReport, NoPose, PosedFrame, StageTimes};
+use crate::snapshot::points_of;
 use crate::solve::refine_pose;
 use crate::tracker::Tracker;
 
@@ -264,18 +265,9 @@ fn submap_of(map: &Map, submap: u32, frames: usize) -> Submap {
         .keyframes_of(submap)
         .map(|id| map.keyframe(id).frame)
         .collect();
-    let points = (0..map.points.len() as u32)
-        .map(|id| map.point(PointId(id)))
-        .filter(|point| {
-            point.is_alive
-                && point.observations.len() >= 2
-                && map.keyframe(point.observations[0].0).submap == submap
-        })
-        .map(|point| point.position)
-        .collect();
     Submap {
         frames,
         keyframes,
-        points,
+        points: points_of(map, submap),
     }
 }

@@ -15,6 +15,7 @@ mod matching;
 mod options;
 mod places;
 mod records;
+mod snapshot;
 mod solve;
 mod stereo;
 mod submaps;
@@ -24,6 +25,7 @@ pub use finish::{FramePose, Submap, TrackedRecording};
 pub use frame::{FrameDetector, FrameFeatures};
 pub use options::{TrackingOptions, TrackingOptionsError};
 pub use records::{FrameOutcome, LoopReport, NoPose, StageTimes};
+pub use snapshot::MapSnapshot;
 pub use tracker::Tracker;
 
 #[cfg(test)]

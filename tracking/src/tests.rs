@@ -8,6 +8,7 @@ use crate::finish::FramePose;
 use crate::frame::{FrameDetector, FrameFeatures};
 use crate::options::TrackingOptions;
 use crate::records::{FrameOutcome, NoPose};
+use crate::snapshot::MapSnapshot;
 use crate::tracker::Tracker;
 
 const WIDTH: usize = 320;
@@ -92,6 +93,27 @@ fn covered_frames_are_lost_and_the_way_is_found_again() {
             }
         }
     }
+}
+
+#[test]
+fn snapshots_end_with_the_map() {
+    let mut tracker = tracker();
+    tracker.options.looks_ahead = false;
+    assert_eq!(tracker.snapshot(), MapSnapshot::default());
+    for number in 0..20 {
+        tracker.track(frame(0, number));
+        assert!(!tracker.snapshot().keyframes.is_empty());
+    }
+    let last = tracker.snapshot();
+    assert!(last.keyframes.len() >= 2 && last.points.len() > 100);
+    for (frame, pose) in &last.keyframes {
+        let error = pose.translation.x - f64::from(*frame) * STEP_M;
+        assert!(error.abs() < 0.01, "frame {frame}: {error}");
+    }
+    let found = tracker.finish();
+    let frames: Vec<u32> = last.keyframes.iter().map(|(frame, _)| *frame).collect();
+    assert_eq!(found.submaps[0].keyframes, frames);
+    assert_eq!(found.submaps[0].points, last.points);
 }
 
 #[test]

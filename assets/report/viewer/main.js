@@ -206,9 +206,10 @@ class Page {
     find('plots').replaceChildren();
     this.plots = [];
     this.data.surfaces[0].timing = state.timing();
-    this.data.count_plots = [
-      { title: 'triangles of the surface', series: [{ name: 'surface', values: state.triangles() }] },
-    ];
+    const triangles = state.triangles();
+    this.data.count_plots = triangles.some((count) => count > 0)
+      ? [{ title: 'triangles of the surface', series: [{ name: 'surface', values: triangles }] }]
+      : [];
     this.#plot();
   }
 
