@@ -62,6 +62,18 @@ pub struct SynthArgs {
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub exposure_change: f64,
 
+    /// Exposure time as a share of the time between frames: motion blur.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub blur: f64,
+
+    /// Time from the first to the last row as a share of the time between frames; poses are those of the middle row.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub rolling_shutter: f64,
+
+    /// A right camera this many metres to the right, in place of depth: rectified pairs in the layout of KITTI odometry.
+    #[arg(long, value_name = "METRES", conflicts_with_all = ["layout", "noise"])]
+    pub stereo: Option<f64>,
+
     /// Seed of path and errors.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,

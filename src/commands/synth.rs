@@ -36,6 +36,9 @@ pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         },
         color_noise: args.color_noise,
         exposure_change: args.exposure_change,
+        blur: args.blur,
+        rolling_shutter: args.rolling_shutter,
+        stereo_baseline: args.stereo,
         seed: args.seed,
     };
     let progress = Mutex::new(Progress::start("frames", args.frames as usize, verbosity));

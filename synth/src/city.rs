@@ -10,8 +10,9 @@ use linecarve_mesh::files::write_atomically;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::error::SynthError;
+use super::files::make_folder;
 use super::options::SynthOptionsError;
-use super::write::SynthError;
 
 /// Metres from one block to the next, a street included.
 const PERIOD: f64 = 30.0;
@@ -200,8 +201,8 @@ pub fn write_city(options: &CityOptions, folder: &Path) -> Result<u64, SynthErro
             range: "from 1000 to 2e9",
         }));
     }
-    super::write::make_folder(folder)?;
-    super::write::make_folder(&folder.join("sparse"))?;
+    make_folder(folder)?;
+    make_folder(&folder.join("sparse"))?;
     let city = City::new(options.points);
     write_atomically(&folder.join("sparse/cameras.txt"), |file| {
         writeln!(file, "1 PINHOLE 4000 3000 2500 2500 2000 1500")

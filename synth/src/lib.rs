@@ -1,6 +1,8 @@
 #![doc = include_str!("../README.md")]
 
 mod city;
+mod error;
+mod files;
 mod ground_truth;
 mod lighting;
 mod noise;
@@ -14,12 +16,13 @@ mod trajectory;
 mod write;
 
 pub use city::{CityOptions, write_city};
+pub use error::SynthError;
 pub use options::{
     ColorFormat, DepthNoise, SceneKind, SequenceLayout, SynthOptions, SynthOptionsError,
 };
 pub use photo::{FrameRenderer, RenderedFrame};
 pub use scene::Scene;
-pub use write::{SynthError, SynthSummary, write_sequence};
+pub use write::{SynthSummary, write_sequence};
 
 #[cfg(test)]
 mod tests;

@@ -110,6 +110,14 @@ pub struct SynthOptions {
     pub color_noise: f64,
     /// Largest relative change of the exposure along the path, 0 to 0.9.
     pub exposure_change: f64,
+    /// Exposure time as a share of the time between frames, 0 to 1: motion blur. Poses are those of its middle.
+    pub blur: f64,
+    /// Time from the first to the last row as a share of the time between frames, 0 to 1: a rolling shutter, of depth as well. Poses are
+    /// those of the middle row.
+    pub rolling_shutter: f64,
+    /// Distance of a right camera in metres, above 0 and at most 10: rectified pairs in the layout of KITTI odometry, without depth;
+    /// `layout` and `noise` are not used then.
+    pub stereo_baseline: Option<f64>,
     /// Seed of the path's unsteadiness and of all noise.
     pub seed: u64,
 }
@@ -127,6 +135,9 @@ impl Default for SynthOptions {
             noise: DepthNoise::Exact,
             color_noise: 0.0,
             exposure_change: 0.0,
+            blur: 0.0,
+            rolling_shutter: 0.0,
+            stereo_baseline: None,
             seed: 1,
         }
     }
@@ -208,6 +219,25 @@ impl SynthOptions {
                 (0.0..=0.9).contains(&self.exposure_change),
                 "0 to 0.9",
             ),
+            (
+                "blur",
+                self.blur,
+                (0.0..=1.0).contains(&self.blur),
+                "0 to 1",
+            ),
+            (
+                "rolling shutter",
+                self.rolling_shutter,
+                (0.0..=1.0).contains(&self.rolling_shutter),
+                "0 to 1",
+            ),
+            (
+                "stereo baseline",
+                self.stereo_baseline.unwrap_or(1.0),
+                self.stereo_baseline
+                    .is_none_or(|baseline| baseline > 0.0 && baseline <= 10.0),
+                "above 0 and at most 10",
+            ),
         ];
         if let Some((name, value, _, range)) = checks.into_iter().find(|(_, _, valid, _)| !valid) {
             return Err(SynthOptionsError::Range { name, value, range });
@@ -263,6 +293,14 @@ impl SynthOptions {
             self.exposure_change != default.exposure_change,
             format!("--exposure-change {:?}", self.exposure_change),
         );
+        add(self.blur != default.blur, format!("--blur {:?}", self.blur));
+        add(
+            self.rolling_shutter != default.rolling_shutter,
+            format!("--rolling-shutter {:?}", self.rolling_shutter),
+        );
+        if let Some(baseline) = self.stereo_baseline {
+            add(true, format!("--stereo {baseline:?}"));
+        }
         line + " --out DIR"
     }
 

@@ -61,9 +61,18 @@ impl<'a> FrameRenderer<'a> {
 
     /// Renders the frame of a camera at `world_from_camera`.
     pub fn render(&self, world_from_camera: &Isometry3<f64>) -> RenderedFrame {
-        let eye = Point3::from(world_from_camera.translation.vector);
-        let direction = |x: f64, y: f64| {
-            world_from_camera.rotation
+        self.render_rows(&|_| *world_from_camera)
+    }
+
+    /// Renders a frame whose camera is at `world_from_camera(y)` when row `y` is exposed: that of a rolling shutter.
+    pub fn render_rows(
+        &self,
+        world_from_camera: &dyn Fn(usize) -> Isometry3<f64>,
+    ) -> RenderedFrame {
+        let poses: Vec<Isometry3<f64>> = (0..self.height).map(world_from_camera).collect();
+        let eye = |row: usize| Point3::from(poses[row].translation.vector);
+        let direction = |row: usize, x: f64, y: f64| {
+            poses[row].rotation
                 * Vector3::new(
                     (x - self.camera.cx()) / self.camera.fx(),
                     (y - self.camera.cy()) / self.camera.fy(),
@@ -73,8 +82,9 @@ impl<'a> FrameRenderer<'a> {
         let mut depth = Vec::with_capacity(self.width * self.height);
         let mut seen = Vec::with_capacity(self.width * self.height);
         for y in 0..self.height {
+            let eye = eye(y);
             for x in 0..self.width {
-                let ray = direction(x as f64, y as f64);
+                let ray = direction(y, x as f64, y as f64);
                 let hit = self.surface_on(&eye, &ray);
                 depth.push(hit.map(|(_, distance)| distance));
                 seen.push(hit.map(|(surface, _)| surface));
@@ -82,6 +92,7 @@ impl<'a> FrameRenderer<'a> {
         }
         let mut light = Vec::with_capacity(self.width * self.height);
         for y in 0..self.height {
+            let eye = eye(y);
             for x in 0..self.width {
                 // Where all neighbours show one surface, its samples need no search.
                 let surface = self.common_surface(&seen, x, y);
@@ -89,6 +100,7 @@ impl<'a> FrameRenderer<'a> {
                 for step in 0..SUPERSAMPLING * SUPERSAMPLING {
                     let offset = |k: usize| (k as f64 + 0.5) / SUPERSAMPLING as f64 - 0.5;
                     let ray = direction(
+                        y,
                         x as f64 + offset(step % SUPERSAMPLING),
                         y as f64 + offset(step / SUPERSAMPLING),
                     );

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::options::SceneKind;
 use super::surface::Surface;
 use super::texture::Texture;
-use super::trajectory::Path;
+use super::trajectory::{Motion, Path};
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::srgb::encoded_color;
 
@@ -74,7 +74,14 @@ impl Scene {
 
     /// Camera poses `world_from_camera` of `frames` frames along the path of the scene.
     pub fn poses(&self, frames: u32, seed: u64) -> Vec<Isometry3<f64>> {
-        self.path.poses(frames, seed)
+        let motion = self.motion(frames, seed);
+        (0..frames)
+            .map(|frame| motion.at(f64::from(frame)))
+            .collect()
+    }
+
+    pub(super) fn motion(&self, frames: u32, seed: u64) -> Motion {
+        self.path.motion(frames, seed)
     }
 
     /// Adds a rectangle with edges `right` and `up`; see [`Surface::new`].

@@ -1,3 +1,5 @@
+mod cameras;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -376,6 +378,16 @@ fn bad_options_and_folders_are_refused() {
         ..good.clone()
     };
     assert!(refused(&quality).contains("quality"));
+    let blur = SynthOptions {
+        blur: 1.5,
+        ..good.clone()
+    };
+    assert!(refused(&blur).contains("blur = 1.5"));
+    let stereo = SynthOptions {
+        stereo_baseline: Some(0.0),
+        ..good.clone()
+    };
+    assert!(refused(&stereo).contains("stereo baseline = 0"));
     assert!(
         contents(folder.path()).is_empty(),
         "nothing is written before the options are checked"
@@ -403,6 +415,16 @@ fn the_command_line_names_what_differs_from_the_defaults() {
         options.command_line(),
         "linecarve synth boxes --frames 3 --seed 1 --size 96x72 --layout 7-scenes --noise kinect \
          --noise-strength 2.0 --out DIR"
+    );
+    let options = SynthOptions {
+        blur: 0.5,
+        rolling_shutter: 0.25,
+        stereo_baseline: Some(0.1),
+        ..small(SceneKind::Room)
+    };
+    assert_eq!(
+        options.command_line(),
+        "linecarve synth room --frames 3 --seed 1 --size 96x72 --blur 0.5 --rolling-shutter 0.25 --stereo 0.1 --out DIR"
     );
 }
 

@@ -24,41 +24,58 @@ pub(super) struct Path {
     pub(super) closed: bool,
 }
 
+/// The motion of a camera along a path, with the sway of a hand.
+#[derive(Debug, Clone)]
+pub(super) struct Motion {
+    path: Path,
+    /// Amplitude and phase of each swing of each of six degrees of freedom.
+    swings: Vec<[f64; 2]>,
+    /// Frames from the start of the path to its end.
+    length: f64,
+}
+
 impl Path {
-    /// `frames` poses (`world_from_camera`), equally spaced in the parameter.
-    pub(super) fn poses(&self, frames: u32, seed: u64) -> Vec<Isometry3<f64>> {
+    /// The motion in which this many frames, equally spaced in the parameter, reach along the path.
+    pub(super) fn motion(&self, frames: u32, seed: u64) -> Motion {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         // Each of six degrees of freedom has a whole number of periods: a closed path stays closed.
-        let swings: Vec<[f64; 2]> = (0..6 * SWINGS.len())
+        let swings = (0..6 * SWINGS.len())
             .map(|_| [random.random::<f64>(), random.random::<f64>()])
             .collect();
-        let sway = |freedom: usize, t: f64| -> f64 {
-            SWINGS
-                .iter()
-                .zip(&swings[freedom * SWINGS.len()..])
-                .map(|(swing, [amplitude, phase])| {
-                    amplitude * (std::f64::consts::TAU * (swing * t + phase)).sin() / swing.sqrt()
-                })
-                .sum()
-        };
         let last = if self.closed {
             frames
         } else {
             frames.saturating_sub(1)
         };
-        (0..frames)
-            .map(|frame| {
-                let t = f64::from(frame) / f64::from(last.max(1));
-                let eye = Point3::from((self.eye)(t));
-                let target = Point3::from((self.target)(t));
-                let steady = upright_rotation(&(target - eye), &Vector3::z());
-                let shift = Vector3::from_fn(|axis, _| UNSTEADY_M * sway(axis, t));
-                let turn = Vector3::from_fn(|axis, _| UNSTEADY_RAD * sway(3 + axis, t));
-                Isometry3::from_parts(
-                    Translation3::from(eye.coords + shift),
-                    steady * UnitQuaternion::from_scaled_axis(turn),
-                )
-            })
-            .collect()
+        Motion {
+            path: *self,
+            swings,
+            length: f64::from(last.max(1)),
+        }
+    }
+}
+
+impl Motion {
+    /// The pose `world_from_camera` at the time of a frame, or between frames.
+    pub(super) fn at(&self, frame: f64) -> Isometry3<f64> {
+        let t = frame / self.length;
+        let sway = |freedom: usize| -> f64 {
+            SWINGS
+                .iter()
+                .zip(&self.swings[freedom * SWINGS.len()..])
+                .map(|(swing, [amplitude, phase])| {
+                    amplitude * (std::f64::consts::TAU * (swing * t + phase)).sin() / swing.sqrt()
+                })
+                .sum()
+        };
+        let eye = Point3::from((self.path.eye)(t));
+        let target = Point3::from((self.path.target)(t));
+        let steady = upright_rotation(&(target - eye), &Vector3::z());
+        let shift = Vector3::from_fn(|axis, _| UNSTEADY_M * sway(axis));
+        let turn = Vector3::from_fn(|axis, _| UNSTEADY_RAD * sway(3 + axis));
+        Isometry3::from_parts(
+            Translation3::from(eye.coords + shift),
+            steady * UnitQuaternion::from_scaled_axis(turn),
+        )
     }
 }

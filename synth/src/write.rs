@@ -1,28 +1,29 @@
 //! Writing of a rendered sequence.
 
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{DynamicImage, ImageBuffer, ImageError, Luma, RgbImage};
+use image::{DynamicImage, ImageBuffer, Luma, RgbImage};
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
+use super::error::SynthError;
+use super::files::{Files, matrix_text, write_text};
 use super::ground_truth::observed;
 use super::noise::sensor_depth;
-use super::options::{ColorFormat, DepthNoise, SequenceLayout, SynthOptions, SynthOptionsError};
-use super::photo::FrameRenderer;
+use super::options::{ColorFormat, DepthNoise, SequenceLayout, SynthOptions};
+use super::photo::{FrameRenderer, RenderedFrame};
 use super::scene::Scene;
-use linecarve_mesh::files::{WriteError, write_atomically};
-use linecarve_mesh::{MeshFileError, write_mesh_ply};
+use super::trajectory::Motion;
+use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::write_mesh_ply;
 
-/// Time between two frames.
-const FRAME_INTERVAL_US: u64 = 100_000;
-/// Time of the first frame.
-const START_US: u64 = 1_000_000;
+/// Views of the scene that are averaged in a blurred image.
+const BLUR_VIEWS: u32 = 8;
 
 /// Summary of a written sequence.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -35,42 +36,6 @@ pub struct SynthSummary {
     pub observed_share: f64,
     /// Share of the pixels with depth.
     pub depth_share: f64,
-}
-
-/// Why a sequence could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum SynthError {
-    /// An option is out of its range.
-    #[error(transparent)]
-    Options(#[from] SynthOptionsError),
-    /// The folder is not empty.
-    #[error("{} is not empty: name a new folder or empty this one, so that no frame of another sequence remains in it", folder.display())]
-    NotEmpty {
-        /// The folder.
-        folder: PathBuf,
-    },
-    /// The folder cannot be made or read.
-    #[error("cannot use folder {}: {source} (check that it may be written)", folder.display())]
-    Folder {
-        /// The folder.
-        folder: PathBuf,
-        /// Error of the operating system.
-        source: std::io::Error,
-    },
-    /// An image could not be encoded.
-    #[error("cannot encode {}: {source}", path.display())]
-    Encode {
-        /// The file.
-        path: PathBuf,
-        /// Error of the encoder.
-        source: ImageError,
-    },
-    /// A file could not be written.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    /// A mesh could not be written.
-    #[error(transparent)]
-    Mesh(#[from] MeshFileError),
 }
 
 /// Renders a scene to `out`, which must be empty or not exist: images, poses, calibration in the layout of the options;
@@ -103,6 +68,7 @@ pub(super) fn write_selected(
     let scene = Scene::new(options.scene);
     let camera = options.camera()?;
     let poses = scene.poses(options.frames, options.seed);
+    let motion = scene.motion(options.frames, options.seed);
     let photographer = FrameRenderer::new(&scene, &camera, options.width, options.height);
 
     let done = AtomicUsize::new(0);
@@ -111,7 +77,13 @@ pub(super) fn write_selected(
         .enumerate()
         .filter(|(frame, _)| is_selected(*frame))
         .map(|(frame, pose)| {
-            let valid = write_frame(&photographer, options, &files, frame, pose)?;
+            let mut valid = 0;
+            match options.stereo_baseline {
+                Some(baseline) => {
+                    write_pair(&photographer, options, &files, &motion, frame, baseline)?;
+                }
+                None => valid = write_frame(&photographer, options, &files, &motion, frame, pose)?,
+            }
             progress(done.fetch_add(1, Ordering::Relaxed) + 1, poses.len());
             Ok(valid)
         })
@@ -137,19 +109,87 @@ pub(super) fn write_selected(
     Ok(summary)
 }
 
+/// A frame as the shutter lets it through, of a camera at `left_from_camera`.
+fn expose(
+    photographer: &FrameRenderer<'_>,
+    options: &SynthOptions,
+    motion: &Motion,
+    frame: usize,
+    left_from_camera: Option<&Isometry3<f64>>,
+) -> RenderedFrame {
+    let height = f64::from(options.height);
+    let view = |time: f64| {
+        photographer.render_rows(&|row| {
+            let readout = options.rolling_shutter * ((row as f64 + 0.5) / height - 0.5);
+            let left = motion.at(time + readout);
+            left_from_camera.map_or(left, |camera| left * camera)
+        })
+    };
+    let middle = frame as f64;
+    let mut photo = view(middle);
+    if options.blur > 0.0 {
+        photo.light.fill([0.0; 3]);
+        for number in 0..BLUR_VIEWS {
+            let share = (f64::from(number) + 0.5) / f64::from(BLUR_VIEWS) - 0.5;
+            let part = view(middle + options.blur * share);
+            for (sum, light) in photo.light.iter_mut().zip(part.light) {
+                for (channel, one) in sum.iter_mut().zip(light) {
+                    *channel += one / BLUR_VIEWS as f32;
+                }
+            }
+        }
+    }
+    photo
+}
+
+/// Exposure of a frame.
+fn gain(options: &SynthOptions, frame: usize) -> f64 {
+    let along = frame as f64 / f64::from(options.frames);
+    1.0 + options.exposure_change * (std::f64::consts::TAU * 2.0 * along).sin()
+}
+
+/// Writes the images of both cameras of one frame.
+fn write_pair(
+    photographer: &FrameRenderer<'_>,
+    options: &SynthOptions,
+    files: &Files<'_>,
+    motion: &Motion,
+    frame: usize,
+    baseline: f64,
+) -> Result<(), SynthError> {
+    let right_camera = Isometry3::translation(baseline, 0.0, 0.0);
+    let cameras = [
+        (files.color(frame), None),
+        (files.right(frame), Some(&right_camera)),
+    ];
+    for (side, (path, camera)) in cameras.into_iter().enumerate() {
+        let photo = expose(photographer, options, motion, frame, camera);
+        // Noise of its own for each camera.
+        let seed = options.seed.wrapping_add(side as u64);
+        let gain = gain(options, frame);
+        let color = photo.color_image(gain, options.color_noise, seed, frame as u64);
+        write_color(&path, &color, options.color)?;
+    }
+    Ok(())
+}
+
 /// Writes the images of one frame; returns how many pixels have depth.
 fn write_frame(
     photographer: &FrameRenderer<'_>,
     options: &SynthOptions,
     files: &Files<'_>,
+    motion: &Motion,
     frame: usize,
     pose: &Isometry3<f64>,
 ) -> Result<u64, SynthError> {
-    let photo = photographer.render(pose);
+    let photo = expose(photographer, options, motion, frame, None);
     let number = frame as u64;
-    let along = frame as f64 / f64::from(options.frames);
-    let gain = 1.0 + options.exposure_change * (std::f64::consts::TAU * 2.0 * along).sin();
-    let color = photo.color_image(gain, options.color_noise, options.seed, number);
+    let color = photo.color_image(
+        gain(options, frame),
+        options.color_noise,
+        options.seed,
+        number,
+    );
     write_color(&files.color(frame), &color, options.color)?;
 
     let measured = match options.noise {
@@ -208,166 +248,41 @@ fn write_png(path: &Path, picture: &DynamicImage) -> Result<(), SynthError> {
     })?)
 }
 
-fn write_text(path: &Path, text: &str) -> Result<(), SynthError> {
-    Ok(write_atomically(path, |out| {
-        out.write_all(text.as_bytes())
-    })?)
-}
-
-/// File paths by layout.
-struct Files<'a> {
-    out: &'a Path,
-    layout: SequenceLayout,
-    extension: &'static str,
-}
-
-impl<'a> Files<'a> {
-    fn new(options: &SynthOptions, out: &'a Path) -> Self {
-        Self {
-            out,
-            layout: options.layout,
-            extension: match options.color {
-                ColorFormat::Png => "png",
-                ColorFormat::Jpeg { .. } => "jpg",
-            },
-        }
-    }
-
-    fn folders(&self) -> &'static [&'static str] {
-        match self.layout {
-            SequenceLayout::Tum => &["rgb", "depth"],
-            SequenceLayout::SevenScenes => &[],
-            SequenceLayout::Open3d => &["image", "depth"],
-        }
-    }
-
-    fn make_folders(&self) -> Result<(), SynthError> {
-        let failed = |folder: &Path| {
-            let folder = folder.to_owned();
-            |source| SynthError::Folder { folder, source }
-        };
-        make_folder(self.out)?;
-        for name in self.folders() {
-            let folder = self.out.join(name);
-            std::fs::create_dir(&folder).map_err(failed(&folder))?;
-        }
-        Ok(())
-    }
-
-    /// A file of a frame in the layout of 7-Scenes.
-    fn name(&self, frame: usize, ending: &str) -> PathBuf {
-        self.out.join(format!("frame-{frame:06}.{ending}"))
-    }
-
-    fn color(&self, frame: usize) -> PathBuf {
-        let extension = self.extension;
-        match self.layout {
-            SequenceLayout::Tum => self.out.join(format!("rgb/{}.{extension}", stamp(frame))),
-            SequenceLayout::SevenScenes => self.name(frame, &format!("color.{extension}")),
-            SequenceLayout::Open3d => self.out.join(format!("image/{frame:05}.{extension}")),
-        }
-    }
-
-    fn depth(&self, frame: usize) -> PathBuf {
-        match self.layout {
-            SequenceLayout::Tum => self.out.join(format!("depth/{}.png", stamp(frame))),
-            SequenceLayout::SevenScenes => self.name(frame, "depth.png"),
-            SequenceLayout::Open3d => self.out.join(format!("depth/{frame:05}.png")),
-        }
-    }
-
-    /// Lists of images and poses, and the calibration.
-    fn write_lists(&self, poses: &[Isometry3<f64>], camera: &Camera) -> Result<(), SynthError> {
-        match self.layout {
-            SequenceLayout::Tum => {
-                let list = |folder: &str, extension: &str| {
-                    let mut text = String::from("# timestamp filename\n");
-                    for frame in 0..poses.len() {
-                        let stamp = stamp(frame);
-                        text += &format!("{stamp} {folder}/{stamp}.{extension}\n");
-                    }
-                    text
-                };
-                write_text(&self.out.join("rgb.txt"), &list("rgb", self.extension))?;
-                write_text(&self.out.join("depth.txt"), &list("depth", "png"))?;
-                let mut text = String::from("# timestamp tx ty tz qx qy qz qw\n");
-                for (frame, pose) in poses.iter().enumerate() {
-                    let (t, q) = (pose.translation.vector, pose.rotation.coords);
-                    text += &stamp(frame);
-                    for value in [t.x, t.y, t.z, q.x, q.y, q.z, q.w] {
-                        text += &format!(" {value:.10}");
-                    }
-                    text.push('\n');
-                }
-                write_text(&self.out.join("groundtruth.txt"), &text)?;
-            }
-            SequenceLayout::SevenScenes => {
-                let text = format!(
-                    "{} 0 {}\n0 {} {}\n0 0 1\n",
-                    camera.fx(),
-                    camera.cx(),
-                    camera.fy(),
-                    camera.cy()
-                );
-                write_text(&self.out.join("camera-intrinsics.txt"), &text)?;
-            }
-            SequenceLayout::Open3d => {
-                let mut text = String::new();
-                for (frame, pose) in poses.iter().enumerate() {
-                    text += &format!("{frame} {frame} {}\n{}", frame + 1, matrix_text(pose));
-                }
-                write_text(&self.out.join("trajectory.log"), &text)?;
-            }
-        }
-        let scale = self.layout.depth_scale();
-        let text = format!(
-            "[color]\nmodel = \"pinhole\"\nfx = {:?}\nfy = {:?}\ncx = {:?}\ncy = {:?}\n\n[depth]\nscale = {scale:?}\n",
-            camera.fx(),
-            camera.fy(),
-            camera.cx(),
-            camera.cy()
-        );
-        write_text(&self.out.join("linecarve.toml"), &text)
-    }
-}
-
-/// Time stamp of a frame in seconds.
-fn stamp(frame: usize) -> String {
-    let us = START_US + FRAME_INTERVAL_US * frame as u64;
-    format!("{}.{:06}", us / 1_000_000, us % 1_000_000)
-}
-
-/// The 4x4 matrix of a pose, row by row.
-fn matrix_text(pose: &Isometry3<f64>) -> String {
-    let matrix = pose.to_homogeneous();
-    let mut text = String::new();
-    for row in matrix.row_iter() {
-        let values: Vec<String> = row.iter().map(|value| format!("{value:.12}")).collect();
-        text += &values.join(" ");
-        text.push('\n');
-    }
-    text
-}
-
 fn readme(
     options: &SynthOptions,
     scene: &Scene,
     camera: &Camera,
     summary: &SynthSummary,
 ) -> String {
-    let depth = match options.noise {
+    let measured = match options.noise {
         DepthNoise::Exact => "exact, through the centre of each pixel".to_owned(),
         DepthNoise::Kinect { strength } => {
             format!("with the noise of a structured-light sensor, strength {strength}")
         }
     };
+    let depth = match options.stereo_baseline {
+        Some(baseline) => {
+            format!("- The right camera is {baseline:?} m to the right; there is no depth.")
+        }
+        None => format!(
+            "- Depth is {measured}, {scale} raw units a metre, registered to colour; 0 is unknown.",
+            scale = options.layout.depth_scale()
+        ),
+    };
+    let mut shutter = String::new();
+    if options.blur > 0.0 || options.rolling_shutter > 0.0 {
+        shutter = format!(
+            "- Exposure takes {:?} of the time between frames, the readout of the rows {:?}; poses are of the middle of both.\n",
+            options.blur, options.rolling_shutter
+        );
+    }
     format!(
         "# {title}\n\n\
          A rendered sequence. It was made, and can be made again byte for byte, by\n\n    \
          {command}\n\n\
          - {frames} frames of {width} x {height} pixels, pinhole camera with focal length {focal} px.\n\
          - Poses are exact: metres, world from camera, the world with z up, the camera with x right, y down, z forward.\n\
-         - Depth is {depth}, {scale} raw units a metre, registered to colour; 0 is unknown.\n\
+         {shutter}{depth}\n\
          - `ground-truth.ply` is the whole surface: {triangles} triangles that face free space.\n\
          - `ground-truth-observed.ply` is what at least one frame sees of it: {share:.1} % of its area.\n",
         title = scene.title,
@@ -376,24 +291,7 @@ fn readme(
         width = options.width,
         height = options.height,
         focal = camera.fx(),
-        scale = options.layout.depth_scale(),
         triangles = summary.triangles,
         share = 100.0 * summary.observed_share,
     )
-}
-
-/// Makes a folder, which must be empty if it is there.
-pub(super) fn make_folder(folder: &Path) -> Result<(), SynthError> {
-    let failed = |source| SynthError::Folder {
-        folder: folder.to_owned(),
-        source,
-    };
-    std::fs::create_dir_all(folder).map_err(failed)?;
-    let mut entries = std::fs::read_dir(folder).map_err(failed)?;
-    match entries.next() {
-        Some(_) => Err(SynthError::NotEmpty {
-            folder: folder.to_owned(),
-        }),
-        None => Ok(()),
-    }
 }
