@@ -130,6 +130,9 @@ fn describe(report: &TrackReport, verbosity: Verbosity) {
         report.loops.iter().filter(|one| one.is_closed).count(),
         report.loops.iter().filter(|one| !one.is_closed).count(),
     );
+    for warning in &report.warnings {
+        eprintln!("warning: {warning}");
+    }
     for submap in report.submaps.iter().skip(1) {
         eprintln!(
             "warning: {} frames from {} to {} are in a sub-map of their own, in other coordinates: {}",

@@ -1,6 +1,7 @@
 //! Poses for recordings that have none: images through `linecarve-tracking`.
 
 mod calibrate;
+mod contradiction;
 mod open;
 mod report;
 mod run;

@@ -4,6 +4,7 @@ use linecarve_sequence::{Sequence, StereoPair};
 use linecarve_tracking::{FramePose, LoopReport, NoPose};
 use serde::Serialize;
 
+use super::contradiction::contradiction;
 use super::run::{TrackedSequence, TrackingMode};
 
 /// Contents of `track.json`.
@@ -33,6 +34,8 @@ pub struct TrackReport {
     pub submaps: Vec<SubmapReport>,
     /// Loops that were closed or refused.
     pub loops: Vec<LoopReport>,
+    /// What contradicts the poses.
+    pub warnings: Vec<String>,
     /// Durations in milliseconds.
     pub milliseconds: Milliseconds,
     /// Frames without a pose.
@@ -163,6 +166,7 @@ impl TrackReport {
             keyframes: submaps.first().map_or(0, |submap| submap.keyframes.len()),
             submaps,
             loops: recording.loops.clone(),
+            warnings: Vec::from_iter(contradiction(&recording.loops, sequence)),
             milliseconds: Milliseconds {
                 load: mean(tracked.times.load),
                 depth: mean(tracked.times.depth),
