@@ -98,6 +98,32 @@ pub(super) fn fast_corners(image: &GrayImage, threshold: u8, border: usize) -> V
     corners
 }
 
+/// The corners whose response no neighbour exceeds; of equal neighbours, the first. `corners` must be sorted by rows, then by
+/// columns, and keep one pixel from the edge of an image of this width.
+pub(super) fn local_maxima(corners: Vec<FastCorner>, width: usize) -> Vec<FastCorner> {
+    let Some(last) = corners.last() else {
+        return corners;
+    };
+    let mut responses = vec![0.0_f32; (last.row + 2) * width];
+    for corner in &corners {
+        responses[corner.row * width + corner.column] = corner.response;
+    }
+    corners
+        .into_iter()
+        .filter(|corner| {
+            let at = corner.row * width + corner.column;
+            let before = [at - width - 1, at - width, at - width + 1, at - 1];
+            let after = [at + 1, at + width - 1, at + width, at + width + 1];
+            before
+                .iter()
+                .all(|&other| responses[other] < corner.response)
+                && after
+                    .iter()
+                    .all(|&other| responses[other] <= corner.response)
+        })
+        .collect()
+}
+
 /// The `most` corners with the largest responses, in descending order.
 pub(super) fn strongest(mut corners: Vec<FastCorner>, most: usize) -> Vec<FastCorner> {
     let descending = |a: &FastCorner, b: &FastCorner| b.response.total_cmp(&a.response);
@@ -240,5 +266,25 @@ mod tests {
         for (width, height) in [(1, 1), (38, 200), (200, 38), (18, 18)] {
             assert!(fast_corners(&squares(width, height), 5, MIN_BORDER_PX).is_empty());
         }
+    }
+
+    #[test]
+    fn of_neighbouring_corners_the_strongest_stays() {
+        let corner = |row, column, response| FastCorner {
+            row,
+            column,
+            response,
+        };
+        let corners = vec![
+            corner(3, 4, 0.2),
+            corner(3, 5, 0.3),
+            corner(3, 9, 0.3),
+            corner(3, 10, 0.3),
+            corner(4, 4, 0.1),
+            corner(5, 9, 0.1),
+        ];
+        let left = [corners[1], corners[2], corners[5]];
+        assert_eq!(local_maxima(corners, 12), left);
+        assert_eq!(local_maxima(Vec::new(), 12), []);
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::describe::{REACH_PX, describe, direction};
 use super::descriptor::Descriptor;
-use super::fast::{FastCorner, fast_corners, strongest};
+use super::fast::{FastCorner, fast_corners, local_maxima, strongest};
 use super::options::MapPointOptions;
 use super::pyramid::{resize, smooth};
 use super::spread::{Corner, spread};
@@ -71,12 +71,25 @@ struct LevelFeatures {
 #[derive(Debug, Clone, Copy)]
 pub struct FeatureDetector {
     options: MapPointOptions,
+    has_only_maxima: bool,
 }
 
 impl FeatureDetector {
     /// A detector with these options.
     pub fn new(options: MapPointOptions) -> Self {
-        Self { options }
+        Self {
+            options,
+            has_only_maxima: false,
+        }
+    }
+
+    /// Leaves out corners beside a stronger one. There are fewer features where an image has few corners, and no two of one corner,
+    /// which could be taken for each other.
+    pub fn with_only_maxima(self) -> Self {
+        Self {
+            has_only_maxima: true,
+            ..self
+        }
     }
 
     /// The features of an image.
@@ -174,9 +187,9 @@ impl FeatureDetector {
     /// Corners of a level, the strongest first: at most twenty times as many as wanted.
     fn corners(&self, level: &GrayImage, wanted: usize) -> Vec<Corner> {
         let threshold = self.options.corner_threshold;
-        let mut corners = fast_corners(level, threshold, REACH_PX);
+        let mut corners = self.fast_corners(level, threshold);
         if corners.len() < MIN_CORNERS {
-            for weaker in fast_corners(level, lower_threshold(threshold), REACH_PX) {
+            for weaker in self.fast_corners(level, lower_threshold(threshold)) {
                 let is_near = |other: &FastCorner| {
                     other.row.abs_diff(weaker.row) <= WEAK_CORNER_GAP_PX
                         && other.column.abs_diff(weaker.column) <= WEAK_CORNER_GAP_PX
@@ -194,6 +207,14 @@ impl FeatureDetector {
                 row: corner.row as u32,
             })
             .collect()
+    }
+
+    fn fast_corners(&self, level: &GrayImage, threshold: u8) -> Vec<FastCorner> {
+        let corners = fast_corners(level, threshold, REACH_PX);
+        match self.has_only_maxima {
+            true => local_maxima(corners, level.width()),
+            false => corners,
+        }
     }
 
     /// Number of levels with room for a patch.

@@ -40,7 +40,7 @@ impl FrameDetector {
     /// A detector with the options of tracking.
     pub fn new(options: &TrackingOptions) -> Self {
         Self {
-            detector: FeatureDetector::new(options.feature_options()),
+            detector: FeatureDetector::new(options.feature_options()).with_only_maxima(),
             feature_sigma_px: options.feature_sigma_px,
         }
     }

@@ -163,8 +163,13 @@ fn relief(number: usize) -> FrameFeatures {
         let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         (mixed >> 56) as u8
     };
+    // A lens blurs: each sample is the mean of three by three.
+    let blurred = |x: usize, y: usize| {
+        let around = (0..9).map(|at| u32::from(grey(x + at % 3, y + at / 3)));
+        (around.sum::<u32>() / 9) as u8
+    };
     let samples = (0..WIDTH * HEIGHT)
-        .map(|i| grey(i % WIDTH, i / WIDTH))
+        .map(|i| blurred(i % WIDTH, i / WIDTH))
         .collect();
     let image = GrayImage::new(WIDTH, HEIGHT, samples).unwrap();
     FrameDetector::new(&TrackingOptions::monocular()).detect(&image, None)
@@ -193,7 +198,7 @@ fn one_camera_finds_its_path_up_to_scale() {
     for (number, position) in path.iter().enumerate() {
         let expected = path[0] + whole * (number as f64 / 15.0);
         let error = (position - expected).norm() / whole.norm();
-        assert!(error < 0.03, "frame {number}: {error}");
+        assert!(error < 0.06, "frame {number}: {error}");
     }
 }
 
