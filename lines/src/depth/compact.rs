@@ -1,0 +1,230 @@
+//! Depth of a keyframe as its camera measured it, in two bytes a pixel.
+//!
+//! Depth registered to the colour image and planes fitted to it lack what lies beside outlines: one camera sees past them where the other does
+//! not, and no plane fits there. A surface up to its outlines needs the pixels themselves.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::DepthSensor;
+use crate::camera::Camera;
+use crate::image::Plane;
+
+/// Longest side of the stored image; larger images are thinned.
+const LONGEST_SIDE: usize = 400;
+/// Bits of a 32-bit number that a code leaves out. The others give a relative precision of 2^-13 over 16 octaves.
+const OMITTED_BITS: u32 = 11;
+/// The code of the largest depth.
+const LARGEST_CODE: u32 = 65_535;
+
+/// A depth image with its camera.
+///
+/// Depths are rounded to a share of 2^-13 (0.24 mm at 2 m, so 0.07 mm as a standard deviation). Depths below the largest one by
+/// more than a factor of 65 000 are unknown.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct CompactDepth {
+    /// Focal lengths and principal point of the thinned image, in pixels.
+    focal_px: [f64; 2],
+    center_px: [f64; 2],
+    /// `point_in_color = color_from_depth * point_in_depth`.
+    color_from_depth: Isometry3<f64>,
+    columns: usize,
+    /// The largest depth without its omitted bits.
+    largest: u32,
+    /// Row by row: how far the depth is below the largest one; 0 marks an unknown depth.
+    codes: Vec<u16>,
+}
+
+impl CompactDepth {
+    /// The depth image of a sensor, in units of the poses; 0, negative and non-finite depths are unknown. Images with a side of more
+    /// than 400 pixels are thinned by a whole number. `color` is the camera of the colour image, for sensors that are registered to it.
+    pub fn new(depth: &Plane<f32>, sensor: &DepthSensor, color: &Camera) -> Self {
+        let step = depth
+            .width()
+            .max(depth.height())
+            .div_ceil(LONGEST_SIDE)
+            .max(1);
+        let (columns, rows) = (depth.width().div_ceil(step), depth.height().div_ceil(step));
+        let camera = match sensor.is_registered {
+            true => color,
+            false => &sensor.camera,
+        };
+        let step_px = step as f64;
+        let is_known = |depth: f32| depth > 0.0 && depth.is_finite();
+        let code = |depth: f32| (depth.to_bits() + (1 << (OMITTED_BITS - 1))) >> OMITTED_BITS;
+        let thinned =
+            || (0..rows).flat_map(|row| depth.row(row * step).iter().step_by(step).copied());
+        let largest = thinned().filter(|it| is_known(*it)).map(code).max();
+        let largest = largest.unwrap_or(0);
+        let codes = thinned().map(|depth| {
+            if !is_known(depth) {
+                return 0;
+            }
+            LARGEST_CODE.saturating_sub(largest - code(depth)) as u16
+        });
+        Self {
+            focal_px: [camera.fx() / step_px, camera.fy() / step_px],
+            center_px: [camera.cx() / step_px, camera.cy() / step_px],
+            color_from_depth: match sensor.is_registered {
+                true => Isometry3::identity(),
+                false => sensor.color_from_depth,
+            },
+            columns,
+            largest,
+            codes: codes.collect(),
+        }
+    }
+
+    /// Number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.codes.len() / self.columns.max(1)
+    }
+
+    /// Pose of the depth camera relative to the colour camera.
+    pub fn color_from_depth(&self) -> &Isometry3<f64> {
+        &self.color_from_depth
+    }
+
+    /// Mean focal length of the thinned image, in pixels.
+    pub fn mean_focal_px(&self) -> f64 {
+        f64::midpoint(self.focal_px[0], self.focal_px[1])
+    }
+
+    /// Unit normals, inwards, of the four planes through the camera and the sides of the image, in the frame of the depth camera.
+    pub fn sides(&self) -> [Vector3<f64>; 4] {
+        let [fx, fy] = self.focal_px;
+        let [cx, cy] = self.center_px;
+        // A pixel reaches half of its width beyond its centre.
+        let (left, right) = (cx + 0.5, self.columns as f64 - 0.5 - cx);
+        let (top, bottom) = (cy + 0.5, self.rows() as f64 - 0.5 - cy);
+        [
+            Vector3::new(fx, 0.0, left),
+            Vector3::new(-fx, 0.0, right),
+            Vector3::new(0.0, fy, top),
+            Vector3::new(0.0, -fy, bottom),
+        ]
+        .map(|normal| normal.normalize())
+    }
+
+    /// Depth at a column and row; `None` where it is unknown.
+    ///
+    /// # Panics
+    /// When the column or the row is out of range.
+    #[inline]
+    pub fn get(&self, column: usize, row: usize) -> Option<f32> {
+        let code = u32::from(self.codes[row * self.columns + column]);
+        let below = LARGEST_CODE - code;
+        (code > 0).then(|| f32::from_bits((self.largest - below) << OMITTED_BITS))
+    }
+
+    /// The point measured at a column and row, in the frame of the depth camera.
+    ///
+    /// # Panics
+    /// When the column or the row is out of range.
+    pub fn point(&self, column: usize, row: usize) -> Option<Point3<f64>> {
+        let z = f64::from(self.get(column, row)?);
+        let x = (column as f64 - self.center_px[0]) / self.focal_px[0] * z;
+        let y = (row as f64 - self.center_px[1]) / self.focal_px[1] * z;
+        Some(Point3::new(x, y, z))
+    }
+
+    /// Depth at the pixel nearest to the projection of a point in the frame of the depth camera; `None` outside the image and where depth is
+    /// unknown.
+    #[inline]
+    pub fn along_ray(&self, point_in_depth: &Point3<f64>) -> Option<f64> {
+        let [x, y, z] = [point_in_depth.x, point_in_depth.y, point_in_depth.z];
+        // False for NaN, too.
+        if !(z > 0.0) {
+            return None;
+        }
+        let inverse = 1.0 / z;
+        let column = x * inverse * self.focal_px[0] + self.center_px[0] + 0.5;
+        let row = y * inverse * self.focal_px[1] + self.center_px[1] + 0.5;
+        if !(column >= 0.0 && row >= 0.0 && column < self.columns as f64) {
+            return None;
+        }
+        let row = row as usize;
+        (row < self.rows())
+            .then(|| self.get(column as usize, row))
+            .flatten()
+            .map(f64::from)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::depth::SensorNoise;
+
+    fn sensor(is_registered: bool) -> (DepthSensor, Camera) {
+        let color = Camera::pinhole(525.0, 520.0, 319.5, 239.5).unwrap();
+        let noise = SensorNoise::relative_at(0.003, 2.0, 0.0);
+        let mut sensor = DepthSensor::registered(&color, noise);
+        if !is_registered {
+            sensor.is_registered = false;
+            sensor.camera = Camera::pinhole(585.0, 585.0, 320.0, 240.0).unwrap();
+            sensor.color_from_depth = Isometry3::translation(-0.03, 0.0, 0.0);
+        }
+        (sensor, color)
+    }
+
+    #[test]
+    fn depths_come_back_to_a_share_of_their_size() {
+        let values = [1.0, 0.37, 8.191, 65.0, 0.002, 3.3e-3, 64.99];
+        let samples: Vec<f32> = (0..640 * 480).map(|i| values[i / 2 % 7]).collect();
+        let depth = Plane::new(640, 480, samples.clone()).unwrap();
+        let (sensor, color) = sensor(true);
+        let compact = CompactDepth::new(&depth, &sensor, &color);
+        assert_eq!((compact.columns(), compact.rows()), (320, 240));
+        for (row, column) in (0..240).flat_map(|row| (0..320).map(move |column| (row, column))) {
+            let given = samples[2 * row * 640 + 2 * column];
+            let found = compact.get(column, row).unwrap();
+            assert!((found - given).abs() <= given / 8192.0, "{given} {found}");
+        }
+    }
+
+    #[test]
+    fn unknown_depths_stay_unknown() {
+        let samples = vec![0.0, -1.0, f32::NAN, f32::INFINITY, 1e-9, 2.0];
+        let depth = Plane::new(6, 1, samples).unwrap();
+        let (sensor, color) = sensor(true);
+        let compact = CompactDepth::new(&depth, &sensor, &color);
+        let found: Vec<_> = (0..6).map(|column| compact.get(column, 0)).collect();
+        assert_eq!(found, [None, None, None, None, None, Some(2.0)]);
+        let nothing = CompactDepth::new(&Plane::new(4, 1, vec![0.0; 4]).unwrap(), &sensor, &color);
+        assert!((0..4).all(|column| nothing.get(column, 0).is_none()));
+        let empty = CompactDepth::new(&Plane::default(), &sensor, &color);
+        assert_eq!((empty.columns(), empty.rows()), (0, 0));
+        assert_eq!(empty.along_ray(&Point3::new(0.0, 0.0, 1.0)), None);
+    }
+
+    #[test]
+    fn points_project_to_their_pixels() {
+        let depth = Plane::new(640, 480, vec![2.0_f32; 640 * 480]).unwrap();
+        for is_registered in [true, false] {
+            let (sensor, color) = sensor(is_registered);
+            let compact = CompactDepth::new(&depth, &sensor, &color);
+            let camera = if is_registered {
+                &color
+            } else {
+                &sensor.camera
+            };
+            for (column, row) in [(0, 0), (319, 239), (100, 50)] {
+                let point = compact.point(column, row).unwrap();
+                let pixel = camera.project(&point).unwrap();
+                assert!((pixel.x - 2.0 * column as f64).abs() < 1e-9);
+                assert!((pixel.y - 2.0 * row as f64).abs() < 1e-9);
+                let found = compact.along_ray(&(point * 0.7)).unwrap();
+                assert!((found - 2.0).abs() < 1e-3);
+            }
+            assert_eq!(compact.along_ray(&Point3::new(0.0, 0.0, -1.0)), None);
+            assert_eq!(compact.along_ray(&Point3::new(f64::NAN, 0.0, 1.0)), None);
+            assert_eq!(compact.along_ray(&Point3::new(9.0, 0.0, 1.0)), None);
+        }
+    }
+}
