@@ -4,6 +4,7 @@ pub mod diff;
 pub mod evaluate;
 pub mod feature_edges;
 pub mod files;
+pub mod fusion;
 mod holes;
 mod io;
 pub mod raycast;
@@ -15,6 +16,7 @@ pub mod srgb;
 #[cfg(test)]
 mod test_room;
 pub mod texture;
+mod thin;
 mod types;
 
 pub use holes::close_holes;
@@ -25,4 +27,5 @@ pub use io::{
 };
 pub use shape::{Shape, ShapeKind};
 pub use smooth::{SmoothOptions, smooth_piecewise_flat};
+pub use thin::{ThinOptions, thin};
 pub use types::{GeometryError, LineSet, TriangleMesh};

@@ -1,0 +1,105 @@
+//! The surface on which the depth images of several views agree.
+//!
+//! Around measured points, on the corners of a grid of cubes, the distance along the ray from the depth of each view is averaged. The
+//! surface lies where the mean changes its sign: one vertex in each cube that it crosses.
+//!
+//! # Reference
+//! The mean distance: B. Curless and M. Levoy, *A volumetric method for building complex models from range images*, SIGGRAPH 1996. The
+//! vertices: S. Gibson, *Constrained elastic surface nets*, MICCAI 1998; several in a cube where it has several sheets, as in G. Nielson,
+//! *Dual marching cubes*, VIS 2004.
+//!
+//! *Differs from the papers*: nothing is accumulated view by view, so the result depends neither on the order of the views nor on which
+//! of them moved before.
+
+mod field;
+mod grid;
+mod nets;
+mod sheets;
+
+use linecarve_lines::depth::CompactDepth;
+use nalgebra::{Isometry3, Point3};
+
+use crate::TriangleMesh;
+use field::Field;
+
+/// The depth image of a view with its pose.
+#[derive(Debug, Clone)]
+pub struct PosedDepth<'a> {
+    depth: &'a CompactDepth,
+    world_from_depth: Isometry3<f64>,
+    depth_from_world: Isometry3<f64>,
+}
+
+impl<'a> PosedDepth<'a> {
+    /// Depth measured beside a colour camera with this pose.
+    pub fn new(depth: &'a CompactDepth, world_from_color: &Isometry3<f64>) -> Self {
+        let world_from_depth = world_from_color * depth.color_from_depth();
+        Self {
+            depth,
+            world_from_depth,
+            depth_from_world: world_from_depth.inverse(),
+        }
+    }
+
+    /// All measured points, in world coordinates.
+    fn points(&self) -> impl Iterator<Item = Point3<f64>> + '_ {
+        let (columns, rows) = (self.depth.columns(), self.depth.rows());
+        let pixels = (0..rows).flat_map(move |row| (0..columns).map(move |column| (column, row)));
+        pixels.filter_map(|(column, row)| {
+            let point = self.depth.point(column, row)?;
+            Some(self.world_from_depth * point)
+        })
+    }
+
+    /// How far a point lies before the depth measured along its ray, along the axis of the camera; `None` where nothing was measured.
+    fn distance(&self, point_in_world: &Point3<f64>) -> Option<f64> {
+        let point = self.depth_from_world * point_in_world;
+        Some(self.depth.along_ray(&point)? - point.z)
+    }
+}
+
+/// How depth is fused.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FusionOptions {
+    /// Side of the cubes, in units of the poses.
+    pub side: f64,
+    /// Distances are cut off at this many sides: points further behind a surface are not seen by the view.
+    pub truncation_sides: f64,
+    /// Pieces with fewer triangles are left out.
+    pub least_component: usize,
+}
+
+impl FusionOptions {
+    /// Cubes of this side, distances cut off at three sides, pieces of 30 triangles and more.
+    pub fn with_side(side: f64) -> Self {
+        Self {
+            side,
+            truncation_sides: 3.0,
+            least_component: 30,
+        }
+    }
+}
+
+/// The surface on which the depth of all `views` agrees, with normals towards the cameras and without colours. It is manifold; where
+/// sheets touch, vertices have copies. It is open where depth ends.
+///
+/// Empty when the side is not a positive, finite length. Points further from the origin than a million sides are left out.
+///
+/// # Complexity
+/// O(c v) for c corners of cubes near measured points and v views, and O(p log p) for p measured points.
+pub fn fuse_depth(views: &[PosedDepth<'_>], options: &FusionOptions) -> TriangleMesh {
+    if !(options.side > 0.0 && options.side.is_finite()) {
+        return TriangleMesh::default();
+    }
+    let field = Field::new(views, options);
+    let (positions, triangles) = nets::extract(&field);
+    let (positions, triangles) = sheets::separate(&positions, &triangles, options.least_component);
+    TriangleMesh {
+        positions,
+        triangles,
+        colors: None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

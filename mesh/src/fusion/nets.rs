@@ -1,0 +1,153 @@
+//! Surface nets: vertices in the cubes that a surface crosses, a quadrilateral around each edge of the grid that it crosses.
+
+use nalgebra::{Point3, Vector3};
+use rustc_hash::FxHashMap;
+
+use super::field::Field;
+use super::grid::Corner;
+
+/// The eight corners of a cube. Bit `axis` of a number says on which side a corner is.
+const CORNERS: usize = 8;
+
+/// The vertices of a cube: those of its connected groups of corners behind the surface, by the lowest corner of each.
+struct CubeVertices {
+    /// Lowest corner of the group of each corner.
+    group: [u8; CORNERS],
+    /// Vertex of each group.
+    vertex: [u32; CORNERS],
+}
+
+const NONE: u32 = u32::MAX;
+
+/// Positions and triangles of the surface where the distance is zero, with normals to where it is positive.
+pub(super) fn extract(field: &Field) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
+    let mut positions = Vec::new();
+    let mut cubes: FxHashMap<Corner, CubeVertices> = FxHashMap::default();
+    for &cube in &field.cubes {
+        if let Some(vertices) = place_vertices(field, cube, &mut positions) {
+            cubes.insert(cube, vertices);
+        }
+    }
+    let mut triangles = Vec::new();
+    for (&corner, &distance) in field.corners.iter().zip(&field.distances) {
+        for axis in 0..3 {
+            let other = corner.next(axis);
+            let crossing = field
+                .number(other)
+                .and_then(|number| crossing(distance, field.distances[number]));
+            let Some(Crossing {
+                is_first_behind, ..
+            }) = crossing
+            else {
+                continue;
+            };
+            // The four cubes around the edge, anticlockwise seen from its end.
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let left = corner.previous(u);
+            let around = [corner, left, left.previous(v), corner.previous(v)];
+            // The number of the edge's first corner in each of them.
+            let first = [0, 1 << u, 1 << u | 1 << v, 1 << v];
+            let mut ring = [NONE; 4];
+            for k in 0..4 {
+                let behind = first[k] | usize::from(!is_first_behind) << axis;
+                if let Some(found) = cubes.get(&around[k]) {
+                    ring[k] = found.vertex[found.group[behind] as usize];
+                }
+            }
+            if ring.contains(&NONE) {
+                continue;
+            }
+            if !is_first_behind {
+                ring.reverse();
+            }
+            let [a, b, c, d] = ring;
+            let length =
+                |p: u32, q: u32| (positions[p as usize] - positions[q as usize]).norm_squared();
+            let halves = match length(a, c) <= length(b, d) {
+                true => [[a, b, c], [a, c, d]],
+                false => [[a, b, d], [b, c, d]],
+            };
+            triangles.extend(halves);
+        }
+    }
+    (positions, triangles)
+}
+
+/// Where the distance changes its sign along an edge of the grid.
+struct Crossing {
+    /// Share of the edge before it.
+    share: f64,
+    /// Whether the first end lies behind the surface.
+    is_first_behind: bool,
+}
+
+/// The crossing between two distances; `None` when there is none, or one is unknown.
+fn crossing(first: f32, second: f32) -> Option<Crossing> {
+    let is_known = !(first.is_nan() || second.is_nan());
+    (is_known && (first < 0.0) != (second < 0.0)).then(|| Crossing {
+        share: f64::from(first) / (f64::from(first) - f64::from(second)),
+        is_first_behind: first < 0.0,
+    })
+}
+
+/// Places the vertices of a cube: the mean of the crossings around each group of corners behind the surface. `None` without one.
+fn place_vertices(
+    field: &Field,
+    cube: Corner,
+    positions: &mut Vec<Point3<f64>>,
+) -> Option<CubeVertices> {
+    let mut corners = [cube; CORNERS];
+    for number in 1..CORNERS {
+        let axis = number.ilog2() as usize;
+        corners[number] = corners[number ^ 1 << axis].next(axis);
+    }
+    let distances = corners.map(|corner| {
+        field
+            .number(corner)
+            .map_or(f32::NAN, |number| field.distances[number])
+    });
+    let is_behind = distances.map(|distance| distance < 0.0);
+    let is_before = distances.map(|distance| distance >= 0.0);
+    if !is_behind.contains(&true) || !is_before.contains(&true) {
+        return None;
+    }
+    let mut group: [u8; CORNERS] = std::array::from_fn(|number| number as u8);
+    // A chain of corners has at most eight.
+    for _ in 0..CORNERS {
+        for number in 0..CORNERS {
+            for axis in 0..3 {
+                let other = number ^ 1 << axis;
+                if is_behind[number] && is_behind[other] {
+                    group[number] = group[number].min(group[other]);
+                }
+            }
+        }
+    }
+    let mut sums = [(Vector3::zeros(), 0.0); CORNERS];
+    for (number, axis) in (0..CORNERS).flat_map(|number| (0..3).map(move |axis| (number, axis))) {
+        let other = number ^ 1 << axis;
+        if other < number {
+            continue;
+        }
+        if let Some(crossing) = crossing(distances[number], distances[other]) {
+            let mut at = corners[number].position(field.side);
+            at[axis] += crossing.share * field.side;
+            let behind = if crossing.is_first_behind {
+                number
+            } else {
+                other
+            };
+            let (sum, count) = &mut sums[group[behind] as usize];
+            *sum += at.coords;
+            *count += 1.0;
+        }
+    }
+    let mut vertex = [NONE; CORNERS];
+    for (number, (sum, count)) in sums.into_iter().enumerate() {
+        if count > 0.0 {
+            vertex[number] = positions.len() as u32;
+            positions.push(Point3::from(sum / count));
+        }
+    }
+    Some(CubeVertices { group, vertex })
+}

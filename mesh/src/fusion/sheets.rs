@@ -1,0 +1,83 @@
+//! Separates sheets of a surface that meet at a vertex or an edge only, and leaves out small pieces.
+
+use nalgebra::Point3;
+
+const NONE: u32 = u32::MAX;
+
+/// Disjoint sets of numbers, each named by its smallest.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn new(count: usize) -> Self {
+        Self((0..count as u32).collect())
+    }
+
+    fn find(&mut self, mut at: u32) -> u32 {
+        while self.0[at as usize] != at {
+            self.0[at as usize] = self.0[self.0[at as usize] as usize];
+            at = self.0[at as usize];
+        }
+        at
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
+
+/// Vertices and triangles with a copy of each vertex for each of its fans. Triangles belong together where exactly two share an edge in
+/// opposite directions. Pieces with fewer than `least` triangles and triangles that use a vertex twice are left out.
+pub(super) fn separate(
+    positions: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+    least: usize,
+) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
+    let is_proper = |[a, b, c]: &[u32; 3]| a != b && b != c && c != a;
+    let triangles: Vec<[u32; 3]> = triangles.iter().copied().filter(is_proper).collect();
+    // Edges, the smaller vertex first, with the corner where each begins: the number of the triangle times three, plus that of the corner.
+    let mut edges: Vec<([u32; 2], u32)> = (0..)
+        .zip(&triangles)
+        .flat_map(|(number, &[a, b, c])| {
+            let sides = [[a, b], [b, c], [c, a]].into_iter().zip(3 * number..);
+            sides.map(|([a, b], corner)| ([a.min(b), a.max(b)], corner))
+        })
+        .collect();
+    edges.sort_unstable();
+    let vertex = |corner: u32| triangles[corner as usize / 3][corner as usize % 3];
+    let next = |corner: u32| corner - corner % 3 + (corner + 1) % 3;
+    let mut fans = Sets::new(3 * triangles.len());
+    let mut pieces = Sets::new(triangles.len());
+    for shared in edges.chunk_by(|a, b| a.0 == b.0) {
+        let &[(_, a), (_, b)] = shared else {
+            continue;
+        };
+        if vertex(a) == vertex(next(b)) {
+            fans.join(a, next(b));
+            fans.join(next(a), b);
+            pieces.join(a / 3, b / 3);
+        }
+    }
+    let mut sizes = vec![0_usize; triangles.len()];
+    for number in 0..triangles.len() as u32 {
+        sizes[pieces.find(number) as usize] += 1;
+    }
+    let mut copy_of = vec![NONE; 3 * triangles.len()];
+    let (mut copies, mut kept) = (Vec::new(), Vec::new());
+    for (number, triangle) in (0..).zip(&triangles) {
+        if sizes[pieces.find(number) as usize] < least {
+            continue;
+        }
+        let mut corners = [0; 3];
+        for (k, corner) in (3 * number..).take(3).enumerate() {
+            let copy = &mut copy_of[fans.find(corner) as usize];
+            if *copy == NONE {
+                *copy = copies.len() as u32;
+                copies.push(positions[triangle[k] as usize]);
+            }
+            corners[k] = *copy;
+        }
+        kept.push(corners);
+    }
+    (copies, kept)
+}

@@ -1,0 +1,193 @@
+use linecarve_lines::camera::Camera;
+use linecarve_lines::depth::{DepthSensor, SensorNoise};
+use linecarve_lines::image::Plane;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+
+use super::*;
+use crate::feature_edges::UniquePositions;
+
+fn camera() -> Camera {
+    Camera::pinhole(160.0, 160.0, 99.5, 74.5).unwrap()
+}
+
+/// Depth of a scene, given by the distance along a ray from a point, as a view with this pose has it.
+fn depth_of(
+    pose: &Isometry3<f64>,
+    hit: impl Fn(&Point3<f64>, &Vector3<f64>) -> Option<f64>,
+) -> CompactDepth {
+    let camera = camera();
+    let samples = (0..150)
+        .flat_map(|y| (0..200).map(move |x| (x, y)))
+        .map(|(x, y)| {
+            let ray = Vector3::new(
+                (f64::from(x) - 99.5) / 160.0,
+                (f64::from(y) - 74.5) / 160.0,
+                1.0,
+            );
+            hit(&pose.translation.vector.into(), &(pose * ray)).unwrap_or(0.0) as f32
+        });
+    let depth = Plane::new(200, 150, samples.collect()).unwrap();
+    let sensor = DepthSensor::registered(&camera, SensorNoise::relative_at(0.003, 2.0, 0.0));
+    CompactDepth::new(&depth, &sensor, &camera)
+}
+
+/// The sphere of radius 0.5 around the origin.
+fn sphere(from: &Point3<f64>, ray: &Vector3<f64>) -> Option<f64> {
+    let (a, b) = (ray.norm_squared(), from.coords.dot(ray));
+    let c = from.coords.norm_squared() - 0.25;
+    let root = b * b - a * c;
+    (root > 0.0).then(|| (-b - root.sqrt()) / a)
+}
+
+/// A pose at two units from the origin that looks at it.
+fn looking_from(direction: Vector3<f64>) -> Isometry3<f64> {
+    let up = if direction.x.abs() > 0.9 {
+        Vector3::y()
+    } else {
+        Vector3::x()
+    };
+    let rotation = Rotation3::face_towards(&-direction, &up);
+    Isometry3::from_parts((2.0 * direction).into(), UnitQuaternion::from(rotation))
+}
+
+fn around() -> Vec<Isometry3<f64>> {
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+    axes.iter()
+        .flat_map(|axis| [*axis, -axis])
+        .map(looking_from)
+        .collect()
+}
+
+fn fused(poses: &[Isometry3<f64>], depths: &[CompactDepth], side: f64) -> TriangleMesh {
+    let views: Vec<PosedDepth<'_>> = poses
+        .iter()
+        .zip(depths)
+        .map(|(pose, depth)| PosedDepth::new(depth, pose))
+        .collect();
+    fuse_depth(&views, &FusionOptions::with_side(side))
+}
+
+#[test]
+fn a_sphere_seen_from_all_sides_is_closed_and_round() {
+    let poses = around();
+    let depths: Vec<_> = poses.iter().map(|pose| depth_of(pose, sphere)).collect();
+    let mesh = fused(&poses, &depths, 0.05);
+    mesh.validate().unwrap();
+    assert!(mesh.triangles.len() > 2000);
+    for position in &mesh.positions {
+        let off = position.coords.norm() - 0.5;
+        assert!(off.abs() < 0.02, "{off}");
+    }
+    let mut edges: Vec<[u32; 2]> = mesh
+        .triangles
+        .iter()
+        .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+        .collect();
+    edges.sort_unstable();
+    for [a, b] in &edges {
+        assert!(edges.binary_search(&[*b, *a]).is_ok(), "an open edge");
+    }
+    edges.dedup();
+    assert_eq!(edges.len(), 3 * mesh.triangles.len());
+    // Euler: a sphere.
+    assert_eq!(mesh.positions.len() * 2, mesh.triangles.len() + 4);
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(|corner| mesh.positions[corner as usize]);
+        assert!(
+            (b - a).cross(&(c - a)).dot(&a.coords) > 0.0,
+            "turned inside"
+        );
+    }
+}
+
+#[test]
+fn the_order_of_views_does_not_matter() {
+    let mut poses = around();
+    let mut depths: Vec<_> = poses.iter().map(|pose| depth_of(pose, sphere)).collect();
+    let mesh = fused(&poses, &depths, 0.06);
+    poses.reverse();
+    depths.reverse();
+    let reversed = fused(&poses, &depths, 0.06);
+    assert_eq!(mesh.triangles, reversed.triangles);
+    for (a, b) in mesh.positions.iter().zip(&reversed.positions) {
+        assert!((a - b).norm() < 1e-6);
+    }
+}
+
+/// A board of the given half width before a wall three units away.
+fn board(from: &Point3<f64>, ray: &Vector3<f64>, half: f64) -> Option<f64> {
+    let at = from + ray * ((2.0 - from.z) / ray.z);
+    let is_hit = at.x.abs() <= half && at.y.abs() <= half;
+    Some(if is_hit { 2.0 - from.z } else { 3.0 - from.z } / ray.z * ray.z)
+}
+
+#[test]
+fn a_board_reaches_to_its_outline_and_nothing_connects_it_with_the_wall() {
+    let side = 0.03;
+    let poses: Vec<_> = [-0.2, 0.0, 0.2]
+        .map(|x| Isometry3::translation(x, 0.0, 0.0))
+        .into();
+    let depths: Vec<_> = poses
+        .iter()
+        .map(|pose| depth_of(pose, |from, ray| board(from, ray, 0.3)))
+        .collect();
+    let mesh = fused(&poses, &depths, side);
+    let near: Vec<_> = mesh.positions.iter().filter(|p| p.z < 2.5).collect();
+    let reach = |along: fn(&Point3<f64>) -> f64| near.iter().map(|p| along(p)).fold(0.0, f64::max);
+    let directions: [fn(&Point3<f64>) -> f64; 4] = [|p| p.x, |p| -p.x, |p| p.y, |p| -p.y];
+    for along in directions {
+        let reach = reach(along);
+        assert!((0.3 - 1.5 * side..0.3 + side).contains(&reach), "{reach}");
+    }
+    assert!(
+        mesh.positions
+            .iter()
+            .all(|p| (p.z - 2.0).abs() < 0.01 || (p.z - 3.0).abs() < 0.01)
+    );
+}
+
+#[test]
+fn sheets_that_touch_are_separate() {
+    // Two tetrahedra with a common edge.
+    let positions: Vec<Point3<f64>> = [
+        [0, 0, 0],
+        [0, 0, 1],
+        [1, 0, 0],
+        [0, 1, 0],
+        [-1, 0, 0],
+        [0, -1, 0],
+    ]
+    .map(|p: [i32; 3]| Point3::from(p.map(f64::from)))
+    .into();
+    let tetrahedron = |[a, b, c, d]: [u32; 4]| [[a, c, b], [a, b, d], [b, c, d], [a, d, c]];
+    let triangles: Vec<[u32; 3]> = [[0, 1, 2, 3], [0, 1, 4, 5]]
+        .into_iter()
+        .flat_map(tetrahedron)
+        .collect();
+    let (positions, triangles) = sheets::separate(&positions, &triangles, 4);
+    assert_eq!((positions.len(), triangles.len()), (8, 8));
+    assert_eq!(sheets::separate(&positions, &triangles, 5).1.len(), 0);
+    let unique = UniquePositions::new(&positions);
+    assert_eq!((0..8).filter(|vertex| unique.is_shared(*vertex)).count(), 4);
+}
+
+#[test]
+fn without_depth_or_with_a_useless_side_there_is_no_surface() {
+    assert_eq!(
+        fuse_depth(&[], &FusionOptions::with_side(0.1)),
+        TriangleMesh::default()
+    );
+    let pose = Isometry3::identity();
+    let nothing = depth_of(&pose, |_, _| None);
+    assert!(fused(&[pose], &[nothing], 0.1).triangles.is_empty());
+    let wall = depth_of(&pose, |_, _| Some(2.0));
+    for side in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(
+            fused(&[pose], std::slice::from_ref(&wall), side)
+                .triangles
+                .is_empty()
+        );
+    }
+    let far = Isometry3::translation(f64::NAN, 0.0, 0.0);
+    assert!(fused(&[far], &[wall], 0.1).triangles.is_empty());
+}

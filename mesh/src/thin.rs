@@ -1,0 +1,464 @@
+//! Thins a mesh where it is flat, by edge collapses with quadrics.
+//!
+//! Faster than [`simplify`](crate::simplify), which measures each step: here a vertex may lie as far as the tolerance, as a root mean square, from the
+//! planes of the triangles that it stands for.
+//!
+//! # Reference
+//! M. Garland and P. Heckbert, *Surface simplification using quadric error metrics*, SIGGRAPH 1997.
+//!
+//! *Differs from the paper*: errors are means over area, so that the tolerance is a length; boundaries have quadrics and a tolerance of their own.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use crate::TriangleMesh;
+
+/// How far [`thin`] may go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ThinOptions {
+    /// Root mean square distance of a vertex from the planes that it stands for, in units of the mesh.
+    pub tolerance: f64,
+    /// The same for boundary edges, across them within the surface.
+    pub boundary_tolerance: f64,
+    /// Longest edge of a new triangle.
+    pub longest_edge: f64,
+}
+
+/// Least cosine between the normals of a triangle before and after a collapse.
+const LEAST_COSINE: f64 = 0.5;
+/// Least quality of a new triangle: 1 for an equilateral one, 0 for one without area.
+const LEAST_QUALITY: f64 = 0.1;
+/// Weight that keeps a new vertex near the middle of its edge where the planes leave it free.
+const REGULARIZATION: f64 = 1e-3;
+
+/// Collapses edges of a mesh, those with the smallest error first, as long as errors are within the tolerances. Components, holes and
+/// handles stay; edges with more than two triangles are not touched. Vertices keep their order and take the colour of the nearer end of
+/// each collapsed edge.
+///
+/// # Complexity
+/// O(n log n) for n triangles where few meet at a vertex.
+pub fn thin(mesh: &mut TriangleMesh, options: &ThinOptions) {
+    let mut state = Thinning::new(mesh, options);
+    let mut queue: BinaryHeap<Candidate> = BinaryHeap::new();
+    for [a, b] in state.edges() {
+        queue.extend(state.candidate(a, b));
+    }
+    let mut around = Vec::new();
+    while let Some(candidate) = queue.pop() {
+        let [a, b] = candidate.ends;
+        if candidate.stamps != [a, b].map(|end| state.stamps[end as usize]) {
+            continue;
+        }
+        if !state.collapse(&candidate) {
+            continue;
+        }
+        state.neighbours(a, &mut around);
+        for &other in &around {
+            queue.extend(state.candidate(a.min(other), a.max(other)));
+        }
+    }
+    state.finish(mesh);
+}
+
+/// Sum of weighted squared distances from planes.
+#[derive(Debug, Clone, Copy)]
+struct Quadric {
+    square: Matrix3<f64>,
+    linear: Vector3<f64>,
+    constant: f64,
+    weight: f64,
+}
+
+impl Quadric {
+    const ZERO: Self = Self {
+        square: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        linear: Vector3::new(0.0, 0.0, 0.0),
+        constant: 0.0,
+        weight: 0.0,
+    };
+
+    /// Of the plane through a point with a unit normal.
+    fn plane(normal: &Vector3<f64>, point: &Point3<f64>, weight: f64) -> Self {
+        let offset = normal.dot(&point.coords);
+        Self {
+            square: weight * normal * normal.transpose(),
+            linear: weight * offset * normal,
+            constant: weight * offset * offset,
+            weight,
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.square += other.square;
+        self.linear += other.linear;
+        self.constant += other.constant;
+        self.weight += other.weight;
+    }
+
+    /// Scaled so that it gives mean squared distances over a squared tolerance.
+    fn relative_to(&self, tolerance: f64) -> Self {
+        if self.weight <= 0.0 {
+            return Self::ZERO;
+        }
+        let factor = 1.0 / (self.weight * tolerance * tolerance);
+        Self {
+            square: factor * self.square,
+            linear: factor * self.linear,
+            constant: factor * self.constant,
+            weight: 1.0,
+        }
+    }
+
+    fn at(&self, point: &Point3<f64>) -> f64 {
+        let x = &point.coords;
+        (x.dot(&(self.square * x)) - 2.0 * self.linear.dot(x) + self.constant).max(0.0)
+    }
+
+    /// The point with the smallest value, held near `middle` where it is not determined.
+    fn minimum(&self, middle: &Point3<f64>) -> Point3<f64> {
+        let hold = REGULARIZATION * self.square.trace();
+        let square = self.square + Matrix3::from_diagonal_element(hold);
+        let linear = self.linear + hold * middle.coords;
+        square
+            .cholesky()
+            .map_or(*middle, |factors| Point3::from(factors.solve(&linear)))
+    }
+}
+
+/// An edge that may collapse.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    error: f64,
+    ends: [u32; 2],
+    stamps: [u32; 2],
+    position: Point3<f64>,
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Candidate {}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Candidate {
+    /// The smallest error is the largest candidate.
+    fn cmp(&self, other: &Self) -> Ordering {
+        let key = |it: &Self| (it.ends, it.stamps);
+        other
+            .error
+            .total_cmp(&self.error)
+            .then_with(|| key(other).cmp(&key(self)))
+    }
+}
+
+const NONE: u32 = u32::MAX;
+
+/// The corners of triangles at each vertex, as linked lists. A corner has the number of its triangle times three plus its own.
+struct CornerLists {
+    first: Vec<u32>,
+    last: Vec<u32>,
+    next: Vec<u32>,
+}
+
+impl CornerLists {
+    fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+        let mut lists = Self {
+            first: vec![NONE; vertices],
+            last: vec![NONE; vertices],
+            next: vec![NONE; 3 * triangles.len()],
+        };
+        for (corner, vertex) in (0..).zip(triangles.as_flattened()) {
+            lists.append(*vertex, corner, corner);
+        }
+        lists
+    }
+
+    /// Appends a list of corners to that of a vertex.
+    fn append(&mut self, vertex: u32, first: u32, last: u32) {
+        let vertex = vertex as usize;
+        match self.first[vertex] {
+            NONE => self.first[vertex] = first,
+            _ => self.next[self.last[vertex] as usize] = first,
+        }
+        self.last[vertex] = last;
+    }
+
+    /// The corners at a vertex.
+    fn get(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
+        let corner = |corner: u32| (corner != NONE).then_some(corner);
+        let first = corner(self.first[vertex as usize]);
+        std::iter::successors(first, move |at| corner(self.next[*at as usize]))
+    }
+}
+
+/// A mesh that is being thinned, centred at zero for the accuracy of the quadrics.
+struct Thinning {
+    options: ThinOptions,
+    shift: Vector3<f64>,
+    positions: Vec<Point3<f64>>,
+    colors: Option<Vec<[u8; 3]>>,
+    triangles: Vec<[u32; 3]>,
+    is_removed: Vec<bool>,
+    at_vertex: CornerLists,
+    surface: Vec<Quadric>,
+    boundary: Vec<Quadric>,
+    is_fixed: Vec<bool>,
+    /// Changes of each vertex.
+    stamps: Vec<u32>,
+    scratch: [Vec<u32>; 2],
+}
+
+fn edges_of(&[a, b, c]: &[u32; 3]) -> [[u32; 2]; 3] {
+    [[a, b], [b, c], [c, a]]
+}
+
+fn doubled_area([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
+    (b - a).cross(&(c - a))
+}
+
+impl Thinning {
+    fn new(mesh: &TriangleMesh, options: &ThinOptions) -> Self {
+        let count = mesh.positions.len();
+        let shift = mesh
+            .positions
+            .first()
+            .map_or(Vector3::zeros(), |first| first.coords);
+        let positions: Vec<Point3<f64>> = mesh.positions.iter().map(|p| p - shift).collect();
+        let at_vertex = CornerLists::new(count, &mesh.triangles);
+        let mut surface = vec![Quadric::ZERO; count];
+        let mut boundary = vec![Quadric::ZERO; count];
+        let mut is_fixed = vec![false; count];
+        for triangle in &mesh.triangles {
+            let corners = triangle.map(|corner| positions[corner as usize]);
+            let area = doubled_area(corners);
+            let weight = area.norm();
+            for corner in triangle {
+                if weight > 0.0 {
+                    let plane = Quadric::plane(&(area / weight), &corners[0], weight);
+                    surface[*corner as usize].add(&plane);
+                }
+            }
+        }
+        // Edges, the smaller vertex first, with their triangles.
+        let mut edges: Vec<([u32; 2], u32)> = (0..)
+            .zip(&mesh.triangles)
+            .flat_map(|(number, triangle)| {
+                edges_of(triangle).map(|[a, b]| ([a.min(b), a.max(b)], number))
+            })
+            .collect();
+        edges.sort_unstable();
+        for uses in edges.chunk_by(|a, b| a.0 == b.0) {
+            let (ends, number) = uses[0];
+            let ends = ends.map(|end| end as usize);
+            if uses.len() == 1 {
+                let corners = mesh.triangles[number as usize].map(|it| positions[it as usize]);
+                let along = positions[ends[1]] - positions[ends[0]];
+                let across = doubled_area(corners).cross(&along).try_normalize(0.0);
+                if let Some(across) = across {
+                    let plane = Quadric::plane(&across, &positions[ends[0]], along.norm());
+                    for end in ends {
+                        boundary[end].add(&plane);
+                    }
+                }
+            } else if uses.len() > 2 {
+                for end in ends {
+                    is_fixed[end] = true;
+                }
+            }
+        }
+        Self {
+            options: *options,
+            shift,
+            positions,
+            colors: mesh.colors.clone(),
+            triangles: mesh.triangles.clone(),
+            is_removed: vec![false; mesh.triangles.len()],
+            at_vertex,
+            surface,
+            boundary,
+            is_fixed,
+            stamps: vec![0; count],
+            scratch: Default::default(),
+        }
+    }
+
+    /// All edges, ascending.
+    fn edges(&self) -> Vec<[u32; 2]> {
+        let mut edges: Vec<[u32; 2]> = self
+            .triangles
+            .iter()
+            .flat_map(edges_of)
+            .map(|[a, b]| [a.min(b), a.max(b)])
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        edges
+    }
+
+    /// The triangles at a vertex with their numbers.
+    fn around(&self, vertex: u32) -> impl Iterator<Item = (u32, [u32; 3])> + '_ {
+        let numbers = self.at_vertex.get(vertex).map(|corner| corner / 3);
+        numbers
+            .filter(|number| !self.is_removed[*number as usize])
+            .map(|number| (number, self.triangles[number as usize]))
+    }
+
+    /// The vertices that share an edge with a vertex, ascending.
+    fn neighbours(&self, vertex: u32, into: &mut Vec<u32>) {
+        into.clear();
+        let corners = self.around(vertex).flat_map(|(_, corners)| corners);
+        into.extend(corners.filter(|corner| *corner != vertex));
+        into.sort_unstable();
+        into.dedup();
+    }
+
+    fn is_on_boundary(&self, vertex: u32) -> bool {
+        self.boundary[vertex as usize].weight > 0.0
+    }
+
+    /// The collapse of an edge, when its error is within the tolerances.
+    fn candidate(&self, a: u32, b: u32) -> Option<Candidate> {
+        let ends = [a, b].map(|end| end as usize);
+        if ends.iter().any(|end| self.is_fixed[*end]) {
+            return None;
+        }
+        let sum = |quadrics: &[Quadric], tolerance: f64| {
+            let mut sum = quadrics[ends[0]];
+            sum.add(&quadrics[ends[1]]);
+            sum.relative_to(tolerance)
+        };
+        let mut errors = sum(&self.surface, self.options.tolerance);
+        errors.add(&sum(&self.boundary, self.options.boundary_tolerance));
+        let middle = nalgebra::center(&self.positions[ends[0]], &self.positions[ends[1]]);
+        let position = errors.minimum(&middle);
+        let error = errors.at(&position);
+        (error <= 1.0).then(|| Candidate {
+            error,
+            ends: [a, b],
+            stamps: ends.map(|end| self.stamps[end]),
+            position,
+        })
+    }
+
+    /// Collapses an edge into its first end, unless that would change the topology or turn a triangle over.
+    fn collapse(&mut self, candidate: &Candidate) -> bool {
+        let [a, b] = candidate.ends;
+        let shared = self
+            .around(a)
+            .filter(|(_, corners)| corners.contains(&b))
+            .count();
+        let [mut near_a, mut near_b] = std::mem::take(&mut self.scratch);
+        self.neighbours(a, &mut near_a);
+        self.neighbours(b, &mut near_b);
+        let common = near_a
+            .iter()
+            .filter(|it| near_b.binary_search(it).is_ok())
+            .count();
+        self.scratch = [near_a, near_b];
+        // Link condition: the ends have no other neighbours in common than those across the edge.
+        if shared == 0 || common != shared {
+            return false;
+        }
+        if self.is_on_boundary(a) && self.is_on_boundary(b) && shared != 1 {
+            return false;
+        }
+        let is_valid = |vertex: u32, other: u32| {
+            self.around(vertex)
+                .filter(|(_, corners)| !corners.contains(&other))
+                .all(|(_, corners)| self.may_move(corners, vertex, &candidate.position))
+        };
+        if !is_valid(a, b) || !is_valid(b, a) {
+            return false;
+        }
+        let mut at = self.at_vertex.first[b as usize];
+        while at != NONE {
+            let number = at as usize / 3;
+            if self.triangles[number].contains(&a) {
+                self.is_removed[number] = true;
+            } else {
+                self.triangles[number][at as usize % 3] = a;
+            }
+            at = self.at_vertex.next[at as usize];
+        }
+        let [head, tail] =
+            [&self.at_vertex.first, &self.at_vertex.last].map(|list| list[b as usize]);
+        self.at_vertex.append(a, head, tail);
+        let (first, second) = (a as usize, b as usize);
+        if let Some(colors) = &mut self.colors {
+            let distance = |end: usize| (self.positions[end] - candidate.position).norm_squared();
+            if distance(second) < distance(first) {
+                colors[first] = colors[second];
+            }
+        }
+        self.positions[first] = candidate.position;
+        let (surface, boundary) = (self.surface[second], self.boundary[second]);
+        self.surface[first].add(&surface);
+        self.boundary[first].add(&boundary);
+        self.stamps[first] += 1;
+        self.stamps[second] += 1;
+        true
+    }
+
+    /// Whether a triangle keeps its side and some shape when one of its corners moves.
+    fn may_move(&self, corners: [u32; 3], vertex: u32, position: &Point3<f64>) -> bool {
+        let before = corners.map(|corner| self.positions[corner as usize]);
+        let after: [Point3<f64>; 3] = std::array::from_fn(|k| match corners[k] == vertex {
+            true => *position,
+            false => before[k],
+        });
+        let squares = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (after[i] - after[j]).norm_squared());
+        let longest = squares.into_iter().fold(0.0, f64::max);
+        if longest > self.options.longest_edge.powi(2) {
+            return false;
+        }
+        let (old, new) = (doubled_area(before), doubled_area(after));
+        // 2 sqrt(3) makes it 1 for an equilateral triangle.
+        let quality = |area: &Vector3<f64>, squares: [f64; 3]| {
+            12.0_f64.sqrt() * area.norm() / squares.iter().sum::<f64>()
+        };
+        quality(&new, squares) >= LEAST_QUALITY
+            && new.dot(&old) >= LEAST_COSINE * new.norm() * old.norm()
+    }
+
+    /// Writes the vertices and triangles that are left.
+    fn finish(self, mesh: &mut TriangleMesh) {
+        let mut number = vec![u32::MAX; self.positions.len()];
+        let left = || {
+            let triangles = self.triangles.iter().zip(&self.is_removed);
+            triangles
+                .filter(|(_, is_removed)| !**is_removed)
+                .map(|(triangle, _)| *triangle)
+        };
+        for corner in left().flatten() {
+            number[corner as usize] = 0;
+        }
+        mesh.positions.clear();
+        let mut colors = Vec::new();
+        for (vertex, number) in number
+            .iter_mut()
+            .enumerate()
+            .filter(|(_, number)| **number == 0)
+        {
+            *number = mesh.positions.len() as u32;
+            mesh.positions.push(self.positions[vertex] + self.shift);
+            colors.extend(self.colors.as_ref().map(|colors| colors[vertex]));
+        }
+        mesh.colors = self.colors.as_ref().map(|_| colors);
+        mesh.triangles = left()
+            .map(|corners| corners.map(|corner| number[corner as usize]))
+            .collect();
+    }
+}
+
+#[cfg(test)]
+mod tests;
