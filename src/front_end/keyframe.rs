@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use linecarve_lines::depth::CompactDepth;
 use linecarve_lines::fit::Segment;
 use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_points::Features;
@@ -36,6 +37,8 @@ pub struct LineKeyframe {
     pub edge_points: Vec<EdgePoint>,
     /// Samples of the surface between segments, where depth is dense.
     pub surface: SurfaceSamples,
+    /// The depth image, where there is one.
+    pub depth: Option<CompactDepth>,
     /// Colours of its image.
     pub colors: KeyframeColors,
     /// Number of edge chains in its image.

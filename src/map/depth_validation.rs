@@ -12,7 +12,9 @@ use std::collections::BTreeMap;
 use linecarve_carving::IncidentCells;
 use linecarve_carving::{SurfaceDelta, Triangle, ViewId};
 use linecarve_lines::camera::Camera;
+use linecarve_lines::depth::CompactDepth;
 use linecarve_lines::triangulation::SurfaceSamples;
+use linecarve_mesh::fusion::PosedDepth;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
@@ -35,6 +37,7 @@ const DENSE_SHARE: f64 = 0.2;
 struct DenseView {
     world_from_camera: Isometry3<f64>,
     surface: SurfaceSamples,
+    depth: Option<CompactDepth>,
 }
 
 /// Whether dense depth confirms a triangle of the surface.
@@ -139,6 +142,7 @@ impl DepthValidation {
         view: ViewId,
         world_from_camera: &Isometry3<f64>,
         surface: &SurfaceSamples,
+        depth: Option<&CompactDepth>,
     ) {
         if self.least_share <= 0.0 {
             return;
@@ -152,6 +156,7 @@ impl DepthValidation {
         self.dense_views[index] = is_dense.then(|| DenseView {
             world_from_camera: *world_from_camera,
             surface: surface.thinned(),
+            depth: depth.cloned(),
         });
         self.newest = Some(view);
     }
@@ -263,6 +268,16 @@ impl DepthValidation {
             samples.compare(surface, &mut evidence);
         }
         evidence.agreed != 0 && evidence.is_measured(0.0)
+    }
+
+    /// The depth images of all keyframes that have one, with their poses.
+    pub(super) fn depth_images(&self) -> Vec<PosedDepth<'_>> {
+        let views = self.dense_views.iter().flatten();
+        let posed = views.filter_map(|view| {
+            let depth = view.depth.as_ref()?;
+            Some(PosedDepth::new(depth, &view.world_from_camera))
+        });
+        posed.collect()
     }
 
     /// The dense surfaces of all keyframes that have one.

@@ -19,9 +19,11 @@ impl Map {
     /// That of the surface, plus its vertices times the keyframes.
     pub fn adjusted_surface(&self) -> TriangleMesh {
         let mut mesh = self.surface();
-        if let Contents::Lines(lines) = &self.contents {
-            let holes = self.options.surface.holes;
-            lines.estimate(&mut mesh, self.adjusts_vertices, holes);
+        if let (Contents::Lines(lines), Some(median_depth)) = (&self.contents, self.median_depth())
+        {
+            let options = &self.options.surface;
+            let surface = lines.final_surface(options, median_depth, self.has_depth_images);
+            mesh = surface.estimate(mesh);
         }
         if self.options.surface.holes == HoleFilling::All {
             close_all_holes(&mut mesh);

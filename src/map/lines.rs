@@ -6,23 +6,22 @@ use linecarve_carving::{Carver, TransactionError, VertexId, ViewId};
 use linecarve_carving::{SurfaceDelta, Triangle, TriangleRole};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
-use linecarve_mesh::{SmoothOptions, TriangleMesh, close_holes, smooth_piecewise_flat};
 use nalgebra::{Isometry3, Point3};
 use rustc_hash::FxHashMap;
 
 use super::depth_noise::DepthNoise;
 use super::depth_validation::{DepthValidation, FacetStatus};
 use super::error::MapError;
+use super::final_surface::FinalSurface;
 use super::landmark_fusion::LandmarkFusion;
 use super::provisional::{ProvisionalContext, ProvisionalKeyframes};
 use super::segment_map::SegmentMap;
 use super::segment_points::{edge_measurements, measurements};
 use super::surface_points::KeyframeSurface;
 use super::update::MapUpdate;
-use super::vertex_adjustment::{adjust_vertices, deviations, scatter};
 use super::vertex_landmarks::{VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
-use crate::options::{HoleFilling, Options};
+use crate::options::{Options, SurfaceOptions};
 
 impl MapUpdate {
     /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
@@ -32,11 +31,6 @@ impl MapUpdate {
         self.observed_again += landmarks.seen().len().saturating_sub(new_points);
     }
 }
-
-/// How far a vertex is smoothed, in deviations of its measurements.
-const SMOOTHING_BOUND: f64 = 1.5;
-/// Most edges of a hole that is closed where depth measured a surface. Larger ones are shadows of objects.
-const MEASURED_HOLE_EDGES: usize = 24;
 
 /// Segments, clusters, landmarks and depth validation.
 pub(super) struct LineMap {
@@ -344,7 +338,8 @@ impl LineMap {
         let carved = start.elapsed();
         update.times.carving = carved - update.times.matching;
 
-        self.validation.add_view(view, pose, &keyframe.surface);
+        self.validation
+            .add_view(view, pose, &keyframe.surface, keyframe.depth.as_ref());
         let affected = landmarks.contradicted().iter().chain(landmarks.seen());
         if carver.is_deferred() {
             self.vertices.postpone(affected.copied());
@@ -404,30 +399,21 @@ impl LineMap {
         }
     }
 
-    /// The surface as an estimate from the dense depth of all keyframes. Where vertices are `adjusted`, they go to where depth says that
-    /// they are. Small holes are closed where depth lies along the new triangles. Then planes are flattened: no vertex moves by
-    /// more than its measurements lie apart or, where vertices are not adjusted, than these may be off.
-    pub(super) fn estimate(&self, mesh: &mut TriangleMesh, is_adjusted: bool, holes: HoleFilling) {
-        let surfaces = self.validation.dense_surfaces();
-        if surfaces.is_empty() {
-            return;
+    /// What the final surface is made from; `is_measured` where depth comes from depth images.
+    pub(super) fn final_surface<'a>(
+        &'a self,
+        options: &'a SurfaceOptions,
+        median_depth: f64,
+        is_measured: bool,
+    ) -> FinalSurface<'a> {
+        FinalSurface {
+            validation: &self.validation,
+            noise: &self.noise,
+            focal_px: self.camera.mean_focal_px(),
+            median_depth,
+            options,
+            is_measured,
         }
-        if is_adjusted {
-            adjust_vertices(mesh, &surfaces);
-        }
-        if holes == HoleFilling::Measured {
-            close_holes(mesh, MEASURED_HOLE_EDGES, |triangle| {
-                self.validation.is_along(&surfaces, triangle)
-            });
-        }
-        let mut bounds = match is_adjusted {
-            true => scatter(&mesh.positions, &surfaces),
-            false => deviations(&mesh.positions, &surfaces),
-        };
-        for bound in &mut bounds {
-            *bound *= SMOOTHING_BOUND;
-        }
-        smooth_piecewise_flat(mesh, &bounds, &SmoothOptions::default());
     }
 
     /// The colours of vertices.

@@ -8,6 +8,7 @@ mod depth_noise;
 mod depth_validation;
 mod error;
 mod export;
+mod final_surface;
 mod keyframe_measurements;
 mod landmark_fusion;
 mod landmarks;
@@ -64,9 +65,9 @@ pub struct Map {
     median_depth: Option<f64>,
     /// Whether points depend on the surfaces of earlier keyframes, which then have to be carved.
     needs_every_surface: bool,
-    /// Whether the vertices of the final surface go to where dense depth says that they are. Depth from images is off by more than its
-    /// deviations where poses are, and they would go to other surfaces.
-    adjusts_vertices: bool,
+    /// Whether depth comes from depth images, of which the final surface is made. Depth from images is off by more than its
+    /// deviations where poses are.
+    has_depth_images: bool,
     /// Time of carving after the last keyframe.
     final_carving: Option<Duration>,
     /// The exported surface, where it is followed.
@@ -149,7 +150,7 @@ impl Map {
         let is_sensor = matches!(depth, DepthSource::Sensor(_));
         // Depth images behind the surface become points.
         map.needs_every_surface = is_sensor && options.surface.least_measured_share > 0.0;
-        map.adjusts_vertices = is_sensor;
+        map.has_depth_images = is_sensor;
         Ok(map)
     }
 
@@ -200,7 +201,7 @@ impl Map {
             contents,
             median_depth,
             needs_every_surface: false,
-            adjusts_vertices: false,
+            has_depth_images: false,
             final_carving: None,
             surface: None,
             keyframes: 0,

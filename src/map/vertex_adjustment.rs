@@ -30,7 +30,7 @@ const ROUNDS: usize = 2;
 ///
 /// # Complexity
 /// O(vertices x views).
-pub(super) fn adjust_vertices(mesh: &mut TriangleMesh, views: &[KeyframeSurface<'_>]) {
+pub(super) fn adjust_vertices(mesh: &mut TriangleMesh, views: &[KeyframeSurface<'_>], gate: f64) {
     if views.is_empty() {
         return;
     }
@@ -40,7 +40,7 @@ pub(super) fn adjust_vertices(mesh: &mut TriangleMesh, views: &[KeyframeSurface<
             for _ in 0..ROUNDS {
                 planes.clear();
                 let measured = views.iter();
-                planes.extend(measured.filter_map(|view| view.plane_near(position, GATE_SIGMAS)));
+                planes.extend(measured.filter_map(|view| view.plane_near(position, gate)));
                 *position = adjusted(position, planes);
             }
         });

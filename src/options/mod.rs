@@ -145,6 +145,8 @@ pub struct SurfaceOptions {
     pub least_measured_share: f64,
     /// Connected components with fewer triangles are dropped.
     pub minimum_component: usize,
+    /// Whether the final surface is fused from depth images, where there are any. Otherwise it has the carved triangles.
+    pub fuse_depth: bool,
     /// Which holes of the final surface are closed.
     pub holes: HoleFilling,
     /// Whether facets on the convex hull are kept.
@@ -159,6 +161,7 @@ impl Default for SurfaceOptions {
             longest_edge_share: Some(0.5),
             least_measured_share: 0.3,
             minimum_component: 8,
+            fuse_depth: true,
             holes: HoleFilling::default(),
             keep_hull: false,
             manifold: true,

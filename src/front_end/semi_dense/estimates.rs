@@ -185,6 +185,7 @@ impl SemiDenseFrontEnd {
             segments: extraction.segments,
             edge_points,
             surface: SurfaceSamples::default(),
+            depth: None,
             colors: self.entry(task.keyframe).colors.clone(),
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,

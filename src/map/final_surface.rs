@@ -1,0 +1,149 @@
+//! The final surface: an estimate from the depth of all keyframes.
+//!
+//! The carved surface is that of the moment, and its vertices are single measurements. With depth images the final one is fused from their
+//! pixels: carving takes away what is thinner than its points lie apart, and along outlines rays of other keyframes pass closely behind. It is
+//! thinned where it is flat. Otherwise the carved triangles stay. In either case small holes are closed where depth was measured, and planes
+//! are flattened within what the measurements allow.
+
+use linecarve_mesh::fusion::{FusionOptions, fuse_depth};
+use linecarve_mesh::raycast::RayScene;
+use linecarve_mesh::{
+    SmoothOptions, ThinOptions, TriangleMesh, close_holes, smooth_piecewise_flat, thin,
+};
+use rayon::prelude::*;
+
+use super::depth_noise::DepthNoise;
+use super::depth_validation::DepthValidation;
+use super::surface::DEFAULT_COLOR;
+use super::surface_points::KeyframeSurface;
+use super::vertex_adjustment::{adjust_vertices, deviations, scatter};
+use crate::options::{HoleFilling, SurfaceOptions};
+
+/// Side of the cubes in which depth is fused, in pixels at the median scene depth. Tuned on two indoor sequences with sensor depth and a
+/// rendered room.
+const FUSION_SIDE_PX: f64 = 3.5;
+/// Least side of the cubes, in deviations of a depth at the median scene depth. Smaller ones would show noise.
+const FUSION_SIDE_SIGMAS: f64 = 1.25;
+/// How far vertices may lie from the fused surface where it is thinned, in deviations of a depth at the median scene depth.
+const THINNING_SIGMAS: f64 = 0.4;
+/// The same for its boundary, in sides of the cubes.
+const THINNING_BOUNDARY_SIDES: f64 = 0.35;
+/// Longest edge of a thinned triangle, in sides of the cubes.
+const LONGEST_EDGE_SIDES: f64 = 8.0;
+/// Planes further than this from a vertex, in deviations, are those of another surface. Fused vertices are closer to theirs.
+const FUSED_GATE_SIGMAS: f64 = 1.0;
+const CARVED_GATE_SIGMAS: f64 = 4.0;
+/// How far a vertex is smoothed, as a share of how far its measurements lie apart or, with depth from images, in their deviations.
+const SMOOTHING_BOUND: f64 = 1.5;
+/// The same for vertices of a fused surface, which is smooth already.
+const FUSED_SMOOTHING_BOUND: f64 = 0.5;
+/// Most edges of a hole that is closed where depth measured a surface. Larger ones are shadows of objects.
+const MEASURED_HOLE_EDGES: usize = 24;
+
+/// What the final surface is made from.
+pub(super) struct FinalSurface<'a> {
+    pub(super) validation: &'a DepthValidation,
+    pub(super) noise: &'a DepthNoise,
+    pub(super) focal_px: f64,
+    pub(super) median_depth: f64,
+    pub(super) options: &'a SurfaceOptions,
+    /// Whether depth comes from depth images.
+    pub(super) is_measured: bool,
+}
+
+impl FinalSurface<'_> {
+    /// The final surface instead of the carved one.
+    ///
+    /// # Complexity
+    /// That of fusing all depth images, see [`fuse_depth`], or linear in vertices times keyframes.
+    pub(super) fn estimate(&self, carved: TriangleMesh) -> TriangleMesh {
+        let surfaces = self.validation.dense_surfaces();
+        if surfaces.is_empty() {
+            return carved;
+        }
+        let fused = self
+            .options
+            .fuse_depth
+            .then(|| self.fused(&carved, &surfaces))
+            .flatten();
+        let is_fused = fused.is_some();
+        let mut mesh = fused.unwrap_or_else(|| self.adjusted(carved, &surfaces));
+        if self.options.holes == HoleFilling::Measured {
+            close_holes(&mut mesh, MEASURED_HOLE_EDGES, |triangle| {
+                self.validation.is_along(&surfaces, triangle)
+            });
+        }
+        let mut bounds = match self.is_measured {
+            true => scatter(&mesh.positions, &surfaces),
+            false => deviations(&mesh.positions, &surfaces),
+        };
+        let share = match is_fused {
+            true => FUSED_SMOOTHING_BOUND,
+            false => SMOOTHING_BOUND,
+        };
+        for bound in &mut bounds {
+            *bound *= share;
+        }
+        smooth_piecewise_flat(&mut mesh, &bounds, &SmoothOptions::default());
+        mesh
+    }
+
+    /// The carved surface with its vertices where depth images say that they are.
+    fn adjusted(&self, mut mesh: TriangleMesh, surfaces: &[KeyframeSurface<'_>]) -> TriangleMesh {
+        if self.is_measured {
+            adjust_vertices(&mut mesh, surfaces, CARVED_GATE_SIGMAS);
+        }
+        mesh
+    }
+
+    /// The surface fused from depth images, with the colours of the carved one; `None` where it is not made from them.
+    fn fused(
+        &self,
+        carved: &TriangleMesh,
+        surfaces: &[KeyframeSurface<'_>],
+    ) -> Option<TriangleMesh> {
+        let images = self.validation.depth_images();
+        if !self.is_measured || images.is_empty() {
+            return None;
+        }
+        let rho = 1.0 / self.median_depth;
+        let sigma = self.noise.sigma(rho) / (rho * rho);
+        let pixel = self.median_depth / self.focal_px;
+        let side = (FUSION_SIDE_PX * pixel).max(FUSION_SIDE_SIGMAS * sigma);
+        let mut options = FusionOptions::with_side(side);
+        options.least_component = options.least_component.max(self.options.minimum_component);
+        let mut mesh = fuse_depth(&images, &options);
+        if mesh.triangles.is_empty() {
+            return None;
+        }
+        let thinning = ThinOptions {
+            tolerance: THINNING_SIGMAS * sigma,
+            boundary_tolerance: THINNING_BOUNDARY_SIDES * side,
+            longest_edge: LONGEST_EDGE_SIDES * side,
+        };
+        thin(&mut mesh, &thinning);
+        adjust_vertices(&mut mesh, surfaces, FUSED_GATE_SIGMAS);
+        mesh.colors = colors_of(carved, &mesh);
+        Some(mesh)
+    }
+}
+
+/// Colours of the vertices of a mesh: those of the nearest points of `colored`.
+fn colors_of(colored: &TriangleMesh, mesh: &TriangleMesh) -> Option<Vec<[u8; 3]>> {
+    let colors = colored.colors.as_ref()?;
+    let scene = RayScene::new(colored);
+    let color = |position| {
+        let Some(nearest) = scene.closest(position, f64::INFINITY) else {
+            return DEFAULT_COLOR;
+        };
+        let corners = colored.triangles[nearest.triangle as usize].map(|it| colors[it as usize]);
+        std::array::from_fn(|channel| {
+            let weighted = corners.iter().zip(nearest.barycentric);
+            let sum: f64 = weighted
+                .map(|(color, weight)| f64::from(color[channel]) * weight)
+                .sum();
+            sum.round() as u8
+        })
+    };
+    Some(mesh.positions.par_iter().map(color).collect())
+}
