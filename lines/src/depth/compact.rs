@@ -13,6 +13,8 @@ use crate::image::Plane;
 const LONGEST_SIDE: usize = 400;
 /// Bits of a 32-bit number that a code leaves out. The others give a relative precision of 2^-13 over 16 octaves.
 const OMITTED_BITS: u32 = 11;
+/// Largest difference of neighbouring depths on one surface, as a share of the depth: an angle of some 80 degrees to the ray.
+const LARGEST_SLOPE: f32 = 0.025;
 /// The code of the largest depth.
 const LARGEST_CODE: u32 = 65_535;
 
@@ -133,26 +135,51 @@ impl CompactDepth {
         Some(Point3::new(x, y, z))
     }
 
-    /// Depth at the pixel nearest to the projection of a point in the frame of the depth camera; `None` outside the image and where depth is
-    /// unknown.
+    /// How far a point in the frame of the depth camera lies before the surface measured along its ray; negative behind it. Where the four pixels
+    /// around lie on one surface, the distance is that from their plane, else the difference to the depth of the nearest. `None`
+    /// outside the image and where depth is unknown.
     #[inline]
-    pub fn along_ray(&self, point_in_depth: &Point3<f64>) -> Option<f64> {
+    pub fn distance(&self, point_in_depth: &Point3<f64>) -> Option<f64> {
         let [x, y, z] = [point_in_depth.x, point_in_depth.y, point_in_depth.z];
-        // False for NaN, too.
-        if !(z > 0.0) {
+        if z.is_nan() || z <= 0.0 {
             return None;
         }
         let inverse = 1.0 / z;
-        let column = x * inverse * self.focal_px[0] + self.center_px[0] + 0.5;
-        let row = y * inverse * self.focal_px[1] + self.center_px[1] + 0.5;
-        if !(column >= 0.0 && row >= 0.0 && column < self.columns as f64) {
+        let column = x * inverse * self.focal_px[0] + self.center_px[0];
+        let row = y * inverse * self.focal_px[1] + self.center_px[1];
+        let (columns, rows) = (self.columns as f64, self.rows() as f64);
+        if !(column >= -0.5 && row >= -0.5 && column < columns - 0.5 && row < rows - 0.5) {
             return None;
         }
-        let row = row as usize;
-        (row < self.rows())
-            .then(|| self.get(column as usize, row))
-            .flatten()
-            .map(f64::from)
+        let Some([depth, right, down]) = self.interpolated(column, row) else {
+            let nearest = self.get((column + 0.5) as usize, (row + 0.5) as usize)?;
+            return Some(f64::from(nearest) - z);
+        };
+        // The plane m . x = 1, divided by the inverse depth: m = (-f dz/du / z, -f dz/dv / z, 1 - m_x x - m_y y) on the ray (x, y, 1).
+        let slope = [right * self.focal_px[0], down * self.focal_px[1]].map(|it| -it / depth);
+        let along = 1.0 - (slope[0] * x + slope[1] * y) * inverse;
+        let normal = Vector3::new(slope[0], slope[1], along);
+        Some((depth - z) / normal.norm())
+    }
+
+    /// Depth between four known pixels of one surface, and its change a pixel to the right and down.
+    #[inline]
+    fn interpolated(&self, column: f64, row: f64) -> Option<[f64; 3]> {
+        let (left, top) = (column as usize, row as usize);
+        if column < 0.0 || row < 0.0 || left + 1 >= self.columns || top + 1 >= self.rows() {
+            return None;
+        }
+        let [a, b] = [self.get(left, top)?, self.get(left + 1, top)?];
+        let [c, d] = [self.get(left, top + 1)?, self.get(left + 1, top + 1)?];
+        let (low, high) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
+        if high - low > LARGEST_SLOPE * low {
+            return None;
+        }
+        let (x, y) = (column - left as f64, row - top as f64);
+        let [a, b, c, d] = [a, b, c, d].map(f64::from);
+        let (above, below) = (a + x * (b - a), c + x * (d - c));
+        let right = (b - a) + y * ((d - c) - (b - a));
+        Some([above + y * (below - above), right, below - above])
     }
 }
 
@@ -200,7 +227,49 @@ mod tests {
         assert!((0..4).all(|column| nothing.get(column, 0).is_none()));
         let empty = CompactDepth::new(&Plane::default(), &sensor, &color);
         assert_eq!((empty.columns(), empty.rows()), (0, 0));
-        assert_eq!(empty.along_ray(&Point3::new(0.0, 0.0, 1.0)), None);
+        assert_eq!(empty.distance(&Point3::new(0.0, 0.0, 1.0)), None);
+    }
+
+    #[test]
+    fn depth_is_interpolated_on_a_surface_and_not_across_an_outline() {
+        let samples = (0..40).map(|i| match i % 10 {
+            column @ 0..5 => 2.0 + 0.01 * column as f32,
+            _ => 3.0,
+        });
+        let depth = Plane::new(10, 4, samples.collect()).unwrap();
+        let (sensor, color) = sensor(true);
+        let compact = CompactDepth::new(&depth, &sensor, &color);
+        let at = |column: f64| {
+            let point = color.point_at_depth(&nalgebra::Point2::new(column, 1.25), 1.0);
+            1.0 + compact.distance(&point.unwrap()).unwrap()
+        };
+        let (slope, ray) = (-0.01 * 525.0 / 2.015, (1.5 - 319.5) / 525.0);
+        let cosine = 1.0 / f64::hypot(slope, 1.0 - slope * ray);
+        assert!((at(1.5) - 1.0 - cosine * 1.015).abs() < 0.05, "{}", at(1.5));
+        assert!((at(4.4) - 2.04).abs() < 3e-4 && (at(4.6) - 3.0).abs() < 3e-4);
+        assert!((at(-0.4) - 2.0).abs() < 3e-4);
+    }
+
+    #[test]
+    fn distances_are_those_from_planes() {
+        // n . x = 1.5, seen at an angle of up to 75 degrees.
+        let (sensor, color) = sensor(true);
+        for normal in [Vector3::new(0.0, 0.0, 1.0), Vector3::new(0.8, 0.3, 0.4)] {
+            let normal = normal.normalize();
+            let ray = |x: f64, y: f64| Vector3::new((x - 319.5) / 525.0, (y - 239.5) / 520.0, 1.0);
+            let depth_at = |ray: &Vector3<f64>| 1.5 / normal.dot(ray);
+            let pixels = (0..480).flat_map(|y| (0..640).map(move |x| (f64::from(x), f64::from(y))));
+            let samples = pixels.map(|(x, y)| depth_at(&ray(x, y)) as f32);
+            let depth = Plane::new(640, 480, samples.collect()).unwrap();
+            let compact = CompactDepth::new(&depth, &sensor, &color);
+            for (x, y) in [(310.3, 240.1), (350.0, 121.7), (450.2, 300.6)] {
+                let ray = ray(x, y);
+                let point = Point3::from(ray * (depth_at(&ray) - 0.05));
+                let expected = 1.5 - normal.dot(&point.coords);
+                let found = compact.distance(&point).unwrap();
+                assert!((found - expected).abs() < 0.002, "{found} {expected}");
+            }
+        }
     }
 
     #[test]
@@ -219,12 +288,12 @@ mod tests {
                 let pixel = camera.project(&point).unwrap();
                 assert!((pixel.x - 2.0 * column as f64).abs() < 1e-9);
                 assert!((pixel.y - 2.0 * row as f64).abs() < 1e-9);
-                let found = compact.along_ray(&(point * 0.7)).unwrap();
-                assert!((found - 2.0).abs() < 1e-3);
+                let found = compact.distance(&(point * 0.7)).unwrap();
+                assert!((found - 0.6).abs() < 1e-3);
             }
-            assert_eq!(compact.along_ray(&Point3::new(0.0, 0.0, -1.0)), None);
-            assert_eq!(compact.along_ray(&Point3::new(f64::NAN, 0.0, 1.0)), None);
-            assert_eq!(compact.along_ray(&Point3::new(9.0, 0.0, 1.0)), None);
+            assert_eq!(compact.distance(&Point3::new(0.0, 0.0, -1.0)), None);
+            assert_eq!(compact.distance(&Point3::new(f64::NAN, 0.0, 1.0)), None);
+            assert_eq!(compact.distance(&Point3::new(9.0, 0.0, 1.0)), None);
         }
     }
 }

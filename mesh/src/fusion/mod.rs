@@ -1,14 +1,14 @@
 //! The surface on which the depth images of several views agree.
 //!
-//! Around measured points, on the corners of a grid of cubes, the distance along the ray from the depth of each view is averaged. The
-//! surface lies where the mean changes its sign: one vertex in each cube that it crosses.
+//! Around measured points, on the corners of a grid of cubes, the distance from the surface that each view measured along the ray is averaged.
+//! The surface lies where the mean changes its sign: one vertex in each cube that it crosses.
 //!
 //! # Reference
 //! The mean distance: B. Curless and M. Levoy, *A volumetric method for building complex models from range images*, SIGGRAPH 1996. The
 //! vertices: S. Gibson, *Constrained elastic surface nets*, MICCAI 1998; several in a cube where it has several sheets, as in G. Nielson,
 //! *Dual marching cubes*, VIS 2004.
 //!
-//! *Differs from the papers*: nothing is accumulated view by view, so the result depends neither on the order of the views nor on which
+//! *Differs from the papers*: distances are those from planes, where pixels lie on one, so that surfaces seen at a grazing angle are not torn. Nothing is accumulated view by view, so the result depends neither on the order of the views nor on which
 //! of them moved before.
 
 mod field;
@@ -51,10 +51,10 @@ impl<'a> PosedDepth<'a> {
         })
     }
 
-    /// How far a point lies before the depth measured along its ray, along the axis of the camera; `None` where nothing was measured.
+    /// How far a point lies before the surface measured along its ray; `None` where nothing was measured.
     fn distance(&self, point_in_world: &Point3<f64>) -> Option<f64> {
-        let point = self.depth_from_world * point_in_world;
-        Some(self.depth.along_ray(&point)? - point.z)
+        self.depth
+            .distance(&(self.depth_from_world * point_in_world))
     }
 }
 
