@@ -140,7 +140,7 @@ impl<'a> KeyframeSurface<'a> {
             .map(|sample| {
                 // A sample's plane is used up to half a step away.
                 let slope = step * f64::from(sample.slope[0].abs() + sample.slope[1].abs());
-                f64::from(sample.rho) - slope - self.agreement_sigmas * self.sigma(sample)
+                f64::from(sample.rho) - slope - self.agreement_sigmas * self.sigma(&sample)
             })
             .fold(f64::INFINITY, f64::min);
         let depth = Some(1.0 / nearest).filter(|depth| *depth > 0.0 && depth.is_finite())?;

@@ -4,7 +4,7 @@ mod follow;
 
 use linecarve_carving::{PointId, Transaction, TransactionError};
 use linecarve_lines::triangulation::{ImageVertex, SurfaceSample};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 
 use crate::front_end::LineKeyframe;
 use crate::map::depth_noise::Deviation;
