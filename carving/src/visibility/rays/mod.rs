@@ -65,7 +65,7 @@ impl RayVisibility {
     /// No rays; with evidence where a softness is given. Without lists all of them are added to all cells at once.
     pub(crate) fn new(softness: Option<Softness>, has_lists: bool) -> Self {
         Self {
-            table: Rays::new(softness.is_some()),
+            table: Rays::default(),
             crossings: Crossings::new(has_lists),
             softness,
             anchors: OccupiedAnchors::new(has_lists),
