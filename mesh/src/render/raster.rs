@@ -235,7 +235,7 @@ mod tests {
         for index in 0..400 {
             let mut draw = |bound: f64| Vector3::from_fn(|_, _| random.random_range(-bound..bound));
             let center = Point3::from(draw(3.0));
-            let size = if index % 20 == 0 { 4.0 } else { 0.4 };
+            let size = if index % 50 == 0 { 4.0 } else { 0.3 };
             for _ in 0..3 {
                 mesh.positions.push(center + draw(size));
             }
@@ -291,7 +291,7 @@ mod tests {
                 assert!((hit.barycentric[0] - expected.barycentric[1]).abs() < 1e-9);
                 triangles.insert(hit.triangle);
             }
-            assert!(triangles.len() > 60, "{}", triangles.len());
+            assert!(triangles.len() > 20, "{}", triangles.len());
         }
     }
 
