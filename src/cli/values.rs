@@ -96,6 +96,8 @@ pub enum SceneChoice {
     Boxes,
     /// Three white walls that meet in a corner.
     Corner,
+    /// Five furnished rooms in a row, seen on a walk through all of them and back; take 1000 frames or so.
+    Walk,
     /// Points of a city with the views that see them, without images; see --points.
     City,
 }
@@ -108,6 +110,7 @@ impl SceneChoice {
             Self::BareRoom => Some(SceneKind::BareRoom),
             Self::Boxes => Some(SceneKind::Boxes),
             Self::Corner => Some(SceneKind::Corner),
+            Self::Walk => Some(SceneKind::Walk),
             Self::City => None,
         }
     }

@@ -7,9 +7,10 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 use rstar::primitives::GeomWithData;
-use rstar::{AABB, RTree};
+use rstar::{AABB, RTree, SelectionFunction};
 
 use super::keyframe_measurements::Correction;
+use super::view_region::ViewRegion;
 use crate::options::LandmarkOptions;
 
 /// A point measured by a keyframe.
@@ -92,12 +93,28 @@ pub(super) enum LandmarkUpdate {
     Removed,
 }
 
+/// Selects what lies in a region.
+struct Within<'a>(&'a ViewRegion);
+
+impl SelectionFunction<IndexedLandmark> for Within<'_> {
+    fn should_unpack_parent(&self, envelope: &AABB<[f64; 3]>) -> bool {
+        self.0.meets([envelope.lower(), envelope.upper()])
+    }
+
+    fn should_unpack_leaf(&self, landmark: &IndexedLandmark) -> bool {
+        self.0.holds(landmark.geom())
+    }
+}
+
+/// The position and index of a landmark.
+type IndexedLandmark = GeomWithData<[f64; 3], u32>;
+
 /// All landmarks, with a spatial index.
 #[derive(Debug, Default)]
 pub(super) struct Landmarks {
     options: LandmarkOptions,
     records: Vec<Landmark>,
-    tree: RTree<GeomWithData<[f64; 3], u32>>,
+    tree: RTree<IndexedLandmark>,
     /// Number of the current keyframe.
     keyframe: u32,
 }
@@ -134,14 +151,13 @@ impl Landmarks {
         !self.records[id as usize].is_removed
     }
 
-    /// Indices and positions of the landmarks in an axis-aligned box, given by its lowest and highest corner; unordered.
-    pub(super) fn within(
-        &self,
-        [low, high]: [Point3<f64>; 2],
-    ) -> impl Iterator<Item = (u32, Point3<f64>)> + '_ {
-        let corners = AABB::from_corners(low.coords.into(), high.coords.into());
+    /// Indices and positions of the landmarks in a region; unordered.
+    pub(super) fn within<'a>(
+        &'a self,
+        region: &'a ViewRegion,
+    ) -> impl Iterator<Item = (u32, Point3<f64>)> + 'a {
         self.tree
-            .locate_in_envelope(corners)
+            .locate_with_selection_function(Within(region))
             .map(|entry| (entry.data, Point3::from(*entry.geom())))
     }
 

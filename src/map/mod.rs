@@ -28,6 +28,7 @@ pub(crate) mod test_surface;
 mod update;
 mod vertex_adjustment;
 mod vertex_landmarks;
+mod view_region;
 
 use std::time::{Duration, Instant};
 

@@ -9,25 +9,38 @@ use nalgebra::{Point3, Vector3};
 
 const NONE: u32 = u32::MAX;
 
-/// An observation in the list of its landmark.
+/// An observation with a ray in the list of its landmark.
 #[derive(Debug, Clone, Copy)]
-struct Entry {
+struct Ray {
     view: ViewId,
+    bin: Bin,
+    next: u32,
+}
+
+/// Views in one block; with the link a block is 32 bytes.
+const BLOCK_LEN: usize = 7;
+
+/// A part of the observations of a landmark: the latest in the first block, where they fill up from the front.
+#[derive(Debug, Clone, Copy)]
+struct Block {
+    views: [ViewId; BLOCK_LEN],
     next: u32,
 }
 
 /// The lists of a landmark.
 #[derive(Debug, Clone, Copy)]
 struct Lists {
-    /// All observations, the latest first.
+    /// The first block of all observations, and their number: all blocks are full but the first.
     observations: u32,
-    /// The observations with a ray.
+    count: u32,
+    /// The observations with a ray, the latest first.
     rays: u32,
 }
 
 impl Lists {
     const EMPTY: Lists = Lists {
         observations: NONE,
+        count: 0,
         rays: NONE,
     };
 }
@@ -46,8 +59,10 @@ pub(super) struct RaySelection {
     /// every observation is a ray.
     grid: Option<f64>,
     lists: Vec<Lists>,
-    entries: Vec<Entry>,
-    free: u32,
+    rays: Vec<Ray>,
+    free_rays: u32,
+    blocks: Vec<Block>,
+    free_blocks: u32,
     /// Reused memory: rays of a landmark before, its observations, the bins that are taken, and the result.
     before: Vec<ViewId>,
     observations: Vec<ViewId>,
@@ -55,11 +70,12 @@ pub(super) struct RaySelection {
     changes: Vec<RayChange>,
 }
 
-/// A cell of the direction grid.
+/// A cell of the direction grid: the face of the cube in the upper bits, then 14 bits for each coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Bin {
-    face: u8,
-    cell: [i16; 2],
+struct Bin(u32);
+
+impl Bin {
+    const LARGEST: u32 = (1 << 14) - 1;
 }
 
 impl RaySelection {
@@ -67,7 +83,8 @@ impl RaySelection {
     pub(super) fn new(angle_deg: f64) -> Self {
         Self {
             grid: (angle_deg > 0.0).then(|| 2.0 * (45.0 / angle_deg).floor() + 1.0),
-            free: NONE,
+            free_rays: NONE,
+            free_blocks: NONE,
             ..Self::default()
         }
     }
@@ -79,40 +96,85 @@ impl RaySelection {
         let along = |k: usize| {
             // From -1 to 1 across the face of a cube.
             let share = ray[(axis + k) % 3] / length;
-            ((share + 1.0) * 0.5 * grid).floor() as i16
+            (((share + 1.0) * 0.5 * grid) as u32).min(Bin::LARGEST)
         };
-        Bin {
-            face: 2 * axis as u8 + u8::from(ray[axis] < 0.0),
-            cell: [along(1), along(2)],
-        }
+        let face = 2 * axis as u32 + u32::from(ray[axis] < 0.0);
+        Bin(face << 28 | along(1) << 14 | along(2))
     }
 
-    fn push(&mut self, view: ViewId, next: u32) -> u32 {
-        let entry = Entry { view, next };
-        if self.free == NONE {
-            self.entries.push(entry);
-            return (self.entries.len() - 1) as u32;
+    fn push_ray(&mut self, view: ViewId, bin: Bin, next: u32) -> u32 {
+        let ray = Ray { view, bin, next };
+        if self.free_rays == NONE {
+            self.rays.push(ray);
+            return (self.rays.len() - 1) as u32;
         }
-        let place = self.free;
-        self.free = self.entries[place as usize].next;
-        self.entries[place as usize] = entry;
+        let place = self.free_rays;
+        self.free_rays = self.rays[place as usize].next;
+        self.rays[place as usize] = ray;
         place
     }
 
-    fn release(&mut self, mut first: u32) {
+    fn release_rays(&mut self, mut first: u32) {
         while first != NONE {
-            let next = self.entries[first as usize].next;
-            self.entries[first as usize].next = self.free;
-            self.free = first;
+            let next = self.rays[first as usize].next;
+            self.rays[first as usize].next = self.free_rays;
+            self.free_rays = first;
             first = next;
         }
     }
 
-    fn list(&self, mut next: u32) -> impl Iterator<Item = ViewId> + '_ {
+    fn rays_from(&self, mut next: u32) -> impl Iterator<Item = &Ray> + '_ {
         std::iter::from_fn(move || {
-            let entry = self.entries.get(next as usize)?;
-            next = entry.next;
-            Some(entry.view)
+            let ray = self.rays.get(next as usize)?;
+            next = ray.next;
+            Some(ray)
+        })
+    }
+
+    /// Adds a view to the observations of a landmark.
+    fn push_observation(&mut self, landmark: usize, view: ViewId) {
+        let lists = &mut self.lists[landmark];
+        let slot = lists.count as usize % BLOCK_LEN;
+        if slot == 0 {
+            let block = Block {
+                views: [view; BLOCK_LEN],
+                next: lists.observations,
+            };
+            if self.free_blocks == NONE {
+                lists.observations = self.blocks.len() as u32;
+                self.blocks.push(block);
+            } else {
+                lists.observations = self.free_blocks;
+                let free = &mut self.blocks[self.free_blocks as usize];
+                self.free_blocks = free.next;
+                *free = block;
+            }
+        }
+        self.blocks[lists.observations as usize].views[slot] = view;
+        lists.count += 1;
+    }
+
+    fn release_observations(&mut self, lists: &Lists) {
+        let mut first = lists.observations;
+        while first != NONE {
+            let next = self.blocks[first as usize].next;
+            self.blocks[first as usize].next = self.free_blocks;
+            self.free_blocks = first;
+            first = next;
+        }
+    }
+
+    /// All observations of a landmark, the latest first.
+    fn observations(&self, lists: Lists) -> impl Iterator<Item = ViewId> + '_ {
+        let (mut block, mut left) = (lists.observations, lists.count as usize);
+        std::iter::from_fn(move || {
+            let last = left.checked_sub(1)?;
+            let current = &self.blocks[block as usize];
+            if last % BLOCK_LEN == 0 {
+                block = current.next;
+            }
+            left = last;
+            Some(current.views[last % BLOCK_LEN])
         })
     }
 
@@ -134,15 +196,35 @@ impl RaySelection {
         let index = landmark as usize;
         self.lists
             .resize(self.lists.len().max(index + 1), Lists::EMPTY);
-        self.lists[index].observations = self.push(view, self.lists[index].observations);
+        self.push_observation(index, view);
         let bin = Self::bin(grid, position, &center_of(view));
-        let is_taken = self
-            .list(self.lists[index].rays)
-            .any(|other| Self::bin(grid, position, &center_of(other)) == bin);
+        let first = self.lists[index].rays;
+        let is_taken = self.rays_from(first).any(|ray| ray.bin == bin);
         if !is_taken {
-            self.lists[index].rays = self.push(view, self.lists[index].rays);
+            self.lists[index].rays = self.push_ray(view, bin, first);
         }
         !is_taken
+    }
+
+    /// Follows views that observe a landmark, which stays where it is, to other centres: later observations are compared with the rays
+    /// as they are now.
+    ///
+    /// # Complexity
+    /// Linear in the rays of the landmark.
+    pub(super) fn follow_views(
+        &mut self,
+        landmark: u32,
+        position: &Point3<f64>,
+        center_of: impl Fn(ViewId) -> Point3<f64>,
+    ) {
+        let (Some(grid), Some(lists)) = (self.grid, self.lists.get(landmark as usize)) else {
+            return;
+        };
+        let mut next = lists.rays;
+        while let Some(ray) = self.rays.get_mut(next as usize) {
+            ray.bin = Self::bin(grid, position, &center_of(ray.view));
+            next = ray.next;
+        }
     }
 
     /// Selects the rays of a landmark anew after it moved to `position`.
@@ -164,11 +246,11 @@ impl RaySelection {
         };
         let mut before = std::mem::take(&mut self.before);
         before.clear();
-        before.extend(self.list(lists.rays));
-        self.release(lists.rays);
+        before.extend(self.rays_from(lists.rays).map(|ray| ray.view));
+        self.release_rays(lists.rays);
         let mut observations = std::mem::take(&mut self.observations);
         observations.clear();
-        observations.extend(self.list(lists.observations));
+        observations.extend(self.observations(lists));
         self.taken.clear();
         let mut rays = NONE;
         for &view in observations.iter().rev() {
@@ -177,7 +259,7 @@ impl RaySelection {
                 continue;
             }
             self.taken.push(bin);
-            rays = self.push(view, rays);
+            rays = self.push_ray(view, bin, rays);
             match before.iter().position(|other| *other == view) {
                 Some(place) => {
                     before.swap_remove(place);
@@ -202,30 +284,28 @@ impl RaySelection {
         let Some(lists) = self.lists.get(landmark as usize).copied() else {
             return;
         };
-        let mut without = |first: u32| {
-            // Latest first, as `push` puts them.
-            let mut views: Vec<ViewId> = self.list(first).collect();
-            views.retain(|other| *other != view);
-            self.release(first);
-            let mut list = NONE;
-            for view in views.into_iter().rev() {
-                list = self.push(view, list);
-            }
-            list
-        };
-        let remaining = Lists {
-            observations: without(lists.observations),
-            rays: without(lists.rays),
-        };
-        self.lists[landmark as usize] = remaining;
+        let mut observations: Vec<ViewId> = self.observations(lists).collect();
+        let mut rays: Vec<Ray> = self.rays_from(lists.rays).copied().collect();
+        self.release_observations(&lists);
+        self.release_rays(lists.rays);
+        observations.retain(|other| *other != view);
+        rays.retain(|ray| ray.view != view);
+        self.lists[landmark as usize] = Lists::EMPTY;
+        for view in observations.into_iter().rev() {
+            self.push_observation(landmark as usize, view);
+        }
+        for ray in rays.into_iter().rev() {
+            let first = self.lists[landmark as usize].rays;
+            self.lists[landmark as usize].rays = self.push_ray(ray.view, ray.bin, first);
+        }
     }
 
     /// Forgets a landmark that was removed.
     pub(super) fn remove(&mut self, landmark: u32) {
         if let Some(lists) = self.lists.get_mut(landmark as usize) {
-            let Lists { observations, rays } = std::mem::replace(lists, Lists::EMPTY);
-            self.release(observations);
-            self.release(rays);
+            let lists = std::mem::replace(lists, Lists::EMPTY);
+            self.release_observations(&lists);
+            self.release_rays(lists.rays);
         }
     }
 }
@@ -247,9 +327,8 @@ mod tests {
 
     /// The rays of a landmark, ascending.
     fn rays_of(selection: &RaySelection, landmark: u32) -> Vec<ViewId> {
-        let mut rays: Vec<ViewId> = selection
-            .list(selection.lists[landmark as usize].rays)
-            .collect();
+        let rays = selection.rays_from(selection.lists[landmark as usize].rays);
+        let mut rays: Vec<ViewId> = rays.map(|ray| ray.view).collect();
         rays.sort_unstable();
         rays
     }
@@ -294,9 +373,9 @@ mod tests {
             .count();
         assert_eq!(rays, 1);
         selection.remove(3);
-        let entries = selection.entries.len();
+        let memory = (selection.blocks.len(), selection.rays.len());
         assert!(selection.observe(4, &Point3::origin(), ViewId(1000), stays));
-        assert_eq!(selection.entries.len(), entries);
+        assert_eq!((selection.blocks.len(), selection.rays.len()), memory);
     }
 
     #[test]
@@ -320,6 +399,18 @@ mod tests {
         );
         assert_eq!(rays_of(&all, 0), rays_of(&others, 0));
         all.forget_view(7, ViewId(1));
+    }
+
+    #[test]
+    fn bins_follow_views_that_are_placed_elsewhere() {
+        let mut selection = RaySelection::new(15.0);
+        let before = |view: ViewId| Point3::new(1.0, f64::from(view.0), 0.1);
+        let after = |view: ViewId| Point3::new(1.0, f64::from(view.0) - 1.0, 0.1);
+        let place = Point3::origin();
+        assert!(selection.observe(0, &place, ViewId(0), before));
+        selection.follow_views(0, &place, after);
+        assert!(!selection.observe(0, &place, ViewId(1), |_| after(ViewId(0))));
+        assert!(selection.observe(0, &place, ViewId(2), after));
     }
 
     #[test]

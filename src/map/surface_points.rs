@@ -9,6 +9,7 @@ use linecarve_lines::triangulation::{
 use nalgebra::{Isometry3, Point2, Point3, Unit, Vector2, Vector3};
 
 use super::landmarks::Measurement;
+use super::view_region::ViewRegion;
 use crate::options::SurfacePointOptions;
 
 /// The dense surface of a keyframe with its camera and pose.
@@ -129,9 +130,9 @@ impl<'a> KeyframeSurface<'a> {
         }
     }
 
-    /// Lowest and highest corner of a box outside of which [`check`](Self::check) is `Unknown`: it holds the pyramid from the
-    /// camera to beyond the farthest sample. `None` when that is unbounded, as a sample may lie at infinity.
-    pub(super) fn bounds(&self) -> Option<[Point3<f64>; 2]> {
+    /// The region outside of which [`check`](Self::check) is `Unknown`: the pyramid from the camera to beyond the farthest sample.
+    /// `None` when that is unbounded, as a sample may lie at infinity.
+    pub(super) fn region(&self) -> Option<ViewRegion> {
         let step = f64::from(self.samples.step_px());
         let (columns, rows) = (self.samples.columns(), self.samples.rows());
         let nearest = (0..rows)
@@ -139,7 +140,7 @@ impl<'a> KeyframeSurface<'a> {
             .map(|sample| {
                 // A sample's plane is used up to half a step away.
                 let slope = step * f64::from(sample.slope[0].abs() + sample.slope[1].abs());
-                f64::from(sample.rho) - slope - self.agreement_sigmas * self.sigma(sample)
+                f64::from(sample.rho) - slope - self.agreement_sigmas * self.sigma(&sample)
             })
             .fold(f64::INFINITY, f64::min);
         let depth = Some(1.0 / nearest).filter(|depth| *depth > 0.0 && depth.is_finite())?;
@@ -155,14 +156,10 @@ impl<'a> KeyframeSurface<'a> {
             .chain(
                 along(bottom).flat_map(|y| [Point2::new(-step, y), Point2::new(right + step, y)]),
             );
-        let center = Point3::from(self.world_from_camera.translation.vector);
-        let (mut low, mut high) = (center, center);
-        for pixel in frame {
-            let point = self.world_from_camera * self.camera.point_at_depth(&pixel, depth).ok()?;
-            low = low.inf(&point);
-            high = high.sup(&point);
-        }
-        Some([low, high])
+        let frame: Option<Vec<_>> = frame
+            .map(|pixel| self.camera.point_at_depth(&pixel, depth).ok())
+            .collect();
+        Some(ViewRegion::new(self.world_from_camera, &frame?))
     }
 
     /// Projection of a world point, and the signed distance of the measured surface behind it in standard deviations. `None`
@@ -319,12 +316,13 @@ mod tests {
         assert!(matches!(check(0.0, -2.0), SurfaceCheck::Unknown));
         assert!(matches!(check(5.0, 2.0), SurfaceCheck::Unknown));
         assert!(matches!(check(f64::NAN, 2.0), SurfaceCheck::Unknown));
-        // The bounds are tight.
-        let [low, high] = surface.bounds().unwrap();
-        assert!(low.z <= 3.0 && high.z > 5.007 && high.z < 5.1);
-        for (x, bound) in [(-1.05, low.x), (1.05, high.x)] {
+        // The region is tight.
+        let region = surface.region().unwrap();
+        let holds = |x: f64, z: f64| region.holds(&[1.0 + x, 2.0, 3.0 + z]);
+        assert!(holds(0.0, 2.007) && !holds(0.0, 2.1) && !holds(0.0, -0.1));
+        for x in [-1.05, 1.05] {
             assert!(matches!(check(x, 2.0), SurfaceCheck::Confirmed { .. }));
-            assert!((1.0 + x - bound).abs() < 0.3 && (bound - 1.0).abs() > 1.15);
+            assert!(holds(x, 2.0) && !holds(1.3 * x, 2.0) && !holds(x, 1.5));
         }
     }
 

@@ -14,6 +14,8 @@ pub enum SceneKind {
     Boxes,
     /// Three white walls that meet in a corner.
     Corner,
+    /// Five furnished rooms in a row, seen on a walk through all of them and back.
+    Walk,
 }
 
 /// Layouts of the folder.
@@ -30,7 +32,13 @@ pub enum SequenceLayout {
 
 impl SceneKind {
     /// Every scene.
-    pub const ALL: [Self; 4] = [Self::Room, Self::BareRoom, Self::Boxes, Self::Corner];
+    pub const ALL: [Self; 5] = [
+        Self::Room,
+        Self::BareRoom,
+        Self::Boxes,
+        Self::Corner,
+        Self::Walk,
+    ];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
@@ -39,6 +47,7 @@ impl SceneKind {
             Self::BareRoom => "bare-room",
             Self::Boxes => "boxes",
             Self::Corner => "corner",
+            Self::Walk => "walk",
         }
     }
 }

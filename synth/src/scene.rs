@@ -39,6 +39,7 @@ impl Scene {
             SceneKind::BareRoom => Self::bare_room(),
             SceneKind::Boxes => Self::boxes(),
             SceneKind::Corner => Self::corner(),
+            SceneKind::Walk => Self::walk(),
         }
     }
 

@@ -139,7 +139,9 @@ fn the_path_keeps_away_from_everything() {
     for kind in SceneKind::ALL {
         let scene = Scene::new(kind);
         let rays = RayScene::new(&scene.mesh());
-        let poses = scene.poses(60, 3);
+        // A walk of 36 metres.
+        let frames = if kind == SceneKind::Walk { 1000 } else { 60 };
+        let poses = scene.poses(frames, 3);
         for pair in poses.windows(2) {
             let eye = Point3::from(pair[0].translation.vector);
             assert!(

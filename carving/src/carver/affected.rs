@@ -10,17 +10,44 @@ use crate::visibility::{ObservationId, ObservationTable, Visibility};
 pub(super) struct Affected {
     pub(super) rays: Vec<ObservationId>,
     pub(super) segments: Vec<ObservationId>,
+    /// Rays of which nothing changes but the standard deviation of their point; not among `rays`.
+    pub(super) resoftened: Vec<ObservationId>,
 }
 
 impl Plan {
     pub(super) fn affected(&self, carver: &Carver) -> Affected {
+        let table = carver.rays.table();
+        let rays = self.affected_of(carver, table, &self.rays);
+        let mut segments = self.affected_of(carver, carver.segments.table(), &self.segments);
+        let mut resoftened = self.resoftened_of(carver, table);
+        resoftened.retain(|ray| rays.binary_search(ray).is_err());
+        segments.extend(self.resoftened_of(carver, carver.segments.table()));
+        segments.sort_unstable();
+        segments.dedup();
         Affected {
-            rays: self.affected_of(carver, carver.rays.table(), &self.rays),
-            segments: self.affected_of(carver, carver.segments.table(), &self.segments),
+            rays,
+            segments,
+            resoftened,
         }
     }
 
-    /// Existing observations of one kind that end, or whose position, deviation or weight changes; sorted.
+    /// Existing observations of one kind with another deviation of a point; sorted.
+    fn resoftened_of<const N: usize>(
+        &self,
+        carver: &Carver,
+        table: &impl ObservationTable<N>,
+    ) -> Vec<ObservationId> {
+        if !carver.cells.evidence.is_on() {
+            return Vec::new();
+        }
+        let points = self.sigmas.keys();
+        let mut resoftened: Vec<_> = points.flat_map(|&point| table.of_point(point)).collect();
+        resoftened.sort_unstable();
+        resoftened.dedup();
+        resoftened
+    }
+
+    /// Existing observations of one kind that end, or whose position or weight changes; sorted.
     fn affected_of<const N: usize>(
         &self,
         carver: &Carver,
@@ -30,11 +57,6 @@ impl Plan {
         let mut affected = Vec::new();
         for &point in self.points.keys() {
             affected.extend(table.of_point(point));
-        }
-        if carver.cells.evidence.is_on() {
-            for &point in self.sigmas.keys() {
-                affected.extend(table.of_point(point));
-            }
         }
         for &view in self.views.keys() {
             affected.extend(table.of_view(view));

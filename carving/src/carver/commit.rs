@@ -155,7 +155,19 @@ impl Carver {
         // When most rays change, or there were no cells to list them, all lists are built again.
         let mut is_rebuilt =
             self.tetrahedra.dimension() < 3 || affected.rays.len() > self.rays.table().len() / 2;
+        let sigmas = &plan.sigmas;
+        let sigma = |point: u32| sigmas.get(&point).copied().flatten();
         let (mut space, rays, segments) = self.visibility();
+        match is_rebuilt {
+            true => {
+                let table = rays.table_mut();
+                for &ray in &affected.resoftened {
+                    let [point] = table.points(ray);
+                    table.set_ends(ray, table.vertices(ray), [sigma(point)]);
+                }
+            }
+            false => rays.resoften(&mut space, &affected.resoftened, sigma),
+        }
         let affected_rays = (affected.rays, is_rebuilt);
         let mut changed_rays = plan.withdraw(&plan.rays, rays, &mut space, affected_rays);
         let affected_segments = (affected.segments, is_rebuilt);

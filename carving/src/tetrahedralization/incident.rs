@@ -7,11 +7,15 @@ use super::ids::{CellId, GHOST, VertexId};
 
 /// Beyond this many cells membership is looked up in a set rather than by a scan of the list.
 const SCAN_LIMIT: usize = 64;
+/// Words of a filter of 256 bits, of which [`SCAN_LIMIT`] cells set a quarter at most.
+const FILTER_WORDS: usize = 4;
 
 /// Reused memory for [`Tetrahedralization::incident_cells`].
 #[derive(Clone, Debug, Default)]
 pub struct IncidentCells {
     cells: Vec<CellId>,
+    /// A bit for each hash of a cell in the list, while it is scanned: most cells without theirs need no scan.
+    filter: [u64; FILTER_WORDS],
     seen: FxHashSet<CellId>,
 }
 
@@ -21,13 +25,29 @@ impl IncidentCells {
         Self::default()
     }
 
+    fn begin(&mut self, first: CellId) {
+        self.cells.clear();
+        self.seen.clear();
+        self.filter = [0; FILTER_WORDS];
+        self.add(first);
+    }
+
+    #[inline]
     fn add(&mut self, cell: CellId) {
         if self.cells.len() < SCAN_LIMIT {
-            if !self.cells.contains(&cell) {
+            // Multiplicative hashing: the highest bits depend on all others.
+            let hash = cell.raw().wrapping_mul(0x9e37_79b9) >> 24;
+            let (word, bit) = (&mut self.filter[(hash >> 6) as usize], 1 << (hash & 63));
+            if *word & bit == 0 || !self.cells.contains(&cell) {
+                *word |= bit;
                 self.cells.push(cell);
             }
             return;
         }
+        self.add_to_set(cell);
+    }
+
+    fn add_to_set(&mut self, cell: CellId) {
         if self.cells.len() == SCAN_LIMIT && self.seen.is_empty() {
             self.seen.extend(&self.cells);
         }
@@ -52,14 +72,13 @@ impl Tetrahedralization {
         scratch: &'a mut IncidentCells,
     ) -> &'a [CellId] {
         scratch.cells.clear();
-        scratch.seen.clear();
         if vertex.0 == GHOST {
             return &[];
         }
         let Some(start) = self.cell_of(vertex) else {
             return &[];
         };
-        scratch.cells.push(start);
+        scratch.begin(start);
         let mut next = 0;
         while let Some(&current) = scratch.cells.get(next) {
             next += 1;

@@ -1,9 +1,8 @@
 //! Incremental clustering: each segment joins the best fitting cluster or starts a new one.
 
 use nalgebra::{Point3, Vector3};
-use rstar::primitives::{GeomWithData, Rectangle};
-use rstar::{AABB, RTree};
 
+use super::index::ClusterIndex;
 use super::options::{ClusterOptions, ClusterOptionsError};
 use super::representative::{EndMoments, WorldSegment};
 
@@ -49,8 +48,6 @@ pub struct Cluster {
     members: [u32; 2],
 }
 
-type Entry = GeomWithData<Rectangle<[f64; 3]>, u32>;
-
 /// Marks a segment without cluster.
 const NONE: u32 = u32::MAX;
 
@@ -64,8 +61,8 @@ const NONE: u32 = u32::MAX;
 /// depth included, scales or moves the clusters.
 ///
 /// # Complexity
-/// About O(log n) per segment for n clusters of bounded density: an R-tree over bounding boxes yields the candidates, and running sums
-/// avoid a second pass over the members.
+/// About O(log n) per segment for n clusters of bounded density: an R-tree over bounding boxes and directions yields the candidates,
+/// and running sums avoid a second pass over the members.
 ///
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
@@ -79,15 +76,13 @@ pub struct SegmentClusterer {
     minimum_cosine: f64,
     distance: f64,
     offset: f64,
-    /// How far a segment may be from a cluster that it fits.
-    reach: f64,
     /// `None` where a cluster was merged away.
     clusters: Vec<Option<Cluster>>,
     /// Direction of each cluster. Most candidates have another one, and are not looked at any further.
     directions: Vec<Vector3<f64>>,
     /// How many of them have the minimum size.
     large: usize,
-    tree: RTree<Entry>,
+    index: ClusterIndex,
     /// The member after each segment in its cluster; the last one points to itself, and so does a segment without cluster.
     next_member: Vec<u32>,
     /// The cluster of each segment; [`NONE`] without one.
@@ -115,11 +110,13 @@ impl SegmentClusterer {
             minimum_cosine: options.maximum_angle_rad.cos(),
             distance,
             offset,
-            reach: reach(distance, offset, options.maximum_angle_rad),
             clusters: Vec::new(),
             directions: Vec::new(),
             large: 0,
-            tree: RTree::new(),
+            index: ClusterIndex::new(
+                reach(distance, offset, options.maximum_angle_rad),
+                options.maximum_angle_rad,
+            ),
             next_member: Vec::new(),
             cluster_of: Vec::new(),
             candidates: Vec::new(),
@@ -200,7 +197,7 @@ impl SegmentClusterer {
             self.cluster_of[id as usize] = cluster;
             self.directions.push(segment.direction());
             self.count_change(0, 1);
-            self.tree.insert(entry(segment, cluster));
+            self.index.insert(cluster, segment);
             events.push(ClusterEvent::Created(ClusterId(cluster)));
             return cluster;
         };
@@ -254,7 +251,7 @@ impl SegmentClusterer {
         let Some(before) = self.clusters[number as usize].take() else {
             return;
         };
-        self.tree.remove(&entry(&before.representative, number));
+        self.index.remove(number);
         self.count_change(before.size, 0);
         let members: Vec<SegmentId> = self.members(&before).collect();
         let mut reduced: Option<Cluster> = None;
@@ -284,7 +281,7 @@ impl SegmentClusterer {
         }
         if let Some(cluster) = &reduced {
             self.directions[number as usize] = cluster.representative.direction();
-            self.tree.insert(entry(&cluster.representative, number));
+            self.index.insert(number, &cluster.representative);
             self.count_change(0, cluster.size);
             events.push(ClusterEvent::Reduced(ClusterId(number)));
         } else {
@@ -324,8 +321,7 @@ impl SegmentClusterer {
     ) {
         if before != after {
             self.directions[cluster as usize] = after.direction();
-            self.tree.remove(&entry(before, cluster));
-            self.tree.insert(entry(after, cluster));
+            self.index.follow(cluster, after);
             events.push(ClusterEvent::Moved(ClusterId(cluster)));
         }
     }
@@ -343,7 +339,7 @@ impl SegmentClusterer {
         let Some(gone) = self.clusters[from as usize].take() else {
             return into;
         };
-        self.tree.remove(&entry(&gone.representative, from));
+        self.index.remove(from);
         let mut member = gone.members[0];
         loop {
             self.cluster_of[member as usize] = into;
@@ -386,13 +382,10 @@ impl SegmentClusterer {
     ) -> Option<u32> {
         let mut candidates = std::mem::take(&mut self.candidates);
         candidates.clear();
-        let (low, high) = corners(segment);
-        let query = AABB::from_corners(low.map(|c| c - self.reach), high.map(|c| c + self.reach));
         let towards = segment.direction();
         let is_parallel =
             |id: &u32| self.directions[*id as usize].dot(&towards).abs() >= self.minimum_cosine;
-        let found = self.tree.locate_in_envelope_intersecting(query);
-        candidates.extend(found.map(|entry| entry.data).filter(is_parallel));
+        candidates.extend(self.index.near(segment).filter(is_parallel));
         let best = candidates
             .iter()
             .filter(|&&id| Some(id) != except)
@@ -426,16 +419,6 @@ impl SegmentClusterer {
         };
         Some(long.offset(&short.ends[0]).max(long.offset(&short.ends[1])))
     }
-}
-
-fn corners(segment: &WorldSegment) -> ([f64; 3], [f64; 3]) {
-    let [a, b] = &segment.ends;
-    (a.inf(b).into(), a.sup(b).into())
-}
-
-fn entry(segment: &WorldSegment, cluster: u32) -> Entry {
-    let (low, high) = corners(segment);
-    GeomWithData::new(Rectangle::from_corners(low, high), cluster)
 }
 
 /// Upper bound of the distance between a segment and a cluster that it fits.

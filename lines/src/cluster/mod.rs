@@ -1,6 +1,7 @@
 //! Incremental clustering of segments from many keyframes.
 
 mod clusterer;
+mod index;
 mod options;
 mod representative;
 

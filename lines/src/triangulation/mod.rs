@@ -15,6 +15,7 @@
 //! instead of a pixel, which would select noise; windows across a discontinuity are not sampled.
 
 mod options;
+mod packed;
 mod refine;
 mod samples;
 mod window;

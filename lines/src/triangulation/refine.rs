@@ -8,7 +8,7 @@ use spade::handles::{FaceHandle, FixedVertexHandle, InnerTag};
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Triangulation};
 
 use super::options::RefineOptions;
-use super::samples::SurfaceSamples;
+use super::samples::{SurfaceSample, SurfaceSamples};
 
 /// A surface point in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,12 +49,14 @@ impl HasPosition for Node {
 
 /// Largest absolute coordinate of a vertex.
 const MAX_COORDINATE_PX: f64 = 1e6;
+/// Size of the grid cells along whose rows the given vertices are inserted.
+const ORDER_CELL_PX: f64 = 8.0;
 /// Smaller absolute coordinates become 0: `spade` refuses very small values.
 const MIN_COORDINATE_PX: f64 = 1e-12;
 
 /// A constrained Delaunay triangulation of surface points in the image.
 ///
-/// Deterministic: vertices are inserted in the given order, and ties of deviation go to the lower row, then column.
+/// Deterministic: ties of deviation go to the lower row, then column.
 #[derive(Debug)]
 pub struct ImageTriangulation {
     triangulation: ConstrainedDelaunayTriangulation<Node>,
@@ -70,16 +72,14 @@ impl ImageTriangulation {
     /// one counts. A line that crosses an earlier one is ignored.
     ///
     /// # Complexity
-    /// Expected about `n sqrt(n)`, `n log n` for neighbouring vertices in sequence.
+    /// Expected about `n log n`.
     pub fn new(vertices: &[ImageVertex], lines: &[[u32; 2]]) -> Self {
         let mut triangulation = Self {
             triangulation: ConstrainedDelaunayTriangulation::new(),
             vertices: Vec::with_capacity(vertices.len()),
             nodes: Vec::with_capacity(vertices.len()),
         };
-        for vertex in vertices {
-            triangulation.insert(*vertex);
-        }
+        triangulation.insert_in_spatial_order(vertices);
         for [a, b] in lines {
             let node = |index: u32| triangulation.nodes.get(index as usize).copied().flatten();
             if let (Some(a), Some(b)) = (node(*a), node(*b))
@@ -97,8 +97,35 @@ impl ImageTriangulation {
         &self.vertices
     }
 
+    /// Inserts vertices along the rows of a coarse grid, so that each is near the one before it. Those at one pixel keep their order.
+    fn insert_in_spatial_order(&mut self, vertices: &[ImageVertex]) {
+        let cell = |along: f64| (along / ORDER_CELL_PX).clamp(-1e9, 1e9) as i64;
+        let mut order: Vec<(i64, i64, u32)> = (0..)
+            .zip(vertices)
+            .map(|(index, vertex)| {
+                let (row, column) = (cell(vertex.pixel.y), cell(vertex.pixel.x));
+                // To and fro.
+                let column = if row % 2 == 0 { column } else { -column };
+                (row, column, index)
+            })
+            .collect();
+        order.sort_unstable();
+        self.vertices.extend(vertices);
+        self.nodes.resize(vertices.len(), None);
+        for (_, _, index) in order {
+            self.nodes[index as usize] = self.insert_node(vertices[index as usize], index);
+        }
+    }
+
     fn insert(&mut self, vertex: ImageVertex) -> Option<FixedVertexHandle> {
         let index = self.vertices.len() as u32;
+        let node = self.insert_node(vertex, index);
+        self.vertices.push(vertex);
+        self.nodes.push(node);
+        node
+    }
+
+    fn insert_node(&mut self, vertex: ImageVertex, index: u32) -> Option<FixedVertexHandle> {
         let coordinate = |value: f64| {
             if value.abs() < MIN_COORDINATE_PX {
                 0.0
@@ -111,7 +138,7 @@ impl ImageTriangulation {
             && y.abs() <= MAX_COORDINATE_PX
             && vertex.rho > 0.0
             && vertex.rho.is_finite();
-        let node = is_usable
+        is_usable
             .then(|| {
                 self.triangulation
                     .insert(Node {
@@ -122,10 +149,7 @@ impl ImageTriangulation {
                     })
                     .ok()
             })
-            .flatten();
-        self.vertices.push(vertex);
-        self.nodes.push(node);
-        node
+            .flatten()
     }
 
     /// Inserts samples until all deviations are within the bound, subject to the minimum distance; returns the number of inserted vertices,
@@ -219,8 +243,9 @@ impl ImageTriangulation {
                 samples: 0,
                 deviation_sigmas: 0.0,
             };
-            for_each_sample(&face, samples, 0.0, |_, _, deviation| {
+            for_each_sample(&face, samples, |_, _, difference| {
                 triangle.samples += 1;
+                let deviation = difference.deviation(0.0);
                 triangle.deviation_sigmas = triangle.deviation_sigmas.max(deviation);
             });
             triangle
@@ -278,23 +303,25 @@ fn worst(
     let nodes = face.vertices().map(|vertex| *vertex.data());
     let nearest = options.minimum_distance_px * options.minimum_distance_px;
     let mut worst: Option<(f64, usize, usize)> = None;
-    for_each_sample(
-        face,
-        samples,
-        options.relative_error / options.bound_sigmas,
-        |column, row, deviation| {
-            if deviation <= worst.map_or(options.bound_sigmas, |(largest, ..)| largest) {
-                return;
-            }
-            let pixel = samples.pixel(column, row);
-            let is_free = nodes
-                .iter()
-                .all(|node| (node.x - pixel.x).powi(2) + (node.y - pixel.y).powi(2) >= nearest);
-            if is_free {
-                worst = Some((deviation, column, row));
-            }
-        },
-    );
+    let relative_error = options.relative_error / options.bound_sigmas;
+    for_each_sample(face, samples, |column, row, difference| {
+        let least = worst.map_or(options.bound_sigmas, |(largest, ..)| largest);
+        // Most samples are well within the bound, which costs no root.
+        if difference.is_within(least, relative_error) {
+            return;
+        }
+        let deviation = difference.deviation(relative_error);
+        if deviation <= least {
+            return;
+        }
+        let pixel = samples.pixel(column, row);
+        let is_free = nodes
+            .iter()
+            .all(|node| (node.x - pixel.x).powi(2) + (node.y - pixel.y).powi(2) >= nearest);
+        if is_free {
+            worst = Some((deviation, column, row));
+        }
+    });
     worst.map(|(deviation, column, row)| WorstSample {
         deviation,
         row: row as u32,
@@ -304,13 +331,37 @@ fn worst(
     })
 }
 
-/// Calls `visit` with column, row and deviation in standard deviations of each sample in a triangle, borders included, in
-/// order of rows.
+/// A sample beside the triangle that it lies in.
+#[derive(Debug, Clone, Copy)]
+struct Difference {
+    sample: SurfaceSample,
+    /// Difference of the inverse depths.
+    size: f64,
+}
+
+impl Difference {
+    /// Whether it is certainly less than `bound` standard deviations.
+    #[inline]
+    fn is_within(&self, bound: f64, relative_error: f64) -> bool {
+        /// More than all roundings on either side.
+        const SLACK: f64 = 1.0 - 1e-9;
+        let noise = f64::from(self.sample.sigma);
+        let error = relative_error * f64::from(self.sample.rho);
+        self.size * self.size < SLACK * bound * bound * (noise * noise + error * error)
+    }
+
+    /// In standard deviations.
+    fn deviation(&self, relative_error: f64) -> f64 {
+        let error = relative_error * f64::from(self.sample.rho);
+        self.size / f64::from(self.sample.sigma).hypot(error)
+    }
+}
+
+/// Calls `visit` with column, row and difference of each sample in a triangle, borders included, in order of rows.
 fn for_each_sample(
     face: &Face<'_>,
     samples: &SurfaceSamples,
-    relative_error: f64,
-    mut visit: impl FnMut(usize, usize, f64),
+    mut visit: impl FnMut(usize, usize, Difference),
 ) {
     let [a, b, c] = face.vertices().map(|vertex| *vertex.data());
     let (bx, by, cx, cy) = (b.x - a.x, b.y - a.y, c.x - a.x, c.y - a.y);
@@ -353,12 +404,8 @@ fn for_each_sample(
             };
             let x = samples.pixel(column, row).x;
             let rho = a.rho + slope_x * (x - a.x) + slope_y * (y - a.y);
-            visit(
-                column,
-                row,
-                (f64::from(sample.rho) - rho).abs()
-                    / f64::from(sample.sigma).hypot(relative_error * f64::from(sample.rho)),
-            );
+            let size = (f64::from(sample.rho) - rho).abs();
+            visit(column, row, Difference { sample, size });
         }
     }
 }

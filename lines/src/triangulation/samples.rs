@@ -3,6 +3,7 @@
 use nalgebra::Point2;
 
 use super::options::SampleOptions;
+use super::packed::PackedSamples;
 use super::window::PlaneWindows;
 use crate::depth::InverseDepthMap;
 
@@ -26,8 +27,23 @@ pub struct SurfaceSamples {
     step_px: u32,
     columns: usize,
     rows: usize,
-    /// Row by row; an inverse depth of 0 marks a missing sample.
-    samples: Vec<SurfaceSample>,
+    /// Row by row.
+    samples: Storage,
+}
+
+/// Samples in memory.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+enum Storage {
+    /// An inverse depth of 0 marks a missing sample.
+    Whole(Vec<SurfaceSample>),
+    Packed(PackedSamples),
+}
+
+impl Default for Storage {
+    fn default() -> Self {
+        Self::Whole(Vec::new())
+    }
 }
 
 impl SurfaceSamples {
@@ -52,7 +68,7 @@ impl SurfaceSamples {
             step_px: step as u32,
             columns,
             rows,
-            samples,
+            samples: Storage::Whole(samples),
         }
     }
 
@@ -68,11 +84,11 @@ impl SurfaceSamples {
             step_px,
             columns,
             rows,
-            samples,
+            samples: Storage::Whole(samples),
         }
     }
 
-    /// Every second sample of every second row, with a quarter of the memory and twice the spacing.
+    /// Every second sample of every second row, with at most a quarter of the memory and twice the spacing.
     pub fn thinned(&self) -> Self {
         let (columns, rows) = (self.columns / 2, self.rows / 2);
         // From the pixel of a sample to the centre of its new grid square.
@@ -80,20 +96,19 @@ impl SurfaceSamples {
         let samples = (0..rows)
             .flat_map(|row| (0..columns).map(move |column| (2 * column, 2 * row)))
             .map(|(column, row)| {
-                let sample = self.samples[row * self.columns + column];
+                let sample = self.get(column, row).unwrap_or_default();
                 let rho = sample.rho + shift * (sample.slope[0] + sample.slope[1]);
                 SurfaceSample {
                     // A plane that reaches infinite depth on the way is unknown.
                     rho: if sample.rho > 0.0 { rho.max(0.0) } else { 0.0 },
                     ..sample
                 }
-            })
-            .collect();
+            });
         Self {
             step_px: 2 * self.step_px,
             columns,
             rows,
-            samples,
+            samples: Storage::Packed(PackedSamples::new(samples)),
         }
     }
 
@@ -114,18 +129,26 @@ impl SurfaceSamples {
 
     /// Number of samples with a plane.
     pub fn known_count(&self) -> usize {
-        self.samples
-            .iter()
-            .filter(|sample| sample.rho > 0.0)
-            .count()
+        match &self.samples {
+            Storage::Whole(samples) => samples.iter().filter(|sample| sample.rho > 0.0).count(),
+            Storage::Packed(samples) => samples.known_count(),
+        }
     }
 
     /// The sample at a column and row; `None` when missing.
     #[inline]
-    pub fn get(&self, column: usize, row: usize) -> Option<&SurfaceSample> {
-        self.samples
-            .get(row * self.columns + column)
-            .filter(|sample| sample.rho > 0.0 && column < self.columns)
+    pub fn get(&self, column: usize, row: usize) -> Option<SurfaceSample> {
+        if column >= self.columns {
+            return None;
+        }
+        let index = row * self.columns + column;
+        match &self.samples {
+            Storage::Whole(samples) => samples
+                .get(index)
+                .filter(|sample| sample.rho > 0.0)
+                .copied(),
+            Storage::Packed(samples) => samples.get(index),
+        }
     }
 
     /// The pixel at the centre of a sample.
@@ -159,7 +182,7 @@ impl SurfaceSamples {
             + away.y * f64::from(sample.slope[1]);
         (rho > 0.0).then_some(SurfaceSample {
             rho: rho as f32,
-            ..*sample
+            ..sample
         })
     }
 }

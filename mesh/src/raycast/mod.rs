@@ -9,6 +9,7 @@ mod intersect;
 mod scene;
 
 pub(crate) use closest::closest_in_triangle;
+pub(crate) use scene::triangle_normal;
 pub use scene::{ClosestPoint, RayHit, RayScene};
 
 #[cfg(test)]

@@ -115,10 +115,7 @@ impl RayScene {
     /// # Panics
     /// When `triangle` does not come from a result of this scene.
     pub fn normal(&self, triangle: u32) -> Vector3<f64> {
-        let [a, b, c] = self.corners(triangle);
-        // Normalises edges first, because the cross product of tiny ones would underflow.
-        let (ab, ac) = ((b - a).normalize(), (c - a).normalize());
-        ab.cross(&ac).normalize()
+        triangle_normal(self.corners(triangle))
     }
 
     /// The first triangle hit by a ray, from either side, at most `max` lengths of the direction away.
@@ -138,25 +135,7 @@ impl RayScene {
         max: f64,
         visible: impl Fn(u32, bool) -> bool,
     ) -> Option<RayHit> {
-        self.cast_guessing(origin, direction, max, None, visible)
-    }
-
-    /// [`RayScene::cast_where`] with a guess of the triangle that is hit, which shortens the search: that of a
-    /// neighbouring ray.
-    pub(crate) fn cast_guessing(
-        &self,
-        origin: &Point3<f64>,
-        direction: &Vector3<f64>,
-        max: f64,
-        guess: Option<u32>,
-        visible: impl Fn(u32, bool) -> bool,
-    ) -> Option<RayHit> {
         let ray = PreparedRay::new(origin, direction)?;
-        let guessed = guess.and_then(|triangle| {
-            let hit = ray.hits_triangle(self.corners(triangle), max)?;
-            visible(triangle, hit.is_front_face).then_some(hit.distance)
-        });
-        let max = guessed.unwrap_or(max);
         let (leaf, found) = self.tree.find_best(
             // The search finds costs below the bound; hits at the bound count, too.
             max.next_up(),
@@ -256,6 +235,13 @@ impl RayScene {
         }
         bounds
     }
+}
+
+/// The unit normal of a triangle with an area.
+pub(crate) fn triangle_normal([a, b, c]: [&Point3<f64>; 3]) -> Vector3<f64> {
+    // Normalises edges first, because the cross product of tiny ones would underflow.
+    let (ab, ac) = ((b - a).normalize(), (c - a).normalize());
+    ab.cross(&ac).normalize()
 }
 
 /// Result at a leaf: the cost to minimise, and other values.

@@ -4,8 +4,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::options::BackFaces;
+use super::raster::{Seen, first_hits};
 use super::view::View;
-use crate::raycast::RayScene;
+use crate::TriangleMesh;
+use crate::raycast::triangle_normal;
 
 /// First hits on a grid of samples, `supersampling` times as fine as the pixels along each side.
 pub(super) struct SampleBuffer {
@@ -69,9 +71,9 @@ impl<'a> ViewRays<'a> {
 }
 
 impl SampleBuffer {
-    /// Casts all rays, in parallel over rows; `row_done` is called after each.
-    pub(super) fn cast(
-        scene: &RayScene,
+    /// Draws a mesh, in parallel over rows; `row_done` is called after each.
+    pub(super) fn draw(
+        mesh: &TriangleMesh,
         view: &View,
         supersampling: usize,
         back_faces: BackFaces,
@@ -81,33 +83,32 @@ impl SampleBuffer {
             view.width as usize * supersampling,
             view.height as usize * supersampling,
         );
-        let rays = ViewRays::new(view, supersampling);
-        let origin = rays.origin();
-        let mut samples = vec![None; width * height];
-        samples
-            .par_chunks_mut(width)
-            .enumerate()
-            .for_each(|(row, line)| {
-                let mut last = None;
-                for (column, sample) in line.iter_mut().enumerate() {
-                    let direction = rays.direction(column, row);
-                    let is_drawn = |_, front| front || back_faces != BackFaces::Hidden;
-                    let hit = scene.cast_guessing(&origin, &direction, f64::MAX, last, is_drawn);
-                    last = hit.map(|hit| hit.triangle).or(last);
-                    *sample = hit.map(|hit| {
-                        let normal = scene.normal(hit.triangle);
-                        let facing = if hit.is_front_face { normal } else { -normal };
-                        Sample {
-                            depth: hit.distance as f32,
-                            triangle: hit.triangle,
-                            barycentric: [hit.barycentric[1] as f32, hit.barycentric[2] as f32],
-                            normal: facing.map(|v| v as f32).into(),
-                            is_front_face: hit.is_front_face,
-                        }
-                    });
-                }
-                row_done();
-            });
+        let normals: Vec<Vector3<f32>> = mesh
+            .triangles
+            .par_iter()
+            .map(|corners| {
+                let [Some(a), Some(b), Some(c)] =
+                    corners.map(|corner| mesh.positions.get(corner as usize))
+                else {
+                    // No sample sees it.
+                    return Vector3::zeros();
+                };
+                triangle_normal([a, b, c]).cast()
+            })
+            .collect();
+        let keep = |seen: &Seen| {
+            let normal = normals[seen.triangle as usize];
+            let facing = if seen.is_front_face { normal } else { -normal };
+            Sample {
+                depth: seen.depth as f32,
+                triangle: seen.triangle,
+                barycentric: seen.barycentric.map(|share| share as f32),
+                normal: facing.into(),
+                is_front_face: seen.is_front_face,
+            }
+        };
+        let mesh = (mesh.positions.as_slice(), mesh.triangles.as_slice());
+        let samples = first_hits(mesh, (view, supersampling), back_faces, keep, row_done);
         Self {
             width,
             height,

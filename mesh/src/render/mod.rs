@@ -1,8 +1,8 @@
-//! Pictures of meshes and segments by ray casting on the CPU: without driver or window, with the same bytes on every
+//! Pictures of meshes and segments, drawn on the CPU: without driver or window, with the same bytes on every
 //! machine.
 //!
 //! A [`View`] is a camera and image size. [`Renderer`] holds a mesh and [draws](Renderer::draw) it in passes over the
-//! picture: first hits (`buffer`), ambient occlusion (`occlusion`), shading (`shade`), outlines (`outline`), segments
+//! picture: first hits (`buffer`, `raster`), ambient occlusion (`occlusion`), shading (`shade`), outlines (`outline`), segments
 //! with a depth test (`segments`). Colours come from the vertices, from a [function of the
 //! position](Renderer::draw_colored), or are those of clay. Back faces, which are visible only through holes of a
 //! closed surface, are tinted.
@@ -14,6 +14,7 @@ mod occlusion;
 mod options;
 mod outline;
 mod picture;
+mod raster;
 mod segments;
 mod shade;
 mod view;

@@ -181,7 +181,7 @@ impl<'a> Renderer<'a> {
         ])
     }
 
-    /// Casts the rays of `pictures` pictures.
+    /// What `pictures` pictures from one view share.
     fn geometry<'v>(
         &self,
         pictures: usize,
@@ -206,7 +206,7 @@ impl<'a> Renderer<'a> {
         let total = height * step + (usize::from(occluded) + pictures) * height;
         let done = AtomicUsize::new(0);
         let row_done = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
-        let buffer = SampleBuffer::cast(&self.scene, view, step, options.back_faces, &row_done);
+        let buffer = SampleBuffer::draw(self.mesh, view, step, options.back_faces, &row_done);
         let occlusion = (options.occlusion_rays, options.back_faces);
         let openness =
             occluded.then(|| Openness::measure(&self.scene, view, &buffer, occlusion, &row_done));

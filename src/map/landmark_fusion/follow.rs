@@ -174,10 +174,17 @@ impl LandmarkFusion {
             let found = keyframes.binary_search_by_key(&view, |(_, view, _)| *view);
             found.ok().and_then(|at| keyframes[at].2)
         };
-        self.select_rays(transaction, |before, view| match pose_of(view) {
+        let center_of = |before: &Carver, view: ViewId| match pose_of(view) {
             Some(pose) => pose.translation.vector.into(),
             None => before.view(view).unwrap_or(Point3::origin()),
-        })
+        };
+        for &landmark in &self.seen {
+            let position = self.landmarks.position(landmark);
+            self.rays.follow_views(landmark, &position, |view| {
+                center_of(transaction.before(), view)
+            });
+        }
+        self.select_rays(transaction, center_of)
     }
 
     /// Adds the observed sub-segments as segment observations of this weight; none with weight 0. A sub-segment with a nearly

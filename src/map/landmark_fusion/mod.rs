@@ -4,7 +4,7 @@ mod follow;
 
 use linecarve_carving::{PointId, Transaction, TransactionError};
 use linecarve_lines::triangulation::{ImageVertex, SurfaceSample};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 
 use crate::front_end::LineKeyframe;
 use crate::map::depth_noise::Deviation;
@@ -13,6 +13,7 @@ use crate::map::landmarks::{Association, Landmarks, Measurement};
 use crate::map::ray_selection::RaySelection;
 use crate::map::segment_views::SegmentViews;
 use crate::map::surface_points::{KeyframeSurface, SurfaceCheck};
+use crate::map::view_region::ViewRegion;
 use crate::options::Options;
 use crate::options::SurfacePointOptions;
 
@@ -203,9 +204,8 @@ impl LandmarkFusion {
         &mut self,
         surface: &KeyframeSurface<'_>,
     ) -> impl Iterator<Item = Deviation> {
-        let everything = [f64::NEG_INFINITY, f64::INFINITY].map(|all| Point3::new(all, all, all));
-        let bounds = surface.bounds().unwrap_or(everything);
-        let within = self.landmarks.within(bounds);
+        let region = surface.region().unwrap_or_else(ViewRegion::everything);
+        let within = self.landmarks.within(&region);
         let found = within.filter_map(|(landmark, position)| {
             let (vertex, sample) = surface.look_up(&position)?;
             Some((landmark, vertex, sample))

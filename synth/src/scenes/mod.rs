@@ -4,3 +4,4 @@ mod boxes;
 mod corner;
 mod furniture;
 mod room;
+mod walk;

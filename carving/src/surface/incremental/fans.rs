@@ -10,7 +10,7 @@ impl Update<'_> {
     /// Gives each fan around a vertex its mesh vertex, and lists the edges at the vertex.
     pub(super) fn settle_fans(&mut self, vertex: VertexId) {
         let mut around = std::mem::take(&mut self.around);
-        self.carved.around(vertex, &mut self.scratch, &mut around);
+        self.surroundings.list(self.carved, vertex, &mut around);
         let records = &self.mesh.records;
         around.retain(|located| {
             let record = records.get(&located.corners);

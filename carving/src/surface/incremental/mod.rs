@@ -12,6 +12,7 @@ mod faces;
 mod fans;
 mod locate;
 mod splits;
+mod surroundings;
 mod update;
 mod vertices;
 

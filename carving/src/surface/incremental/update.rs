@@ -9,8 +9,9 @@ use super::components::ComponentSearch;
 use super::locate::{Carved, Located};
 use super::splits::EdgeGroup;
 use super::splits::first_corner;
+use super::surroundings::Surroundings;
 use super::{IncrementalMesh, NONE, Record, TriangleRole};
-use crate::tetrahedralization::{IncidentCells, VertexId};
+use crate::tetrahedralization::VertexId;
 
 impl IncrementalMesh {
     /// See [`Carver::update_mesh`](crate::Carver::update_mesh).
@@ -44,7 +45,7 @@ impl IncrementalMesh {
 pub(super) struct Update<'a> {
     pub(super) mesh: &'a mut IncrementalMesh,
     pub(super) carved: Carved<'a>,
-    pub(super) scratch: IncidentCells,
+    pub(super) surroundings: Surroundings,
     /// Reused memory: the triangles around a vertex, and their fans.
     pub(super) around: Vec<Located>,
     pub(super) fans: Vec<usize>,
@@ -68,7 +69,7 @@ impl<'a> Update<'a> {
         Self {
             mesh,
             carved,
-            scratch: IncidentCells::new(),
+            surroundings: Surroundings::default(),
             around: Vec::new(),
             fans: Vec::new(),
             dirty: Vec::new(),
@@ -127,7 +128,7 @@ impl<'a> Update<'a> {
         self.moved.dedup();
         let mut around = std::mem::take(&mut self.around);
         for &vertex in &self.moved {
-            self.carved.around(vertex, &mut self.scratch, &mut around);
+            self.surroundings.list(self.carved, vertex, &mut around);
             for located in &around {
                 candidates.push(located.corners);
                 if self.mesh.repeated.contains(&located.corners) {
@@ -169,7 +170,7 @@ impl<'a> Update<'a> {
         let mut search = ComponentSearch::new(self.carved, minimum, &mut self.mesh.records);
         for vertex in dirty {
             let around = &mut self.around;
-            self.carved.around(vertex, &mut self.scratch, around);
+            self.surroundings.list(self.carved, vertex, around);
             for located in around {
                 search.settle(*located, changed);
             }
@@ -237,7 +238,7 @@ impl<'a> Update<'a> {
                 self.place(copy, position);
             }
             if self.placed.len() > before {
-                self.carved.around(vertex, &mut self.scratch, &mut around);
+                self.surroundings.list(self.carved, vertex, &mut around);
                 self.reshaped.extend(around.iter().map(|it| it.corners));
             }
         }

@@ -51,6 +51,11 @@ impl<'a> RayEvidence<'a> {
         }
     }
 
+    /// The centre and the target.
+    pub(super) fn ends(&self) -> [&'a [f64; 3]; 2] {
+        [self.center, self.target]
+    }
+
     /// Beyond what a facet costs the full weight.
     #[inline]
     pub(super) fn far(&self) -> Far {

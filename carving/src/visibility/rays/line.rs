@@ -45,6 +45,16 @@ pub(super) struct Far {
 }
 
 impl Far {
+    /// What is far by this and by another one of the same ray.
+    pub(super) fn farther(self, other: Self) -> Self {
+        // The larger number, or NaN, beyond which nothing is.
+        let beyond = match self.beyond > other.beyond || self.beyond.is_nan() {
+            true => self.beyond,
+            false => other.beyond,
+        };
+        Self { beyond, ..self }
+    }
+
     /// Whether a position is far.
     #[inline(always)]
     pub(super) fn holds(&self, position: &[f64; 3], target: &[f64; 3]) -> bool {

@@ -15,6 +15,7 @@
 //! * `walk`: all cells of a ray, from cell to cell where it pierces the interior of every facet on its way, otherwise by
 //!   searching all cells that it touches;
 //! * `record`: adding rays to cells and removing them;
+//! * `resoften`: other standard deviations of the points of rays;
 //! * `rewalk`: what to walk again after cells have been destroyed and created;
 //! * `check`: what cells should list, without any walk.
 
@@ -23,6 +24,7 @@ mod check;
 mod evidence;
 mod line;
 mod record;
+mod resoften;
 mod rewalk;
 mod table;
 mod trace;
@@ -63,7 +65,7 @@ impl RayVisibility {
     /// No rays; with evidence where a softness is given. Without lists all of them are added to all cells at once.
     pub(crate) fn new(softness: Option<Softness>, has_lists: bool) -> Self {
         Self {
-            table: Rays::new(softness.is_some()),
+            table: Rays::default(),
             crossings: Crossings::new(has_lists),
             softness,
             anchors: OccupiedAnchors::new(has_lists),

@@ -24,8 +24,9 @@ use super::super::crossings::{Entrance, Entry};
 use super::super::segment_cell::crosses_ghost;
 use super::super::{ObservationId, ObservationTable, Space};
 use super::RayVisibility;
+use super::line::ShearedLine;
 use super::record::Recorded;
-use super::walk::Walker;
+use super::walk::{Walker, evidence_of};
 
 /// Reused memory of updates.
 #[derive(Clone, Debug, Default)]
@@ -103,8 +104,10 @@ impl RayVisibility {
 
     /// Walks on inside the region where the rays of a destroyed cell enter it.
     fn rewalk_cell(&mut self, space: &mut Space<'_>, cell: CellId, listed: &[Entry]) {
-        let is_ghost = space.tetrahedra.cell_vertices(cell)[3].is_ghost();
+        let (tetrahedra, views) = (space.tetrahedra, space.views);
+        let is_ghost = tetrahedra.cell_vertices(cell)[3].is_ghost();
         let border = space.border(cell);
+        let mut entering = Vec::with_capacity(listed.len());
         for entry in listed {
             let start = match entry.entrance() {
                 Entrance::Facet(facet) => match border[usize::from(facet)] {
@@ -122,8 +125,28 @@ impl RayVisibility {
             if self.table.is_degenerate(entry.id()) {
                 self.scratch.queue(entry.id());
             } else {
-                self.walk_inside(space, entry.id(), start);
+                entering.push((entry.id(), start));
             }
+        }
+        // Rays are anywhere in memory: what walks need is fetched for all of them together, so that the processor need not wait for one
+        // after another.
+        let prepared: Vec<(Recorded<'_>, ShearedLine)> = entering
+            .iter()
+            .map(|&(ray, _)| {
+                let evidence = evidence_of((tetrahedra, views), &self.table, self.softness, ray);
+                let walker = self.walker(space);
+                let line = walker.line_of(ray, evidence.as_ref());
+                let weight = self.table.weight(ray);
+                let recorded = Recorded {
+                    ray,
+                    weight,
+                    evidence,
+                };
+                (recorded, line)
+            })
+            .collect();
+        for ((_, start), (recorded, line)) in entering.iter().zip(&prepared) {
+            self.walk_inside(space, recorded, line, *start);
         }
     }
 
@@ -131,7 +154,8 @@ impl RayVisibility {
     fn walk_inside(
         &mut self,
         space: &mut Space<'_>,
-        ray: ObservationId,
+        recorded: &Recorded<'_>,
+        line: &ShearedLine,
         start: Option<(CellId, usize)>,
     ) {
         let tetrahedra = space.tetrahedra;
@@ -141,23 +165,22 @@ impl RayVisibility {
             rays: &self.table,
             softness: self.softness,
         };
+        let ray = recorded.ray;
         let steps = &mut self.walk.steps;
         steps.clear();
         let within = |cell: CellId| space.cells.is_new(cell);
-        let line = walker.line(ray);
         let walked = walker.last_cell(ray).and_then(|last| match start {
             Some((outer, facet)) => {
-                let front = walker.cells().front(&line, outer, facet);
-                walker.cells().follow(&line, front, last, within, steps)
+                let front = walker.cells().front(line, outer, facet);
+                walker.cells().follow(line, front, last, within, steps)
             }
-            None => walker.follow_from_vertex(&line, (ray, None), last, within, steps),
+            None => walker.follow_from_vertex(line, (ray, None), last, within, steps),
         });
         if walked.is_err() {
             self.table.set_degenerate(ray, true);
             self.scratch.queue(ray);
             return;
         }
-        let recorded = Recorded::new(&walker, ray);
         for &step in &*steps {
             recorded.add((tetrahedra, &mut self.crossings, space.cells), step);
         }

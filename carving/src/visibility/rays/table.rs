@@ -6,14 +6,19 @@ const NONE: u32 = u32::MAX;
 /// The bit of `RayRecord::view` that marks degenerate rays.
 const DEGENERATE: u32 = 1 << 31;
 
-/// What walks need of a ray: 12 bytes.
+/// What walks need of a ray: 24 bytes, mostly of one cache line.
 #[derive(Clone, Copy, Debug)]
 struct RayRecord {
+    /// Standard deviation of the point, negative where it has none.
+    sigma: f64,
     /// The view; the highest bit is set while the ray may meet an edge or a vertex on its way.
     view: u32,
     vertex: u32,
     weight: u32,
 }
+
+/// Stands for no standard deviation.
+const NO_SIGMA: f64 = -1.0;
 
 /// Doubly linked lists through the rays of a point and of a view.
 #[derive(Clone, Copy, Debug)]
@@ -33,22 +38,11 @@ pub(crate) struct Rays {
     free: Vec<u32>,
     /// Number of old numbers in use.
     renumbered: usize,
-    /// Standard deviation of the point of each ray; empty unless asked for.
-    sigmas: Vec<Option<f64>>,
-    has_sigmas: bool,
 }
 
 impl Rays {
     /// Largest number of views.
     pub(crate) const MAX_VIEWS: usize = (DEGENERATE - 1) as usize;
-
-    /// No rays. Standard deviations are kept where asked for.
-    pub(super) fn new(has_sigmas: bool) -> Self {
-        Self {
-            has_sigmas,
-            ..Self::default()
-        }
-    }
 
     /// Length of an array indexed by ray.
     pub(crate) fn capacity(&self) -> usize {
@@ -180,7 +174,8 @@ impl ObservationTable<1> for Rays {
 
     #[inline]
     fn sigmas(&self, ray: ObservationId) -> [Option<f64>; 1] {
-        [self.sigmas.get(ray.0 as usize).copied().flatten()]
+        let sigma = self.records[ray.0 as usize].sigma;
+        [(sigma >= 0.0).then_some(sigma)]
     }
 
     #[inline]
@@ -197,6 +192,7 @@ impl ObservationTable<1> for Rays {
         grow(&mut self.first_of_point, point);
         grow(&mut self.first_of_view, view);
         let record = RayRecord {
+            sigma: NO_SIGMA,
             view,
             vertex: NONE,
             weight,
@@ -232,12 +228,9 @@ impl ObservationTable<1> for Rays {
     }
 
     fn set_ends(&mut self, ray: ObservationId, [vertex]: [u32; 1], [sigma]: [Option<f64>; 1]) {
-        self.records[ray.0 as usize].vertex = vertex;
-        if self.has_sigmas {
-            self.sigmas
-                .resize(self.records.len().max(self.sigmas.len()), None);
-            self.sigmas[ray.0 as usize] = sigma;
-        }
+        let record = &mut self.records[ray.0 as usize];
+        record.vertex = vertex;
+        record.sigma = sigma.unwrap_or(NO_SIGMA);
     }
 
     fn set_weight(&mut self, ray: ObservationId, weight: u32) {

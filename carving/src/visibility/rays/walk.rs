@@ -21,6 +21,22 @@ pub(super) struct Walker<'a> {
     pub(super) softness: Option<Softness>,
 }
 
+/// The evidence of a ray of a table, which may change afterwards; `None` without softness.
+#[inline]
+pub(super) fn evidence_of<'a>(
+    (tetrahedra, views): (&'a Tetrahedralization, &'a Views),
+    rays: &Rays,
+    softness: Option<Softness>,
+    ray: ObservationId,
+) -> Option<RayEvidence<'a>> {
+    let softness = softness?;
+    let center = views.center(rays.view(ray));
+    let target = tetrahedra.coordinates(VertexId::from_index(rays.vertex(ray) as usize));
+    let [sigma] = rays.sigmas(ray);
+    let weight = rays.weight(ray);
+    Some(RayEvidence::new([center, target], sigma, weight, softness))
+}
+
 impl<'a> Walker<'a> {
     /// The steps from cell to cell.
     #[inline]
@@ -31,12 +47,8 @@ impl<'a> Walker<'a> {
     /// The evidence of a ray; `None` without softness.
     #[inline]
     pub(super) fn evidence(&self, ray: ObservationId) -> Option<RayEvidence<'a>> {
-        let softness = self.softness?;
-        let center = self.views.center(self.rays.view(ray));
-        let target = self.tetrahedra.coordinates(self.target(ray));
-        let [sigma] = self.rays.sigmas(ray);
-        let weight = self.rays.weight(ray);
-        Some(RayEvidence::new([center, target], sigma, weight, softness))
+        let space = (self.tetrahedra, self.views);
+        evidence_of(space, self.rays, self.softness, ray)
     }
 
     #[inline]
@@ -46,10 +58,19 @@ impl<'a> Walker<'a> {
 
     #[inline]
     pub(super) fn line(&self, ray: ObservationId) -> ShearedLine {
+        self.line_of(ray, self.evidence(ray).as_ref())
+    }
+
+    /// The same, with the evidence of the ray.
+    #[inline]
+    pub(super) fn line_of(
+        &self,
+        ray: ObservationId,
+        evidence: Option<&RayEvidence<'a>>,
+    ) -> ShearedLine {
         let center = self.views.center(self.rays.view(ray));
         let target = self.tetrahedra.coordinates(self.target(ray));
-        let far = self.evidence(ray).map(|evidence| evidence.far());
-        ShearedLine::new(center, target, far)
+        ShearedLine::new(center, target, evidence.map(RayEvidence::far))
     }
 
     /// The cell in which the ray ends, if it ends inside one; `Err` when the centre is on the boundary of cells.

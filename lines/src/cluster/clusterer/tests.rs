@@ -44,7 +44,7 @@ fn check(clusterer: &SegmentClusterer) {
     }
     let has_cluster = |id: usize| clusterer.cluster_of[id] != NONE;
     assert!((0..seen.len()).all(|id| seen[id] == has_cluster(id)));
-    assert_eq!(clusterer.tree.size(), clusterer.all_clusters().count());
+    assert_eq!(clusterer.index.len(), clusterer.all_clusters().count());
     assert_eq!(clusterer.cluster_count(), clusterer.clusters().count());
 }
 
@@ -203,6 +203,10 @@ fn no_cluster_that_fits_is_missed() {
         let found = clusterer.best_cluster(&second, None, clusterer.offset);
         assert_eq!(found.is_some(), fits, "{pair:?}");
         fitting += usize::from(fits);
+        let corners = |segment: &WorldSegment| {
+            let [a, b] = &segment.ends;
+            (a.inf(b), a.sup(b))
+        };
         let (a, b) = (corners(&first), corners(&second));
         let gap = (0..3)
             .map(|axis| (a.0[axis] - b.1[axis]).max(b.0[axis] - a.1[axis]))

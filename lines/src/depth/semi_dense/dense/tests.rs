@@ -86,7 +86,7 @@ fn surface(views: &[MatchView]) -> SurfaceSamples {
 fn known(surface: &SurfaceSamples) -> Vec<(Point2<f64>, SurfaceSample)> {
     (0..surface.rows())
         .flat_map(|row| (0..surface.columns()).map(move |column| (column, row)))
-        .filter_map(|(column, row)| Some((surface.pixel(column, row), *surface.get(column, row)?)))
+        .filter_map(|(column, row)| Some((surface.pixel(column, row), surface.get(column, row)?)))
         .collect()
 }
 

@@ -1,0 +1,88 @@
+//! Rays whose points get another standard deviation.
+//!
+//! Such a ray crosses the same cells as before. What it contributes changes near its point alone, and its anchor moves.
+
+use crate::tetrahedralization::VertexId;
+
+use super::super::segment_cell::Exit;
+use super::super::{ObservationId, ObservationTable, Space};
+use super::RayVisibility;
+use super::evidence::RayEvidence;
+use super::line::ShearedLine;
+
+impl RayVisibility {
+    /// Gives rays that the cells list other standard deviations; `sigma` is that of a point. Nothing else about them, and no cell, may
+    /// have changed since they were added.
+    ///
+    /// # Complexity
+    ///
+    /// Linear in the number of cells crossed; sums change near the points only.
+    pub(crate) fn resoften(
+        &mut self,
+        space: &mut Space<'_>,
+        rays: &[ObservationId],
+        sigma: impl Fn(u32) -> Option<f64>,
+    ) {
+        let (tetrahedra, views) = (space.tetrahedra, space.views);
+        for &ray in rays {
+            let ([point], vertices) = (self.table.points(ray), self.table.vertices(ray));
+            let sigma = sigma(point);
+            if let Some(softness) = self.softness {
+                let target = VertexId::from_index(vertices[0] as usize);
+                let ends = [
+                    views.center(self.table.view(ray)),
+                    tetrahedra.coordinates(target),
+                ];
+                let weight = self.table.weight(ray);
+                let [before] = self.table.sigmas(ray);
+                let [before, after] =
+                    [before, sigma].map(|sigma| RayEvidence::new(ends, sigma, weight, softness));
+                self.exchange_evidence(space, ray, [before, after]);
+                if let Some(cell) = self.anchors.detach(ray.0) {
+                    space.cells.evidence.of_mut(cell).occupied -= before.anchor_weight();
+                }
+            }
+            self.table.set_ends(ray, vertices, [sigma]);
+            self.attach(space, ray);
+        }
+    }
+
+    /// Replaces what a ray contributes to the cells that it crosses, but for its anchor.
+    fn exchange_evidence(
+        &mut self,
+        space: &mut Space<'_>,
+        ray: ObservationId,
+        [before, after]: [RayEvidence<'_>; 2],
+    ) {
+        let tetrahedra = space.tetrahedra;
+        let mut walk = std::mem::take(&mut self.walk);
+        let walker = self.walker(space);
+        walk.steps.clear();
+        let is_strict = !self.table.is_degenerate(ray)
+            && walker.last_cell(ray).is_ok_and(|last| {
+                let [center, target] = before.ends();
+                let far = before.far().farther(after.far());
+                let line = ShearedLine::new(center, target, Some(far));
+                let steps = &mut walk.steps;
+                let walked = walker.follow_from_vertex(&line, (ray, None), last, |_| true, steps);
+                walked.is_ok()
+            });
+        if !is_strict {
+            walker.walk(ray, None, &mut walk);
+            for step in &mut walk.steps {
+                step.is_far = false;
+            }
+        }
+        for step in walk.steps.iter().filter(|step| !step.is_far) {
+            let [before, after] =
+                [before, after].map(|it| it.passage(tetrahedra, step.cell, step.exit));
+            if before != after
+                && step.exit != Exit::Elsewhere
+                && let Some(sum) = space.cells.evidence.of_mut(step.cell).of_exit(step.exit)
+            {
+                *sum = *sum - before + after;
+            }
+        }
+        self.walk = walk;
+    }
+}
