@@ -193,6 +193,11 @@ impl Mapper {
         self.map.observe(change)
     }
 
+    /// Leaves the carving to others, see [`Map::leave_carving`].
+    pub(crate) fn leave_carving(&mut self) -> bool {
+        self.map.leave_carving()
+    }
+
     /// Keeps the exported surface up to date from now on.
     pub(crate) fn follow_surface(&mut self) {
         self.map.follow_surface();

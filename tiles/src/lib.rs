@@ -27,6 +27,6 @@ pub use error::TilesError;
 pub use merge::{MergedMesh, merged_mesh};
 pub use plan::{Plan, PlanOptions, TileSummary, plan};
 pub use planner::{Planner, SeenPoint};
-pub use run::run;
+pub use run::{run, run_pending};
 pub use stage::{Item, Stage, run_item};
 pub use work::{Manifest, Work};
