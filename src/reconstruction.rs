@@ -6,6 +6,7 @@
 
 use std::collections::VecDeque;
 
+use linecarve_carving::internals::RankedSurface;
 use linecarve_mesh::{LineSet, TriangleMesh};
 use nalgebra::Isometry3;
 
@@ -131,6 +132,14 @@ impl Reconstruction {
             mapper: Mapper::new(map, recording.origin),
             recording,
         })
+    }
+
+    /// The surface in the frame of the poses that others carved from the points of this run, see
+    /// [`leave_carving`](Self::leave_carving); `None` for maps of points, whose surface is that which was carved.
+    pub(crate) fn surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
+        let mut surface = self.mapper.adjusted_surface_of(ranked)?;
+        surface.translate(&self.recording.origin);
+        Some(surface)
     }
 
     /// Leaves the carving to others, before the first keyframe; see [`Map::leave_carving`].

@@ -126,9 +126,14 @@ fn ensure_no_sequence(folder: &Path) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// When the merged mesh is damaged or the file cannot be written.
-pub(crate) fn write_mesh(work: &Work) -> anyhow::Result<(PathBuf, usize)> {
-    let finish: Finish = serde_json::from_str(&work.plan().caller).context("plan.json")?;
+pub(crate) fn write_mesh(project: &Project) -> anyhow::Result<(PathBuf, usize)> {
+    let work = project.work()?;
     let path = work.folder().join("mesh.ply");
+    if let Some(mesh) = project.surface()? {
+        write_mesh_ply(&path, &mesh)?;
+        return Ok((path, mesh.triangles.len()));
+    }
+    let finish: Finish = serde_json::from_str(&work.plan().caller).context("plan.json")?;
     let origin: Vector3<f64> = finish.origin.into();
     if finish.closes_holes {
         let merged = merged_mesh(work)?;

@@ -81,7 +81,7 @@ fn run_all(
 ) -> anyhow::Result<Outcome> {
     ensure!(jobs > 0, "--jobs 0: give at least one");
     let program = std::env::current_exe().context("this program cannot be found")?;
-    let (work, carried_out) = carry_out_all(folder, jobs, |item: Task| {
+    let (project, carried_out) = carry_out_all(folder, jobs, |item: Task| {
         let mut task = Command::new(&program);
         task.args(["tiles", "item"]).arg(folder);
         task.args([item.stage.name(), &item.number.to_string()]);
@@ -103,7 +103,7 @@ fn run_all(
         );
         Ok(())
     })?;
-    let (path, triangles) = write_mesh(&work)?;
+    let (path, triangles) = write_mesh(&project)?;
     if verbosity > Verbosity::Quiet {
         let path = path.display();
         eprintln!("{carried_out} tasks carried out; {triangles} triangles; {path}");

@@ -103,6 +103,11 @@ impl PreparedRecording {
         self.keyframes.len()
     }
 
+    /// Whether the map is made of lines.
+    pub(crate) fn is_of_lines(&self) -> bool {
+        self.source == Source::Lines
+    }
+
     /// The parameters that users set.
     pub(crate) fn configuration(&self) -> &Configuration {
         &self.configuration

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, ensure};
+use linecarve_mesh::TriangleMesh;
 use linecarve_tiles::{Item, Manifest, Stage, Work, run_item, run_pending};
 
 use super::sequence::SequencePlan;
@@ -42,6 +43,17 @@ impl Project {
     /// Before the intake of a sequence.
     pub(crate) fn work(&self) -> anyhow::Result<&Work> {
         self.work.as_ref().context(NO_INTAKE)
+    }
+
+    /// The surface of all stages, where it is not just that of the tiles.
+    ///
+    /// # Errors
+    /// When a stage is not done, or a keyframe cannot be read.
+    pub(crate) fn surface(&self) -> anyhow::Result<Option<TriangleMesh>> {
+        match &self.sequence {
+            Some(sequence) => sequence.surface(self.work()?),
+            None => Ok(None),
+        }
     }
 
     /// The stages in order.
@@ -160,7 +172,7 @@ fn item(task: Task) -> Option<Item> {
 }
 
 /// Carries out what is left of a plan, stage by stage, with `jobs` calls of `execute` at a time. Files of tasks that are done are verified
-/// first; damaged ones are made again. Returns the plan of the tiles and the number of tasks carried out.
+/// first; damaged ones are made again. Returns the project and the number of tasks carried out.
 ///
 /// # Errors
 /// The first error of a task; others of its stage that had begun are waited for.
@@ -168,7 +180,7 @@ pub(crate) fn carry_out_all(
     folder: &Path,
     jobs: usize,
     execute: impl Fn(Task) -> anyhow::Result<()> + Sync,
-) -> anyhow::Result<(Work, usize)> {
+) -> anyhow::Result<(Project, usize)> {
     let mut project = Project::open(folder)?;
     let mut carried_out = 0;
     if project.sequence.is_some() {
@@ -184,11 +196,11 @@ pub(crate) fn carry_out_all(
         }
         project = Project::open(folder)?;
     }
-    let work = project.work.context(NO_INTAKE)?;
+    let work = project.work()?;
     let of_tiles = |Item { stage, number }| {
         let stage = TaskStage::Tiles(stage);
         execute(Task { stage, number })
     };
-    carried_out += linecarve_tiles::run(&work, jobs, of_tiles)?;
-    Ok((work, carried_out))
+    carried_out += linecarve_tiles::run(work, jobs, of_tiles)?;
+    Ok((project, carried_out))
 }

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
+use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::files::write_atomically;
 use linecarve_tiles::{Manifest, PlanOptions, TilesError, Work};
 use serde::{Deserialize, Serialize};
@@ -20,7 +21,7 @@ use super::{Finish, Split};
 use crate::front_end::Arrival;
 use crate::options::{LabelKind, Options};
 use crate::reconstruction::{Reconstruction, RunOptions, front_end};
-use crate::recording::{Input, PreparedRecording, Recording, Source};
+use crate::recording::{Input, PreparedRecording, Recording};
 use crate::run::{CancelToken, Checkpoint, CheckpointError, checksum, peak_mb};
 
 /// Keyframes of one task of the front end.
@@ -69,11 +70,6 @@ impl SequencePlan {
         ensure!(
             split.keyframes_of_task > 0,
             "--keyframes-per-task 0: give at least one"
-        );
-        ensure!(
-            recording.source == Source::MapPoints,
-            "{}: surfaces of lines are not carved in tiles: plan with --from map-points, or reconstruct without tiles",
-            input.path.display()
         );
         let prepared = PreparedRecording::of(recording, input)?;
         let count = prepared.keyframe_count();
@@ -231,23 +227,14 @@ impl SequencePlan {
     /// When a keyframe cannot be read, there are no points, or a file cannot be written.
     pub(crate) fn take_in(&self) -> anyhow::Result<Work> {
         let start = Instant::now();
-        let (recording, checkpoint) = self.recording()?;
-        let run = RunOptions {
-            checkpoint: Some(checkpoint),
-            ..RunOptions::default()
-        };
-        let mut run = Reconstruction::new(recording, run)?;
-        ensure!(
-            run.leave_carving(),
-            "the surface of every keyframe is needed"
-        );
-        run.run(CancelToken::default(), &mut [])?;
+        let run = self.fuse()?;
         let map = run.map();
         let carver = map.carver();
         let options = PlanOptions {
             tiles: self.contents.tiles,
             halo: self.contents.halo,
             seed: self.contents.seed,
+            keeps_neighbors: self.contents.recording.is_of_lines(),
             ..PlanOptions::default()
         };
         let finish = Finish::text(run.recording().origin.into(), &run.recording().options)?;
@@ -261,6 +248,34 @@ impl SequencePlan {
         let file = digest(&self.read_plan()?);
         self.write_manifest("intake", 0, file, counts, start)?;
         Ok(work)
+    }
+
+    /// All keyframes in a map that carves nothing.
+    fn fuse(&self) -> anyhow::Result<Reconstruction> {
+        let (recording, checkpoint) = self.recording()?;
+        let run = RunOptions {
+            checkpoint: Some(checkpoint),
+            ..RunOptions::default()
+        };
+        let mut run = Reconstruction::new(recording, run)?;
+        ensure!(
+            run.leave_carving(),
+            "the surface of every keyframe is needed"
+        );
+        run.run(CancelToken::default(), &mut [])?;
+        Ok(run)
+    }
+
+    /// The surface of all stages, where keyframes have a say in it; `None` where it is that of the tiles.
+    ///
+    /// # Errors
+    /// As [`take_in`](Self::take_in), and when a stage is not done.
+    pub(crate) fn surface(&self, work: &Work) -> anyhow::Result<Option<TriangleMesh>> {
+        if !self.contents.recording.is_of_lines() {
+            return Ok(None);
+        }
+        let merged = linecarve_tiles::merged_surface(work)?;
+        Ok(self.fuse()?.surface_of(&merged))
     }
 
     fn read_plan(&self) -> anyhow::Result<Vec<u8>> {

@@ -13,16 +13,19 @@ fn whole(model: &Path, out: &Path, labels: &str) -> Vec<u8> {
 }
 
 fn whole_of(model: &Path, out: &Path, labels: &str, more: &[&str]) -> Vec<u8> {
-    let from = [
-        "reconstruct",
-        text(model),
-        "--from",
-        "map-points",
-        "--final-only",
-    ];
+    let from = ["--from", "map-points"];
+    let from = if more.contains(&"--from") {
+        &[][..]
+    } else {
+        &from
+    };
+    let what = ["reconstruct", text(model), "--final-only"];
     let how = ["--format", "ply", "--labels", labels, "--no-page"];
     let to = ["--no-picture", "--quiet", "--out", text(out)];
-    expect_status(0, from.iter().chain(&how).chain(&to).chain(more));
+    expect_status(
+        0,
+        what.iter().chain(from).chain(&how).chain(&to).chain(more),
+    );
     std::fs::read(out.join("mesh.ply")).unwrap()
 }
 
@@ -181,6 +184,25 @@ fn a_sequence_in_tiles_leaves_the_mesh_of_one_process() {
             assert!(mesh == expected, "{labels}, {tiles} tiles");
         }
     }
+}
+
+#[test]
+fn lines_in_tiles_leave_the_mesh_of_one_process() {
+    let folder = tempfile::tempdir().unwrap();
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
+    let how = ["--from", "lines", "--depth", "semi-dense", "--every", "2"];
+    let how = [&how[..], &["--max-keyframes", "9"]].concat();
+    let expected = whole_of(&room, &folder.path().join("whole"), "cut", &how);
+    let work = folder.path().join("work");
+    let groups = ["--keyframes-per-task", "2"];
+    let plan = [&plan(&room, &work, "3", "cut")[..], &how, &groups].concat();
+    expect_status(0, plan);
+    expect_status(0, ["tiles", "run", text(&work), "--jobs", "2", "-q"]);
+    assert!(std::fs::read(work.join("mesh.ply")).unwrap() == expected);
+    // Depth images are compared with every surface.
+    let sensor = ["tiles", "plan", text(&room), "elsewhere", "--from", "lines"];
+    let refused = stderr(&expect_status(2, sensor));
+    assert!(refused.contains("--depth semi-dense"), "{refused}");
 }
 
 #[test]

@@ -24,7 +24,7 @@ mod tile;
 mod work;
 
 pub use error::TilesError;
-pub use merge::{MergedMesh, merged_mesh};
+pub use merge::{MergedMesh, merged_mesh, merged_surface};
 pub use plan::{Plan, PlanOptions, TileSummary, plan};
 pub use planner::{Planner, SeenPoint};
 pub use run::{run, run_pending};
