@@ -61,9 +61,9 @@ pub(crate) struct Split {
 /// What was planned.
 pub(crate) enum Planned {
     /// The tiles of a model.
-    Model(Work),
+    Model(Box<Work>),
     /// The keyframes of a sequence; its tiles follow with the intake.
-    Sequence(SequencePlan),
+    Sequence(Box<SequencePlan>),
 }
 
 /// Plans the points and views of a model, or the keyframes of a sequence, as `reconstruct --final-only` carves them. A dense cloud of
@@ -88,11 +88,13 @@ pub(crate) fn plan(
         is_plain && input.source == Source::MapPoints && input.selection.given.is_empty();
     if is_plain && let Some(cloud) = DenseCloud::open(&input.path)? {
         ensure_no_sequence(folder)?;
-        return cloud::plan(&cloud, &options, split, folder).map(Planned::Model);
+        let work = cloud::plan(&cloud, &options, split, folder)?;
+        return Ok(Planned::Model(Box::new(work)));
     }
     let mut recording = Recording::open(input, options)?;
     let Some(model) = recording.model.take() else {
-        return SequencePlan::create(&recording, input, split, folder).map(Planned::Sequence);
+        let plan = SequencePlan::create(&recording, input, split, folder)?;
+        return Ok(Planned::Sequence(Box::new(plan)));
     };
     ensure_no_sequence(folder)?;
     let mut map = Map::of_model(&recording.options, model)?;
@@ -110,7 +112,7 @@ pub(crate) fn plan(
     let finish = Finish::text(recording.origin.into(), &recording.options)?;
     let export = map.export_options();
     let work = linecarve_tiles::plan(folder, carver, &export, &options, finish)?;
-    Ok(Planned::Model(work))
+    Ok(Planned::Model(Box::new(work)))
 }
 
 /// Refuses the folder of a sequence.

@@ -20,7 +20,7 @@ pub struct TilesArgs {
 #[derive(Debug, Subcommand)]
 pub enum TilesCommand {
     /// Split the points of a model into tiles and write their files, or choose the keyframes of a sequence.
-    Plan(TilesPlanArgs),
+    Plan(Box<TilesPlanArgs>),
     /// Carry out what is left of a plan on this machine, and write `mesh.ply`. Damaged files are made again.
     Run {
         /// Folder of the plan.
