@@ -88,7 +88,7 @@ pub enum Command {
     View(ViewArgs),
     /// The same surface with fewer triangles: what is nearly plane is triangulated anew from its borders.
     Simplify(SimplifyArgs),
-    /// The mesh of `reconstruct --from map-points --final-only` in tiles, for more points than one process should hold.
+    /// The mesh of `reconstruct --final-only` in tiles, for more points than one process should hold.
     Tiles(TilesArgs),
 }
 

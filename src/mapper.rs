@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use linecarve_carving::internals::RankedSurface;
+use linecarve_mesh::TriangleMesh;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::error::Error;
@@ -191,6 +193,16 @@ impl Mapper {
     /// When the map refuses a position. It must not be used afterwards.
     pub(crate) fn observe(&mut self, change: &ObservationChange) -> Result<MapUpdate, MapError> {
         self.map.observe(change)
+    }
+
+    /// See [`Map::adjusted_surface_of`].
+    pub(crate) fn adjusted_surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
+        self.map.adjusted_surface_of(ranked)
+    }
+
+    /// Leaves the carving to others, see [`Map::leave_carving`].
+    pub(crate) fn leave_carving(&mut self) -> bool {
+        self.map.leave_carving()
     }
 
     /// Keeps the exported surface up to date from now on.

@@ -6,6 +6,7 @@
 
 use std::collections::VecDeque;
 
+use linecarve_carving::internals::RankedSurface;
 use linecarve_mesh::{LineSet, TriangleMesh};
 use nalgebra::Isometry3;
 
@@ -112,26 +113,9 @@ impl Reconstruction {
     /// # Errors
     /// When an option is out of range, or the recording is not prepared for its source.
     pub fn new(recording: Recording, run: RunOptions) -> Result<Self, Error> {
-        let options = &recording.options;
         let checkpoint = run.checkpoint.as_ref();
         let count = recording.keyframes.len();
-        let front_end = match recording.source {
-            Source::Lines | Source::Segments => {
-                let Some(mut depth) = recording.depth.clone() else {
-                    return Err(not_prepared("depth"));
-                };
-                if recording.source == Source::Segments
-                    && let DepthSource::SemiDense(source) = &mut depth
-                {
-                    // Depth between edges is of no use without a surface.
-                    source.options.is_dense = false;
-                }
-                let extract = options.extract();
-                FrontEnd::lines(&depth, count, extract, checkpoint, run.is_provisional)?
-            }
-            Source::MapPoints => FrontEnd::Features(FeatureFrontEnd::new(options.map_points)),
-            Source::Model => FrontEnd::Views,
-        };
+        let front_end = front_end(&recording, checkpoint, run.is_provisional)?;
         let map = empty_map(&recording, run.is_at_once)?;
         let group = match recording.source {
             Source::Model if run.is_at_once => count.max(1),
@@ -148,6 +132,19 @@ impl Reconstruction {
             mapper: Mapper::new(map, recording.origin),
             recording,
         })
+    }
+
+    /// The surface in the frame of the poses that others carved from the points of this run, see
+    /// [`leave_carving`](Self::leave_carving); `None` for maps of points, whose surface is that which was carved.
+    pub(crate) fn surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
+        let mut surface = self.mapper.adjusted_surface_of(ranked)?;
+        surface.translate(&self.recording.origin);
+        Some(surface)
+    }
+
+    /// Leaves the carving to others, before the first keyframe; see [`Map::leave_carving`].
+    pub(crate) fn leave_carving(&mut self) -> bool {
+        self.mapper.leave_carving()
     }
 
     /// Takes the next keyframe into the map; `None` after the last, when the map is finished. Keyframes whose own images cannot
@@ -364,6 +361,36 @@ impl Reconstruction {
                 .collect(),
         )
     }
+}
+
+/// The front end of a recording, for what `recording.source` says.
+///
+/// # Errors
+/// When an option is out of range, or the recording is not prepared for its source.
+pub(crate) fn front_end(
+    recording: &Recording,
+    checkpoint: Option<&Checkpoint>,
+    is_provisional: bool,
+) -> Result<FrontEnd, Error> {
+    let options = &recording.options;
+    Ok(match recording.source {
+        Source::Lines | Source::Segments => {
+            let Some(mut depth) = recording.depth.clone() else {
+                return Err(not_prepared("depth"));
+            };
+            if recording.source == Source::Segments
+                && let DepthSource::SemiDense(source) = &mut depth
+            {
+                // Depth between edges is of no use without a surface.
+                source.options.is_dense = false;
+            }
+            let count = recording.keyframes.len();
+            let extract = options.extract();
+            FrontEnd::lines(&depth, count, extract, checkpoint, is_provisional)?
+        }
+        Source::MapPoints => FrontEnd::Features(FeatureFrontEnd::new(options.map_points)),
+        Source::Model => FrontEnd::Views,
+    })
 }
 
 /// A map without keyframes for a recording; with `is_at_once` it carves once, if it can.

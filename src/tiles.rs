@@ -1,23 +1,29 @@
-//! A model in tiles: what goes into a plan, and the mesh that comes of it.
+//! A model or a sequence in tiles: what goes into a plan, its tasks, and the mesh that comes of it.
 
 mod cloud;
 mod median;
+mod project;
+mod sequence;
 mod slurm;
+mod task;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use linecarve_mesh::{StreamedMesh, TriangleMesh, write_mesh_ply, write_streamed_mesh_ply};
 use linecarve_sequence::DenseCloud;
 use linecarve_tiles::{MergedMesh, PlanOptions, TilesError, Work, merged_mesh};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+pub(crate) use project::{Project, carry_out_all};
+pub(crate) use sequence::{KEYFRAMES_OF_TASK, SequencePlan};
 pub(crate) use slurm::slurm_script;
+pub(crate) use task::{Task, TaskStage};
 
 use crate::map::{Map, close_all_holes};
 use crate::options::{HoleFilling, Options};
-use crate::recording::{Input, Recording};
+use crate::recording::{Input, Recording, Source};
 
 /// Points of a tile when the number of tiles is not given.
 const POINTS_OF_TILE: usize = 1_000_000;
@@ -39,47 +45,82 @@ impl Finish {
     }
 }
 
-/// Plans the points and views of a model as `reconstruct --from map-points --final-only` carves them. Without a number of tiles
-/// there is one for each million points. A dense cloud of COLMAP is read point by point, other models as a whole.
+/// How a plan is made; the mesh depends on nothing of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Split {
+    /// Number of tiles; `None` for one for each million points.
+    pub(crate) tiles: Option<usize>,
+    /// See [`PlanOptions::halo`].
+    pub(crate) halo: u32,
+    /// See [`PlanOptions::seed`].
+    pub(crate) seed: u64,
+    /// Keyframes of one task of the front end.
+    pub(crate) keyframes_of_task: usize,
+}
+
+/// What was planned.
+pub(crate) enum Planned {
+    /// The tiles of a model.
+    Model(Box<Work>),
+    /// The keyframes of a sequence; its tiles follow with the intake.
+    Sequence(Box<SequencePlan>),
+}
+
+/// Plans the points and views of a model, or the keyframes of a sequence, as `reconstruct --final-only` carves them. A dense cloud of
+/// COLMAP is read point by point, other models as a whole.
 ///
 /// # Errors
-/// When the input has no points with views, the options ask for a simplified mesh, or the plan cannot be made.
+/// When the input has no points with views and no images with poses, the options ask for a simplified mesh, or the plan cannot be made.
 pub(crate) fn plan(
     input: &Input,
     options: Options,
-    (tiles, halo): (Option<usize>, u32),
+    split: Split,
     folder: &Path,
-) -> anyhow::Result<Work> {
+) -> anyhow::Result<Planned> {
     ensure!(
         options.simplify.tolerance.is_none(),
         "tiles are not simplified: leave the tolerance out of the configuration, and use `linecarve simplify` on the mesh"
     );
     let open = &input.open;
     let is_plain = open.layout.is_none() && open.poses.is_none() && open.calibration.is_none();
+    // Others are refused below.
+    let is_plain =
+        is_plain && input.source == Source::MapPoints && input.selection.given.is_empty();
     if is_plain && let Some(cloud) = DenseCloud::open(&input.path)? {
-        return cloud::plan(&cloud, &options, (tiles, halo), folder);
+        ensure_no_sequence(folder)?;
+        let work = cloud::plan(&cloud, &options, split, folder)?;
+        return Ok(Planned::Model(Box::new(work)));
     }
     let mut recording = Recording::open(input, options)?;
     let Some(model) = recording.model.take() else {
-        bail!(
-            "{} has no points with the views that see them: tiles carve models (COLMAP, OpenMVS and others, docs/map-points.md)",
-            input.path.display()
-        );
+        let plan = SequencePlan::create(&recording, input, split, folder)?;
+        return Ok(Planned::Sequence(Box::new(plan)));
     };
+    ensure_no_sequence(folder)?;
     let mut map = Map::of_model(&recording.options, model)?;
     map.defer_carving();
     map.enter_model()?;
     let carver = map.carver();
     let options = PlanOptions {
-        tiles: tiles.unwrap_or(carver.point_count().div_ceil(POINTS_OF_TILE)),
-        halo,
+        tiles: split
+            .tiles
+            .unwrap_or(carver.point_count().div_ceil(POINTS_OF_TILE)),
+        halo: split.halo,
+        seed: split.seed,
         ..PlanOptions::default()
     };
     let finish = Finish::text(recording.origin.into(), &recording.options)?;
     let export = map.export_options();
-    Ok(linecarve_tiles::plan(
-        folder, carver, &export, &options, finish,
-    )?)
+    let work = linecarve_tiles::plan(folder, carver, &export, &options, finish)?;
+    Ok(Planned::Model(Box::new(work)))
+}
+
+/// Refuses the folder of a sequence.
+fn ensure_no_sequence(folder: &Path) -> anyhow::Result<()> {
+    let path = folder.to_owned();
+    let sequence = SequencePlan::open(folder)?;
+    ensure!(sequence.is_none(), TilesError::Planned { path });
+    Ok(())
 }
 
 /// Writes `mesh.ply` of a plan whose stages are done; returns its path and the number of its triangles. The mesh passes through
@@ -87,9 +128,14 @@ pub(crate) fn plan(
 ///
 /// # Errors
 /// When the merged mesh is damaged or the file cannot be written.
-pub(crate) fn write_mesh(work: &Work) -> anyhow::Result<(PathBuf, usize)> {
-    let finish: Finish = serde_json::from_str(&work.plan().caller).context("plan.json")?;
+pub(crate) fn write_mesh(project: &Project) -> anyhow::Result<(PathBuf, usize)> {
+    let work = project.work()?;
     let path = work.folder().join("mesh.ply");
+    if let Some(mesh) = project.surface()? {
+        write_mesh_ply(&path, &mesh)?;
+        return Ok((path, mesh.triangles.len()));
+    }
+    let finish: Finish = serde_json::from_str(&work.plan().caller).context("plan.json")?;
     let origin: Vector3<f64> = finish.origin.into();
     if finish.closes_holes {
         let merged = merged_mesh(work)?;

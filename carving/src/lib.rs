@@ -39,7 +39,7 @@ pub mod internals {
     pub use crate::carver::{CarvedCell, Snapshot};
     pub use crate::labels::{FacetShape, cosines};
     pub use crate::surface::{
-        Connectivity, NO_NEIGHBOR, RankedSurface, RankedTriangle, across_where, connect,
+        Connectivity, NO_NEIGHBOR, RankedSurface, RankedTriangle, across_where, assemble, connect,
         cut_at_midpoints, has_edges_within, is_surface_where, rotate_smallest_first,
     };
     pub use crate::visibility::rays::{FREE_SUM, OCCUPIED_SUM, RayTracer, TracedRay};

@@ -1,6 +1,6 @@
 """Surfaces on many machines, with Dask distributed.
 
-`reconstruct` carves a model in tiles (`linecarve tiles`) by the workers of a client that the caller brings: of a laptop
+`reconstruct` carves a model or a sequence in tiles (`linecarve tiles`) by the workers of a client that the caller brings: of a laptop
 (`LocalCluster`), of machines reached by SSH, of Slurm (`dask_jobqueue`), of Kubernetes. `reconstruct_many` gives each sequence to a worker.
 Input and work folder must be on a file system that the caller and all workers share. Only names go through the scheduler; every
 task is a process of `linecarve`.
@@ -49,11 +49,12 @@ class Run:
 
 
 def reconstruct(
-    path, *, work, client, labels=None, tiles=None, halo=None, config=None, memory=None, retries=5, program=None
+    path, *, work, client, labels=None, tiles=None, halo=None, config=None, memory=None, retries=5, program=None, **options
 ):
-    """Carves a model in tiles; returns a `Run`. The mesh has the bytes of one process.
+    """Carves a model or a sequence in tiles; returns a `Run`. The mesh has the bytes of one process.
 
-    `path` is a model with points and views, as for `linecarve tiles plan`; `labels`, `tiles`, `halo` and `config` are its options.
+    `path` is a model with points and views or a sequence, as for `linecarve tiles plan`; `labels`, `tiles`, `halo`, `config` and all
+    `options` (`from_`, `depth`, `every`, `keyframes_per_task`) are its options, with underscores.
     `memory` ("4G") limits each task of a stage. A run that was interrupted goes on when called again with the same arguments. A task
     whose process or worker is lost is carried out again up to `retries` times. `program` replaces the program, a list of arguments.
 
@@ -61,7 +62,7 @@ def reconstruct(
     """
     program = list(program or [sys.executable, "-m", "linecarve"])
     work = pathlib.Path(work).absolute()
-    options = {"labels": labels, "tiles": tiles, "halo": halo, "config": config}
+    options |= {"labels": labels, "tiles": tiles, "halo": halo, "config": config}
     command = ["tiles", "plan", str(pathlib.Path(path).absolute()), str(work), "-q", *_flags(options)]
     work.mkdir(parents=True, exist_ok=True)
     with _Cancel(work) as cancel:

@@ -24,6 +24,7 @@ def reconstruct(
     memory: str | None = None,
     retries: int = 5,
     program: Sequence[str] | None = None,
+    **options: Any,
 ) -> Run: ...
 def reconstruct_many(
     sequences: Iterable[str | os.PathLike[str]],

@@ -5,7 +5,8 @@
 
 Each stage is simulated: its tasks go to workers in order, each to the first that is free, and a stage begins when all
 tasks of the stage before have ended. A task takes as long as a measured one of its stage, drawn at random with a fixed seed and scaled
-with the points of its tile; `giants`, `settle` and `merge` are one task each and scaled with all points. With several runs of
+with the points of its tile; `intake`, `giants`, `settle` and `merge` are one task each and scaled with all points, and the number of tasks
+of `keyframes` grows with all points. With several runs of
 different size, tasks may also grow with the points of the other tiles, whose blocks they look through.
 
 Not in it: a slow network or disk, machines of different speed, and tasks that are lost.
@@ -20,7 +21,7 @@ import statistics
 
 __all__ = ["Forecast", "Measured", "forecast", "read"]
 
-_SINGLE = ("giants", "settle", "merge")
+_SINGLE = ("intake", "giants", "settle", "merge")
 # A process and the files of its plan, in seconds.
 _START = 0.02
 
@@ -92,8 +93,12 @@ def forecast(runs, *, points, tiles, workers, start=_START, seed=0):
     order = random.Random(seed)
     walls, busy = {}, 0.0
     for stage in runs[0].seconds:
-        own, growth = _rates(runs, stage)
-        if stage in _SINGLE:
+        own, growth = _rates(runs, stage) if stage != "keyframes" else ([], 0.0)
+        if stage == "keyframes":
+            measured = runs[0].seconds[stage]
+            count = max(1, round(len(measured) * points / sum(runs[0].points)))
+            tasks = [order.choice(measured) for _ in range(count)]
+        elif stage in _SINGLE:
             tasks = [statistics.fmean(own) * points]
         else:
             share = points / tiles

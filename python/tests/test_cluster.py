@@ -51,6 +51,15 @@ def test_tiles_have_the_bytes_of_one_process(client, city, tmp_path):
     assert again.mesh_path.read_bytes() == whole and manifest.stat().st_mtime_ns == before
 
 
+def test_a_sequence_in_tiles_has_the_bytes_of_one_process(client, tmp_path):
+    how = ["--from", "map-points", "--final-only", "--format", "ply", "--every", "3", "--no-page", "--no-picture"]
+    subprocess.run([*PROGRAM, "reconstruct", ROOM, *how, "--quiet", "--out", tmp_path / "whole"], check=True)
+    options = dict(every=3, keyframes_per_task=5, tiles=2)
+    run = cluster.reconstruct(ROOM, work=tmp_path / "work", client=client, **options)
+    assert run.mesh_path.read_bytes() == (tmp_path / "whole" / "mesh.ply").read_bytes()
+    assert run.report["keyframes"]["tasks"] == 3 and run.report["intake"]["tasks"] == 1
+
+
 def test_killed_processes_are_started_again(client, city, tmp_path):
     cloud, whole = city
     # Kills itself before every task's first attempt.

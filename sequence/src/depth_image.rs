@@ -4,12 +4,12 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::DynamicImage;
-use npyz::{DType, NpyFile, Order};
 use tiff::decoder::{Decoder, DecodingResult};
 
 use super::FrameError;
 use super::calibration::ImageSize;
 use super::load::{decode_bytes, describe_format, read, size_of, undecodable};
+use super::npy::{self, NpyHeader, NpyType};
 
 /// Values of a depth image as stored, row by row.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +37,7 @@ pub(super) struct DepthHeader {
 
 impl Container {
     fn of(bytes: &[u8]) -> Self {
-        if bytes.starts_with(b"\x93NUMPY") {
+        if bytes.starts_with(npy::MAGIC) {
             Self::Npy
         } else if bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*") {
             Self::Tiff
@@ -56,8 +56,8 @@ pub(super) fn depth_header(path: &Path) -> Result<DepthHeader, FrameError> {
 fn header_of(bytes: &[u8]) -> Result<DepthHeader, String> {
     let (size, is_float) = match Container::of(bytes) {
         Container::Npy => {
-            let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
-            (npy_size(&file)?, !is_u16(&file.dtype()))
+            let header = NpyHeader::read(bytes)?;
+            (npy_size(&header)?, header.npy_type() != Some(NpyType::U16))
         }
         Container::Tiff => {
             let (mut decoder, size) = open_tiff(bytes)?;
@@ -148,42 +148,28 @@ fn narrowed(samples: &[f64]) -> Vec<f32> {
 }
 
 fn npy_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
-    let file = NpyFile::new(bytes).map_err(Problem::damaged)?;
-    if file.order() == Order::Fortran {
+    let header = NpyHeader::read(bytes).map_err(Problem::Damaged)?;
+    if header.is_fortran {
         let found = "columns one after the other (numpy.ascontiguousarray gives rows)";
         return Err(Problem::Format(found.to_owned()));
     }
-    let file = match file.try_data::<f32>() {
-        Ok(values) => return collect(values).map(RawDepth::Float),
-        Err(file) => file,
-    };
-    let file = match file.try_data::<f64>() {
-        Ok(values) => {
-            return collect(values).map(|values: Vec<f64>| RawDepth::Float(narrowed(&values)));
+    Ok(match header.npy_type() {
+        Some(NpyType::F32) => RawDepth::Float(header.values(bytes, f32::from_le_bytes)),
+        Some(NpyType::F64) => {
+            let narrowed = |bytes| f64::from_le_bytes(bytes) as f32;
+            RawDepth::Float(header.values(bytes, narrowed))
         }
-        Err(file) => file,
-    };
-    match file.try_data::<u16>() {
-        Ok(values) => collect(values).map(RawDepth::Integer),
-        Err(file) => Err(Problem::Format(format!(
-            "values of type {}",
-            file.dtype().descr()
-        ))),
-    }
-}
-
-/// All values; a truncated file ends with an error.
-fn collect<T>(values: impl Iterator<Item = std::io::Result<T>>) -> Result<Vec<T>, Problem> {
-    values.collect::<Result<_, _>>().map_err(Problem::damaged)
-}
-
-fn is_u16(dtype: &DType) -> bool {
-    matches!(dtype.descr().as_str(), "'<u2'" | "'>u2'" | "<u2" | ">u2")
+        Some(NpyType::U16) => RawDepth::Integer(header.values(bytes, u16::from_le_bytes)),
+        None => {
+            let found = format!("values of type {}", header.descr);
+            return Err(Problem::Format(found));
+        }
+    })
 }
 
 /// Size of an array of rows.
-fn npy_size(file: &NpyFile<&[u8]>) -> Result<ImageSize, String> {
-    match *file.shape() {
+fn npy_size(header: &NpyHeader) -> Result<ImageSize, String> {
+    match header.shape[..] {
         [height, width] => size(width, height),
         ref other => Err(format!(
             "an array of shape {other:?}, not of rows and columns"
@@ -200,7 +186,6 @@ fn size(width: u64, height: u64) -> Result<ImageSize, String> {
 
 #[cfg(test)]
 mod tests {
-    use npyz::WriterBuilder;
     use proptest::prelude::*;
     use tiff::encoder::{TiffEncoder, colortype};
 
@@ -224,22 +209,20 @@ mod tests {
         bytes.into_inner()
     }
 
-    fn npy_of<T: npyz::Serialize + npyz::AutoSerialize + Copy>(
-        values: &[T],
-        shape: &[u64],
-        order: Order,
-    ) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        let mut writer = npyz::WriteOptions::new()
-            .default_dtype()
-            .shape(shape)
-            .order(order)
-            .writer(&mut bytes)
-            .begin_nd()
-            .unwrap();
-        writer.extend(values.iter().copied()).unwrap();
-        writer.finish().unwrap();
-        bytes
+    fn npy_of(descr: &str, shape: &str, is_fortran: bool, data: &[u8]) -> Vec<u8> {
+        let order = if is_fortran { "True" } else { "False" };
+        let header =
+            format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}\n");
+        let length = (header.len() as u16).to_le_bytes();
+        [npy::MAGIC, &[1, 0], &length, header.as_bytes(), data].concat()
+    }
+
+    fn npy_of_floats(shape: &str, is_fortran: bool) -> Vec<u8> {
+        let data: Vec<u8> = values()
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect();
+        npy_of("<f4", shape, is_fortran, &data)
     }
 
     fn decode(bytes: &[u8]) -> Result<(ImageSize, RawDepth), FrameError> {
@@ -251,11 +234,12 @@ mod tests {
 
     #[test]
     fn floating_point_depth_is_read_exactly() {
-        let wide: Vec<f64> = values().into_iter().map(f64::from).collect();
+        let wide = values().into_iter().map(f64::from);
+        let wide: Vec<u8> = wide.flat_map(f64::to_le_bytes).collect();
         for bytes in [
             tiff_of(&values()),
-            npy_of(&values(), &[3, 5], Order::C),
-            npy_of(&wide, &[3, 5], Order::C),
+            npy_of_floats("(3, 5)", false),
+            npy_of("<f8", "(3, 5)", false, &wide),
         ] {
             assert_eq!(decode(&bytes).unwrap(), (SIZE, RawDepth::Float(values())));
             let header = DepthHeader {
@@ -265,7 +249,11 @@ mod tests {
             assert_eq!(header_of(&bytes), Ok(header));
         }
         let integers: Vec<u16> = (0..15).map(|i| 4000 + i).collect();
-        let bytes = npy_of(&integers, &[3, 5], Order::C);
+        let data: Vec<u8> = integers
+            .iter()
+            .flat_map(|value| value.to_be_bytes())
+            .collect();
+        let bytes = npy_of(">u2", "(3, 5)", false, &data);
         assert_eq!(decode(&bytes).unwrap(), (SIZE, RawDepth::Integer(integers)));
         assert!(!header_of(&bytes).unwrap().is_float);
     }
@@ -273,13 +261,10 @@ mod tests {
     #[test]
     fn what_is_no_depth_image_is_refused_with_a_reason() {
         for (bytes, reason) in [
-            (npy_of(&values(), &[15], Order::C), "rows and columns"),
-            (
-                npy_of(&values(), &[3, 5], Order::Fortran),
-                "ascontiguousarray",
-            ),
-            (npy_of(&[1_i32; 15], &[3, 5], Order::C), "i4"),
-            (npy_of::<f32>(&[], &[0, 5], Order::C), "5 x 0"),
+            (npy_of_floats("(15,)", false), "rows and columns"),
+            (npy_of_floats("(3, 5)", true), "ascontiguousarray"),
+            (npy_of("<i4", "(3, 5)", false, &[0; 60]), "i4"),
+            (npy_of("<f4", "(0, 5)", false, &[]), "5 x 0"),
         ] {
             let error = decode(&bytes).unwrap_err().to_string();
             assert!(
@@ -288,7 +273,7 @@ mod tests {
             );
         }
         // A header that claims more than memory holds.
-        let mut bytes = npy_of(&values(), &[3, 5], Order::C);
+        let mut bytes = npy_of_floats("(3, 5)", false);
         let at = bytes
             .windows(4)
             .position(|window| window == b"3, 5")
@@ -301,7 +286,7 @@ mod tests {
 
     #[test]
     fn truncated_files_are_refused() {
-        for bytes in [tiff_of(&values()), npy_of(&values(), &[3, 5], Order::C)] {
+        for bytes in [tiff_of(&values()), npy_of_floats("(3, 5)", false)] {
             assert!(decode(&bytes).is_ok());
             let cuts = [0, 1, 5, 7, 9, 40, bytes.len() / 2, bytes.len() - 1];
             for cut in cuts {
@@ -320,7 +305,7 @@ mod tests {
             flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
         ) {
             let mut bytes = match is_npy {
-                true => npy_of(&values(), &[3, 5], Order::C),
+                true => npy_of_floats("(3, 5)", false),
                 false => tiff_of(&values()),
             };
             for (at, value) in flips {

@@ -14,6 +14,7 @@ mod layouts;
 mod live;
 mod load;
 mod model;
+mod npy;
 mod open;
 mod pose_convention;
 mod poses;

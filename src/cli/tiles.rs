@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use linecarve_tiles::Stage;
 
-use super::{LabelChoice, SequenceArgs};
+use super::{DepthArg, KeyframeArgs, LabelChoice, SequenceArgs, SurfaceSource};
 use crate::run::MemoryLimit;
+use crate::tiles::{KEYFRAMES_OF_TASK, TaskStage};
 
 /// Arguments of `tiles`.
 #[derive(Debug, Args)]
@@ -19,8 +19,8 @@ pub struct TilesArgs {
 /// The commands of `tiles`.
 #[derive(Debug, Subcommand)]
 pub enum TilesCommand {
-    /// Split the points of a model into tiles and write their files.
-    Plan(TilesPlanArgs),
+    /// Split the points of a model into tiles and write their files, or choose the keyframes of a sequence.
+    Plan(Box<TilesPlanArgs>),
     /// Carry out what is left of a plan on this machine, and write `mesh.ply`. Damaged files are made again.
     Run {
         /// Folder of the plan.
@@ -75,14 +75,31 @@ pub enum Engine {
 /// Arguments of `tiles plan`.
 #[derive(Debug, Args)]
 pub struct TilesPlanArgs {
-    /// Which model.
+    /// Which model or sequence.
     #[command(flatten)]
     pub input: SequenceArgs,
 
     /// Folder for the plan and everything that comes of it; made when missing.
     pub work: PathBuf,
 
-    /// Number of tiles; the mesh does not depend on it. Default: one for each million points.
+    /// What the surface is made from.
+    #[arg(long, value_enum, default_value_t = SurfaceSource::MapPoints)]
+    pub from: SurfaceSource,
+
+    /// Where the depth of lines comes from; that of sensors is not carved in tiles.
+    #[arg(long, value_enum, default_value_t = DepthArg::Auto)]
+    pub depth: DepthArg,
+
+    /// Which keyframes of a sequence.
+    #[command(flatten)]
+    pub selection: KeyframeArgs,
+
+    /// Keyframes of a sequence in one task of the front end; the mesh does not depend on it.
+    #[arg(long, value_name = "N", default_value_t = KEYFRAMES_OF_TASK)]
+    pub keyframes_per_task: usize,
+
+    /// Number of tiles; the mesh does not depend on it. Default: one for each million points of a model, for each 2000 keyframes of a
+    /// sequence.
     #[arg(long, value_name = "N")]
     pub tiles: Option<usize>,
 
@@ -97,6 +114,10 @@ pub struct TilesPlanArgs {
     /// Cells around those of a tile that it looks at for a minimum cut, counted across facets; the mesh does not depend on it.
     #[arg(long, value_name = "N", default_value_t = linecarve_tiles::PlanOptions::default().halo)]
     pub halo: u32,
+
+    /// Another number splits the points in another way; the mesh does not depend on it.
+    #[arg(long, value_name = "N", default_value_t = 0, hide = true)]
+    pub seed: u64,
 }
 
 /// Arguments of `tiles item`.
@@ -107,7 +128,7 @@ pub struct TilesItemArgs {
 
     /// The stage.
     #[arg(value_name = "STAGE")]
-    pub stage: Stage,
+    pub stage: TaskStage,
 
     /// Number of the task within the stage.
     pub number: usize,

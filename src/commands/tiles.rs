@@ -5,17 +5,15 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, ensure};
-use linecarve_tiles::{Item, Work, run_item};
 
 use crate::cli::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 use crate::commands::Outcome;
 use crate::configuration::Configuration;
 use crate::options::Options;
-use crate::recording::{Input, Source};
-use crate::run::{MemoryLimit, Verbosity, limit_task, peak_mb};
-use crate::tiles::{plan, slurm_script, write_mesh};
+use crate::run::{MemoryLimit, Verbosity, limit_task};
+use crate::tiles::{Planned, Project, Split, Task, carry_out_all, plan, slurm_script, write_mesh};
 
-use super::input::open_options;
+use super::input::{input, keyframe_options};
 use super::tiles_state::{check, stages};
 
 pub(super) fn run(args: &TilesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
@@ -26,8 +24,8 @@ pub(super) fn run(args: &TilesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
             jobs,
             memory_limit,
         } => run_all(work, *jobs, *memory_limit, verbosity),
-        TilesCommand::Stages { work, json } => stages(&Work::open(work)?, *json),
-        TilesCommand::Check { work } => check(&Work::open(work)?),
+        TilesCommand::Stages { work, json } => stages(&Project::open(work)?, *json),
+        TilesCommand::Check { work } => check(&Project::open(work)?),
         TilesCommand::Script {
             work,
             engine: Engine::Slurm,
@@ -44,22 +42,33 @@ fn make_plan(args: &TilesPlanArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     };
     let labels = &mut options.carving.labels;
     *labels = args.labels.map_or(*labels, Into::into);
-    let input = Input {
-        open: open_options(&args.input),
-        source: Source::MapPoints,
-        verbosity,
-        ..Input::from(&args.input.sequence)
+    keyframe_options(&args.selection, &mut options);
+    let source = args.from.into();
+    let input = input(&args.input, &args.selection, args.depth, source, verbosity);
+    let split = Split {
+        tiles: args.tiles,
+        halo: args.halo,
+        seed: args.seed,
+        keyframes_of_task: args.keyframes_per_task,
     };
-    let work = plan(&input, options, (args.tiles, args.halo), &args.work)?;
+    let planned = plan(&input, options, split, &args.work)?;
     if verbosity > Verbosity::Quiet {
-        let tiles = &work.plan().tiles;
-        let points: usize = tiles.iter().map(|tile| tile.points).sum();
-        let rays: usize = tiles.iter().map(|tile| tile.rays).sum();
-        eprintln!(
-            "{points} points, {rays} rays in {} tile(s); next: linecarve tiles run {}",
-            tiles.len(),
-            args.work.display()
-        );
+        let next = format!("next: linecarve tiles run {}", args.work.display());
+        match planned {
+            Planned::Model(work) => {
+                let tiles = &work.plan().tiles;
+                let points: usize = tiles.iter().map(|tile| tile.points).sum();
+                let rays: usize = tiles.iter().map(|tile| tile.rays).sum();
+                let tiles = tiles.len();
+                eprintln!("{points} points, {rays} rays in {tiles} tile(s); {next}");
+            }
+            Planned::Sequence(plan) => eprintln!(
+                "{} keyframes in {} task(s), their points in {} tile(s); {next}",
+                plan.keyframe_count(),
+                plan.task_count(),
+                plan.tile_count()
+            ),
+        }
     }
     Ok(Outcome::Done)
 }
@@ -71,9 +80,8 @@ fn run_all(
     verbosity: Verbosity,
 ) -> anyhow::Result<Outcome> {
     ensure!(jobs > 0, "--jobs 0: give at least one");
-    let work = Work::open(folder)?;
     let program = std::env::current_exe().context("this program cannot be found")?;
-    let carried_out = linecarve_tiles::run(&work, jobs, |item: Item| -> anyhow::Result<()> {
+    let (project, carried_out) = carry_out_all(folder, jobs, |item: Task| {
         let mut task = Command::new(&program);
         task.args(["tiles", "item"]).arg(folder);
         task.args([item.stage.name(), &item.number.to_string()]);
@@ -95,7 +103,7 @@ fn run_all(
         );
         Ok(())
     })?;
-    let (path, triangles) = write_mesh(&work)?;
+    let (path, triangles) = write_mesh(&project)?;
     if verbosity > Verbosity::Quiet {
         let path = path.display();
         eprintln!("{carried_out} tasks carried out; {triangles} triangles; {path}");
@@ -109,21 +117,17 @@ fn run_all(
 fn script(folder: &Path, limit: Option<MemoryLimit>) -> anyhow::Result<Outcome> {
     let folder = std::path::absolute(folder)?;
     let program = std::env::current_exe().context("this program cannot be found")?;
-    let script = slurm_script(&Work::open(&folder)?, &program, limit);
+    let script = slurm_script(&Project::open(&folder)?, &folder, &program, limit);
     write!(std::io::stdout().lock(), "{script}")?;
     Ok(Outcome::Done)
 }
 
 fn run_one(args: &TilesItemArgs) -> anyhow::Result<Outcome> {
     limit_task(args.memory_limit).context("the limits of the task")?;
-    let item = Item {
+    let task = Task {
         stage: args.stage,
         number: args.number,
     };
-    let work = Work::open(&args.work)?;
-    // Schedulers start tasks twice.
-    if work.done(item).is_none() {
-        run_item(&work, item, peak_mb)?;
-    }
+    Project::open(&args.work)?.carry_out(task)?;
     Ok(Outcome::Done)
 }

@@ -2,21 +2,20 @@
 
 use std::io::Write;
 
-use linecarve_tiles::{Stage, Work};
-
 use crate::commands::Outcome;
+use crate::tiles::Project;
 
 /// Prints every task with its state.
-pub(super) fn stages(work: &Work, is_json: bool) -> anyhow::Result<Outcome> {
-    let all = Stage::of(work).into_iter();
+pub(super) fn stages(project: &Project, is_json: bool) -> anyhow::Result<Outcome> {
+    let all = project.stages().into_iter();
     let mut items = Vec::new();
     let mut lines = String::new();
-    for item in all.flat_map(|stage| stage.items(work)) {
-        let manifest = work.done(item);
+    for task in all.flat_map(|stage| project.tasks(stage)) {
+        let manifest = project.done(task);
         let state = if manifest.is_some() { "done" } else { "to do" };
-        lines += &format!("{item}: {state}\n");
+        lines += &format!("{task}: {state}\n");
         items.push(serde_json::json!({
-            "stage": item.stage.name(), "item": item.number, "done": manifest.is_some(), "manifest": manifest,
+            "stage": task.stage.name(), "item": task.number, "done": manifest.is_some(), "manifest": manifest,
         }));
     }
     let mut stdout = std::io::stdout().lock();
@@ -28,13 +27,13 @@ pub(super) fn stages(work: &Work, is_json: bool) -> anyhow::Result<Outcome> {
 }
 
 /// Verifies the plan and all results; damaged results are taken back.
-pub(super) fn check(work: &Work) -> anyhow::Result<Outcome> {
-    work.verify_plan()?;
+pub(super) fn check(project: &Project) -> anyhow::Result<Outcome> {
+    project.verify_plan()?;
     let mut damaged = Vec::new();
-    let all = Stage::of(work).into_iter();
-    for item in all.flat_map(|stage| stage.items(work)) {
-        if work.verify(item)? {
-            damaged.push(item.to_string());
+    let all = project.stages().into_iter();
+    for task in all.flat_map(|stage| project.tasks(stage)) {
+        if project.verify(task)? {
+            damaged.push(task.to_string());
         }
     }
     let damaged = damaged.join(", ");

@@ -17,6 +17,8 @@ mod scale;
 mod semi_dense;
 mod sensor;
 
+use std::ops::Range;
+
 use linecarve_lines::ExtractError;
 use linecarve_lines::ExtractOptions;
 use linecarve_sequence::Sequence;
@@ -103,6 +105,28 @@ impl FrontEnd {
                 Self::SemiDense(Box::new(front_end))
             }
         })
+    }
+
+    /// Prepares the keyframes of a range alone, which a new front end finds in `checkpoint` or stores there; of those whose depth comes from
+    /// neighbours, images around the range are read too. Returns the final keyframes.
+    pub fn prepare_range(
+        mut self,
+        sequence: &Sequence,
+        frames: &[usize],
+        range: Range<usize>,
+        checkpoint: &Checkpoint,
+    ) -> Arrivals {
+        match &mut self {
+            Self::SemiDense(front_end) => front_end.prepare_range(sequence, frames, range),
+            Self::Sensor(_) | Self::Features(_) | Self::Views => {
+                let group = Group {
+                    first: range.start,
+                    frames: &frames[range],
+                    is_last: false,
+                };
+                self.prepare(sequence, group, Some(checkpoint))
+            }
+        }
     }
 
     /// Reads a group of keyframes in parallel and returns the arrivals due. `checkpoint` provides and stores keyframes.

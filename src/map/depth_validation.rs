@@ -212,7 +212,7 @@ impl DepthValidation {
             return;
         };
         self.triangles.clear();
-        let mut triangles: Vec<Triangle> = map.carver().triangles().collect();
+        let mut triangles = map.surface().triangles();
         triangles.sort_unstable();
         let without_evidence = triangles.into_iter().map(|triangle| (triangle, None));
         self.update_evidence(map, without_evidence.collect(), newest.0);
@@ -322,7 +322,7 @@ impl DepthValidation {
                         views.dedup();
                     }
                 }
-                let samples = Samples::of(triangle.map(|v| map.carver().tetrahedra().position(v)));
+                let samples = Samples::of(triangle.map(|v| map.surface().position(v)));
                 let mut evidence = known.unwrap_or_default();
                 for dense_view in views.iter().filter_map(|view| self.dense_view(*view)) {
                     samples.compare(&dense_view, &mut evidence);

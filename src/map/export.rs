@@ -1,8 +1,10 @@
 //! The surface of a map as it is exported.
 
+use linecarve_carving::internals::RankedSurface;
 use linecarve_carving::{ExportOptions, Triangle, TriangleRole, VertexId};
 use linecarve_mesh::{TriangleMesh, close_holes};
 
+use super::lines::VertexColors;
 use super::surface::DEFAULT_COLOR;
 use super::{Contents, Map};
 use crate::options::{HoleFilling, Options};
@@ -18,7 +20,21 @@ impl Map {
     /// # Complexity
     /// That of the surface, plus its vertices times the keyframes.
     pub fn adjusted_surface(&self) -> TriangleMesh {
-        let mut mesh = self.surface();
+        self.adjusted(self.surface())
+    }
+
+    /// The same of a map whose carving was [left](Self::leave_carving) to others, from all triangles that they carved; `None` for maps
+    /// of points, whose surface needs nothing more.
+    pub(crate) fn adjusted_surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
+        let export = self.export_options();
+        let Contents::Lines(lines) = &mut self.contents else {
+            return None;
+        };
+        let mesh = lines.surface_of(&self.carver, ranked, &export);
+        Some(self.adjusted(mesh))
+    }
+
+    fn adjusted(&self, mut mesh: TriangleMesh) -> TriangleMesh {
         if let (Contents::Lines(lines), Some(median_depth)) = (&self.contents, self.median_depth())
         {
             let options = &self.options.surface;
@@ -73,18 +89,25 @@ impl Map {
         let Contents::Lines(lines) = &self.contents else {
             return None;
         };
-        let observed = lines.colors(&self.carver);
-        let colors = origins.iter().map(|vertex| observed.get((*vertex)?));
-        let colors: Vec<Option<[u8; 3]>> = colors.collect();
-        let has_any = colors.iter().any(Option::is_some);
-        let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
-        has_any.then(|| colors.into_iter().map(color).collect())
+        observed_colors(&lines.colors(&self.carver), origins.iter().copied())
     }
 
     /// Filters and repair of the exported surface.
     pub(crate) fn export_options(&self) -> ExportOptions {
         export_options(&self.options, self.median_depth())
     }
+}
+
+/// Colours of exported vertices, by the vertices that they copy; `None` when none has a colour.
+pub(super) fn observed_colors(
+    observed: &VertexColors<'_>,
+    origins: impl Iterator<Item = Option<VertexId>>,
+) -> Option<Vec<[u8; 3]>> {
+    let colors = origins.map(|vertex| observed.get(vertex?));
+    let colors: Vec<Option<[u8; 3]>> = colors.collect();
+    let has_any = colors.iter().any(Option::is_some);
+    let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
+    has_any.then(|| colors.into_iter().map(color).collect())
 }
 
 /// How a surface of this median depth is exported.

@@ -1,5 +1,7 @@
 //! A map of segments: clusters, landmarks along segments and between them, depth validation and vertex colours.
 
+mod merged;
+
 use std::time::Instant;
 
 use linecarve_carving::{Carver, TransactionError, VertexId, ViewId};
@@ -19,7 +21,7 @@ use super::segment_map::SegmentMap;
 use super::segment_points::{edge_measurements, measurements};
 use super::surface_points::KeyframeSurface;
 use super::update::MapUpdate;
-use super::vertex_landmarks::{VertexLandmarks, VertexViews};
+use super::vertex_landmarks::{CarvedSurface, VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::{Options, SurfaceOptions};
 
@@ -382,7 +384,7 @@ impl LineMap {
     /// `longest`.
     pub(super) fn role(
         &self,
-        carver: &Carver,
+        surface: &dyn CarvedSurface,
         triangle: &Triangle,
         longest: Option<f64>,
     ) -> TriangleRole {
@@ -390,7 +392,7 @@ impl LineMap {
             FacetStatus::Measured => true,
             FacetStatus::NotMeasured => false,
             FacetStatus::Unobserved => {
-                longest.is_none_or(|longest| carver.has_edges_within(triangle, longest))
+                longest.is_none_or(|longest| surface.has_edges_within(triangle, longest))
             }
         };
         match is_exported {
@@ -419,7 +421,7 @@ impl LineMap {
     /// The colours of vertices.
     pub(super) fn colors<'a>(&'a self, carver: &'a Carver) -> VertexColors<'a> {
         VertexColors {
-            carver,
+            surface: carver,
             provisional: self.provisional.colors(carver),
             vertices: &self.vertices,
             landmarks: &self.landmarks,
@@ -429,7 +431,7 @@ impl LineMap {
 
 /// The colours of the vertices of the triangulation.
 pub(super) struct VertexColors<'a> {
-    carver: &'a Carver,
+    surface: &'a dyn CarvedSurface,
     provisional: FxHashMap<VertexId, [u8; 3]>,
     vertices: &'a VertexLandmarks,
     landmarks: &'a LandmarkFusion,
@@ -444,7 +446,7 @@ impl VertexColors<'_> {
         let landmark = self.vertices.landmark(vertex)?;
         // Vertex ids are reused: this one may have belonged to a landmark.
         let point = self.landmarks.points()[landmark as usize];
-        let is_there = self.carver.vertex_of(point) == Some(vertex);
+        let is_there = self.surface.vertex_of(point) == Some(vertex);
         is_there
             .then(|| self.landmarks.landmarks().color(landmark))
             .flatten()

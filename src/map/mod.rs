@@ -69,6 +69,8 @@ pub struct Map {
     /// Whether depth comes from depth images, of which the final surface is made. Depth from images is off by more than its
     /// deviations where poses are.
     has_depth_images: bool,
+    /// Whether the carver stays as it is after the last keyframe, without cells.
+    leaves_carving: bool,
     /// Time of carving after the last keyframe.
     final_carving: Option<Duration>,
     /// The exported surface, where it is followed.
@@ -203,6 +205,7 @@ impl Map {
             median_depth,
             needs_every_surface: false,
             has_depth_images: false,
+            leaves_carving: false,
             final_carving: None,
             surface: None,
             keyframes: 0,
@@ -216,6 +219,14 @@ impl Map {
         if !self.needs_every_surface && self.keyframes == 0 {
             self.carver = Carver::deferred(carver_options(&self.options));
         }
+    }
+
+    /// [Defers](Self::defer_carving) the carving of an empty map and leaves it to others, who take points, views and observations from the
+    /// [carver](Self::carver) after [`finish`](Self::finish). Returns whether the map can do without surfaces.
+    pub(crate) fn leave_carving(&mut self) -> bool {
+        self.defer_carving();
+        self.leaves_carving = self.carver.is_deferred();
+        self.leaves_carving
     }
 
     /// Adds all views of a model, and carves nothing where that is [deferred](Self::defer_carving).
@@ -301,6 +312,9 @@ impl Map {
             }
             Contents::Segments(_) | Contents::Model(_) => MapUpdate::default(),
         };
+        if self.leaves_carving {
+            return Ok(());
+        }
         let is_carved = matches!(self.contents, Contents::Segments(_) | Contents::Model(_));
         if self.carver.is_deferred() && !is_carved {
             let start = Instant::now();

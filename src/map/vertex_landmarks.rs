@@ -1,10 +1,48 @@
 //! The landmark at each vertex of the tetrahedralisation.
 
-use linecarve_carving::VertexId;
-use linecarve_carving::{Carver, PointId, ViewId};
+use linecarve_carving::{Carver, PointId, Triangle, VertexId, ViewId};
+use nalgebra::Point3;
 
 /// Marks a vertex without landmark.
 const NONE: u32 = u32::MAX;
+
+/// A carved surface: its vertices, and those of points.
+pub(super) trait CarvedSurface: Sync {
+    /// Numbers of vertices are less than this.
+    fn vertex_capacity(&self) -> usize;
+
+    /// The vertex of a point, where the surface may have one.
+    fn vertex_of(&self, point: PointId) -> Option<VertexId>;
+
+    fn position(&self, vertex: VertexId) -> Point3<f64>;
+
+    /// All triangles, in no particular order.
+    fn triangles(&self) -> Vec<Triangle>;
+
+    /// Whether no edge of a triangle is longer than `longest`.
+    fn has_edges_within(&self, triangle: &Triangle, longest: f64) -> bool {
+        let p = triangle.map(|vertex| self.position(vertex));
+        (0..3).all(|k| (p[k] - p[(k + 1) % 3]).norm() <= longest)
+    }
+}
+
+impl CarvedSurface for Carver {
+    fn vertex_capacity(&self) -> usize {
+        self.tetrahedra().vertex_capacity()
+    }
+
+    fn vertex_of(&self, point: PointId) -> Option<VertexId> {
+        Carver::vertex_of(self, point)
+    }
+
+    fn position(&self, vertex: VertexId) -> Point3<f64> {
+        self.tetrahedra().position(vertex)
+    }
+
+    fn triangles(&self) -> Vec<Triangle> {
+        Carver::triangles(self).collect()
+    }
+}
 
 /// The landmark at each vertex. Of several at one position, the one updated last.
 #[derive(Debug, Clone, Default)]
@@ -31,7 +69,7 @@ impl VertexLandmarks {
     /// Makes up for the postponed updates, in their order; arguments as in [`update`](Self::update).
     pub(super) fn update_postponed(
         &mut self,
-        carver: &Carver,
+        surface: &dyn CarvedSurface,
         points: &[PointId],
         changed: &mut Vec<VertexId>,
     ) {
@@ -39,22 +77,21 @@ impl VertexLandmarks {
         let noted = |landmark: &u32| postponed[*landmark as usize] > 0;
         let mut landmarks: Vec<u32> = (0..postponed.len() as u32).filter(noted).collect();
         landmarks.sort_unstable_by_key(|landmark| postponed[*landmark as usize]);
-        self.update(carver, points, landmarks.into_iter(), changed);
+        self.update(surface, points, landmarks.into_iter(), changed);
     }
 
     /// Updates the vertices of landmarks; `points` gives the carver's id of each. Appends their vertices before and after.
     pub(super) fn update(
         &mut self,
-        carver: &Carver,
+        surface: &dyn CarvedSurface,
         points: &[PointId],
         landmarks: impl Iterator<Item = u32>,
         changed: &mut Vec<VertexId>,
     ) {
-        self.landmarks
-            .resize(carver.tetrahedra().vertex_capacity(), NONE);
+        self.landmarks.resize(surface.vertex_capacity(), NONE);
         self.vertices.resize(points.len(), NONE);
         for landmark in landmarks {
-            let vertex = carver.vertex_of(points[landmark as usize]);
+            let vertex = surface.vertex_of(points[landmark as usize]);
             let now = vertex.map_or(NONE, |vertex| vertex.index() as u32);
             let before = std::mem::replace(&mut self.vertices[landmark as usize], now);
             if before != now && before != NONE {
@@ -79,6 +116,7 @@ impl VertexLandmarks {
 /// The views that observe each vertex, for [`DepthValidation`](super::depth_validation::DepthValidation).
 #[derive(Clone, Copy)]
 pub(super) struct VertexViews<'a> {
+    surface: &'a dyn CarvedSurface,
     carver: &'a Carver,
     points: &'a [PointId],
     vertices: &'a VertexLandmarks,
@@ -91,7 +129,18 @@ impl<'a> VertexViews<'a> {
         points: &'a [PointId],
         vertices: &'a VertexLandmarks,
     ) -> Self {
+        Self::of(carver, carver, points, vertices)
+    }
+
+    /// The same of a surface of the carver's points that others carved.
+    pub(super) fn of(
+        surface: &'a dyn CarvedSurface,
+        carver: &'a Carver,
+        points: &'a [PointId],
+        vertices: &'a VertexLandmarks,
+    ) -> Self {
         Self {
+            surface,
             carver,
             points,
             vertices,
@@ -99,6 +148,11 @@ impl<'a> VertexViews<'a> {
     }
 
     /// The carved surface.
+    pub(super) fn surface(&self) -> &'a dyn CarvedSurface {
+        self.surface
+    }
+
+    /// The carver with the cells of the surface.
     pub(super) fn carver(&self) -> &'a Carver {
         self.carver
     }

@@ -14,7 +14,7 @@ use crate::run::Verbosity;
 use crate::tracking::TrackError;
 
 /// What a map is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Source {
     /// 3D line segments, and points between them where depth is dense.
     Lines,

@@ -3,6 +3,7 @@
 mod fit;
 mod input;
 mod origin;
+mod prepared;
 
 use linecarve_sequence::{Sequence, SparseModel, every_nth, read_keyframe_list, select_keyframes};
 use nalgebra::{Isometry3, Vector3};
@@ -18,6 +19,7 @@ use crate::tracking::open_or_track;
 pub(crate) use fit::lens_warning;
 pub use input::{DepthChoice, Input, RecordingError, Selection, Source};
 pub(crate) use origin::{PointExtent, model_origin};
+pub(crate) use prepared::PreparedRecording;
 
 /// A sequence whose keyframes are chosen, with everything that must be known before the first of them.
 #[derive(Debug)]

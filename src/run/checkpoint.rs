@@ -1,5 +1,6 @@
 //! Checkpoint of a run: keyframes stored so that the run can be resumed.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -98,6 +99,11 @@ impl Checkpoint {
         Ok(Self::new(folder))
     }
 
+    /// The checkpoint of an output folder, whatever run it belongs to.
+    pub(crate) fn of(output: &Path) -> Self {
+        Self::new(output.join(FOLDER))
+    }
+
     fn new(folder: PathBuf) -> Self {
         Self {
             folder,
@@ -121,14 +127,22 @@ impl Checkpoint {
 
     /// Loads a stored value; `None` when it is missing or damaged.
     pub fn load<T: DeserializeOwned>(&self, keyframe: usize) -> Option<T> {
+        let bytes = self.read(keyframe)?;
+        rmp_serde::from_slice(&bytes).ok()
+    }
+
+    fn read(&self, keyframe: usize) -> Option<Vec<u8>> {
         let mut bytes = std::fs::read(self.path(keyframe)).ok()?;
         let at = bytes.len().checked_sub(8)?;
         let sum = u64::from_le_bytes(bytes[at..].try_into().ok()?);
         bytes.truncate(at);
-        if checksum(&bytes) != sum {
-            return None;
-        }
-        rmp_serde::from_slice(&bytes).ok()
+        (checksum(&bytes) == sum).then_some(bytes)
+    }
+
+    /// Numbers of the keyframes that are stored and whole.
+    pub(crate) fn stored(&self, keyframes: Range<usize>) -> Vec<usize> {
+        let is_whole = |keyframe: &usize| self.read(*keyframe).is_some();
+        keyframes.filter(is_whole).collect()
     }
 
     /// Stores a value for a keyframe. Numbers are kept bit by bit.
@@ -179,7 +193,7 @@ impl Checkpoint {
 }
 
 /// FNV-1a of 64 bits. Detects damage, not tampering.
-fn checksum(bytes: &[u8]) -> u64 {
+pub(crate) fn checksum(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |sum, byte| {
         (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
     })

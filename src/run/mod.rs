@@ -8,6 +8,7 @@ mod task;
 mod times;
 
 pub use cancel::{CancelToken, Cancelled, WatchError};
+pub(crate) use checkpoint::checksum;
 pub use checkpoint::{Checkpoint, CheckpointError, FOLDER as CHECKPOINT_FOLDER};
 pub use memory::{MemoryLimit, peak_mb, resident_mb};
 pub use progress::{Progress, Verbosity};

@@ -6,7 +6,7 @@ use linecarve_sequence::{DenseCloud, ModelView};
 use linecarve_tiles::{PlanOptions, Planner, SeenPoint, Work};
 
 use super::median::Medians;
-use super::{Finish, POINTS_OF_TILE};
+use super::{Finish, POINTS_OF_TILE, Split};
 use crate::map::{PointSelector, carver_options, export_options};
 use crate::options::Options;
 use crate::recording::{PointExtent, model_origin};
@@ -19,7 +19,7 @@ use crate::recording::{PointExtent, model_origin};
 pub(super) fn plan(
     cloud: &DenseCloud,
     options: &Options,
-    (tiles, halo): (Option<usize>, u32),
+    split: Split,
     folder: &Path,
 ) -> anyhow::Result<Work> {
     options.validate()?;
@@ -38,8 +38,9 @@ pub(super) fn plan(
     let center = |view: &ModelView| view.world_from_camera.translation.vector.into();
     let centers: Vec<[f64; 3]> = views.iter().map(center).collect();
     let plan = PlanOptions {
-        tiles: tiles.unwrap_or(1),
-        halo,
+        tiles: split.tiles.unwrap_or(1),
+        halo: split.halo,
+        seed: split.seed,
         ..PlanOptions::default()
     };
     let mut planner = Planner::new(folder, &centers, plan)?;
@@ -61,7 +62,7 @@ pub(super) fn plan(
         })?;
         anyhow::Ok(())
     })?;
-    if tiles.is_none() {
+    if split.tiles.is_none() {
         planner.set_tiles((planner.point_count() as usize).div_ceil(POINTS_OF_TILE));
     }
     let export = export_options(options, depths.upper_median()?);

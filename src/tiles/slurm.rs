@@ -3,8 +3,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use linecarve_tiles::{Stage, Work};
-
+use super::Project;
 use crate::run::MemoryLimit;
 
 /// Most tasks of a job array: the default of Slurm's `MaxArraySize`.
@@ -12,8 +11,13 @@ const MOST: usize = 1000;
 
 /// The script: a job array for each stage, which waits for the stage before, and a job that writes the mesh. `program` and the folder of
 /// the plan must be at the same place on all nodes.
-pub(crate) fn slurm_script(work: &Work, program: &Path, limit: Option<MemoryLimit>) -> String {
-    let folder = work.folder().display().to_string();
+pub(crate) fn slurm_script(
+    project: &Project,
+    folder: &Path,
+    program: &Path,
+    limit: Option<MemoryLimit>,
+) -> String {
+    let folder = folder.display().to_string();
     let program = quoted(&program.display().to_string());
     // Shell words within a shell word: the command of a task is an argument of sbatch.
     let item = quoted(&format!("exec {program} tiles item {}", quoted(&folder)));
@@ -47,8 +51,8 @@ array() {{
 ",
         work = quoted(&folder),
     );
-    for stage in Stage::of(work) {
-        let count = stage.items(work).count();
+    for stage in project.stages() {
+        let count = project.tasks(stage).count();
         let mut next = "--dependency=afterok".to_owned();
         for (part, first) in (0..count).step_by(MOST).enumerate() {
             let last = (count - first).min(MOST) - 1;

@@ -1,21 +1,31 @@
-//! A model in tiles: the bytes of one process, damage, refusals.
+//! Models and sequences in tiles: the bytes of one process, damage, refusals.
 
 use std::path::Path;
 
 use crate::program::{colmap_relief, expect_status, stderr, text};
 
+/// Few keyframes of the sample.
+const CHOICE: [&str; 2] = ["--every", "3"];
+
 /// `mesh.ply` of one process.
 fn whole(model: &Path, out: &Path, labels: &str) -> Vec<u8> {
-    let from = [
-        "reconstruct",
-        text(model),
-        "--from",
-        "map-points",
-        "--final-only",
-    ];
+    whole_of(model, out, labels, &[])
+}
+
+fn whole_of(model: &Path, out: &Path, labels: &str, more: &[&str]) -> Vec<u8> {
+    let from = ["--from", "map-points"];
+    let from = if more.contains(&"--from") {
+        &[][..]
+    } else {
+        &from
+    };
+    let what = ["reconstruct", text(model), "--final-only"];
     let how = ["--format", "ply", "--labels", labels, "--no-page"];
     let to = ["--no-picture", "--quiet", "--out", text(out)];
-    expect_status(0, from.iter().chain(&how).chain(&to));
+    expect_status(
+        0,
+        what.iter().chain(from).chain(&how).chain(&to).chain(more),
+    );
     std::fs::read(out.join("mesh.ply")).unwrap()
 }
 
@@ -151,6 +161,128 @@ fn stages_are_listed_and_damage_is_named() {
     let no_model = folder.path().join("nothing");
     std::fs::create_dir(&no_model).unwrap();
     expect_status(2, plan(&no_model, &work, "4", "votes"));
+}
+
+/// Plans the sample.
+fn plan_room<'a>(room: &'a Path, work: &'a Path, tiles: &'a str, labels: &'a str) -> Vec<&'a str> {
+    let groups = ["--keyframes-per-task", "5"];
+    [&plan(room, work, tiles, labels)[..], &CHOICE, &groups].concat()
+}
+
+#[test]
+fn a_sequence_in_tiles_leaves_the_mesh_of_one_process() {
+    let folder = tempfile::tempdir().unwrap();
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
+    for (labels, counts) in [("votes", &["2"][..]), ("cut", &["1", "7"])] {
+        let out = folder.path().join(format!("whole-{labels}"));
+        let expected = whole_of(&room, &out, labels, &CHOICE);
+        for tiles in counts {
+            let work = folder.path().join(format!("{labels}-{tiles}"));
+            expect_status(0, plan_room(&room, &work, tiles, labels));
+            expect_status(0, ["tiles", "run", text(&work), "--jobs", "2", "-q"]);
+            let mesh = std::fs::read(work.join("mesh.ply")).unwrap();
+            assert!(mesh == expected, "{labels}, {tiles} tiles");
+        }
+    }
+}
+
+#[test]
+fn lines_in_tiles_leave_the_mesh_of_one_process() {
+    let folder = tempfile::tempdir().unwrap();
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
+    let how = ["--from", "lines", "--depth", "semi-dense", "--every", "2"];
+    let how = [&how[..], &["--max-keyframes", "9"]].concat();
+    let expected = whole_of(&room, &folder.path().join("whole"), "cut", &how);
+    let work = folder.path().join("work");
+    let groups = ["--keyframes-per-task", "2"];
+    let plan = [&plan(&room, &work, "3", "cut")[..], &how, &groups].concat();
+    expect_status(0, plan);
+    expect_status(0, ["tiles", "run", text(&work), "--jobs", "2", "-q"]);
+    assert!(std::fs::read(work.join("mesh.ply")).unwrap() == expected);
+    // Depth images are compared with every surface.
+    let sensor = ["tiles", "plan", text(&room), "elsewhere", "--from", "lines"];
+    let refused = stderr(&expect_status(2, sensor));
+    assert!(refused.contains("--depth semi-dense"), "{refused}");
+}
+
+#[test]
+fn damage_to_a_sequence_is_named_and_mended() {
+    let folder = tempfile::tempdir().unwrap();
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
+    let expected = whole_of(&room, &folder.path().join("whole"), "votes", &CHOICE);
+    let work = folder.path().join("work");
+    expect_status(0, plan_room(&room, &work, "2", "votes"));
+    // The same plan changes nothing, others are refused.
+    expect_status(0, plan_room(&room, &work, "2", "votes"));
+    for other in [
+        plan_room(&room, &work, "3", "votes"),
+        plan(&room, &work, "2", "cut"),
+    ] {
+        let refused = stderr(&expect_status(2, other));
+        assert!(refused.contains("another folder"), "{refused}");
+    }
+    let [model, _] = models(folder.path());
+    let refused = stderr(&expect_status(2, plan(&model, &work, "2", "votes")));
+    assert!(refused.contains("another folder"), "{refused}");
+    for (early, needed) in [("intake", "keyframes 0"), ("frame", "intake")] {
+        let refused = stderr(&expect_status(
+            2,
+            ["tiles", "item", text(&work), early, "0"],
+        ));
+        assert!(refused.contains(needed), "{refused}");
+    }
+    expect_status(2, ["tiles", "item", text(&work), "keyframes", "3"]);
+    let tasks = items(&work);
+    assert_eq!(tasks.len(), 3 + 1 + 2 + 2 + 1 + 2 + 1);
+    for (moment, item) in (0u64..).zip(&tasks) {
+        let mut killed = start_item(&work, item);
+        std::thread::sleep(std::time::Duration::from_millis(moment * 53 % 97));
+        let _ = killed.kill();
+        killed.wait().unwrap();
+        for mut one in [start_item(&work, item), start_item(&work, item)] {
+            assert!(one.wait().unwrap().success(), "{item:?}");
+        }
+    }
+    let run = |count: &str| {
+        let said = stderr(&expect_status(0, ["tiles", "run", text(&work)]));
+        assert!(said.contains(count), "{said}");
+        assert!(std::fs::read(work.join("mesh.ply")).unwrap() == expected);
+    };
+    run("0 tasks");
+    // A bit of what the front end found, of the plan that the intake made, a file that is gone, and one that is shorter.
+    let flip = |path: &Path| {
+        let mut bytes = std::fs::read(path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 4;
+        std::fs::write(path, bytes).unwrap();
+    };
+    let damage: [(&dyn Fn(), &str); 4] = [
+        (
+            &|| flip(&work.join(".linecarve/000007.keyframe")),
+            "keyframes 1",
+        ),
+        (&|| flip(&work.join("plan/points/000001.tile")), "intake 0"),
+        (
+            &|| std::fs::remove_file(work.join(".linecarve/000002.keyframe")).unwrap(),
+            "keyframes 0",
+        ),
+        (
+            &|| std::fs::write(work.join("plan.json"), "{").unwrap(),
+            "intake 0",
+        ),
+    ];
+    for (damage, task) in damage {
+        damage();
+        let said = stderr(&expect_status(1, ["tiles", "check", text(&work)]));
+        assert!(said.contains(task), "{said}");
+        run("1 tasks");
+        expect_status(0, ["tiles", "check", text(&work)]);
+    }
+    // The poses are other ones than those of the plan.
+    std::fs::write(work.join(".linecarve/run.txt"), "another").unwrap();
+    std::fs::remove_file(work.join("keyframes/000001.json")).unwrap();
+    let refused = stderr(&expect_status(2, ["tiles", "run", text(&work)]));
+    assert!(refused.contains("no longer what was planned"), "{refused}");
 }
 
 /// The commands of a plan's tasks in the order of their stages.

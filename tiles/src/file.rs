@@ -21,7 +21,7 @@ use crate::record::{Record, decode, encode};
 
 const MAGIC: u64 = u64::from_le_bytes(*b"LCTILES\n");
 /// Changes with the meaning of any file.
-pub(crate) const FORMAT: u32 = 3;
+pub(crate) const FORMAT: u32 = 4;
 const HEADER: usize = 64;
 
 /// What a file holds.

@@ -24,9 +24,9 @@ mod tile;
 mod work;
 
 pub use error::TilesError;
-pub use merge::{MergedMesh, merged_mesh};
+pub use merge::{MergedMesh, merged_mesh, merged_surface};
 pub use plan::{Plan, PlanOptions, TileSummary, plan};
 pub use planner::{Planner, SeenPoint};
-pub use run::run;
+pub use run::{run, run_pending};
 pub use stage::{Item, Stage, run_item};
 pub use work::{Manifest, Work};

@@ -22,6 +22,9 @@ pub struct PlanOptions {
     pub halo: u32,
     /// Most positions that decide where tiles end; with fewer points all do.
     pub sample: usize,
+    /// Keep which triangles meet at each edge, for [`merged_surface`](crate::merged_surface). All triangles are then merged as they are,
+    /// without the filters and the repair of the export options.
+    pub keeps_neighbors: bool,
 }
 
 impl Default for PlanOptions {
@@ -31,6 +34,7 @@ impl Default for PlanOptions {
             seed: 0,
             halo: 8,
             sample: 1 << 20,
+            keeps_neighbors: false,
         }
     }
 }
@@ -56,6 +60,8 @@ pub struct Plan {
     /// How the mesh is exported.
     pub(crate) export: ExportOptions,
     pub(crate) halo: u32,
+    /// See [`PlanOptions::keeps_neighbors`].
+    pub(crate) keeps_neighbors: bool,
     /// Cells with a longer side of their bounding box are giants; without it none are.
     giant_extent: Option<f64>,
     /// The tiles.
@@ -98,7 +104,7 @@ impl Plan {
         input: String,
         carver: CarverOptions,
         export: ExportOptions,
-        halo: u32,
+        (halo, keeps_neighbors): (u32, bool),
         extents: Vec<f64>,
         tiles: Vec<TileSummary>,
         caller: String,
@@ -107,8 +113,12 @@ impl Plan {
             program: program(),
             input,
             carver,
-            export,
+            export: match keeps_neighbors {
+                true => ExportOptions::default(),
+                false => export,
+            },
             halo,
+            keeps_neighbors,
             giant_extent: giant_extent(extents, tiles.len()),
             tiles,
             caller,

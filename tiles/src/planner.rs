@@ -230,7 +230,8 @@ impl Planner {
         let extents = extents.map(|tile| tile.bounds.extent()).collect();
         let tiles: Vec<TileSummary> = scattered.into_iter().map(|tile| tile.summary).collect();
         let input = self.input(&territory);
-        let plan = Plan::new(input, carver, export, options.halo, extents, tiles, caller);
+        let how = (options.halo, options.keeps_neighbors);
+        let plan = Plan::new(input, carver, export, how, extents, tiles, caller);
         let text = serde_json::to_vec_pretty(&plan).unwrap_or_default();
         let path = self.folder.join("plan.json");
         if let Ok(found) = std::fs::read(&path) {

@@ -29,26 +29,39 @@ pub fn run<E: From<TilesError> + Send>(
             }
         }
         carried_out += pending.len();
-        let next = AtomicUsize::new(0);
-        let failed: Mutex<Option<E>> = Mutex::new(None);
-        let first_error = || failed.lock().unwrap_or_else(PoisonError::into_inner);
-        std::thread::scope(|scope| {
-            for _ in 0..jobs.clamp(1, pending.len().max(1)) {
-                scope.spawn(|| {
-                    while let Some(&item) = pending.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        if first_error().is_some() {
-                            break;
-                        }
-                        if let Err(error) = execute(item) {
-                            first_error().get_or_insert(error);
-                        }
-                    }
-                });
-            }
-        });
-        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            return Err(error);
-        }
+        run_pending(&pending, jobs, &execute)?;
     }
     Ok(carried_out)
+}
+
+/// Carries out tasks that do not depend on each other, with `jobs` calls of `execute` at a time.
+///
+/// # Errors
+/// The first error of a task; others that had begun are waited for.
+pub fn run_pending<T: Copy + Sync, E: Send>(
+    pending: &[T],
+    jobs: usize,
+    execute: impl Fn(T) -> Result<(), E> + Sync,
+) -> Result<(), E> {
+    let next = AtomicUsize::new(0);
+    let failed: Mutex<Option<E>> = Mutex::new(None);
+    let first_error = || failed.lock().unwrap_or_else(PoisonError::into_inner);
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, pending.len().max(1)) {
+            scope.spawn(|| {
+                while let Some(&task) = pending.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if first_error().is_some() {
+                        break;
+                    }
+                    if let Err(error) = execute(task) {
+                        first_error().get_or_insert(error);
+                    }
+                }
+            });
+        }
+    });
+    match failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        Some(error) => Err(error),
+        None => Ok(()),
+    }
 }

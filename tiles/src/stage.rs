@@ -72,7 +72,11 @@ impl Stage {
 
     /// The stages of a plan.
     pub fn of(work: &Work) -> Vec<Stage> {
-        let is_cut = work.plan().is_cut();
+        Self::of_labels(work.plan().is_cut())
+    }
+
+    /// The stages of plans whose labels are those of a minimum cut, or not.
+    pub fn of_labels(is_cut: bool) -> Vec<Stage> {
         let needs = |stage: &Stage| {
             is_cut || !matches!(stage, Stage::Network | Stage::Label | Stage::Settle)
         };
@@ -81,9 +85,14 @@ impl Stage {
 
     /// The items of the stage.
     pub fn items(self, work: &Work) -> impl Iterator<Item = Item> + use<> {
+        self.items_of(work.plan().tiles.len())
+    }
+
+    /// The items of the stage in plans of so many tiles.
+    pub fn items_of(self, tiles: usize) -> impl Iterator<Item = Item> + use<> {
         let count = match self {
             Stage::Giants | Stage::Settle | Stage::Merge => 1,
-            _ => work.plan().tiles.len(),
+            _ => tiles,
         };
         (0..count).map(move |number| Item {
             stage: self,

@@ -18,7 +18,7 @@ use crate::giants::CellSums;
 use crate::label::Labels;
 use crate::split::by_position;
 use crate::stage::{Counts, Item, counts};
-use crate::surface_file::{IdTriangle, Place, SurfacePart, SurfaceVertex};
+use crate::surface_file::{IdTriangle, Place, Side, SurfacePart, SurfaceVertex};
 use crate::tile::{TileCells, local_of, tile_of};
 use crate::work::Work;
 
@@ -72,7 +72,7 @@ impl Around {
         keyed.sort_unstable_by_key(|(key, _)| *key);
         let triangles: Vec<[u32; 3]> = keyed.iter().map(|(key, _)| *key).collect();
         let mut neighbors = Vec::new();
-        if plan.export.needs_neighbors() {
+        if plan.export.needs_neighbors() || plan.keeps_neighbors {
             let packed = |(cell, facet): Facet| cell.index() as u64 * 4 + facet as u64;
             let mut numbers: Vec<(u64, u32)> =
                 keyed.iter().map(|(_, at)| packed(*at)).zip(0..).collect();
@@ -275,13 +275,56 @@ fn repeated(around: &Around, fans: &[[u32; 3]], edges: &[[u32; 3]]) -> Vec<(Plac
     repeated
 }
 
+/// Sides of edges of the tile where the neighbour is not just the other of two triangles.
+fn sides(around: &Around) -> Vec<Side> {
+    let RankedSurface {
+        positions,
+        triangles,
+        neighbors,
+    } = &around.surface;
+    let all = (0..triangles.len()).flat_map(|index| [0, 1, 2].map(|k| (index, k)));
+    let ends = |(index, k): (usize, usize)| {
+        let (a, b) = (triangles[index][k], triangles[index][(k + 1) % 3]);
+        [a.min(b), a.max(b)]
+    };
+    let mut own: Vec<([u32; 2], (usize, usize))> = all
+        .map(|side| (ends(side), side))
+        .filter(|([low, _], _)| around.is_own(*low))
+        .collect();
+    own.sort_unstable();
+    let mut sides = Vec::new();
+    for same in own.chunk_by(|a, b| a.0 == b.0) {
+        for &([low, high], (index, k)) in same {
+            let other = match same {
+                [(_, (a, _)), (_, (b, _))] => (a + b - index) as u32,
+                _ => NO_NEIGHBOR,
+            };
+            let neighbor = neighbors[index][k];
+            if neighbor == other {
+                continue;
+            }
+            let apex = triangles.get(neighbor as usize).and_then(|triangle| {
+                let apex = triangle.iter().find(|rank| **rank != low && **rank != high);
+                apex.map(|&rank| positions[rank as usize])
+            });
+            let corner = |n: usize| positions[triangles[index][(k + n) % 3] as usize];
+            let apex = apex.unwrap_or([f64::NAN; 3]);
+            sides.push([corner(0), corner(1), corner(2), apex]);
+        }
+    }
+    sides
+}
+
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
     let cells = TileCells::framed(work, item)?;
     let is_free = labels(work, item, &cells)?;
     let around = Around::of(&cells, work, item, &is_free);
     drop((cells, is_free));
     let export = &work.plan().export;
-    let part = part(&around, export.minimum_component, export.manifold);
+    let mut part = part(&around, export.minimum_component, export.manifold);
+    if work.plan().keeps_neighbors {
+        part.sides = sides(&around);
+    }
     let mut writer = work.create_result(item)?;
     part.write(&mut writer)?;
     let counted = [

@@ -5,6 +5,7 @@
 //! 1          corners that are in a second or later fan of their vertex
 //! 2, 3       edges that a fan may have twice: sides, midpoints
 //! 4          triangles of components that may be too small
+//! 5          sides of edges whose neighbour is not just the other of two triangles, where the plan asks for them
 //! then       blocks of vertices, two sections each, and blocks of triangles, two sections each
 //! ```
 
@@ -14,10 +15,14 @@ use crate::file::{Reader, Writer};
 /// Most vertices or triangles of a block.
 const BLOCK: usize = 4096;
 /// The first section of blocks.
-const BLOCKS: usize = 5;
+const BLOCKS: usize = 6;
 
 /// The corners of a triangle as ids of the whole scene; the one of the lexicographically smallest position first.
 pub(crate) type IdTriangle = [u64; 3];
+
+/// A triangle by the positions of its corners, the first two those of an edge, and the third corner of the neighbour across this edge; NaN
+/// when there is none.
+pub(crate) type Side = [[f64; 3]; 4];
 
 /// A corner or an edge of a triangle, which starts at the corner of the same index, and a number.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -68,6 +73,7 @@ pub(crate) struct SurfacePart {
     pub(crate) repeated: Vec<(Place, [f64; 3])>,
     /// Triangles of components that may be too small, with the component (from 1 on); sorted. Those of other tiles are included.
     pub(crate) small: Vec<(IdTriangle, u32)>,
+    pub(crate) sides: Vec<Side>,
     /// Sorted by position, copies of one vertex in their order.
     pub(crate) vertices: Vec<SurfaceVertex>,
     /// Triangles whose first corner is a vertex of the tile, with their component: 0 if it is large enough.
@@ -88,6 +94,7 @@ impl SurfacePart {
             [a, b, c, component]
         });
         writer.section(&small.collect::<Vec<_>>())?;
+        writer.section(&self.sides)?;
         for block in self.vertices.chunks(BLOCK) {
             let numbers = block.iter().map(|v| [v.local, v.copy, v.component]);
             writer.section(&numbers.collect::<Vec<[u32; 3]>>())?;
@@ -143,6 +150,10 @@ impl SurfaceFile {
         let records: Vec<[u64; 4]> = self.reader.records(4)?;
         let small = records.into_iter();
         Ok(small.map(|[a, b, c, n]| ([a, b, c], n as u32)).collect())
+    }
+
+    pub(crate) fn sides(&self) -> Result<Vec<Side>, TilesError> {
+        self.reader.records(5)
     }
 
     pub(crate) fn vertex_blocks(&self) -> usize {

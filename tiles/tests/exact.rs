@@ -1,10 +1,12 @@
 //! Tiles against one carver: the same mesh, bit for bit.
 
 #![allow(clippy::unwrap_used, reason = "a test ends where anything fails")]
+use linecarve_carving::internals::assemble;
 use linecarve_carving::{
     Carver, CarverOptions, CutOptions, ExportOptions, Hull, IndexedMesh, Labels, Votes,
 };
-use linecarve_tiles::{PlanOptions, Stage, TilesError, Work, merged_mesh, plan, run, run_item};
+use linecarve_tiles::{PlanOptions, Stage, TilesError, Work};
+use linecarve_tiles::{merged_mesh, merged_surface, plan, run, run_item};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -109,10 +111,37 @@ fn assert_same_with(
             seed,
             halo,
             sample: if seed % 2 == 0 { 1 << 20 } else { 64 },
+            keeps_neighbors: false,
         };
         let (mesh, _) = tiled(&carver, export, &options);
         assert!(mesh == whole, "{tiles} tiles, seed {seed}, halo {halo}");
     }
+    if let (Some(&(tiles, seed, halo)), None) = (splits.last(), export.longest_edge) {
+        assert_same_later(&carver, &whole, export, (tiles, seed, halo));
+    }
+}
+
+/// Filters and repair come after the merge.
+fn assert_same_later(
+    carver: &Carver,
+    whole: &IndexedMesh,
+    export: &ExportOptions,
+    (tiles, seed, halo): (usize, u64, u32),
+) {
+    let options = PlanOptions {
+        tiles,
+        seed,
+        halo,
+        keeps_neighbors: true,
+        ..PlanOptions::default()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let work = plan(folder.path(), carver, export, &options, String::new()).unwrap();
+    run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
+    let surface = merged_surface(&work).unwrap();
+    let all = vec![true; surface.triangles.len()];
+    let (mesh, _) = assemble(&surface, &all, export);
+    assert!(mesh == *whole, "{tiles} tiles, seed {seed}, later");
 }
 
 /// A rough terrain with blocks on it, seen from above and from the streets, with wrong points.

@@ -80,7 +80,7 @@ impl Sets {
 /// The mesh of the triangles that are wanted and belong to a component that is large enough; `is_wanted` has an entry for each
 /// triangle. Also returns for each vertex of the mesh the rank of its position, `None` for the midpoints of split edges. The
 /// filter of long edges is not applied here.
-pub(super) fn assemble(
+pub fn assemble(
     surface: &RankedSurface,
     is_wanted: &[bool],
     options: &ExportOptions,

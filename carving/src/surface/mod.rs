@@ -13,7 +13,7 @@ mod repair;
 
 #[cfg(feature = "internals")]
 pub use assemble::{
-    Connectivity, NO_NEIGHBOR, RankedSurface, RankedTriangle, connect, cut_at_midpoints,
+    Connectivity, NO_NEIGHBOR, RankedSurface, RankedTriangle, assemble, connect, cut_at_midpoints,
 };
 pub use check::SurfaceViolation;
 pub(crate) use check::check;

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use linecarve_sequence::FrameError;
-use npyz::WriterBuilder;
 
 use crate::support::write_seven_scenes;
 use crate::{folder_with, open};
@@ -12,15 +11,12 @@ const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
 
 fn write_npy(path: &Path, value: impl Fn(usize) -> f32) {
-    let mut bytes = Vec::new();
-    let mut writer = npyz::WriteOptions::new()
-        .default_dtype()
-        .shape(&[HEIGHT as u64, WIDTH as u64])
-        .writer(&mut bytes)
-        .begin_nd()
-        .unwrap();
-    writer.extend((0..WIDTH * HEIGHT).map(value)).unwrap();
-    writer.finish().unwrap();
+    let header =
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({HEIGHT}, {WIDTH}), }}\n");
+    let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend((0..WIDTH * HEIGHT).flat_map(|index| value(index).to_le_bytes()));
     std::fs::write(path, bytes).unwrap();
 }
 

@@ -8,6 +8,7 @@ mod schedule;
 mod surface_fusion;
 
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use linecarve_lines::depth::EdgeDepthOptions;
@@ -25,7 +26,7 @@ use super::colors::KeyframeColors;
 use super::depth_source::SemiDenseSource;
 use super::error::FrontEndError;
 use super::keyframe::{Keyframe, LineKeyframe};
-use super::{Arrival, Arrivals, Group};
+use super::{Arrival, Arrivals, Group, group_size};
 use crate::run::Checkpoint;
 use linecarve_sequence::Sequence;
 
@@ -84,6 +85,8 @@ pub struct SemiDenseFrontEnd {
     pub(super) checkpoint: Option<Checkpoint>,
     pub(super) emits_provisional: bool,
     resume_plan: ResumePlan,
+    /// Numbers of the keyframes that are asked for, where these are not all.
+    wanted: Option<Range<usize>>,
     pub(super) estimator: SemiDense,
     pub(super) detector: EdgeDetector,
     /// Cloned for each thread; it reuses memory across keyframes.
@@ -114,6 +117,7 @@ impl SemiDenseFrontEnd {
             source: *source,
             checkpoint: checkpoint.cloned(),
             emits_provisional,
+            wanted: None,
             resume_plan: ResumePlan::new((0..count).map(is_stored).collect(), &source.options),
             estimator: SemiDense::new(source.options.matching)?,
             detector: EdgeDetector::new(options.edges)?,
@@ -147,6 +151,33 @@ impl SemiDenseFrontEnd {
         self.estimate_all(steps)
     }
 
+    /// Prepares the keyframes of a range alone, and reads the images that they need; returns the final ones, whose surfaces are not fused.
+    pub(super) fn prepare_range(
+        &mut self,
+        sequence: &Sequence,
+        frames: &[usize],
+        range: Range<usize>,
+    ) -> Arrivals {
+        self.resume_plan
+            .restrict_to(&range, frames.len(), &self.source.options);
+        self.wanted = Some(range.clone());
+        let end = (range.end + self.source.options.future).min(frames.len());
+        let mut arrivals = Vec::new();
+        let mut first = 0;
+        for group in frames[..end].chunks(group_size()) {
+            let group = Group {
+                first,
+                frames: group,
+                is_last: first + group.len() == frames.len(),
+            };
+            first += group.frames.len();
+            arrivals.extend(self.prepare(sequence, group));
+        }
+        // Images beyond the range may not be readable either.
+        arrivals.retain(|(number, _)| range.contains(number));
+        arrivals
+    }
+
     /// Adds the next keyframe to the window and schedules its estimates.
     pub(super) fn push_loaded(&mut self, (entry, geometry): LoadedFrame) -> StepTasks {
         let step = self.read;
@@ -159,10 +190,7 @@ impl SemiDenseFrontEnd {
         self.read += 1;
         StepTasks {
             fault,
-            due: tasks
-                .into_iter()
-                .map(|task| ScheduledTask { step, task })
-                .collect(),
+            due: self.due(step, tasks),
             is_last: false,
         }
     }
@@ -173,12 +201,19 @@ impl SemiDenseFrontEnd {
         let tasks = self.schedule.finish();
         StepTasks {
             fault: None,
-            due: tasks
-                .into_iter()
-                .map(|task| ScheduledTask { step, task })
-                .collect(),
+            due: self.due(step, tasks),
             is_last: true,
         }
+    }
+
+    /// Tasks due at a step, without final estimates that are not asked for.
+    fn due(&self, step: usize, tasks: Vec<Task>) -> Vec<ScheduledTask> {
+        let is_wanted = |task: &Task| {
+            let wanted = self.wanted.as_ref();
+            !task.is_final || wanted.is_none_or(|wanted| wanted.contains(&task.keyframe))
+        };
+        let tasks = tasks.into_iter().filter(is_wanted);
+        tasks.map(|task| ScheduledTask { step, task }).collect()
     }
 
     /// Computes the estimates due and returns them in order.
@@ -224,6 +259,9 @@ impl SemiDenseFrontEnd {
                 if due.task.is_final {
                     newest = Some(number);
                     match finals.next() {
+                        Some(Ok(measured)) if self.wanted.is_some() => {
+                            arrivals.push((number, Arrival::Final(Ok(boxed(measured.keyframe)))));
+                        }
                         Some(Ok(measured)) => self.hold(number, measured),
                         Some(Err(fault)) => arrivals.push((number, Arrival::Final(Err(fault)))),
                         None => {}

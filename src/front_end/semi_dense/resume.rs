@@ -1,6 +1,6 @@
 //! Resuming from a checkpoint: which keyframes have to be computed again.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +48,24 @@ impl ResumePlan {
         Self {
             needs_first_estimate,
             needs_image,
+        }
+    }
+
+    /// Keeps what the missing keyframes of a range need; `count` keyframes are in the recording.
+    pub(super) fn restrict_to(
+        &mut self,
+        range: &Range<usize>,
+        count: usize,
+        options: &SemiDenseStage,
+    ) {
+        let is_in_other = |keyframe| !range.contains(&keyframe);
+        let own = Self::new((0..count).map(is_in_other).collect(), options);
+        for (mark, own) in [
+            (&mut self.needs_first_estimate, own.needs_first_estimate),
+            (&mut self.needs_image, own.needs_image),
+        ] {
+            let both = mark.iter().zip(own).map(|(mark, own)| *mark && own);
+            *mark = both.collect();
         }
     }
 

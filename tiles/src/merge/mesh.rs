@@ -21,16 +21,18 @@ pub struct MergedMesh {
 }
 
 impl MergedMesh {
+    /// The task that writes it.
+    pub(super) const ITEM: Item = Item {
+        stage: Stage::Merge,
+        number: 0,
+    };
+
     /// Opens the mesh.
     ///
     /// # Errors
     /// When it is not there, or damaged.
     pub fn open(work: &Work) -> Result<Self, TilesError> {
-        let item = Item {
-            stage: Stage::Merge,
-            number: 0,
-        };
-        let reader = work.open_result(item, item)?;
+        let reader = work.open_result(Self::ITEM, Self::ITEM)?;
         let sections = reader.section_count();
         let damaged = |what: &str| TilesError::damaged(reader.path(), what);
         let numbers = |section: Option<usize>| section.ok_or_else(|| damaged("no numbers"));

@@ -5,6 +5,7 @@
 //! memory: components that may be too small, and edges that have to be split or may have to be.
 
 mod mesh;
+mod neighbors;
 mod repeated;
 mod scratch;
 mod small;
@@ -16,6 +17,7 @@ use std::collections::BinaryHeap;
 use std::collections::binary_heap::PeekMut;
 
 pub use mesh::{MergedMesh, merged_mesh};
+pub use neighbors::merged_surface;
 use repeated::Repeated;
 use scratch::Scratch;
 use small::TooSmall;

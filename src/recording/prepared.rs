@@ -1,0 +1,171 @@
+//! What was found when a recording was opened, for processes that open it again.
+
+use std::path::PathBuf;
+
+use linecarve_sequence::{OpenOptions, Sequence};
+use nalgebra::{Isometry3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::{Input, Recording, RecordingError, Source};
+use crate::configuration::Configuration;
+use crate::front_end::{DepthSource, SemiDenseSource};
+
+/// A recording of a sequence without its images: keyframes, length scale, origin, and what the images corrected.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct PreparedRecording {
+    path: PathBuf,
+    layout: Option<String>,
+    poses: Option<PathBuf>,
+    calibration: Option<PathBuf>,
+    configuration: Configuration,
+    source: Source,
+    /// Positions of the keyframes in the sequence.
+    keyframes: Vec<usize>,
+    is_semi_dense: bool,
+    median_depth: Option<f64>,
+    origin: [f64; 3],
+    fit: Option<Fit>,
+}
+
+/// What the images corrected.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Fit {
+    focal_factor: Option<f64>,
+    /// For each keyframe where it is, and the pose that fits the images.
+    poses: Option<Vec<[Isometry3<f64>; 2]>>,
+    lens_k1: Option<f64>,
+}
+
+impl PreparedRecording {
+    /// The recording that was opened from an input; paths become absolute.
+    ///
+    /// # Errors
+    /// When poses were found from the images, depth images are used, it is a model, or options were set that no
+    /// configuration has.
+    pub(crate) fn of(recording: &Recording, input: &Input) -> Result<Self, RecordingError> {
+        let refused = |text: &str| {
+            let path = input.path.display();
+            Err(RecordingError::Missing(format!("{path}: {text}")))
+        };
+        if recording.is_tracked {
+            return refused(
+                "its poses are found from the images: track it first (linecarve track), and plan with --poses",
+            );
+        }
+        let is_semi_dense = match (&recording.depth, recording.source) {
+            (Some(DepthSource::SemiDense(_)), Source::Lines) => true,
+            (None, Source::MapPoints) => false,
+            (Some(DepthSource::Sensor(_)), Source::Lines) => {
+                return refused(
+                    "depth images are compared with the surface after each keyframe, which tiles do not have: reconstruct it \
+                     without tiles, or plan with --depth semi-dense or --from map-points",
+                );
+            }
+            _ => return refused("only surfaces of lines and map points are planned"),
+        };
+        let configuration = Configuration::of(&recording.options);
+        if configuration.options() != recording.options {
+            return refused("its options are more than a configuration can say");
+        }
+        let absolute = |path: &Option<PathBuf>| {
+            let absolute = |path: &PathBuf| std::path::absolute(path).unwrap_or(path.clone());
+            path.as_ref().map(absolute)
+        };
+        let sequence = &recording.sequence;
+        let fit = recording.poses.as_ref().map(|summary| Fit {
+            focal_factor: summary.focal_factor,
+            poses: summary.is_corrected.then(|| {
+                let pose = |&frame: &usize| {
+                    let placed = sequence.frames()[frame].world_from_camera;
+                    [placed, *sequence.fitted_pose(frame)]
+                };
+                recording.keyframes.iter().map(pose).collect()
+            }),
+            lens_k1: summary.lens_k1,
+        });
+        Ok(Self {
+            path: std::path::absolute(&input.path).unwrap_or(input.path.clone()),
+            layout: input.open.layout.clone(),
+            poses: absolute(&input.open.poses),
+            calibration: absolute(&input.open.calibration),
+            configuration,
+            source: recording.source,
+            keyframes: recording.keyframes.clone(),
+            is_semi_dense,
+            median_depth: recording.median_depth,
+            origin: recording.origin.into(),
+            fit,
+        })
+    }
+
+    /// Number of keyframes.
+    pub(crate) fn keyframe_count(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    /// Whether the map is made of lines.
+    pub(crate) fn is_of_lines(&self) -> bool {
+        self.source == Source::Lines
+    }
+
+    /// The parameters that users set.
+    pub(crate) fn configuration(&self) -> &Configuration {
+        &self.configuration
+    }
+
+    /// Opens the recording again. Nothing is chosen, estimated or corrected anew.
+    ///
+    /// # Errors
+    /// When the sequence cannot be read, or has fewer frames than before.
+    pub(crate) fn open(&self) -> Result<Recording, RecordingError> {
+        let open = OpenOptions {
+            calibration: self.calibration.clone(),
+            poses: self.poses.clone(),
+            layout: self.layout.clone(),
+            assumed_focal: None,
+        };
+        let mut sequence = Sequence::open(&self.path, &open)?;
+        let count = sequence.frames().len();
+        if self.keyframes.iter().any(|frame| *frame >= count) {
+            return Err(RecordingError::Missing(format!(
+                "{}: frames are missing that were there when it was planned: bring them back, or plan again into another folder",
+                self.path.display()
+            )));
+        }
+        let options = self.configuration.options();
+        sequence.limit_image_size(options.images.longest_side());
+        if let Some(fit) = &self.fit {
+            if let Some(factor) = fit.focal_factor {
+                sequence.scale_focal_length(factor)?;
+            }
+            if let Some(poses) = &fit.poses {
+                let keyframes = || self.keyframes.iter().copied();
+                sequence.set_poses(keyframes().zip(poses.iter().map(|[placed, _]| *placed)));
+                sequence.set_fitted_poses(keyframes().zip(poses.iter().map(|[_, fitted]| *fitted)));
+            }
+            if let Some(k1) = fit.lens_k1 {
+                sequence.set_radial_distortion(k1)?;
+            }
+        }
+        let depth = self.median_depth.filter(|_| self.is_semi_dense);
+        let depth = depth.map(|median_depth| {
+            DepthSource::SemiDense(SemiDenseSource {
+                options: options.semi_dense,
+                median_depth,
+            })
+        });
+        Ok(Recording {
+            sequence,
+            options,
+            source: self.source,
+            keyframes: self.keyframes.clone(),
+            depth,
+            median_depth: self.median_depth,
+            origin: Vector3::from(self.origin),
+            poses: None,
+            model: None,
+            is_tracked: false,
+            warnings: Vec::new(),
+        })
+    }
+}
