@@ -108,7 +108,7 @@ pub struct StageTimes {
 /// A frame, tracked or not.
 #[derive(Debug)]
 pub(crate) enum FrameRecord {
-    Posed(PosedFrame),
+    Posed(Box<PosedFrame>),
     Missing {
         reason: NoPose,
         /// To try again with the final map.

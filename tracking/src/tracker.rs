@@ -352,7 +352,7 @@ impl Tracker {
                 Some(((*point)?, frame.view.measurement(feature as u32)))
             })
             .collect();
-        FrameRecord::Posed(PosedFrame {
+        FrameRecord::Posed(Box::new(PosedFrame {
             reference: self.reference,
             from_reference,
             live: frame.camera_from_world,
@@ -361,7 +361,7 @@ impl Tracker {
             inliers: frame.inliers,
             is_keyframe: reference.frame == frame.number,
             dense: frame.dense,
-        })
+        }))
     }
 
     /// A frame to be tracked again.

@@ -203,8 +203,8 @@ impl Sums {
                 for i in 0..6 {
                     let weighted = weight * row[i];
                     self.gradient[i] += f64::from(weighted * error);
-                    for j in 0..=i {
-                        self.normal[(i, j)] += f64::from(weighted * row[j]);
+                    for (j, value) in row.iter().enumerate().take(i + 1) {
+                        self.normal[(i, j)] += f64::from(weighted * value);
                     }
                 }
             }
