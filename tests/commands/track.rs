@@ -310,8 +310,8 @@ fn black_frames_are_posed_by_their_depth_or_said() {
         ["track", &text(folder.path()), "--out", &text(out.path())],
     );
     let report = json(&out.path().join("track.json"));
-    let counts = [&report["tracked"], &report["tracked_by_depth"]];
-    assert_eq!(counts, [&12.into(), &2.into()], "{report}");
+    assert_eq!(report["tracked"], 12, "{report}");
+    assert_eq!(report["tracked_by_depth"], 2, "{report}");
 
     // Without their depth they have none.
     let list = std::fs::read_to_string(folder.path().join("depth.txt")).unwrap();
