@@ -38,7 +38,7 @@ mod text;
 pub mod texture;
 mod tiles;
 pub mod tracking;
-mod video;
+pub mod video;
 
 pub use error::{Error, SinkError};
 pub use mapper::KeyframeUpdate;

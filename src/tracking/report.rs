@@ -28,6 +28,8 @@ pub struct TrackReport {
     pub tracked: usize,
     /// Their share.
     pub coverage: f64,
+    /// Those of them whose pose comes from depth images alone: too few features agree with the map.
+    pub tracked_by_depth: usize,
     /// Keyframes of the largest sub-map.
     pub keyframes: usize,
     /// Parts of the recording with a common frame of coordinates, the one of `poses.txt` first.
@@ -163,6 +165,20 @@ impl TrackReport {
             frames,
             tracked: tracked_frames,
             coverage: tracked_frames as f64 / frames.max(1) as f64,
+            tracked_by_depth: recording
+                .poses
+                .iter()
+                .filter(|pose| {
+                    matches!(
+                        pose,
+                        FramePose::Known {
+                            submap: 0,
+                            matches: 0,
+                            ..
+                        }
+                    )
+                })
+                .count(),
             keyframes: submaps.first().map_or(0, |submap| submap.keyframes.len()),
             submaps,
             loops: recording.loops.clone(),

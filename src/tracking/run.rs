@@ -236,7 +236,7 @@ pub(crate) fn track_watched(
                         },
                     });
                 }
-                Err(TrackError::Frame(error)) if error.is_limited_to_frame() => {
+                Err(TrackError::Frame(error)) if is_left_out(&error) => {
                     unreadable.push((frame, error.to_string()));
                     tracker.track(FrameFeatures::default());
                 }
@@ -264,6 +264,11 @@ pub(crate) fn track_watched(
         mode,
         times,
     })
+}
+
+/// Whether a frame is left out because of its images: they cannot be read, or are those of another camera.
+fn is_left_out(error: &FrameError) -> bool {
+    error.is_limited_to_frame() || matches!(error, FrameError::Size { .. })
 }
 
 /// Where the depth of features comes from.

@@ -5,7 +5,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use rust_h264::decoder::{ChromaFormat, Decoder, Frame};
-use rust_h264::nal::{NalUnitType, parse_avcc, parse_avcc_config};
+use rust_h264::nal::{NalUnit, NalUnitType, parse_avcc, parse_avcc_config, parse_sps_info};
 
 use super::mp4::VideoTrack;
 use super::picture::Picture;
@@ -16,6 +16,9 @@ const MAX_WAITING: usize = 16;
 
 /// Largest encoded picture.
 const MAX_SAMPLE: u32 = 1 << 26;
+
+/// Largest picture in pixels: a damaged header may claim more than there is memory for.
+const MAX_PIXELS: u64 = 1 << 26;
 
 /// Decodes the samples of a track. Samples that are damaged or cut off are left out and counted in the warnings that are returned.
 pub(super) fn read<R: Read + Seek>(
@@ -29,9 +32,7 @@ pub(super) fn read<R: Read + Seek>(
     let configuration = parse_avcc_config(&track.configuration).map_err(damaged)?;
     let mut decoder = Decoder::new();
     for nal in configuration.sps_nals.iter().chain(&configuration.pps_nals) {
-        decoder
-            .decode_nal(nal)
-            .map_err(|error| damaged(&error.to_string()))?;
+        decode(&mut decoder, nal).map_err(|problem| damaged(&problem))?;
     }
     let mut waiting = Waiting::default();
     // Group and time of the picture that is being decoded: the decoder returns it with the next.
@@ -42,9 +43,7 @@ pub(super) fn read<R: Read + Seek>(
     for (number, sample) in track.samples.iter().enumerate() {
         let outcome = load(file, sample.offset, sample.size, &mut data).and_then(|()| {
             for nal in parse_avcc(&data, configuration.length_size) {
-                if let Some(frame) = decoder
-                    .decode_nal(&nal)
-                    .map_err(|error| error.to_string())?
+                if let Some(frame) = decode(&mut decoder, &nal)?
                     && let Some(place) = current.take()
                 {
                     waiting.insert(place, frame);
@@ -93,6 +92,18 @@ pub(super) fn read<R: Read + Seek>(
             track.samples.len()
         )],
     })
+}
+
+/// Decodes a unit, unless it announces a picture of implausible size.
+fn decode(decoder: &mut Decoder, nal: &NalUnit<'_>) -> Result<Option<Frame>, String> {
+    if nal.nal_unit_type == NalUnitType::Sps {
+        let announced = parse_sps_info(nal).map_err(|error| error.to_string())?;
+        let (width, height) = (announced.coded_width, announced.coded_height);
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            return Err(format!("its size of {width} x {height} is implausible"));
+        }
+    }
+    decoder.decode_nal(nal).map_err(|error| error.to_string())
 }
 
 fn load<R: Read + Seek>(

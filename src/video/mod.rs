@@ -6,7 +6,8 @@ mod picture;
 mod unpack;
 mod y4m;
 
-pub(crate) use unpack::{is_video, of_video, unpack};
+pub(crate) use unpack::of_video;
+pub use unpack::{is_video, unpack};
 
 use std::path::{Path, PathBuf};
 
@@ -14,23 +15,33 @@ use picture::Picture;
 
 /// Why a video cannot be read.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum VideoError {
+pub enum VideoError {
     /// The file cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Unreadable {
+        /// The file.
         path: PathBuf,
+        /// The reason.
         source: std::io::Error,
     },
     /// The file is damaged, or holds what is not supported.
     #[error("{}, byte {offset}: {problem}", path.display())]
     Content {
+        /// The file.
         path: PathBuf,
+        /// Byte at which it stands.
         offset: u64,
+        /// What is wrong.
         problem: String,
     },
     /// The pictures cannot be written.
     #[error("cannot write {}: {problem}", path.display())]
-    Write { path: PathBuf, problem: String },
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        problem: String,
+    },
 }
 
 impl VideoError {

@@ -23,7 +23,7 @@ const IMAGES: &str = "images";
 const STANDARD_INPUT: &str = "-";
 
 /// Whether a path is a video: a file that begins as one, or `-` for standard input.
-pub(crate) fn is_video(path: &Path) -> bool {
+pub fn is_video(path: &Path) -> bool {
     if path == Path::new(STANDARD_INPUT) {
         return true;
     }
@@ -54,7 +54,7 @@ fn is_mp4(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// When the video has no picture that can be read, or a file cannot be written.
-pub(crate) fn unpack(
+pub fn unpack(
     input: &Path,
     folder: &Path,
     verbosity: Verbosity,

@@ -289,34 +289,49 @@ fn an_unreadable_image_is_named_and_left_out() {
     assert!(reason.contains(name), "{reason}");
 }
 
+/// Names of the colour images of a recording.
+fn color_files(folder: &Path) -> Vec<String> {
+    let list = std::fs::read_to_string(folder.join("rgb.txt")).unwrap();
+    let name = |line: &str| line.split(' ').nth(1).map(str::to_owned);
+    list.lines().skip(1).filter_map(name).collect()
+}
+
 #[test]
-fn black_frames_have_no_pose_and_do_not_harm_the_others() {
+fn black_frames_are_posed_by_their_depth_or_said() {
     let folder = room_without_poses(12);
-    let list = std::fs::read_to_string(folder.path().join("rgb.txt")).unwrap();
-    let files: Vec<&str> = list
-        .lines()
-        .skip(1)
-        .filter_map(|line| line.split(' ').nth(1))
-        .collect();
+    let files = color_files(folder.path());
     for file in &files[5..7] {
         let path = folder.path().join(file);
         image::RgbImage::new(640, 480).save(path).unwrap();
     }
     let out = tempfile::tempdir().unwrap();
+    expect_status(
+        0,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
+    let report = json(&out.path().join("track.json"));
+    assert_eq!(report["tracked"], 12, "{report}");
+    assert_eq!(report["tracked_by_depth"], 2, "{report}");
+
+    // Without their depth they have none.
+    let list = std::fs::read_to_string(folder.path().join("depth.txt")).unwrap();
+    let rest: Vec<&str> = list
+        .lines()
+        .enumerate()
+        .filter(|(at, _)| !(6..8).contains(at))
+        .map(|(_, line)| line)
+        .collect();
+    std::fs::write(folder.path().join("depth.txt"), rest.join("\n")).unwrap();
     let output = expect_status(
         0,
         ["track", &text(folder.path()), "--out", &text(out.path())],
     );
     assert!(stderr(&output).contains("dark"), "{}", stderr(&output));
     let report = json(&out.path().join("track.json"));
+    let without = report["without_pose"].as_array().unwrap().len();
     assert_eq!(
-        report["without_pose"].as_array().unwrap().len(),
-        2,
-        "{report}"
-    );
-    assert_eq!(
-        (&report["tracked"], &report["frames"]),
-        (&10.into(), &12.into())
+        (&report["tracked"], &report["frames"], without),
+        (&10.into(), &12.into(), 2)
     );
 
     for file in &files {
@@ -333,6 +348,29 @@ fn black_frames_have_no_pose_and_do_not_harm_the_others() {
         "{}",
         stderr(&output)
     );
+}
+
+#[test]
+fn images_of_another_size_are_named_and_left_out() {
+    let folder = room_without_poses(8);
+    let files = color_files(folder.path());
+    for file in &files[3..5] {
+        let path = folder.path().join(file);
+        image::RgbImage::new(320, 200).save(path).unwrap();
+    }
+    let out = tempfile::tempdir().unwrap();
+    let output = expect_status(
+        0,
+        ["track", &text(folder.path()), "--out", &text(out.path())],
+    );
+    assert!(stderr(&output).contains("320 x 200"), "{}", stderr(&output));
+    let report = json(&out.path().join("track.json"));
+    assert_eq!(
+        (&report["tracked"], &report["frames"]),
+        (&6.into(), &8.into())
+    );
+    let reason = report["without_pose"][0]["reason"].as_str().unwrap();
+    assert!(reason.contains("expected 640 x 480"), "{reason}");
 }
 
 #[test]

@@ -120,6 +120,7 @@ impl Tracker {
         if keyframes.len() < 2 {
             return;
         }
+        self.align_submap(&keyframes);
         self.adjust(&keyframes, GLOBAL_STEPS);
         // With depth the points of a place hardly drift apart.
         if self.options.is_monocular {
@@ -153,7 +154,15 @@ impl Tracker {
     /// Pose of a frame from the final map.
     fn final_pose(&self, frame: &PosedFrame) -> (u32, Isometry3<f64>, usize) {
         let start = frame.from_reference * self.map.pose_of(frame.reference);
-        let submap = self.map.keyframe(frame.reference).submap;
+        let reference = self.map.keyframe(frame.reference);
+        let submap = reference.submap;
+        if frame.is_keyframe && !reference.motions.is_empty() {
+            // Its pose was adjusted with all that is known of it.
+            return (submap, start.inverse(), frame.inliers);
+        }
+        let prior = frame
+            .dense
+            .map(|motion| motion.prior(&self.map.pose_of(motion.reference)));
         let matches: Vec<(Point3<f64>, Measurement)> = frame
             .seen
             .iter()
@@ -163,8 +172,14 @@ impl Tracker {
             })
             .collect();
         let mut is_inlier = Vec::new();
-        let refined = refine_pose(&self.camera, &start, &matches, &mut is_inlier)
-            .filter(|found| 2 * found.inliers >= frame.inliers.min(2 * self.options.min_matches));
+        let refined = refine_pose(
+            &self.camera,
+            &start,
+            &matches,
+            prior.as_ref(),
+            &mut is_inlier,
+        )
+        .filter(|found| 2 * found.inliers >= frame.inliers.min(2 * self.options.min_matches));
         let (pose, inliers) = refined.map_or((start, frame.inliers), |found| {
             (found.camera_from_world, found.inliers)
         });

@@ -1,11 +1,14 @@
 //! Features of an image with their depths.
 
+use std::sync::Arc;
+
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
 use linecarve_points::{Descriptor, FeatureDetector, FeatureGrid, Features};
 use nalgebra::Point2;
 
 use crate::camera::Measurement;
+use crate::dense::DenseView;
 use crate::options::TrackingOptions;
 use crate::stereo::{RightView, stereo_depths};
 
@@ -34,6 +37,7 @@ pub(crate) fn level_scale(octave: u8) -> f64 {
 pub struct FrameDetector {
     detector: FeatureDetector,
     feature_sigma_px: f64,
+    is_dense: bool,
 }
 
 impl FrameDetector {
@@ -42,6 +46,7 @@ impl FrameDetector {
         Self {
             detector: FeatureDetector::new(options.feature_options()).with_only_maxima(),
             feature_sigma_px: options.feature_sigma_px,
+            is_dense: options.dense_weight > 0.0,
         }
     }
 
@@ -50,7 +55,12 @@ impl FrameDetector {
         let features = self.detector.detect(image);
         let depth_at = |pixel: &[f32; 2]| depth.and_then(|map| depth_near(map, pixel));
         let inverse_depths = features.pixels.iter().map(depth_at).collect();
-        self.with_depths(features, inverse_depths)
+        let mut features = self.with_depths(features, inverse_depths);
+        features.dense = match depth {
+            Some(map) if self.is_dense => Some(Arc::new(DenseView::new(map))),
+            _ => None,
+        };
+        features
     }
 
     /// The features of the left image of a rectified pair, and their depths by disparity. `focal_baseline` is the focal length
@@ -85,6 +95,7 @@ impl FrameDetector {
             grid: FeatureGrid::new(&features.pixels),
             features,
             inverse_depths,
+            dense: None,
             feature_sigma_px: self.feature_sigma_px,
         }
     }
@@ -114,6 +125,8 @@ pub struct FrameFeatures {
     pub(crate) grid: FeatureGrid,
     /// Inverse depth and standard deviation of each feature.
     pub(crate) inverse_depths: Vec<Option<[f32; 2]>>,
+    /// The depth image, reduced, where there is one.
+    pub(crate) dense: Option<Arc<DenseView>>,
     feature_sigma_px: f64,
 }
 

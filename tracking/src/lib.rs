@@ -2,6 +2,7 @@
 
 mod adjust;
 mod camera;
+mod dense;
 mod finish;
 mod focal;
 mod frame;

@@ -2,8 +2,9 @@
 
 use nalgebra::Isometry3;
 
-use crate::adjust::{Bundle, BundleObservation, BundlePoint};
+use crate::adjust::{Bundle, BundleObservation, BundlePoint, MotionFactor};
 use crate::camera::Pinhole;
+use crate::dense::DenseMotion;
 use crate::map::{KeyframeId, PointId};
 use crate::tracker::Tracker;
 
@@ -110,6 +111,7 @@ impl Tracker {
             poses,
             is_free,
             points: of_bundle,
+            factors: self.motion_factors(&cameras),
             last_gain: match self.options.is_monocular {
                 true => LAST_GAIN_MONOCULAR,
                 false => LAST_GAIN,
@@ -120,6 +122,30 @@ impl Tracker {
             cameras,
             points,
         }
+    }
+
+    /// Motions by depth images between some keyframes.
+    fn motion_factors(&self, cameras: &[KeyframeId]) -> Vec<MotionFactor> {
+        let mut slot_of = vec![None; self.map.keyframes.len()];
+        for (slot, id) in cameras.iter().enumerate() {
+            slot_of[id.index()] = Some(slot);
+        }
+        let factor = |to: usize, motion: &DenseMotion| {
+            Some(MotionFactor {
+                from: slot_of[motion.reference.index()]?,
+                to,
+                to_from: motion.from_reference,
+                information: motion.information,
+            })
+        };
+        cameras
+            .iter()
+            .enumerate()
+            .flat_map(|(to, id)| {
+                let motions = &self.map.keyframe(*id).motions;
+                motions.iter().filter_map(move |motion| factor(to, motion))
+            })
+            .collect()
     }
 }
 

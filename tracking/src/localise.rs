@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::adjust::PosePrior;
 use crate::camera::Measurement;
 use crate::frame::level_scale;
 use crate::map::{KeyframeId, PointId};
@@ -173,9 +174,19 @@ impl Tracker {
 
     /// Refines the pose with the matches of the frame; outliers lose their point. Returns the number of inliers.
     fn refine(&self, frame: &mut Frame, start: &Isometry3<f64>) -> usize {
+        self.refine_with(frame, start, None)
+    }
+
+    /// As [`Tracker::refine`], with a measured pose.
+    pub(crate) fn refine_with(
+        &self,
+        frame: &mut Frame,
+        start: &Isometry3<f64>,
+        prior: Option<&PosePrior>,
+    ) -> usize {
         let (features, matches) = self.correspondences(frame);
         let mut is_inlier = Vec::new();
-        let Some(found) = refine_pose(&self.camera, start, &matches, &mut is_inlier) else {
+        let Some(found) = refine_pose(&self.camera, start, &matches, prior, &mut is_inlier) else {
             return 0;
         };
         for (feature, _) in features

@@ -81,6 +81,7 @@ impl Tracker {
             self.map.update_point(point);
         }
         self.map.update_neighborhood(id);
+        self.align_keyframe(id);
         let start = Instant::now();
         self.adjust_locally(id);
         self.times.adjustment_ms += start.elapsed().as_secs_f64() * 1e3;

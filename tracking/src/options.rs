@@ -31,6 +31,9 @@ pub struct TrackingOptions {
     pub is_monocular: bool,
     /// Frames, by number and in order, that start the map of one camera in place of those chosen.
     pub start_pair: Option<[u32; 2]>,
+    /// Weight of the alignment of depth images beside features: information is this share of what pixels would have that err
+    /// independently. 0 for none.
+    pub dense_weight: f64,
     /// Whether loops are looked for.
     pub loops: bool,
     /// Whether poses may use later frames: global adjustment, and all frames tracked again in the final map.
@@ -54,6 +57,7 @@ impl Default for TrackingOptions {
             lost_frames: 15,
             is_monocular: false,
             start_pair: None,
+            dense_weight: 0.1,
             loops: true,
             looks_ahead: true,
         }
@@ -141,6 +145,7 @@ impl TrackingOptions {
             1e5,
             "10 or more",
         )?;
+        within("dense_weight", self.dense_weight, 0.0, 1.0, "0 to 1")?;
         within("keyframe_share", self.keyframe_share, 0.0, 1.0, "0 to 1")?;
         within(
             "local_keyframes",

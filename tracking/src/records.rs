@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 use serde::Serialize;
 
 use crate::camera::Measurement;
+use crate::dense::DenseMotion;
 use crate::frame::FrameFeatures;
 use crate::map::{KeyframeId, PointId};
 
@@ -107,7 +108,7 @@ pub struct StageTimes {
 /// A frame, tracked or not.
 #[derive(Debug)]
 pub(crate) enum FrameRecord {
-    Posed(PosedFrame),
+    Posed(Box<PosedFrame>),
     Missing {
         reason: NoPose,
         /// To try again with the final map.
@@ -127,6 +128,10 @@ pub(crate) struct PosedFrame {
     pub(crate) live_submap: u32,
     pub(crate) seen: Vec<(PointId, Measurement)>,
     pub(crate) inliers: usize,
+    /// Whether it is its own reference.
+    pub(crate) is_keyframe: bool,
+    /// Motion from a keyframe by depth images.
+    pub(crate) dense: Option<DenseMotion>,
 }
 
 impl FrameRecord {
@@ -135,23 +140,5 @@ impl FrameRecord {
             reason,
             view: Box::new(view),
         }
-    }
-
-    pub(crate) fn with_pose(
-        reference: KeyframeId,
-        from_reference: Isometry3<f64>,
-        live: Isometry3<f64>,
-        seen: Vec<(PointId, Measurement)>,
-        inliers: usize,
-        live_submap: u32,
-    ) -> Self {
-        Self::Posed(PosedFrame {
-            reference,
-            from_reference,
-            live,
-            live_submap,
-            seen,
-            inliers,
-        })
     }
 }

@@ -1,16 +1,18 @@
 //! Tracking, frame by frame.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
 use crate::camera::Pinhole;
+use crate::dense::{DenseMotion, DenseSurface};
 use crate::frame::FrameFeatures;
 use crate::map::{KeyframeId, Map, PointId};
 use crate::options::{TrackingOptions, TrackingOptionsError};
 use crate::places::Places;
-use crate::records::{FrameOutcome, FrameRecord, LoopReport, NoPose, StageTimes};
+use crate::records::{FrameOutcome, FrameRecord, LoopReport, NoPose, PosedFrame, StageTimes};
 
 /// Least share of the matches near predicted positions that agree with a pose: of a wrong pose, few matches do.
 const MIN_AGREEING: f64 = 0.3;
@@ -28,6 +30,8 @@ pub(crate) struct Frame {
     pub(crate) inliers: usize,
     /// Share of the matches that agree with the pose.
     pub(crate) agreeing: f64,
+    /// Motion from the reference keyframe by depth images.
+    pub(crate) dense: Option<DenseMotion>,
 }
 
 impl Frame {
@@ -39,6 +43,7 @@ impl Frame {
             camera_from_world,
             inliers: 0,
             agreeing: 0.0,
+            dense: None,
         }
     }
 
@@ -78,6 +83,8 @@ pub struct Tracker {
     /// `camera_from_last_camera` of the last two tracked frames.
     pub(crate) velocity: Isometry3<f64>,
     pub(crate) reference: KeyframeId,
+    /// Surface of the reference keyframe, once it was needed.
+    pub(crate) reference_surface: Option<(KeyframeId, Arc<DenseSurface>)>,
     last_keyframe_frame: u32,
     lost_for: u32,
     pub(crate) last_loop: Option<KeyframeId>,
@@ -113,6 +120,7 @@ impl Tracker {
             last: None,
             velocity: Isometry3::identity(),
             reference: KeyframeId(0),
+            reference_surface: None,
             last_keyframe_frame: 0,
             lost_for: 0,
             last_loop: None,
@@ -144,7 +152,8 @@ impl Tracker {
     }
 
     fn track_frame(&mut self, number: u32, view: FrameFeatures) -> FrameOutcome {
-        if view.len() < self.options.min_matches {
+        let is_bare = view.dense.is_none() || self.map.keyframes.is_empty();
+        if view.len() < self.options.min_matches && is_bare {
             let found = view.len();
             self.miss(number, view, NoPose::FewFeatures { found })
         } else if self.map.keyframes.is_empty() {
@@ -230,7 +239,9 @@ impl Tracker {
         let mut frame = Frame::new(number, view, Isometry3::identity());
         let is_found = match (self.lost_for, self.last.take()) {
             (0, Some(last)) => {
-                let is_found = self.follow(&mut frame, &last) || self.relocate(&mut frame);
+                let is_found = self.follow(&mut frame, &last)
+                    || self.relocate(&mut frame)
+                    || self.follow_densely(&mut frame, &last);
                 self.last = Some(last);
                 is_found
             }
@@ -244,6 +255,9 @@ impl Tracker {
             }
             let matched = frame.inliers;
             return self.miss(number, frame.view, NoPose::NoMatch { matched });
+        }
+        if frame.inliers > 0 {
+            self.refine_densely(&mut frame);
         }
         self.velocity = match (&self.last, self.lost_for) {
             (Some(last), 0) if last.number.abs_diff(number) == 1 => {
@@ -260,6 +274,7 @@ impl Tracker {
             self.extend_map(keyframe);
             // Poses of the map may have moved.
             frame.camera_from_world = self.map.keyframe(keyframe).camera_from_world;
+            frame.dense = None;
             frame.points.clone_from(&self.map.keyframe(keyframe).points);
             self.times.keyframes_ms += start.elapsed().as_secs_f64() * 1e3;
         }
@@ -337,14 +352,16 @@ impl Tracker {
                 Some(((*point)?, frame.view.measurement(feature as u32)))
             })
             .collect();
-        FrameRecord::with_pose(
-            self.reference,
+        FrameRecord::Posed(Box::new(PosedFrame {
+            reference: self.reference,
             from_reference,
-            frame.camera_from_world,
+            live: frame.camera_from_world,
+            live_submap: reference.submap,
             seen,
-            frame.inliers,
-            reference.submap,
-        )
+            inliers: frame.inliers,
+            is_keyframe: reference.frame == frame.number,
+            dense: frame.dense,
+        }))
     }
 
     /// A frame to be tracked again.

@@ -129,6 +129,56 @@ fn damaged_indices_are_refused_or_read() {
     }
 }
 
+/// A parameter set of H.264 that announces pictures of so many blocks of 16 pixels along either side.
+fn parameter_set(blocks: u32) -> Vec<u8> {
+    let unsigned = |value: u32| {
+        let digits = format!("{:b}", value + 1);
+        "0".repeat(digits.len() - 1) + &digits
+    };
+    let side = unsigned(blocks - 1);
+    // Number, counters of frames and their order, reference frames, gaps, size, whole frames, no cropping, no display properties.
+    let mut bits = [
+        "1", "1", "011", "1", "0", &side, &side, "1", "1", "0", "0", "1",
+    ]
+    .concat();
+    bits.push_str(&"0".repeat(bits.len().next_multiple_of(8) - bits.len()));
+    let bytes = (0..bits.len() / 8).map(|at| u8::from_str_radix(&bits[8 * at..8 * at + 8], 2));
+    [0x67, 66, 0, 51]
+        .into_iter()
+        .chain(bytes.map(Result::unwrap))
+        .collect()
+}
+
+#[test]
+fn pictures_of_implausible_size_are_refused() {
+    let error = |blocks: u32| {
+        let set = parameter_set(blocks);
+        let head = [1, 66, 0, 51, 255, 225, 0, set.len() as u8];
+        let track = mp4::VideoTrack {
+            configuration: [&head[..], &set, &[0]].concat(),
+            samples: vec![mp4::Sample {
+                offset: 0,
+                size: 4,
+                time_ns: 0,
+            }],
+            quarter_turns: 0,
+        };
+        let mut file = Cursor::new(vec![0; 4]);
+        let read = h264::read(Path::new("video.mp4"), &mut file, &track, &mut |_| Ok(()));
+        read.unwrap_err().to_string()
+    };
+    assert!(
+        error(2000).contains("32000 x 32000 is implausible"),
+        "{}",
+        error(2000)
+    );
+    assert!(
+        error(20).contains("none of the 1 pictures"),
+        "{}",
+        error(20)
+    );
+}
+
 /// The recorded video of the data, cut after some pictures by its index.
 fn recorded() -> Vec<u8> {
     let root = std::env::var("LINECARVE_DATA").unwrap();

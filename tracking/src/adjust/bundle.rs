@@ -2,6 +2,7 @@
 
 use nalgebra::{DVector, Isometry3, Matrix3, Matrix6, Matrix6x3, Point3, Vector3};
 
+use super::factor::MotionFactor;
 use super::skyline::{Skyline, block};
 use crate::camera::{CHI2_DEPTH, CHI2_PIXEL, Measurement, Pinhole, cauchy, huber, moved, squared};
 
@@ -34,6 +35,8 @@ pub(crate) struct Bundle<'a> {
     /// Whether each pose is adjusted; at least one should not be.
     pub(crate) is_free: Vec<bool>,
     pub(crate) points: Vec<BundlePoint>,
+    /// Measured motions between the poses.
+    pub(crate) factors: Vec<MotionFactor>,
     /// A step that lowers the cost by less than this share ends a round.
     pub(crate) last_gain: f64,
 }
@@ -142,11 +145,17 @@ impl Bundle<'_> {
                 }
             }
         }
+        for factor in &self.factors {
+            if let (Some(a), Some(b)) = (slots[factor.from], slots[factor.to]) {
+                first[a.max(b)] = first[a.max(b)].min(a.min(b));
+            }
+        }
         first
     }
 
     fn cost(&self, poses: &[Isometry3<f64>], positions: Option<&[Point3<f64>]>) -> f64 {
-        let mut sum = 0.0;
+        let of_factors = self.factors.iter().map(|factor| factor.cost(poses));
+        let mut sum: f64 = of_factors.sum();
         for (index, point) in self.points.iter().enumerate() {
             let position = positions.map_or(point.position, |all| all[index]);
             for observation in point.observations.iter().filter(|o| o.is_used) {
@@ -225,6 +234,7 @@ impl Bundle<'_> {
                 blocks,
             });
         }
+        self.add_factors(slots, &mut diagonal, &mut right, system);
         for (slot, mut block) in diagonal.into_iter().enumerate() {
             for axis in 0..6 {
                 block[(axis, axis)] *= 1.0 + damping;
@@ -232,6 +242,37 @@ impl Bundle<'_> {
             system.add(slot, slot, &block);
         }
         (right, eliminated)
+    }
+
+    /// Adds the measured motions to the system of the poses.
+    fn add_factors(
+        &self,
+        slots: &[Option<usize>],
+        diagonal: &mut [Matrix6<f64>],
+        right: &mut DVector<f64>,
+        system: &mut Skyline,
+    ) {
+        for factor in &self.factors {
+            let sums = factor.sums(&self.poses);
+            let (from, to) = (slots[factor.from], slots[factor.to]);
+            let across = sums.normal * sums.to_by_from;
+            if let Some(to) = to {
+                diagonal[to] += sums.normal;
+                let mut rows = right.fixed_rows_mut::<6>(6 * to);
+                rows -= sums.gradient;
+            }
+            if let Some(from) = from {
+                diagonal[from] += sums.to_by_from.tr_mul(&across);
+                let mut rows = right.fixed_rows_mut::<6>(6 * from);
+                rows -= sums.to_by_from.tr_mul(&sums.gradient);
+            }
+            if let (Some(from), Some(to)) = (from, to) {
+                match from < to {
+                    true => system.add(to, from, &across),
+                    false => system.add(from, to, &across.transpose()),
+                }
+            }
+        }
     }
 
     fn moved_points(&self, step: &DVector<f64>, eliminated: &[Eliminated]) -> Vec<Point3<f64>> {
@@ -317,6 +358,7 @@ mod tests {
             poses,
             is_free: (0..6).map(|index| index > 0).collect(),
             points,
+            factors: Vec::new(),
             last_gain: 1e-6,
         };
         let [_, after] = bundle.adjust(15, 15);

@@ -153,7 +153,7 @@ impl PoseGraph {
 }
 
 /// Adjoint of a motion for (translation, rotation): `T exp(x) T^-1 = exp(adjoint(T) x)`.
-fn adjoint(motion: &Isometry3<f64>) -> Matrix6<f64> {
+pub(super) fn adjoint(motion: &Isometry3<f64>) -> Matrix6<f64> {
     let rotation: Matrix3<f64> = *motion.rotation.to_rotation_matrix().matrix();
     let mut matrix = Matrix6::zeros();
     matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);

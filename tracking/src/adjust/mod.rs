@@ -1,8 +1,10 @@
 //! Least squares over many poses: bundle adjustment and pose graphs.
 
 mod bundle;
+mod factor;
 mod graph;
 mod skyline;
 
 pub(crate) use bundle::{Bundle, BundleObservation, BundlePoint};
+pub(crate) use factor::{MotionFactor, PosePrior};
 pub(crate) use graph::{PoseEdge, PoseGraph};

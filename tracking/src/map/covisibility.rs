@@ -85,6 +85,7 @@ impl Map {
         keyframe.neighbors = Vec::new();
         keyframe.view = crate::frame::FrameFeatures::default();
         keyframe.points = Vec::new();
+        keyframe.motions = Vec::new();
     }
 
     /// Pose of a keyframe, removed or not.

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3};
 
 use super::point::PointId;
+use crate::dense::DenseMotion;
 use crate::frame::FrameFeatures;
 
 /// Number of a keyframe, in the order of insertion; never reused.
@@ -31,6 +32,8 @@ pub(crate) struct Keyframe {
     pub(crate) parent: Option<KeyframeId>,
     /// Keyframes of loops, with `this_from_other`.
     pub(crate) loops: Vec<(KeyframeId, Isometry3<f64>)>,
+    /// Motions from other keyframes by their depth images.
+    pub(crate) motions: Vec<DenseMotion>,
     pub(crate) is_alive: bool,
     /// Where a removed keyframe is: another keyframe, and `this_from_other`.
     pub(crate) replaced_by: Option<(KeyframeId, Isometry3<f64>)>,

@@ -77,6 +77,7 @@ impl Map {
             neighbors: Vec::new(),
             parent: None,
             loops: Vec::new(),
+            motions: Vec::new(),
             is_alive: true,
             replaced_by: None,
         });

@@ -89,7 +89,7 @@ fn refine_agreeing(
             .filter(|one| agrees(camera, one, &pose, SAMPLE_BOUND))
             .copied()
             .collect();
-        pose = refine_pose(camera, &pose, &agreeing, is_inlier)?.camera_from_world;
+        pose = refine_pose(camera, &pose, &agreeing, None, is_inlier)?.camera_from_world;
     }
     is_inlier.clear();
     is_inlier.extend(

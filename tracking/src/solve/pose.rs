@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix6, Point3, Vector6};
 
+use crate::adjust::PosePrior;
 use crate::camera::{CHI2_DEPTH, CHI2_PIXEL, Measurement, Pinhole, huber, moved, squared};
 
 /// Rounds of refinement; after each, matches are classified again.
@@ -24,7 +25,7 @@ pub(crate) struct PoseEstimate {
     pub(crate) inliers: usize,
 }
 
-/// Minimises the errors of the matches (point in the world, measurement) that agree with a pose. `is_inlier` receives which do.
+/// Minimises the errors of the matches (point in the world, measurement) that agree with a pose, and of a measured pose, if any. `is_inlier` receives which do.
 /// `None` when too few agree.
 ///
 /// Levenberg-Marquardt with Huber weights, separately for pixel and depth. A depth beyond its 95 % bound is ignored in later
@@ -36,6 +37,7 @@ pub(crate) fn refine_pose(
     camera: &Pinhole,
     start: &Isometry3<f64>,
     matches: &[(Point3<f64>, Measurement)],
+    prior: Option<&PosePrior>,
     is_inlier: &mut Vec<bool>,
 ) -> Option<PoseEstimate> {
     is_inlier.clear();
@@ -53,6 +55,7 @@ pub(crate) fn refine_pose(
         let problem = Problem {
             camera,
             matches,
+            prior,
             is_inlier,
             has_depth: &has_depth,
             is_robust: round < ROUNDS / 2,
@@ -77,6 +80,7 @@ pub(crate) fn refine_pose(
 struct Problem<'a> {
     camera: &'a Pinhole,
     matches: &'a [(Point3<f64>, Measurement)],
+    prior: Option<&'a PosePrior>,
     is_inlier: &'a [bool],
     has_depth: &'a [bool],
     is_robust: bool,
@@ -95,7 +99,7 @@ impl Problem<'_> {
     }
 
     fn cost(&self, pose: &Isometry3<f64>) -> f64 {
-        let mut sum = 0.0;
+        let mut sum = self.prior.map_or(0.0, |prior| prior.cost(pose));
         for (index, (point, measurement)) in self.matches.iter().enumerate() {
             if !self.is_inlier[index] {
                 continue;
@@ -112,7 +116,10 @@ impl Problem<'_> {
     }
 
     fn normal_equations(&self, pose: &Isometry3<f64>) -> (Matrix6<f64>, Vector6<f64>) {
-        let (mut normal, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+        let (mut normal, mut gradient) = match self.prior {
+            Some(prior) => prior.normal_equations(pose),
+            None => (Matrix6::zeros(), Vector6::zeros()),
+        };
         for (index, (point, measurement)) in self.matches.iter().enumerate() {
             if !self.is_inlier[index] {
                 continue;
@@ -207,12 +214,12 @@ mod tests {
             Vector3::new(0.02, 0.01, 0.0),
         ) * truth;
         let mut inliers = Vec::new();
-        let found = refine_pose(&camera, &start, &matches, &mut inliers).unwrap();
+        let found = refine_pose(&camera, &start, &matches, None, &mut inliers).unwrap();
         let error = found.camera_from_world * truth.inverse();
         assert!(error.translation.vector.norm() < 2e-3, "{error}");
         assert!(error.rotation.angle() < 1e-3, "{error}");
         assert_eq!(found.inliers, 150);
         assert!((0..200).all(|index| inliers[index] == (index % 4 != 0)));
-        assert!(refine_pose(&camera, &start, &matches[..5], &mut inliers).is_none());
+        assert!(refine_pose(&camera, &start, &matches[..5], None, &mut inliers).is_none());
     }
 }
