@@ -13,12 +13,12 @@ use crate::options::{HoleFilling, Options};
 const LARGEST_HOLE_EDGES: usize = 400;
 
 impl Map {
-    /// The current surface as an estimate: that of [`surface`](Self::surface), with each vertex adjusted to the depth images of all
-    /// keyframes that measured its surroundings, with holes closed as `options.surface.holes` says, and planes flattened within what
-    /// measurements allow.
+    /// The current surface as an estimate from the depth of all keyframes. With depth images it is fused from their pixels, thinned where it is
+    /// flat; otherwise it has the triangles of [`surface`](Self::surface). Holes are closed as `options.surface.holes` says, and planes flattened within
+    /// what measurements allow.
     ///
     /// # Complexity
-    /// That of the surface, plus its vertices times the keyframes.
+    /// That of [`fuse_depth`](linecarve_mesh::fusion::fuse_depth), and the vertices times the keyframes.
     pub fn adjusted_surface(&self) -> TriangleMesh {
         self.adjusted(self.surface())
     }

@@ -21,9 +21,9 @@ use crate::options::{HoleFilling, SurfaceOptions};
 
 /// Side of the cubes in which depth is fused, in pixels at the median scene depth. Tuned on two indoor sequences with sensor depth and a
 /// rendered room.
-const FUSION_SIDE_PX: f64 = 3.5;
+const FUSION_SIDE_PX: f64 = 3.2;
 /// Least side of the cubes, in deviations of a depth at the median scene depth. Smaller ones would show noise.
-const FUSION_SIDE_SIGMAS: f64 = 1.25;
+const FUSION_SIDE_SIGMAS: f64 = 1.1;
 /// How far vertices may lie from the fused surface where it is thinned, in deviations of a depth at the median scene depth.
 const THINNING_SIGMAS: f64 = 0.4;
 /// The same for its boundary, in sides of the cubes.

@@ -59,13 +59,6 @@ fn compare_growth(sequence: &Path, root: &Path, more: &[&str]) -> usize {
     }
     let files = |out: &Path| std::fs::read_dir(out.join("keyframes")).unwrap().count();
     assert_eq!((files(&whole), files(&delta)), (count, count));
-    // The end of a run removes provisional keyframes and adjusts map points once more.
-    let changes_at_end = more.contains(&"semi-dense") || more.contains(&"map-points");
-    if !changes_at_end {
-        // The vertices of the final mesh are adjusted to all depth, its triangles are the same.
-        let mesh = triangles_of(&whole.join("mesh.ply"));
-        assert_eq!(reader.triangles().len(), mesh.len());
-    }
     count
 }
 

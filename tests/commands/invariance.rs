@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::program::expect_status;
+use linecarve_mesh::raycast::RayScene;
 use linecarve_mesh::{TriangleMesh, read_geometry};
 use nalgebra::Point3;
 
@@ -92,32 +93,28 @@ fn a_scale_by_a_power_of_two_changes_nothing_else() {
     }
 }
 
-/// With 1000 every number is rounded elsewhere, depth maps at the 24 bits of `f32`: positions differ by that much. Where points
-/// lie in a plane, or on a sphere, as on the walls of the sample, rounding alone decides which triangles join them and whether
-/// a point of a plane is a vertex of the surface, so that one vertex in a hundred may differ.
+/// With 1000 every number is rounded elsewhere, depth maps at the 24 bits of `f32`. Rounding alone decides which of two edges with the same error is
+/// collapsed first where the surface is flat, so that the surfaces agree, but not their vertices.
 #[test]
 fn a_scale_by_a_thousand_changes_next_to_nothing() {
     let expected = reconstructed(1.0);
+    let scene = RayScene::new(&expected);
+    let most = 1e-3 * extent(&expected);
     for scale in [1000.0, 0.001] {
         let mut mesh = reconstructed(scale);
         for position in &mut mesh.positions {
             position.coords /= scale;
         }
-        let vertices = mesh.positions.len() as f64 / expected.positions.len() as f64;
-        assert!((vertices - 1.0).abs() < 0.01, "scale {scale}: {vertices}");
-        let most = 1e-6 * extent(&expected);
-        let is_known = |position: &&Point3<f64>| {
-            let is_near = |other: &Point3<f64>| (*position - other).amax() < most;
-            expected.positions.iter().any(is_near)
-        };
-        let known = mesh.positions.iter().filter(is_known).count();
+        let is_near = |position: &&Point3<f64>| scene.closest(position, most).is_some();
+        let near = mesh.positions.iter().filter(is_near).count();
         assert!(
-            100 * known >= 99 * mesh.positions.len(),
-            "scale {scale}: {known}"
+            100 * near >= 98 * mesh.positions.len(),
+            "scale {scale}: {near} of {}",
+            mesh.positions.len()
         );
-        let count = mesh.triangles.len() as f64 / expected.triangles.len() as f64;
+        let vertices = mesh.positions.len() as f64 / expected.positions.len() as f64;
         let ratio = area(&mesh) / area(&expected);
-        assert!((count - 1.0).abs() < 0.01, "scale {scale}: {count}");
+        assert!((vertices - 1.0).abs() < 0.05, "scale {scale}: {vertices}");
         assert!((ratio - 1.0).abs() < 0.01, "scale {scale}: {ratio}");
     }
 }

@@ -191,9 +191,8 @@ fn a_live_page_follows_a_session() {
     assert_eq!(seen.keyframes.len(), 5);
     assert_eq!(seen.keyframes[1]["position"], seen.keyframes[2]["position"]);
     assert!(session.run.child.wait().unwrap().success());
-    // The vertices of the final mesh are adjusted to all depth, its triangles are the same.
-    let mesh = surface_of(&out.join("mesh.ply"));
-    assert_eq!(seen.surface().len(), mesh.len());
+    // The final mesh is fused from depth images; the page shows the carved surface.
+    assert!(!surface_of(&out.join("mesh.ply")).is_empty() && !seen.surface().is_empty());
 }
 
 #[test]

@@ -77,9 +77,8 @@ fn every_output_is_there_and_repeats_for_any_number_of_threads() {
     assert_eq!(report["keyframes"].as_array().unwrap().len(), 5);
     assert!(report["result"]["triangles"].as_u64().unwrap() > 100);
     let edges = &report["result"]["feature_edges"];
-    assert!(edges["creases"].as_u64().unwrap() > 0 && edges["along_lines"].as_u64().unwrap() > 0);
-    let length = edges["creases_length"].as_f64().unwrap();
-    assert!(length > 0.0 && edges["along_lines_length"].as_f64().unwrap() > 0.0);
+    assert!(edges["creases"].as_u64().unwrap() > 0 && edges["along_lines"].is_u64());
+    assert!(edges["creases_length"].as_f64().unwrap() > 0.0);
     let rays: Vec<u64> = report["keyframes"]
         .as_array()
         .unwrap()
@@ -90,28 +89,25 @@ fn every_output_is_there_and_repeats_for_any_number_of_threads() {
 }
 
 #[test]
-fn the_mesh_is_the_surface_of_the_last_keyframe_with_adjusted_vertices() {
+fn the_mesh_is_fused_along_the_surface_of_the_last_keyframe() {
     let folder = small_sequence(3, "tum");
     let out = folder.path().join("out");
     reconstruct(&folder.path().join("sequence"), &out, "2");
     let read = |name: &str| linecarve_mesh::read_geometry(&out.join(name)).unwrap();
-    let (carved, mesh) = (read("keyframes/000002.glb"), read("mesh.glb"));
-    assert_eq!(carved.positions.len(), mesh.positions.len());
-    // And a few more that close holes.
-    let closed = mesh.triangles.len() - carved.triangles.len();
-    assert!(closed < 20, "{closed}");
-    // The depth is exact up to a millimetre of rounding, so that no vertex goes far, and hardly any stays.
-    let nearest = |position: &nalgebra::Point3<f64>| {
-        let distances = carved
-            .positions
-            .iter()
-            .map(|other| (other - position).norm());
-        distances.fold(f64::INFINITY, f64::min)
-    };
-    let moved: Vec<f64> = mesh.positions.iter().map(nearest).collect();
-    assert!(moved.iter().all(|&distance| distance < 0.05));
-    let stayed = moved.iter().filter(|&&distance| distance == 0.0).count();
-    assert!(stayed < moved.len() / 2, "{stayed} of {}", moved.len());
+    let (carved, mesh) = (
+        read("keyframes/000002.glb").into_mesh(),
+        read("mesh.glb").into_mesh(),
+    );
+    mesh.validate().unwrap();
+    assert!(mesh.colors.is_some());
+    // The carved surface has teeth along outlines; what it has lies on the fused one but for the triangles that cross there.
+    let fused = linecarve_mesh::raycast::RayScene::new(&mesh);
+    let near = carved.positions.iter().filter(|position| {
+        let nearest = fused.closest(position, f64::INFINITY);
+        nearest.is_some_and(|nearest| nearest.distance < 0.02)
+    });
+    let (near, all) = (near.count(), carved.positions.len());
+    assert!(10 * near > 9 * all, "{near} of {all}");
 }
 
 #[test]

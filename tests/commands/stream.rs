@@ -89,9 +89,8 @@ fn a_session_with_corrections_ends_with_the_surface_of_the_recording() {
         (&end["type"], &end["keyframes"]),
         (&json!("end"), &json!(FRAMES))
     );
-    // The final mesh also closes small holes.
-    let closed = end["triangles"].as_u64().unwrap() - triangles as u64;
-    assert!(closed < 20, "{closed}");
+    // The final mesh is fused from depth images.
+    assert!(triangles > 0 && end["triangles"].as_u64().unwrap() > 0);
     for name in [
         "mesh.ply",
         "segments.ply",

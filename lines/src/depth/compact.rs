@@ -15,6 +15,10 @@ const LONGEST_SIDE: usize = 400;
 const OMITTED_BITS: u32 = 11;
 /// Largest difference of neighbouring depths on one surface, as a share of the depth: an angle of some 80 degrees to the ray.
 const LARGEST_SLOPE: f32 = 0.025;
+/// Distance in pixels over which the slope of a surface is measured on either side: noise of neighbouring pixels would tilt it.
+const SLOPE_REACH: usize = 3;
+/// Largest second difference of the depth over that distance, as a share of the depth. Outlines bend more.
+const LARGEST_BEND: f64 = 0.01;
 /// The code of the largest depth.
 const LARGEST_CODE: u32 = 65_535;
 
@@ -151,20 +155,26 @@ impl CompactDepth {
         if !(column >= -0.5 && row >= -0.5 && column < columns - 0.5 && row < rows - 0.5) {
             return None;
         }
-        let Some([depth, right, down]) = self.interpolated(column, row) else {
+        let Some(depth) = self.interpolated(column, row) else {
             let nearest = self.get((column + 0.5) as usize, (row + 0.5) as usize)?;
             return Some(f64::from(nearest) - z);
         };
         // The plane m . x = 1, divided by the inverse depth: m = (-f dz/du / z, -f dz/dv / z, 1 - m_x x - m_y y) on the ray (x, y, 1).
+        let right = self.slope(column as usize, self.columns, depth, |column| {
+            (column, row as usize)
+        });
+        let down = self.slope(row as usize, self.rows(), depth, |row| {
+            (column as usize, row)
+        });
         let slope = [right * self.focal_px[0], down * self.focal_px[1]].map(|it| -it / depth);
         let along = 1.0 - (slope[0] * x + slope[1] * y) * inverse;
         let normal = Vector3::new(slope[0], slope[1], along);
         Some((depth - z) / normal.norm())
     }
 
-    /// Depth between four known pixels of one surface, and its change a pixel to the right and down.
+    /// Depth between four known pixels of one surface.
     #[inline]
-    fn interpolated(&self, column: f64, row: f64) -> Option<[f64; 3]> {
+    fn interpolated(&self, column: f64, row: f64) -> Option<f64> {
         let (left, top) = (column as usize, row as usize);
         if column < 0.0 || row < 0.0 || left + 1 >= self.columns || top + 1 >= self.rows() {
             return None;
@@ -178,8 +188,35 @@ impl CompactDepth {
         let (x, y) = (column - left as f64, row - top as f64);
         let [a, b, c, d] = [a, b, c, d].map(f64::from);
         let (above, below) = (a + x * (b - a), c + x * (d - c));
-        let right = (b - a) + y * ((d - c) - (b - a));
-        Some([above + y * (below - above), right, below - above])
+        Some(above + y * (below - above))
+    }
+
+    /// Change of the depth a pixel along one axis, between two pixels that lie on either side at the same distance; 0 where depth does not change
+    /// evenly between them, or one is unknown. `at` gives column and row of an index along the axis.
+    #[inline]
+    fn slope(
+        &self,
+        index: usize,
+        count: usize,
+        depth: f64,
+        at: impl Fn(usize) -> (usize, usize),
+    ) -> f64 {
+        if index < SLOPE_REACH || index + SLOPE_REACH >= count {
+            return 0.0;
+        }
+        let value = |index: usize| {
+            let (column, row) = at(index);
+            self.get(column, row).map(f64::from)
+        };
+        let ends = (value(index - SLOPE_REACH), value(index + SLOPE_REACH));
+        let (Some(first), Some(last)) = ends else {
+            return 0.0;
+        };
+        let bend = first + last - 2.0 * depth;
+        match bend.abs() <= LARGEST_BEND * depth {
+            true => (last - first) / (2 * SLOPE_REACH) as f64,
+            false => 0.0,
+        }
     }
 }
 
