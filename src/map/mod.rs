@@ -82,7 +82,7 @@ pub struct Map {
 /// Source of the carved points.
 enum Contents {
     /// Segments alone; nothing is carved.
-    Segments(SegmentMap),
+    Segments(Box<SegmentMap>),
     Lines(Box<LineMap>),
     Features(Box<FeatureMap>),
     Model(ModelMap),
@@ -98,7 +98,7 @@ impl Map {
         let segments = SegmentMap::new(options.cluster, median_depth)?;
         Ok(Self::new(
             options,
-            Contents::Segments(segments),
+            Contents::Segments(Box::new(segments)),
             Some(median_depth),
         ))
     }

@@ -280,9 +280,8 @@ mod tests {
             let point = color.point_at_depth(&nalgebra::Point2::new(column, 1.25), 1.0);
             1.0 + compact.distance(&point.unwrap()).unwrap()
         };
-        let (slope, ray) = (-0.01 * 525.0 / 2.015, (1.5 - 319.5) / 525.0);
-        let cosine = 1.0 / f64::hypot(slope, 1.0 - slope * ray);
-        assert!((at(1.5) - 1.0 - cosine * 1.015).abs() < 0.05, "{}", at(1.5));
+        // The image is too small for slopes.
+        assert!((at(1.5) - 2.015).abs() < 3e-4);
         assert!((at(4.4) - 2.04).abs() < 3e-4 && (at(4.6) - 3.0).abs() < 3e-4);
         assert!((at(-0.4) - 2.0).abs() < 3e-4);
     }
@@ -296,7 +295,9 @@ mod tests {
             let ray = |x: f64, y: f64| Vector3::new((x - 319.5) / 525.0, (y - 239.5) / 520.0, 1.0);
             let depth_at = |ray: &Vector3<f64>| 1.5 / normal.dot(ray);
             let pixels = (0..480).flat_map(|y| (0..640).map(move |x| (f64::from(x), f64::from(y))));
-            let samples = pixels.map(|(x, y)| depth_at(&ray(x, y)) as f32);
+            // Nothing is measured behind the camera, and at the horizon.
+            let known = |depth: f64| if depth < 50.0 { depth } else { 0.0 };
+            let samples = pixels.map(|(x, y)| known(depth_at(&ray(x, y))) as f32);
             let depth = Plane::new(640, 480, samples.collect()).unwrap();
             let compact = CompactDepth::new(&depth, &sensor, &color);
             for (x, y) in [(310.3, 240.1), (350.0, 121.7), (450.2, 300.6)] {

@@ -54,7 +54,11 @@ mod tests {
     #[test]
     fn known_samples_come_back() {
         let sample = |index: usize| SurfaceSample {
-            rho: if index % 3 == 0 { 0.0 } else { index as f32 },
+            rho: if index.is_multiple_of(3) {
+                0.0
+            } else {
+                index as f32
+            },
             slope: [1e-3, -2e-5],
             sigma: 1e-4,
         };

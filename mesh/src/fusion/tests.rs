@@ -76,7 +76,8 @@ fn a_sphere_seen_from_all_sides_is_closed_and_round() {
     assert!(mesh.triangles.len() > 2000);
     for position in &mesh.positions {
         let off = position.coords.norm() - 0.5;
-        assert!(off.abs() < 0.02, "{off}");
+        // Half of a side, where a view sees the sphere at a grazing angle.
+        assert!(off.abs() < 0.025, "{off}");
     }
     let mut edges: Vec<[u32; 2]> = mesh
         .triangles

@@ -195,7 +195,7 @@ impl Scene {
         let shade = |channel: i64| (70.0 + 150.0 * unit_hash(i64::from(room), channel, 5)) as u8;
         let wood = [shade(0), shade(1), shade(2)];
         let cloth = [shade(3), shade(4), shade(5)];
-        if room % 2 == 0 {
+        if room.is_multiple_of(2) {
             self.bookcase(&at(x + 1.1, DEPTH - 0.2, 0.0, 0.0), [1.5, 0.3, 1.95], seed);
             self.sofa(&at(x + 1.8, 0.5, 0.0, PI), 1.9, seed + 200);
             self.table(
