@@ -10,6 +10,7 @@ use linecarve_mesh::raycast::RayScene;
 use linecarve_mesh::{
     SmoothOptions, ThinOptions, TriangleMesh, close_holes, smooth_piecewise_flat, thin,
 };
+use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::depth_noise::DepthNoise;
@@ -37,6 +38,8 @@ const CARVED_GATE_SIGMAS: f64 = 4.0;
 const SMOOTHING_BOUND: f64 = 1.5;
 /// The same for vertices of a fused surface, which is smooth already.
 const FUSED_SMOOTHING_BOUND: f64 = 0.5;
+/// Least doubled area of a triangle over the sum of its squared sides; 0.29 for an equilateral one.
+const LEAST_SHAPE: f64 = 0.01;
 /// Most edges of a hole that is closed where depth measured a surface. Larger ones are shadows of objects.
 const MEASURED_HOLE_EDGES: usize = 24;
 
@@ -84,7 +87,11 @@ impl FinalSurface<'_> {
         for bound in &mut bounds {
             *bound *= share;
         }
+        let rough = mesh.positions.clone();
         smooth_piecewise_flat(&mut mesh, &bounds, &SmoothOptions::default());
+        if is_fused {
+            restore_folded(&mut mesh, &rough);
+        }
         mesh
     }
 
@@ -122,9 +129,39 @@ impl FinalSurface<'_> {
             longest_edge: LONGEST_EDGE_SIDES * side,
         };
         thin(&mut mesh, &thinning);
+        let thinned = mesh.positions.clone();
         adjust_vertices(&mut mesh, surfaces, FUSED_GATE_SIGMAS);
+        restore_folded(&mut mesh, &thinned);
         mesh.colors = colors_of(carved, &mesh);
         Some(mesh)
+    }
+}
+
+/// Moves the vertices of triangles that turned over or lost their area back to where they were `before`.
+fn restore_folded(mesh: &mut TriangleMesh, before: &[Point3<f64>]) {
+    let doubled_area = |[a, b, c]: [Point3<f64>; 3]| (b - a).cross(&(c - a));
+    loop {
+        let mut is_changed = false;
+        for triangle in &mesh.triangles {
+            let corners = triangle.map(|corner| mesh.positions[corner as usize]);
+            let (old, new) = (
+                doubled_area(triangle.map(|corner| before[corner as usize])),
+                doubled_area(corners),
+            );
+            let [a, b, c] = corners;
+            let squares = (b - a).norm_squared() + (c - b).norm_squared() + (a - c).norm_squared();
+            let is_folded = new.dot(&old) <= 0.0 || new.norm() < LEAST_SHAPE * squares;
+            if !is_folded {
+                continue;
+            }
+            for corner in triangle.map(|corner| corner as usize) {
+                is_changed |= mesh.positions[corner] != before[corner];
+                mesh.positions[corner] = before[corner];
+            }
+        }
+        if !is_changed {
+            break;
+        }
     }
 }
 

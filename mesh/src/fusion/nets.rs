@@ -144,7 +144,8 @@ fn place_vertices(
     }
     let mut vertex = [NONE; CORNERS];
     for (number, (sum, count)) in sums.into_iter().enumerate() {
-        if count > 0.0 {
+        // Where depth ends cubes have fewer crossings, and would share them with their neighbours.
+        if count > 2.0 {
             vertex[number] = positions.len() as u32;
             positions.push(Point3::from(sum / count));
         }
