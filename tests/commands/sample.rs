@@ -233,10 +233,10 @@ fn demand_table(mesh: &TriangleMesh, edges: &[[Point3<f64>; 2]]) {
     let [found, there] =
         [edges, &of_mesh].map(|lines| table_top().map(|side| share_found(side, lines)));
     let [found_mean, there_mean] = [found, there].map(|shares| shares.iter().sum::<f64>() / 4.0);
-    // Fused surfaces are rounded at edges, by less than the side of the cubes, so that their edges are no creases. One side of the table is seen
-    // by few keyframes.
-    assert!(there.iter().all(|share| *share > 0.4), "{there:.3?}");
-    assert!(there_mean > 0.75, "{there:.3?}");
+    // Fused surfaces are rounded at edges, by less than the side of the cubes, so that their edges are no creases. Two sides of the table are
+    // seen by few keyframes.
+    assert!(there[0] > 0.8 && there[2] > 0.8, "{there:.3?}");
+    assert!(there_mean > 0.5, "{there:.3?}");
     assert!(found_mean <= there_mean, "{found:.3?}");
 }
 
