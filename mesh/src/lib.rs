@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod diff;
+mod disjoint_sets;
 pub mod evaluate;
 pub mod feature_edges;
 pub mod files;
@@ -16,7 +17,6 @@ pub mod srgb;
 #[cfg(test)]
 mod test_room;
 pub mod texture;
-mod thin;
 mod types;
 
 pub use holes::close_holes;
@@ -27,5 +27,4 @@ pub use io::{
 };
 pub use shape::{Shape, ShapeKind};
 pub use smooth::{SmoothOptions, smooth_piecewise_flat};
-pub use thin::{ThinOptions, thin};
 pub use types::{GeometryError, LineSet, TriangleMesh};

@@ -7,9 +7,8 @@
 
 use linecarve_mesh::fusion::{FusionOptions, fuse_depth};
 use linecarve_mesh::raycast::RayScene;
-use linecarve_mesh::{
-    SmoothOptions, ThinOptions, TriangleMesh, close_holes, smooth_piecewise_flat, thin,
-};
+use linecarve_mesh::simplify::{ThinOptions, thin};
+use linecarve_mesh::{SmoothOptions, TriangleMesh, close_holes, smooth_piecewise_flat};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -17,7 +16,7 @@ use super::depth_noise::DepthNoise;
 use super::depth_validation::DepthValidation;
 use super::surface::DEFAULT_COLOR;
 use super::surface_points::KeyframeSurface;
-use super::vertex_adjustment::{adjust_vertices, deviations, scatter};
+use super::vertex_adjustment::{GATE_SIGMAS, adjust_vertices, deviations, scatter};
 use crate::options::{HoleFilling, SurfaceOptions};
 
 /// Side of the cubes in which depth is fused, in pixels at the median scene depth. Tuned on two indoor sequences with sensor depth and a
@@ -31,9 +30,8 @@ const THINNING_SIGMAS: f64 = 0.4;
 const THINNING_BOUNDARY_SIDES: f64 = 0.35;
 /// Longest edge of a thinned triangle, in sides of the cubes.
 const LONGEST_EDGE_SIDES: f64 = 8.0;
-/// Planes further than this from a vertex, in deviations, are those of another surface. Fused vertices are closer to theirs.
+/// Planes further than this from a fused vertex, in deviations, are those of another surface.
 const FUSED_GATE_SIGMAS: f64 = 1.0;
-const CARVED_GATE_SIGMAS: f64 = 4.0;
 /// How far a vertex is smoothed, as a share of how far its measurements lie apart or, with depth from images, in their deviations.
 const SMOOTHING_BOUND: f64 = 1.5;
 /// The same for vertices of a fused surface, which is smooth already.
@@ -98,7 +96,7 @@ impl FinalSurface<'_> {
     /// The carved surface with its vertices where depth images say that they are.
     fn adjusted(&self, mut mesh: TriangleMesh, surfaces: &[KeyframeSurface<'_>]) -> TriangleMesh {
         if self.is_measured {
-            adjust_vertices(&mut mesh, surfaces, CARVED_GATE_SIGMAS);
+            adjust_vertices(&mut mesh, surfaces, GATE_SIGMAS);
         }
         mesh
     }
@@ -167,20 +165,13 @@ fn restore_folded(mesh: &mut TriangleMesh, before: &[Point3<f64>]) {
 
 /// Colours of the vertices of a mesh: those of the nearest points of `colored`.
 fn colors_of(colored: &TriangleMesh, mesh: &TriangleMesh) -> Option<Vec<[u8; 3]>> {
-    let colors = colored.colors.as_ref()?;
+    colored.colors.as_ref()?;
     let scene = RayScene::new(colored);
     let color = |position| {
-        let Some(nearest) = scene.closest(position, f64::INFINITY) else {
-            return DEFAULT_COLOR;
-        };
-        let corners = colored.triangles[nearest.triangle as usize].map(|it| colors[it as usize]);
-        std::array::from_fn(|channel| {
-            let weighted = corners.iter().zip(nearest.barycentric);
-            let sum: f64 = weighted
-                .map(|(color, weight)| f64::from(color[channel]) * weight)
-                .sum();
-            sum.round() as u8
-        })
+        let nearest = scene.closest(position, f64::INFINITY);
+        nearest
+            .and_then(|nearest| nearest.color(colored))
+            .unwrap_or(DEFAULT_COLOR)
     };
     Some(mesh.positions.par_iter().map(color).collect())
 }

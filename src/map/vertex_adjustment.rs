@@ -15,8 +15,8 @@ use rayon::prelude::*;
 
 use super::surface_points::{KeyframeSurface, MeasuredPlane};
 
-/// Planes further away than this, in standard deviations of the depth along the ray, are those of another surface.
-const GATE_SIGMAS: f64 = 4.0;
+/// Planes further away from a carved vertex than this, in standard deviations of the depth along the ray, are those of another surface.
+pub(super) const GATE_SIGMAS: f64 = 4.0;
 /// Residual, in standard deviations, from which on a plane has no weight.
 const TUKEY_SIGMAS: f64 = 3.0;
 /// Weight of the vertex's own position, as a share of that of all planes. It keeps vertices in place along the surface.
@@ -26,7 +26,8 @@ const ITERATIONS: usize = 4;
 /// Rounds. In the second the planes are those around the adjusted vertex.
 const ROUNDS: usize = 2;
 
-/// Moves the vertices of `mesh` to where the dense depth of all `views` says that they are. Vertices that no view measured stay.
+/// Moves the vertices of `mesh` to where the dense depth of all `views` says that they are: planes within `gate` standard deviations of a vertex
+/// count. Vertices that no view measured stay.
 ///
 /// # Complexity
 /// O(vertices x views).

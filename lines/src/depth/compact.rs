@@ -96,11 +96,6 @@ impl CompactDepth {
         &self.color_from_depth
     }
 
-    /// Mean focal length of the thinned image, in pixels.
-    pub fn mean_focal_px(&self) -> f64 {
-        f64::midpoint(self.focal_px[0], self.focal_px[1])
-    }
-
     /// Unit normals, inwards, of the four planes through the camera and the sides of the image, in the frame of the depth camera.
     pub fn sides(&self) -> [Vector3<f64>; 4] {
         let [fx, fy] = self.focal_px;

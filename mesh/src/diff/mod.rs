@@ -5,7 +5,6 @@
 //! makes no difference. [`write_junit`] reports the result to continuous-integration systems.
 
 mod compare;
-mod disjoint_sets;
 mod distances;
 mod junit;
 mod options;

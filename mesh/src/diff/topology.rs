@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
-use super::disjoint_sets::DisjointSets;
 use crate::Shape;
+use crate::disjoint_sets::DisjointSets;
 
 /// Topology of a mesh. Vertices on boundary edges are merged where their coordinates are equal, so that formats that
 /// duplicate vertices make no difference; triangles that lose a corner by this do not count. Closed parts that touch

@@ -17,8 +17,8 @@ impl Corner {
         let mut code = 0;
         for (axis, coordinate) in coordinates.into_iter().enumerate() {
             let shifted = coordinate + OFFSET;
-            // One is left free at either end for the steps to neighbours.
-            if !(1..2 * OFFSET - 1).contains(&shifted) {
+            // Two are left free at either end for the steps to neighbours.
+            if !(2..2 * OFFSET - 2).contains(&shifted) {
                 return None;
             }
             code |= spread(shifted as u64) << axis;
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn coordinates_and_steps() {
-        let last = OFFSET - 2;
+        let last = OFFSET - 3;
         for coordinates in [
             [0, 0, 0],
             [-1, 5, 1023],
@@ -107,8 +107,8 @@ mod tests {
                 assert_eq!(corner.previous(axis).coordinates(), expected);
             }
         }
-        assert_eq!(Corner::new([OFFSET - 1, 0, 0]), None);
-        assert_eq!(Corner::new([0, -OFFSET, 0]), None);
+        assert_eq!(Corner::new([OFFSET - 2, 0, 0]), None);
+        assert_eq!(Corner::new([0, 1 - OFFSET, 0]), None);
     }
 
     #[test]

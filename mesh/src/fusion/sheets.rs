@@ -2,29 +2,9 @@
 
 use nalgebra::Point3;
 
+use crate::disjoint_sets::DisjointSets;
+
 const NONE: u32 = u32::MAX;
-
-/// Disjoint sets of numbers, each named by its smallest.
-struct Sets(Vec<u32>);
-
-impl Sets {
-    fn new(count: usize) -> Self {
-        Self((0..count as u32).collect())
-    }
-
-    fn find(&mut self, mut at: u32) -> u32 {
-        while self.0[at as usize] != at {
-            self.0[at as usize] = self.0[self.0[at as usize] as usize];
-            at = self.0[at as usize];
-        }
-        at
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.0[a.max(b) as usize] = a.min(b);
-    }
-}
 
 /// Vertices and triangles with a copy of each vertex for each of its fans. Triangles belong together where exactly two share an edge in
 /// opposite directions. Pieces with fewer than `least` triangles and triangles that use a vertex twice are left out.
@@ -46,8 +26,8 @@ pub(super) fn separate(
     edges.sort_unstable();
     let vertex = |corner: u32| triangles[corner as usize / 3][corner as usize % 3];
     let next = |corner: u32| corner - corner % 3 + (corner + 1) % 3;
-    let mut fans = Sets::new(3 * triangles.len());
-    let mut pieces = Sets::new(triangles.len());
+    let mut fans = DisjointSets::new(3 * triangles.len());
+    let mut pieces = DisjointSets::new(triangles.len());
     for shared in edges.chunk_by(|a, b| a.0 == b.0) {
         let &[(_, a), (_, b)] = shared else {
             continue;

@@ -35,6 +35,22 @@ pub struct ClosestPoint {
     pub barycentric: [f64; 3],
 }
 
+impl ClosestPoint {
+    /// The colour of `mesh`, that of the scene, at this point; `None` when it has no colours.
+    pub fn color(&self, mesh: &TriangleMesh) -> Option<[u8; 3]> {
+        let colors = mesh.colors.as_ref()?;
+        let corners = mesh.triangles[self.triangle as usize].map(|corner| colors[corner as usize]);
+        Some(std::array::from_fn(|channel| {
+            let values = corners.map(|color| f64::from(color[channel]));
+            let weighted = values.iter().zip(self.barycentric);
+            weighted
+                .map(|(value, weight)| value * weight)
+                .sum::<f64>()
+                .round() as u8
+        }))
+    }
+}
+
 /// A triangle mesh in a bounding volume hierarchy, for ray casts and nearest points.
 ///
 /// Triangles without area, with non-finite corners or with indices out of range are ignored

@@ -302,17 +302,10 @@ fn finished(
                 if *position == mesh.positions[old] {
                     return colors[old];
                 }
-                original
-                    .closest(position, f64::INFINITY)
-                    .map_or(colors[old], |nearest| {
-                        let corners = mesh.triangles[nearest.triangle as usize];
-                        std::array::from_fn(|k| {
-                            let values = corners.map(|c| f64::from(colors[c as usize][k]));
-                            let weights = nearest.barycentric;
-                            let sum: f64 = values.iter().zip(weights).map(|(v, w)| v * w).sum();
-                            sum.round() as u8
-                        })
-                    })
+                let nearest = original.closest(position, f64::INFINITY);
+                nearest
+                    .and_then(|nearest| nearest.color(mesh))
+                    .unwrap_or(colors[old])
             })
             .collect()
     });

@@ -1,6 +1,6 @@
 //! Thins a mesh where it is flat, by edge collapses with quadrics.
 //!
-//! Faster than [`simplify`](crate::simplify), which measures each step: here a vertex may lie as far as the tolerance, as a root mean square, from the
+//! Faster than [`simplify`](super::simplify), which measures each step: here a vertex may lie as far as the tolerance, as a root mean square, from the
 //! planes of the triangles that it stands for.
 //!
 //! # Reference
@@ -11,8 +11,10 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
+use super::live::doubled_area;
+use super::quadric::Quadric;
 use crate::TriangleMesh;
 
 /// How far [`thin`] may go.
@@ -30,8 +32,6 @@ pub struct ThinOptions {
 const LEAST_COSINE: f64 = 0.5;
 /// Least quality of a new triangle: 1 for an equilateral one, 0 for one without area.
 const LEAST_QUALITY: f64 = 0.1;
-/// Weight that keeps a new vertex near the middle of its edge where the planes leave it free.
-const REGULARIZATION: f64 = 1e-3;
 
 /// Collapses edges of a mesh, those with the smallest error first, as long as errors are within the tolerances. Components, holes and
 /// handles stay; edges with more than two triangles are not touched. Vertices keep their order and take the colour of the nearer end of
@@ -62,68 +62,39 @@ pub fn thin(mesh: &mut TriangleMesh, options: &ThinOptions) {
     state.finish(mesh);
 }
 
-/// Sum of weighted squared distances from planes.
+/// Weighted squared distances from planes, and the sum of the weights.
 #[derive(Debug, Clone, Copy)]
-struct Quadric {
-    square: Matrix3<f64>,
-    linear: Vector3<f64>,
-    constant: f64,
+struct Planes {
+    quadric: Quadric,
     weight: f64,
 }
 
-impl Quadric {
-    const ZERO: Self = Self {
-        square: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        linear: Vector3::new(0.0, 0.0, 0.0),
-        constant: 0.0,
+impl Planes {
+    const NONE: Self = Self {
+        quadric: Quadric::ZERO,
         weight: 0.0,
     };
 
-    /// Of the plane through a point with a unit normal.
-    fn plane(normal: &Vector3<f64>, point: &Point3<f64>, weight: f64) -> Self {
-        let offset = normal.dot(&point.coords);
+    fn add_plane(&mut self, point: &Point3<f64>, normal: &Vector3<f64>, weight: f64) {
+        self.quadric.add_plane(&point.coords, normal, weight);
+        self.weight += weight;
+    }
+
+    fn plus(&self, other: &Self) -> Self {
         Self {
-            square: weight * normal * normal.transpose(),
-            linear: weight * offset * normal,
-            constant: weight * offset * offset,
-            weight,
+            quadric: self.quadric.plus(&other.quadric),
+            weight: self.weight + other.weight,
         }
     }
 
-    fn add(&mut self, other: &Self) {
-        self.square += other.square;
-        self.linear += other.linear;
-        self.constant += other.constant;
-        self.weight += other.weight;
-    }
-
-    /// Scaled so that it gives mean squared distances over a squared tolerance.
-    fn relative_to(&self, tolerance: f64) -> Self {
-        if self.weight <= 0.0 {
-            return Self::ZERO;
+    /// Mean squared distances over a squared tolerance; 0 without a plane.
+    fn relative_to(&self, tolerance: f64) -> Quadric {
+        match self.weight > 0.0 {
+            true => self
+                .quadric
+                .scaled(1.0 / (self.weight * tolerance * tolerance)),
+            false => Quadric::ZERO,
         }
-        let factor = 1.0 / (self.weight * tolerance * tolerance);
-        Self {
-            square: factor * self.square,
-            linear: factor * self.linear,
-            constant: factor * self.constant,
-            weight: 1.0,
-        }
-    }
-
-    fn at(&self, point: &Point3<f64>) -> f64 {
-        let x = &point.coords;
-        (x.dot(&(self.square * x)) - 2.0 * self.linear.dot(x) + self.constant).max(0.0)
-    }
-
-    /// The point with the smallest value, held near `middle` where it is not determined.
-    fn minimum(&self, middle: &Point3<f64>) -> Point3<f64> {
-        let hold = REGULARIZATION * self.square.trace();
-        let square = self.square + Matrix3::from_diagonal_element(hold);
-        let linear = self.linear + hold * middle.coords;
-        square
-            .cholesky()
-            .map_or(*middle, |factors| Point3::from(factors.solve(&linear)))
     }
 }
 
@@ -210,8 +181,8 @@ struct Thinning {
     triangles: Vec<[u32; 3]>,
     is_removed: Vec<bool>,
     at_vertex: CornerLists,
-    surface: Vec<Quadric>,
-    boundary: Vec<Quadric>,
+    surface: Vec<Planes>,
+    boundary: Vec<Planes>,
     is_fixed: Vec<bool>,
     /// Changes of each vertex.
     stamps: Vec<u32>,
@@ -220,10 +191,6 @@ struct Thinning {
 
 fn edges_of(&[a, b, c]: &[u32; 3]) -> [[u32; 2]; 3] {
     [[a, b], [b, c], [c, a]]
-}
-
-fn doubled_area([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
-    (b - a).cross(&(c - a))
 }
 
 impl Thinning {
@@ -235,17 +202,16 @@ impl Thinning {
             .map_or(Vector3::zeros(), |first| first.coords);
         let positions: Vec<Point3<f64>> = mesh.positions.iter().map(|p| p - shift).collect();
         let at_vertex = CornerLists::new(count, &mesh.triangles);
-        let mut surface = vec![Quadric::ZERO; count];
-        let mut boundary = vec![Quadric::ZERO; count];
+        let mut surface = vec![Planes::NONE; count];
+        let mut boundary = vec![Planes::NONE; count];
         let mut is_fixed = vec![false; count];
         for triangle in &mesh.triangles {
             let corners = triangle.map(|corner| positions[corner as usize]);
-            let area = doubled_area(corners);
+            let area = doubled_area(&corners);
             let weight = area.norm();
             for corner in triangle {
                 if weight > 0.0 {
-                    let plane = Quadric::plane(&(area / weight), &corners[0], weight);
-                    surface[*corner as usize].add(&plane);
+                    surface[*corner as usize].add_plane(&corners[0], &(area / weight), weight);
                 }
             }
         }
@@ -263,11 +229,10 @@ impl Thinning {
             if uses.len() == 1 {
                 let corners = mesh.triangles[number as usize].map(|it| positions[it as usize]);
                 let along = positions[ends[1]] - positions[ends[0]];
-                let across = doubled_area(corners).cross(&along).try_normalize(0.0);
+                let across = doubled_area(&corners).cross(&along).try_normalize(0.0);
                 if let Some(across) = across {
-                    let plane = Quadric::plane(&across, &positions[ends[0]], along.norm());
                     for end in ends {
-                        boundary[end].add(&plane);
+                        boundary[end].add_plane(&positions[ends[0]], &across, along.norm());
                     }
                 }
             } else if uses.len() > 2 {
@@ -332,16 +297,16 @@ impl Thinning {
         if ends.iter().any(|end| self.is_fixed[*end]) {
             return None;
         }
-        let sum = |quadrics: &[Quadric], tolerance: f64| {
-            let mut sum = quadrics[ends[0]];
-            sum.add(&quadrics[ends[1]]);
-            sum.relative_to(tolerance)
+        let relative = |planes: &[Planes], tolerance: f64| {
+            planes[ends[0]]
+                .plus(&planes[ends[1]])
+                .relative_to(tolerance)
         };
-        let mut errors = sum(&self.surface, self.options.tolerance);
-        errors.add(&sum(&self.boundary, self.options.boundary_tolerance));
+        let surface = relative(&self.surface, self.options.tolerance);
+        let errors = surface.plus(&relative(&self.boundary, self.options.boundary_tolerance));
         let middle = nalgebra::center(&self.positions[ends[0]], &self.positions[ends[1]]);
-        let position = errors.minimum(&middle);
-        let error = errors.at(&position);
+        let position = errors.minimizer(&middle.coords).unwrap_or(middle);
+        let error = errors.at(&position.coords);
         (error <= 1.0).then(|| Candidate {
             error,
             ends: [a, b],
@@ -401,9 +366,8 @@ impl Thinning {
             }
         }
         self.positions[first] = candidate.position;
-        let (surface, boundary) = (self.surface[second], self.boundary[second]);
-        self.surface[first].add(&surface);
-        self.boundary[first].add(&boundary);
+        self.surface[first] = self.surface[first].plus(&self.surface[second]);
+        self.boundary[first] = self.boundary[first].plus(&self.boundary[second]);
         self.stamps[first] += 1;
         self.stamps[second] += 1;
         true
@@ -421,7 +385,7 @@ impl Thinning {
         if longest > self.options.longest_edge.powi(2) {
             return false;
         }
-        let (old, new) = (doubled_area(before), doubled_area(after));
+        let (old, new) = (doubled_area(&before), doubled_area(&after));
         // 2 sqrt(3) makes it 1 for an equilateral triangle.
         let quality = |area: &Vector3<f64>, squares: [f64; 3]| {
             12.0_f64.sqrt() * area.norm() / squares.iter().sum::<f64>()

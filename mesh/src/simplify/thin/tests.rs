@@ -31,7 +31,7 @@ fn area(mesh: &TriangleMesh) -> f64 {
         .iter()
         .map(|t| t.map(|c| mesh.positions[c as usize]));
     corners
-        .map(|corners| 0.5 * doubled_area(corners).norm())
+        .map(|corners| 0.5 * doubled_area(&corners).norm())
         .sum()
 }
 
