@@ -52,8 +52,6 @@ pub(crate) struct Split {
     pub(crate) tiles: Option<usize>,
     /// See [`PlanOptions::halo`].
     pub(crate) halo: u32,
-    /// See [`PlanOptions::seed`].
-    pub(crate) seed: u64,
     /// Keyframes of one task of the front end.
     pub(crate) keyframes_of_task: usize,
 }
@@ -106,7 +104,6 @@ pub(crate) fn plan(
             .tiles
             .unwrap_or(carver.point_count().div_ceil(POINTS_OF_TILE)),
         halo: split.halo,
-        seed: split.seed,
         ..PlanOptions::default()
     };
     let finish = Finish::text(recording.origin.into(), &recording.options)?;

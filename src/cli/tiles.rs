@@ -114,10 +114,6 @@ pub struct TilesPlanArgs {
     /// Cells around those of a tile that it looks at for a minimum cut, counted across facets; the mesh does not depend on it.
     #[arg(long, value_name = "N", default_value_t = linecarve_tiles::PlanOptions::default().halo)]
     pub halo: u32,
-
-    /// Another number splits the points in another way; the mesh does not depend on it.
-    #[arg(long, value_name = "N", default_value_t = 0, hide = true)]
-    pub seed: u64,
 }
 
 /// Arguments of `tiles item`.

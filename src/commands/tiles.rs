@@ -48,7 +48,6 @@ fn make_plan(args: &TilesPlanArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     let split = Split {
         tiles: args.tiles,
         halo: args.halo,
-        seed: args.seed,
         keyframes_of_task: args.keyframes_per_task,
     };
     let planned = plan(&input, options, split, &args.work)?;

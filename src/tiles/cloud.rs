@@ -40,7 +40,6 @@ pub(super) fn plan(
     let plan = PlanOptions {
         tiles: split.tiles.unwrap_or(1),
         halo: split.halo,
-        seed: split.seed,
         ..PlanOptions::default()
     };
     let mut planner = Planner::new(folder, &centers, plan)?;

@@ -40,7 +40,6 @@ struct Contents {
     keyframes_of_task: usize,
     tiles: usize,
     halo: u32,
-    seed: u64,
 }
 
 /// An opened plan of a sequence.
@@ -82,7 +81,6 @@ impl SequencePlan {
                 .unwrap_or(count.div_ceil(KEYFRAMES_OF_TILE))
                 .max(1),
             halo: split.halo,
-            seed: split.seed,
         };
         let text = serde_json::to_vec_pretty(&contents).context("sequence.json")?;
         if let Some(found) = Self::open(folder)? {
@@ -233,7 +231,6 @@ impl SequencePlan {
         let options = PlanOptions {
             tiles: self.contents.tiles,
             halo: self.contents.halo,
-            seed: self.contents.seed,
             keeps_neighbors: self.contents.recording.is_of_lines(),
             ..PlanOptions::default()
         };

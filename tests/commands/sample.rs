@@ -159,7 +159,7 @@ fn the_surface_follows_the_room() {
         .unwrap()
         .into_lines();
     demand_edges_of(&mesh, &edges);
-    demand_table(&mesh, &ends(&edges));
+    demand_table(&mesh);
     let colors = edges.colors.clone().expect("kinds are told by colours");
     let mut creases = edges;
     creases
@@ -216,28 +216,18 @@ fn apart(point: &Point3<f64>, [p, q]: &[Point3<f64>; 2]) -> f64 {
     (p + (q - p) * t.clamp(0.0, 1.0) - point).norm()
 }
 
-fn ends(lines: &LineSet) -> Vec<[Point3<f64>; 2]> {
-    let each = lines.lines.iter();
-    each.map(|line| line.map(|end| lines.points[end as usize]))
-        .collect()
-}
-
-/// The outline of the table's top is among the edges, as far as the mesh has edges there at all.
-fn demand_table(mesh: &TriangleMesh, edges: &[[Point3<f64>; 2]]) {
-    let of_mesh: Vec<_> = mesh
+/// The outline of the table's top is among the edges of the mesh. A fused surface is rounded there, by less than the side of the cubes, so that they
+/// are no creases; two sides of the table are seen by few keyframes.
+fn demand_table(mesh: &TriangleMesh) {
+    let edges: Vec<_> = mesh
         .triangles
         .iter()
         .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]])
         .map(|edge| edge.map(|end| mesh.positions[end as usize]))
         .collect();
-    let [found, there] =
-        [edges, &of_mesh].map(|lines| table_top().map(|side| share_found(side, lines)));
-    let [found_mean, there_mean] = [found, there].map(|shares| shares.iter().sum::<f64>() / 4.0);
-    // Fused surfaces are rounded at edges, by less than the side of the cubes, so that their edges are no creases. Two sides of the table are
-    // seen by few keyframes.
-    assert!(there[0] > 0.8 && there[2] > 0.8, "{there:.3?}");
-    assert!(there_mean > 0.5, "{there:.3?}");
-    assert!(found_mean <= there_mean, "{found:.3?}");
+    let found = table_top().map(|side| share_found(side, &edges));
+    assert!(found[0] > 0.8 && found[2] > 0.8, "{found:.3?}");
+    assert!(found.iter().sum::<f64>() > 4.0 * 0.5, "{found:.3?}");
 }
 
 /// Creases lie where the truth has some, within the noise of the mesh: where the rectangles of the scene end.

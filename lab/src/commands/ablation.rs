@@ -24,12 +24,13 @@ const ENDS: Switch = |options| options.segment_points.spacing_px = Some(10_000.0
 const NO_PLANES: Switch = |options| options.surface_points.enabled = false;
 const NO_CORRECTIONS: Switch = |options| options.surface_points.correction_sigmas = f64::INFINITY;
 const UNMEASURED: Switch = |options| options.surface.least_measured_share = 0.0;
+const CARVED: Switch = |options| options.surface.fuse_depth = false;
 const SEGMENTS: Switch = |options| options.carving.segment_weight = 1;
 /// Points of segments alone leave large cells, which need more weight on their shape than the default.
 const SHAPE: Switch = |options| options.carving.cut.quality_weight = 0.2;
 
 /// Name of a row, and its switches. The first row is the paper: two points a segment, not joined.
-const SWITCHES: [(&str, &[Switch]); 17] = [
+const SWITCHES: [(&str, &[Switch]); 18] = [
     (
         "ends of segments, not joined; votes",
         &[VOTES, NOT_JOINED, ENDS, NO_PLANES, UNMEASURED],
@@ -76,16 +77,17 @@ const SWITCHES: [(&str, &[Switch]); 17] = [
         "points on planes and whole segments; cut",
         &[CUT, SEGMENTS, UNMEASURED],
     ),
-    ("measured triangles; votes", &[VOTES]),
+    ("measured triangles; votes", &[VOTES, CARVED]),
     (
         "measured triangles; cut, no corrections",
-        &[CUT, NO_CORRECTIONS],
+        &[CUT, NO_CORRECTIONS, CARVED],
     ),
-    ("measured triangles; cut: the default", &[CUT]),
+    ("measured triangles; cut", &[CUT, CARVED]),
     (
         "measured triangles and whole segments; cut",
-        &[CUT, SEGMENTS],
+        &[CUT, SEGMENTS, CARVED],
     ),
+    ("fused from depth images; cut: the default", &[CUT]),
 ];
 
 /// One row: a sequence with switches. Lengths are in units of the poses.

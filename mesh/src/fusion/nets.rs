@@ -19,15 +19,49 @@ struct CubeVertices {
 
 const NONE: u32 = u32::MAX;
 
+/// The vertices so far.
+#[derive(Default)]
+struct Vertices {
+    positions: Vec<Point3<f64>>,
+    /// Those at the rim, by their positions.
+    at_rim: FxHashMap<[u64; 3], u32>,
+}
+
+impl Vertices {
+    /// The vertex at the mean of crossings. Where depth ends, a cube has one or two, which are also those of a cube beside it: the two share the
+    /// vertex, so that no triangle is without area.
+    fn place(&mut self, crossings: &Crossings) -> u32 {
+        let position = Point3::from(crossings.sum / f64::from(crossings.count));
+        let next = self.positions.len() as u32;
+        if crossings.count < 3 {
+            let key = [position.x, position.y, position.z].map(f64::to_bits);
+            let known = *self.at_rim.entry(key).or_insert(next);
+            if known != next {
+                return known;
+            }
+        }
+        self.positions.push(position);
+        next
+    }
+}
+
+/// Crossings around a group of corners.
+#[derive(Clone, Copy)]
+struct Crossings {
+    sum: Vector3<f64>,
+    count: u32,
+}
+
 /// Positions and triangles of the surface where the distance is zero, with normals to where it is positive.
 pub(super) fn extract(field: &Field) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
-    let mut positions = Vec::new();
+    let mut vertices = Vertices::default();
     let mut cubes: FxHashMap<Corner, CubeVertices> = FxHashMap::default();
     for &cube in &field.cubes {
-        if let Some(vertices) = place_vertices(field, cube, &mut positions) {
-            cubes.insert(cube, vertices);
+        if let Some(found) = place_vertices(field, cube, &mut vertices) {
+            cubes.insert(cube, found);
         }
     }
+    let positions = vertices.positions;
     let mut triangles = Vec::new();
     for (&corner, &distance) in field.corners.iter().zip(&field.distances) {
         for axis in 0..3 {
@@ -91,11 +125,7 @@ fn crossing(first: f32, second: f32) -> Option<Crossing> {
 }
 
 /// Places the vertices of a cube: the mean of the crossings around each group of corners behind the surface. `None` without one.
-fn place_vertices(
-    field: &Field,
-    cube: Corner,
-    positions: &mut Vec<Point3<f64>>,
-) -> Option<CubeVertices> {
+fn place_vertices(field: &Field, cube: Corner, vertices: &mut Vertices) -> Option<CubeVertices> {
     let mut corners = [cube; CORNERS];
     for number in 1..CORNERS {
         let axis = number.ilog2() as usize;
@@ -123,7 +153,10 @@ fn place_vertices(
             }
         }
     }
-    let mut sums = [(Vector3::zeros(), 0.0); CORNERS];
+    let mut crossings = [Crossings {
+        sum: Vector3::zeros(),
+        count: 0,
+    }; CORNERS];
     for (number, axis) in (0..CORNERS).flat_map(|number| (0..3).map(move |axis| (number, axis))) {
         let other = number ^ 1 << axis;
         if other < number {
@@ -137,17 +170,15 @@ fn place_vertices(
             } else {
                 other
             };
-            let (sum, count) = &mut sums[group[behind] as usize];
-            *sum += at.coords;
-            *count += 1.0;
+            let around = &mut crossings[group[behind] as usize];
+            around.sum += at.coords;
+            around.count += 1;
         }
     }
     let mut vertex = [NONE; CORNERS];
-    for (number, (sum, count)) in sums.into_iter().enumerate() {
-        // Where depth ends cubes have fewer crossings, and would share them with their neighbours.
-        if count > 2.0 {
-            vertex[number] = positions.len() as u32;
-            positions.push(Point3::from(sum / count));
+    for (vertex, around) in vertex.iter_mut().zip(&crossings) {
+        if around.count > 0 {
+            *vertex = vertices.place(around);
         }
     }
     Some(CubeVertices { group, vertex })
