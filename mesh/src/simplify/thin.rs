@@ -8,9 +8,6 @@
 //!
 //! *Differs from the paper*: errors are means over area, so that the tolerance is a length; boundaries have quadrics and a tolerance of their own.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
-
 use nalgebra::{Point3, Vector3};
 
 use super::live::doubled_area;
@@ -33,34 +30,43 @@ const LEAST_COSINE: f64 = 0.5;
 /// Least quality of a new triangle: 1 for an equilateral one, 0 for one without area.
 const LEAST_QUALITY: f64 = 0.1;
 
-/// Collapses edges of a mesh, those with the smallest error first, as long as errors are within the tolerances. Components, holes and
-/// handles stay; edges with more than two triangles are not touched. Vertices keep their order and take the colour of the nearer end of
-/// each collapsed edge.
+/// Collapses edges of a mesh as long as errors are within the tolerances, in rounds: those with the smallest errors first, and each vertex once
+/// in a round, so that triangles grow alike in all directions. Components, holes and handles stay; edges with more than two triangles are not touched.
+/// Vertices keep their order and take the colour of the nearer end of each collapsed edge.
 ///
 /// # Complexity
-/// O(n log n) for n triangles where few meet at a vertex.
+/// Linear in the triangles, where few meet at a vertex, but for sorting the edges of each round; rounds shrink by a share.
 pub fn thin(mesh: &mut TriangleMesh, options: &ThinOptions) {
     let mut state = Thinning::new(mesh, options);
-    let mut queue: BinaryHeap<Candidate> = BinaryHeap::new();
-    for [a, b] in state.edges() {
-        queue.extend(state.candidate(a, b));
-    }
-    let mut around = Vec::new();
-    while let Some(candidate) = queue.pop() {
-        let [a, b] = candidate.ends;
-        if candidate.stamps != [a, b].map(|end| state.stamps[end as usize]) {
-            continue;
+    let mut is_used = vec![false; mesh.positions.len()];
+    let mut bound = FIRST_BOUND;
+    loop {
+        let edges = state.edges();
+        is_used.fill(false);
+        let mut collapsed = 0;
+        for &[a, b] in &edges {
+            if is_used[a as usize] || is_used[b as usize] {
+                continue;
+            }
+            let position = state.collapsed(a, b, bound);
+            if position.is_some_and(|position| state.collapse(a, b, &position)) {
+                is_used[a as usize] = true;
+                collapsed += 1;
+            }
         }
-        if !state.collapse(&candidate) {
-            continue;
+        if bound >= 1.0 && LAST_ROUND * collapsed <= edges.len() {
+            break;
         }
-        state.neighbours(a, &mut around);
-        for &other in &around {
-            queue.extend(state.candidate(a.min(other), a.max(other)));
-        }
+        bound = (BOUND_GROWTH * bound).min(1.0);
     }
     state.finish(mesh);
 }
+
+/// Largest error of the first round, and its growth from round to round up to 1: the squared tolerance.
+const FIRST_BOUND: f64 = 1.0 / 256.0;
+const BOUND_GROWTH: f64 = 4.0;
+/// The last round collapses no more than one edge in so many.
+const LAST_ROUND: usize = 200;
 
 /// Weighted squared distances from planes, and the sum of the weights.
 #[derive(Debug, Clone, Copy)]
@@ -95,40 +101,6 @@ impl Planes {
                 .scaled(1.0 / (self.weight * tolerance * tolerance)),
             false => Quadric::ZERO,
         }
-    }
-}
-
-/// An edge that may collapse.
-#[derive(Debug, Clone, Copy)]
-struct Candidate {
-    error: f64,
-    ends: [u32; 2],
-    stamps: [u32; 2],
-    position: Point3<f64>,
-}
-
-impl PartialEq for Candidate {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other).is_eq()
-    }
-}
-
-impl Eq for Candidate {}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Candidate {
-    /// The smallest error is the largest candidate.
-    fn cmp(&self, other: &Self) -> Ordering {
-        let key = |it: &Self| (it.ends, it.stamps);
-        other
-            .error
-            .total_cmp(&self.error)
-            .then_with(|| key(other).cmp(&key(self)))
     }
 }
 
@@ -182,10 +154,10 @@ struct Thinning {
     is_removed: Vec<bool>,
     at_vertex: CornerLists,
     surface: Vec<Planes>,
-    boundary: Vec<Planes>,
+    /// Planes across the boundary, and which a vertex has; [`NONE`] inside.
+    boundaries: Vec<Planes>,
+    boundary_of: Vec<u32>,
     is_fixed: Vec<bool>,
-    /// Changes of each vertex.
-    stamps: Vec<u32>,
     scratch: [Vec<u32>; 2],
 }
 
@@ -203,7 +175,8 @@ impl Thinning {
         let positions: Vec<Point3<f64>> = mesh.positions.iter().map(|p| p - shift).collect();
         let at_vertex = CornerLists::new(count, &mesh.triangles);
         let mut surface = vec![Planes::NONE; count];
-        let mut boundary = vec![Planes::NONE; count];
+        let mut boundaries: Vec<Planes> = Vec::new();
+        let mut boundary_of = vec![NONE; count];
         let mut is_fixed = vec![false; count];
         for triangle in &mesh.triangles {
             let corners = triangle.map(|corner| positions[corner as usize]);
@@ -232,7 +205,12 @@ impl Thinning {
                 let across = doubled_area(&corners).cross(&along).try_normalize(0.0);
                 if let Some(across) = across {
                     for end in ends {
-                        boundary[end].add_plane(&positions[ends[0]], &across, along.norm());
+                        if boundary_of[end] == NONE {
+                            boundary_of[end] = boundaries.len() as u32;
+                            boundaries.push(Planes::NONE);
+                        }
+                        let planes = &mut boundaries[boundary_of[end] as usize];
+                        planes.add_plane(&positions[ends[0]], &across, along.norm());
                     }
                 }
             } else if uses.len() > 2 {
@@ -250,19 +228,19 @@ impl Thinning {
             is_removed: vec![false; mesh.triangles.len()],
             at_vertex,
             surface,
-            boundary,
+            boundaries,
+            boundary_of,
             is_fixed,
-            stamps: vec![0; count],
             scratch: Default::default(),
         }
     }
 
     /// All edges, ascending.
     fn edges(&self) -> Vec<[u32; 2]> {
-        let mut edges: Vec<[u32; 2]> = self
-            .triangles
-            .iter()
-            .flat_map(edges_of)
+        let triangles = self.triangles.iter().zip(&self.is_removed);
+        let left = triangles.filter(|(_, is_removed)| !**is_removed);
+        let mut edges: Vec<[u32; 2]> = left
+            .flat_map(|(triangle, _)| edges_of(triangle))
             .map(|[a, b]| [a.min(b), a.max(b)])
             .collect();
         edges.sort_unstable();
@@ -288,36 +266,33 @@ impl Thinning {
     }
 
     fn is_on_boundary(&self, vertex: u32) -> bool {
-        self.boundary[vertex as usize].weight > 0.0
+        self.boundary_of[vertex as usize] != NONE
     }
 
-    /// The collapse of an edge, when its error is within the tolerances.
-    fn candidate(&self, a: u32, b: u32) -> Option<Candidate> {
+    /// Planes across the boundary at a vertex.
+    fn boundary(&self, vertex: usize) -> Planes {
+        let planes = self.boundaries.get(self.boundary_of[vertex] as usize);
+        planes.copied().unwrap_or(Planes::NONE)
+    }
+
+    /// Where the vertex of a collapsed edge would lie, when its error is at most `bound`.
+    fn collapsed(&self, a: u32, b: u32, bound: f64) -> Option<Point3<f64>> {
         let ends = [a, b].map(|end| end as usize);
         if ends.iter().any(|end| self.is_fixed[*end]) {
             return None;
         }
-        let relative = |planes: &[Planes], tolerance: f64| {
-            planes[ends[0]]
-                .plus(&planes[ends[1]])
-                .relative_to(tolerance)
-        };
-        let surface = relative(&self.surface, self.options.tolerance);
-        let errors = surface.plus(&relative(&self.boundary, self.options.boundary_tolerance));
+        let relative =
+            |planes: [Planes; 2], tolerance: f64| planes[0].plus(&planes[1]).relative_to(tolerance);
+        let surface = relative(ends.map(|end| self.surface[end]), self.options.tolerance);
+        let boundary = ends.map(|end| self.boundary(end));
+        let errors = surface.plus(&relative(boundary, self.options.boundary_tolerance));
         let middle = nalgebra::center(&self.positions[ends[0]], &self.positions[ends[1]]);
         let position = errors.minimizer(&middle.coords).unwrap_or(middle);
-        let error = errors.at(&position.coords);
-        (error <= 1.0).then(|| Candidate {
-            error,
-            ends: [a, b],
-            stamps: ends.map(|end| self.stamps[end]),
-            position,
-        })
+        (errors.at(&position.coords) <= bound).then_some(position)
     }
 
     /// Collapses an edge into its first end, unless that would change the topology or turn a triangle over.
-    fn collapse(&mut self, candidate: &Candidate) -> bool {
-        let [a, b] = candidate.ends;
+    fn collapse(&mut self, a: u32, b: u32, position: &Point3<f64>) -> bool {
         let shared = self
             .around(a)
             .filter(|(_, corners)| corners.contains(&b))
@@ -340,7 +315,7 @@ impl Thinning {
         let is_valid = |vertex: u32, other: u32| {
             self.around(vertex)
                 .filter(|(_, corners)| !corners.contains(&other))
-                .all(|(_, corners)| self.may_move(corners, vertex, &candidate.position))
+                .all(|(_, corners)| self.may_move(corners, vertex, position))
         };
         if !is_valid(a, b) || !is_valid(b, a) {
             return false;
@@ -360,16 +335,20 @@ impl Thinning {
         self.at_vertex.append(a, head, tail);
         let (first, second) = (a as usize, b as usize);
         if let Some(colors) = &mut self.colors {
-            let distance = |end: usize| (self.positions[end] - candidate.position).norm_squared();
+            let distance = |end: usize| (self.positions[end] - position).norm_squared();
             if distance(second) < distance(first) {
                 colors[first] = colors[second];
             }
         }
-        self.positions[first] = candidate.position;
+        self.positions[first] = *position;
         self.surface[first] = self.surface[first].plus(&self.surface[second]);
-        self.boundary[first] = self.boundary[first].plus(&self.boundary[second]);
-        self.stamps[first] += 1;
-        self.stamps[second] += 1;
+        if self.is_on_boundary(a) || self.is_on_boundary(b) {
+            let boundary = self.boundary(first).plus(&self.boundary(second));
+            if !self.is_on_boundary(a) {
+                self.boundary_of[first] = self.boundary_of[second];
+            }
+            self.boundaries[self.boundary_of[first] as usize] = boundary;
+        }
         true
     }
 
