@@ -91,8 +91,7 @@ pub fn fuse_depth(views: &[PosedDepth<'_>], options: &FusionOptions) -> Triangle
     if !(options.side > 0.0 && options.side.is_finite()) {
         return TriangleMesh::default();
     }
-    let field = Field::new(views, options);
-    let (positions, triangles) = nets::extract(&field);
+    let (positions, triangles) = nets::extract(&Field::new(views, options));
     let (positions, triangles) = sheets::separate(&positions, &triangles, options.least_component);
     TriangleMesh {
         positions,
