@@ -47,6 +47,8 @@ pub(super) struct FinalSurface<'a> {
     pub(super) noise: &'a DepthNoise,
     pub(super) focal_px: f64,
     pub(super) median_depth: f64,
+    /// End points of segments along which edges and boundaries lie, in world coordinates.
+    pub(super) segments: Vec<[Point3<f64>; 2]>,
     pub(super) options: &'a SurfaceOptions,
     /// Whether depth comes from depth images.
     pub(super) is_measured: bool,
@@ -117,7 +119,7 @@ impl FinalSurface<'_> {
         let side = (FUSION_SIDE_PX * pixel).max(FUSION_SIDE_SIGMAS * sigma);
         let mut options = FusionOptions::with_side(side);
         options.least_component = options.least_component.max(self.options.minimum_component);
-        let mut mesh = fuse_depth(&images, &options);
+        let mut mesh = fuse_depth(&images, &self.segments, &options);
         if mesh.triangles.is_empty() {
             return None;
         }

@@ -414,6 +414,7 @@ impl LineMap {
             focal_px: self.camera.mean_focal_px(),
             median_depth,
             options,
+            segments: self.segments.cluster_ends().collect(),
             is_measured,
         }
     }

@@ -109,10 +109,12 @@ impl SegmentMap {
 
     /// Representatives of the clusters of sufficient size, oldest first.
     pub fn clusters(&self) -> LineSet {
-        LineSet::from_segments(
-            self.clusterer
-                .clusters()
-                .map(|(_, cluster)| cluster.representative.ends),
-        )
+        LineSet::from_segments(self.cluster_ends())
+    }
+
+    /// Their end points.
+    pub(super) fn cluster_ends(&self) -> impl Iterator<Item = [Point3<f64>; 2]> {
+        let clusters = self.clusterer.clusters();
+        clusters.map(|(_, cluster)| cluster.representative.ends)
     }
 }

@@ -1,7 +1,7 @@
 //! The surface on which the depth images of several views agree.
 //!
 //! Around measured points, on the corners of a grid of cubes, the distance from the surface that each view measured along the ray is averaged.
-//! The surface lies where the mean changes its sign: one vertex in each cube that it crosses.
+//! The surface lies where the mean changes its sign: one vertex in each cube that it crosses. Along edges and boundaries vertices move onto 3D line segments.
 //!
 //! # Reference
 //! The mean distance: B. Curless and M. Levoy, *A volumetric method for building complex models from range images*, SIGGRAPH 1996. The
@@ -14,6 +14,7 @@
 mod field;
 mod grid;
 mod nets;
+mod segments;
 mod sheets;
 
 use linecarve_lines::depth::CompactDepth;
@@ -81,23 +82,30 @@ impl FusionOptions {
 }
 
 /// The surface on which the depth of all `views` agrees, with normals towards the cameras and without colours. It is manifold; where
-/// sheets touch, vertices have copies. It is open where depth ends.
+/// sheets touch, vertices have copies. It is open where depth ends. Where `segments` (end points in world coordinates) cross cubes along edges or boundaries, these
+/// lie on them.
 ///
 /// Empty when the side is not a positive, finite length. Points further from the origin than a million sides are left out.
 ///
 /// # Complexity
 /// O(c v) for c corners of cubes near measured points and v views, and O(p log p) for p measured points.
-pub fn fuse_depth(views: &[PosedDepth<'_>], options: &FusionOptions) -> TriangleMesh {
+pub fn fuse_depth(
+    views: &[PosedDepth<'_>],
+    segments: &[[Point3<f64>; 2]],
+    options: &FusionOptions,
+) -> TriangleMesh {
     if !(options.side > 0.0 && options.side.is_finite()) {
         return TriangleMesh::default();
     }
     let (positions, triangles) = nets::extract(&Field::new(views, options));
     let (positions, triangles) = sheets::separate(&positions, &triangles, options.least_component);
-    TriangleMesh {
+    let mut mesh = TriangleMesh {
         positions,
         triangles,
         colors: None,
-    }
+    };
+    segments::snap(&mut mesh, segments, options.side);
+    mesh
 }
 
 #[cfg(test)]

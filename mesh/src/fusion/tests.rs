@@ -59,12 +59,21 @@ fn around() -> Vec<Isometry3<f64>> {
 }
 
 fn fused(poses: &[Isometry3<f64>], depths: &[CompactDepth], side: f64) -> TriangleMesh {
+    fused_along(&[], poses, depths, side)
+}
+
+fn fused_along(
+    segments: &[[Point3<f64>; 2]],
+    poses: &[Isometry3<f64>],
+    depths: &[CompactDepth],
+    side: f64,
+) -> TriangleMesh {
     let views: Vec<PosedDepth<'_>> = poses
         .iter()
         .zip(depths)
         .map(|(pose, depth)| PosedDepth::new(depth, pose))
         .collect();
-    fuse_depth(&views, &FusionOptions::with_side(side))
+    fuse_depth(&views, segments, &FusionOptions::with_side(side))
 }
 
 #[test]
@@ -147,6 +156,59 @@ fn a_board_reaches_to_its_outline_and_nothing_connects_it_with_the_wall() {
     );
 }
 
+/// The inside of a box corner at z = 2 + |x|: two planes that meet along a vertical edge.
+fn ridge(from: &Point3<f64>, ray: &Vector3<f64>) -> Option<f64> {
+    let hit = |sign: f64| {
+        let depth = (2.0 - from.z + sign * from.x) / (ray.z - sign * ray.x);
+        let x = from.x + ray.x * depth;
+        (sign * x >= 0.0).then_some(depth)
+    };
+    hit(1.0).or_else(|| hit(-1.0))
+}
+
+/// Share of the line from (x, -0.5, z) to (x, 0.5, z) along which a vertical edge of the mesh lies within `reach`.
+fn share_along(mesh: &TriangleMesh, [x, z]: [f64; 2], reach: f64) -> f64 {
+    let is_near = |p: &Point3<f64>| (p.x - x).hypot(p.z - z) < reach;
+    let covers = |y: f64| {
+        mesh.triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+            .map(|edge| edge.map(|end| mesh.positions[end as usize]))
+            .any(|[p, q]| is_near(&p) && is_near(&q) && (p.y - y) * (q.y - y) <= 0.0)
+    };
+    (0..100)
+        .filter(|k| covers(f64::from(*k) / 100.0 - 0.5))
+        .count() as f64
+        / 100.0
+}
+
+#[test]
+fn an_edge_and_a_boundary_lie_on_segments_and_texture_does_not_count() {
+    let side = 0.05;
+    let vertical = |x: f64, z: f64| [-0.6, 0.6].map(|y| Point3::new(x, y, z));
+    let poses: Vec<_> = [-0.2, 0.013, 0.2]
+        .map(|x| Isometry3::translation(x, 0.0, 0.0))
+        .into();
+    let depths = |hit: fn(&Point3<f64>, &Vector3<f64>) -> Option<f64>| -> Vec<_> {
+        poses.iter().map(|pose| depth_of(pose, hit)).collect()
+    };
+    let edge = depths(ridge);
+    assert!(share_along(&fused(&poses, &edge, side), [0.0, 2.0], 1e-9) < 0.1);
+    let sharp = fused_along(&[vertical(0.0, 2.0)], &poses, &edge, side);
+    assert!(share_along(&sharp, [0.0, 2.0], 1e-9) > 0.9);
+
+    let boundary = depths(|from, ray| board(from, ray, 0.6).filter(|depth| *depth < 2.5));
+    let rough = fused(&poses, &boundary, side);
+    assert!(share_along(&rough, [0.607, 2.0], 1e-9) < 0.1);
+    let straight = fused_along(&[vertical(0.607, 2.0)], &poses, &boundary, side);
+    assert!(share_along(&straight, [0.607, 2.0], 1e-9) > 0.9);
+
+    // Beside the surface, and far away or not finite as well.
+    let texture = vertical(0.21, 2.004);
+    let others = [texture, vertical(f64::NAN, 2.0), vertical(1e30, 2.0)];
+    assert!(fused_along(&others, &poses, &boundary, side) == rough);
+}
+
 #[test]
 fn sheets_that_touch_are_separate() {
     // Two tetrahedra with a common edge.
@@ -175,7 +237,7 @@ fn sheets_that_touch_are_separate() {
 #[test]
 fn without_depth_or_with_a_useless_side_there_is_no_surface() {
     assert_eq!(
-        fuse_depth(&[], &FusionOptions::with_side(0.1)),
+        fuse_depth(&[], &[], &FusionOptions::with_side(0.1)),
         TriangleMesh::default()
     );
     let pose = Isometry3::identity();

@@ -1,0 +1,208 @@
+//! Vertices on 3D line segments. A grid rounds edges by up to a cube, and its surface ends anywhere in the last one: where the images show a segment along
+//! an edge or a boundary of the surface, that is where the vertices belong.
+
+use nalgebra::{Point3, Vector3};
+use rustc_hash::FxHashMap;
+
+use super::grid::Corner;
+use crate::TriangleMesh;
+
+/// Vertices of a boundary move to segments at most this many sides away.
+const REACH_SIDES: f64 = 1.5;
+/// The same for moves into the surface: the other boundary of a narrow strip stays where it is.
+const INWARD_REACH_SIDES: f64 = 0.75;
+/// Least cosine between a boundary and a segment along it: 60 degrees, as boundaries follow the grid in steps.
+const LEAST_COSINE: f64 = 0.5;
+/// Length of the sum of the normals at a vertex of a flat surface, as a share of the sum of their lengths, each as long as its triangle is large. An edge of 36
+/// degrees in the middle has as much.
+const LEAST_FLAT: f64 = 0.95;
+/// Share of the vertices along a segment that lie on an edge or a boundary. Segments with fewer are texture.
+const LEAST_SHARE: f64 = 0.3;
+
+/// The part of a segment in a cube.
+#[derive(Clone, Copy)]
+struct Part {
+    segment: u32,
+    middle: Point3<f64>,
+}
+
+/// Moves vertices of a surface with cubes of this side onto segments: that of each cube that a segment crosses to the middle of its part, and those of boundaries
+/// to the nearest point. Of several segments in a cube the longest counts, and those on flat surfaces do not. Vertices keep their cubes, so that triangles mostly keep their sides.
+///
+/// # Complexity
+/// Expected linear in vertices, triangles and crossed cubes, and O(n log n) for the edges.
+pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side: f64) {
+    let parts = parts_by_cube(segments, side);
+    if parts.is_empty() {
+        return;
+    }
+    // The vertex of each cube that is nearest to its part.
+    let mut vertices: FxHashMap<Corner, (f64, u32)> = FxHashMap::default();
+    for (vertex, position) in (0..).zip(&mesh.positions) {
+        let Some(cube) = Corner::below(position, side) else {
+            continue;
+        };
+        if let Some(part) = parts.get(&cube) {
+            let found = ((part.middle - position).norm_squared(), vertex);
+            let nearest = vertices.entry(cube).or_insert(found);
+            if found.0 < nearest.0 {
+                *nearest = found;
+            }
+        }
+    }
+    let mut boundary = boundary(mesh);
+    let is_flat = flat(mesh);
+    let mut counts = vec![[0_u32; 2]; segments.len()];
+    for (cube, (_, vertex)) in &vertices {
+        let is_plain = is_flat[*vertex as usize] && !boundary.contains_key(vertex);
+        counts[parts[cube].segment as usize][usize::from(is_plain)] += 1;
+    }
+    for (cube, (_, vertex)) in &vertices {
+        let part = parts[cube];
+        let [edge, plain] = counts[part.segment as usize].map(f64::from);
+        if edge >= LEAST_SHARE * (edge + plain) {
+            mesh.positions[*vertex as usize] = part.middle;
+            boundary.remove(vertex);
+        }
+    }
+    for (vertex, rim) in &boundary {
+        let position = &mut mesh.positions[*vertex as usize];
+        if let Some(nearest) = rim.nearest_along(position, segments, &parts, side) {
+            *position = nearest;
+        }
+    }
+}
+
+/// The part of the longest segment in each cube that segments cross.
+fn parts_by_cube(segments: &[[Point3<f64>; 2]], side: f64) -> FxHashMap<Corner, Part> {
+    let squared_length = |segment: u32| {
+        let [from, to] = &segments[segment as usize];
+        (to - from).norm_squared()
+    };
+    let mut parts: FxHashMap<Corner, Part> = FxHashMap::default();
+    let mut cuts = Vec::new();
+    for (segment, ends) in (0..).zip(segments) {
+        // Far away, or not finite.
+        if ends.iter().any(|end| Corner::below(end, side).is_none()) {
+            continue;
+        }
+        let [from, to] = ends;
+        let along = to - from;
+        cuts.clear();
+        cuts.extend([0.0, 1.0]);
+        for axis in 0..3 {
+            let (low, high) = (from[axis].min(to[axis]), from[axis].max(to[axis]));
+            let planes = (low / side).ceil() as i64..=(high / side).floor() as i64;
+            let cut = |plane| (plane as f64 * side - from[axis]) / along[axis];
+            cuts.extend(planes.map(cut).filter(|cut| (0.0..=1.0).contains(cut)));
+        }
+        cuts.sort_unstable_by(f64::total_cmp);
+        for pair in cuts.windows(2).filter(|pair| pair[0] < pair[1]) {
+            let middle = from + 0.5 * (pair[0] + pair[1]) * along;
+            let Some(cube) = Corner::below(&middle, side) else {
+                continue;
+            };
+            let part = Part { segment, middle };
+            let longest = parts.entry(cube).or_insert(part);
+            if squared_length(longest.segment) < squared_length(segment) {
+                *longest = part;
+            }
+        }
+    }
+    parts
+}
+
+/// The boundary at a vertex.
+#[derive(Clone, Copy)]
+struct Rim {
+    /// Along the boundary.
+    along: Vector3<f64>,
+    /// Away from the surface.
+    outward: Vector3<f64>,
+}
+
+/// The vertices on edges with one triangle.
+fn boundary(mesh: &TriangleMesh) -> FxHashMap<u32, Rim> {
+    let mut edges: Vec<([u32; 2], u32)> = (0..)
+        .zip(&mesh.triangles)
+        .flat_map(|(triangle, &[a, b, c])| {
+            [[a, b], [b, c], [c, a]].map(|[a, b]| ([a.min(b), a.max(b)], triangle))
+        })
+        .collect();
+    edges.sort_unstable();
+    let mut boundary: FxHashMap<u32, Rim> = FxHashMap::default();
+    for uses in edges.chunk_by(|a, b| a.0 == b.0) {
+        let &[(ends, triangle)] = uses else {
+            continue;
+        };
+        let corners = mesh.triangles[triangle as usize];
+        let [a, b, c] = corners.map(|corner| mesh.positions[corner as usize]);
+        let [from, to] = ends.map(|end| mesh.positions[end as usize]);
+        let along = to - from;
+        let across = along.cross(&(b - a).cross(&(c - a)));
+        let opposite = corners.into_iter().find(|corner| !ends.contains(corner));
+        let inward = opposite.map_or(Vector3::zeros(), |it| mesh.positions[it as usize] - from);
+        let outward = -across * across.dot(&inward).signum();
+        for end in ends {
+            let rim = boundary.entry(end).or_insert(Rim {
+                along: Vector3::zeros(),
+                outward: Vector3::zeros(),
+            });
+            rim.along += along * rim.along.dot(&along).signum();
+            rim.outward += outward.try_normalize(0.0).unwrap_or_default();
+        }
+    }
+    boundary
+}
+
+/// Whether the surface is flat around each vertex.
+fn flat(mesh: &TriangleMesh) -> Vec<bool> {
+    let mut sums = vec![(Vector3::zeros(), 0.0); mesh.positions.len()];
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(|corner| mesh.positions[corner as usize]);
+        let normal = (b - a).cross(&(c - a));
+        for corner in triangle {
+            let (sum, lengths) = &mut sums[*corner as usize];
+            *sum += normal;
+            *lengths += normal.norm();
+        }
+    }
+    let is_flat = |(sum, lengths): &(Vector3<f64>, f64)| sum.norm() > LEAST_FLAT * lengths;
+    sums.iter().map(is_flat).collect()
+}
+
+impl Rim {
+    /// The nearest point on segments along the boundary that cross the cubes around a position of it; `None` without one in reach.
+    fn nearest_along(
+        &self,
+        position: &Point3<f64>,
+        segments: &[[Point3<f64>; 2]],
+        parts: &FxHashMap<Corner, Part>,
+        side: f64,
+    ) -> Option<Point3<f64>> {
+        let cube = Corner::below(position, side)?;
+        let mut nearest = None;
+        let mut least = (REACH_SIDES * side).powi(2);
+        let row = |axis, corner: Corner| [corner.previous(axis), corner, corner.next(axis)];
+        let around = row(0, cube)
+            .into_iter()
+            .flat_map(|it| row(1, it))
+            .flat_map(|it| row(2, it));
+        for part in around.filter_map(|cube| parts.get(&cube)) {
+            let [from, to] = segments[part.segment as usize];
+            let along = to - from;
+            let share = (position - from).dot(&along) / along.norm_squared();
+            let foot = from + share * along;
+            let moved = foot - position;
+            let inward = -moved.dot(&self.outward);
+            if (0.0..=1.0).contains(&share)
+                && self.along.dot(&along).abs() >= LEAST_COSINE * self.along.norm() * along.norm()
+                && inward <= INWARD_REACH_SIDES * side * self.outward.norm()
+                && moved.norm_squared() < least
+            {
+                (least, nearest) = (moved.norm_squared(), Some(foot));
+            }
+        }
+        nearest
+    }
+}
