@@ -2,97 +2,87 @@
 
 use nalgebra::Point3;
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 
+use super::blocks::{CornerBits, CornerSet};
 use super::grid::Corner;
 use super::{FusionOptions, PosedDepth};
 
-/// Corners that are looked at together: views that see none of them are skipped.
-const CHUNK: usize = 512;
+/// Blocks of corners that are looked at together: views that see none of them are skipped.
+const CHUNK: usize = 16;
 
 /// Mean signed distances at the corners of the cubes around measured points.
 pub(super) struct Field {
     pub(super) side: f64,
-    /// Cubes near measured points by their lowest corners, ascending.
-    pub(super) cubes: Vec<Corner>,
-    /// All corners of these cubes, ascending.
-    pub(super) corners: Vec<Corner>,
+    /// Cubes near measured points by their lowest corners.
+    pub(super) cubes: CornerSet,
+    /// All corners of these cubes.
+    pub(super) corners: CornerSet,
     /// Distance at each corner, positive before the surface; NaN where no view measured one.
     pub(super) distances: Vec<f32>,
-    numbers: FxHashMap<Corner, u32>,
 }
 
 impl Field {
     pub(super) fn new(views: &[PosedDepth<'_>], options: &FusionOptions) -> Self {
         let side = options.side;
-        let mut cubes: Vec<Corner> = views
+        let mut cubes = views
             .par_iter()
-            .flat_map_iter(|view| {
-                let mut cubes: Vec<Corner> = Vec::new();
+            .fold(CornerBits::default, |mut cubes, view| {
+                let mut last = None;
                 for point in view.points() {
                     // Neighbouring pixels mostly lie in one cube.
-                    if let Some(cube) = Corner::below(&point, side)
-                        && cubes.last() != Some(&cube)
-                    {
-                        cubes.push(cube);
+                    let cube = Corner::below(&point, side);
+                    if let Some(cube) = cube.filter(|_| cube != last) {
+                        cubes.insert(cube);
                     }
+                    last = cube;
                 }
-                sort(&mut cubes);
                 cubes
             })
-            .collect();
-        sort(&mut cubes);
+            .reduce(CornerBits::default, CornerBits::union);
         for axis in 0..3 {
-            let around = |cube: &Corner| [cube.previous(axis), *cube, cube.next(axis)];
-            cubes = cubes.iter().flat_map(around).collect();
-            sort(&mut cubes);
+            cubes = cubes.with_previous(axis).union(cubes.with_next(axis));
         }
-        let mut corners = cubes.clone();
+        let set = CornerSet::new(&cubes);
         for axis in 0..3 {
-            corners = corners.iter().flat_map(|it| [*it, it.next(axis)]).collect();
-            sort(&mut corners);
+            cubes = cubes.with_next(axis);
         }
+        let corners = CornerSet::new(&cubes);
         let truncation = options.truncation_sides * side;
         let distances = corners
+            .blocks()
             .par_chunks(CHUNK)
-            .flat_map_iter(|chunk| mean_distances(views, chunk, side, truncation))
+            .flat_map_iter(|chunk| {
+                let corners = chunk.iter().flat_map(|block| block.corners());
+                let positions: Vec<_> = corners.map(|it| it.position(side)).collect();
+                mean_distances(views, &positions, truncation)
+            })
             .collect();
-        let numbers = corners
-            .iter()
-            .zip(0..)
-            .map(|(corner, number)| (*corner, number));
         Self {
             side,
-            numbers: numbers.collect(),
-            cubes,
+            cubes: set,
             corners,
             distances,
         }
     }
 
-    /// Number of a corner, for [`distances`](Self::distances).
-    pub(super) fn number(&self, corner: Corner) -> Option<usize> {
-        self.numbers.get(&corner).map(|number| *number as usize)
+    /// The distance at a corner; NaN where it is unknown.
+    #[inline]
+    pub(super) fn distance(&self, corner: Corner) -> f32 {
+        let number = self.corners.number(corner);
+        number.map_or(f32::NAN, |number| self.distances[number])
     }
 }
 
-fn sort(corners: &mut Vec<Corner>) {
-    corners.par_sort_unstable();
-    corners.dedup();
-}
-
-/// Mean distances at near corners. Each view that measured a surface behind a corner, or at most `truncation` before it, counts alike; more than
-/// `truncation` before the surface is as good as `truncation`. A corner that none measured closer than that is unknown.
+/// Mean distances at near positions. Each view that measured a surface behind a position, or at most `truncation` before it, counts alike; more than
+/// `truncation` before the surface is as good as `truncation`. A position that none measured closer than that is unknown.
 fn mean_distances(
     views: &[PosedDepth<'_>],
-    corners: &[Corner],
-    side: f64,
+    positions: &[Point3<f64>],
     truncation: f64,
 ) -> Vec<f32> {
-    let positions: Vec<Point3<f64>> = corners.iter().map(|it| it.position(side)).collect();
     let mut sums = vec![(0.0_f64, 0_u32, false); positions.len()];
     let (mut low, mut high) = (positions[0], positions[0]);
-    for position in &positions {
+    for position in positions {
         (low, high) = (low.inf(position), high.sup(position));
     }
     let center = nalgebra::center(&low, &high);

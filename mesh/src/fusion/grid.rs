@@ -35,6 +35,17 @@ impl Corner {
         Self::new([scaled.x, scaled.y, scaled.z].map(|along| along.floor() as i64))
     }
 
+    /// The corner of a grid of blocks and the place in the block, of so many bits.
+    pub(super) fn split(self, bits: u32) -> (Self, u32) {
+        let place = self.0 & ((1 << bits) - 1);
+        (Self(self.0 >> bits), place as u32)
+    }
+
+    /// The inverse of [`split`](Self::split).
+    pub(super) fn joined(block: Self, place: u32, bits: u32) -> Self {
+        Self(block.0 << bits | u64::from(place))
+    }
+
     /// Its coordinates in sides.
     pub(super) fn coordinates(self) -> [i64; 3] {
         [0, 1, 2].map(|axis| gather(self.0 >> axis) as i64 - OFFSET)

@@ -11,6 +11,7 @@
 //! *Differs from the papers*: distances are those from planes, where pixels lie on one, so that surfaces seen at a grazing angle are not torn. Nothing is accumulated view by view, so the result depends neither on the order of the views nor on which
 //! of them moved before.
 
+mod blocks;
 mod field;
 mod grid;
 mod nets;
@@ -98,7 +99,7 @@ pub fn fuse_depth(
         return TriangleMesh::default();
     }
     let (positions, triangles) = nets::extract(&Field::new(views, options));
-    let (positions, triangles) = sheets::separate(&positions, &triangles, options.least_component);
+    let (positions, triangles) = sheets::separate(&positions, triangles, options.least_component);
     let mut mesh = TriangleMesh {
         positions,
         triangles,

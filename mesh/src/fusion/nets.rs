@@ -9,7 +9,7 @@ use super::grid::Corner;
 /// The eight corners of a cube. Bit `axis` of a number says on which side a corner is.
 const CORNERS: usize = 8;
 
-/// The vertices of a cube: those of its connected groups of corners behind the surface, by the lowest corner of each.
+/// The vertices of a cube with more than one: those of its connected groups of corners behind the surface, by the lowest corner of each.
 struct CubeVertices {
     /// Lowest corner of the group of each corner.
     group: [u8; CORNERS],
@@ -18,6 +18,8 @@ struct CubeVertices {
 }
 
 const NONE: u32 = u32::MAX;
+/// Marks the number of a cube's [`CubeVertices`].
+const SEVERAL: u32 = 1 << 31;
 
 /// The vertices so far.
 #[derive(Default)]
@@ -55,20 +57,30 @@ struct Crossings {
 /// Positions and triangles of the surface where the distance is zero, with normals to where it is positive.
 pub(super) fn extract(field: &Field) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     let mut vertices = Vertices::default();
-    let mut cubes: FxHashMap<Corner, CubeVertices> = FxHashMap::default();
-    for &cube in &field.cubes {
-        if let Some(found) = place_vertices(field, cube, &mut vertices) {
-            cubes.insert(cube, found);
-        }
+    // The vertex of each cube, or where its vertices are.
+    let mut vertex_of = Vec::with_capacity(field.cubes.len());
+    let mut several: Vec<CubeVertices> = Vec::new();
+    for cube in field.cubes.iter() {
+        let found = place_vertices(field, cube, &mut vertices);
+        vertex_of.push(found.map_or(NONE, |found| {
+            let mut used = found.vertex.into_iter().filter(|vertex| *vertex != NONE);
+            match (used.next(), used.next()) {
+                (Some(vertex), None) => vertex,
+                _ => {
+                    several.push(found);
+                    SEVERAL | (several.len() - 1) as u32
+                }
+            }
+        }));
     }
     let positions = vertices.positions;
     let mut triangles = Vec::new();
-    for (&corner, &distance) in field.corners.iter().zip(&field.distances) {
+    for (corner, &distance) in field.corners.iter().zip(&field.distances) {
+        if distance.is_nan() {
+            continue;
+        }
         for axis in 0..3 {
-            let other = corner.next(axis);
-            let crossing = field
-                .number(other)
-                .and_then(|number| crossing(distance, field.distances[number]));
+            let crossing = crossing(distance, field.distance(corner.next(axis)));
             let Some(Crossing {
                 is_first_behind, ..
             }) = crossing
@@ -84,9 +96,15 @@ pub(super) fn extract(field: &Field) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
             let mut ring = [NONE; 4];
             for k in 0..4 {
                 let behind = first[k] | usize::from(!is_first_behind) << axis;
-                if let Some(found) = cubes.get(&around[k]) {
-                    ring[k] = found.vertex[found.group[behind] as usize];
-                }
+                let vertex = field.cubes.number(around[k]).map(|cube| vertex_of[cube]);
+                ring[k] = match vertex {
+                    None | Some(NONE) => NONE,
+                    Some(vertex) if vertex & SEVERAL == 0 => vertex,
+                    Some(several_at) => {
+                        let found = &several[(several_at & !SEVERAL) as usize];
+                        found.vertex[found.group[behind] as usize]
+                    }
+                };
             }
             if ring.contains(&NONE) {
                 continue;
@@ -131,11 +149,7 @@ fn place_vertices(field: &Field, cube: Corner, vertices: &mut Vertices) -> Optio
         let axis = number.ilog2() as usize;
         corners[number] = corners[number ^ 1 << axis].next(axis);
     }
-    let distances = corners.map(|corner| {
-        field
-            .number(corner)
-            .map_or(f32::NAN, |number| field.distances[number])
-    });
+    let distances = corners.map(|corner| field.distance(corner));
     let is_behind = distances.map(|distance| distance < 0.0);
     let is_before = distances.map(|distance| distance >= 0.0);
     if !is_behind.contains(&true) || !is_before.contains(&true) {

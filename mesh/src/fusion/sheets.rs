@@ -10,11 +10,10 @@ const NONE: u32 = u32::MAX;
 /// opposite directions. Pieces with fewer than `least` triangles and triangles that use a vertex twice are left out.
 pub(super) fn separate(
     positions: &[Point3<f64>],
-    triangles: &[[u32; 3]],
+    mut triangles: Vec<[u32; 3]>,
     least: usize,
 ) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
-    let is_proper = |[a, b, c]: &[u32; 3]| a != b && b != c && c != a;
-    let triangles: Vec<[u32; 3]> = triangles.iter().copied().filter(is_proper).collect();
+    triangles.retain(|[a, b, c]| a != b && b != c && c != a);
     // Edges, the smaller vertex first, with the corner where each begins: the number of the triangle times three, plus that of the corner.
     let mut edges: Vec<([u32; 2], u32)> = (0..)
         .zip(&triangles)
@@ -38,14 +37,15 @@ pub(super) fn separate(
             pieces.join(a / 3, b / 3);
         }
     }
-    let mut sizes = vec![0_usize; triangles.len()];
+    drop(edges);
+    let mut sizes = vec![0_u32; triangles.len()];
     for number in 0..triangles.len() as u32 {
         sizes[pieces.find(number) as usize] += 1;
     }
     let mut copy_of = vec![NONE; 3 * triangles.len()];
     let (mut copies, mut kept) = (Vec::new(), Vec::new());
     for (number, triangle) in (0..).zip(&triangles) {
-        if sizes[pieces.find(number) as usize] < least {
+        if (sizes[pieces.find(number) as usize] as usize) < least {
             continue;
         }
         let mut corners = [0; 3];

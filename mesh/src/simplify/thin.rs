@@ -31,14 +31,14 @@ const LEAST_COSINE: f64 = 0.5;
 const LEAST_QUALITY: f64 = 0.1;
 
 /// Collapses edges of a mesh as long as errors are within the tolerances, in rounds: those with the smallest errors first, and each vertex once
-/// in a round, so that triangles grow alike in all directions. Components, holes and handles stay; edges with more than two triangles are not touched.
+/// in a round, so that triangles grow alike in all directions. Components, holes and handles stay; edges with more than two triangles are not touched. Triangles that share an edge must have it in opposite directions, or it may stay.
 /// Vertices keep their order and take the colour of the nearer end of each collapsed edge.
 ///
 /// # Complexity
 /// Linear in the triangles, where few meet at a vertex, but for sorting the edges of each round; rounds shrink by a share.
 pub fn thin(mesh: &mut TriangleMesh, options: &ThinOptions) {
     let mut state = Thinning::new(mesh, options);
-    let mut is_used = vec![false; mesh.positions.len()];
+    let mut is_used = vec![false; state.positions.len()];
     let mut bound = FIRST_BOUND;
     loop {
         let edges = state.edges();
@@ -166,28 +166,19 @@ fn edges_of(&[a, b, c]: &[u32; 3]) -> [[u32; 2]; 3] {
 }
 
 impl Thinning {
-    fn new(mesh: &TriangleMesh, options: &ThinOptions) -> Self {
+    /// Takes the mesh, which is empty until [`finish`](Self::finish).
+    fn new(mesh: &mut TriangleMesh, options: &ThinOptions) -> Self {
+        let mesh = std::mem::take(mesh);
         let count = mesh.positions.len();
         let shift = mesh
             .positions
             .first()
             .map_or(Vector3::zeros(), |first| first.coords);
-        let positions: Vec<Point3<f64>> = mesh.positions.iter().map(|p| p - shift).collect();
+        let positions: Vec<Point3<f64>> = mesh.positions.into_iter().map(|p| p - shift).collect();
         let at_vertex = CornerLists::new(count, &mesh.triangles);
-        let mut surface = vec![Planes::NONE; count];
         let mut boundaries: Vec<Planes> = Vec::new();
         let mut boundary_of = vec![NONE; count];
         let mut is_fixed = vec![false; count];
-        for triangle in &mesh.triangles {
-            let corners = triangle.map(|corner| positions[corner as usize]);
-            let area = doubled_area(&corners);
-            let weight = area.norm();
-            for corner in triangle {
-                if weight > 0.0 {
-                    surface[*corner as usize].add_plane(&corners[0], &(area / weight), weight);
-                }
-            }
-        }
         // Edges, the smaller vertex first, with their triangles.
         let mut edges: Vec<([u32; 2], u32)> = (0..)
             .zip(&mesh.triangles)
@@ -219,13 +210,25 @@ impl Thinning {
                 }
             }
         }
+        drop(edges);
+        let mut surface = vec![Planes::NONE; count];
+        for triangle in &mesh.triangles {
+            let corners = triangle.map(|corner| positions[corner as usize]);
+            let area = doubled_area(&corners);
+            let weight = area.norm();
+            for corner in triangle {
+                if weight > 0.0 {
+                    surface[*corner as usize].add_plane(&corners[0], &(area / weight), weight);
+                }
+            }
+        }
         Self {
             options: *options,
             shift,
             positions,
-            colors: mesh.colors.clone(),
-            triangles: mesh.triangles.clone(),
+            colors: mesh.colors,
             is_removed: vec![false; mesh.triangles.len()],
+            triangles: mesh.triangles,
             at_vertex,
             surface,
             boundaries,
@@ -239,8 +242,10 @@ impl Thinning {
     fn edges(&self) -> Vec<[u32; 2]> {
         let triangles = self.triangles.iter().zip(&self.is_removed);
         let left = triangles.filter(|(_, is_removed)| !**is_removed);
+        // Two triangles have an edge in opposite directions, except at boundaries.
         let mut edges: Vec<[u32; 2]> = left
             .flat_map(|(triangle, _)| edges_of(triangle))
+            .filter(|[a, b]| a < b || (self.is_on_boundary(*a) && self.is_on_boundary(*b)))
             .map(|[a, b]| [a.min(b), a.max(b)])
             .collect();
         edges.sort_unstable();
@@ -385,7 +390,6 @@ impl Thinning {
         for corner in left().flatten() {
             number[corner as usize] = 0;
         }
-        mesh.positions.clear();
         let mut colors = Vec::new();
         for (vertex, number) in number
             .iter_mut()

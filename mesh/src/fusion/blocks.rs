@@ -1,0 +1,198 @@
+//! Sets of grid corners, one bit each in blocks of 4 x 4 x 4.
+
+use rustc_hash::FxHashMap;
+
+use super::grid::Corner;
+
+/// Bits of a corner's number that tell its place in a block.
+const PLACE_BITS: u32 = 6;
+/// The bits of a block at each place along each axis.
+const PLANES: [[u64; 4]; 3] = [
+    [
+        0x0055_0055_0055_0055,
+        0x00aa_00aa_00aa_00aa,
+        0x5500_5500_5500_5500,
+        0xaa00_aa00_aa00_aa00,
+    ],
+    [
+        0x0000_3333_0000_3333,
+        0x0000_cccc_0000_cccc,
+        0x3333_0000_3333_0000,
+        0xcccc_0000_cccc_0000,
+    ],
+    [
+        0x0000_0000_0f0f_0f0f,
+        0x0000_0000_f0f0_f0f0,
+        0x0f0f_0f0f_0000_0000,
+        0xf0f0_f0f0_0000_0000,
+    ],
+];
+
+/// Corners that are being collected: the bits of each block, by its number.
+#[derive(Default)]
+pub(super) struct CornerBits(FxHashMap<Corner, u64>);
+
+impl CornerBits {
+    pub(super) fn insert(&mut self, corner: Corner) {
+        let (block, place) = corner.split(PLACE_BITS);
+        *self.0.entry(block).or_default() |= 1 << place;
+    }
+
+    /// Both together.
+    pub(super) fn union(self, other: Self) -> Self {
+        let (mut large, small) = match self.0.len() < other.0.len() {
+            true => (other.0, self.0),
+            false => (self.0, other.0),
+        };
+        for (block, bits) in small {
+            *large.entry(block).or_default() |= bits;
+        }
+        Self(large)
+    }
+
+    /// With the next corners along an axis.
+    pub(super) fn with_next(&self, axis: usize) -> Self {
+        let planes = PLANES[axis];
+        let step = 1 << axis;
+        let mut grown = FxHashMap::default();
+        for (block, bits) in &self.0 {
+            let moved = (bits & (planes[0] | planes[2])) << step | (bits & planes[1]) << (7 * step);
+            *grown.entry(*block).or_default() |= bits | moved;
+            let across = (bits & planes[3]) >> (9 * step);
+            if across != 0 {
+                *grown.entry(block.next(axis)).or_default() |= across;
+            }
+        }
+        Self(grown)
+    }
+
+    /// With the corners before along an axis.
+    pub(super) fn with_previous(&self, axis: usize) -> Self {
+        let planes = PLANES[axis];
+        let step = 1 << axis;
+        let mut grown = FxHashMap::default();
+        for (block, bits) in &self.0 {
+            let moved = (bits & (planes[1] | planes[3])) >> step | (bits & planes[2]) >> (7 * step);
+            *grown.entry(*block).or_default() |= bits | moved;
+            let across = (bits & planes[0]) << (9 * step);
+            if across != 0 {
+                *grown.entry(block.previous(axis)).or_default() |= across;
+            }
+        }
+        Self(grown)
+    }
+}
+
+/// A block of a set.
+#[derive(Clone, Copy)]
+pub(super) struct Block {
+    number: Corner,
+    bits: u64,
+    /// Number of its first corner in the set.
+    first: u32,
+}
+
+impl Block {
+    /// Its corners, ascending.
+    pub(super) fn corners(self) -> impl Iterator<Item = Corner> {
+        let set = move |bits: &u64| Some(bits & (bits - 1)).filter(|rest| *rest != 0);
+        let start = Some(self.bits).filter(|bits| *bits != 0);
+        std::iter::successors(start, set)
+            .map(move |bits| Corner::joined(self.number, bits.trailing_zeros(), PLACE_BITS))
+    }
+}
+
+/// A set of corners. They are numbered in ascending order.
+pub(super) struct CornerSet {
+    blocks: Vec<Block>,
+    index: FxHashMap<Corner, u32>,
+    len: usize,
+}
+
+impl CornerSet {
+    pub(super) fn new(collected: &CornerBits) -> Self {
+        let mut bits: Vec<(Corner, u64)> =
+            collected.0.iter().map(|(it, bits)| (*it, *bits)).collect();
+        bits.sort_unstable();
+        let mut len = 0;
+        let blocks: Vec<Block> = bits
+            .into_iter()
+            .map(|(number, bits)| {
+                let first = len;
+                len += bits.count_ones();
+                Block {
+                    number,
+                    bits,
+                    first,
+                }
+            })
+            .collect();
+        let index = blocks.iter().zip(0..).map(|(block, at)| (block.number, at));
+        Self {
+            index: index.collect(),
+            blocks,
+            len: len as usize,
+        }
+    }
+
+    /// How many corners there are.
+    pub(super) fn len(&self) -> usize {
+        self.len
+    }
+
+    /// The blocks, ascending.
+    pub(super) fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// All corners, ascending.
+    pub(super) fn iter(&self) -> impl Iterator<Item = Corner> + '_ {
+        self.blocks.iter().flat_map(|block| block.corners())
+    }
+
+    /// The number of a corner.
+    #[inline]
+    pub(super) fn number(&self, corner: Corner) -> Option<usize> {
+        let (block, place) = corner.split(PLACE_BITS);
+        let block = &self.blocks[*self.index.get(&block)? as usize];
+        let before = block.bits & ((1 << place) - 1);
+        (block.bits >> place & 1 == 1).then(|| (block.first + before.count_ones()) as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn sets_of_blocks_are_sets_of_corners() {
+        let corners: Vec<Corner> = (0..600_i64)
+            .map(|k| Corner::new([k * 7 % 19 - 9, k * 5 % 23 - 11, k * 11 % 17 - 8]).unwrap())
+            .collect();
+        let mut collected = CornerBits::default();
+        let mut expected: BTreeSet<Corner> = BTreeSet::new();
+        for corner in corners {
+            collected.insert(corner);
+            expected.insert(corner);
+        }
+        for axis in 0..3 {
+            collected = collected
+                .with_previous(axis)
+                .union(collected.with_next(axis));
+            let around = |it: &Corner| [it.previous(axis), *it, it.next(axis)];
+            expected = expected.iter().flat_map(around).collect();
+        }
+        let set = CornerSet::new(&collected);
+        assert_eq!(set.len(), expected.len());
+        assert!(set.iter().eq(expected.iter().copied()));
+        for (number, corner) in expected.iter().enumerate() {
+            assert_eq!(set.number(*corner), Some(number));
+        }
+        for corner in [[99, 0, 0], [-9, -11, 30], [-13, 0, 0]] {
+            assert_eq!(set.number(Corner::new(corner).unwrap()), None);
+        }
+        assert_eq!(CornerSet::new(&CornerBits::default()).iter().count(), 0);
+    }
+}
