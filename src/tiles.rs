@@ -6,6 +6,8 @@ mod project;
 mod sequence;
 mod slurm;
 mod task;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 

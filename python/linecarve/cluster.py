@@ -30,6 +30,11 @@ _POLL = 0.05
 _POLL_CANCEL = 1.0
 # Tasks of a stage that the scheduler knows at a time.
 _WINDOW = 2000
+# A task hangs when no other ends for so many times as long as one takes, and for so many seconds.
+_STRAGGLER_FACTOR = 3
+_STRAGGLER = 10.0
+# A worker that was not heard of for so many seconds gets no task after one hung.
+_SILENCE = 10.0
 
 
 class _Lost(RuntimeError):
@@ -73,7 +78,7 @@ def reconstruct(
                 f"{stage} {number}": [*program, "tiles", "item", str(work), stage, str(number), "--threads", "1", *limit]
                 for number in numbers
             }
-            _carry_out(client, tasks, cancel, retries)
+            _carry_out(client, tasks, cancel, retries, may_repeat=True)
         # Verifies all files, makes damaged ones again and writes the mesh.
         finish = [*program, "tiles", "run", str(work), "-q", *limit]
         _carry_out(client, {"mesh": finish}, cancel, retries)
@@ -127,21 +132,40 @@ def _flags(options):
 
 
 class _Cancel:
-    """A file that tells the tasks of a run to end; it is there while the caller is leaving by an exception."""
+    """A file that tells tasks of a run to end: all, while the caller is leaving by an exception, or those that it names by their keys."""
 
     def __init__(self, folder):
         self.path = folder / f".linecarve-cancel-{uuid.uuid4().hex}"
+        self.keys = []
 
     def __enter__(self):
-        return self.path
+        return self
 
     def __exit__(self, kind, value, traceback):
-        if kind is not None:
-            try:
-                self.path.touch()
+        try:
+            if kind is not None:
+                self._write("")
+            if kind is not None or self.keys:
                 time.sleep(3 * _POLL_CANCEL)
-            finally:
-                self.path.unlink(missing_ok=True)
+        finally:
+            self.path.unlink(missing_ok=True)
+
+    def add(self, keys):
+        self.keys += keys
+        self._write("\n".join(self.keys))
+
+    def _write(self, text):
+        part = self.path.with_suffix(".part")
+        part.write_text(text)
+        part.replace(self.path)
+
+
+def _is_cancelled(path, key):
+    try:
+        keys = path.read_text().split()
+    except OSError:
+        return False
+    return not keys or key in keys
 
 
 def _items(program, work):
@@ -160,43 +184,111 @@ def _pending(program, work):
     return stages
 
 
-def _carry_out(client, tasks, cancel, retries, checkpoints=None):
-    """Carries out commands by name; returns when all are done. A command whose checkpoint is there goes on with it."""
-    attempts = dict.fromkeys(tasks, 0)
-    waiting = list(reversed(tasks))
-    running = {}
-    finished = distributed.as_completed(with_results=False)
-
-    def submit(name):
-        # A key of its own: an earlier result of the same command is none of this run.
-        key = f"linecarve-{name.replace(' ', '-')}-{uuid.uuid4().hex}"
-        future = client.submit(_execute, name, tasks[name], str(cancel), (checkpoints or {}).get(name), key=key, pure=False)
-        running[future.key] = (name, future)
-        finished.add(future)
-
+def _carry_out(client, tasks, cancel, retries, checkpoints=None, may_repeat=False):
+    """Carries out commands by name; returns when all are done. A command whose checkpoint is there goes on with it. With `may_repeat`
+    a command that takes far longer than the others is started once more, and the first to end counts."""
+    stage = _Stage(client, tasks, cancel, retries, checkpoints or {})
     try:
-        while waiting or running:
-            while waiting and len(running) < _WINDOW:
-                submit(waiting.pop())
-            future = next(finished)
-            name, _ = running.pop(future.key)
+        while stage.waiting or stage.running:
+            stage.submit_waiting()
+            if not stage.take_finished():
+                time.sleep(_POLL)
+                if may_repeat:
+                    stage.repeat_stragglers()
+    finally:
+        client.cancel([future for _, future in stage.running.values()])
+
+
+class _Stage:
+    """Commands that do not depend on each other, and their futures."""
+
+    def __init__(self, client, tasks, cancel, retries, checkpoints):
+        self.client = client
+        self.tasks = tasks
+        self.cancel = cancel
+        self.retries = retries
+        self.checkpoints = checkpoints
+        self.run = uuid.uuid4().hex[:12]
+        self.attempts = dict.fromkeys(tasks, 0)
+        self.losses = dict.fromkeys(tasks, 0)
+        self.waiting = list(tasks)
+        self.running = {}
+        self.finished = distributed.as_completed(with_results=False)
+        self.started = self.progressed = self.looked = time.monotonic()
+        self.done = 0
+        self.is_hanging = False
+
+    def submit_waiting(self):
+        """Fills the window when half of it is done, so that graphs are few."""
+        if self.waiting and len(self.running) <= _WINDOW // 2:
+            count = _WINDOW - len(self.running)
+            self.submit(self.waiting[:count])
+            del self.waiting[:count]
+
+    def submit(self, names):
+        # A graph for all of them, and short keys: both are most of what the scheduler hears of a task. No two runs or attempts have keys in
+        # common, so that an earlier result of the same command is none of this run.
+        keys = [f"{name.replace(' ', '-')}-{self.run}-{self.attempts[name]}" for name in names]
+        commands = [self.tasks[name] for name in names]
+        checkpoints = [self.checkpoints.get(name) for name in names]
+        cancels = [str(self.cancel.path)] * len(names)
+        options = {"workers": self.answering(), "allow_other_workers": True} if self.is_hanging or self.cancel.keys else {}
+        futures = self.client.map(_execute, names, keys, commands, cancels, checkpoints, key=keys, pure=False, **options)
+        for name, future in zip(names, futures):
+            self.attempts[name] += 1
+            self.running[future.key] = (name, future)
+        self.finished.update(futures)
+
+    def answering(self):
+        """The workers that the scheduler heard of lately; `None` when there are none."""
+        workers = self.client.scheduler_info(n_workers=-1)["workers"]
+        latest = max((worker["last_seen"] for worker in workers.values()), default=0.0)
+        return [address for address, worker in workers.items() if latest - worker["last_seen"] < _SILENCE] or None
+
+    def take_finished(self):
+        """Takes note of what has ended; returns whether anything has."""
+        batch = self.finished.next_batch(block=False)
+        for future in batch:
+            name, _ = self.running.pop(future.key, (None, None))
+            if name is None:
+                continue
+            others = [key for key, (other, _) in self.running.items() if other == name]
             error = future.exception() if future.status == "error" else None
             if future.status == "cancelled":
                 error = _Lost(f"{name}: its future was cancelled")
             if error is None:
-                continue
-            is_lost = isinstance(error, (_Lost, distributed.KilledWorker))
-            attempts[name] += 1
-            if not is_lost:
+                self.done += 1
+                self.progressed = time.monotonic()
+                if others:
+                    self.cancel.add(others)
+                    self.client.cancel([self.running.pop(key)[1] for key in others])
+            elif not isinstance(error, (_Lost, distributed.KilledWorker)):
                 raise error
-            if attempts[name] > retries:
-                raise Error(f"{name}: given up after {attempts[name]} attempts: {error}") from error
-            waiting.append(name)
-    finally:
-        client.cancel([future for _, future in running.values()])
+            elif not others:
+                self.losses[name] += 1
+                if self.losses[name] > self.retries:
+                    raise Error(f"{name}: given up after {self.losses[name]} attempts: {error}") from error
+                self.waiting.insert(0, name)
+        return bool(batch)
+
+    def repeat_stragglers(self):
+        """Starts what is left once more, when nothing has ended for several times as long as a task takes: a machine may hang."""
+        now = time.monotonic()
+        if self.waiting or len(self.running) > self.done or now - max(self.looked, self.progressed) < _STRAGGLER:
+            return
+        self.looked = now
+        threads = sum(self.client.nthreads().values())
+        mean = (self.progressed - self.started) * threads / self.done
+        names = [name for name, _ in self.running.values()]
+        # No more tasks than threads: all of them have begun.
+        if len(names) <= threads and now - self.progressed > _STRAGGLER_FACTOR * mean:
+            self.is_hanging = True
+            names = [name for name in names if self.attempts[name] == self.losses[name] + 1]
+            if names:
+                self.submit(names)
 
 
-def _execute(name, command, cancel, checkpoint=None):
+def _execute(name, key, command, cancel, checkpoint=None):
     """Runs a command on a worker. Nothing is returned: results are files."""
     if checkpoint and "--resume" not in command and pathlib.Path(checkpoint).exists():
         command = [*command, "--resume"]
@@ -213,7 +305,7 @@ def _execute(name, command, cancel, checkpoint=None):
                 now = time.monotonic()
                 if now - looked > _POLL_CANCEL:
                     looked = now
-                    if cancel.exists():
+                    if _is_cancelled(cancel, key):
                         raise Error(f"{name}: cancelled") from None
     finally:
         if process.poll() is None:

@@ -79,6 +79,50 @@ def test_killed_processes_are_started_again(client, city, tmp_path):
     assert len(list(tmp_path.glob("*.mark"))) >= 12
 
 
+def test_a_task_that_hangs_is_started_again(client, city, tmp_path, monkeypatch):
+    cloud, whole = city
+    monkeypatch.setattr(cluster, "_STRAGGLER", 0.5)
+    # The first attempt of one task hangs.
+    script = tmp_path / "program.py"
+    script.write_text(
+        "import os, pathlib, subprocess, sys, time\n"
+        "pid = pathlib.Path(__file__).parent / 'pid'\n"
+        "if sys.argv[1:3] == ['tiles', 'item'] and sys.argv[4:6] == ['carve', '3'] and not pid.exists():\n"
+        "    pid.write_text(str(os.getpid()))\n"
+        "    time.sleep(600)\n"
+        "sys.exit(subprocess.call([sys.executable, '-m', 'linecarve', *sys.argv[1:]]))\n"
+    )
+    program = [sys.executable, str(script)]
+    run = cluster.reconstruct(cloud, work=tmp_path / "work", client=client, labels="cut", tiles=6, program=program)
+    assert run.mesh_path.read_bytes() == whole
+    # What hung was ended.
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+    assert not list((tmp_path / "work").glob(".linecarve*"))
+
+
+def test_a_worker_that_is_stopped_changes_nothing(client, city, tmp_path, monkeypatch):
+    cloud, whole = city
+    monkeypatch.setattr(cluster, "_STRAGGLER", 1.0)
+    monkeypatch.setattr(cluster, "_SILENCE", 2.0)
+    stopped = next(iter(client.run(os.getpid).values()))
+    work = tmp_path / "work"
+
+    def stop():
+        while not list(work.glob("frame/*.json")):
+            time.sleep(0.01)
+        os.kill(stopped, signal.SIGSTOP)
+
+    thread = threading.Thread(target=stop)
+    thread.start()
+    try:
+        run = cluster.reconstruct(cloud, work=work, client=client, labels="cut", tiles=8)
+        assert run.mesh_path.read_bytes() == whole
+    finally:
+        thread.join()
+        os.kill(stopped, signal.SIGCONT)
+
+
 def test_a_lost_worker_changes_nothing(client, city, tmp_path):
     cloud, whole = city
     pids = list(client.run(os.getpid).values())
@@ -113,12 +157,15 @@ def test_tasks_end_when_the_run_is_cancelled(client, tmp_path):
             time.sleep(0.05)
         os.kill(os.getpid(), signal.SIGINT)
 
+    # Shells start commands in the background without it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     thread = threading.Thread(target=interrupt)
     thread.start()
     with pytest.raises(KeyboardInterrupt):
         program = [sys.executable, str(script)]
         cluster.reconstruct(ROOM, work=tmp_path / "work", client=client, program=program)
     thread.join()
+    signal.signal(signal.SIGINT, before)
     with pytest.raises(ProcessLookupError):
         os.kill(int(pid.read_text()), 0)
 
@@ -147,9 +194,19 @@ def test_an_interrupted_sequence_goes_on(client, tmp_path):
     assert (room / "mesh.ply").read_text() == "resumed"
 
 
-def test_little_goes_through_the_scheduler(city):
-    import pickle
+def test_little_goes_through_the_scheduler(client, tmp_path, monkeypatch):
+    from distributed.comm.tcp import TCP
 
-    cloud, _ = city
-    command = [*PROGRAM, "tiles", "item", str(cloud), "carve", "12345", "--threads", "1"]
-    assert len(pickle.dumps(("carve 12345", command, str(cloud)))) < 4096
+    # The client and the scheduler, which are in this process. What workers send is a fifth of all.
+    sent = []
+    write = TCP.write
+
+    async def counted(self, *arguments, **options):
+        sent.append(await write(self, *arguments, **options))
+        return sent[-1]
+
+    monkeypatch.setattr(TCP, "write", counted)
+    program = [sys.executable, "-c", "pass", "tiles", "item", "/scratch/a folder of some length/run1", "carve"]
+    tasks = {f"carve {number}": [*program, str(number), "--threads", "1"] for number in range(50)}
+    cluster._carry_out(client, tasks, cluster._Cancel(tmp_path), retries=0)
+    assert 300 * len(tasks) < sum(sent) < 2500 * len(tasks)

@@ -79,8 +79,10 @@ def test_other_threads_run_meanwhile():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_ctrl_c_ends_a_run():
+    # Shells start commands in the background without the handler of Python.
     program = f"""
-import linecarve
+import linecarve, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
 print("begins", flush=True)
 try:
     linecarve.reconstruct({str(ROOM)!r}, every=1)

@@ -57,8 +57,8 @@ impl PreparedRecording {
             (None, Source::MapPoints) => false,
             (Some(DepthSource::Sensor(_)), Source::Lines) => {
                 return refused(
-                    "depth images are compared with the surface after each keyframe, which tiles do not have: reconstruct it \
-                     without tiles, or plan with --depth semi-dense or --from map-points",
+                    "each depth image is compared with the surface so far, which tiles do not have, and the final surface is fused \
+                     from the images, not carved: use linecarve reconstruct, or plan with --depth semi-dense or --from map-points",
                 );
             }
             _ => return refused("only surfaces of lines and map points are planned"),

@@ -219,3 +219,6 @@ fn list_giants(cells: &TileCells, tile: usize, plan: &Plan) -> Vec<(CellKey, [[f
     giants.sort_unstable_by_key(|(key, _)| *key);
     giants
 }
+
+#[cfg(test)]
+mod tests;
