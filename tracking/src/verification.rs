@@ -16,9 +16,9 @@ const MIN_APART: usize = 4;
 const MIN_MARGIN: f64 = 1.5;
 const MIN_EXPLAINED: f64 = 0.6;
 
-/// The map contradicts a model when it is turned by more than this, or has cameras in other directions, in median.
-const MAX_TURN_DEGREES: f64 = 1.5;
-const MAX_DIRECTION_DEGREES: f64 = 20.0;
+/// The map contradicts a model when cameras are turned by more than this, in median. Directions do not tell: those of cameras that
+/// hardly move are uncertain.
+const MAX_TURN_DEGREES: f64 = 2.0;
 
 /// How the map of one camera compares with models that were made of matches alone.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -78,9 +78,7 @@ impl Tracker {
                 continue;
             }
             check.compared += 1;
-            let differs = difference.turn_degrees > MAX_TURN_DEGREES
-                || difference.direction_degrees > MAX_DIRECTION_DEGREES;
-            if differs && found.relative_cost > MIN_MARGIN {
+            if difference.turn_degrees > MAX_TURN_DEGREES && found.relative_cost > MIN_MARGIN {
                 check.contradictions.push(Contradiction {
                     frame: self.map.keyframe(keyframes[anchor]).frame,
                     turn_degrees: difference.turn_degrees,

@@ -1,6 +1,6 @@
 //! An anchor view, the poses of views around it, and the models that explain them.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, UnitQuaternion};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -221,16 +221,7 @@ fn posed_pair(
 ) -> Option<PosedPair> {
     let rays: Vec<RayMatch> = matches.pairs[view]
         .iter()
-        .map(|(a, b)| {
-            let measured =
-                [(0, *a as u32), (view, *b as u32)].map(|seen| matches.measurement(seen));
-            let [first, second] = measured.map(|one| camera.ray(&one.pixel));
-            RayMatch {
-                first,
-                second,
-                sigma: measured[0].sigma_px.max(measured[1].sigma_px) / camera.fx,
-            }
-        })
+        .map(|(a, b)| ray_match(camera, matches, [(0, *a as u32), (view, *b as u32)]))
         .collect();
     let seed = ((numbers[0] as u64) << 32) | numbers[view] as u64;
     let found = relative_poses(&rays, &mut ChaCha8Rng::seed_from_u64(seed))?;
@@ -238,9 +229,12 @@ fn posed_pair(
         .iter()
         .map(|one| moved_sigmas(one, &found.rotation_alone))
         .collect();
-    let count = moved.iter().filter(|moved| **moved >= MIN_MOVED).count();
     let share = found.poses[0].inliers as f64 / rays.len() as f64;
-    if count < MIN_POINTS_MOVED || share < MIN_AGREEING {
+    let is_determined = found.poses.iter().any(|pose| {
+        let points = points_moved(camera, matches, view, pose, &found.rotation_alone);
+        points >= MIN_POINTS_MOVED
+    });
+    if share < MIN_AGREEING || !is_determined {
         return None;
     }
     let sum: f64 = moved
@@ -252,6 +246,42 @@ fn posed_pair(
         poses: found.poses,
         parallax: share * sum,
     })
+}
+
+/// Number of points of a pair that have parallax and are not where a rotation alone would move them.
+fn points_moved(
+    camera: &Pinhole,
+    matches: &AnchorMatches<'_>,
+    view: usize,
+    pose: &RelativePose,
+    rotation_alone: &UnitQuaternion<f64>,
+) -> usize {
+    let mut poses = vec![None; matches.pairs.len()];
+    poses[0] = Some(Isometry3::identity());
+    poses[view] = Some(pose.second_from_first);
+    let model = matches.with_poses(poses);
+    let is_moved = |at: usize| {
+        let track = matches.track(at);
+        let seen = track[1..].iter().find(|(other, _)| *other == view);
+        seen.is_some_and(|seen| {
+            let rays = ray_match(camera, matches, [track[0], *seen]);
+            moved_sigmas(&rays, rotation_alone) >= MIN_MOVED
+        })
+    };
+    (0..model.points.len())
+        .filter(|at| matches.parallax_degrees(&model, *at) >= MIN_PARALLAX_DEGREES && is_moved(*at))
+        .count()
+}
+
+/// Rays of two observations of a feature.
+fn ray_match(camera: &Pinhole, matches: &AnchorMatches<'_>, seen: [(usize, u32); 2]) -> RayMatch {
+    let measured = seen.map(|seen| matches.measurement(seen));
+    let [first, second] = measured.map(|one| camera.ray(&one.pixel));
+    RayMatch {
+        first,
+        second,
+        sigma: measured[0].sigma_px.max(measured[1].sigma_px) / camera.fx,
+    }
 }
 
 /// How the cameras of two models differ, in median over those of both.

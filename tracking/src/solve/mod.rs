@@ -1,6 +1,7 @@
 //! Poses from correspondences: refinement, minimal solvers, consensus.
 
 mod p3p;
+mod plane;
 mod pnp;
 mod pose;
 mod relative;
