@@ -104,15 +104,20 @@ pub(crate) fn relative_poses(
         .into_iter()
         .flat_map(|rotation| {
             DIRECTIONS.map(|direction| (rotation, Unit::new_normalize(Vector3::from(direction))))
-        });
+        })
+        .map(|start| (start, &SCALES[..]));
+    // A wide kernel would take one solution of a plane to the other.
+    let of_plane = motions_of_plane(matches)
+        .into_iter()
+        .map(|start| (start, &SCALES[2..]));
     let mut found: Vec<(f64, Motion)> = all_around
-        .chain(motions_of_plane(matches))
-        .map(|(rotation, direction)| {
+        .chain(of_plane)
+        .map(|((rotation, direction), scales)| {
             let start = Motion {
                 rotation,
                 direction,
             };
-            let motion = refine(matches, start);
+            let motion = refine(matches, start, scales);
             (cost(matches, &motion, BOUND), motion)
         })
         .collect();
@@ -253,9 +258,9 @@ fn agreeing(matches: &[RayMatch], motion: &Motion) -> usize {
         .count()
 }
 
-fn refine(matches: &[RayMatch], start: Motion) -> Motion {
+fn refine(matches: &[RayMatch], start: Motion, scales: &[(f64, usize)]) -> Motion {
     let mut motion = start;
-    for (scale, steps) in SCALES {
+    for &(scale, steps) in scales {
         for _ in 0..steps {
             let (mut normal, mut gradient) = (Matrix5::zeros(), Vector5::zeros());
             let (u, v) = tangent(&motion.direction);
