@@ -122,9 +122,22 @@ pub(crate) struct StartsArgs {
     #[arg(long, value_name = "N", default_value_t = 300)]
     pub(crate) frames: usize,
 
+    /// With depth or with one camera only; without, both.
+    #[arg(long, value_enum)]
+    pub(crate) mode: Option<StartsMode>,
+
     /// Where the table goes.
     #[command(flatten)]
     pub(crate) output: OutputArgs,
+}
+
+/// What starts are tracked from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum StartsMode {
+    /// Depth images or stereo pairs.
+    Depth,
+    /// One camera.
+    Mono,
 }
 
 /// Arguments of `tables`.

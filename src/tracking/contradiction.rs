@@ -1,7 +1,7 @@
-//! Whether places that were seen again contradict the path.
+//! Whether the images contradict the path: places that were seen again, and models made of matches alone.
 
 use linecarve_sequence::Sequence;
-use linecarve_tracking::LoopReport;
+use linecarve_tracking::{LoopReport, MapCheck};
 
 /// Refused loops turn paths that merely drift by less than 6 degrees (recordings and rendered rooms, one camera), and torn maps by
 /// more than 20.
@@ -24,6 +24,50 @@ pub(super) fn contradiction(loops: &[LoopReport], sequence: &Sequence) -> Option
     ))
 }
 
+/// A warning, when the map of one camera differs from models that were made of matches alone, or could not be compared.
+pub(super) fn map_contradiction(check: &MapCheck, sequence: &Sequence) -> Option<String> {
+    let name = |frame: u32| &sequence.frames()[frame as usize].name;
+    let places = check.contradictions.len();
+    let (Some(first), Some(last)) = (check.contradictions.first(), check.contradictions.last())
+    else {
+        return (check.compared == 0).then(|| {
+            "the map could not be confirmed: nowhere do matches alone determine how the camera moved (a flat scene, or hardly any \
+             sideways motion). It may be wrong"
+                .to_owned()
+        });
+    };
+    let turn = check
+        .contradictions
+        .iter()
+        .map(|one| one.turn_degrees)
+        .fold(0.0, f64::max);
+    if !check.cuts.is_empty() {
+        let cuts: Vec<String> = check
+            .cuts
+            .iter()
+            .map(|[first, last]| format!("{} to {}", name(*first), name(*last)))
+            .collect();
+        return Some(format!(
+            "the map tore: from frame {} the images contradict the poses of the cameras around (turned by up to {turn:.0} degrees). \
+             Frames there have no pose, and the parts before and after are sub-maps of their own",
+            cuts.join(", and from ")
+        ));
+    }
+    let position = match first.frame == last.frame {
+        true => format!("around frame {}", name(first.frame)),
+        false => format!(
+            "between frames {} and {}",
+            name(first.frame),
+            name(last.frame)
+        ),
+    };
+    Some(format!(
+        "the map is wrong {position}: at {places} of {} keyframes that were compared, the images contradict the poses of the cameras \
+         around (turned by up to {turn:.0} degrees). Give two frames that start the map with --start-pair, or leave out those",
+        check.compared,
+    ))
+}
+
 /// Refused loops after the last one that was closed, beyond what drift explains.
 fn contradicting(loops: &[LoopReport]) -> Vec<&LoopReport> {
     let closed = loops.iter().rposition(|one| one.is_closed);
@@ -35,6 +79,7 @@ fn contradicting(loops: &[LoopReport]) -> Vec<&LoopReport> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use linecarve_tracking::Contradiction;
 
     fn of(frame: u32, rotation_degrees: f64, is_closed: bool) -> LoopReport {
         LoopReport {
@@ -63,8 +108,7 @@ mod tests {
         assert_eq!(found, [50, 52]);
     }
 
-    #[test]
-    fn the_warning_names_the_frames() {
+    fn six_frames() -> (tempfile::TempDir, Sequence) {
         let folder = tempfile::tempdir().unwrap();
         let options = linecarve_synth::SynthOptions {
             scene: linecarve_synth::SceneKind::Corner,
@@ -76,6 +120,48 @@ mod tests {
         };
         linecarve_synth::write_sequence(&options, folder.path(), &|_, _| {}).unwrap();
         let sequence = Sequence::open(folder.path(), &Default::default()).unwrap();
+        (folder, sequence)
+    }
+
+    #[test]
+    fn a_wrong_map_is_called_wrong() {
+        let (_folder, sequence) = six_frames();
+        let at = |frame: u32, turn_degrees: f64| Contradiction {
+            frame,
+            turn_degrees,
+            direction_degrees: 40.0,
+        };
+        let mut check = MapCheck {
+            compared: 5,
+            ..MapCheck::default()
+        };
+        assert_eq!(map_contradiction(&check, &sequence), None);
+        check.contradictions.push(at(2, 3.0));
+        let warning = map_contradiction(&check, &sequence).unwrap();
+        assert!(
+            warning.contains("wrong around frame frame-000002: at 1 of 5"),
+            "{warning}"
+        );
+        check.contradictions.push(at(4, 8.2));
+        let warning = map_contradiction(&check, &sequence).unwrap();
+        assert!(
+            warning.contains("frame-000002 and frame-000004"),
+            "{warning}"
+        );
+        assert!(warning.contains("up to 8 degrees"), "{warning}");
+        check.cuts.push([1, 4]);
+        let warning = map_contradiction(&check, &sequence).unwrap();
+        assert!(
+            warning.contains("from frame frame-000001 to frame-000004"),
+            "{warning}"
+        );
+        let warning = map_contradiction(&MapCheck::default(), &sequence).unwrap();
+        assert!(warning.contains("could not be confirmed"), "{warning}");
+    }
+
+    #[test]
+    fn the_warning_names_the_frames() {
+        let (_folder, sequence) = six_frames();
         let warning = contradiction(&[of(5, 85.2, false)], &sequence).unwrap();
         assert!(
             warning.contains("between frames frame-000003 and frame-000005"),

@@ -5,7 +5,6 @@ use std::path::Path;
 use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 
 use super::calibrate::open_unposed;
-use super::contradiction::contradiction;
 use super::run::{TrackError, TrackingMode, track_sequence};
 use crate::run::Verbosity;
 
@@ -66,7 +65,7 @@ pub(crate) fn open_or_track(
             .iter()
             .map(|(_, error)| format!("{error}: the frame is left out")),
     );
-    warnings.extend(contradiction(&tracked.recording.loops, &sequence));
+    warnings.extend(tracked.warnings(&sequence));
     let poses: Vec<_> = tracked.poses().collect();
     let total = sequence.frames().len();
     if poses.is_empty() {

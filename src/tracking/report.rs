@@ -1,10 +1,9 @@
 //! `track.json`.
 
 use linecarve_sequence::{Sequence, StereoPair};
-use linecarve_tracking::{FramePose, LoopReport, NoPose};
+use linecarve_tracking::{FramePose, LoopReport, MapCheck, NoPose};
 use serde::Serialize;
 
-use super::contradiction::contradiction;
 use super::run::{TrackedSequence, TrackingMode};
 
 /// Contents of `track.json`.
@@ -36,6 +35,9 @@ pub struct TrackReport {
     pub submaps: Vec<SubmapReport>,
     /// Loops that were closed or refused.
     pub loops: Vec<LoopReport>,
+    /// Of one camera: keyframes around which the map was compared with models made of matches alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map_check: Option<MapCheck>,
     /// What contradicts the poses.
     pub warnings: Vec<String>,
     /// Durations in milliseconds.
@@ -182,7 +184,8 @@ impl TrackReport {
             keyframes: submaps.first().map_or(0, |submap| submap.keyframes.len()),
             submaps,
             loops: recording.loops.clone(),
-            warnings: Vec::from_iter(contradiction(&recording.loops, sequence)),
+            map_check: recording.check.clone(),
+            warnings: tracked.warnings(sequence),
             milliseconds: Milliseconds {
                 load: mean(tracked.times.load),
                 depth: mean(tracked.times.depth),

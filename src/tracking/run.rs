@@ -11,6 +11,7 @@ use linecarve_tracking::{
 use nalgebra::{Isometry3, UnitQuaternion};
 use rayon::prelude::*;
 
+use super::contradiction::{contradiction, map_contradiction};
 use crate::front_end::median_scene_depth;
 use crate::run::{Progress, StageTimes, Verbosity, milliseconds};
 
@@ -77,6 +78,17 @@ impl TrackedSequence {
     /// Frames with a pose in the largest sub-map, with `world_from_camera`.
     pub fn poses(&self) -> impl Iterator<Item = (usize, Isometry3<f64>)> {
         self.poses_in(0)
+    }
+
+    /// What contradicts the poses.
+    pub fn warnings(&self, sequence: &Sequence) -> Vec<String> {
+        let of_check = self.recording.check.as_ref();
+        // Nothing is compared where there is no map.
+        let of_check = of_check.filter(|_| !self.recording.submaps.is_empty());
+        contradiction(&self.recording.loops, sequence)
+            .into_iter()
+            .chain(of_check.and_then(|check| map_contradiction(check, sequence)))
+            .collect()
     }
 
     pub(crate) fn poses_in(&self, number: usize) -> impl Iterator<Item = (usize, Isometry3<f64>)> {

@@ -10,6 +10,7 @@ use crate::records::{FrameRecord, LoopReport, NoPose, PosedFrame, StageTimes};
 use crate::snapshot::points_of;
 use crate::solve::refine_pose;
 use crate::tracker::Tracker;
+use crate::verification::MapCheck;
 
 /// Steps of the robust and of the last round of the global adjustment.
 const GLOBAL_STEPS: [usize; 2] = [10, 15];
@@ -59,6 +60,8 @@ pub struct TrackedRecording {
     pub submaps: Vec<Submap>,
     /// Loops that were closed or refused.
     pub loops: Vec<LoopReport>,
+    /// Of one camera: how the map compares with the images around some keyframes.
+    pub check: Option<MapCheck>,
     /// Durations.
     pub times: StageTimes,
 }
@@ -97,6 +100,7 @@ impl Tracker {
                 self.adjust_submap(submap);
             }
             if !self.map.keyframes.is_empty() {
+                self.verify();
                 self.retry_missing();
             }
         }
@@ -113,6 +117,19 @@ impl Tracker {
             .collect();
         self.times.finish_ms = start.elapsed().as_secs_f64() * 1e3;
         self.summarise(found)
+    }
+
+    /// Compares the map of one camera with the images, and separates what they contradict.
+    fn verify(&mut self) {
+        if !self.options.is_monocular {
+            return;
+        }
+        let mut check = self.check_map(0);
+        let kept = self.separate(0, &mut check);
+        for submap in kept.iter().filter(|_| !check.cuts.is_empty()) {
+            self.adjust_submap(*submap);
+        }
+        self.check = Some(check);
     }
 
     fn adjust_submap(&mut self, submap: u32) {
@@ -168,6 +185,10 @@ impl Tracker {
             .iter()
             .filter_map(|(point, measurement)| {
                 let point = self.map.current(*point)?;
+                let (first, _) = self.map.point(point).observations.first()?;
+                if self.map.keyframe(*first).submap != submap {
+                    return None;
+                }
                 Some((self.map.point(point).position, *measurement))
             })
             .collect();
@@ -234,7 +255,9 @@ impl Tracker {
         for (submap, _, _) in found.iter().flatten() {
             counts[*submap as usize] += 1;
         }
-        let mut order: Vec<usize> = (0..counts.len()).filter(|&at| counts[at] > 0).collect();
+        let mut order: Vec<usize> = (0..counts.len())
+            .filter(|&at| counts[at] > 0 && !self.refuted.contains(&(at as u32)))
+            .collect();
         order.sort_by_key(|&at| (std::cmp::Reverse(counts[at]), at));
         let mut rank = 0;
         // Two views of a plane have two solutions: without depth, a map that hardly any other frame fits is not believed.
@@ -251,12 +274,14 @@ impl Tracker {
             .map(|one| match one {
                 Ok((submap, world_from_camera, matches)) => {
                     let number = order.iter().position(|&at| at == submap as usize);
-                    number.map_or(FramePose::Unknown(NoPose::ShortMap), |submap| {
-                        FramePose::Known {
-                            submap,
-                            world_from_camera,
-                            matches,
-                        }
+                    let reason = match self.refuted.contains(&submap) {
+                        true => NoPose::Contradicted,
+                        false => NoPose::ShortMap,
+                    };
+                    number.map_or(FramePose::Unknown(reason), |submap| FramePose::Known {
+                        submap,
+                        world_from_camera,
+                        matches,
                     })
                 }
                 Err(reason) => FramePose::Unknown(reason),
@@ -270,6 +295,7 @@ impl Tracker {
             poses,
             submaps,
             loops: self.loops,
+            check: self.check,
             times: self.times,
         }
     }

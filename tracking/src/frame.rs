@@ -86,7 +86,7 @@ impl FrameDetector {
         self.with_depths(features, inverse_depths)
     }
 
-    fn with_depths(
+    pub(crate) fn with_depths(
         &self,
         features: Features,
         inverse_depths: Vec<Option<[f32; 2]>>,

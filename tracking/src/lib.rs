@@ -16,11 +16,13 @@ mod matching;
 mod options;
 mod places;
 mod records;
+mod separation;
 mod snapshot;
 mod solve;
 mod stereo;
 mod submaps;
 mod tracker;
+mod verification;
 
 pub use finish::{FramePose, Submap, TrackedRecording};
 pub use frame::{FrameDetector, FrameFeatures};
@@ -28,6 +30,7 @@ pub use options::{TrackingOptions, TrackingOptionsError};
 pub use records::{FrameOutcome, LoopReport, NoPose, StageTimes};
 pub use snapshot::MapSnapshot;
 pub use tracker::Tracker;
+pub use verification::{Contradiction, MapCheck};
 
 #[cfg(test)]
 mod tests;

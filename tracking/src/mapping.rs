@@ -292,6 +292,10 @@ impl Tracker {
 
     /// Removes neighbours of a keyframe whose points others see as well.
     fn cull_keyframes(&mut self, newest: KeyframeId) {
+        // Without depth, the tracks of points through many keyframes carry shape and scale.
+        if self.options.is_monocular {
+            return;
+        }
         for id in self.map.neighbors(newest, usize::MAX) {
             let keyframe = self.map.keyframe(id);
             if keyframe.parent.is_none() || id == newest || !keyframe.loops.is_empty() {

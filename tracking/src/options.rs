@@ -77,10 +77,11 @@ pub struct TrackingOptionsError {
 }
 
 impl TrackingOptions {
-    /// Defaults for images of one camera without depth: more features, as their depth must come from parallax.
+    /// Defaults for images of one camera without depth: more features, as their depth must come from parallax, and more keyframes.
     pub fn monocular() -> Self {
         Self {
             features: 1500,
+            keyframe_frames: 4,
             is_monocular: true,
             ..Self::default()
         }

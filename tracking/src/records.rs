@@ -31,6 +31,8 @@ pub enum NoPose {
     },
     /// The sub-map around it is too short to be believed.
     ShortMap,
+    /// The images contradict the map around it.
+    Contradicted,
 }
 
 impl std::fmt::Display for NoPose {
@@ -50,6 +52,7 @@ impl std::fmt::Display for NoPose {
             Self::NoMatch { matched } => {
                 write!(f, "only {matched} corners agree with the map")
             }
+            Self::Contradicted => write!(f, "the images contradict the map around it"),
             Self::ShortMap => write!(f, "the sub-map around it has too few frames"),
         }
     }

@@ -13,6 +13,7 @@ use crate::map::{KeyframeId, Map, PointId};
 use crate::options::{TrackingOptions, TrackingOptionsError};
 use crate::places::Places;
 use crate::records::{FrameOutcome, FrameRecord, LoopReport, NoPose, PosedFrame, StageTimes};
+use crate::verification::MapCheck;
 
 /// Least share of the matches near predicted positions that agree with a pose: of a wrong pose, few matches do.
 const MIN_AGREEING: f64 = 0.3;
@@ -78,6 +79,10 @@ pub struct Tracker {
     pub(crate) loops: Vec<LoopReport>,
     pub(crate) times: StageTimes,
     pub(crate) submaps: u32,
+    /// Sub-maps that the images contradict.
+    pub(crate) refuted: Vec<u32>,
+    /// How the map of one camera compares with the images.
+    pub(crate) check: Option<MapCheck>,
     pub(crate) recent_points: Vec<PointId>,
     last: Option<Frame>,
     /// `camera_from_last_camera` of the last two tracked frames.
@@ -116,6 +121,8 @@ impl Tracker {
             loops: Vec::new(),
             times: StageTimes::default(),
             submaps: 0,
+            refuted: Vec::new(),
+            check: None,
             recent_points: Vec::new(),
             last: None,
             velocity: Isometry3::identity(),
@@ -163,12 +170,12 @@ impl Tracker {
         }
     }
 
-    /// Starts the map of one camera from the views that wait, and tracks the others of them: backwards from the second view of
-    /// the first map, then forwards. Without a map, the older half stops waiting.
+    /// Starts the map of one camera from the views that wait, and tracks the others of them: backwards from the anchor of the first
+    /// map, then forwards. Without a map, the older half stops waiting.
     pub(crate) fn start_from_waiting(&mut self) {
         let mut waiting = std::mem::take(&mut self.waiting);
         let first = self.frames - waiting.len() as u32;
-        let Some(([a, b], frame)) = self.start_from_pair(&waiting, first) else {
+        let Some(started) = self.start_from_views(&waiting, first) else {
             let rest = waiting.split_off(waiting.len().div_ceil(2));
             for (number, view) in (first..).zip(waiting) {
                 self.miss(number, view, NoPose::NoStart);
@@ -176,20 +183,32 @@ impl Tracker {
             self.waiting = rest;
             return;
         };
-        self.lost_for = 0;
-        self.last = Some(frame.clone());
-        let reference = self.reference;
-        for at in (0..b).rev().filter(|at| *at != a) {
-            let view = std::mem::take(&mut waiting[at]);
-            self.track_frame(first + at as u32, view);
+        let anchor = started[0].0;
+        let backwards = (0..anchor).rev();
+        let forwards = anchor + 1..waiting.len();
+        for order in [backwards.collect::<Vec<_>>(), forwards.collect()] {
+            self.continue_from(&started[0]);
+            for at in order {
+                match started.iter().find(|(other, _, _)| *other == at) {
+                    Some(known) => self.continue_from(known),
+                    None => {
+                        let view = std::mem::take(&mut waiting[at]);
+                        self.track_frame(first + at as u32, view);
+                    }
+                }
+            }
         }
+    }
+
+    /// The next frame follows one of the first map.
+    fn continue_from(&mut self, (_, frame, keyframe): &(usize, Frame, KeyframeId)) {
+        let mut frame = frame.clone();
+        frame.camera_from_world = self.map.pose_of(*keyframe);
         self.lost_for = 0;
+        self.last_keyframe_frame = frame.number;
         self.last = Some(frame);
-        self.reference = reference;
+        self.reference = *keyframe;
         self.velocity = Isometry3::identity();
-        for (number, view) in (first..).zip(waiting).skip(b + 1) {
-            self.track_frame(number, view);
-        }
     }
 
     /// Tracks the next frame without a preceding one.

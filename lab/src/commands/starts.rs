@@ -10,7 +10,7 @@ use linecarve_sequence::{OpenOptions, Sequence, TimedPoses, TrajectoryAlignment}
 use serde::Serialize;
 
 use super::published::publish;
-use crate::cli::StartsArgs;
+use crate::cli::{StartsArgs, StartsMode};
 
 /// Least share of the frames with a pose, largest error of positions, and largest share of the error of a camera that stands
 /// still: of a success.
@@ -34,6 +34,8 @@ struct Row {
     /// That of a camera that stands still.
     spread: Option<f64>,
     is_success: bool,
+    /// Whether the run warns that the map is wrong, or may be.
+    is_warned: bool,
 }
 
 /// Runs the command.
@@ -50,7 +52,12 @@ pub(super) fn run(args: &StartsArgs, verbosity: Verbosity) -> anyhow::Result<Out
             with_depth => vec![with_depth, TrackingMode::Mono],
         };
         let frames = first.frames().len();
-        for mode in modes {
+        let is_wanted = |mode: &TrackingMode| match args.mode {
+            None => true,
+            Some(StartsMode::Depth) => *mode != TrackingMode::Mono,
+            Some(StartsMode::Mono) => *mode == TrackingMode::Mono,
+        };
+        for mode in modes.into_iter().filter(is_wanted) {
             for start in 0..args.starts {
                 let share = STARTS_WITHIN * start as f64 / args.starts as f64;
                 let from = (share * frames as f64) as usize;
@@ -60,12 +67,12 @@ pub(super) fn run(args: &StartsArgs, verbosity: Verbosity) -> anyhow::Result<Out
         }
     }
     let mut table =
-        "| recording | mode | first frame | frames | with a pose | error | standing still | |\n|---|---|---|---|---|---|---|---|\n"
+        "| recording | mode | first frame | frames | with a pose | error | standing still | | warned |\n|---|---|---|---|---|---|---|---|---|\n"
             .to_owned();
     for row in &rows {
         let length = |value: Option<f64>| value.map_or("-".to_owned(), |it| format!("{it:.4}"));
         table.push_str(&format!(
-            "| {} | {} | {} | {} | {:.0} % | {} | {} | {} |\n",
+            "| {} | {} | {} | {} | {:.0} % | {} | {} | {} | {} |\n",
             row.recording,
             row.mode,
             row.first,
@@ -78,11 +85,16 @@ pub(super) fn run(args: &StartsArgs, verbosity: Verbosity) -> anyhow::Result<Out
             } else {
                 "**failed**"
             },
+            if row.is_warned { "yes" } else { "no" },
         ));
     }
+    let silent = rows
+        .iter()
+        .filter(|row| !row.is_success && !row.is_warned && row.coverage >= MIN_COVERAGE)
+        .count();
     let successes = rows.iter().filter(|row| row.is_success).count();
     table.push_str(&format!(
-        "\n{successes} of {} starts succeed.\n",
+        "\n{successes} of {} starts succeed; {silent} have poses that are wrong without a warning.\n",
         rows.len()
     ));
     publish("starts", &table, &rows, &args.output)?;
@@ -140,6 +152,7 @@ fn one_start(
         coverage: estimate.poses.len() as f64 / frames.len().max(1) as f64,
         error: found.as_ref().map(|it| it.position.rmse),
         spread: found.as_ref().map(|it| it.spread),
+        is_warned: !tracked.warnings(&sequence).is_empty(),
         is_success: found.is_some_and(|it| {
             it.coverage >= MIN_COVERAGE
                 && it.position.rmse < MAX_ERROR

@@ -1,10 +1,11 @@
 //! Poses from correspondences: refinement, minimal solvers, consensus.
 
 mod p3p;
+mod plane;
 mod pnp;
 mod pose;
 mod relative;
 
 pub(crate) use pnp::{Correspondence, pose_by_consensus};
 pub(crate) use pose::refine_pose;
-pub(crate) use relative::{RayMatch, moved_sigmas, relative_pose};
+pub(crate) use relative::{RayMatch, RelativePose, moved_sigmas, relative_poses};

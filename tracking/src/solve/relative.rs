@@ -7,6 +7,7 @@ use nalgebra::{
 use rand::seq::index::sample_array;
 use rand_chacha::ChaCha8Rng;
 
+use super::plane::motions_of_plane;
 use crate::camera::cauchy;
 
 /// Samples of two matches from which a rotation is sought.
@@ -18,8 +19,15 @@ const SCALES: [(f64, usize); 4] = [(2500.0, 6), (100.0, 6), (16.0, 6), (4.0, 6)]
 /// A match agrees with a pose within this squared distance from the epipolar line in variances: 95 % of one degree of freedom.
 const BOUND: f64 = 3.841;
 
-/// Poses with which this share of the largest number of matches agree compete by the points in front.
-const NEARLY_AS_MANY: f64 = 0.95;
+/// Poses with which at least this share of the largest number of matches agree are kept.
+const NEARLY_AS_MANY: f64 = 0.8;
+
+/// Most poses that are kept.
+const MAX_POSES: usize = 3;
+
+/// Cosine of the angle between the translations of distinct poses, or the angle between their rotations.
+const DISTINCT_COSINE: f64 = 0.95;
+const DISTINCT_RAD: f64 = 0.03;
 
 /// Directions of translation from which the refinement starts: those of a cube's faces, edges and corners, one of each pair.
 const DIRECTIONS: [[f64; 3]; 13] = [
@@ -53,8 +61,13 @@ pub(crate) struct RelativePose {
     pub(crate) second_from_first: Isometry3<f64>,
     /// Number of matches that agree with it.
     pub(crate) inliers: usize,
-    /// Number of matches that agree with the best clearly different pose.
-    pub(crate) rival: usize,
+}
+
+/// Relative poses that matches agree with, and what they are compared with.
+#[derive(Debug, Clone)]
+pub(crate) struct RelativePoses {
+    /// Clearly different poses, the one with the smallest errors first; never empty.
+    pub(crate) poses: Vec<RelativePose>,
     /// The rotation that explains the matches best without any translation.
     pub(crate) rotation_alone: UnitQuaternion<f64>,
 }
@@ -65,55 +78,83 @@ struct Motion {
     direction: Unit<Vector3<f64>>,
 }
 
-/// The relative pose with which matches agree best; `None` for fewer than eight matches.
+impl Motion {
+    /// Whether two motions are clearly different, whatever the sign of the translation.
+    fn differs_from(&self, other: &Self) -> bool {
+        self.direction.dot(&other.direction).abs() < DISTINCT_COSINE
+            || self.rotation.angle_to(&other.rotation) > DISTINCT_RAD
+    }
+}
+
+/// The relative poses that explain matches about as well as the best one does; `None` for fewer than eight matches.
 ///
 /// A rotation alone, and none, start the search; they are refined together with the translation from directions all around, by
-/// Gauss-Newton steps on the distances from epipolar lines with a kernel that narrows. Of poses with which nearly as many agree
-/// (a plane has two), that with most points in front of both views is taken; further views must confirm it. No minimal solver and
-/// no choice between planes and general scenes is needed, because views of a video turn by less than a quarter turn.
-pub(crate) fn relative_pose(matches: &[RayMatch], random: &mut ChaCha8Rng) -> Option<RelativePose> {
+/// Gauss-Newton steps on the distances from epipolar lines with a kernel that narrows. Two views of a plane have two solutions with
+/// equal errors (Longuet-Higgins, 1986), which further views must tell apart; the search starts from them, too. No minimal solver and no choice between planes and
+/// general scenes is needed, because views of a video turn by less than a quarter turn.
+pub(crate) fn relative_poses(
+    matches: &[RayMatch],
+    random: &mut ChaCha8Rng,
+) -> Option<RelativePoses> {
     if matches.len() < 8 {
         return None;
     }
     let rotation = common_rotation(matches, random)?;
-    let mut found: Vec<(f64, Motion)> = [rotation, UnitQuaternion::identity()]
+    let all_around = [rotation, UnitQuaternion::identity()]
         .into_iter()
-        .flat_map(|rotation| DIRECTIONS.map(|direction| (rotation, direction)))
-        .map(|(rotation, direction)| {
+        .flat_map(|rotation| {
+            DIRECTIONS.map(|direction| (rotation, Unit::new_normalize(Vector3::from(direction))))
+        })
+        .map(|start| (start, &SCALES[..]));
+    // A wide kernel would take one solution of a plane to the other.
+    let of_plane = motions_of_plane(matches)
+        .into_iter()
+        .map(|start| (start, &SCALES[2..]));
+    let mut found: Vec<(f64, Motion)> = all_around
+        .chain(of_plane)
+        .map(|((rotation, direction), scales)| {
             let start = Motion {
                 rotation,
-                direction: Unit::new_normalize(Vector3::from(direction)),
+                direction,
             };
-            let motion = refine(matches, start);
+            let motion = refine(matches, start, scales);
             (cost(matches, &motion, BOUND), motion)
         })
         .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let most = agreeing(matches, &found[0].1);
-    let (mut best, mut in_front) = (found[0].1, 0);
-    for (_, motion) in &found {
-        let count = votes(matches, motion).unsigned_abs();
-        if agreeing(matches, motion) as f64 >= NEARLY_AS_MANY * most as f64
-            && count as f64 > 1.05 * in_front as f64
-        {
-            (best, in_front) = (*motion, count);
+    let most = found
+        .iter()
+        .map(|(_, motion)| agreeing(matches, motion))
+        .max()?;
+    let mut distinct: Vec<Motion> = Vec::new();
+    for (_, motion) in found {
+        let is_new = distinct.iter().all(|other| motion.differs_from(other));
+        if is_new && agreeing(matches, &motion) as f64 >= NEARLY_AS_MANY * most as f64 {
+            distinct.push(motion);
+        }
+        if distinct.len() == MAX_POSES {
+            break;
         }
     }
-    let rival = found
-        .iter()
-        .find(|(_, other)| {
-            let along = other.direction.dot(&best.direction).abs();
-            along < 0.9 || other.rotation.angle_to(&best.rotation) > 0.1
+    let poses = distinct
+        .into_iter()
+        .map(|motion| {
+            let sign = if votes(matches, &motion) < 0 {
+                -1.0
+            } else {
+                1.0
+            };
+            RelativePose {
+                second_from_first: Isometry3::from_parts(
+                    Translation3::from(motion.direction.into_inner() * sign),
+                    motion.rotation,
+                ),
+                inliers: agreeing(matches, &motion),
+            }
         })
-        .map_or(0, |(_, other)| agreeing(matches, other));
-    let sign = if votes(matches, &best) < 0 { -1.0 } else { 1.0 };
-    Some(RelativePose {
-        second_from_first: Isometry3::from_parts(
-            Translation3::from(best.direction.into_inner() * sign),
-            best.rotation,
-        ),
-        inliers: agreeing(matches, &best),
-        rival,
+        .collect();
+    Some(RelativePoses {
+        poses,
         rotation_alone: refine_rotation(matches, rotation),
     })
 }
@@ -217,9 +258,9 @@ fn agreeing(matches: &[RayMatch], motion: &Motion) -> usize {
         .count()
 }
 
-fn refine(matches: &[RayMatch], start: Motion) -> Motion {
+fn refine(matches: &[RayMatch], start: Motion, scales: &[(f64, usize)]) -> Motion {
     let mut motion = start;
-    for (scale, steps) in SCALES {
+    for &(scale, steps) in scales {
         for _ in 0..steps {
             let (mut normal, mut gradient) = (Matrix5::zeros(), Vector5::zeros());
             let (u, v) = tangent(&motion.direction);
@@ -347,19 +388,21 @@ mod tests {
                 Vector3::new(number(0.2), number(0.2), number(0.2)),
             );
             let matches = scene(&truth, is_plane, seed);
-            let found = relative_pose(&matches, &mut random).unwrap();
-            let turn = found.second_from_first.rotation.angle_to(&truth.rotation);
-            let along = found
-                .second_from_first
-                .translation
-                .vector
-                .dot(&truth.translation.vector.normalize());
-            assert!(found.inliers > 130, "{found:?}");
+            let found = relative_poses(&matches, &mut random).unwrap();
+            assert!(found.poses[0].inliers > 130, "{found:?}");
+            // A plane determines the motion less well.
+            let [most, least] = if is_plane { [0.06, 0.9] } else { [0.02, 0.98] };
+            let is_right = |pose: &RelativePose| {
+                let found = pose.second_from_first;
+                let direction = truth.translation.vector.normalize();
+                found.rotation.angle_to(&truth.rotation) < most
+                    && found.translation.vector.dot(&direction) > least
+            };
             // A plane seen twice has two solutions.
-            assert!(
-                is_plane || (turn < 0.02 && along > 0.98),
-                "{seed}: {turn} {along}"
-            );
+            match is_plane {
+                true => assert!(found.poses.iter().any(is_right), "{seed}: {found:?}"),
+                false => assert!(is_right(&found.poses[0]), "{seed}: {found:?}"),
+            }
         }
     }
 
@@ -367,6 +410,6 @@ mod tests {
     fn few_matches_give_no_pose() {
         let matches = scene(&Isometry3::translation(0.3, 0.0, 0.0), false, 1);
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        assert!(relative_pose(&matches[..7], &mut random).is_none());
+        assert!(relative_poses(&matches[..7], &mut random).is_none());
     }
 }
