@@ -131,10 +131,8 @@ mod tests {
             turn_degrees,
             direction_degrees: 40.0,
         };
-        let mut check = MapCheck {
-            compared: 5,
-            ..MapCheck::default()
-        };
+        let mut check = MapCheck::default();
+        check.compared = 5;
         assert_eq!(map_contradiction(&check, &sequence), None);
         check.contradictions.push(at(2, 3.0));
         let warning = map_contradiction(&check, &sequence).unwrap();

@@ -35,7 +35,7 @@ const LEAST_QUALITY: f64 = 0.1;
 /// Vertices keep their order and take the colour of the nearer end of each collapsed edge.
 ///
 /// # Complexity
-/// Linear in the triangles, where few meet at a vertex, but for sorting the edges of each round; rounds shrink by a share.
+/// Linear in the triangles, where few meet at a vertex; rounds shrink by a share.
 pub fn thin(mesh: &mut TriangleMesh, options: &ThinOptions) {
     let mut state = Thinning::new(mesh, options);
     let mut is_used = vec![false; state.positions.len()];
@@ -158,7 +158,9 @@ struct Thinning {
     boundaries: Vec<Planes>,
     boundary_of: Vec<u32>,
     is_fixed: Vec<bool>,
-    scratch: [Vec<u32>; 2],
+    /// What [`common_neighbours`](Self::common_neighbours) last said of each vertex, and the largest number so far.
+    marks: Vec<u64>,
+    last_mark: u64,
 }
 
 fn edges_of(&[a, b, c]: &[u32; 3]) -> [[u32; 2]; 3] {
@@ -234,23 +236,20 @@ impl Thinning {
             boundaries,
             boundary_of,
             is_fixed,
-            scratch: Default::default(),
+            marks: vec![0; count],
+            last_mark: 0,
         }
     }
 
-    /// All edges, ascending.
+    /// All edges in the order of triangles, some of them twice.
     fn edges(&self) -> Vec<[u32; 2]> {
         let triangles = self.triangles.iter().zip(&self.is_removed);
         let left = triangles.filter(|(_, is_removed)| !**is_removed);
         // Two triangles have an edge in opposite directions, except at boundaries.
-        let mut edges: Vec<[u32; 2]> = left
-            .flat_map(|(triangle, _)| edges_of(triangle))
+        left.flat_map(|(triangle, _)| edges_of(triangle))
             .filter(|[a, b]| a < b || (self.is_on_boundary(*a) && self.is_on_boundary(*b)))
             .map(|[a, b]| [a.min(b), a.max(b)])
-            .collect();
-        edges.sort_unstable();
-        edges.dedup();
-        edges
+            .collect()
     }
 
     /// The triangles at a vertex with their numbers.
@@ -261,13 +260,25 @@ impl Thinning {
             .map(|number| (number, self.triangles[number as usize]))
     }
 
-    /// The vertices that share an edge with a vertex, ascending.
-    fn neighbours(&self, vertex: u32, into: &mut Vec<u32>) {
-        into.clear();
-        let corners = self.around(vertex).flat_map(|(_, corners)| corners);
-        into.extend(corners.filter(|corner| *corner != vertex));
-        into.sort_unstable();
-        into.dedup();
+    /// How many vertices share an edge with both of two vertices.
+    fn common_neighbours(&mut self, a: u32, b: u32) -> usize {
+        let mut marks = std::mem::take(&mut self.marks);
+        let (near_a, counted) = (self.last_mark + 1, self.last_mark + 2);
+        for corner in self.around(a).flat_map(|(_, corners)| corners) {
+            marks[corner as usize] = near_a;
+        }
+        marks[a as usize] = counted;
+        marks[b as usize] = counted;
+        let mut common = 0;
+        for corner in self.around(b).flat_map(|(_, corners)| corners) {
+            if marks[corner as usize] == near_a {
+                marks[corner as usize] = counted;
+                common += 1;
+            }
+        }
+        self.marks = marks;
+        self.last_mark = counted;
+        common
     }
 
     fn is_on_boundary(&self, vertex: u32) -> bool {
@@ -302,14 +313,7 @@ impl Thinning {
             .around(a)
             .filter(|(_, corners)| corners.contains(&b))
             .count();
-        let [mut near_a, mut near_b] = std::mem::take(&mut self.scratch);
-        self.neighbours(a, &mut near_a);
-        self.neighbours(b, &mut near_b);
-        let common = near_a
-            .iter()
-            .filter(|it| near_b.binary_search(it).is_ok())
-            .count();
-        self.scratch = [near_a, near_b];
+        let common = self.common_neighbours(a, b);
         // Link condition: the ends have no other neighbours in common than those across the edge.
         if shared == 0 || common != shared {
             return false;
