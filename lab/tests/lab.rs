@@ -296,7 +296,7 @@ fn the_ablation_writes_rows_with_their_provenance() {
     let written = std::fs::read_to_string(&document).unwrap();
     assert!(written.contains("; 2026-11-22.\n"), "{written}");
     assert!(written.contains("linecarve-lab ablation"), "{written}");
-    assert!(written.contains("| sequence | fused from depth images; cut: the default |"));
+    assert!(written.contains("| sequence | measured triangles; cut |"));
 }
 
 #[test]

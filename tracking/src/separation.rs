@@ -2,7 +2,10 @@
 
 use crate::map::{KeyframeId, PointId};
 use crate::tracker::Tracker;
-use crate::verification::MapCheck;
+use crate::verification::{Contradiction, MapCheck};
+
+/// The map is cut where it differs from the images by more than this. Below, drift or an estimated camera may be the cause, and a warning is enough.
+const MIN_TEAR_DEGREES: f64 = 4.0;
 
 /// A stretch of frames around compared keyframes with one verdict.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,7 +18,11 @@ struct Stretch {
 /// Stretches of the frames, in order. A stretch that is contradicted takes two thirds of the frames between it and its neighbours.
 fn stretches(check: &MapCheck) -> Vec<Stretch> {
     let confirmed = check.confirmed.iter().map(|frame| (*frame, true));
-    let contradicted = check.contradictions.iter().map(|one| (one.frame, false));
+    let contradicted = check
+        .contradictions
+        .iter()
+        .filter(|one| is_torn(one))
+        .map(|one| (one.frame, false));
     let mut verdicts: Vec<(u32, bool)> = confirmed.chain(contradicted).collect();
     verdicts.sort_unstable();
     let mut found: Vec<Stretch> = Vec::new();
@@ -39,11 +46,15 @@ fn stretches(check: &MapCheck) -> Vec<Stretch> {
     found
 }
 
+fn is_torn(contradiction: &Contradiction) -> bool {
+    contradiction.turn_degrees > MIN_TEAR_DEGREES
+}
+
 impl Tracker {
     /// Cuts a sub-map where the images contradict it: what lies between becomes sub-maps of their own, and frames around the
     /// contradictions lose their poses. Nothing happens when no part is confirmed. Returns the sub-maps that are left.
     pub(crate) fn separate(&mut self, submap: u32, check: &mut MapCheck) -> Vec<u32> {
-        if check.contradictions.is_empty() || check.confirmed.is_empty() {
+        if !check.contradictions.iter().any(is_torn) || check.confirmed.is_empty() {
             return vec![submap];
         }
         let stretches = stretches(check);
