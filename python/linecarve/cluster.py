@@ -272,20 +272,27 @@ class _Stage:
         return bool(batch)
 
     def repeat_stragglers(self):
-        """Starts what is left once more, when nothing has ended for several times as long as a task takes: a machine may hang."""
+        """Starts what is left once more, when nothing has ended for a while and either a worker no longer answers, or that is several times
+        as long as a task takes: a machine may hang."""
         now = time.monotonic()
-        if self.waiting or len(self.running) > self.done or now - max(self.looked, self.progressed) < _STRAGGLER:
+        if now - max(self.looked, self.progressed) < _STRAGGLER:
             return
         self.looked = now
-        threads = sum(self.client.nthreads().values())
-        mean = (self.progressed - self.started) * threads / self.done
+        nthreads = self.client.nthreads()
+        answering = self.answering()
         names = [name for name, _ in self.running.values()]
-        # No more tasks than threads: all of them have begun.
-        if len(names) <= threads and now - self.progressed > _STRAGGLER_FACTOR * mean:
-            self.is_hanging = True
-            names = [name for name in names if self.attempts[name] == self.losses[name] + 1]
-            if names:
-                self.submit(names)
+        if answering is None or len(answering) >= len(nthreads):
+            threads = sum(nthreads.values())
+            # No more tasks than threads: all of them have begun.
+            if self.waiting or len(names) > min(self.done, threads):
+                return
+            mean = (self.progressed - self.started) * threads / self.done
+            if now - self.progressed <= _STRAGGLER_FACTOR * mean:
+                return
+        self.is_hanging = True
+        names = [name for name in names if self.attempts[name] == self.losses[name] + 1]
+        if names:
+            self.submit(names)
 
 
 def _execute(name, key, command, cancel, checkpoint=None):
