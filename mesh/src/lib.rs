@@ -2,6 +2,7 @@
 
 pub mod diff;
 mod disjoint_sets;
+mod edge_uses;
 pub mod evaluate;
 pub mod feature_edges;
 pub mod files;

@@ -14,6 +14,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::TriangleMesh;
+use crate::edge_uses::edge_uses;
 use crate::feature_edges::UniquePositions;
 
 /// How a surface is smoothed.
@@ -139,14 +140,12 @@ impl Surface {
 
     /// Sets the limits of vertices to 0 at edges that have not two triangles.
     fn hold_rims(&self, limits: &mut [f64]) {
-        let edges = |[a, b, c]: &[u32; 3]| [[*a, *b], [*b, *c], [*c, *a]];
-        let mut edges: Vec<[u32; 2]> = self.triangles.iter().flat_map(edges).collect();
-        for edge in &mut edges {
-            edge.sort_unstable();
-        }
-        edges.sort_unstable();
-        for uses in edges.chunk_by(|a, b| a == b).filter(|uses| uses.len() != 2) {
-            for vertex in uses[0] {
+        let edges = edge_uses(&self.triangles);
+        for uses in edges
+            .chunk_by(|a, b| a.0 == b.0)
+            .filter(|uses| uses.len() != 2)
+        {
+            for vertex in uses[0].0 {
                 limits[vertex as usize] = 0.0;
             }
         }

@@ -62,7 +62,7 @@ pub(super) fn map_contradiction(check: &MapCheck, sequence: &Sequence) -> Option
         ),
     };
     Some(format!(
-        "the map is wrong {position}: at {places} of {} keyframes that were compared, the images contradict the poses of the cameras \
+        "the map may be wrong {position}: at {places} of {} keyframes that were compared, the images contradict the poses of the cameras \
          around (turned by up to {turn:.0} degrees). Give two frames that start the map with --start-pair, or leave out those",
         check.compared,
     ))

@@ -93,8 +93,8 @@ fn a_scale_by_a_power_of_two_changes_nothing_else() {
     }
 }
 
-/// With 1000 every number is rounded elsewhere, depth maps at the 24 bits of `f32`. Rounding alone decides which of two edges with the same error is
-/// collapsed first where the surface is flat, so that the surfaces agree, but not their vertices.
+/// With 1000 every number is rounded elsewhere, depth maps at the 24 bits of `f32`. Rounding decides which edges are collapsed, so that the
+/// surfaces agree, but not their vertices.
 #[test]
 fn a_scale_by_a_thousand_changes_next_to_nothing() {
     let expected = reconstructed(1.0);

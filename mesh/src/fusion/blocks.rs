@@ -52,31 +52,35 @@ impl CornerBits {
 
     /// With the next corners along an axis.
     pub(super) fn with_next(&self, axis: usize) -> Self {
-        let planes = PLANES[axis];
+        let [first, second, third, last] = PLANES[axis];
         let step = 1 << axis;
-        let mut grown = FxHashMap::default();
-        for (block, bits) in &self.0 {
-            let moved = (bits & (planes[0] | planes[2])) << step | (bits & planes[1]) << (7 * step);
-            *grown.entry(*block).or_default() |= bits | moved;
-            let across = (bits & planes[3]) >> (9 * step);
-            if across != 0 {
-                *grown.entry(block.next(axis)).or_default() |= across;
-            }
-        }
-        Self(grown)
+        let next = |bits| (bits & (first | third)) << step | (bits & second) << (7 * step);
+        let across = |bits| (bits & last) >> (9 * step);
+        self.with(next, across, |block| block.next(axis))
     }
 
     /// With the corners before along an axis.
     pub(super) fn with_previous(&self, axis: usize) -> Self {
-        let planes = PLANES[axis];
+        let [first, second, third, last] = PLANES[axis];
         let step = 1 << axis;
+        let previous = |bits| (bits & (second | last)) >> step | (bits & third) >> (7 * step);
+        let across = |bits| (bits & first) << (9 * step);
+        self.with(previous, across, |block| block.previous(axis))
+    }
+
+    /// With neighbours of the corners: those in their own block, and those in the block beside it.
+    fn with(
+        &self,
+        within: impl Fn(u64) -> u64,
+        across: impl Fn(u64) -> u64,
+        beside: impl Fn(Corner) -> Corner,
+    ) -> Self {
         let mut grown = FxHashMap::default();
         for (block, bits) in &self.0 {
-            let moved = (bits & (planes[1] | planes[3])) >> step | (bits & planes[2]) >> (7 * step);
-            *grown.entry(*block).or_default() |= bits | moved;
-            let across = (bits & planes[0]) << (9 * step);
+            *grown.entry(*block).or_default() |= bits | within(*bits);
+            let across = across(*bits);
             if across != 0 {
-                *grown.entry(block.previous(axis)).or_default() |= across;
+                *grown.entry(beside(*block)).or_default() |= across;
             }
         }
         Self(grown)

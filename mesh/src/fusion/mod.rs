@@ -1,15 +1,16 @@
 //! The surface on which the depth images of several views agree.
 //!
 //! Around measured points, on the corners of a grid of cubes, the distance from the surface that each view measured along the ray is averaged.
-//! The surface lies where the mean changes its sign: one vertex in each cube that it crosses. Along edges and boundaries vertices move onto 3D line segments.
+//! The surface lies where the mean changes its sign: one vertex in each cube that it crosses. Along edges and boundaries vertices move onto 3D
+//! line segments.
 //!
 //! # Reference
 //! The mean distance: B. Curless and M. Levoy, *A volumetric method for building complex models from range images*, SIGGRAPH 1996. The
 //! vertices: S. Gibson, *Constrained elastic surface nets*, MICCAI 1998; several in a cube where it has several sheets, as in G. Nielson,
 //! *Dual marching cubes*, VIS 2004.
 //!
-//! *Differs from the papers*: distances are those from planes, where pixels lie on one, so that surfaces seen at a grazing angle are not torn. Nothing is accumulated view by view, so the result depends neither on the order of the views nor on which
-//! of them moved before.
+//! *Differs from the papers*: distances are those from planes, where pixels lie on one, so that surfaces seen at a grazing angle are not torn.
+//! Nothing is accumulated view by view, so the result depends neither on the order of the views nor on which of them moved before.
 
 mod blocks;
 mod field;
@@ -83,8 +84,8 @@ impl FusionOptions {
 }
 
 /// The surface on which the depth of all `views` agrees, with normals towards the cameras and without colours. It is manifold; where
-/// sheets touch, vertices have copies. It is open where depth ends. Where `segments` (end points in world coordinates) cross cubes along edges or boundaries, these
-/// lie on them.
+/// sheets touch, vertices have copies. It is open where depth ends. Edges and boundaries lie on `segments` (end points in world coordinates) that
+/// are near them.
 ///
 /// Empty when the side is not a positive, finite length. Points further from the origin than a million sides are left out.
 ///

@@ -1,11 +1,12 @@
-//! Vertices on 3D line segments. A grid rounds edges by up to a cube, and its surface ends anywhere in the last one: where the images show a segment along
-//! an edge or a boundary of the surface, that is where the vertices belong.
+//! Vertices on 3D line segments. A grid rounds edges by up to a cube, and its surface ends anywhere in the last one. Where the images show a
+//! segment along an edge or a boundary of the surface, the vertices belong there.
 
 use nalgebra::{Point3, Vector3};
 use rustc_hash::FxHashMap;
 
 use super::grid::Corner;
 use crate::TriangleMesh;
+use crate::edge_uses::edge_uses;
 
 /// Vertices of a boundary move to segments at most this many sides away.
 const REACH_SIDES: f64 = 1.5;
@@ -13,8 +14,8 @@ const REACH_SIDES: f64 = 1.5;
 const INWARD_REACH_SIDES: f64 = 0.75;
 /// Least cosine between a boundary and a segment along it: 60 degrees, as boundaries follow the grid in steps.
 const LEAST_COSINE: f64 = 0.5;
-/// Length of the sum of the normals at a vertex of a flat surface, as a share of the sum of their lengths, each as long as its triangle is large. An edge of 36
-/// degrees in the middle has as much.
+/// At a vertex of a flat surface, least length of the sum of the normals of its triangles, weighted by area, over the sum of the weights. Two flat
+/// halves that meet at an angle of 36 degrees have as much.
 const LEAST_FLAT: f64 = 0.95;
 /// Share of the vertices along a segment that lie on an edge or a boundary. Segments with fewer are texture.
 const LEAST_SHARE: f64 = 0.3;
@@ -26,8 +27,9 @@ struct Part {
     middle: Point3<f64>,
 }
 
-/// Moves vertices of a surface with cubes of this side onto segments: that of each cube that a segment crosses to the middle of its part, and those of boundaries
-/// to the nearest point. Of several segments in a cube the longest counts, and those on flat surfaces do not. Vertices keep their cubes, so that triangles mostly keep their sides.
+/// Moves vertices of a surface with cubes of this side onto segments: the vertex of each cube that a segment crosses to the middle of the part in
+/// that cube, and vertices of boundaries to the nearest point of a segment along them. Of several segments in a cube the longest counts. Segments
+/// on flat surfaces do not count.
 ///
 /// # Complexity
 /// Expected linear in vertices, triangles and crossed cubes, and O(n log n) for the edges.
@@ -113,7 +115,7 @@ fn parts_by_cube(segments: &[[Point3<f64>; 2]], side: f64) -> FxHashMap<Corner, 
 }
 
 /// The boundary at a vertex.
-#[derive(Clone, Copy)]
+#[derive(Default)]
 struct Rim {
     /// Along the boundary.
     along: Vector3<f64>,
@@ -123,32 +125,22 @@ struct Rim {
 
 /// The vertices on edges with one triangle.
 fn boundary(mesh: &TriangleMesh) -> FxHashMap<u32, Rim> {
-    let mut edges: Vec<([u32; 2], u32)> = (0..)
-        .zip(&mesh.triangles)
-        .flat_map(|(triangle, &[a, b, c])| {
-            [[a, b], [b, c], [c, a]].map(|[a, b]| ([a.min(b), a.max(b)], triangle))
-        })
-        .collect();
-    edges.sort_unstable();
     let mut boundary: FxHashMap<u32, Rim> = FxHashMap::default();
-    for uses in edges.chunk_by(|a, b| a.0 == b.0) {
-        let &[(ends, triangle)] = uses else {
+    for uses in edge_uses(&mesh.triangles).chunk_by(|a, b| a.0 == b.0) {
+        let &[(ends, corner)] = uses else {
             continue;
         };
-        let corners = mesh.triangles[triangle as usize];
-        let [a, b, c] = corners.map(|corner| mesh.positions[corner as usize]);
-        let [from, to] = ends.map(|end| mesh.positions[end as usize]);
+        let corners = mesh.triangles[corner as usize / 3];
+        // The triangle from the corner where the edge begins: it lies to the left of the edge.
+        let [from, to, opposite] = [0, 1, 2].map(|step| {
+            let corner = corners[(corner as usize + step) % 3];
+            mesh.positions[corner as usize]
+        });
         let along = to - from;
-        let across = along.cross(&(b - a).cross(&(c - a)));
-        let opposite = corners.into_iter().find(|corner| !ends.contains(corner));
-        let inward = opposite.map_or(Vector3::zeros(), |it| mesh.positions[it as usize] - from);
-        let outward = -across * across.dot(&inward).signum();
+        let outward = along.cross(&along.cross(&(opposite - from)));
         for end in ends {
-            let rim = boundary.entry(end).or_insert(Rim {
-                along: Vector3::zeros(),
-                outward: Vector3::zeros(),
-            });
-            rim.along += along * rim.along.dot(&along).signum();
+            let rim = boundary.entry(end).or_default();
+            rim.along += along;
             rim.outward += outward.try_normalize(0.0).unwrap_or_default();
         }
     }

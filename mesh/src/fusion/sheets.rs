@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 
 use crate::disjoint_sets::DisjointSets;
+use crate::edge_uses::edge_uses;
 
 const NONE: u32 = u32::MAX;
 
@@ -14,15 +15,7 @@ pub(super) fn separate(
     least: usize,
 ) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     triangles.retain(|[a, b, c]| a != b && b != c && c != a);
-    // Edges, the smaller vertex first, with the corner where each begins: the number of the triangle times three, plus that of the corner.
-    let mut edges: Vec<([u32; 2], u32)> = (0..)
-        .zip(&triangles)
-        .flat_map(|(number, &[a, b, c])| {
-            let sides = [[a, b], [b, c], [c, a]].into_iter().zip(3 * number..);
-            sides.map(|([a, b], corner)| ([a.min(b), a.max(b)], corner))
-        })
-        .collect();
-    edges.sort_unstable();
+    let edges = edge_uses(&triangles);
     let vertex = |corner: u32| triangles[corner as usize / 3][corner as usize % 3];
     let next = |corner: u32| corner - corner % 3 + (corner + 1) % 3;
     let mut fans = DisjointSets::new(3 * triangles.len());

@@ -13,6 +13,7 @@ use nalgebra::{Point3, Vector3};
 use super::live::doubled_area;
 use super::quadric::Quadric;
 use crate::TriangleMesh;
+use crate::edge_uses::edge_uses;
 
 /// How far [`thin`] may go.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,8 +32,9 @@ const LEAST_COSINE: f64 = 0.5;
 const LEAST_QUALITY: f64 = 0.1;
 
 /// Collapses edges of a mesh as long as errors are within the tolerances, in rounds: those with the smallest errors first, and each vertex once
-/// in a round, so that triangles grow alike in all directions. Components, holes and handles stay; edges with more than two triangles are not touched. Triangles that share an edge must have it in opposite directions, or it may stay.
-/// Vertices keep their order and take the colour of the nearer end of each collapsed edge.
+/// in a round, so that triangles grow alike in all directions. Components, holes and handles stay. Edges with more than two triangles are not touched,
+/// and those that two triangles have in the same direction may stay. Vertices keep their order and take the colour of the nearer end of each
+/// collapsed edge.
 ///
 /// # Complexity
 /// Linear in the triangles, where few meet at a vertex; rounds shrink by a share.
@@ -181,19 +183,12 @@ impl Thinning {
         let mut boundaries: Vec<Planes> = Vec::new();
         let mut boundary_of = vec![NONE; count];
         let mut is_fixed = vec![false; count];
-        // Edges, the smaller vertex first, with their triangles.
-        let mut edges: Vec<([u32; 2], u32)> = (0..)
-            .zip(&mesh.triangles)
-            .flat_map(|(number, triangle)| {
-                edges_of(triangle).map(|[a, b]| ([a.min(b), a.max(b)], number))
-            })
-            .collect();
-        edges.sort_unstable();
+        let edges = edge_uses(&mesh.triangles);
         for uses in edges.chunk_by(|a, b| a.0 == b.0) {
-            let (ends, number) = uses[0];
+            let (ends, corner) = uses[0];
             let ends = ends.map(|end| end as usize);
             if uses.len() == 1 {
-                let corners = mesh.triangles[number as usize].map(|it| positions[it as usize]);
+                let corners = mesh.triangles[corner as usize / 3].map(|it| positions[it as usize]);
                 let along = positions[ends[1]] - positions[ends[0]];
                 let across = doubled_area(&corners).cross(&along).try_normalize(0.0);
                 if let Some(across) = across {
