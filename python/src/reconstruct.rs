@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::Parser;
 use linecarve::Reconstruction as Run;
 use linecarve::cli::{Cli, Command};
-use linecarve::commands::{Outcome, final_mesh, reconstruct as run_command};
+use linecarve::commands::{Outcome, reconstruct as run_command};
 use linecarve::run::{CancelToken, Verbosity, WatchError};
 use linecarve_mesh::TriangleMesh;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
@@ -127,11 +127,7 @@ pub(crate) fn reconstruct(
             true => Err(WatchError::AtOnce),
             false => Ok(token),
         };
-        let done =
-            run_command(&args, out.as_deref(), verbosity, watch).and_then(|(outcome, run)| {
-                let mesh = final_mesh(&run)?;
-                Ok((outcome, run, mesh))
-            });
+        let done = run_command(&args, out.as_deref(), verbosity, watch);
         // The receiver is gone only when the interpreter is.
         let _ = sender.send(done);
     });

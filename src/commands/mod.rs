@@ -24,7 +24,6 @@ mod tiles_state;
 mod track;
 mod view;
 
-pub use crate::sinks::final_mesh;
 pub use reconstruct::reconstruct;
 
 use anyhow::Context;

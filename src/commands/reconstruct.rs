@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
+use linecarve_mesh::TriangleMesh;
+
 use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
 use crate::commands::input::{input, parameters, unpack_video};
@@ -12,7 +14,7 @@ use crate::recording::{Recording, Source};
 use crate::run::{CancelToken, Checkpoint, Verbosity, WatchError, end_beyond};
 use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
-    model_left_out, reason_for_nothing, write_results, write_tracked_poses,
+    final_mesh, model_left_out, reason_for_nothing, write_results, write_tracked_poses,
 };
 use crate::video::is_video;
 
@@ -29,11 +31,12 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         end_beyond(limit, remedy);
         CancelToken::watch(None)
     };
-    let (outcome, _) = reconstruct(args, Some(&args.out), verbosity, watch)?;
+    let (outcome, ..) = reconstruct(args, Some(&args.out), verbosity, watch)?;
     Ok(outcome)
 }
 
-/// Does what `linecarve reconstruct` does. `args.out` is not looked at: everything is written to `out`, or nothing without it.
+/// Does what `linecarve reconstruct` does, and returns the final mesh in the frame of the poses as well. `args.out` is not looked at:
+/// everything is written to `out`, or nothing without it.
 /// `watch` is asked for what ends the run early once the recording is open, and is told whether a model is carved at once.
 ///
 /// # Errors
@@ -43,7 +46,7 @@ pub fn reconstruct(
     out: Option<&Path>,
     verbosity: Verbosity,
     watch: impl FnOnce(bool) -> Result<CancelToken, WatchError>,
-) -> anyhow::Result<(Outcome, Reconstruction)> {
+) -> anyhow::Result<(Outcome, Reconstruction, TriangleMesh)> {
     check_tolerance(args.simplify)?;
     let started = Instant::now();
     let live = args.live.start(verbosity)?;
@@ -120,9 +123,9 @@ pub fn reconstruct(
         richest: richest.order(),
         verbosity,
     };
-    let is_empty = match &mut output {
-        Some(output) => write_results(&run, &settings, page, output, &mut log)?.is_empty,
-        None => run.map().carver().triangle_count() == 0,
+    let mesh = match &mut output {
+        Some(output) => write_results(&run, &settings, page, output, &mut log)?,
+        None => final_mesh(&run)?,
     };
     let outcome = if let Some(cause) = &cancelled {
         let remedy = match checkpoint {
@@ -130,7 +133,7 @@ pub fn reconstruct(
             None => cause.remedy_without_checkpoint(),
         };
         Outcome::Negative(log.interrupted(cause, remedy))
-    } else if is_empty {
+    } else if mesh.is_empty() {
         let reason = reason_for_nothing(&run, log.keyframes());
         Outcome::Negative(format!("the mesh is empty: {reason}"))
     } else {
@@ -142,5 +145,5 @@ pub fn reconstruct(
     if let Some(checkpoint) = checkpoint.filter(|_| cancelled.is_none()) {
         checkpoint.finish()?;
     }
-    Ok((outcome, run))
+    Ok((outcome, run, mesh))
 }

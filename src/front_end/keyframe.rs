@@ -52,6 +52,12 @@ pub struct LineKeyframe {
 }
 
 impl LineKeyframe {
+    /// The depth image and the colours, where there is a depth image.
+    pub(crate) fn colored_depth(&self) -> Option<(CompactDepth, KeyframeColors)> {
+        let depth = self.depth.as_ref()?;
+        Some((depth.clone(), self.colors.clone()))
+    }
+
     /// Ends of the segments in the image, in pixels.
     pub(crate) fn ends_px(&self) -> Vec<[[f64; 2]; 2]> {
         let segments = self.segments.iter();

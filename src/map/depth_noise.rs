@@ -2,12 +2,15 @@
 //!
 //! Within a keyframe depth has the noise of its source. Between keyframes the errors of the poses, of the calibration and of the
 //! sensor's slowly varying bias add to it, and close to the camera they are larger than the noise. They are not known beforehand, but each
-//! keyframe tells: where landmarks of earlier keyframes lie on its surface, both would agree within the noise if nothing else were
-//! wrong. What exceeds it is taken as a share of the depth.
+//! keyframe tells: where surfaces of earlier keyframes lie on its own, both would agree within the noise if nothing else were wrong.
+//! What exceeds it is taken as a share of the depth.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use linecarve_lines::depth::SensorNoise;
+use nalgebra::Point3;
+
+use super::surface_points::KeyframeSurface;
 
 /// Largest deviation that is looked at, as a share of the depth. What lies further away is another surface.
 const LARGEST_DEVIATION: f64 = 0.05;
@@ -18,13 +21,16 @@ const LEAST_COUNT: u64 = 200;
 /// Standard deviation of a normal distribution over the lower quartile of its absolute value.
 const SIGMA_OVER_QUARTILE: f64 = 3.138;
 
-/// A landmark of earlier keyframes compared with the surface that a keyframe measured along the same ray.
+/// Samples of a keyframe that are compared lie this many apart, along columns and rows.
+const STRIDE: usize = 4;
+
+/// The surface of an earlier keyframe compared with that which a keyframe measured along the same ray.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Deviation {
+struct Deviation {
     /// Difference of the inverse depths over the inverse depth.
-    pub(super) relative: f64,
-    /// Standard deviation of the surface's inverse depth by the noise of its source, over the inverse depth.
-    pub(super) relative_noise: f64,
+    relative: f64,
+    /// Mean standard deviation of both inverse depths by the noise of their source, over the inverse depth.
+    relative_noise: f64,
 }
 
 /// The noise of a depth source, and what keyframes disagree about beyond it.
@@ -61,11 +67,26 @@ impl DepthNoise {
         self.disagreement
     }
 
-    /// Takes the deviations of another keyframe into account.
+    /// Compares the surface of a keyframe with those of earlier ones.
     ///
-    /// A deviation has the variance of two keyframes: landmarks move only when their mean is a standard deviation away. The smaller
-    /// half of all deviations so far, which other surfaces hardly change, gives it; the noise of the source is subtracted.
-    pub(super) fn observe(&mut self, deviations: impl Iterator<Item = Deviation>) {
+    /// # Complexity
+    /// The samples of the earlier ones.
+    pub(super) fn observe<'a>(
+        &mut self,
+        surface: &KeyframeSurface<'_>,
+        earlier: impl Iterator<Item = KeyframeSurface<'a>>,
+    ) {
+        for earlier in earlier {
+            let points = earlier.head_on_points(STRIDE);
+            self.add(points.filter_map(|(point, noise)| deviation(surface, &point, noise)));
+        }
+    }
+
+    /// Takes deviations into account.
+    ///
+    /// A deviation has the variance of two keyframes. The lower quartile of all deviations so far, which other surfaces hardly change,
+    /// gives it; the noise of the source is subtracted.
+    fn add(&mut self, deviations: impl Iterator<Item = Deviation>) {
         for deviation in deviations {
             let size = deviation.relative.abs() * FRAC_1_SQRT_2;
             // False also for NaN.
@@ -98,12 +119,28 @@ impl DepthNoise {
     }
 }
 
+/// How far a point that another keyframe measured is from a surface that faces the camera; `noise` is its standard deviation over its
+/// depth.
+fn deviation(surface: &KeyframeSurface<'_>, point: &Point3<f64>, noise: f64) -> Option<Deviation> {
+    let (vertex, sample) = surface.look_up(point)?;
+    let rho = f64::from(sample.rho);
+    surface.is_head_on(&sample).then(|| Deviation {
+        relative: (vertex.rho - rho) / rho,
+        relative_noise: noise.hypot(f64::from(sample.sigma) / rho) * FRAC_1_SQRT_2,
+    })
+}
+
 #[cfg(test)]
 mod tests {
+    use linecarve_lines::camera::Camera;
+    use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
+    use linecarve_lines::triangulation::{SampleOptions, SurfaceSamples};
+    use nalgebra::Isometry3;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::options::SurfacePointOptions;
 
     fn source() -> SensorNoise {
         SensorNoise {
@@ -131,7 +168,7 @@ mod tests {
     #[test]
     fn the_disagreement_is_what_exceeds_the_noise() {
         let mut noise = DepthNoise::new(source());
-        noise.observe(deviations(0.005, 0.003));
+        noise.add(deviations(0.005, 0.003));
         let disagreement = noise.disagreement();
         // 0.004, and a little more by other surfaces.
         assert!((0.0038..0.0048).contains(&disagreement), "{disagreement}");
@@ -140,9 +177,32 @@ mod tests {
     }
 
     #[test]
+    fn a_pose_that_is_off_shows_in_the_disagreement() {
+        let mut map = InverseDepthMap::unknown(160, 120).unwrap();
+        for (x, y) in (0..160).flat_map(|x| (0..120).map(move |y| (x, y))) {
+            map.set(x, y, InverseDepth::new(0.5, 1e-5));
+        }
+        let samples = SurfaceSamples::measure(&map, &SampleOptions::default());
+        let camera = Camera::pinhole(140.0, 140.0, 79.5, 59.5).unwrap();
+        let options = SurfacePointOptions::default();
+        let pose = Isometry3::translation(0.3, 0.0, 0.0);
+        // Two centimetres along the ray at two metres.
+        let off = Isometry3::translation(0.0, 0.0, 0.02);
+        let surface = |pose| KeyframeSurface::new(&samples, &camera, pose, &options, 0.0);
+        let mut noise = DepthNoise::new(source());
+        noise.observe(&surface(&off), [surface(&pose), surface(&pose)].into_iter());
+        // All deviations are the same, so their lower quartile is as large as any.
+        let expected = SIGMA_OVER_QUARTILE * 0.01 * FRAC_1_SQRT_2;
+        assert!((noise.disagreement() - expected).abs() < 0.02 * expected);
+        let mut noise = DepthNoise::new(source());
+        noise.observe(&surface(&off), [surface(&off), surface(&off)].into_iter());
+        assert!(noise.disagreement() < 1e-4);
+    }
+
+    #[test]
     fn exact_keyframes_do_not_disagree() {
         let mut noise = DepthNoise::new(source());
-        noise.observe(deviations(0.0, 0.003));
+        noise.add(deviations(0.0, 0.003));
         assert_eq!(noise.disagreement(), 0.0);
         assert_eq!(noise.sigma(0.5), 0.001);
     }
@@ -150,14 +210,14 @@ mod tests {
     #[test]
     fn few_and_unusable_deviations_say_nothing() {
         let mut noise = DepthNoise::new(source());
-        noise.observe(deviations(0.02, 0.0).take(100));
+        noise.add(deviations(0.02, 0.0).take(100));
         assert_eq!(noise.disagreement(), 0.0);
         let unusable = [f64::NAN, f64::INFINITY, 1.0].map(|relative| Deviation {
             relative,
             relative_noise: 0.0,
         });
         for _ in 0..1000 {
-            noise.observe(unusable.into_iter());
+            noise.add(unusable.into_iter());
         }
         assert_eq!(noise.disagreement(), 0.0);
     }

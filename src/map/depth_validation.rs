@@ -8,6 +8,7 @@
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
+use std::iter;
 
 use linecarve_carving::IncidentCells;
 use linecarve_carving::{SurfaceDelta, Triangle, ViewId};
@@ -21,6 +22,7 @@ use rustc_hash::FxHashMap;
 
 use super::surface_points::KeyframeSurface;
 use super::vertex_landmarks::VertexViews;
+use crate::front_end::KeyframeColors;
 use crate::options::SurfacePointOptions;
 
 /// Subdivisions of each edge of a triangle; the centres of the upright sub-triangles are its samples.
@@ -37,8 +39,11 @@ const DENSE_SHARE: f64 = 0.2;
 struct DenseView {
     world_from_camera: Isometry3<f64>,
     surface: SurfaceSamples,
-    depth: Option<CompactDepth>,
+    image: Option<ColoredDepth>,
 }
+
+/// A depth image with the colours of its keyframe.
+pub(super) type ColoredDepth = (CompactDepth, KeyframeColors);
 
 /// Whether dense depth confirms a triangle of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -135,28 +140,32 @@ impl DepthValidation {
         std::mem::take(&mut self.changed)
     }
 
-    /// Adds a view with depth `surface`; its landmarks follow with [`update`](Self::update), or all with
+    /// Whether depth covers enough of a keyframe's image to be compared with triangles.
+    pub(super) fn is_dense(surface: &SurfaceSamples) -> bool {
+        let total = (surface.columns() * surface.rows()) as f64;
+        total > 0.0 && surface.known_count() as f64 >= DENSE_SHARE * total
+    }
+
+    /// Adds a view with depth `surface`, and the image that it comes from; its landmarks follow with [`update`](Self::update), or all with
     /// [`validate_anew`](Self::validate_anew).
     pub(super) fn add_view(
         &mut self,
         view: ViewId,
         world_from_camera: &Isometry3<f64>,
         surface: &SurfaceSamples,
-        depth: Option<&CompactDepth>,
+        image: Option<ColoredDepth>,
     ) {
         if self.least_share <= 0.0 {
             return;
         }
-        let total = (surface.columns() * surface.rows()) as f64;
-        let is_dense = total > 0.0 && surface.known_count() as f64 >= DENSE_SHARE * total;
         let index = view.0 as usize;
         if index >= self.dense_views.len() {
             self.dense_views.resize(index + 1, None);
         }
-        self.dense_views[index] = is_dense.then(|| DenseView {
+        self.dense_views[index] = Self::is_dense(surface).then(|| DenseView {
             world_from_camera: *world_from_camera,
             surface: surface.thinned(),
-            depth: depth.cloned(),
+            image,
         });
         self.newest = Some(view);
     }
@@ -274,16 +283,32 @@ impl DepthValidation {
     pub(super) fn depth_images(&self) -> Vec<PosedDepth<'_>> {
         let views = self.dense_views.iter().flatten();
         let posed = views.filter_map(|view| {
-            let depth = view.depth.as_ref()?;
+            let (depth, _) = view.image.as_ref()?;
             Some(PosedDepth::new(depth, &view.world_from_camera))
         });
         posed.collect()
+    }
+
+    /// The colours of the keyframes of [`dense_surfaces`](Self::dense_surfaces).
+    pub(super) fn colors(&self) -> Vec<Option<&KeyframeColors>> {
+        let images = self.dense_views.iter().flatten().map(|view| &view.image);
+        images
+            .map(|image| image.as_ref().map(|(_, colors)| colors))
+            .collect()
     }
 
     /// The dense surfaces of all keyframes that have one.
     pub(super) fn dense_surfaces(&self) -> Vec<KeyframeSurface<'_>> {
         let views = 0..self.dense_views.len() as u32;
         views.filter_map(|view| self.dense_view(view)).collect()
+    }
+
+    /// The dense surfaces of the view added last, of that before it, and of those 4, 8, 16... views back.
+    pub(super) fn earlier_surfaces(&self) -> impl Iterator<Item = KeyframeSurface<'_>> {
+        let count = self.dense_views.len() as u32;
+        let ages = iter::successors(Some(1_u32), |age| age.checked_mul(2));
+        let views = ages.map_while(move |age| count.checked_sub(age));
+        views.filter_map(|view| self.dense_view(view))
     }
 
     /// The dense depth of a view; `None` when its depth is not dense.

@@ -20,7 +20,7 @@ impl Map {
     /// # Complexity
     /// That of [`fuse_depth`](linecarve_mesh::fusion::fuse_depth), and the vertices times the keyframes.
     pub fn adjusted_surface(&self) -> TriangleMesh {
-        self.adjusted(self.surface())
+        self.adjusted(|| self.surface())
     }
 
     /// The same of a map whose carving was [left](Self::leave_carving) to others, from all triangles that they carved; `None` for maps
@@ -31,16 +31,18 @@ impl Map {
             return None;
         };
         let mesh = lines.surface_of(&self.carver, ranked, &export);
-        Some(self.adjusted(mesh))
+        Some(self.adjusted(|| mesh))
     }
 
-    fn adjusted(&self, mut mesh: TriangleMesh) -> TriangleMesh {
-        if let (Contents::Lines(lines), Some(median_depth)) = (&self.contents, self.median_depth())
-        {
-            let options = &self.options.surface;
-            let surface = lines.final_surface(options, median_depth, self.has_depth_images);
-            mesh = surface.estimate(mesh);
-        }
+    fn adjusted(&self, carved: impl FnOnce() -> TriangleMesh) -> TriangleMesh {
+        let mut mesh = match (&self.contents, self.median_depth()) {
+            (Contents::Lines(lines), Some(median_depth)) => {
+                let options = &self.options.surface;
+                let surface = lines.final_surface(options, median_depth, self.has_depth_images);
+                surface.estimate(carved)
+            }
+            _ => carved(),
+        };
         if self.options.surface.holes == HoleFilling::All {
             close_all_holes(&mut mesh);
         }

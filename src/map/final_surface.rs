@@ -6,26 +6,24 @@
 //! are flattened within what the measurements allow.
 
 use linecarve_mesh::fusion::{FusionOptions, fuse_depth};
-use linecarve_mesh::raycast::RayScene;
 use linecarve_mesh::simplify::{ThinOptions, thin};
 use linecarve_mesh::{SmoothOptions, TriangleMesh, close_holes, smooth_piecewise_flat};
 use nalgebra::Point3;
-use rayon::prelude::*;
 
 use super::depth_noise::DepthNoise;
 use super::depth_validation::DepthValidation;
-use super::surface::DEFAULT_COLOR;
 use super::surface_points::KeyframeSurface;
 use super::vertex_adjustment::{GATE_SIGMAS, adjust_vertices, deviations, scatter};
+use super::vertex_colors::vertex_colors;
 use crate::options::{HoleFilling, SurfaceOptions};
 
 /// Side of the cubes in which depth is fused, in pixels at the median scene depth. Tuned on two indoor sequences with sensor depth and a
 /// rendered room.
 const FUSION_SIDE_PX: f64 = 3.2;
 /// Least side of the cubes, in deviations of a depth at the median scene depth. Smaller ones would show noise.
-const FUSION_SIDE_SIGMAS: f64 = 1.1;
+const FUSION_SIDE_SIGMAS: f64 = 1.5;
 /// How far vertices may lie from the fused surface where it is thinned, in deviations of a depth at the median scene depth.
-const THINNING_SIGMAS: f64 = 0.4;
+const THINNING_SIGMAS: f64 = 0.5;
 /// The same for its boundary, in sides of the cubes.
 const THINNING_BOUNDARY_SIDES: f64 = 0.35;
 /// Longest edge of a thinned triangle, in sides of the cubes.
@@ -55,22 +53,22 @@ pub(super) struct FinalSurface<'a> {
 }
 
 impl FinalSurface<'_> {
-    /// The final surface instead of the carved one.
+    /// The final surface instead of the carved one, which is asked for only where it is needed.
     ///
     /// # Complexity
     /// That of fusing all depth images, see [`fuse_depth`], or linear in vertices times keyframes.
-    pub(super) fn estimate(&self, carved: TriangleMesh) -> TriangleMesh {
+    pub(super) fn estimate(&self, carved: impl FnOnce() -> TriangleMesh) -> TriangleMesh {
         let surfaces = self.validation.dense_surfaces();
         if surfaces.is_empty() {
-            return carved;
+            return carved();
         }
         let fused = self
             .options
             .fuse_depth
-            .then(|| self.fused(&carved, &surfaces))
+            .then(|| self.fused(&surfaces))
             .flatten();
         let is_fused = fused.is_some();
-        let mut mesh = fused.unwrap_or_else(|| self.adjusted(carved, &surfaces));
+        let mut mesh = fused.unwrap_or_else(|| self.adjusted(carved(), &surfaces));
         if self.options.holes == HoleFilling::Measured {
             close_holes(&mut mesh, MEASURED_HOLE_EDGES, |triangle| {
                 self.validation.is_along(&surfaces, triangle)
@@ -103,12 +101,8 @@ impl FinalSurface<'_> {
         mesh
     }
 
-    /// The surface fused from depth images, with the colours of the carved one; `None` where it is not made from them.
-    fn fused(
-        &self,
-        carved: &TriangleMesh,
-        surfaces: &[KeyframeSurface<'_>],
-    ) -> Option<TriangleMesh> {
+    /// The surface fused from depth images; `None` where there are none.
+    fn fused(&self, surfaces: &[KeyframeSurface<'_>]) -> Option<TriangleMesh> {
         let images = self.validation.depth_images();
         if !self.is_measured || images.is_empty() {
             return None;
@@ -120,9 +114,6 @@ impl FinalSurface<'_> {
         let mut options = FusionOptions::with_side(side);
         options.least_component = options.least_component.max(self.options.minimum_component);
         let mut mesh = fuse_depth(&images, &self.segments, &options);
-        if mesh.triangles.is_empty() {
-            return None;
-        }
         let thinning = ThinOptions {
             tolerance: THINNING_SIGMAS * sigma,
             boundary_tolerance: THINNING_BOUNDARY_SIDES * side,
@@ -132,7 +123,7 @@ impl FinalSurface<'_> {
         let thinned = mesh.positions.clone();
         adjust_vertices(&mut mesh, surfaces, FUSED_GATE_SIGMAS);
         restore_folded(&mut mesh, &thinned);
-        mesh.colors = colors_of(carved, &mesh);
+        mesh.colors = vertex_colors(&mesh, surfaces, &self.validation.colors());
         Some(mesh)
     }
 }
@@ -163,17 +154,4 @@ fn restore_folded(mesh: &mut TriangleMesh, before: &[Point3<f64>]) {
             break;
         }
     }
-}
-
-/// Colours of the vertices of a mesh: those of the nearest points of `colored`.
-fn colors_of(colored: &TriangleMesh, mesh: &TriangleMesh) -> Option<Vec<[u8; 3]>> {
-    colored.colors.as_ref()?;
-    let scene = RayScene::new(colored);
-    let color = |position| {
-        let nearest = scene.closest(position, f64::INFINITY);
-        nearest
-            .and_then(|nearest| nearest.color(colored))
-            .unwrap_or(DEFAULT_COLOR)
-    };
-    Some(mesh.positions.par_iter().map(color).collect())
 }

@@ -45,6 +45,8 @@ pub(super) struct LineMap {
     provisional: ProvisionalKeyframes,
     vertices: VertexLandmarks,
     validation: DepthValidation,
+    /// Whether there are no landmarks, and nothing is carved: the final surface is fused from depth images.
+    is_fused_only: bool,
 }
 
 impl LineMap {
@@ -71,7 +73,13 @@ impl LineMap {
                 camera,
                 &options.surface_points,
             ),
+            is_fused_only: false,
         })
+    }
+
+    /// Keeps only what the final surface is fused from, when the first keyframe has dense depth.
+    pub(super) fn fuse_only(&mut self) {
+        self.is_fused_only = true;
     }
 
     /// Adds a provisional keyframe.
@@ -269,12 +277,41 @@ impl LineMap {
         self.segments.push(keyframe);
         let mut update = MapUpdate::default();
         update.times.clustering = start.elapsed();
-        self.add(carver, options, keyframe, &mut update)
-            .map_err(|source| MapError::Keyframe {
-                keyframe: number,
-                source,
-            })?;
+        if self.views.is_empty() {
+            self.is_fused_only &= DepthValidation::is_dense(&keyframe.surface);
+        }
+        let added = match self.is_fused_only {
+            true => self.add_depth(carver, options, keyframe),
+            false => self.add(carver, options, keyframe, &mut update),
+        };
+        added.map_err(|source| MapError::Keyframe {
+            keyframe: number,
+            source,
+        })?;
         Ok(update)
+    }
+
+    /// Adds the view of a keyframe with its depth.
+    fn add_depth(
+        &mut self,
+        carver: &mut Carver,
+        options: &Options,
+        keyframe: &LineKeyframe,
+    ) -> Result<(), TransactionError> {
+        let center = Point3::from(keyframe.world_from_camera.translation.vector);
+        let mut transaction = carver.transaction();
+        let view = transaction.add_view(center)?;
+        transaction.commit()?;
+        self.views.push(view);
+        let (noise, validation) = (&mut self.noise, &mut self.validation);
+        observed_surface(keyframe, &self.camera, options, noise, validation);
+        self.validation.add_view(
+            view,
+            &keyframe.world_from_camera,
+            &keyframe.surface,
+            keyframe.colored_depth(),
+        );
+        Ok(())
     }
 
     fn add(
@@ -296,19 +333,8 @@ impl LineMap {
         self.views.push(view);
         let known = landmarks.points().len();
         landmarks.begin_keyframe(pose);
-        let mut surface = KeyframeSurface::new(
-            &keyframe.surface,
-            &self.camera,
-            pose,
-            &options.surface_points,
-            self.noise.disagreement(),
-        );
-        let is_measured = keyframe.surface.known_count() > 0;
-        if is_measured {
-            self.noise.observe(landmarks.look_up(&surface));
-            surface.set_disagreement(self.noise.disagreement());
-            self.validation.set_disagreement(self.noise.disagreement());
-        }
+        let (noise, validation) = (&mut self.noise, &mut self.validation);
+        let surface = observed_surface(keyframe, &self.camera, options, noise, validation);
         for segment in &keyframe.segments {
             let along = measurements(
                 segment,
@@ -321,7 +347,7 @@ impl LineMap {
         }
         let single = edge_measurements(&keyframe.edge_points, &self.camera, pose, &self.noise);
         landmarks.add_points(&mut transaction, single)?;
-        if is_measured {
+        if keyframe.surface.known_count() > 0 {
             landmarks.fuse_surface(&mut transaction, &surface, &options.surface_points)?;
         }
         landmarks.add_colors(keyframe, &surface);
@@ -340,8 +366,12 @@ impl LineMap {
         let carved = start.elapsed();
         update.times.carving = carved - update.times.matching;
 
-        self.validation
-            .add_view(view, pose, &keyframe.surface, keyframe.depth.as_ref());
+        self.validation.add_view(
+            view,
+            &keyframe.world_from_camera,
+            &keyframe.surface,
+            keyframe.colored_depth(),
+        );
         let affected = landmarks.contradicted().iter().chain(landmarks.seen());
         if carver.is_deferred() {
             self.vertices.postpone(affected.copied());
@@ -428,6 +458,29 @@ impl LineMap {
             landmarks: &self.landmarks,
         }
     }
+}
+
+/// The surface of a keyframe. What it disagrees about with earlier ones is noted, and holds for it already.
+fn observed_surface<'a>(
+    keyframe: &'a LineKeyframe,
+    camera: &'a Camera,
+    options: &Options,
+    noise: &mut DepthNoise,
+    validation: &mut DepthValidation,
+) -> KeyframeSurface<'a> {
+    let mut surface = KeyframeSurface::new(
+        &keyframe.surface,
+        camera,
+        &keyframe.world_from_camera,
+        &options.surface_points,
+        noise.disagreement(),
+    );
+    if keyframe.surface.known_count() > 0 {
+        noise.observe(&surface, validation.earlier_surfaces());
+        surface.set_disagreement(noise.disagreement());
+        validation.set_disagreement(noise.disagreement());
+    }
+    surface
 }
 
 /// The colours of the vertices of the triangulation.

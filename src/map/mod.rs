@@ -27,6 +27,7 @@ mod surface_points;
 pub(crate) mod test_surface;
 mod update;
 mod vertex_adjustment;
+mod vertex_colors;
 mod vertex_landmarks;
 mod view_region;
 
@@ -212,19 +213,31 @@ impl Map {
         }
     }
 
-    /// Carves an empty map once: a map of a model with every [`push`](Self::push), others with [`finish`](Self::finish). The final
-    /// state is the same, sooner and in less memory; until then there is no surface. Changes nothing where dense depth is compared
+    /// Does only what the [final surface](Self::adjusted_surface) needs, in an empty map; it is the same, sooner and in less memory. Until
+    /// [`finish`](Self::finish) there is no surface.
+    ///
+    /// Where that surface is fused from depth images, nothing is carved and there are no points. Otherwise the map is carved once: that of a
+    /// model with every [`push`](Self::push), others with [`finish`](Self::finish). Changes nothing where sparse or unfused depth is compared
     /// with the surface of each keyframe.
     pub fn defer_carving(&mut self) {
-        if !self.needs_every_surface && self.keyframes == 0 {
+        if self.keyframes > 0 {
+            return;
+        }
+        if !self.needs_every_surface {
             self.carver = Carver::deferred(carver_options(&self.options));
+        } else if let Contents::Lines(lines) = &mut self.contents
+            && self.options.surface.fuse_depth
+        {
+            lines.fuse_only();
         }
     }
 
     /// [Defers](Self::defer_carving) the carving of an empty map and leaves it to others, who take points, views and observations from the
     /// [carver](Self::carver) after [`finish`](Self::finish). Returns whether the map can do without surfaces.
     pub(crate) fn leave_carving(&mut self) -> bool {
-        self.defer_carving();
+        if !self.needs_every_surface {
+            self.defer_carving();
+        }
         self.leaves_carving = self.carver.is_deferred();
         self.leaves_carving
     }

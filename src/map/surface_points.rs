@@ -102,6 +102,30 @@ impl<'a> KeyframeSurface<'a> {
         f64::from(slope) * self.camera.mean_focal_px() <= LARGEST_TILT * f64::from(sample.rho)
     }
 
+    /// World points of samples that face the camera, `stride` apart along columns and rows, with the standard deviation of their depth over
+    /// the depth, by the noise of the samples alone.
+    pub(super) fn head_on_points(
+        &self,
+        stride: usize,
+    ) -> impl Iterator<Item = (Point3<f64>, f64)> + '_ {
+        let columns = (stride / 2..self.samples.columns()).step_by(stride);
+        let rows = (stride / 2..self.samples.rows()).step_by(stride);
+        let places = rows.flat_map(move |row| columns.clone().map(move |column| (column, row)));
+        places.filter_map(|(column, row)| {
+            let sample = self.samples.get(column, row)?;
+            if !self.is_head_on(&sample) {
+                return None;
+            }
+            let rho = f64::from(sample.rho);
+            let pixel = self.samples.pixel(column, row);
+            let point = self.camera.point_at_depth(&pixel, 1.0 / rho).ok()?;
+            Some((
+                self.world_from_camera * point,
+                f64::from(sample.sigma) / rho,
+            ))
+        })
+    }
+
     /// Projection of a world point and the surface along the same ray; `None` where nothing was measured.
     pub(super) fn look_up(
         &self,
@@ -171,6 +195,14 @@ impl<'a> KeyframeSurface<'a> {
         let (vertex, sample) = self.look_up(point_in_world)?;
         let nearer = vertex.rho - f64::from(sample.rho);
         Some((vertex.pixel, nearer / self.sigma(&sample)))
+    }
+
+    /// Projection and inverse depth of a world point that lies on the measured surface; `None` for others.
+    pub(super) fn place_on(&self, point_in_world: &Point3<f64>) -> Option<(Point2<f64>, f64)> {
+        let (vertex, sample) = self.look_up(point_in_world)?;
+        let bound = self.agreement_sigmas * self.sigma(&sample);
+        let is_on_surface = (vertex.rho - f64::from(sample.rho)).abs() <= bound;
+        is_on_surface.then_some((vertex.pixel, vertex.rho))
     }
 
     /// Whether a world point lies in front of the measured surface (`Less`), on it or behind it; `None` where nothing was

@@ -36,7 +36,7 @@ pub(crate) use page_run::PageRun;
 pub(crate) use picture::{RichestKeyframe, crosses};
 pub(crate) use report::{RunLog, print_object, print_text};
 pub(crate) use results::{ResultSettings, write_results};
-pub use simplified::final_mesh;
+pub(crate) use simplified::final_mesh;
 pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends};
 pub(crate) use surface_files::SurfaceFiles;
 pub(crate) use tracked::{write_tracked, write_tracked_poses};

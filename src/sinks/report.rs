@@ -208,9 +208,12 @@ impl RunLog {
             );
         }
         if result.points > 0 {
+            line += &format!("; {} points, {} rays", result.points, result.rays);
+        }
+        if result.points > 0 || result.vertices > 0 {
             line += &format!(
-                "; {} points, {} rays, {} vertices, {} triangles",
-                result.points, result.rays, result.vertices, result.triangles
+                "; {} vertices, {} triangles",
+                result.vertices, result.triangles
             );
         }
         eprintln!(

@@ -34,14 +34,8 @@ pub(crate) struct ResultSettings<'a> {
     pub(crate) verbosity: Verbosity,
 }
 
-/// What a run ended with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Finished {
-    /// Whether the mesh has no triangle.
-    pub(crate) is_empty: bool,
-}
-
-/// Writes the results of a finished reconstruction and notes them in the report, which itself is not written yet.
+/// Writes the results of a finished reconstruction and notes them in the report, which itself is not written yet. Returns the final mesh, in
+/// the frame of the poses.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -51,7 +45,7 @@ pub(crate) fn write_results(
     page: Option<PageRecorder>,
     output: &mut OutputFolder,
     log: &mut RunLog,
-) -> anyhow::Result<Finished> {
+) -> anyhow::Result<TriangleMesh> {
     let (recording, map) = (run.recording(), run.map());
     let lines = map
         .segments()
@@ -63,7 +57,6 @@ pub(crate) fn write_results(
     let mesh = simplified(map.adjusted_surface(), clusters, simplification)?;
     let extracted = milliseconds(start.elapsed());
     let edges = feature_edges::final_mesh_edges(&mesh, clusters, simplification.tolerance)?;
-    let is_empty = mesh.is_empty();
 
     log.set_median_depth(map.median_depth());
     let points = map.feature_points();
@@ -139,7 +132,7 @@ pub(crate) fn write_results(
         let parts = surface.parts();
         write_glb(&output.file("scene.glb"), &parts, origin)?;
     }
-    Ok(Finished { is_empty })
+    Ok(surface.mesh)
 }
 
 /// The texture of the mesh, noted in the report; `None` with a warning when there is none.

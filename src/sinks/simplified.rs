@@ -19,7 +19,7 @@ pub(crate) const DEFAULT_TOLERANCE_TEXT: &str = "0.02%";
 ///
 /// # Errors
 /// When the tolerance of the simplification is out of range.
-pub fn final_mesh(run: &Reconstruction) -> anyhow::Result<TriangleMesh> {
+pub(crate) fn final_mesh(run: &Reconstruction) -> anyhow::Result<TriangleMesh> {
     let map = run.map();
     let clusters = map.segments().map(|segments| segments.clusters());
     let recording = run.recording();

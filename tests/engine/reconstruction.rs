@@ -51,15 +51,18 @@ fn a_run_goes_on_where_single_steps_ended() {
 fn carving_once_gives_the_same_surface() {
     let folder = small_sequence(FRAMES, "tum");
     let path = folder.path().join("sequence");
-    for (source, least_measured_share, is_deferred) in [
-        (Source::MapPoints, 0.3, true),
-        (Source::Lines, 0.0, true),
+    for (source, least_measured_share, fuse_depth, is_deferred) in [
+        (Source::MapPoints, 0.3, true, true),
+        (Source::Lines, 0.0, true, true),
         // Depth images are compared with the surface of each keyframe.
-        (Source::Lines, 0.3, false),
+        (Source::Lines, 0.3, false, false),
+        // Nothing is carved.
+        (Source::Lines, 0.3, true, false),
     ] {
         let finished = |is_at_once| {
             let mut recording = recording(&path, source);
             recording.options.surface.least_measured_share = least_measured_share;
+            recording.options.surface.fuse_depth = fuse_depth;
             let run = RunOptions {
                 is_at_once,
                 ..RunOptions::default()
@@ -73,6 +76,9 @@ fn carving_once_gives_the_same_surface() {
         assert!(each.surface() == once.surface(), "{source:?}");
         assert_eq!(once.map().carver().is_deferred(), is_deferred);
         assert_eq!(once.map().final_carving().is_some(), is_deferred);
+        let is_fused_only = source == Source::Lines && fuse_depth && least_measured_share > 0.0;
+        let points = [&each, &once].map(|run| run.map().carver().point_count());
+        assert_eq!(points[1], if is_fused_only { 0 } else { points[0] });
     }
 }
 

@@ -7,7 +7,6 @@ use linecarve_lines::triangulation::{ImageVertex, SurfaceSample};
 use nalgebra::Isometry3;
 
 use crate::front_end::LineKeyframe;
-use crate::map::depth_noise::Deviation;
 use crate::map::keyframe_measurements::KeyframeMeasurements;
 use crate::map::landmarks::{Association, Landmarks, Measurement};
 use crate::map::ray_selection::RaySelection;
@@ -198,12 +197,8 @@ impl LandmarkFusion {
         Ok(())
     }
 
-    /// Looks up the surface of a new keyframe along the rays of all landmarks so far, and returns how far those are from it
-    /// that it faces.
-    pub(super) fn look_up(
-        &mut self,
-        surface: &KeyframeSurface<'_>,
-    ) -> impl Iterator<Item = Deviation> {
+    /// Looks up the surface of a new keyframe along the rays of all landmarks so far.
+    fn look_up(&mut self, surface: &KeyframeSurface<'_>) {
         let region = surface.region().unwrap_or_else(ViewRegion::everything);
         let within = self.landmarks.within(&region);
         let found = within.filter_map(|(landmark, position)| {
@@ -214,24 +209,16 @@ impl LandmarkFusion {
         // Oldest first, independent of the spatial index.
         self.looked_up
             .sort_unstable_by_key(|(landmark, ..)| *landmark);
-        let head_on = self.looked_up.iter();
-        let head_on = head_on.filter(|(_, _, sample)| surface.is_head_on(sample));
-        head_on.map(|(_, vertex, sample)| {
-            let rho = f64::from(sample.rho);
-            Deviation {
-                relative: (vertex.rho - rho) / rho,
-                relative_noise: f64::from(sample.sigma) / rho,
-            }
-        })
     }
 
-    /// Compares all landmarks that were [looked up](Self::look_up) with the surface of the keyframe, and adds the points missing there.
+    /// Compares the surface of a keyframe with all landmarks so far, and adds the points missing there.
     pub(super) fn fuse_surface(
         &mut self,
         transaction: &mut Transaction<'_>,
         surface: &KeyframeSurface<'_>,
         options: &SurfacePointOptions,
     ) -> Result<(), TransactionError> {
+        self.look_up(surface);
         self.vertex_of.resize(self.points.len(), NONE);
         for index in 0..self.seen.len() {
             let landmark = self.seen[index];
