@@ -8,7 +8,6 @@
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
-use std::iter;
 
 use linecarve_carving::IncidentCells;
 use linecarve_carving::{SurfaceDelta, Triangle, ViewId};
@@ -33,12 +32,16 @@ const ALL_SAMPLES: u32 = (1 << SAMPLE_COUNT) - 1;
 /// Depth is dense when at least this share of its samples is known. Depth along edges alone does not cover the area between
 /// them.
 const DENSE_SHARE: f64 = 0.2;
+/// Most earlier keyframes that a keyframe is compared with, to find what they disagree about.
+const COMPARED: usize = 8;
 
 /// The dense depth of one keyframe.
 #[derive(Debug, Clone)]
 struct DenseView {
     world_from_camera: Isometry3<f64>,
     surface: SurfaceSamples,
+    /// Mean of the measured points, in the frame of the camera.
+    middle: Point3<f64>,
     image: Option<ColoredDepth>,
 }
 
@@ -162,9 +165,13 @@ impl DepthValidation {
         if index >= self.dense_views.len() {
             self.dense_views.resize(index + 1, None);
         }
-        self.dense_views[index] = Self::is_dense(surface).then(|| DenseView {
+        let identity = Isometry3::identity();
+        let in_camera = KeyframeSurface::new(surface, &self.camera, &identity, &self.options, 0.0);
+        let middle = in_camera.middle().filter(|_| Self::is_dense(surface));
+        self.dense_views[index] = middle.map(|middle| DenseView {
             world_from_camera: *world_from_camera,
             surface: surface.thinned(),
+            middle,
             image,
         });
         self.newest = Some(view);
@@ -303,12 +310,21 @@ impl DepthValidation {
         views.filter_map(|view| self.dense_view(view)).collect()
     }
 
-    /// The dense surfaces of the view added last, of that before it, and of those 4, 8, 16... views back.
-    pub(super) fn earlier_surfaces(&self) -> impl Iterator<Item = KeyframeSurface<'_>> {
-        let count = self.dense_views.len() as u32;
-        let ages = iter::successors(Some(1_u32), |age| age.checked_mul(2));
-        let views = ages.map_while(move |age| count.checked_sub(age));
-        views.filter_map(|view| self.dense_view(view))
+    /// Dense surfaces with their middle in the view of another: at most [`COMPARED`], evenly from the first to the last.
+    pub(super) fn in_view_of(
+        &self,
+        surface: &KeyframeSurface<'_>,
+    ) -> impl Iterator<Item = KeyframeSurface<'_>> {
+        let views = self.dense_views.iter().zip(0..);
+        let in_view = views.filter_map(|(view, number)| {
+            let view = view.as_ref()?;
+            let middle = view.world_from_camera * view.middle;
+            surface.is_in_view(&middle).then_some(number)
+        });
+        let in_view: Vec<u32> = in_view.collect();
+        let compared = in_view.len().min(COMPARED);
+        let chosen = (0..compared).map(move |index| in_view[index * in_view.len() / compared]);
+        chosen.filter_map(|view| self.dense_view(view))
     }
 
     /// The dense depth of a view; `None` when its depth is not dense.

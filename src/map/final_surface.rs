@@ -21,9 +21,9 @@ use crate::options::{HoleFilling, SurfaceOptions};
 /// rendered room.
 const FUSION_SIDE_PX: f64 = 3.2;
 /// Least side of the cubes, in deviations of a depth at the median scene depth. Smaller ones would show noise.
-const FUSION_SIDE_SIGMAS: f64 = 1.5;
+const FUSION_SIDE_SIGMAS: f64 = 0.9;
 /// How far vertices may lie from the fused surface where it is thinned, in deviations of a depth at the median scene depth.
-const THINNING_SIGMAS: f64 = 0.5;
+const THINNING_SIGMAS: f64 = 0.4;
 /// The same for its boundary, in sides of the cubes.
 const THINNING_BOUNDARY_SIDES: f64 = 0.35;
 /// Longest edge of a thinned triangle, in sides of the cubes.

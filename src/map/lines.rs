@@ -476,7 +476,7 @@ fn observed_surface<'a>(
         noise.disagreement(),
     );
     if keyframe.surface.known_count() > 0 {
-        noise.observe(&surface, validation.earlier_surfaces());
+        noise.observe(&surface, validation.in_view_of(&surface));
         surface.set_disagreement(noise.disagreement());
         validation.set_disagreement(noise.disagreement());
     }

@@ -102,27 +102,36 @@ impl<'a> KeyframeSurface<'a> {
         f64::from(slope) * self.camera.mean_focal_px() <= LARGEST_TILT * f64::from(sample.rho)
     }
 
-    /// World points of samples that face the camera, `stride` apart along columns and rows, with the standard deviation of their depth over
-    /// the depth, by the noise of the samples alone.
-    pub(super) fn head_on_points(
+    /// Samples `stride` apart along columns and rows, with their world points.
+    pub(super) fn points(
         &self,
         stride: usize,
-    ) -> impl Iterator<Item = (Point3<f64>, f64)> + '_ {
+    ) -> impl Iterator<Item = (Point3<f64>, SurfaceSample)> + '_ {
         let columns = (stride / 2..self.samples.columns()).step_by(stride);
         let rows = (stride / 2..self.samples.rows()).step_by(stride);
         let places = rows.flat_map(move |row| columns.clone().map(move |column| (column, row)));
         places.filter_map(|(column, row)| {
             let sample = self.samples.get(column, row)?;
-            if !self.is_head_on(&sample) {
-                return None;
-            }
-            let rho = f64::from(sample.rho);
             let pixel = self.samples.pixel(column, row);
-            let point = self.camera.point_at_depth(&pixel, 1.0 / rho).ok()?;
-            Some((
-                self.world_from_camera * point,
-                f64::from(sample.sigma) / rho,
-            ))
+            let depth = 1.0 / f64::from(sample.rho);
+            let point = self.camera.point_at_depth(&pixel, depth).ok()?;
+            Some((self.world_from_camera * point, sample))
+        })
+    }
+
+    /// Mean of some of the measured points, in world coordinates; `None` without any.
+    pub(super) fn middle(&self) -> Option<Point3<f64>> {
+        let points = self.points(8).map(|(point, _)| (point.coords, 1.0));
+        let (sum, count) = points.reduce(|sum, point| (sum.0 + point.0, sum.1 + point.1))?;
+        Some(Point3::from(sum / count))
+    }
+
+    /// Whether the camera has a world point in its image, whatever is in front of it.
+    pub(super) fn is_in_view(&self, point_in_world: &Point3<f64>) -> bool {
+        let step = f64::from(self.samples.step_px());
+        let size = [self.samples.columns(), self.samples.rows()].map(|count| count as f64 * step);
+        self.vertex(point_in_world).is_some_and(|vertex| {
+            (0.0..size[0]).contains(&vertex.pixel.x) && (0.0..size[1]).contains(&vertex.pixel.y)
         })
     }
 

@@ -87,7 +87,7 @@ impl Room {
         self.vertices.update(
             &self.carver,
             &self.points,
-            iter::once(landmark),
+            std::iter::once(landmark),
             &mut Vec::new(),
         );
         let map = VertexViews::new(&self.carver, &self.points, &self.vertices);
