@@ -19,16 +19,28 @@ use crate::sinks::{
 use crate::video::is_video;
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let watch = |is_model_at_once: bool| {
-        let Some(limit) = args.memory_limit.filter(|_| is_model_at_once) else {
-            return CancelToken::watch(args.memory_limit);
-        };
+    let input = &args.input.sequence;
+    let end_beyond_limit = |limit| {
         let remedy = format!(
             "more than --memory-limit; carve the model in tiles, which gives the same mesh (linecarve tiles plan {} WORK, then \
              linecarve tiles run WORK), or give more memory",
-            args.input.sequence.display()
+            input.display()
         );
         end_beyond(limit, remedy);
+    };
+    // A model in a file is read at once, too, and may be too large for that.
+    let is_watched =
+        args.final_only && args.live.live.is_none() && input.is_file() && !is_video(input);
+    if is_watched {
+        args.memory_limit.into_iter().for_each(end_beyond_limit);
+    }
+    let watch = |is_model_at_once: bool| {
+        if !is_model_at_once {
+            return CancelToken::watch(args.memory_limit);
+        }
+        if !is_watched {
+            args.memory_limit.into_iter().for_each(end_beyond_limit);
+        }
         CancelToken::watch(None)
     };
     let (outcome, ..) = reconstruct(args, Some(&args.out), verbosity, watch)?;
