@@ -205,6 +205,11 @@ impl Mapper {
         self.map.leave_carving()
     }
 
+    /// Frees what the final surface does not need, see [`Map::release_carving`].
+    pub(crate) fn release_carving(&mut self) {
+        self.map.release_carving();
+    }
+
     /// Keeps the exported surface up to date from now on.
     pub(crate) fn follow_surface(&mut self) {
         self.map.follow_surface();

@@ -289,6 +289,11 @@ impl Reconstruction {
         Ok(())
     }
 
+    /// Frees what the final surface of a finished run does not need, see [`Map::release_carving`].
+    pub(crate) fn release_carving(&mut self) {
+        self.mapper.release_carving();
+    }
+
     /// The recording.
     pub fn recording(&self) -> &Recording {
         &self.recording

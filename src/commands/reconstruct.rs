@@ -124,6 +124,7 @@ pub fn reconstruct(
     if let Some(live) = &mut live {
         live.finish(&run);
     }
+    run.release_carving();
     log.finish_progress();
     log.set_resumed(checkpoint.as_ref().map_or(0, Checkpoint::reused));
 

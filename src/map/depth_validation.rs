@@ -287,13 +287,18 @@ impl DepthValidation {
     }
 
     /// The depth images of all keyframes that have one, with their poses.
-    pub(super) fn depth_images(&self) -> Vec<PosedDepth<'_>> {
+    pub(super) fn depth_images(&self) -> impl Iterator<Item = PosedDepth<'_>> {
         let views = self.dense_views.iter().flatten();
-        let posed = views.filter_map(|view| {
+        views.filter_map(|view| {
             let (depth, _) = view.image.as_ref()?;
             Some(PosedDepth::new(depth, &view.world_from_camera))
-        });
-        posed.collect()
+        })
+    }
+
+    /// Frees what is known of triangles.
+    pub(super) fn release_triangles(&mut self) {
+        self.triangles = FxHashMap::default();
+        self.changed = Vec::new();
     }
 
     /// The colours of the keyframes of [`dense_surfaces`](Self::dense_surfaces).

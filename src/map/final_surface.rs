@@ -103,7 +103,7 @@ impl FinalSurface<'_> {
 
     /// The surface fused from depth images; `None` where there are none.
     fn fused(&self, surfaces: &[KeyframeSurface<'_>]) -> Option<TriangleMesh> {
-        let images = self.validation.depth_images();
+        let images: Vec<_> = self.validation.depth_images().collect();
         if !self.is_measured || images.is_empty() {
             return None;
         }

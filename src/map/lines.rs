@@ -291,6 +291,18 @@ impl LineMap {
         Ok(update)
     }
 
+    /// Whether any keyframe has a dense depth image.
+    pub(super) fn has_depth_images(&self) -> bool {
+        self.validation.depth_images().next().is_some()
+    }
+
+    /// Frees landmarks and what depends on them.
+    pub(super) fn release_landmarks(&mut self, options: &Options) {
+        self.landmarks = LandmarkFusion::new(options);
+        self.vertices = VertexLandmarks::default();
+        self.validation.release_triangles();
+    }
+
     /// Adds the view of a keyframe with its depth.
     fn add_depth(
         &mut self,

@@ -3,6 +3,7 @@
 //! A [`Map`] is a carver and its source of points: landmarks along segments, points triangulated from features, or the points
 //! of a sparse model. It takes [`Keyframe`]s and returns a [`MapUpdate`] for each.
 
+mod carved;
 mod corrections;
 mod depth_noise;
 mod depth_validation;
@@ -47,6 +48,7 @@ use model::ModelMap;
 use observed::ObservedMap;
 use points::FeatureMap;
 
+pub use carved::CarvedCounts;
 pub use error::MapError;
 pub(crate) use export::{close_all_holes, export_options};
 pub use model::ModelCounts;
@@ -72,6 +74,8 @@ pub struct Map {
     has_depth_images: bool,
     /// Whether the carver stays as it is after the last keyframe, without cells.
     leaves_carving: bool,
+    /// What was carved before it was released.
+    released: Option<CarvedCounts>,
     /// Time of carving after the last keyframe.
     final_carving: Option<Duration>,
     /// The exported surface, where it is followed.
@@ -207,6 +211,7 @@ impl Map {
             needs_every_surface: false,
             has_depth_images: false,
             leaves_carving: false,
+            released: None,
             final_carving: None,
             surface: None,
             keyframes: 0,

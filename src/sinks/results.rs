@@ -70,10 +70,10 @@ pub(crate) fn write_results(
         result.segments = segments.segment_count();
         result.clusters = segments.cluster_count();
     }
-    let carver = map.carver();
-    result.points = carver.point_count();
-    result.rays = carver.ray_count();
-    result.cells = carver.tetrahedra().finite_cell_count();
+    let carved = map.carved_counts();
+    result.points = carved.points;
+    result.rays = carved.rays;
+    result.cells = carved.cells;
     result.vertices = mesh.positions.len();
     result.triangles = mesh.triangles.len();
     result.surface_milliseconds = (recording.source == Source::Model).then_some(extracted);

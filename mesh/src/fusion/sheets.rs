@@ -52,5 +52,7 @@ pub(super) fn separate(
         }
         kept.push(corners);
     }
+    copies.shrink_to_fit();
+    kept.shrink_to_fit();
     (copies, kept)
 }

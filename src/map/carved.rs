@@ -1,0 +1,42 @@
+//! What a map has carved, and how it lets go of it.
+
+use linecarve_carving::Carver;
+
+use super::{Contents, Map, carver_options};
+
+/// Numbers of what is carved.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct CarvedCounts {
+    /// Points in the tetrahedralisation.
+    pub points: usize,
+    /// Rays from keyframes to points.
+    pub rays: usize,
+    /// Tetrahedra, without those that reach to infinity.
+    pub cells: usize,
+}
+
+impl Map {
+    /// Numbers of what is carved, or was before it was [released](Self::release_carving).
+    pub fn carved_counts(&self) -> CarvedCounts {
+        self.released.unwrap_or_else(|| CarvedCounts {
+            points: self.carver.point_count(),
+            rays: self.carver.ray_count(),
+            cells: self.carver.tetrahedra().finite_cell_count(),
+        })
+    }
+
+    /// Frees points and cells of a finished map whose [final surface](Self::adjusted_surface) is fused from depth images, which needs memory of
+    /// its own. That surface, the [followed](Self::followed_surface) one, segments and counts stay. Other maps stay as they are.
+    pub(crate) fn release_carving(&mut self) {
+        let counts = self.carved_counts();
+        let is_fused = self.has_depth_images && self.options.surface.fuse_depth;
+        if let Contents::Lines(lines) = &mut self.contents
+            && is_fused
+            && lines.has_depth_images()
+        {
+            lines.release_landmarks(&self.options);
+            self.carver = Carver::new(carver_options(&self.options));
+            self.released = Some(counts);
+        }
+    }
+}
