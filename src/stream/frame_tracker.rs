@@ -56,7 +56,8 @@ impl FrameTracker {
     ) -> Result<(Self, TrackedFrame), SessionError> {
         let id = message.id;
         let failed = |source: TrackError| SessionError::Frame { id, source };
-        let live = LiveSequence::begin(&start.calibration, frame)?;
+        let live =
+            LiveSequence::begin(&start.calibration, frame).map_err(|error| failed(error.into()))?;
         let sequence = live.sequence();
         let no_depth = SessionError::FrameWithoutDepth { id };
         let Some(calibration) = sequence.depth_calibration() else {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::program::stream;
+use crate::program::{data, expect_status, stream, text};
 use serde_json::{Value, json};
 
 fn room() -> PathBuf {
@@ -127,6 +127,10 @@ fn sessions_that_cannot_track_are_refused() {
         .save(&empty)
         .unwrap();
     dark["depth"] = json!({ "path": empty });
+    let broken = folder.path().join("broken.png");
+    std::fs::write(&broken, "no image").unwrap();
+    let mut unreadable = frame(0, 0);
+    unreadable["color"] = json!({ "path": broken });
     let refused = [
         (
             with("calibration", Value::Null),
@@ -145,6 +149,7 @@ fn sessions_that_cannot_track_are_refused() {
         (frame(0, 0), "must come first"),
         (start(), ""),
         (dark, "holds no depth"),
+        (unreadable, "broken.png cannot be decoded"),
     ];
     let lines: Vec<String> = refused.iter().map(|(line, _)| line.to_string()).collect();
     let (status, replies) = stream(&[], &lines);
@@ -157,4 +162,68 @@ fn sessions_that_cannot_track_are_refused() {
     let (_, replies) = stream(&[], &[given, frame(0, 0).to_string()]);
     let text = replies[1]["message"].as_str().unwrap();
     assert!(text.contains("\"poses\": \"track\" in `start`"), "{text}");
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn frames_of_a_recorded_kitchen_end_as_a_run_over_the_recording() {
+    const FRAMES: usize = 40;
+    let kitchen = data("seven-scenes");
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("recording");
+    std::fs::create_dir(&recording).unwrap();
+    let copy = |name: &str| std::fs::copy(kitchen.join(name), recording.join(name)).unwrap();
+    copy("linecarve.toml");
+    copy("camera-intrinsics.txt");
+    let numbers: Vec<usize> = (0..FRAMES).map(|frame| 3 * frame).collect();
+    for number in &numbers {
+        for image in ["color.jpg", "depth.png", "pose.txt"] {
+            copy(&format!("frame-{number:06}.{image}"));
+        }
+    }
+    let batch = folder.path().join("batch");
+    let arguments = [
+        "reconstruct",
+        text(&recording),
+        "--track",
+        "--out",
+        text(&batch),
+    ];
+    expect_status(0, arguments);
+
+    // The calibration of linecarve.toml, and the length scale of the run.
+    let report = std::fs::read(batch.join("report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    let color_from_depth = [
+        [1.0, 0.0, 0.0, -0.0304],
+        [0.0, 1.0, 0.0, 0.0068],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ];
+    let depth = json!({
+        "fx": 585.0, "fy": 585.0, "cx": 320.0, "cy": 240.0, "scale": 1000.0,
+        "color_from_depth": color_from_depth,
+    });
+    let color = json!({ "fx": 525.8, "fy": 525.8, "cx": 322.2, "cy": 235.6 });
+    let start = json!({
+        "type": "start", "poses": "track", "median_depth": report["sequence"]["median_depth"],
+        "calibration": { "color": color, "depth": depth },
+    });
+    let mut lines = vec![start.to_string()];
+    lines.extend(numbers.iter().map(|number| {
+        let file = |image: &str| recording.join(format!("frame-{number:06}.{image}"));
+        let message = json!({
+            "type": "frame", "id": number,
+            "color": { "path": file("color.jpg") }, "depth": { "path": file("depth.png") },
+        });
+        message.to_string()
+    }));
+    let live = folder.path().join("live");
+    let (status, replies) = stream(&["--out", text(&live)], &lines);
+    assert_eq!(status, Some(0));
+    assert_eq!(replies.last().unwrap()["tracking"]["tracked"], FRAMES);
+    for name in ["trajectory.txt", "mesh.ply"] {
+        let read = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
+        assert!(read(&batch) == read(&live), "{name} differs");
+    }
 }
