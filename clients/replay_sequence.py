@@ -12,6 +12,11 @@ count after every step.
 
 With --no-depth (and `reconstruct --depth semi-dense`) depth images are left out: depth comes from the images alone.
 
+With --track all frames are sent without poses, as a camera would: the program tracks them and chooses keyframes itself.
+
+    clients/replay_sequence.py kitchen --track --out out/live
+    linecarve evaluate --trajectory out/live/trajectory.txt --reference kitchen
+
 Reads the 7-Scenes layout (frame-NNNNNN.color.jpg|png, .depth.png, .pose.txt) with its camera-intrinsics.txt, and the layout of
 Open3D (image/NNNNN.jpg|png, depth/NNNNN.png, trajectory.log, camera_primesense.json). A linecarve.toml beside them counts
 for what it says. Python 3.11 or newer, nothing else.
@@ -134,12 +139,51 @@ class Linecarve:
             print(f"line {reply['line']}: {reply['message']}", file=sys.stderr)
         return reply
 
+    def close(self):
+        """Waits for the end of the program."""
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def follow_frame(reply, surface):
+    """Applies the reply to a frame without pose to the surface, and describes it."""
+    if "surface" in reply:
+        surface.apply(reply["surface"])
+    pose = reply["world_from_camera"]
+    where = "at " + " ".join(f"{x:.3f}" for x in pose["translation"]) if pose else f"no pose: {reply['reason']}"
+    for warning in reply.get("warnings", []):
+        print(f"frame {reply['id']}: {warning}", file=sys.stderr)
+    count = len(reply.get("corrected_poses", []))
+    return f"frame {reply['id']}: {where}; keyframes {reply['keyframes']}, {count} poses corrected"
+
+
+def track(linecarve, recording, frames, image):
+    """Sends frames without poses, and prints what becomes of them."""
+    surface, milliseconds = Surface(), []
+    for name in frames:
+        images = {"color": image(recording.color(name)), "depth": image(recording.depth(name))}
+        reply = linecarve.send(type="frame", id=int(name.split("-")[-1]), **images)
+        if reply["type"] == "frame":
+            print(follow_frame(reply, surface))
+            milliseconds.append(reply["milliseconds"])
+    end = linecarve.send(type="end")
+    while end["type"] != "end":
+        if end["type"] == "surface":
+            surface.apply(end)
+            print(f"last adjustment: {len(end['added'])} triangles new, {len(end['removed'])} gone, {end['milliseconds']:.0f} ms")
+        end = linecarve.receive()
+    linecarve.close()
+    tracking, milliseconds = end["tracking"], sorted(milliseconds)
+    print(f"{tracking['tracked']} of {tracking['frames']} frames have a pose, {end['keyframes']} keyframes, {end['triangles']} "
+          f"triangles; a frame takes {milliseconds[len(milliseconds) // 2]:.1f} ms (median), {milliseconds[-1]:.0f} at most")
+
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sequence", type=pathlib.Path)
     parser.add_argument("--report", type=pathlib.Path, help="report.json of a batch run: its keyframes and median depth")
-    parser.add_argument("--every", type=int, default=7, help="without a report: every n-th frame")
+    parser.add_argument("--track", action="store_true", help="send frames without poses")
+    parser.add_argument("--every", type=int, help="without a report: every n-th frame; default 7, with --track 1")
     parser.add_argument("--drift", type=float, default=0.002, help="error that each keyframe adds, in units of the poses")
     parser.add_argument("--correct-every", type=int, default=10, help="keyframes between corrections of all poses; 0: none")
     parser.add_argument("--no-depth", action="store_true", help="send no depth images: depth comes from the images alone")
@@ -153,13 +197,17 @@ def main():
     start = {"calibration": recording.calibration}
     if options.no_depth:
         start["depth_source"] = "semi-dense"
+    if options.track:
+        start["poses"] = "track"
+        # Poses that are found are those of the colour camera.
+        recording.calibration.pop("poses", None)
     if options.report:
         report = json.loads(options.report.read_text())
         keyframes = [keyframe["frame"] for keyframe in report["keyframes"]]
         start["median_depth"] = report["sequence"]["median_depth"]
         start["origin"] = report["sequence"]["origin"]
     else:
-        keyframes = recording.frames[:: options.every]
+        keyframes = recording.frames[:: options.every or 7]
 
     def image(path):
         return {"base64": base64.b64encode(path.read_bytes()).decode()} if options.bytes else {"path": str(path)}
@@ -169,6 +217,9 @@ def main():
     linecarve = Linecarve(options.program, arguments)
     if linecarve.send(type="start", **start)["type"] != "ready":
         sys.exit("the calibration was refused")
+    if options.track:
+        track(linecarve, recording, recording.frames[:: options.every or 1], image)
+        return
     surface, poses, milliseconds, corrections = Surface(), {}, [], []
     since_correction = 0
     for number, name in enumerate(keyframes):
@@ -199,8 +250,7 @@ def main():
             surface.apply(end)
             print(f"last estimates: {len(end['added'])} triangles new, {len(end['removed'])} gone, {end['milliseconds']:.0f} ms")
         end = linecarve.receive()
-    linecarve.process.stdin.close()
-    linecarve.process.wait()
+    linecarve.close()
     print(f"{end['keyframes']} keyframes, {end['triangles']} triangles, {sorted(milliseconds)[len(milliseconds) // 2]:.1f} ms a "
           f"keyframe (median), {max(corrections, default=0):.0f} ms the longest of {len(corrections)} corrections")
     if "corrected_poses" in end:

@@ -67,7 +67,7 @@ pub enum Command {
     Track(TrackArgs),
     /// Only the 3D line segments of a sequence and their clusters.
     Lines(LinesArgs),
-    /// Keyframes of a running SLAM as JSON lines on standard input, changes of the surface on standard output.
+    /// Keyframes of a running SLAM, or frames without poses, as JSON lines on standard input; changes of the surface on standard output.
     Stream(StreamArgs),
     /// What a sequence holds, which conventions are assumed for it, and whether its own images agree with them.
     Info(InfoArgs),

@@ -44,8 +44,8 @@ pub use inspect::{
     inspect,
 };
 pub use keyframes::{
-    KeyframeListError, KeyframeOptions, KeyframeOptionsError, every_nth, read_keyframe_list,
-    select_keyframes,
+    KeyframeListError, KeyframeOptions, KeyframeOptionsError, OnlineKeyframes, every_nth,
+    read_keyframe_list, select_keyframes,
 };
 pub use layouts::DenseCloud;
 pub use live::{LiveCamera, LiveFrame, LiveSequence};

@@ -179,10 +179,22 @@ impl LiveSequence {
         });
         frames.len() - 1
     }
+
+    /// Takes back the frame that was appended last, unless it is the only one.
+    pub fn withdraw_last(&mut self) {
+        if self.sequence.frames.len() > 1 {
+            self.sequence.frames.pop();
+            self.sequence.recorded_poses.pop();
+            self.sequence.camera_of_frame.pop();
+        }
+    }
 }
 
 fn parse(calibration: &serde_json::Value) -> Result<Calibration, SequenceError> {
     let attempt = || -> Result<Calibration, String> {
+        if calibration.is_null() {
+            return Err(NO_COLOR.to_owned());
+        }
         let sidecar = Sidecar::from_json(calibration, ORIGIN)?;
         let color = sidecar.color.clone().ok_or(NO_COLOR)?;
         let mut parsed = Calibration::of_color(Some(color));

@@ -13,6 +13,7 @@ use crate::sinks::OutputFolder;
 use crate::sinks::SurfaceFiles;
 use crate::sinks::final_mesh_edges;
 use crate::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
+use linecarve_sequence::export::{TrajectoryFormat, write_trajectory};
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let options = match &args.config {
@@ -65,6 +66,12 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let (vertices, triangles) = (summary.mesh.positions.len(), summary.mesh.triangles.len());
     let corrected_poses = summary.corrected_poses.clone();
     let (lens_k1, focal_factor) = (summary.lens_k1, summary.focal_factor);
+    let tracking = summary.tracking.clone();
+    for warning in tracking.iter().flat_map(|tracking| &tracking.warnings) {
+        if verbosity > Verbosity::Quiet {
+            eprintln!("warning: {warning}");
+        }
+    }
     if let Some(output) = &mut output {
         write_results(args, summary, output)?;
         if let Some(page) = page {
@@ -79,6 +86,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         corrected_poses,
         lens_k1,
         focal_factor,
+        tracking,
     })?;
     Ok(if triangles == 0 {
         Outcome::Negative(format!("the mesh is empty after {keyframes} keyframe(s)"))
@@ -93,6 +101,10 @@ fn write_results(
     summary: SessionSummary,
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
+    if !summary.trajectory.is_empty() {
+        let path = output.file("trajectory.txt");
+        write_trajectory(&path, TrajectoryFormat::Tum, &summary.trajectory)?;
+    }
     let edges = final_mesh_edges(&summary.mesh, &summary.clusters, None)?;
     let mut surface = SurfaceFiles {
         mesh: summary.mesh,

@@ -37,7 +37,7 @@ table! {
 }
 
 table! {
-    /// Choice of keyframes among the frames of a sequence. `stream` ignores it: every message is a keyframe.
+    /// Choice of keyframes among the frames of a sequence. `stream` uses it for frames without poses: a `keyframe` message always is one.
     ["keyframes"] KeyframesTable {
         /// Motion since the last keyframe after which a frame becomes a keyframe, in the unit of the poses.
         /// Without this key it is 8 % of the median scene depth.

@@ -8,7 +8,8 @@ use linecarve_lines::ExtractError;
 use crate::error::Error;
 use crate::front_end::{FrontEndError, ImagePosesError, ScaleError};
 use crate::map::MapError;
-use linecarve_sequence::SequenceError;
+use crate::tracking::TrackError;
+use linecarve_sequence::{KeyframeOptionsError, SequenceError};
 
 /// A message is rejected and has no effect. The session continues.
 #[derive(Debug, thiserror::Error)]
@@ -44,6 +45,62 @@ pub enum SessionError {
         /// The id.
         id: u64,
     },
+    /// A session that tracks is asked for what it cannot do.
+    #[error("\"poses\": \"track\" {0}")]
+    Tracking(&'static str),
+    /// A frame without pose in a session whose keyframes have poses.
+    #[error(
+        "frame {id} has no pose: \"poses\": \"track\" in `start` finds poses; a session without it takes `keyframe` with \
+         `world_from_camera`"
+    )]
+    Untracked {
+        /// The id.
+        id: u64,
+    },
+    /// A message with a pose, or about keyframes, in a session that tracks.
+    #[error(
+        "{what}: this session finds poses and chooses keyframes by itself; send `frame` without `world_from_camera`, or start a \
+         session without \"poses\": \"track\""
+    )]
+    Tracked {
+        /// What was sent.
+        what: &'static str,
+    },
+    /// A frame with this id exists already.
+    #[error("frame {id} exists already; ids must be unique")]
+    FrameTwice {
+        /// The id.
+        id: u64,
+    },
+    /// A frame lacks an image.
+    #[error(
+        "frame {id} has no `{image}` image: each frame of a session with \"poses\": \"track\" needs `color` and `depth`"
+    )]
+    FrameWithout {
+        /// The id.
+        id: u64,
+        /// The key that is missing.
+        image: &'static str,
+    },
+    /// No depth is known in the frame that starts tracking.
+    #[error(
+        "frame {id}: its `depth` image holds no depth; tracking starts with the first frame that has some"
+    )]
+    FrameWithoutDepth {
+        /// The id.
+        id: u64,
+    },
+    /// The images of a frame cannot be used.
+    #[error("frame {id} is left out, send the next one: {source}")]
+    Frame {
+        /// The id.
+        id: u64,
+        /// The cause, which names the file.
+        source: TrackError,
+    },
+    /// A parameter of keyframe selection is out of range.
+    #[error(transparent)]
+    Keyframes(#[from] KeyframeOptionsError),
     /// Points and segments before any keyframe.
     #[error("there is no keyframe yet: points and lines come after the first `keyframe`")]
     NoKeyframe,
@@ -89,7 +146,7 @@ pub enum SessionError {
         problem: String,
     },
     /// Image data is not valid base 64.
-    #[error("an image of keyframe {id} is not base 64: {source}")]
+    #[error("an image of frame {id} is not base 64: {source}")]
     Base64 {
         /// The id.
         id: u64,
@@ -97,7 +154,7 @@ pub enum SessionError {
         source: base64::DecodeError,
     },
     /// Image data cannot be stored in a temporary file.
-    #[error("an image of keyframe {id} cannot be stored in {}: {source}", folder.display())]
+    #[error("an image of frame {id} cannot be stored in {}: {source}", folder.display())]
     Spool {
         /// The id.
         id: u64,

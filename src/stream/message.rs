@@ -16,6 +16,8 @@ pub enum Message {
     Start(StartMessage),
     /// A keyframe.
     Keyframe(KeyframeMessage),
+    /// A frame whose pose is found by the session.
+    Frame(FrameMessage),
     /// Corrected poses of earlier keyframes.
     Poses {
         /// The corrected keyframes; all take effect at once.
@@ -101,6 +103,20 @@ pub struct StartMessage {
     /// Source of the depth of keyframes.
     #[serde(default)]
     pub depth_source: DepthKind,
+    /// Where the poses come from.
+    #[serde(default)]
+    pub poses: PoseKind,
+}
+
+/// Where the poses of a session come from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PoseKind {
+    /// Keyframes bring their poses.
+    #[default]
+    Given,
+    /// Frames without poses are tracked, and keyframes are chosen among them.
+    Track,
 }
 
 /// Source of the depth of keyframes.
@@ -128,6 +144,22 @@ pub struct KeyframeMessage {
     pub color: Option<ImageSource>,
     /// The depth image, 16 bits per pixel; none with depth from images alone.
     pub depth: Option<ImageSource>,
+}
+
+/// A frame of a session that tracks.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameMessage {
+    /// Unique number of the frame.
+    pub id: u64,
+    /// Time in nanoseconds, for `trajectory.txt`; without it the id is written.
+    pub timestamp_ns: Option<i64>,
+    /// The colour or grey image.
+    pub color: Option<ImageSource>,
+    /// The depth image.
+    pub depth: Option<ImageSource>,
+    /// Read only to be refused: a session that tracks takes no poses.
+    pub world_from_camera: Option<serde::de::IgnoredAny>,
 }
 
 /// A corrected pose.
@@ -208,6 +240,8 @@ pub enum Reply {
         /// Time from the message to this reply.
         milliseconds: f64,
     },
+    /// A frame was tracked.
+    Frame(Box<FrameReply>),
     /// A message was rejected.
     Error {
         /// Line of the message in the input, counted from 1.
@@ -235,7 +269,60 @@ pub enum Reply {
         /// Factor on the given focal length, which was wrong, in the final estimates.
         #[serde(skip_serializing_if = "Option::is_none")]
         focal_factor: Option<f64>,
+        /// What tracking came to, in a session that tracks.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        tracking: Option<TrackingSummary>,
     },
+}
+
+/// What became of a frame without pose, and what its arrival changed.
+#[derive(Debug, Clone, Serialize)]
+pub struct FrameReply {
+    /// Id of the frame.
+    pub id: u64,
+    /// Pose of its colour camera as it is known now.
+    pub world_from_camera: Option<PoseParts>,
+    /// Why there is no pose.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// The sub-map in whose coordinates the pose is, numbered in the order of their starts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub submap: Option<u32>,
+    /// The sub-map whose keyframes make the surface.
+    pub surface_submap: u32,
+    /// Frames that became keyframes of the surface: this one, or earlier ones.
+    pub keyframes: Vec<u64>,
+    /// Earlier keyframes whose poses changed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub corrected_poses: Vec<CorrectedPose>,
+    /// Keyframes that left the surface, with their sub-map.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub removed: Vec<u64>,
+    /// What the surface could not follow, and other changes to know of.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+    /// The change of the surface, as a [`Reply::Surface`]; none when nothing reached it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface: Option<Reply>,
+    /// Time from the message to this reply.
+    pub milliseconds: f64,
+}
+
+/// What tracking came to at the end of a session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct TrackingSummary {
+    /// Frames that were tracked, with and without success.
+    pub frames: usize,
+    /// Frames with a pose in the largest sub-map, that of the surface and of `trajectory.txt`.
+    pub tracked: usize,
+    /// Number of sub-maps.
+    pub submaps: usize,
+    /// Loops that were closed.
+    pub loops_closed: usize,
+    /// Loops that were refused.
+    pub loops_refused: usize,
+    /// What is missing, or contradicts the poses.
+    pub warnings: Vec<String>,
 }
 
 /// The pose of a colour camera.

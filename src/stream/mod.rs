@@ -8,6 +8,7 @@
 //! from images alone the estimate from the poses at its time.
 
 mod error;
+mod frame_tracker;
 mod image_map;
 mod message;
 mod message_map;
@@ -18,11 +19,13 @@ mod session_keyframes;
 mod session_map;
 mod session_page;
 mod surface_diff;
+mod surface_keyframes;
 
 pub use error::SessionError;
 pub use message::{
-    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, LineMessage, Message, PointMessage,
-    Pose, PoseParts, PoseUpdate, Reply, StartMessage,
+    CorrectedPose, DepthKind, FrameMessage, FrameReply, ImageSource, KeyframeMessage, LineMessage,
+    Message, PointMessage, Pose, PoseKind, PoseParts, PoseUpdate, Reply, StartMessage,
+    TrackingSummary,
 };
 pub use session::{Session, SessionEnd, SessionSummary};
 pub use surface_diff::{SurfaceDiff, SurfaceDifference};

@@ -1,30 +1,35 @@
 //! A live session: handles messages and replies with surface changes.
 
+mod images;
+mod tracked;
+
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use base64::Engine;
 use nalgebra::{Isometry3, Vector3};
 use tempfile::TempDir;
 
+use self::images::{delete, store_image};
 use super::SessionError;
+use super::frame_tracker::FrameTracker;
 use super::image_map::ImageMap;
 use super::message::{
-    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseUpdate, Reply,
-    StartMessage,
+    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseKind, PoseUpdate,
+    Reply, StartMessage, TrackingSummary,
 };
 use super::message_map::MessageMap;
 use super::sensor_map::SensorMap;
 use super::session_map::SessionMap;
 use super::session_page::{SessionPage, last_page};
 use super::surface_diff::SurfaceDiff;
+use super::surface_keyframes::SurfaceKeyframes;
 use crate::live::LiveView;
 use crate::options::Options;
 use crate::report::page::Page;
 use crate::run::milliseconds;
 use linecarve_mesh::{LineSet, TriangleMesh};
+use linecarve_sequence::export::PosedImage;
 use linecarve_sequence::{LiveFrame, LiveSequence};
 
 /// Turns keyframes into a surface; see the [module](super) for its invariant.
@@ -38,6 +43,10 @@ pub struct Session {
     surface_diff: SurfaceDiff,
     page: Option<SessionPage>,
     wants_last_page: bool,
+    /// Finds the poses of frames without; `None` before the first frame.
+    tracker: Option<FrameTracker>,
+    /// The keyframes that were chosen among tracked frames.
+    chosen: SurfaceKeyframes,
     /// Temporary files of images sent in messages.
     image_folder: TempDir,
     /// Files that are still needed, by keyframe.
@@ -59,12 +68,16 @@ pub struct SessionSummary {
     pub origin: Vector3<f64>,
     /// Median scene depth in units of the poses; `None` when it is unknown.
     pub median_depth: Option<f64>,
-    /// Poses corrected from images.
+    /// Poses corrected from images; of a session that tracks, those of all keyframes.
     pub corrected_poses: Vec<CorrectedPose>,
     /// Estimated radial distortion `k1` (Brown) of images given as those of a pinhole.
     pub lens_k1: Option<f64>,
     /// Factor on the focal length with which images agree with the poses, where the given one was wrong.
     pub focal_factor: Option<f64>,
+    /// What tracking came to, where frames came without poses.
+    pub tracking: Option<TrackingSummary>,
+    /// The tracked frames with their final poses, in order.
+    pub trajectory: Vec<PosedImage>,
 }
 
 /// The end of a session.
@@ -91,6 +104,8 @@ impl Session {
             surface_diff: SurfaceDiff::default(),
             page: None,
             wants_last_page: false,
+            tracker: None,
+            chosen: SurfaceKeyframes::default(),
             image_folder: tempfile::tempdir()?,
             stored_images: BTreeMap::new(),
         })
@@ -123,6 +138,10 @@ impl Session {
                     generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")),
                 }));
             }
+            Message::Frame(frame) => return self.track(frame, arrived).map(Some),
+            Message::Keyframe(_) if self.is_tracking() => return Err(tracked("a `keyframe`")),
+            Message::Poses { .. } if self.is_tracking() => return Err(tracked("`poses`")),
+            Message::Remove { .. } if self.is_tracking() => return Err(tracked("`remove`")),
             Message::Keyframe(keyframe) => self.add(keyframe)?,
             Message::Poses { poses } => self.correct(poses)?,
             Message::Remove { ids } => self.remove(ids)?,
@@ -191,6 +210,9 @@ impl Session {
                 expected: "three finite numbers are needed, or leave it out",
             });
         }
+        if start.poses == PoseKind::Track {
+            tracked::check(start)?;
+        }
         let is_without = start.depth_source == DepthKind::None && start.calibration.is_null();
         if !is_without {
             LiveSequence::check_calibration(&start.calibration)?;
@@ -226,21 +248,26 @@ impl Session {
             color: color.map_or_else(|| Ok(PathBuf::new()), &mut file)?,
             depth: depth.map(&mut file).transpose()?,
         };
-        let outcome = match &mut self.map {
-            Some(map) => map.add(id, frame, &self.options),
-            None => begin_map(start, &self.options, id, frame).map(|map| self.map = Some(map)),
-        };
-        if outcome.is_ok()
-            && let (Some(page), Some(map)) = (&mut self.page, &self.map)
-        {
-            page.look(map.as_ref());
-        }
+        let outcome = self.insert(id, frame);
         if outcome.is_ok() && self.map.as_ref().is_some_and(|map| map.keeps_images()) {
             self.stored_images.insert(id, stored_images);
         } else {
             delete(&stored_images);
         }
         outcome
+    }
+
+    /// Adds a keyframe to the map, which the first one makes.
+    fn insert(&mut self, id: u64, frame: LiveFrame) -> Result<(), SessionError> {
+        match (&mut self.map, &self.start) {
+            (Some(map), _) => map.add(id, frame, &self.options)?,
+            (None, Some(start)) => self.map = Some(begin_map(start, &self.options, id, frame)?),
+            (None, None) => return Err(SessionError::NotStarted),
+        }
+        if let (Some(page), Some(map)) = (&mut self.page, &self.map) {
+            page.look(map.as_ref());
+        }
+        Ok(())
     }
 
     /// The map of a session whose points and segments come in messages.
@@ -291,8 +318,12 @@ impl Session {
     /// the remaining estimates with depth from images alone.
     pub fn finish(mut self) -> SessionEnd {
         let arrived = Instant::now();
+        let tracking = self.finish_tracking();
+        let is_moved = tracking.as_ref().is_some_and(|end| end.is_changed);
         let outcome = match &mut self.map {
-            Some(map) => map.finish(&self.options),
+            Some(map) => map
+                .finish(&self.options)
+                .map(|is_changed| is_changed || is_moved),
             None => Ok(false),
         };
         let last_change = match outcome {
@@ -300,7 +331,12 @@ impl Session {
             Ok(false) => Ok(None),
             Err(error) => Err(error),
         };
-        let summary = self.summary();
+        let mut summary = self.summary();
+        if let Some(end) = tracking {
+            summary.tracking = Some(end.summary);
+            summary.trajectory = end.trajectory;
+            summary.corrected_poses = end.keyframes;
+        }
         let page = self.map.as_ref().filter(|_| self.wants_last_page);
         let page = page.map(|map| last_page(map.as_ref(), &summary.mesh));
         SessionEnd {
@@ -358,11 +394,9 @@ fn begin_map(
     })
 }
 
-/// Removes unused files. Leftovers go with the temporary folder.
-fn delete(files: &[PathBuf]) {
-    for path in files {
-        let _ = std::fs::remove_file(path);
-    }
+/// The error of a message with poses in a session that finds them itself.
+fn tracked(what: &'static str) -> SessionError {
+    SessionError::Tracked { what }
 }
 
 /// The error of a message that refers to keyframes before there are any.
@@ -375,31 +409,4 @@ fn unknown_keyframe(id: Option<u64>) -> SessionError {
 fn isometry(id: u64, pose: &Pose) -> Result<Isometry3<f64>, SessionError> {
     pose.to_isometry()
         .map_err(|problem| SessionError::Pose { id, problem })
-}
-
-/// The path of an image. Data in a message is written to a file, which is added to `stored_images`.
-fn store_image(
-    folder: &TempDir,
-    id: u64,
-    source: &ImageSource,
-    stored_images: &mut Vec<PathBuf>,
-) -> Result<PathBuf, SessionError> {
-    match source {
-        ImageSource::Path(path) => Ok(path.clone()),
-        ImageSource::Base64(text) => {
-            let bytes = base64::engine::general_purpose::STANDARD
-                .decode(text)
-                .map_err(|source| SessionError::Base64 { id, source })?;
-            let path = folder.path().join(format!("{id}-{}", stored_images.len()));
-            stored_images.push(path.clone());
-            std::fs::File::create(&path)
-                .and_then(|mut file| file.write_all(&bytes))
-                .map_err(|source| SessionError::Spool {
-                    id,
-                    folder: folder.path().to_owned(),
-                    source,
-                })?;
-            Ok(path)
-        }
-    }
 }

@@ -3,11 +3,13 @@
 mod calibrate;
 mod contradiction;
 mod open;
+mod preparation;
 mod report;
 mod run;
 
 pub(crate) use calibrate::open_unposed;
 pub(crate) use open::open_or_track;
+pub(crate) use preparation::Preparation;
 pub use report::TrackReport;
 pub(crate) use report::poses_file;
 pub(crate) use run::{FrameDone, track_watched};

@@ -2,17 +2,16 @@
 
 use std::time::Instant;
 
-use linecarve_lines::depth::{DepthSensor, SensorError};
-use linecarve_sequence::{FrameError, Sequence, SequenceError, StereoPair};
+use linecarve_lines::depth::SensorError;
+use linecarve_sequence::{FrameError, Sequence, SequenceError};
 use linecarve_tracking::{
-    FrameDetector, FrameFeatures, FramePose, TrackedRecording, Tracker, TrackingOptions,
-    TrackingOptionsError,
+    FrameFeatures, FramePose, TrackedRecording, Tracker, TrackingOptions, TrackingOptionsError,
 };
 use nalgebra::{Isometry3, UnitQuaternion};
 use rayon::prelude::*;
 
 use super::contradiction::{contradiction, map_contradiction};
-use crate::front_end::median_scene_depth;
+use super::preparation::{Preparation, PrepareTimes};
 use crate::run::{Progress, StageTimes, Verbosity, milliseconds};
 
 /// Frames whose features are found ahead of tracking, per thread.
@@ -43,14 +42,6 @@ pub enum TrackError {
     Missing(String),
 }
 
-/// Durations of what comes before tracking, in milliseconds, summed over all frames.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct PrepareTimes {
-    pub(super) load: f64,
-    pub(super) depth: f64,
-    pub(super) features: f64,
-}
-
 /// A frame that was just tracked.
 pub(crate) struct FrameDone<'a> {
     /// Its number.
@@ -75,6 +66,16 @@ pub struct TrackedSequence {
 }
 
 impl TrackedSequence {
+    /// Frames that were tracked as they came, with depth images.
+    pub(crate) fn of_live(recording: TrackedRecording) -> Self {
+        Self {
+            recording,
+            unreadable: Vec::new(),
+            mode: TrackingMode::Rgbd,
+            times: PrepareTimes::default(),
+        }
+    }
+
     /// Frames with a pose in the largest sub-map, with `world_from_camera`.
     pub fn poses(&self) -> impl Iterator<Item = (usize, Isometry3<f64>)> {
         self.poses_in(0)
@@ -208,15 +209,8 @@ pub(crate) fn track_watched(
 ) -> Result<TrackedSequence, TrackError> {
     let folder = sequence.folder().display();
     let all: Vec<usize> = (0..sequence.frames().len()).collect();
-    let preparation = Preparation {
-        sequence,
-        source: DepthSource::new(sequence, mode, &all, relative_noise)?,
-        detector: FrameDetector::new(&options),
-    };
-    let (camera, size) = match preparation.source {
-        DepthSource::Pair(pair) => (pair.camera(), pair.size()),
-        _ => (sequence.color_camera(), sequence.color_size()),
-    };
+    let preparation = Preparation::new(sequence, mode, &all, relative_noise, &options)?;
+    let (camera, size) = preparation.camera(sequence);
     let (width, height) = (size.width as usize, size.height as usize);
     let mut tracker = Tracker::new(options, camera, width, height)?;
     let mut times = PrepareTimes::default();
@@ -225,7 +219,7 @@ pub(crate) fn track_watched(
     for group in all.chunks(AHEAD * rayon::current_num_threads().max(1)) {
         let prepared: Vec<_> = group
             .par_iter()
-            .map(|frame| (*frame, preparation.features(*frame)))
+            .map(|frame| (*frame, preparation.features(sequence, *frame)))
             .collect();
         for (frame, one) in prepared {
             match one {
@@ -281,100 +275,4 @@ pub(crate) fn track_watched(
 /// Whether a frame is left out because of its images: they cannot be read, or are those of another camera.
 fn is_left_out(error: &FrameError) -> bool {
     error.is_limited_to_frame() || matches!(error, FrameError::Size { .. })
-}
-
-/// Where the depth of features comes from.
-enum DepthSource<'a> {
-    Sensor(DepthSensor),
-    Pair(&'a StereoPair),
-    None,
-}
-
-impl<'a> DepthSource<'a> {
-    fn new(
-        sequence: &'a Sequence,
-        mode: TrackingMode,
-        frames: &[usize],
-        relative_noise: f64,
-    ) -> Result<Self, TrackError> {
-        mode.check(sequence)?;
-        match (mode, sequence.depth_calibration(), sequence.stereo()) {
-            (TrackingMode::Rgbd, Some(calibration), _) => {
-                let median_depth = median_scene_depth(sequence, frames)?.ok_or_else(|| {
-                    TrackError::Missing(format!(
-                        "{}: none of the depth images looked at holds a depth: are they the right files? Without them: \
-                         --mode mono",
-                        sequence.folder().display()
-                    ))
-                })?;
-                Ok(Self::Sensor(
-                    calibration.sensor(relative_noise, median_depth),
-                ))
-            }
-            (TrackingMode::Stereo, _, Some(pair)) => Ok(Self::Pair(pair)),
-            _ => Ok(Self::None),
-        }
-    }
-}
-
-/// What is needed to find the features of a frame.
-struct Preparation<'a> {
-    sequence: &'a Sequence,
-    source: DepthSource<'a>,
-    detector: FrameDetector,
-}
-
-impl Preparation<'_> {
-    /// `color_from_tracked`, where images are rectified.
-    fn turn(&self) -> Option<&UnitQuaternion<f64>> {
-        match &self.source {
-            DepthSource::Pair(pair) => Some(pair.color_from_rectified()),
-            _ => None,
-        }
-    }
-
-    fn features(&self, frame: usize) -> Result<(FrameFeatures, PrepareTimes), TrackError> {
-        let start = Instant::now();
-        if let DepthSource::Pair(pair) = &self.source {
-            let (left, right) = self.sequence.load_stereo(frame)?;
-            let loaded = start.elapsed();
-            let focal_baseline = pair.camera().fx() * pair.baseline();
-            let features = self
-                .detector
-                .detect_stereo(&left, right.as_ref(), focal_baseline);
-            let times = PrepareTimes {
-                load: milliseconds(loaded),
-                depth: 0.0,
-                features: milliseconds(start.elapsed() - loaded),
-            };
-            return Ok((features, times));
-        }
-        let image = self.sequence.load_gray(frame)?;
-        let depth = match &self.source {
-            DepthSource::Sensor(sensor) => self
-                .sequence
-                .load_depth(frame)?
-                .map(|depth| (sensor, depth)),
-            _ => None,
-        };
-        let loaded = start.elapsed();
-        let camera = self.sequence.color_camera();
-        let map = depth
-            .map(|(sensor, depth)| {
-                sensor.inverse_depth(&depth, camera, image.width(), image.height())
-            })
-            .transpose()
-            .map_err(|source| TrackError::Depth {
-                frame: self.sequence.frames()[frame].name.clone(),
-                source,
-            })?;
-        let registered = start.elapsed();
-        let features = self.detector.detect(&image, map.as_ref());
-        let times = PrepareTimes {
-            load: milliseconds(loaded),
-            depth: milliseconds(registered - loaded),
-            features: milliseconds(start.elapsed() - registered),
-        };
-        Ok((features, times))
-    }
 }

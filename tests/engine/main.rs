@@ -11,3 +11,4 @@ mod refinement;
 mod stream_corrections;
 mod stream_images;
 mod stream_messages;
+mod stream_tracking;

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion};
 
 use crate::map::{Map, PointId};
+use crate::records::FrameRecord;
 use crate::tracker::Tracker;
 
 /// The sub-map that is being tracked, as of the last frame.
@@ -45,6 +46,31 @@ impl Tracker {
             keyframes: keyframes.collect(),
             points: points_of(&self.map, submap),
         }
+    }
+
+    /// The pose of a frame in the map as it is now: the sub-map, numbered in the order of their starts, and `world_from_camera`.
+    /// `None` when the frame has none. A sub-map that is joined with an older one takes its number.
+    pub fn current_pose(&self, frame: u32) -> Option<(u32, Isometry3<f64>)> {
+        let FrameRecord::Posed(frame) = self.records.get(frame as usize)? else {
+            return None;
+        };
+        let submap = self.map.keyframe(frame.reference).submap;
+        let camera_from_world = frame.from_reference * self.map.pose_of(frame.reference);
+        Some((submap, camera_from_world.inverse()))
+    }
+
+    /// Number of frames with a pose in each sub-map, as of now; 0 for those that were joined with others.
+    ///
+    /// # Complexity
+    /// Linear in the frames.
+    pub fn submap_frames(&self) -> Vec<usize> {
+        let mut frames = vec![0; self.submaps as usize];
+        for record in &self.records {
+            if let FrameRecord::Posed(frame) = record {
+                frames[self.map.keyframe(frame.reference).submap as usize] += 1;
+            }
+        }
+        frames
     }
 }
 

@@ -272,8 +272,12 @@ impl Tracker {
             if can_start {
                 return self.start_map(number, frame.view);
             }
-            let matched = frame.inliers;
-            return self.miss(number, frame.view, NoPose::NoMatch { matched });
+            let (found, matched) = (frame.view.len(), frame.inliers);
+            let reason = match found < self.options.min_matches {
+                true => NoPose::FewFeatures { found },
+                false => NoPose::NoMatch { matched },
+            };
+            return self.miss(number, frame.view, reason);
         }
         if frame.inliers > 0 {
             self.refine_densely(&mut frame);

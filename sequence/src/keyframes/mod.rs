@@ -4,6 +4,7 @@
 //! keyframe, the sharpest of the next few frames becomes a keyframe. Alternatives are every n-th frame and a list.
 
 mod list;
+mod online;
 mod options;
 mod overlap;
 mod select;
@@ -11,6 +12,7 @@ mod selector;
 mod sharpness;
 
 pub use list::{KeyframeListError, every_nth, read_keyframe_list};
+pub use online::OnlineKeyframes;
 pub use options::{KeyframeOptions, KeyframeOptionsError};
 pub use select::select_keyframes;
 pub(crate) use sharpness::sharpness;

@@ -1,9 +1,9 @@
 //! Keyframe selection over a whole sequence.
 
+use super::online::sharpness_of;
 use super::options::{KeyframeOptions, KeyframeOptionsError};
 use super::overlap::PlanarScene;
 use super::selector::KeyframeSelector;
-use super::sharpness::sharpness;
 use crate::Sequence;
 
 /// Selects the keyframes of a sequence; returns ascending frame indices.
@@ -21,12 +21,7 @@ pub fn select_keyframes(
 ) -> Result<Vec<usize>, KeyframeOptionsError> {
     let scene = PlanarScene::new(sequence.color_camera(), sequence.color_size(), median_depth);
     let mut selector = KeyframeSelector::new(options, scene)?;
-    let mut measure = |index: usize| {
-        sequence
-            .load_gray(index)
-            .ok()
-            .map(|image| sharpness(&image))
-    };
+    let mut measure = |index| sharpness_of(sequence, index);
     let mut keyframes = Vec::new();
     for (index, frame) in sequence.frames().iter().enumerate() {
         selector.push(

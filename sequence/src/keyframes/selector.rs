@@ -19,7 +19,8 @@ const MAX_MOTION: f64 = 1.5;
 pub(super) struct KeyframeSelector {
     options: KeyframeOptions,
     scene: PlanarScene,
-    last_keyframe: Option<Isometry3<f64>>,
+    /// The last keyframe and its pose.
+    last_keyframe: Option<(usize, Isometry3<f64>)>,
     /// Undecided frames since the last keyframe, at most one window.
     pending: VecDeque<Candidate>,
 }
@@ -78,6 +79,23 @@ impl KeyframeSelector {
         self.decide(true, measure, keyframes);
     }
 
+    /// Replaces the poses of the last keyframe and of undecided frames. Those without a pose are forgotten.
+    pub(super) fn set_poses(&mut self, pose: impl Fn(usize) -> Option<Isometry3<f64>>) {
+        self.last_keyframe = self
+            .last_keyframe
+            .and_then(|(frame, _)| Some((frame, pose(frame)?)));
+        self.pending.retain_mut(|candidate| {
+            let found = pose(candidate.frame);
+            candidate.world_from_camera = found.unwrap_or(candidate.world_from_camera);
+            found.is_some()
+        });
+    }
+
+    /// The first frame that may still become a keyframe.
+    pub(super) fn first_pending(&self) -> Option<usize> {
+        self.pending.front().map(|candidate| candidate.frame)
+    }
+
     fn decide(
         &mut self,
         is_end: bool,
@@ -100,7 +118,7 @@ impl KeyframeSelector {
             };
             // Earlier candidates are dropped; later ones may still become keyframes.
             if let Some(keyframe) = self.pending.drain(..=chosen).next_back() {
-                self.last_keyframe = Some(keyframe.world_from_camera);
+                self.last_keyframe = Some((keyframe.frame, keyframe.world_from_camera));
                 keyframes.push(keyframe.frame);
             }
         }
@@ -146,7 +164,7 @@ impl KeyframeSelector {
 
     /// Motion since the last keyframe relative to the thresholds: 1 at the threshold, infinite without a keyframe.
     fn motion(&self, world_from_camera: &Isometry3<f64>) -> f64 {
-        let Some(last) = &self.last_keyframe else {
+        let Some((_, last)) = &self.last_keyframe else {
             return f64::INFINITY;
         };
         let camera_from_last = world_from_camera.inverse() * last;

@@ -1,0 +1,156 @@
+//! Features of the frames that are tracked, with depth from a depth image or a right image.
+
+use std::time::Instant;
+
+use linecarve_lines::camera::Camera;
+use linecarve_lines::depth::DepthSensor;
+use linecarve_sequence::{ImageSize, Sequence, StereoPair};
+use linecarve_tracking::{FrameDetector, FrameFeatures, TrackingOptions};
+use nalgebra::UnitQuaternion;
+
+use super::run::{TrackError, TrackingMode};
+use crate::front_end::median_scene_depth;
+use crate::run::milliseconds;
+
+/// Durations of what comes before tracking, in milliseconds, summed over all frames.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct PrepareTimes {
+    pub(super) load: f64,
+    pub(super) depth: f64,
+    pub(super) features: f64,
+}
+
+/// Where the depth of features comes from.
+enum DepthSource<'a> {
+    Sensor(DepthSensor),
+    Pair(&'a StereoPair),
+    None,
+}
+
+impl<'a> DepthSource<'a> {
+    fn new(
+        sequence: &'a Sequence,
+        mode: TrackingMode,
+        frames: &[usize],
+        relative_noise: f64,
+    ) -> Result<Self, TrackError> {
+        mode.check(sequence)?;
+        match (mode, sequence.depth_calibration(), sequence.stereo()) {
+            (TrackingMode::Rgbd, Some(calibration), _) => {
+                let median_depth = median_scene_depth(sequence, frames)?.ok_or_else(|| {
+                    TrackError::Missing(format!(
+                        "{}: none of the depth images looked at holds a depth: are they the right files? Without them: \
+                         --mode mono",
+                        sequence.folder().display()
+                    ))
+                })?;
+                Ok(Self::Sensor(
+                    calibration.sensor(relative_noise, median_depth),
+                ))
+            }
+            (TrackingMode::Stereo, _, Some(pair)) => Ok(Self::Pair(pair)),
+            _ => Ok(Self::None),
+        }
+    }
+}
+
+/// What is needed to find the features of a frame.
+pub(crate) struct Preparation<'a> {
+    source: DepthSource<'a>,
+    detector: FrameDetector,
+}
+
+impl Preparation<'static> {
+    /// For frames with depth images.
+    pub(crate) fn of_sensor(sensor: DepthSensor, options: &TrackingOptions) -> Self {
+        Self {
+            source: DepthSource::Sensor(sensor),
+            detector: FrameDetector::new(options),
+        }
+    }
+}
+
+impl<'a> Preparation<'a> {
+    /// For these frames of a sequence.
+    ///
+    /// # Errors
+    /// When the sequence has not what `mode` needs, or its depth images contradict the calibration.
+    pub(super) fn new(
+        sequence: &'a Sequence,
+        mode: TrackingMode,
+        frames: &[usize],
+        relative_noise: f64,
+        options: &TrackingOptions,
+    ) -> Result<Self, TrackError> {
+        Ok(Self {
+            source: DepthSource::new(sequence, mode, frames, relative_noise)?,
+            detector: FrameDetector::new(options),
+        })
+    }
+
+    /// Camera and size of the images in which features are found.
+    pub(super) fn camera<'b>(&'b self, sequence: &'b Sequence) -> (&'b Camera, ImageSize) {
+        match &self.source {
+            DepthSource::Pair(pair) => (pair.camera(), pair.size()),
+            _ => (sequence.color_camera(), sequence.color_size()),
+        }
+    }
+
+    /// `color_from_tracked`, where images are rectified.
+    pub(super) fn turn(&self) -> Option<&UnitQuaternion<f64>> {
+        match &self.source {
+            DepthSource::Pair(pair) => Some(pair.color_from_rectified()),
+            _ => None,
+        }
+    }
+
+    /// Features of a frame, with their depths.
+    ///
+    /// # Errors
+    /// When an image cannot be read, or does not fit the calibration.
+    pub(crate) fn features(
+        &self,
+        sequence: &Sequence,
+        frame: usize,
+    ) -> Result<(FrameFeatures, PrepareTimes), TrackError> {
+        let start = Instant::now();
+        if let DepthSource::Pair(pair) = &self.source {
+            let (left, right) = sequence.load_stereo(frame)?;
+            let loaded = start.elapsed();
+            let focal_baseline = pair.camera().fx() * pair.baseline();
+            let features = self
+                .detector
+                .detect_stereo(&left, right.as_ref(), focal_baseline);
+            let times = PrepareTimes {
+                load: milliseconds(loaded),
+                depth: 0.0,
+                features: milliseconds(start.elapsed() - loaded),
+            };
+            return Ok((features, times));
+        }
+        let image = sequence.load_gray(frame)?;
+        let depth = match &self.source {
+            DepthSource::Sensor(sensor) => sequence.load_depth(frame)?.map(|depth| (sensor, depth)),
+            _ => None,
+        };
+        let loaded = start.elapsed();
+        let camera = sequence.color_camera();
+        let map = depth
+            .map(|(sensor, depth)| {
+                sensor.inverse_depth(&depth, camera, image.width(), image.height())
+            })
+            .transpose()
+            .map_err(|source| TrackError::Depth {
+                frame: sequence.frames()[frame].name.clone(),
+                source,
+            })?;
+        let registered = start.elapsed();
+        let features = self.detector.detect(&image, map.as_ref());
+        let times = PrepareTimes {
+            load: milliseconds(loaded),
+            depth: milliseconds(registered - loaded),
+            features: milliseconds(start.elapsed() - registered),
+        };
+        Ok((features, times))
+    }
+}
