@@ -16,7 +16,7 @@ pub struct CarvedCounts {
 }
 
 impl Map {
-    /// Numbers of what is carved, or was before it was [released](Self::release_carving).
+    /// Numbers of what is carved, or was before memory was freed for the final surface.
     pub fn carved_counts(&self) -> CarvedCounts {
         self.released.unwrap_or_else(|| CarvedCounts {
             points: self.carver.point_count(),
