@@ -167,7 +167,9 @@ impl DepthValidation {
         }
         let identity = Isometry3::identity();
         let in_camera = KeyframeSurface::new(surface, &self.camera, &identity, &self.options, 0.0);
-        let middle = in_camera.middle().filter(|_| Self::is_dense(surface));
+        let middle = Self::is_dense(surface)
+            .then(|| in_camera.middle())
+            .flatten();
         self.dense_views[index] = middle.map(|middle| DenseView {
             world_from_camera: *world_from_camera,
             surface: surface.thinned(),
@@ -316,6 +318,9 @@ impl DepthValidation {
     }
 
     /// Dense surfaces with their middle in the view of another: at most [`COMPARED`], evenly from the first to the last.
+    ///
+    /// # Complexity
+    /// One projection for each view.
     pub(super) fn in_view_of(
         &self,
         surface: &KeyframeSurface<'_>,

@@ -121,9 +121,13 @@ impl<'a> KeyframeSurface<'a> {
 
     /// Mean of some of the measured points, in world coordinates; `None` without any.
     pub(super) fn middle(&self) -> Option<Point3<f64>> {
-        let points = self.points(8).map(|(point, _)| (point.coords, 1.0));
-        let (sum, count) = points.reduce(|sum, point| (sum.0 + point.0, sum.1 + point.1))?;
-        Some(Point3::from(sum / count))
+        let mean = |stride| {
+            let points = self.points(stride).map(|(point, _)| (point.coords, 1.0));
+            let (sum, count) = points.reduce(|sum, point| (sum.0 + point.0, sum.1 + point.1))?;
+            Some(Point3::from(sum / count))
+        };
+        // In small images all samples of the coarse grid may be unknown.
+        [8, 1].into_iter().find_map(mean)
     }
 
     /// Whether the camera has a world point in its image, whatever is in front of it.
@@ -365,6 +369,25 @@ mod tests {
             assert!(matches!(check(x, 2.0), SurfaceCheck::Confirmed { .. }));
             assert!(holds(x, 2.0) && !holds(1.3 * x, 2.0) && !holds(x, 1.5));
         }
+    }
+
+    #[test]
+    fn the_middle_is_that_of_the_few_samples_of_a_small_image() {
+        let mut map = InverseDepthMap::unknown(36, 36).unwrap();
+        for (x, y) in (0..36).flat_map(|x| (0..9).map(move |y| (x, y))) {
+            map.set(x, y, InverseDepth::new(0.5, 0.001));
+        }
+        let camera = Camera::pinhole(40.0, 40.0, 17.5, 17.5).unwrap();
+        let pose = Isometry3::translation(0.0, 0.0, 1.0);
+        let options = SurfacePointOptions::default();
+        let samples = SurfaceSamples::measure(&map, &SampleOptions::default());
+        let surface = KeyframeSurface::new(&samples, &camera, &pose, &options, 0.0);
+        assert_eq!(surface.points(8).count(), 0);
+        let middle = surface.middle().unwrap();
+        assert!((middle.z - 3.0).abs() < 1e-5 && middle.y < -0.3, "{middle}");
+        let unknown = SurfaceSamples::default();
+        let surface = KeyframeSurface::new(&unknown, &camera, &pose, &options, 0.0);
+        assert_eq!(surface.middle(), None);
     }
 
     #[test]

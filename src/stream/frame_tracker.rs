@@ -1,5 +1,7 @@
 //! Finds the poses of the frames of a session, and chooses keyframes among them.
 
+use std::collections::BTreeSet;
+
 use linecarve_sequence::export::PosedImage;
 use linecarve_sequence::{LiveFrame, LiveSequence, OnlineKeyframes};
 use linecarve_tracking::{FrameOutcome, FramePose, NoPose, Tracker};
@@ -28,6 +30,7 @@ pub(super) struct FrameTracker {
 pub(super) struct Frames {
     live: LiveSequence,
     names: Vec<FrameName>,
+    ids: BTreeSet<u64>,
 }
 
 struct FrameName {
@@ -83,6 +86,7 @@ impl FrameTracker {
             frames: Frames {
                 live,
                 names: Vec::new(),
+                ids: BTreeSet::new(),
             },
             tracker,
             selection,
@@ -121,6 +125,7 @@ impl FrameTracker {
             id: message.id,
             timestamp_ns: message.timestamp_ns,
         });
+        self.frames.ids.insert(message.id);
         self.undecided.push(number);
         let outcome = self.tracker.track(features);
         let pose = match outcome {
@@ -137,7 +142,10 @@ impl FrameTracker {
             }
             Err(_) => Vec::new(),
         };
-        self.choose_submap();
+        // Where the frame is in the sub-map of the surface, no other one can have grown larger.
+        if pose.is_ok_and(|(submap, _)| submap != self.surface_submap) {
+            self.choose_submap();
+        }
         Ok(TrackedFrame { pose, chosen })
     }
 
@@ -200,7 +208,7 @@ fn pose_in(tracker: &Tracker, submap: u32, frame: usize) -> Option<Isometry3<f64
 impl Frames {
     /// Whether a frame has this id.
     pub(super) fn contains(&self, id: u64) -> bool {
-        self.names.iter().any(|name| name.id == id)
+        self.ids.contains(&id)
     }
 
     /// Id of a frame.
