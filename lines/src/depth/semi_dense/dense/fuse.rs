@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::field::Grid;
 use super::fill::fill;
+use super::free_space::FreeSpace;
 use super::warp::{SurfaceView, warp};
 use crate::triangulation::{SurfaceSample, SurfaceSamples};
 
@@ -12,8 +13,9 @@ const GATE_SIGMAS: f32 = 2.0;
 
 /// The surface of a keyframe from its own samples and those that `others` see in its view. At each grid pixel the inverse depth is taken on
 /// which the samples with the largest weight agree, and their weighted mean. Its standard deviation is that of one sample: neighbouring
-/// keyframes share images, and their errors do not average out. Then places that are still open are closed where the samples
-/// around them lie on a plane; `is_open` flags the grid pixels without an image edge, row by row.
+/// keyframes share images, and their errors do not average out. It is dropped where more keyframes see a surface behind it than agree with it.
+/// Then places that are still open are closed where the samples around them lie on a plane; `is_open` flags the grid pixels without an image
+/// edge, row by row.
 ///
 /// Poses have to fit the images: the samples of keyframes are compared within their standard deviations.
 ///
@@ -37,16 +39,22 @@ pub fn fuse_surfaces(
         .par_iter()
         .map(|other| warp(reference, other))
         .collect();
+    let free_space = FreeSpace::new(reference, others);
     let mut samples = vec![SurfaceSample::default(); columns * rows];
     samples
         .par_iter_mut()
         .enumerate()
         .for_each_init(Vec::new, |seen, (index, fused)| {
+            let (column, row) = (index % columns, index / columns);
             seen.clear();
-            seen.extend(own.get(index % columns, index / columns));
+            seen.extend(own.get(column, row));
             let others = warped.iter().map(|samples| samples[index]);
             seen.extend(others.filter(|sample| sample.rho > 0.0));
-            *fused = agreement(seen).unwrap_or_default();
+            if let Some((sample, agreeing)) = agreement(seen)
+                && free_space.keyframes_behind(&own.pixel(column, row), &sample) <= agreeing
+            {
+                *fused = sample;
+            }
         });
     if is_open.len() == samples.len() {
         let spacing = own.step_px() as f32;
@@ -69,8 +77,8 @@ fn weight(sample: &SurfaceSample) -> f32 {
     sample.sigma.powi(-2)
 }
 
-/// The weighted mean of those samples at a pixel that agree with the one that has the most weight on its side.
-fn agreement(seen: &[SurfaceSample]) -> Option<SurfaceSample> {
+/// The weighted mean of those samples at a pixel that agree with the one that has the most weight on its side, and their number.
+fn agreement(seen: &[SurfaceSample]) -> Option<(SurfaceSample, usize)> {
     let with = |center: &SurfaceSample| -> f32 {
         let agreeing = seen.iter().filter(|other| agree(center, other));
         agreeing.map(weight).sum::<f32>() * center.rho * center.rho
@@ -83,21 +91,22 @@ fn agreement(seen: &[SurfaceSample]) -> Option<SurfaceSample> {
         }
     }
     let (_, center) = best?;
-    let (mut weights, mut rho, mut slope, mut count) = (0.0, 0.0, [0.0; 2], 0.0);
+    let (mut weights, mut rho, mut slope, mut count) = (0.0, 0.0, [0.0; 2], 0);
     for sample in seen.iter().filter(|other| agree(center, other)) {
         let weight = weight(sample);
         weights += weight;
-        count += 1.0;
+        count += 1;
         rho += weight * sample.rho;
         for (sum, component) in slope.iter_mut().zip(sample.slope) {
             *sum += weight * component;
         }
     }
-    Some(SurfaceSample {
+    let sample = SurfaceSample {
         rho: rho / weights,
         slope: slope.map(|sum| sum / weights),
-        sigma: (count / weights).sqrt(),
-    })
+        sigma: (count as f32 / weights).sqrt(),
+    };
+    Some((sample, count))
 }
 
 #[cfg(test)]
@@ -211,6 +220,28 @@ mod tests {
         let certain = fused.get(20, 15).unwrap();
         let relative = certain.sigma / certain.rho;
         assert!((relative - 0.01).abs() < 0.001, "{certain:?}");
+    }
+
+    #[test]
+    fn a_place_that_other_keyframes_look_through_is_dropped() {
+        let (camera, poses) = (camera(), poses());
+        let [column, row] = [20, 15];
+        // Nearer than the wall, and nobody measured the wall behind it.
+        let own = wall(&poses[0], 0.8, |it| it == column);
+        let truth = wall(&poses[0], 0.0, |_| true).get(column, row).unwrap();
+        let depth = 1.0 / f64::from(truth.rho);
+        let pixel = own.pixel(column, row);
+        let point = poses[0] * camera.point_at_depth(&pixel, depth).unwrap();
+        let others = poses[1..].iter().map(|pose| {
+            let hidden = camera
+                .project(&pose.inverse_transform_point(&point))
+                .unwrap();
+            let hidden = hidden.x / f64::from(STEP) - 0.5;
+            wall(pose, 0.0, |it| (it as f64 - hidden).abs() > 1.5)
+        });
+        let surfaces: Vec<SurfaceSamples> = std::iter::once(own).chain(others).collect();
+        assert!(fused(&surfaces[..1], &[]).get(column, row).is_some());
+        assert!(fused(&surfaces, &[]).get(column, row).is_none());
     }
 
     #[test]

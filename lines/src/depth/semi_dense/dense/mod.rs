@@ -6,7 +6,8 @@
 //! 3. A plane is a measurement where the correlation is high, has a maximum along the view ray that is sharp enough, and where the pixels around lie
 //!    on it. Their mean plane is taken. Where small patches have too little texture, those of the coarse grid are used.
 //! 4. Next to edges the planes beyond the reach of a patch are taken, so that objects do not grow.
-//! 5. The surfaces of several keyframes are fused ([`fuse_surfaces`]): what most agree on is kept, and each keyframe gets what the others saw.
+//! 5. The surfaces of several keyframes are fused ([`fuse_surfaces`]): what most agree on is kept unless more of them see a surface behind
+//!    it, and each keyframe gets what the others saw.
 //! 6. Places without edges that are still open are closed by a plane where most of the samples around them, on several sides, lie on it.
 //!
 //! # Reference
@@ -19,6 +20,7 @@
 
 mod field;
 mod fill;
+mod free_space;
 mod fuse;
 mod initial;
 mod level;
