@@ -146,6 +146,15 @@ impl FrameFeatures {
         self.inverse_depths.iter().flatten().count()
     }
 
+    /// Standard deviation of a feature at the finest level.
+    pub(crate) fn sigma_px(&self) -> f64 {
+        self.feature_sigma_px
+    }
+
+    pub(crate) fn set_sigma_px(&mut self, sigma_px: f64) {
+        self.feature_sigma_px = sigma_px;
+    }
+
     pub(crate) fn pixel(&self, feature: u32) -> Point2<f64> {
         let [x, y] = self.features.pixels[feature as usize];
         Point2::new(f64::from(x), f64::from(y))

@@ -13,6 +13,7 @@ mod loops;
 mod map;
 mod mapping;
 mod matching;
+mod noise;
 mod options;
 mod places;
 mod records;

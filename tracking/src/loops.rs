@@ -22,6 +22,10 @@ const EDGE_SIGMA: [f64; 2] = [0.005, 0.005];
 /// 99.9 % bound of the squared error of an edge in variances: six degrees of freedom. A loop that bends an edge further is false.
 const MAX_EDGE_CHI2: f64 = 22.46;
 
+/// Bound of the sum over all edges for one camera, whose edges are a tree: the cost of a loop against the drift along the tree. No
+/// single edge tells, as a long path bends little in each.
+const MAX_LOOP_CHI2: f64 = MAX_EDGE_CHI2;
+
 /// Steps of the adjustment of all keyframes after a loop.
 const LOOP_STEPS: [usize; 2] = [5, 5];
 
@@ -35,6 +39,19 @@ pub(crate) struct FoundLoop {
     camera_from_world: Isometry3<f64>,
     points: Vec<Option<PointId>>,
     matches: usize,
+}
+
+/// Whether a pose graph that was optimised with a loop contradicts no measured motion.
+fn is_believed(graph: &PoseGraph, is_tree: bool) -> bool {
+    let mut errors = graph
+        .edges
+        .iter()
+        .map(|edge| edge.residual(&graph.poses).norm_squared());
+    if is_tree {
+        errors.sum::<f64>() <= MAX_LOOP_CHI2
+    } else {
+        errors.all(|error| error <= MAX_EDGE_CHI2)
+    }
 }
 
 impl Tracker {
@@ -180,6 +197,8 @@ impl Tracker {
             let strong = keyframe
                 .neighbors
                 .iter()
+                // Without depth, keyframes are dense and drift together: ties between all of them would hold what drifted.
+                .filter(|_| !self.options.is_monocular)
                 .filter(|(other, count)| *count >= TIED_POINTS && *other < one)
                 .map(|(other, _)| *other)
                 .filter(|other| Some(*other) != keyframe.parent);
@@ -201,10 +220,7 @@ impl Tracker {
             edges,
         };
         graph.optimise();
-        let is_believed = graph
-            .edges
-            .iter()
-            .all(|edge| edge.residual(&graph.poses).norm_squared() <= MAX_EDGE_CHI2);
+        let is_believed = is_believed(&graph, self.options.is_monocular);
         if is_believed {
             self.move_submap(&keyframes, &slot_of, &graph.poses);
         }
@@ -300,5 +316,48 @@ impl Tracker {
         for one in here.into_iter().chain(there) {
             self.map.update_neighbors(one);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    /// Whether a loop between the ends of a chain of keyframes is believed, when it turns the last one by so many degrees.
+    fn is_loop_believed(count: usize, turn_degrees: f64, is_tree: bool) -> bool {
+        let poses: Vec<Isometry3<f64>> = (0..count)
+            .map(|at| Isometry3::translation(-0.01 * at as f64, 0.0, 0.0))
+            .collect();
+        let edge = |from: usize, to: usize, error: Isometry3<f64>| PoseEdge {
+            from,
+            to,
+            to_from: error * poses[to] * poses[from].inverse(),
+            sigma: EDGE_SIGMA,
+            is_robust: false,
+        };
+        let mut edges: Vec<PoseEdge> = (1..count)
+            .map(|to| edge(to - 1, to, Isometry3::identity()))
+            .collect();
+        let turn = Vector3::new(0.0, turn_degrees.to_radians(), 0.0);
+        let error = Isometry3::new(Vector3::zeros(), turn);
+        edges.push(edge(0, count - 1, error));
+        let mut graph = PoseGraph {
+            is_free: (0..count).map(|at| at > 0).collect(),
+            poses,
+            edges,
+        };
+        graph.optimise();
+        is_believed(&graph, is_tree)
+    }
+
+    #[test]
+    fn loops_of_one_camera_are_judged_by_the_drift_of_the_whole_path() {
+        // 0.29 degrees for each keyframe: the drift of 100 keyframes is 2.9 degrees.
+        assert!(is_loop_believed(100, 4.0, true));
+        assert!(!is_loop_believed(100, 40.0, true));
+        assert!(!is_loop_believed(10, 8.0, true));
+        // Each edge alone bends little.
+        assert!(is_loop_believed(100, 40.0, false));
     }
 }

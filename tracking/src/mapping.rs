@@ -34,6 +34,9 @@ const PROBATION: u32 = 2;
 /// A keyframe is redundant when this share of its points is seen by three others.
 const REDUNDANT_SHARE: f64 = 0.9;
 
+/// Weight of a new keyframe in the running estimate of feature noise.
+const NOISE_GAIN: f64 = 0.2;
+
 /// Search radius of fusion in pixels of the finest level, relative to that of tracking.
 const FUSION_RADIUS: f64 = 1.0;
 
@@ -84,6 +87,7 @@ impl Tracker {
         self.align_keyframe(id);
         let start = Instant::now();
         self.adjust_locally(id);
+        self.learn_noise(id, NOISE_GAIN);
         self.times.adjustment_ms += start.elapsed().as_secs_f64() * 1e3;
         self.cull_keyframes(id);
         if self.options.loops {

@@ -88,6 +88,8 @@ pub struct Tracker {
     /// `camera_from_last_camera` of the last two tracked frames.
     pub(crate) velocity: Isometry3<f64>,
     pub(crate) reference: KeyframeId,
+    /// Standard deviation of features relative to that of the options.
+    pub(crate) noise: f64,
     /// Surface of the reference keyframe, once it was needed.
     pub(crate) reference_surface: Option<(KeyframeId, Arc<DenseSurface>)>,
     last_keyframe_frame: u32,
@@ -127,6 +129,7 @@ impl Tracker {
             last: None,
             velocity: Isometry3::identity(),
             reference: KeyframeId(0),
+            noise: 1.0,
             reference_surface: None,
             last_keyframe_frame: 0,
             lost_for: 0,
@@ -254,18 +257,15 @@ impl Tracker {
         }
     }
 
-    fn track_in_map(&mut self, number: u32, view: FrameFeatures) -> FrameOutcome {
+    fn track_in_map(&mut self, number: u32, mut view: FrameFeatures) -> FrameOutcome {
+        view.set_sigma_px(self.feature_sigma_px());
         let mut frame = Frame::new(number, view, Isometry3::identity());
-        let is_found = match (self.lost_for, self.last.take()) {
-            (0, Some(last)) => {
-                let is_found = self.follow(&mut frame, &last)
-                    || self.relocate(&mut frame)
-                    || self.follow_densely(&mut frame, &last);
-                self.last = Some(last);
-                is_found
-            }
-            _ => self.relocate(&mut frame),
-        };
+        let mut is_found = self.find_pose(&mut frame);
+        if !is_found && self.feature_sigma_px() < self.options.feature_sigma_px {
+            // The image may be blurred, or the map slightly wrong: allow larger errors.
+            frame.view.set_sigma_px(self.options.feature_sigma_px);
+            is_found = self.find_pose(&mut frame);
+        }
         if !is_found {
             let can_start = self.lost_for >= self.options.lost_frames
                 && frame.view.with_depth() >= self.options.start_features;
@@ -306,6 +306,20 @@ impl Tracker {
         FrameOutcome::Tracked {
             is_keyframe,
             submap,
+        }
+    }
+
+    /// Finds the pose of a frame from the last one, or from anywhere in the map.
+    fn find_pose(&mut self, frame: &mut Frame) -> bool {
+        match (self.lost_for, self.last.take()) {
+            (0, Some(last)) => {
+                let is_found = self.follow(frame, &last)
+                    || self.relocate(frame)
+                    || self.follow_densely(frame, &last);
+                self.last = Some(last);
+                is_found
+            }
+            _ => self.relocate(frame),
         }
     }
 

@@ -104,6 +104,11 @@ impl Tracker {
             self.map.keyframe_mut(*id).parent = Some(ids[0]);
         }
         self.adjust(&ids, STEPS);
+        self.learn_noise(ids[0], 1.0);
+        let sigma_px = self.feature_sigma_px();
+        for id in &ids {
+            self.map.keyframe_mut(*id).view.set_sigma_px(sigma_px);
+        }
         let depth = self.median_depth(ids[0]).unwrap_or(1.0);
         self.map.rescale(1.0 / depth);
         for id in &ids {
