@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point2};
 use super::warp::SurfaceView;
 use crate::triangulation::SurfaceSample;
 
-/// A surface lies behind a place when it is further away by more standard deviations of the difference of inverse depths.
+/// A surface lies behind a place when the inverse depths differ by more than this many standard deviations of their difference.
 const GATE_SIGMAS: f64 = 2.5;
 
 /// Keyframes with their surfaces, seen from a reference.
@@ -64,7 +64,7 @@ mod tests {
     #[test]
     fn keyframes_with_a_surface_behind_a_place_are_counted() {
         let camera = Camera::pinhole(150.0, 150.0, 80.0, 60.0).unwrap();
-        // A wall two metres ahead of all cameras, of which one does not see its left half.
+        // A wall two metres ahead of three cameras, of which one does not see its left half; the fourth looks the other way.
         let wall = |first_column: usize| {
             let sample = |index: usize| match index % 40 >= first_column {
                 true => SurfaceSample {
@@ -77,25 +77,14 @@ mod tests {
             SurfaceSamples::new(4, 40, 30, (0..40 * 30).map(sample).collect())
         };
         let walls = [wall(0), wall(0), wall(20), wall(0)];
-        let away = Isometry3::new(
-            Vector3::new(0.0, 0.0, 0.0),
-            Vector3::new(0.0, std::f64::consts::PI, 0.0),
-        );
+        let away = Isometry3::rotation(Vector3::new(0.0, std::f64::consts::PI, 0.0));
         let poses = [
             Isometry3::identity(),
             Isometry3::translation(0.1, 0.0, 0.0),
             Isometry3::translation(-0.1, 0.0, 0.0),
             away,
         ];
-        let views: Vec<SurfaceView<'_>> = walls
-            .iter()
-            .zip(&poses)
-            .map(|(samples, world_from_camera)| SurfaceView {
-                samples,
-                camera: &camera,
-                world_from_camera,
-            })
-            .collect();
+        let views = SurfaceView::from_poses(&walls, &camera, &poses);
         let free_space = FreeSpace::new(&views[0], &views[1..]);
         let behind = |x: f64, rho: f32| {
             let sample = SurfaceSample {

@@ -13,9 +13,9 @@ const GATE_SIGMAS: f32 = 2.0;
 
 /// The surface of a keyframe from its own samples and those that `others` see in its view. At each grid pixel the inverse depth is taken on
 /// which the samples with the largest weight agree, and their weighted mean. Its standard deviation is that of one sample: neighbouring
-/// keyframes share images, and their errors do not average out. It is dropped where more keyframes see a surface behind it than agree with it.
-/// Then places that are still open are closed where the samples around them lie on a plane; `is_open` flags the grid pixels without an image
-/// edge, row by row.
+/// keyframes share images, and their errors do not average out. Where more keyframes see a surface behind that place than agree with it, the
+/// pixel stays open. Then open pixels are closed where the samples around them lie on a plane; `is_open` flags the grid pixels without an
+/// image edge, row by row.
 ///
 /// Poses have to fit the images: the samples of keyframes are compared within their standard deviations.
 ///
@@ -168,15 +168,7 @@ mod tests {
 
     fn fused(surfaces: &[SurfaceSamples], is_open: &[bool]) -> SurfaceSamples {
         let (camera, poses) = (camera(), poses());
-        let views: Vec<SurfaceView<'_>> = surfaces
-            .iter()
-            .zip(&poses)
-            .map(|(samples, world_from_camera)| SurfaceView {
-                samples,
-                camera: &camera,
-                world_from_camera,
-            })
-            .collect();
+        let views = SurfaceView::from_poses(surfaces, &camera, &poses);
         fuse_surfaces(&views[0], &views[1..], is_open)
     }
 

@@ -23,6 +23,24 @@ pub struct SurfaceView<'a> {
     pub world_from_camera: &'a Isometry3<f64>,
 }
 
+#[cfg(test)]
+impl<'a> SurfaceView<'a> {
+    /// Surfaces seen by one camera from these poses.
+    pub(super) fn from_poses(
+        surfaces: &'a [SurfaceSamples],
+        camera: &'a Camera,
+        poses: &'a [Isometry3<f64>],
+    ) -> Vec<Self> {
+        let pairs = surfaces.iter().zip(poses);
+        let views = pairs.map(|(samples, world_from_camera)| Self {
+            samples,
+            camera,
+            world_from_camera,
+        });
+        views.collect()
+    }
+}
+
 /// The grid of a surface, and its camera.
 struct Target<'a> {
     camera: &'a Camera,
