@@ -19,12 +19,10 @@ const TIED_POINTS: u32 = 100;
 /// Standard deviation of the motion between tied keyframes: as a share of the median depth, and in radians.
 const EDGE_SIGMA: [f64; 2] = [0.005, 0.005];
 
-/// 99.9 % bound of the squared error of an edge in variances: six degrees of freedom. A loop that bends an edge further is false.
-const MAX_EDGE_CHI2: f64 = 22.46;
-
-/// Bound of the sum over all edges for one camera, whose edges are a tree: the cost of a loop against the drift along the tree. No
-/// single edge tells, as a long path bends little in each.
-const MAX_LOOP_CHI2: f64 = MAX_EDGE_CHI2;
+/// 99.9 % bound of a squared error in variances: six degrees of freedom. A loop that exceeds it is false. With depth it bounds each edge. For one
+/// camera, whose edges are a tree and the earlier loops, it bounds the sum over all edges, the cost of the loop against the drift along
+/// the path: a long path bends little in each edge.
+const MAX_CHI2: f64 = 22.46;
 
 /// Steps of the adjustment of all keyframes after a loop.
 const LOOP_STEPS: [usize; 2] = [5, 5];
@@ -48,9 +46,9 @@ fn is_believed(graph: &PoseGraph, is_tree: bool) -> bool {
         .iter()
         .map(|edge| edge.residual(&graph.poses).norm_squared());
     if is_tree {
-        errors.sum::<f64>() <= MAX_LOOP_CHI2
+        errors.sum::<f64>() <= MAX_CHI2
     } else {
-        errors.all(|error| error <= MAX_EDGE_CHI2)
+        errors.all(|error| error <= MAX_CHI2)
     }
 }
 
@@ -194,11 +192,13 @@ impl Tracker {
         };
         for &one in &keyframes {
             let keyframe = self.map.keyframe(one);
-            let strong = keyframe
-                .neighbors
+            // Without depth, keyframes are dense and drift together: ties between all of them would hold what drifted.
+            let covisible: &[_] = match self.options.is_monocular {
+                true => &[],
+                false => &keyframe.neighbors,
+            };
+            let strong = covisible
                 .iter()
-                // Without depth, keyframes are dense and drift together: ties between all of them would hold what drifted.
-                .filter(|_| !self.options.is_monocular)
                 .filter(|(other, count)| *count >= TIED_POINTS && *other < one)
                 .map(|(other, _)| *other)
                 .filter(|other| Some(*other) != keyframe.parent);
