@@ -31,7 +31,7 @@ const LONGEST_EDGE_SIDES: f64 = 8.0;
 /// Planes further than this from a fused vertex, in deviations, are those of another surface.
 const FUSED_GATE_SIGMAS: f64 = 1.0;
 /// How far a vertex is smoothed, as a share of how far its measurements lie apart or, with depth from images, in their deviations.
-const SMOOTHING_BOUND: f64 = 1.5;
+const SMOOTHING_BOUND: f64 = 1.0;
 /// The same for vertices of a fused surface, which is smooth already.
 const FUSED_SMOOTHING_BOUND: f64 = 0.5;
 /// Least doubled area of a triangle over the sum of its squared sides; 0.29 for an equilateral one.

@@ -134,6 +134,7 @@ impl Map {
             options.surface_points.refine.largest_gap_px = source.largest_gap_px;
             if source.is_dense {
                 options.surface_points.agreement_sigmas = source.agreement_sigmas;
+                options.surface_points.refine.bound_sigmas = source.refine_sigmas;
                 options.landmarks = LandmarkOptions {
                     lateral_px: source.lateral_px,
                     depth_sigmas: source.agreement_sigmas,

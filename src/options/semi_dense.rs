@@ -34,9 +34,12 @@ pub struct SemiDenseStage {
     pub fused_future: usize,
     /// Side of the squares of an image that receive at least one vertex where a surface was measured, in pixels.
     pub largest_gap_px: f64,
-    /// A surface measured between edges agrees with points within this many of its standard deviations. Those are of single samples,
-    /// while the surfaces of keyframes are fused from many, often the same.
+    /// A surface measured between edges agrees with points within this many of its standard deviations. Those include errors that
+    /// neighbouring keyframes have in common.
     pub agreement_sigmas: f64,
+    /// Samples of a surface measured between edges become vertices until the others lie within this many standard deviations of the
+    /// triangles.
+    pub refine_sigmas: f64,
     /// Distance across the ray within which points on it are one, in pixels.
     pub lateral_px: f64,
     /// Longest edge of a triangle of a surface that was measured between edges, as a share of the median scene depth.
@@ -59,7 +62,8 @@ impl Default for SemiDenseStage {
             fused_past: 10,
             fused_future: 3,
             largest_gap_px: 12.0,
-            agreement_sigmas: 1.25,
+            agreement_sigmas: 0.625,
+            refine_sigmas: 1.5,
             lateral_px: 4.0,
             longest_edge_share: 0.11,
         }
@@ -81,6 +85,7 @@ impl SemiDenseStage {
             ("confirm.chi2", self.confirm.chi2),
             ("largest_gap_px", self.largest_gap_px),
             ("agreement_sigmas", self.agreement_sigmas),
+            ("refine_sigmas", self.refine_sigmas),
             ("lateral_px", self.lateral_px),
             ("longest_edge_share", self.longest_edge_share),
         ] {
