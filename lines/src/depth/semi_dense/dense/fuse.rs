@@ -217,7 +217,10 @@ mod tests {
         // Keyframes that agree are as certain as one of them, but for what they have in common.
         let certain = fused.get(20, 15).unwrap();
         let relative = certain.sigma / certain.rho;
-        assert!((relative - COMMON_ERROR * 0.01).abs() < 0.002, "{certain:?}");
+        assert!(
+            (relative - COMMON_ERROR * 0.01).abs() < 0.002,
+            "{certain:?}"
+        );
     }
 
     #[test]
