@@ -1,6 +1,8 @@
 //! Vertices on 3D line segments. A grid rounds edges by up to a cube, and its surface ends anywhere in the last one. Where the images show a
 //! segment along an edge or a boundary of the surface, the vertices belong there.
 
+use std::iter::successors;
+
 use nalgebra::{Point3, Vector3};
 use rustc_hash::FxHashMap;
 
@@ -8,8 +10,10 @@ use super::grid::Corner;
 use crate::TriangleMesh;
 use crate::edge_uses::edge_uses;
 
-/// Vertices of a boundary move to segments at most this many sides away.
-const REACH_SIDES: f64 = 1.5;
+/// Vertices of a boundary move to segments at most this many sides away: depth ends up to two cubes before an edge that few views see.
+const REACH_SIDES: f64 = 2.5;
+/// Cubes around that of a vertex in which segments are looked for, on either side.
+const REACH_CUBES: usize = 2;
 /// The same for moves into the surface: the other boundary of a narrow strip stays where it is.
 const INWARD_REACH_SIDES: f64 = 0.75;
 /// Least cosine between a boundary and a segment along it: 60 degrees, as boundaries follow the grid in steps.
@@ -175,7 +179,10 @@ impl Rim {
         let cube = Corner::below(position, side)?;
         let mut nearest = None;
         let mut least = (REACH_SIDES * side).powi(2);
-        let row = |axis, corner: Corner| [corner.previous(axis), corner, corner.next(axis)];
+        let row = |axis, corner: Corner| {
+            let start = (0..REACH_CUBES).fold(corner, |corner, _| corner.previous(axis));
+            successors(Some(start), move |corner| Some(corner.next(axis))).take(2 * REACH_CUBES + 1)
+        };
         let around = row(0, cube)
             .into_iter()
             .flat_map(|it| row(1, it))
