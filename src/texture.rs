@@ -1,7 +1,10 @@
 //! The texture of the mesh that a run ends with, from the images of its keyframes.
 
 use linecarve_mesh::TriangleMesh;
-use linecarve_mesh::texture::{Texture, TextureOptions, TextureSummary, TextureView, texture_mesh};
+use linecarve_mesh::texture::{
+    PhotoAlignment, Texture, TextureOptions, TextureSummary, TextureView, align_photos,
+    texture_mesh,
+};
 use linecarve_sequence::{ModelView, Sequence};
 
 use crate::reconstruction::Reconstruction;
@@ -9,8 +12,24 @@ use crate::reconstruction::Reconstruction;
 /// The texture of `mesh`, which is in the frame of computation; `None` when no image of a keyframe can be read,
 /// or the mesh has more triangles than an atlas can hold.
 ///
-/// The images are read from disk again, one a thread at a time.
+/// The images are read from disk again, one a thread at a time; their poses are adjusted to each other first.
 pub fn texture(run: &Reconstruction, mesh: &TriangleMesh) -> Option<(Texture, TextureSummary)> {
+    let (views, frames) = views(run);
+    let sequence = &run.recording().sequence;
+    let load = |view: usize| sequence.load_color(frames[view]?).ok();
+    texture_mesh(mesh, &views, &load, &TextureOptions::default())
+}
+
+/// The images of the keyframes adjusted to each other on `mesh`, as [`texture`] does.
+pub fn alignment(run: &Reconstruction, mesh: &TriangleMesh) -> PhotoAlignment {
+    let (views, frames) = views(run);
+    let sequence = &run.recording().sequence;
+    let load = |view: usize| sequence.load_color(frames[view]?).ok();
+    align_photos(mesh, &views, &load)
+}
+
+/// The keyframes as views of the mesh, and their frames.
+fn views(run: &Reconstruction) -> (Vec<TextureView>, Vec<Option<usize>>) {
     let recording = run.recording();
     let sequence = &recording.sequence;
     let all = recording.keyframe_poses();
@@ -26,15 +45,14 @@ pub fn texture(run: &Reconstruction, mesh: &TriangleMesh) -> Option<(Texture, Te
             None => Some(recording.keyframes[number]),
         })
         .collect();
-    let views: Vec<TextureView> = poses
+    let views = poses
         .into_iter()
         .map(|world_from_camera| TextureView {
             camera: sequence.color_camera().without_distortion(),
             world_from_camera,
         })
         .collect();
-    let load = |view: usize| sequence.load_color(frames[view]?).ok();
-    texture_mesh(mesh, &views, &load, &TextureOptions::default())
+    (views, frames)
 }
 
 /// The frame of a sequence with the name of a view of its model.

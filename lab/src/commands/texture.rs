@@ -8,11 +8,12 @@ use anyhow::{Context, ensure};
 use image::{GenericImage, Rgb, RgbImage};
 use linecarve::commands::Outcome;
 use linecarve::run::CancelToken;
-use linecarve::texture::texture;
+use linecarve::texture::{alignment, texture};
 use linecarve::{Reconstruction, Recording, RunOptions};
 use linecarve_lines::camera::Camera;
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::raycast::{RayHit, RayScene};
+use linecarve_mesh::texture::TextureView;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -33,11 +34,27 @@ struct Row {
     frames: usize,
     /// Share of the pixels that the mesh covers.
     covered: f64,
-    /// Mean PSNR in decibels.
-    vertex_colors: f64,
-    texture: f64,
+    /// How far the images of keyframes moved, in pixels.
+    moved_px: f64,
+    /// Mean PSNR in decibels of frames in their given poses.
+    given: Scores,
+    /// The same of frames in poses adjusted to the images of the keyframes.
+    adjusted: Scores,
     /// Time of the reconstruction and of the texture.
     seconds: [f64; 2],
+}
+
+/// Mean PSNR in decibels.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+struct Scores {
+    vertex_colors: f64,
+    texture: f64,
+}
+
+/// A frame as it is scored.
+struct Scored {
+    colors: Scores,
+    covered: f64,
 }
 
 pub(super) fn run(args: &TextureArgs) -> anyhow::Result<Outcome> {
@@ -66,36 +83,46 @@ fn measure(folder: &Path, args: &TextureArgs) -> anyhow::Result<Row> {
     let recording = run.recording();
     let frames = other_frames(recording, args.frames);
     let scene = RayScene::new(&mesh);
+    let alignment = alignment(&run, &mesh);
+    let camera = recording.sequence.color_camera();
     let mut scores = Vec::new();
     for &frame in &frames {
         let photo = recording.sequence.load_color(frame)?;
         let mut pose = recording.sequence.frames()[frame].world_from_camera;
         pose.translation.vector -= recording.origin;
-        let hits = hits(
-            &scene,
-            recording.sequence.color_camera(),
-            &pose,
-            photo.dimensions(),
-        );
-        let vertex = drawn(&hits, |hit| vertex_color(&mesh, hit));
-        let textured = drawn(&hits, |hit| texture.color_at(hit.triangle, hit.barycentric));
-        if let Some(folder) = &args.save {
-            let name = &recording.sequence.frames()[frame].name;
-            save(folder, name, &photo, [&vertex, &textured])?;
-        }
-        scores.extend(psnr(&photo, &vertex).zip(psnr(&photo, &textured)).map(
-            |(vertex, textured)| {
-                let covered = hits.iter().flatten().count() as f64 / hits.len() as f64;
-                [vertex, textured, covered]
-            },
-        ));
+        let view = TextureView {
+            camera: camera.without_distortion(),
+            world_from_camera: pose,
+        };
+        let adjusted = alignment.align(&mesh, &view, &photo);
+        let score = |pose: &Isometry3<f64>, folder: Option<&Path>| -> anyhow::Result<_> {
+            let hits = hits(&scene, camera, pose, photo.dimensions());
+            let vertex = drawn(&hits, |hit| vertex_color(&mesh, hit));
+            let textured = drawn(&hits, |hit| texture.color_at(hit.triangle, hit.barycentric));
+            if let Some(folder) = folder {
+                let name = &recording.sequence.frames()[frame].name;
+                save(folder, name, &photo, [&vertex, &textured])?;
+            }
+            let scores = psnr(&photo, &vertex).zip(psnr(&photo, &textured));
+            Ok(scores.map(|(vertex_colors, texture)| Scored {
+                colors: Scores {
+                    vertex_colors,
+                    texture,
+                },
+                covered: hits.iter().flatten().count() as f64 / hits.len() as f64,
+            }))
+        };
+        let given = score(&pose, None)?;
+        scores.extend(given.zip(score(&adjusted, args.save.as_deref())?));
     }
     ensure!(
         !scores.is_empty(),
         "{}: every frame is a keyframe",
         folder.display()
     );
-    let mean = |at: usize| scores.iter().map(|s| s[at]).sum::<f64>() / scores.len() as f64;
+    let mean = |value: &dyn Fn(&(Scored, Scored)) -> f64| {
+        scores.iter().map(value).sum::<f64>() / scores.len() as f64
+    };
     let name = folder.file_name().unwrap_or(folder.as_os_str());
     Ok(Row {
         sequence: name.to_string_lossy().into_owned(),
@@ -105,9 +132,16 @@ fn measure(folder: &Path, args: &TextureArgs) -> anyhow::Result<Row> {
         charts: summary.charts,
         unseen_triangles: summary.unseen_triangles,
         frames: scores.len(),
-        covered: mean(2),
-        vertex_colors: mean(0),
-        texture: mean(1),
+        covered: mean(&|(given, _)| given.covered),
+        moved_px: summary.moved_px,
+        given: Scores {
+            vertex_colors: mean(&|(given, _)| given.colors.vertex_colors),
+            texture: mean(&|(given, _)| given.colors.texture),
+        },
+        adjusted: Scores {
+            vertex_colors: mean(&|(_, adjusted)| adjusted.colors.vertex_colors),
+            texture: mean(&|(_, adjusted)| adjusted.colors.texture),
+        },
         seconds: [reconstructed, textured],
     })
 }
@@ -229,25 +263,35 @@ fn save(
 
 fn table(rows: &[Row]) -> String {
     let mut text = String::from(
-        "| sequence | keyframes, frames compared | triangles, unseen | atlas, charts | covered | vertex colours | texture | gain | seconds: reconstruction, texture |\n\
+        "| sequence | keyframes, frames compared | images moved | triangles, unseen | atlas, charts | covered | frames as given: vertex colours, texture, gain | frames adjusted: vertex colours, texture, gain | seconds: reconstruction, texture |\n\
          |---|---|---|---|---|---|---|---|---|\n",
     );
+    let gain = |scores: Scores| {
+        let Scores {
+            vertex_colors,
+            texture,
+        } = scores;
+        format!(
+            "{vertex_colors:.2}, {texture:.2}, {:+.2} dB",
+            texture - vertex_colors
+        )
+    };
     for row in rows {
         let [width, height] = row.atlas;
         let [reconstructed, textured] = row.seconds;
         let _ = writeln!(
             text,
-            "| {} | {}, {} | {}, {} | {width} x {height}, {} | {:.0} % | {:.2} dB | {:.2} dB | {:+.2} dB | {reconstructed:.1}, {textured:.1} |",
+            "| {} | {}, {} | {:.2} px | {}, {} | {width} x {height}, {} | {:.0} % | {} | {} | {reconstructed:.1}, {textured:.1} |",
             row.sequence,
             row.keyframes,
             row.frames,
+            row.moved_px,
             row.triangles,
             row.unseen_triangles,
             row.charts,
             100.0 * row.covered,
-            row.vertex_colors,
-            row.texture,
-            row.texture - row.vertex_colors,
+            gain(row.given),
+            gain(row.adjusted),
         );
     }
     text

@@ -188,6 +188,17 @@ impl DepthBuffer {
         Plane::through(corners).map(|plane| Slope(plane.x.abs() + plane.y.abs()))
     }
 
+    /// Slope of a triangle around one of its points, for triangles that reach behind the camera.
+    pub(super) fn slope_around(
+        point: &Point3<f64>,
+        corners: &[Point3<f64>; 3],
+        projection: &Projection,
+    ) -> Option<Slope> {
+        let [a, b, c] =
+            corners.map(|corner| projection.project(&(point + (corner - point) * 1e-3)));
+        Self::slope(&[a?, b?, c?])
+    }
+
     /// Confidence, 0 to 1, that the pixel around a point on a triangle of the given slope shows that point.
     pub(super) fn visibility(&self, point: &Projected, slope: Slope) -> f32 {
         let (x, y) = (point.x.round(), point.y.round());

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::align::align_photos;
 use super::chart::lay_out;
 use super::exposure::gains;
 use super::fill::{Sources, fill};
@@ -25,22 +26,24 @@ pub struct TextureSummary {
     pub views: usize,
     /// Triangles that no view sees. They have the colours of their vertices.
     pub unseen_triangles: usize,
+    /// How far the photographs moved when their poses were adjusted to each other: root mean square, in their pixels.
+    pub moved_px: f64,
     /// Gains that multiply the sRGB values of each view: red, green, blue. 1 for views that could not be read.
     #[serde(skip)]
     pub gains: Vec<[f32; 3]>,
 }
 
-/// The texture of a mesh from photographs of it; `None` when no photograph can be read, the mesh has no triangles,
+/// The texture of a mesh from photographs of it, whose poses are [adjusted](align_photos) first; `None` when no photograph can be read, the mesh has no triangles,
 /// or more charts than an atlas can hold.
 ///
-/// `load` reads the photograph of a view by its index, undistorted, and returns `None` when it is missing. It is called twice
+/// `load` reads the photograph of a view by its index, undistorted, and returns `None` when it is missing. It is called three times
 /// for each view, from any thread. Mesh and poses have one frame; triangles are seen from the side from which their corners
 /// are counter-clockwise.
 ///
 /// The result is the same for any number of threads.
 ///
 /// # Complexity
-/// O(views x (triangles + pixels)) time. Memory holds one photograph a thread, at most 16 observations a triangle, and 40 bytes
+/// That of [`align_photos`], and O(views x (triangles + pixels)) time. Memory holds one photograph a thread, at most 16 observations a triangle, and 40 bytes
 /// a texel.
 pub fn texture_mesh(
     mesh: &TriangleMesh,
@@ -48,6 +51,8 @@ pub fn texture_mesh(
     load: &LoadPhoto<'_>,
     options: &TextureOptions,
 ) -> Option<(Texture, TextureSummary)> {
+    let alignment = align_photos(mesh, views, load);
+    let views: &[TextureView] = &alignment.views;
     let mut observations = observe(mesh, views, load);
     let read = observations.sizes.iter().flatten().count();
     if read == 0 || mesh.triangles.is_empty() {
@@ -83,6 +88,7 @@ pub fn texture_mesh(
         charts: layout.charts,
         views: read,
         unseen_triangles: labels.iter().filter(|label| label.is_none()).count(),
+        moved_px: alignment.moved_px,
         gains,
     };
     let corners = layout.corners;

@@ -20,6 +20,7 @@
 //! offsets at vertices are computed from the mean over all views, not solved for across seams; the depth buffer replaces
 //! ray casts; no Poisson blending.
 
+mod align;
 mod chart;
 mod depth_buffer;
 mod encode;
@@ -35,6 +36,7 @@ mod quality;
 mod spread;
 mod types;
 
+pub use align::{PhotoAlignment, align_photos};
 pub use encode::{EncodedTexture, SplitMesh, TextureFormat};
 pub use make::{TextureSummary, texture_mesh};
 pub use photo::LoadPhoto;

@@ -169,7 +169,9 @@ fn observe_triangle(
             continue;
         };
         // A triangle that reaches behind the camera has the slope of a small part of it.
-        let Some(slope) = slope.or_else(|| local_slope(&point, points, photo)) else {
+        let Some(slope) =
+            slope.or_else(|| DepthBuffer::slope_around(&point, points, &photo.projection))
+        else {
             continue;
         };
         let weight = photo.depth.visibility(&pixel, slope);
@@ -199,27 +201,8 @@ fn observe_triangle(
     })
 }
 
-/// Slope of a triangle around one of its points.
-fn local_slope(
-    point: &Point3<f64>,
-    points: &[Point3<f64>; 3],
-    photo: &Photo,
-) -> Option<super::depth_buffer::Slope> {
-    let mut near = [Projected {
-        x: 0.0,
-        y: 0.0,
-        z: 1.0,
-    }; 3];
-    for (target, corner) in near.iter_mut().zip(points) {
-        *target = photo
-            .projection
-            .project(&(point + (corner - point) * 1e-3))?;
-    }
-    DepthBuffer::slope(&near)
-}
-
 /// Barycentric coordinates of the centroids of `steps * steps` equal parts of a triangle.
-fn samples(steps: usize) -> impl Iterator<Item = [f64; 3]> {
+pub(super) fn samples(steps: usize) -> impl Iterator<Item = [f64; 3]> {
     let side = 1.0 / (3 * steps) as f64;
     (0..steps).flat_map(move |row| {
         let upright = (0..steps - row).map(move |column| (3 * column + 1, 3 * row + 1));

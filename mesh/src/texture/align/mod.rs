@@ -1,0 +1,232 @@
+//! Poses of photographs, adjusted until they agree about the brightness of a mesh.
+//!
+//! With poses of a depth camera, or of a tracker that slowly drifts, a photograph is shifted against the surface by pixels, and detail of different
+//! photographs does not meet. The brightness of points on the mesh is the mean of the views that see them; each view moves so that it shows
+//! what the others show; both alternate, on reduced images first.
+//!
+//! # Reference
+//! Q.-Y. Zhou, V. Koltun, *Color Map Optimization for 3D Reconstruction with Consumer Depth Cameras*, SIGGRAPH 2014, section 4.1.
+//! *Differs from the paper*: a view is compared with the mean of the others, not with one that includes it; gain and offset for each view; robust
+//! errors; given poses count as measurements, which holds what all views have in common; no deformation of the images.
+
+mod pyramid;
+mod samples;
+mod step;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
+use super::photo::LoadPhoto;
+use super::types::TextureView;
+use crate::TriangleMesh;
+use pyramid::{LEVELS, Pyramid};
+use samples::{SurfacePoint, seen, surface_points};
+use step::{Aligned, Expected};
+
+/// Rounds on each level.
+const ROUNDS: usize = 8;
+/// Rounds on each level for a view by itself.
+const SINGLE_ROUNDS: usize = 12;
+/// Views that would move further than this share of the longer side keep their pose.
+const LARGEST_MOVE: f64 = 0.05;
+
+/// Poses that agree about the brightness of a mesh.
+pub struct PhotoAlignment {
+    /// The views; as given where the photograph cannot be read or sees too little.
+    pub views: Vec<TextureView>,
+    /// Root mean square of how far the photographs moved, in their pixels.
+    pub moved_px: f64,
+    points: Vec<SurfacePoint>,
+    /// Mean brightness of each point at each level; NaN where no view sees it.
+    brightness: Vec<Vec<f32>>,
+}
+
+/// A photograph with the points that it sees.
+struct Photo<'a> {
+    index: usize,
+    pyramid: Pyramid,
+    longer_side: f64,
+    points: Vec<u32>,
+    aligned: Aligned<'a>,
+    /// Whether it shows what the others show. Others do not count.
+    fits: bool,
+}
+
+/// Sum of the brightness of a point, and the number of views.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    brightness: f64,
+    count: u32,
+}
+
+/// Adjusts the poses of the photographs of a mesh to each other. Arguments as for [`texture_mesh`](super::texture_mesh); the photographs are read once.
+///
+/// The result is the same for any number of threads.
+///
+/// # Complexity
+/// O(views x points), with about 60 000 points on the mesh. Memory holds each photograph with a longest side of 640 pixels at most, one byte
+/// a pixel.
+pub fn align_photos(
+    mesh: &TriangleMesh,
+    views: &[TextureView],
+    load: &LoadPhoto<'_>,
+) -> PhotoAlignment {
+    let points = surface_points(mesh);
+    let mut photos: Vec<Photo<'_>> = (0..views.len())
+        .into_par_iter()
+        .filter_map(|index| Photo::new(mesh, &points, index, &views[index], &load(index)?))
+        .collect();
+    let mut brightness = vec![Vec::new(); LEVELS];
+    for level in (0..LEVELS).rev() {
+        for _ in 0..ROUNDS {
+            let sums = sums(&photos, &points, level);
+            photos
+                .par_iter_mut()
+                .for_each(|photo| photo.step(&points, &sums, level));
+        }
+        let sums = sums(&photos, &points, level);
+        let mean = |sum: &Sum| sum.mean().unwrap_or(f64::NAN) as f32;
+        brightness[level] = sums.iter().map(mean).collect();
+    }
+    let mut aligned = views.to_vec();
+    let mut squares = 0.0;
+    for photo in &photos {
+        let moved = photo.moved_px(&points);
+        if moved <= LARGEST_MOVE * photo.longer_side {
+            aligned[photo.index].world_from_camera = photo.aligned.camera_from_world.inverse();
+            squares += moved * moved;
+        }
+    }
+    PhotoAlignment {
+        views: aligned,
+        moved_px: (squares / photos.len().max(1) as f64).sqrt(),
+        points,
+        brightness,
+    }
+}
+
+impl PhotoAlignment {
+    /// The pose from which a further photograph shows what the views showed; the given one where it sees too little of it.
+    pub fn align(
+        &self,
+        mesh: &TriangleMesh,
+        view: &TextureView,
+        photo: &image::RgbImage,
+    ) -> Isometry3<f64> {
+        let Some(mut photo) = Photo::new(mesh, &self.points, 0, view, photo) else {
+            return view.world_from_camera;
+        };
+        for level in (0..LEVELS).rev() {
+            for _ in 0..SINGLE_ROUNDS {
+                let expected = photo.points.iter().filter_map(|&point| {
+                    let brightness = f64::from(self.brightness[level][point as usize]);
+                    let position = &self.points[point as usize].position;
+                    (!brightness.is_nan()).then_some(Expected {
+                        position,
+                        brightness,
+                    })
+                });
+                photo.aligned.step(photo.pyramid.level(level), expected);
+            }
+        }
+        match photo.moved_px(&self.points) <= LARGEST_MOVE * photo.longer_side {
+            true => photo.aligned.camera_from_world.inverse(),
+            false => view.world_from_camera,
+        }
+    }
+}
+
+impl<'a> Photo<'a> {
+    fn new(
+        mesh: &TriangleMesh,
+        points: &[SurfacePoint],
+        index: usize,
+        view: &'a TextureView,
+        photo: &image::RgbImage,
+    ) -> Option<Self> {
+        let (width, height) = photo.dimensions();
+        (width > 0 && height > 0).then(|| Self {
+            index,
+            pyramid: Pyramid::new(photo),
+            longer_side: f64::from(width.max(height)),
+            points: seen(mesh, points, view, (width, height)),
+            aligned: Aligned::new(view),
+            fits: true,
+        })
+    }
+
+    /// Brightness of each of its points.
+    fn values(&self, points: &[SurfacePoint], level: usize) -> Vec<f32> {
+        let level = self.pyramid.level(level);
+        let value = |point: &u32| {
+            let position = &points[*point as usize].position;
+            self.aligned
+                .brightness_of(level, position)
+                .unwrap_or(f64::NAN) as f32
+        };
+        self.points.iter().map(value).collect()
+    }
+
+    /// Moves towards what the other views show.
+    fn step(&mut self, points: &[SurfacePoint], sums: &[Sum], level: usize) {
+        let own = self.values(points, level);
+        let fits = self.fits;
+        let expected = self.points.iter().zip(own).filter_map(|(&point, own)| {
+            let sum = sums[point as usize];
+            let brightness = match fits {
+                true => sum.without(f64::from(own))?,
+                false => sum.mean()?,
+            };
+            let position = &points[point as usize].position;
+            Some(Expected {
+                position,
+                brightness,
+            })
+        });
+        let level = self.pyramid.level(level);
+        self.fits = self.aligned.step(level, expected).is_some();
+    }
+
+    /// Root mean square of how far its points moved, in its pixels.
+    fn moved_px(&self, points: &[SurfacePoint]) -> f64 {
+        let moved = |&point: &u32| self.aligned.moved_px(&points[point as usize].position);
+        let sum: f64 = self.points.iter().map(moved).sum();
+        (sum / self.points.len().max(1) as f64).sqrt()
+    }
+}
+
+impl Sum {
+    fn mean(self) -> Option<f64> {
+        (self.count > 0).then(|| self.brightness / f64::from(self.count))
+    }
+
+    /// The mean of the views but one; `None` when no other sees the point.
+    fn without(self, own: f64) -> Option<f64> {
+        (self.count > 1 && !own.is_nan())
+            .then(|| (self.brightness - own) / f64::from(self.count - 1))
+    }
+}
+
+/// Sums of the brightness of each point over the views that see it, in their order.
+fn sums(photos: &[Photo<'_>], points: &[SurfacePoint], level: usize) -> Vec<Sum> {
+    let values: Vec<Vec<f32>> = photos
+        .par_iter()
+        .map(|photo| photo.values(points, level))
+        .collect();
+    let mut sums = vec![Sum::default(); points.len()];
+    for (photo, values) in photos.iter().zip(values).filter(|(photo, _)| photo.fits) {
+        for (point, value) in photo
+            .points
+            .iter()
+            .zip(values)
+            .filter(|(_, value)| !value.is_nan())
+        {
+            let sum = &mut sums[*point as usize];
+            sum.brightness += f64::from(value);
+            sum.count += 1;
+        }
+    }
+    sums
+}

@@ -1,0 +1,209 @@
+//! One step of the pose of a view.
+
+use nalgebra::{Isometry3, Matrix6, Point3, Vector3, Vector6};
+
+use super::super::types::TextureView;
+use super::pyramid::Level;
+
+/// Fewest points from which a pose is adjusted.
+const LEAST_POINTS: usize = 200;
+/// A given pose is known to this many pixels,
+const GIVEN_PX: f64 = 3.0;
+/// and counts as this share of the points, as the errors of neighbouring points are not independent: motions that the points leave open stay.
+const GIVEN_SHARE: f64 = 0.005;
+/// Longest step, in pixels of the level.
+const LONGEST_STEP_PX: f64 = 2.0;
+/// Scale of robust errors, in their median. A Cauchy weight halves there.
+const SCALE_MEDIANS: f64 = 2.0;
+/// Least scale of errors, in grey levels.
+const LEAST_SCALE: f64 = 2.0;
+/// Least contrast of the expected brightness, in grey levels.
+const LEAST_CONTRAST: f64 = 1.0;
+
+/// A view while its pose is adjusted.
+pub(super) struct Aligned<'a> {
+    view: &'a TextureView,
+    given: Isometry3<f64>,
+    pub(super) camera_from_world: Isometry3<f64>,
+    /// Gain and offset of the brightness of the photograph over that of the surface.
+    pub(super) brightness: [f64; 2],
+}
+
+/// A point that a view sees, and how bright the others see it.
+pub(super) struct Expected<'a> {
+    pub(super) position: &'a Point3<f64>,
+    pub(super) brightness: f64,
+}
+
+/// What a view sees of a point.
+struct Seen {
+    /// Change of the brightness with the pose: rotation, then translation.
+    derivative: Vector6<f64>,
+    value: f64,
+    expected: f64,
+    depth: f64,
+}
+
+impl<'a> Aligned<'a> {
+    pub(super) fn new(view: &'a TextureView) -> Self {
+        let given = view.world_from_camera.inverse();
+        Self {
+            view,
+            given,
+            camera_from_world: given,
+            brightness: [1.0, 0.0],
+        }
+    }
+
+    /// Brightness that the photograph shows of a point, and its gradient along x and y in grey levels per pixel of the level.
+    #[inline]
+    fn look(&self, level: &Level, point: &Point3<f64>) -> Option<(Point3<f64>, [f64; 3])> {
+        let point = self.camera_from_world * point;
+        if !(point.z > 0.0) {
+            return None;
+        }
+        let camera = &self.view.camera;
+        let x = camera.fx() * point.x / point.z + camera.cx();
+        let y = camera.fy() * point.y / point.z + camera.cy();
+        Some((point, level.sample(x, y)?))
+    }
+
+    /// Brightness of a point without gain and offset of the photograph; `None` outside of the photograph.
+    #[inline]
+    pub(super) fn brightness_of(&self, level: &Level, point: &Point3<f64>) -> Option<f64> {
+        let (_, [value, ..]) = self.look(level, point)?;
+        let [gain, offset] = self.brightness;
+        Some((value - offset) / gain)
+    }
+
+    /// Adjusts gain, offset and pose by one Gauss-Newton step of robust errors; `None` where the points are too few or say too little.
+    pub(super) fn step<'b>(
+        &mut self,
+        level: &Level,
+        points: impl Iterator<Item = Expected<'b>>,
+    ) -> Option<()> {
+        let seen: Vec<Seen> = points
+            .filter_map(|point| self.seen(level, &point))
+            .collect();
+        if seen.len() < LEAST_POINTS {
+            return None;
+        }
+        self.brightness = fitted(&seen, self.brightness)?;
+        let scale = scale(&seen, self.brightness);
+        let [gain, offset] = self.brightness;
+        let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+        for point in &seen {
+            let error = point.value - gain * point.expected - offset;
+            let weight = 1.0 / (1.0 + (error / scale).powi(2));
+            normal.syger(weight, &point.derivative, &point.derivative, 1.0);
+            right.axpy(weight * error, &point.derivative, 1.0);
+        }
+        normal.fill_upper_triangle_with_lower_triangle();
+        let depth = median(seen.iter().map(|point| point.depth).collect());
+        let focal = self.view.camera.fx() / level.factor;
+        let unit = self.units(depth);
+        let deviation = deviation(&self.camera_from_world, &self.given);
+        let given = GIVEN_SHARE * seen.len() as f64 * (scale / GIVEN_PX).powi(2);
+        for axis in 0..6 {
+            let information = given * unit[axis].powi(2);
+            normal[(axis, axis)] += information;
+            right[axis] += information * deviation[axis];
+        }
+        let mut step = -normal.cholesky()?.solve(&right);
+        let pixels =
+            focal * (step.fixed_rows::<3>(0).norm() + step.fixed_rows::<3>(3).norm() / depth);
+        if !pixels.is_finite() {
+            return None;
+        }
+        step *= f64::min(1.0, LONGEST_STEP_PX / pixels);
+        let [rotation, translation] = [0, 3].map(|at| step.fixed_rows::<3>(at).into_owned());
+        self.camera_from_world = Isometry3::new(translation, rotation) * self.camera_from_world;
+        Some(())
+    }
+
+    /// Pixels of the photograph that a unit of each component of a motion moves points at this depth, about.
+    fn units(&self, depth: f64) -> [f64; 6] {
+        let focal = self.view.camera.fx();
+        let shift = focal / depth;
+        [focal, focal, focal, shift, shift, shift]
+    }
+
+    /// Squared distance between where a point is in the given pose and where it is now, in pixels of the photograph.
+    pub(super) fn moved_px(&self, point: &Point3<f64>) -> f64 {
+        let camera = &self.view.camera;
+        let [given, now] = [&self.given, &self.camera_from_world].map(|pose| {
+            let at = pose * point;
+            [camera.fx() * at.x / at.z, camera.fy() * at.y / at.z]
+        });
+        (now[0] - given[0]).powi(2) + (now[1] - given[1]).powi(2)
+    }
+
+    #[inline]
+    fn seen(&self, level: &Level, point: &Expected<'_>) -> Option<Seen> {
+        let (at, [value, along, down]) = self.look(level, point.position)?;
+        let camera = &self.view.camera;
+        let (along, down) = (
+            along * camera.fx() / level.factor,
+            down * camera.fy() / level.factor,
+        );
+        let inverse = 1.0 / at.z;
+        // Change of the brightness with the point in the frame of the camera.
+        let with_point =
+            Vector3::new(along, down, -(along * at.x + down * at.y) * inverse) * inverse;
+        let with_rotation = at.coords.cross(&with_point);
+        let mut derivative = Vector6::zeros();
+        derivative.fixed_rows_mut::<3>(0).copy_from(&with_rotation);
+        derivative.fixed_rows_mut::<3>(3).copy_from(&with_point);
+        Some(Seen {
+            derivative,
+            value,
+            expected: point.brightness,
+            depth: at.z,
+        })
+    }
+}
+
+/// The motion from one pose to another: rotation vector, then translation.
+fn deviation(to: &Isometry3<f64>, from: &Isometry3<f64>) -> Vector6<f64> {
+    let motion = to * from.inverse();
+    let mut deviation = Vector6::zeros();
+    deviation
+        .fixed_rows_mut::<3>(0)
+        .copy_from(&motion.rotation.scaled_axis());
+    deviation
+        .fixed_rows_mut::<3>(3)
+        .copy_from(&motion.translation.vector);
+    deviation
+}
+
+/// Scale of robust errors.
+fn scale(seen: &[Seen], [gain, offset]: [f64; 2]) -> f64 {
+    let error = |point: &Seen| (point.value - gain * point.expected - offset).abs();
+    (SCALE_MEDIANS * median(seen.iter().map(error).collect())).max(LEAST_SCALE)
+}
+
+/// Gain and offset that fit the brightness of points, by robust least squares from the last ones; `None` when all are equally bright.
+fn fitted(seen: &[Seen], last: [f64; 2]) -> Option<[f64; 2]> {
+    let scale = scale(seen, last);
+    let [mut n, mut x, mut y, mut xx, mut xy] = [0.0; 5];
+    for point in seen {
+        let error = point.value - last[0] * point.expected - last[1];
+        let weight = 1.0 / (1.0 + (error / scale).powi(2));
+        n += weight;
+        x += weight * point.expected;
+        y += weight * point.value;
+        xx += weight * point.expected * point.expected;
+        xy += weight * point.expected * point.value;
+    }
+    let variance = xx - x * x / n;
+    if !(variance > LEAST_CONTRAST * LEAST_CONTRAST * n) {
+        return None;
+    }
+    let gain = (xy - x * y / n) / variance;
+    (gain > 0.1 && gain < 10.0).then(|| [gain, (y - gain * x) / n])
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
