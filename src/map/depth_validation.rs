@@ -21,7 +21,7 @@ use rustc_hash::FxHashMap;
 
 use super::surface_points::KeyframeSurface;
 use super::vertex_landmarks::VertexViews;
-use crate::front_end::KeyframeColors;
+use crate::front_end::PackedColors;
 use crate::options::SurfacePointOptions;
 
 /// Subdivisions of each edge of a triangle; the centres of the upright sub-triangles are its samples.
@@ -46,7 +46,7 @@ struct DenseView {
 }
 
 /// A depth image with the colours of its keyframe.
-pub(super) type ColoredDepth = (CompactDepth, KeyframeColors);
+pub(super) type ColoredDepth = (CompactDepth, PackedColors);
 
 /// Whether dense depth confirms a triangle of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -304,7 +304,7 @@ impl DepthValidation {
     }
 
     /// The colours of the keyframes of [`dense_surfaces`](Self::dense_surfaces).
-    pub(super) fn colors(&self) -> Vec<Option<&KeyframeColors>> {
+    pub(super) fn colors(&self) -> Vec<Option<&PackedColors>> {
         let images = self.dense_views.iter().flatten().map(|view| &view.image);
         images
             .map(|image| image.as_ref().map(|(_, colors)| colors))
