@@ -9,7 +9,7 @@ use linecarve_points::Features;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::colors::KeyframeColors;
+use super::colors::{KeyframeColors, PackedColors};
 use super::edge_points::EdgePoint;
 use crate::run::StageTimes;
 
@@ -53,9 +53,9 @@ pub struct LineKeyframe {
 
 impl LineKeyframe {
     /// The depth image and the colours, where there is a depth image.
-    pub(crate) fn colored_depth(&self) -> Option<(CompactDepth, KeyframeColors)> {
+    pub(crate) fn colored_depth(&self) -> Option<(CompactDepth, PackedColors)> {
         let depth = self.depth.as_ref()?;
-        Some((depth.clone(), self.colors.clone()))
+        Some((depth.clone(), self.colors.packed()))
     }
 
     /// Ends of the segments in the image, in pixels.

@@ -6,22 +6,24 @@
 //!
 //! *Differs from the paper*, which exports every facet between free and occupied cells.
 
-use std::cmp::Ordering;
+mod samples;
+
 use std::collections::BTreeMap;
 
 use linecarve_carving::IncidentCells;
-use linecarve_carving::{SurfaceDelta, Triangle, ViewId};
+use linecarve_carving::{SurfaceDelta, Triangle, VertexId, ViewId};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::CompactDepth;
 use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_mesh::fusion::PosedDepth;
-use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use nalgebra::{Isometry3, Point2, Point3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
+use self::samples::{DepthConflict, Samples};
 use super::surface_points::KeyframeSurface;
 use super::vertex_landmarks::VertexViews;
-use crate::front_end::KeyframeColors;
+use crate::front_end::PackedColors;
 use crate::options::SurfacePointOptions;
 
 /// Subdivisions of each edge of a triangle; the centres of the upright sub-triangles are its samples.
@@ -46,7 +48,7 @@ struct DenseView {
 }
 
 /// A depth image with the colours of its keyframe.
-pub(super) type ColoredDepth = (CompactDepth, KeyframeColors);
+pub(super) type ColoredDepth = (CompactDepth, PackedColors);
 
 /// Whether dense depth confirms a triangle of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,6 +86,8 @@ pub(super) struct DepthValidation {
     /// The view added last.
     newest: Option<ViewId>,
     triangles: FxHashMap<Triangle, FacetEvidence>,
+    /// The vertices around which the evidence of every triangle is complete are not among these.
+    open_vertices: VertexSet,
     /// Triangles whose status may have changed.
     changed: Vec<Triangle>,
 }
@@ -121,6 +125,7 @@ impl DepthValidation {
             dense_views: Vec::new(),
             newest: None,
             triangles: FxHashMap::default(),
+            open_vertices: VertexSet::default(),
             changed: Vec::new(),
         }
     }
@@ -184,7 +189,7 @@ impl DepthValidation {
     /// [`minimum_distance_px`](linecarve_lines::triangulation::RefineOptions::minimum_distance_px), in the order of the cells.
     ///
     /// # Complexity
-    /// The new triangles, and the incomplete ones around the observed landmarks, times the views that observe them.
+    /// The new triangles, and those around observed landmarks with an incomplete one, times the views that observe them.
     pub(super) fn update(
         &mut self,
         map: VertexViews<'_>,
@@ -192,6 +197,9 @@ impl DepthValidation {
         seen: &[u32],
     ) -> Vec<Point2<f64>> {
         let Some(newest) = self.newest else {
+            for triangle in &delta.added {
+                self.open_vertices.insert_corners(triangle);
+            }
             return Vec::new();
         };
         for triangle in &delta.removed {
@@ -208,6 +216,10 @@ impl DepthValidation {
         }
         affected.extend(&delta.added);
         for vertex in seen.iter().filter_map(|landmark| map.vertex(*landmark)) {
+            // Opened again by the triangles that stay incomplete.
+            if !self.open_vertices.remove(vertex) {
+                continue;
+            }
             map.carver()
                 .triangles_around(vertex, &mut scratch, &mut affected);
         }
@@ -270,6 +282,7 @@ impl DepthValidation {
         }
         for triangle in &around {
             self.triangles.remove(triangle);
+            self.open_vertices.insert_corners(triangle);
         }
         self.update(map, delta, landmarks);
     }
@@ -300,11 +313,12 @@ impl DepthValidation {
     /// Frees what is known of triangles.
     pub(super) fn release_triangles(&mut self) {
         self.triangles = FxHashMap::default();
+        self.open_vertices = VertexSet::default();
         self.changed = Vec::new();
     }
 
     /// The colours of the keyframes of [`dense_surfaces`](Self::dense_surfaces).
-    pub(super) fn colors(&self) -> Vec<Option<&KeyframeColors>> {
+    pub(super) fn colors(&self) -> Vec<Option<&PackedColors>> {
         let images = self.dense_views.iter().flatten().map(|view| &view.image);
         images
             .map(|image| image.as_ref().map(|(_, colors)| colors))
@@ -401,6 +415,9 @@ impl DepthValidation {
         let side = self.options.refine.minimum_distance_px;
         for (triangle, updated) in updated {
             self.triangles.insert(triangle, updated.evidence);
+            if !updated.evidence.is_complete() {
+                self.open_vertices.insert_corners(&triangle);
+            }
             if updated.is_changed {
                 self.changed.push(triangle);
             }
@@ -421,6 +438,27 @@ impl DepthValidation {
     }
 }
 
+/// A set of vertices, one byte each.
+#[derive(Debug, Default)]
+struct VertexSet(Vec<bool>);
+
+impl VertexSet {
+    /// Inserts the corners of a triangle.
+    fn insert_corners(&mut self, triangle: &Triangle) {
+        for vertex in triangle {
+            let needed = vertex.index() + 1;
+            self.0.resize(needed.max(self.0.len()), false);
+            self.0[vertex.index()] = true;
+        }
+    }
+
+    /// Removes a vertex; returns whether it was there.
+    fn remove(&mut self, vertex: VertexId) -> bool {
+        let entry = self.0.get_mut(vertex.index());
+        entry.is_some_and(std::mem::take)
+    }
+}
+
 /// The evidence for a triangle after an update.
 struct UpdatedEvidence {
     evidence: FacetEvidence,
@@ -428,100 +466,6 @@ struct UpdatedEvidence {
     is_changed: bool,
     /// Where the last view conflicts with it.
     conflict: Option<DepthConflict>,
-}
-
-/// Depth behind a triangle.
-#[derive(Debug, Clone, Copy)]
-struct DepthConflict {
-    /// Distance behind the triangle, in standard deviations.
-    sigmas: f64,
-    pixel: Point2<f64>,
-}
-
-impl DepthConflict {
-    /// A total order: the largest does not depend on the order of triangles.
-    fn is_larger_than(&self, other: &Self) -> bool {
-        self.sigmas
-            .total_cmp(&other.sigmas)
-            .then(other.pixel.x.total_cmp(&self.pixel.x))
-            .then(other.pixel.y.total_cmp(&self.pixel.y))
-            .is_gt()
-    }
-}
-
-/// Least cosine between the normal of a triangle and the direction to a camera that measured it. Where a surface ends, triangles
-/// connect it with what lies behind; cameras see their free side at a grazing angle or not at all. Tuned on two indoor sequences with
-/// sensor depth and a rendered room.
-const LEAST_COSINE: f64 = 0.1;
-
-/// Sample points of a triangle, compared with dense depth.
-struct Samples {
-    points: [Point3<f64>; SAMPLE_COUNT as usize],
-    /// Normal towards free space; zero for a triangle without area.
-    normal: Vector3<f64>,
-}
-
-impl Samples {
-    /// The samples do not depend on which corner comes first, so not on the numbers of vertices.
-    fn of(mut corners: [Point3<f64>; 3]) -> Self {
-        let order = |a: &Point3<f64>, b: &Point3<f64>| {
-            let mut pairs = a.iter().zip(b.iter());
-            pairs
-                .find_map(|(a, b)| Some(a.total_cmp(b)).filter(|order| order.is_ne()))
-                .unwrap_or(Ordering::Equal)
-        };
-        let first = (0..3).min_by(|a, b| order(&corners[*a], &corners[*b]));
-        corners.rotate_left(first.unwrap_or(0));
-        let share = |index: u32| (f64::from(index) + 1.0 / 3.0) / f64::from(SUBDIVISIONS);
-        let mut points = [Point3::origin(); SAMPLE_COUNT as usize];
-        let pairs = (0..SUBDIVISIONS).flat_map(|i| (0..SUBDIVISIONS - i).map(move |j| (i, j)));
-        for (point, (i, j)) in points.iter_mut().zip(pairs) {
-            *point = corners[2]
-                + share(i) * (corners[0] - corners[2])
-                + share(j) * (corners[1] - corners[2]);
-        }
-        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-        Self {
-            points,
-            normal: normal.try_normalize(0.0).unwrap_or_default(),
-        }
-    }
-
-    /// Adds the evidence of one view.
-    fn compare(&self, dense_view: &KeyframeSurface<'_>, evidence: &mut FacetEvidence) {
-        evidence.is_observed = true;
-        let to_camera = dense_view.center() - self.points[0];
-        let faces_camera = self.normal.dot(&to_camera) >= LEAST_COSINE * to_camera.norm();
-        for (sample, point) in self.points.iter().enumerate() {
-            let bit = 1 << sample;
-            if evidence.agreed & bit != 0 {
-                continue;
-            }
-            match dense_view.compare_depth(point) {
-                Some(Ordering::Equal) if faces_camera => evidence.agreed |= bit,
-                Some(Ordering::Less) => evidence.contradicted |= bit,
-                // Occluded by the measured surface, or seen from the side or from behind.
-                Some(Ordering::Greater | Ordering::Equal) | None => {}
-            }
-        }
-    }
-
-    /// The largest depth conflict above `bound` standard deviations.
-    fn conflict(&self, dense_view: &KeyframeSurface<'_>, bound: f64) -> Option<DepthConflict> {
-        self.points
-            .iter()
-            .filter_map(|sample| {
-                let (pixel, sigmas) = dense_view.depth_deviation(sample)?;
-                (sigmas > bound).then_some(DepthConflict { sigmas, pixel })
-            })
-            .reduce(|kept, conflict| {
-                if conflict.is_larger_than(&kept) {
-                    conflict
-                } else {
-                    kept
-                }
-            })
-    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,10 @@ use rayon::prelude::*;
 
 use super::surface::DEFAULT_COLOR;
 use super::surface_points::KeyframeSurface;
-use crate::front_end::KeyframeColors;
+use crate::front_end::{KeyframeColors, PackedColors};
+
+/// Keyframes whose colours are unpacked at a time.
+const UNPACKED_KEYFRAMES: usize = 16;
 
 /// The colours of the vertices: means over the keyframes that measured a surface there, weighted by the area of a pixel. Others have that
 /// of their neighbours. `None` when no vertex has a colour. `surfaces` and `colors` are those of the same keyframes.
@@ -16,13 +19,19 @@ use crate::front_end::KeyframeColors;
 pub(super) fn vertex_colors(
     mesh: &TriangleMesh,
     surfaces: &[KeyframeSurface<'_>],
-    colors: &[Option<&KeyframeColors>],
+    colors: &[Option<&PackedColors>],
 ) -> Option<Vec<[u8; 3]>> {
-    let observed = mesh
-        .positions
-        .par_iter()
-        .map(|position| observed_color(position, surfaces, colors));
-    let mut found: Vec<Option<[u8; 3]>> = observed.collect();
+    let mut sums = vec![ColorSum::default(); mesh.positions.len()];
+    let batches = surfaces.chunks(UNPACKED_KEYFRAMES);
+    for (surfaces, colors) in batches.zip(colors.chunks(UNPACKED_KEYFRAMES)) {
+        let colors = colors.par_iter();
+        let colors: Vec<Option<KeyframeColors>> = colors
+            .map(|colors| colors.map(PackedColors::unpack))
+            .collect();
+        let vertices = mesh.positions.par_iter().zip(&mut sums);
+        vertices.for_each(|(position, sum)| sum.observe(position, surfaces, &colors));
+    }
+    let mut found: Vec<Option<[u8; 3]>> = sums.iter().map(ColorSum::mean).collect();
     found.iter().any(Option::is_some).then(|| {
         spread(&mut found, &mesh.triangles);
         let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
@@ -30,26 +39,39 @@ pub(super) fn vertex_colors(
     })
 }
 
-fn observed_color(
-    position: &Point3<f64>,
-    surfaces: &[KeyframeSurface<'_>],
-    colors: &[Option<&KeyframeColors>],
-) -> Option<[u8; 3]> {
-    let mut sums = [0.0_f64; 3];
-    let mut total = 0.0_f64;
-    for (surface, colors) in surfaces.iter().zip(colors) {
-        let Some((pixel, rho)) = surface.place_on(position) else {
-            continue;
-        };
-        if let Some(color) = colors.and_then(|colors| colors.at(&pixel)) {
-            let weight = rho * rho;
-            for (sum, value) in sums.iter_mut().zip(color) {
-                *sum += weight * f64::from(value);
+/// Weighted colours of a vertex.
+#[derive(Clone, Copy, Default)]
+struct ColorSum {
+    sums: [f64; 3],
+    total: f64,
+}
+
+impl ColorSum {
+    /// Adds the colours that keyframes observed, in their order.
+    fn observe(
+        &mut self,
+        position: &Point3<f64>,
+        surfaces: &[KeyframeSurface<'_>],
+        colors: &[Option<KeyframeColors>],
+    ) {
+        for (surface, colors) in surfaces.iter().zip(colors) {
+            let Some((pixel, rho)) = surface.place_on(position) else {
+                continue;
+            };
+            if let Some(color) = colors.as_ref().and_then(|colors| colors.at(&pixel)) {
+                let weight = rho * rho;
+                for (sum, value) in self.sums.iter_mut().zip(color) {
+                    *sum += weight * f64::from(value);
+                }
+                self.total += weight;
             }
-            total += weight;
         }
     }
-    (total > 0.0).then(|| sums.map(|sum| (sum / total).round() as u8))
+
+    /// `None` where no keyframe observed one.
+    fn mean(&self) -> Option<[u8; 3]> {
+        (self.total > 0.0).then(|| self.sums.map(|sum| (sum / self.total).round() as u8))
+    }
 }
 
 /// Gives vertices without a colour the mean of those of their neighbours, from neighbour to neighbour.
@@ -115,7 +137,8 @@ mod tests {
             halves([20, 0, 0], [0, 100, 0]),
             halves([255; 3], [255; 3]),
         ];
-        let colors = colors.each_ref().map(Some);
+        let packed = colors.map(|colors| colors.packed());
+        let colors = packed.each_ref().map(Some);
         let mesh = TriangleMesh {
             positions: vec![
                 Point3::new(-0.4, 0.0, 2.0),

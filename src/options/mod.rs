@@ -128,7 +128,7 @@ impl Default for CarvingOptions {
             labels: LabelKind::default(),
             free_threshold: 1,
             segment_weight: 0,
-            ray_angle_deg: 15.0,
+            ray_angle_deg: 30.0,
             least_segment_angle_deg: 15.0,
             cut: CutSettings::default(),
         }

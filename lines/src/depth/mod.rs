@@ -5,6 +5,7 @@
 
 mod compact;
 mod edge_depth;
+mod image;
 mod map;
 mod near_side;
 mod registration;
@@ -13,5 +14,6 @@ mod sensor;
 
 pub use compact::CompactDepth;
 pub use edge_depth::{EdgeDepthOptions, EdgeDepths};
+pub use image::DepthImage;
 pub use map::{InverseDepth, InverseDepthMap};
 pub use sensor::{DepthSensor, SensorError, SensorNoise};

@@ -97,6 +97,11 @@ pub(super) struct Block {
 }
 
 impl Block {
+    /// How many corners it has.
+    pub(super) fn len(self) -> usize {
+        self.bits.count_ones() as usize
+    }
+
     /// Its corners, ascending.
     pub(super) fn corners(self) -> impl Iterator<Item = Corner> {
         let set = move |bits: &u64| Some(bits & (bits - 1)).filter(|rest| *rest != 0);

@@ -3,12 +3,15 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::blocks::{CornerBits, CornerSet};
+use super::blocks::{Block, CornerBits, CornerSet};
 use super::grid::Corner;
+use super::view::View;
 use super::{FusionOptions, PosedDepth};
 
 /// Blocks of corners that are looked at together: views that see none of them are skipped.
 const CHUNK: usize = 16;
+/// Views whose images are unpacked at a time.
+const UNPACKED_VIEWS: usize = 16;
 
 /// Mean signed distances at the corners of the cubes around measured points.
 pub(super) struct Field {
@@ -28,7 +31,7 @@ impl Field {
             .par_iter()
             .fold(CornerBits::default, |mut cubes, view| {
                 let mut last = None;
-                for point in view.points() {
+                for point in View::new(view).points() {
                     // Neighbouring pixels mostly lie in one cube.
                     let cube = Corner::below(&point, side);
                     if let Some(cube) = cube.filter(|_| cube != last) {
@@ -48,15 +51,7 @@ impl Field {
         }
         let corners = CornerSet::new(&cubes);
         let truncation = options.truncation_sides * side;
-        let distances = corners
-            .blocks()
-            .par_chunks(CHUNK)
-            .flat_map_iter(|chunk| {
-                let corners = chunk.iter().flat_map(|block| block.corners());
-                let positions: Vec<_> = corners.map(|it| it.position(side)).collect();
-                mean_distances(views, &positions, truncation)
-            })
-            .collect();
+        let distances = mean_distances(views, &corners, side, truncation);
         Self {
             side,
             cubes: set,
@@ -73,49 +68,111 @@ impl Field {
     }
 }
 
-/// Mean distances at near positions. Each view that measured a surface behind a position, or at most `truncation` before it, counts alike; more than
-/// `truncation` before the surface is as good as `truncation`. A position that none measured closer than that is unknown.
+/// Mean distances at the corners of a set, which lie `side` apart. Each view that measured a surface behind a corner, or at most `truncation`
+/// before it, counts alike; more than `truncation` before the surface is as good as `truncation`. A corner that none measured closer than
+/// that is unknown.
 fn mean_distances(
     views: &[PosedDepth<'_>],
-    positions: &[Point3<f64>],
+    corners: &CornerSet,
+    side: f64,
     truncation: f64,
 ) -> Vec<f32> {
-    let mut sums = vec![(0.0_f64, 0_u32, false); positions.len()];
-    let (mut low, mut high) = (positions[0], positions[0]);
-    for position in positions {
-        (low, high) = (low.inf(position), high.sup(position));
+    let mut sums = vec![DistanceSum::default(); corners.len()];
+    let mut chunks: Vec<Chunk<'_>> = Vec::with_capacity(corners.blocks().len() / CHUNK + 1);
+    let mut rest = sums.as_mut_slice();
+    for blocks in corners.blocks().chunks(CHUNK) {
+        let len = blocks.iter().map(|block| block.len()).sum();
+        let (sums, after) = rest.split_at_mut(len);
+        chunks.push(Chunk::new(blocks, side, sums));
+        rest = after;
     }
-    let center = nalgebra::center(&low, &high);
-    let radius = (high - center).norm();
-    for view in views.iter().filter(|view| view.may_see(&center, radius)) {
-        for (position, (sum, count, is_near)) in positions.iter().zip(&mut sums) {
-            let Some(distance) = view.distance(position) else {
+    for views in views.chunks(UNPACKED_VIEWS) {
+        let views: Vec<View> = views.par_iter().map(View::new).collect();
+        chunks
+            .par_iter_mut()
+            .for_each_init(Vec::new, |positions, chunk| {
+                chunk.add(&views, side, truncation, positions);
+            });
+    }
+    drop(chunks);
+    sums.iter().map(DistanceSum::mean).collect()
+}
+
+/// The distances that views measured at a corner.
+#[derive(Clone, Copy, Default)]
+struct DistanceSum {
+    sum: f64,
+    count: u32,
+    /// Whether a view measured a surface closer than the truncation.
+    is_near: bool,
+}
+
+impl DistanceSum {
+    /// NaN where the distance is unknown.
+    fn mean(&self) -> f32 {
+        match self.is_near {
+            true => (self.sum / f64::from(self.count)) as f32,
+            false => f32::NAN,
+        }
+    }
+}
+
+/// Some blocks of corners, with a sphere around them.
+struct Chunk<'a> {
+    blocks: &'a [Block],
+    center: Point3<f64>,
+    radius: f64,
+    sums: &'a mut [DistanceSum],
+}
+
+impl<'a> Chunk<'a> {
+    fn new(blocks: &'a [Block], side: f64, sums: &'a mut [DistanceSum]) -> Self {
+        let first = blocks[0].corners().next();
+        let first = first.map_or(Point3::origin(), |corner| corner.position(side));
+        let (mut low, mut high) = (first, first);
+        for position in positions_of(blocks, side) {
+            (low, high) = (low.inf(&position), high.sup(&position));
+        }
+        let center = nalgebra::center(&low, &high);
+        Self {
+            blocks,
+            center,
+            radius: (high - center).norm(),
+            sums,
+        }
+    }
+
+    /// Adds the distances that views measured, in their order. `positions` is reused memory.
+    fn add(
+        &mut self,
+        views: &[View],
+        side: f64,
+        truncation: f64,
+        positions: &mut Vec<Point3<f64>>,
+    ) {
+        positions.clear();
+        for view in views {
+            if !view.may_see(&self.center, self.radius) {
                 continue;
-            };
-            if distance >= -truncation {
-                *sum += distance.min(truncation);
-                *count += 1;
-                *is_near |= distance <= truncation;
+            }
+            if positions.is_empty() {
+                positions.extend(positions_of(self.blocks, side));
+            }
+            for (position, sum) in positions.iter().zip(&mut *self.sums) {
+                let Some(distance) = view.distance(position) else {
+                    continue;
+                };
+                if distance >= -truncation {
+                    sum.sum += distance.min(truncation);
+                    sum.count += 1;
+                    sum.is_near |= distance <= truncation;
+                }
             }
         }
     }
-    let mean = |(sum, count, is_near): (f64, u32, bool)| match is_near {
-        true => (sum / f64::from(count)) as f32,
-        false => f32::NAN,
-    };
-    sums.into_iter().map(mean).collect()
 }
 
-impl PosedDepth<'_> {
-    /// Whether a sphere may be seen: not behind the camera, and not beside all of its image.
-    fn may_see(&self, center: &Point3<f64>, radius: f64) -> bool {
-        let center = self.depth_from_world * center;
-        if center.z < -radius {
-            return false;
-        }
-        self.depth
-            .sides()
-            .iter()
-            .all(|inward| inward.dot(&center.coords) >= -radius)
-    }
+fn positions_of(blocks: &[Block], side: f64) -> impl Iterator<Item = Point3<f64>> + '_ {
+    let corners = blocks.iter().flat_map(|block| block.corners());
+    corners.map(move |corner| corner.position(side))
 }

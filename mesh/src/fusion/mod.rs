@@ -18,6 +18,7 @@ mod grid;
 mod nets;
 mod segments;
 mod sheets;
+mod view;
 
 use linecarve_lines::depth::CompactDepth;
 use nalgebra::{Isometry3, Point3};
@@ -30,34 +31,15 @@ use field::Field;
 pub struct PosedDepth<'a> {
     depth: &'a CompactDepth,
     world_from_depth: Isometry3<f64>,
-    depth_from_world: Isometry3<f64>,
 }
 
 impl<'a> PosedDepth<'a> {
     /// Depth measured beside a colour camera with this pose.
     pub fn new(depth: &'a CompactDepth, world_from_color: &Isometry3<f64>) -> Self {
-        let world_from_depth = world_from_color * depth.color_from_depth();
         Self {
             depth,
-            world_from_depth,
-            depth_from_world: world_from_depth.inverse(),
+            world_from_depth: world_from_color * depth.color_from_depth(),
         }
-    }
-
-    /// All measured points, in world coordinates.
-    fn points(&self) -> impl Iterator<Item = Point3<f64>> + '_ {
-        let (columns, rows) = (self.depth.columns(), self.depth.rows());
-        let pixels = (0..rows).flat_map(move |row| (0..columns).map(move |column| (column, row)));
-        pixels.filter_map(|(column, row)| {
-            let point = self.depth.point(column, row)?;
-            Some(self.world_from_depth * point)
-        })
-    }
-
-    /// How far a point lies before the surface measured along its ray; `None` where nothing was measured.
-    fn distance(&self, point_in_world: &Point3<f64>) -> Option<f64> {
-        self.depth
-            .distance(&(self.depth_from_world * point_in_world))
     }
 }
 
@@ -90,7 +72,8 @@ impl FusionOptions {
 /// Empty when the side is not a positive, finite length. Points further from the origin than a million sides are left out.
 ///
 /// # Complexity
-/// O(c v) for c corners of cubes near measured points and v views, and O(p log p) for p measured points.
+/// O(c v) for c corners of cubes near measured points and v views, and O(p log p) for p measured points. Memory of O(c); few images are
+/// unpacked at a time.
 pub fn fuse_depth(
     views: &[PosedDepth<'_>],
     segments: &[[Point3<f64>; 2]],

@@ -202,3 +202,19 @@ fn evidence_does_not_depend_on_the_order_of_events() {
         );
     }
 }
+
+#[test]
+fn a_removed_vertex_comes_back_with_a_triangle() {
+    let vertex = VertexId::from_index;
+    let mut open = VertexSet::default();
+    assert!(!open.remove(vertex(7)));
+    open.insert_corners(&[vertex(2), vertex(7), vertex(4)]);
+    assert!(open.remove(vertex(7)) && !open.remove(vertex(7)));
+    open.insert_corners(&[vertex(7), vertex(1), vertex(0)]);
+    assert!(
+        [0, 1, 2, 4, 7]
+            .into_iter()
+            .all(|it| open.remove(vertex(it)))
+    );
+    assert!((0..9).all(|it| !open.remove(vertex(it))));
+}
