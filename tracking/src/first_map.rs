@@ -33,6 +33,13 @@ impl Tracker {
             return FrameOutcome::Lost(NoPose::Waiting);
         }
         self.first_answered = number;
+        let answer = self.current_pose(number);
+        if let (Some((_, pose)), Some(FrameRecord::Posed(frame))) =
+            (answer, self.records.get_mut(number as usize))
+        {
+            // The frames that were tracked after it may have moved it.
+            frame.live = pose.inverse();
+        }
         match self.records.get(number as usize) {
             Some(FrameRecord::Posed(frame)) => FrameOutcome::Tracked {
                 is_keyframe: frame.is_keyframe,
