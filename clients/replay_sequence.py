@@ -12,14 +12,17 @@ count after every step.
 
 With --no-depth (and `reconstruct --depth semi-dense`) depth images are left out: depth comes from the images alone.
 
-With --track all frames are sent without poses, as a camera would: the program tracks them and chooses keyframes itself.
+With --track all frames are sent without poses, as a camera would: the program tracks them and chooses keyframes itself. With
+--no-depth too it tracks with one camera, or with both of a stereo recording.
 
     clients/replay_sequence.py kitchen --track --out out/live
     linecarve evaluate --trajectory out/live/trajectory.txt --reference kitchen
+    clients/replay_sequence.py V1_01_easy --track --out out/stereo
 
-Reads the 7-Scenes layout (frame-NNNNNN.color.jpg|png, .depth.png, .pose.txt) with its camera-intrinsics.txt, and the layout of
-Open3D (image/NNNNN.jpg|png, depth/NNNNN.png, trajectory.log, camera_primesense.json). A linecarve.toml beside them counts
-for what it says. Python 3.11 or newer, nothing else.
+Reads the 7-Scenes layout (frame-NNNNNN.color.jpg|png, .depth.png, .pose.txt) with its camera-intrinsics.txt, the layout of
+Open3D (image/NNNNN.jpg|png, depth/NNNNN.png, trajectory.log, camera_primesense.json), and with --track that of EuRoC (mav0/cam0 and
+cam1 with sensor.yaml; images of one name are a pair). A linecarve.toml beside them counts for what it says. Python 3.11 or newer,
+nothing else.
 """
 
 import argparse
@@ -28,6 +31,7 @@ import json
 import math
 import pathlib
 import queue
+import re
 import subprocess
 import sys
 import threading
@@ -42,8 +46,63 @@ def rows_of(path, words):
     return [numbers[4 * row : 4 * row + 4] for row in range(4)]
 
 
+def euroc_camera(path):
+    """The table of a camera, and its `T_BS` (body from camera), from the lines of a sensor.yaml."""
+    text = " ".join(line.split("#")[0] for line in path.read_text().splitlines())
+
+    def numbers(key):
+        found = re.search(key + r":\s*\[([^]]*)\]", text)
+        return [float(word) for word in found[1].split(",")] if found else []
+
+    camera = dict(zip(("fx", "fy", "cx", "cy"), numbers("intrinsics")))
+    camera |= dict(zip(("width", "height"), map(int, numbers("resolution"))))
+    distortion = numbers("distortion_coefficients")
+    if any(distortion):
+        is_fisheye = re.search(r"distortion_model:\s*equi", text)
+        camera |= {"model": "kannala-brandt" if is_fisheye else "radial-tangential", "distortion": distortion}
+    return camera, rows_of(path, numbers("data"))
+
+
+def product(a, b):
+    """The product of two transforms, as four rows."""
+    return [[sum(a[i][k] * b[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
+
+
+def inverse(rows):
+    """The inverse of a rigid transform."""
+    turned = [[rows[j][i] for j in range(3)] for i in range(3)]
+    shift = [-sum(turned[i][k] * rows[k][3] for k in range(3)) for i in range(3)]
+    return [[*turned[i], shift[i]] for i in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
+
+
+class EurocRecording:
+    """Image pairs without poses, and the calibration of both cameras."""
+
+    is_posed = False
+
+    def __init__(self, folder):
+        left, right = (folder / "mav0" / camera for camera in ("cam0", "cam1"))
+        self.images = {path.stem: path for path in sorted((left / "data").iterdir())}
+        self.right_images = {path.stem: path for path in (right / "data").iterdir()} if right.exists() else {}
+        self.frames = [name for name in self.images if name in self.right_images or not self.right_images]
+        color, body_from_left = euroc_camera(left / "sensor.yaml")
+        self.calibration = {"color": color}
+        if self.right_images:
+            camera, body_from_right = euroc_camera(right / "sensor.yaml")
+            motion = product(inverse(body_from_left), body_from_right)
+            self.calibration["right"] = camera | {"color_from_right": motion}
+
+    def color(self, name):
+        return self.images[name]
+
+    def right(self, name):
+        return self.right_images.get(name)
+
+
 class Recording:
     """Where the images and poses of a sequence are, and its calibration."""
+
+    is_posed = True
 
     def __init__(self, folder):
         self.folder = folder
@@ -82,13 +141,16 @@ class Recording:
     def depth(self, name):
         return self.folder / (f"depth/{name}.png" if self.log else f"{name}.depth.png")
 
+    def right(self, name):
+        return None
+
 
 def drifted(rows, number, per_keyframe):
     """A pose with the drift of `number` keyframes: a turn about the world's y axis and a step along x."""
     angle, step = number * per_keyframe * 0.1, number * per_keyframe
     cos, sin = math.cos(angle), math.sin(angle)
     turn = [[cos, 0.0, sin, step], [0.0, 1.0, 0.0, 0.0], [-sin, 0.0, cos, 0.0], [0.0, 0.0, 0.0, 1.0]]
-    return [[sum(turn[i][k] * rows[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
+    return product(turn, rows)
 
 
 class Surface:
@@ -157,11 +219,18 @@ def follow_frame(reply, surface):
     return f"frame {reply['id']}: {where}; keyframes {reply['keyframes']}, {count} poses corrected"
 
 
-def track(linecarve, recording, frames, image):
+def track(linecarve, recording, frames, image, has_depth):
     """Sends frames without poses, and prints what becomes of them."""
     surface, milliseconds = Surface(), []
     for name in frames:
-        images = {"color": image(recording.color(name)), "depth": image(recording.depth(name))}
+        images = {"color": image(recording.color(name))}
+        if has_depth:
+            images["depth"] = image(recording.depth(name))
+        if recording.right(name):
+            images["right"] = image(recording.right(name))
+        if not recording.is_posed:
+            # Names of EuRoC are times in nanoseconds.
+            images["timestamp_ns"] = int(name)
         reply = linecarve.send(type="frame", id=int(name.split("-")[-1]), **images)
         if reply["type"] == "frame":
             print(follow_frame(reply, surface))
@@ -193,7 +262,11 @@ def main():
     parser.add_argument("--out", help="folder for the final mesh")
     options = parser.parse_args()
 
-    recording = Recording(options.sequence)
+    is_euroc = (options.sequence / "mav0").exists()
+    if is_euroc and not options.track:
+        parser.error("the layout of EuRoC needs --track")
+    options.no_depth |= is_euroc
+    recording = EurocRecording(options.sequence) if is_euroc else Recording(options.sequence)
     start = {"calibration": recording.calibration}
     if options.no_depth:
         start["depth_source"] = "semi-dense"
@@ -218,7 +291,7 @@ def main():
     if linecarve.send(type="start", **start)["type"] != "ready":
         sys.exit("the calibration was refused")
     if options.track:
-        track(linecarve, recording, recording.frames[:: options.every or 1], image)
+        track(linecarve, recording, recording.frames[:: options.every or 1], image, not options.no_depth)
         return
     surface, poses, milliseconds, corrections = Surface(), {}, [], []
     since_correction = 0

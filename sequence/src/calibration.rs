@@ -1,10 +1,14 @@
 //! Calibration of a sequence, and the sidecar file that overrides the layout's calibration.
 
+mod right;
+
 use std::path::{Path, PathBuf};
 
 use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::Isometry3;
 use serde::Deserialize;
+
+use right::RightSection;
 
 use super::pose_convention::{CameraAxes, PoseConvention, PoseDirection, QuaternionOrder};
 use super::{SequenceError, Warning, rigid};
@@ -132,6 +136,7 @@ pub(super) struct Sidecar {
     pub(super) depth_scale: Option<f64>,
     /// Folder with the standard deviation of each depth.
     pub(super) sigma: Option<PathBuf>,
+    right: Option<RightCamera>,
     pub(super) body_from_color: Option<Isometry3<f64>>,
     poses: PosesSection,
 }
@@ -175,11 +180,16 @@ impl Sidecar {
                     .to_owned(),
             );
         }
+        let right = file
+            .right
+            .map(|section| section.camera(color.as_ref(), source))
+            .transpose()?;
         Ok(Self {
             color,
             depth,
             depth_scale,
             sigma,
+            right,
             body_from_color: file
                 .poses
                 .as_ref()
@@ -212,6 +222,9 @@ impl Sidecar {
             }
             calibration.sigma = Some(sigma);
         }
+        if let Some(right) = self.right {
+            calibration.right = Some(right);
+        }
         if let Some(body_from_color) = self.body_from_color {
             calibration.body_from_color = Some(body_from_color);
         }
@@ -240,6 +253,7 @@ impl Sidecar {
 struct SidecarFile {
     color: Option<CameraSection>,
     depth: Option<DepthSection>,
+    right: Option<RightSection>,
     poses: Option<PosesSection>,
 }
 

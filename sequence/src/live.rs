@@ -22,6 +22,8 @@ pub struct LiveFrame {
     pub color: PathBuf,
     /// Path of the depth image, if any.
     pub depth: Option<PathBuf>,
+    /// Path of the image of the right camera of a stereo pair, if any.
+    pub right: Option<PathBuf>,
 }
 
 /// A [`Sequence`] that frames are appended to.
@@ -94,7 +96,7 @@ impl LiveSequence {
             pose: Some(first.world_from_camera),
             color: first.color,
             depth: first.depth,
-            right: None,
+            right: first.right,
             camera: None,
         };
         let mut recording = Recording::new(vec![frame], calibration);
@@ -175,7 +177,7 @@ impl LiveSequence {
             world_from_camera,
             color: frame.color,
             depth: frame.depth,
-            right: None,
+            right: frame.right,
         });
         frames.len() - 1
     }

@@ -33,24 +33,35 @@ struct Resampling {
     map: OnceLock<Result<UndistortionMap, ImageError>>,
 }
 
+/// Checks that the right camera is at the right of the left one.
+///
+/// # Errors
+/// What is wrong with the positions of the cameras.
+pub(super) fn check_position(right: &RightCamera) -> Result<(), String> {
+    let baseline = right.color_from_right.translation.vector;
+    let length = baseline.norm();
+    if !(length.is_finite() && length > 0.0) {
+        return Err("left and right camera are at the same position".to_owned());
+    }
+    let tilt = baseline.angle(&Vector3::x()).to_degrees();
+    if tilt > MAX_TILT_DEGREES {
+        return Err(format!(
+            "the right camera is not at the right of the left one: its direction is {tilt:.0} degrees off the rows of \
+             the left image (are the cameras exchanged?)"
+        ));
+    }
+    Ok(())
+}
+
 impl StereoPair {
     /// The pair of a left camera and a right one.
     ///
     /// # Errors
     /// What is wrong with the positions of the cameras.
     pub(super) fn new(left: &Camera, right: &RightCamera, size: ImageSize) -> Result<Self, String> {
+        check_position(right)?;
         let baseline = right.color_from_right.translation.vector;
         let length = baseline.norm();
-        if !(length.is_finite() && length > 0.0) {
-            return Err("left and right camera are at the same position".to_owned());
-        }
-        let tilt = baseline.angle(&Vector3::x()).to_degrees();
-        if tilt > MAX_TILT_DEGREES {
-            return Err(format!(
-                "the right camera is not at the right of the left one: its direction is {tilt:.0} degrees off the rows of \
-                 the left image (are the cameras exchanged?)"
-            ));
-        }
         // Both cameras turn half of the way between them.
         let color_from_right = right.color_from_right.rotation;
         let forward = Vector3::z() + color_from_right * Vector3::z();

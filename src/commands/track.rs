@@ -36,12 +36,8 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     };
     mode.check(&sequence)?;
     let mut options = mode.options();
-    if args.causal && options.is_monocular {
-        bail!(
-            "--causal needs depth images or stereo pairs: one camera begins its map with two views chosen among later ones"
-        );
-    }
     options.looks_ahead = !args.causal;
+    options.starts_early = args.causal;
     if !args.start_pair.is_empty() {
         ensure!(
             mode == TrackingMode::Mono,

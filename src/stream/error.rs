@@ -11,6 +11,17 @@ use crate::map::MapError;
 use crate::tracking::TrackError;
 use linecarve_sequence::{KeyframeOptionsError, SequenceError};
 
+/// What to do without an image.
+fn remedy(image: &str) -> &'static str {
+    match image {
+        "depth" => {
+            "; for stereo pairs and one camera give \"depth_source\": \"semi-dense\" in `start`"
+        }
+        "right" => "; for one camera leave `right` out of `calibration` in `start`",
+        _ => "",
+    }
+}
+
 /// A message is rejected and has no effect. The session continues.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
@@ -74,13 +85,25 @@ pub enum SessionError {
     },
     /// A frame lacks an image.
     #[error(
-        "frame {id} has no `{image}` image: each frame of a session with \"poses\": \"track\" needs `color` and `depth`"
+        "frame {id} has no `{image}` image: each frame of this session needs {needs}{}",
+        remedy(image)
     )]
     FrameWithout {
         /// The id.
         id: u64,
         /// The key that is missing.
         image: &'static str,
+        /// The keys that are needed.
+        needs: &'static str,
+    },
+    /// A frame has an image of a right camera that is not calibrated.
+    #[error(
+        "frame {id} has a `right` image, but `calibration` in `start` has no `right` camera: add it with \"depth_source\": \
+         \"semi-dense\", or leave `right` out"
+    )]
+    FrameWithRight {
+        /// The id.
+        id: u64,
     },
     /// No depth is known in the frame that starts tracking.
     #[error(

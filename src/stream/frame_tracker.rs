@@ -1,14 +1,14 @@
 //! Finds the poses of the frames of a session, and chooses keyframes among them.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
-use linecarve_sequence::export::PosedImage;
-use linecarve_sequence::{LiveFrame, LiveSequence, OnlineKeyframes};
-use linecarve_tracking::{FrameOutcome, FramePose, NoPose, Tracker};
-use nalgebra::Isometry3;
+use linecarve_sequence::{KeyframeOptions, LiveFrame, LiveSequence, OnlineKeyframes, Sequence};
+use linecarve_tracking::{FrameOutcome, NoPose, Tracker};
+use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::SessionError;
-use super::message::{FrameMessage, StartMessage, TrackingSummary};
+use super::message::{DepthKind, FrameMessage, StartMessage};
+use super::tracked_frames::{Frames, TrackedSession};
 use crate::front_end::median_scene_depth;
 use crate::options::Options;
 use crate::tracking::{Preparation, TrackError, TrackedSequence, TrackingMode};
@@ -16,26 +16,43 @@ use crate::tracking::{Preparation, TrackError, TrackedSequence, TrackingMode};
 /// Tracks frames as they come, with poses that use earlier frames only until the session ends.
 pub(super) struct FrameTracker {
     frames: Frames,
-    preparation: Preparation<'static>,
-    tracker: Tracker,
-    selection: OnlineKeyframes,
+    mode: TrackingMode,
+    preparation: Preparation,
+    camera: TrackedCamera,
+    keyframes: KeyframeOptions,
+    /// Median scene depth; unknown without depth images until there is a map.
+    median_depth: Option<f64>,
+    /// `None` until the median depth is known.
+    selection: Option<OnlineKeyframes>,
     /// Frames whose images are kept until it is decided whether they become keyframes.
     undecided: Vec<usize>,
-    median_depth: f64,
     /// The sub-map with most frames; of equal ones the first that had as many.
     surface_submap: u32,
 }
 
-/// The frames of a session, by number in the order of their arrival.
-pub(super) struct Frames {
-    live: LiveSequence,
-    names: Vec<FrameName>,
-    ids: BTreeSet<u64>,
+/// The tracker, with poses of the colour camera.
+struct TrackedCamera {
+    tracker: Tracker,
+    /// `color_from_tracked`, where images are rectified.
+    turn: Option<UnitQuaternion<f64>>,
 }
 
-struct FrameName {
-    id: u64,
-    timestamp_ns: Option<i64>,
+impl TrackedCamera {
+    /// The pose of a frame as it is known now, with its sub-map.
+    fn pose(&self, frame: usize) -> Option<(u32, Isometry3<f64>)> {
+        let (submap, pose) = self.tracker.current_pose(frame as u32)?;
+        let pose = match &self.turn {
+            Some(turn) => turn * pose * turn.inverse(),
+            None => pose,
+        };
+        Some((submap, pose))
+    }
+
+    /// The pose of a frame in one sub-map.
+    fn pose_in(&self, submap: u32, frame: usize) -> Option<Isometry3<f64>> {
+        let (found, pose) = self.pose(frame)?;
+        (found == submap).then_some(pose)
+    }
 }
 
 /// A frame that was just tracked.
@@ -44,6 +61,21 @@ pub(super) struct TrackedFrame {
     pub(super) pose: Result<(u32, Isometry3<f64>), NoPose>,
     /// Numbers of the frames that are keyframes from now on.
     pub(super) chosen: Vec<usize>,
+    /// Earlier frames that waited for the first map, and have a pose since this one came.
+    pub(super) earlier: Vec<(usize, Isometry3<f64>)>,
+}
+
+/// What the poses of a session are found from.
+pub(super) fn mode_of(start: &StartMessage) -> TrackingMode {
+    let is_stereo = start
+        .calibration
+        .get("right")
+        .is_some_and(|right| !right.is_null());
+    match start.depth_source {
+        DepthKind::Sensor => TrackingMode::Rgbd,
+        DepthKind::SemiDense | DepthKind::None if is_stereo => TrackingMode::Stereo,
+        DepthKind::SemiDense | DepthKind::None => TrackingMode::Mono,
+    }
 }
 
 impl FrameTracker {
@@ -62,36 +94,46 @@ impl FrameTracker {
         let live =
             LiveSequence::begin(&start.calibration, frame).map_err(|error| failed(error.into()))?;
         let sequence = live.sequence();
-        let no_depth = SessionError::FrameWithoutDepth { id };
-        let Some(calibration) = sequence.depth_calibration() else {
-            return Err(no_depth);
+        let mode = mode_of(start);
+        let mut tracking = mode.options();
+        tracking.starts_early = true;
+        options.keyframes.validate()?;
+        let mut median_depth = start.median_depth;
+        let preparation = match mode {
+            TrackingMode::Rgbd => {
+                let no_depth = SessionError::FrameWithoutDepth { id };
+                let Some(calibration) = sequence.depth_calibration() else {
+                    return Err(no_depth);
+                };
+                let loaded = sequence.load_depth(0);
+                loaded.map_err(|error| failed(error.into()))?;
+                let measured =
+                    || median_scene_depth(sequence, &[0]).map_err(|error| failed(error.into()));
+                let depth = match start.median_depth {
+                    Some(depth) => depth,
+                    None => measured()?.ok_or(no_depth)?,
+                };
+                median_depth = Some(depth);
+                let sensor = calibration.sensor(options.sensor.relative_noise, depth);
+                Preparation::of_sensor(sensor, &tracking)
+            }
+            TrackingMode::Stereo => Preparation::of_pairs(&tracking),
+            TrackingMode::Mono => Preparation::of_images(&tracking),
         };
-        sequence
-            .load_depth(0)
-            .map_err(|error| failed(error.into()))?;
-        let measured = || median_scene_depth(sequence, &[0]).map_err(|error| failed(error.into()));
-        let median_depth = match start.median_depth {
-            Some(depth) => depth,
-            None => measured()?.ok_or(no_depth)?,
-        };
-        let sensor = calibration.sensor(options.sensor.relative_noise, median_depth);
-        let tracking = TrackingMode::Rgbd.options();
-        let size = sequence.color_size();
+        let (camera, size) = preparation.camera(sequence);
         let [width, height] = [size.width, size.height].map(|side| side as usize);
-        let tracker = Tracker::new(tracking, sequence.color_camera(), width, height)
-            .map_err(|error| failed(error.into()))?;
-        let selection = OnlineKeyframes::new(sequence, &options.keyframes, median_depth)?;
+        let tracker =
+            Tracker::new(tracking, camera, width, height).map_err(|error| failed(error.into()))?;
+        let turn = preparation.turn(sequence).copied();
         let mut started = Self {
-            preparation: Preparation::of_sensor(sensor, &tracking),
-            frames: Frames {
-                live,
-                names: Vec::new(),
-                ids: BTreeSet::new(),
-            },
-            tracker,
-            selection,
-            undecided: Vec::new(),
+            frames: Frames::new(live),
+            mode,
+            preparation,
+            camera: TrackedCamera { tracker, turn },
+            keyframes: options.keyframes,
             median_depth,
+            selection: None,
+            undecided: Vec::new(),
             surface_submap: 0,
         };
         let tracked = started.track_newest(message).map_err(failed)?;
@@ -107,9 +149,9 @@ impl FrameTracker {
         message: &FrameMessage,
         frame: LiveFrame,
     ) -> Result<TrackedFrame, SessionError> {
-        self.frames.live.append(frame);
+        self.frames.append(frame);
         self.track_newest(message).map_err(|source| {
-            self.frames.live.withdraw_last();
+            self.frames.withdraw();
             SessionError::Frame {
                 id: message.id,
                 source,
@@ -118,40 +160,64 @@ impl FrameTracker {
     }
 
     fn track_newest(&mut self, message: &FrameMessage) -> Result<TrackedFrame, TrackError> {
-        let number = self.frames.names.len();
-        let sequence = self.frames.live.sequence();
-        let (features, _) = self.preparation.features(sequence, number)?;
-        self.frames.names.push(FrameName {
-            id: message.id,
-            timestamp_ns: message.timestamp_ns,
-        });
-        self.frames.ids.insert(message.id);
+        let number = self.frames.next();
+        let (features, _) = self.preparation.features(self.frames.sequence(), number)?;
+        self.frames.name(message);
         self.undecided.push(number);
-        let outcome = self.tracker.track(features);
+        let waited = self.camera.tracker.waiting();
+        let outcome = self.camera.tracker.track(features);
+        let is_first_map = waited > 0 && self.camera.tracker.waiting() == 0;
         let pose = match outcome {
             FrameOutcome::Lost(reason) => Err(reason),
-            FrameOutcome::Tracked { .. } => self
-                .tracker
-                .current_pose(number as u32)
-                .ok_or(NoPose::NoMatch { matched: 0 }),
-        };
-        let chosen = match pose {
-            Ok((submap, _)) => {
-                let pose = |frame| pose_in(&self.tracker, submap, frame);
-                self.selection.push(sequence, number, pose)
+            FrameOutcome::Tracked { .. } => {
+                let pose = self.camera.pose(number);
+                pose.ok_or(NoPose::NoMatch { matched: 0 })
             }
-            Err(_) => Vec::new(),
         };
+        let mut earlier = Vec::new();
+        if is_first_map {
+            let pose = |frame| Some((frame, self.surface_pose(frame)?));
+            earlier = (0..number).filter_map(pose).collect();
+        }
+        let submap = pose.ok().map(|(submap, _)| submap);
+        let submap = submap.or(is_first_map.then_some(self.surface_submap));
+        let chosen = submap.map_or_else(Vec::new, |submap| self.choose_keyframes(submap));
         // Where the frame is in the sub-map of the surface, no other one can have grown larger.
         if pose.is_ok_and(|(submap, _)| submap != self.surface_submap) {
             self.choose_submap();
         }
-        Ok(TrackedFrame { pose, chosen })
+        Ok(TrackedFrame {
+            pose,
+            chosen,
+            earlier,
+        })
+    }
+
+    /// Offers the newest frame to the choice of keyframes, and the first time all frames so far.
+    fn choose_keyframes(&mut self, submap: u32) -> Vec<usize> {
+        let (sequence, camera) = (self.frames.sequence(), &self.camera);
+        let newest = self.frames.next() - 1;
+        let mut first = newest;
+        if self.selection.is_none() {
+            let depth = self.median_depth.or_else(|| camera.tracker.scene_depth());
+            self.median_depth = depth;
+            let started = |depth| OnlineKeyframes::new(sequence, &self.keyframes, depth).ok();
+            self.selection = depth.and_then(started);
+            first = 0;
+        }
+        let Some(selection) = &mut self.selection else {
+            return Vec::new();
+        };
+        let pose = |frame| camera.pose_in(submap, frame);
+        let offered = first..=newest;
+        offered
+            .flat_map(|frame| selection.push(sequence, frame, pose))
+            .collect()
     }
 
     /// Makes the sub-map with most frames that of the surface.
     fn choose_submap(&mut self) {
-        let frames = self.tracker.submap_frames();
+        let frames = self.camera.tracker.submap_frames();
         let frames_of = |submap: u32| frames.get(submap as usize).copied().unwrap_or(0);
         for submap in 0..frames.len() as u32 {
             if frames_of(submap) > frames_of(self.surface_submap) {
@@ -165,9 +231,10 @@ impl FrameTracker {
         &self.frames
     }
 
-    /// Median scene depth: of the first frame, unless it was given.
-    pub(super) fn median_depth(&self) -> f64 {
+    /// Median scene depth that was given or measured in the depth image of the first frame; `None` where depth comes from images.
+    pub(super) fn sensor_depth(&self) -> Option<f64> {
         self.median_depth
+            .filter(|_| self.mode == TrackingMode::Rgbd)
     }
 
     /// The sub-map whose keyframes make the surface.
@@ -177,21 +244,36 @@ impl FrameTracker {
 
     /// Pose of a frame as it is known now, in the coordinates of the surface; `None` without one, or in another sub-map.
     pub(super) fn surface_pose(&self, frame: usize) -> Option<Isometry3<f64>> {
-        pose_in(&self.tracker, self.surface_submap, frame)
+        self.camera.pose_in(self.surface_submap, frame)
     }
 
     /// Numbers of the frames for which it was decided since the last call whether they become keyframes.
     pub(super) fn take_decided(&mut self) -> Vec<usize> {
-        let first = self.selection.first_undecided().unwrap_or(usize::MAX);
+        let first = match &self.selection {
+            Some(selection) => selection.first_undecided().unwrap_or(usize::MAX),
+            // Those that wait for a map may become keyframes.
+            None => self.frames.next() - self.camera.tracker.waiting(),
+        };
         self.undecided
             .extract_if(.., |frame| *frame < first)
             .collect()
     }
 
-    /// Chooses the last keyframes, and adjusts all poses to all frames.
+    /// Adjusts all poses to all frames, and chooses the last keyframes.
     pub(super) fn finish(self) -> (Vec<usize>, TrackedSession) {
-        let chosen = self.selection.finish(self.frames.live.sequence());
-        let tracked = TrackedSequence::of_live(self.tracker.finish());
+        let sequence = self.frames.sequence();
+        let mut recording = self.camera.tracker.finish();
+        if let Some(turn) = &self.camera.turn {
+            recording.turn_camera(turn);
+        }
+        let tracked = TrackedSequence::of_live(recording, self.mode);
+        let chosen = match self.selection {
+            Some(selection) => selection.finish(sequence),
+            None => {
+                let keyframes = &self.keyframes;
+                first_keyframes(sequence, keyframes, &tracked, self.median_depth)
+            }
+        };
         let session = TrackedSession {
             frames: self.frames,
             tracked,
@@ -200,98 +282,23 @@ impl FrameTracker {
     }
 }
 
-fn pose_in(tracker: &Tracker, submap: u32, frame: usize) -> Option<Isometry3<f64>> {
-    let (found, pose) = tracker.current_pose(frame as u32)?;
-    (found == submap).then_some(pose)
-}
-
-impl Frames {
-    /// Whether a frame has this id.
-    pub(super) fn contains(&self, id: u64) -> bool {
-        self.ids.contains(&id)
+/// Keyframes of a session whose map was not there before its last frame.
+fn first_keyframes(
+    sequence: &Sequence,
+    options: &KeyframeOptions,
+    tracked: &TrackedSequence,
+    median_depth: Option<f64>,
+) -> Vec<usize> {
+    let poses: BTreeMap<usize, Isometry3<f64>> = tracked.poses().collect();
+    // The unit of one camera is the median depth.
+    let depth = median_depth.unwrap_or(1.0);
+    let Ok(mut selection) = OnlineKeyframes::new(sequence, options, depth) else {
+        return Vec::new();
+    };
+    let mut chosen = Vec::new();
+    for frame in poses.keys() {
+        chosen.extend(selection.push(sequence, *frame, |other| poses.get(&other).copied()));
     }
-
-    /// Id of a frame.
-    pub(super) fn id(&self, number: usize) -> u64 {
-        self.names[number].id
-    }
-
-    /// A frame as a keyframe with this pose.
-    pub(super) fn keyframe(&self, number: usize, world_from_camera: Isometry3<f64>) -> LiveFrame {
-        let frame = &self.live.sequence().frames()[number];
-        LiveFrame {
-            name: frame.name.clone(),
-            world_from_camera,
-            color: frame.color.clone(),
-            depth: frame.depth.clone(),
-        }
-    }
-}
-
-/// A session whose frames were all tracked.
-pub(super) struct TrackedSession {
-    pub(super) frames: Frames,
-    tracked: TrackedSequence,
-}
-
-impl TrackedSession {
-    /// The final pose of a frame in the largest sub-map.
-    pub(super) fn pose(&self, frame: usize) -> Option<Isometry3<f64>> {
-        match self.tracked.recording.poses[frame] {
-            FramePose::Known {
-                submap: 0,
-                world_from_camera,
-                ..
-            } => Some(world_from_camera),
-            _ => None,
-        }
-    }
-
-    /// The frames with a pose in the largest sub-map, for `trajectory.txt`.
-    pub(super) fn trajectory(&self) -> Vec<PosedImage> {
-        let camera = self.frames.live.sequence().color_camera();
-        let poses = self.tracked.poses();
-        let image = |(frame, world_from_camera): (usize, _)| {
-            let FrameName { id, timestamp_ns } = &self.frames.names[frame];
-            let of_id = i64::try_from(*id)
-                .unwrap_or(i64::MAX)
-                .saturating_mul(1_000_000_000);
-            PosedImage {
-                file: id.to_string(),
-                timestamp_ns: timestamp_ns.unwrap_or(of_id),
-                number: *id,
-                world_from_camera,
-                camera: camera.clone(),
-            }
-        };
-        poses.map(image).collect()
-    }
-
-    /// What tracking came to.
-    pub(super) fn summary(&self) -> TrackingSummary {
-        let recording = &self.tracked.recording;
-        let (frames, tracked) = (recording.poses.len(), self.tracked.poses().count());
-        let closed = recording.loops.iter().filter(|one| one.is_closed).count();
-        let mut warnings = self.tracked.warnings(self.frames.live.sequence());
-        if tracked < frames {
-            let of_others = match recording.submaps.len() {
-                0 | 1 => String::new(),
-                2 => ", some of them in another sub-map".to_owned(),
-                count => format!(", some of them in {} other sub-maps", count - 1),
-            };
-            warnings.push(format!(
-                "{} of {frames} frames have no pose in the largest map{of_others}: they are neither in the surface nor in \
-                 trajectory.txt",
-                frames - tracked
-            ));
-        }
-        TrackingSummary {
-            frames,
-            tracked,
-            submaps: recording.submaps.len(),
-            loops_closed: closed,
-            loops_refused: recording.loops.len() - closed,
-            warnings,
-        }
-    }
+    chosen.extend(selection.finish(sequence));
+    chosen
 }

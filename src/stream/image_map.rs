@@ -208,6 +208,10 @@ impl SessionMap for ImageMap {
     fn keeps_images(&self) -> bool {
         true
     }
+
+    fn is_ordered(&self) -> bool {
+        true
+    }
 }
 
 impl ImageMap {

@@ -91,7 +91,7 @@ pub struct LineMessage {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartMessage {
-    /// As in the sidecar file of a sequence: tables `color`, `depth`, `poses`. Without images it may be left out.
+    /// As in the sidecar file of a sequence: tables `color`, `depth`, `right`, `poses`. Without images it may be left out.
     #[serde(default)]
     pub calibration: serde_json::Value,
     /// Median scene depth in units of the poses; default: that of the first keyframe with depth. The value in `report.json`
@@ -158,6 +158,8 @@ pub struct FrameMessage {
     pub color: Option<ImageSource>,
     /// The depth image.
     pub depth: Option<ImageSource>,
+    /// The image of the right camera.
+    pub right: Option<ImageSource>,
     /// Read only to be refused: a session that tracks takes no poses.
     pub world_from_camera: Option<serde::de::IgnoredAny>,
 }

@@ -20,6 +20,7 @@ mod session_map;
 mod session_page;
 mod surface_diff;
 mod surface_keyframes;
+mod tracked_frames;
 
 pub use error::SessionError;
 pub use message::{

@@ -247,6 +247,7 @@ impl Session {
             // Sessions without images never look at it.
             color: color.map_or_else(|| Ok(PathBuf::new()), &mut file)?,
             depth: depth.map(&mut file).transpose()?,
+            right: None,
         };
         let outcome = self.insert(id, frame);
         if outcome.is_ok() && self.map.as_ref().is_some_and(|map| map.keeps_images()) {
@@ -335,7 +336,10 @@ impl Session {
         if let Some(end) = tracking {
             summary.tracking = Some(end.summary);
             summary.trajectory = end.trajectory;
-            summary.corrected_poses = end.keyframes;
+            // Where images corrected poses further, those of the map are the last.
+            if summary.corrected_poses.is_empty() {
+                summary.corrected_poses = end.keyframes;
+            }
         }
         let page = self.map.as_ref().filter(|_| self.wants_last_page);
         let page = page.map(|map| last_page(map.as_ref(), &summary.mesh));

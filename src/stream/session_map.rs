@@ -47,6 +47,11 @@ pub(super) trait SessionMap {
     /// Adds a keyframe with a new id.
     fn add(&mut self, id: u64, frame: LiveFrame, options: &Options) -> Result<(), SessionError>;
 
+    /// Whether keyframes must be added in the order of their frames.
+    fn is_ordered(&self) -> bool {
+        false
+    }
+
     /// The map itself, where points and segments come in messages.
     fn messages(&mut self) -> Option<&mut MessageMap> {
         None

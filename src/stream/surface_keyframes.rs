@@ -43,6 +43,20 @@ impl SurfaceKeyframes {
         frames.filter_map(|(frame, pose)| Some((*frame, (*pose)?)))
     }
 
+    /// Notes that the map has no frame any more.
+    pub(super) fn take_out(&mut self) {
+        self.0.values_mut().for_each(|pose| *pose = None);
+    }
+
+    /// Whether a frame is to be added that comes before one which stays in the map.
+    pub(super) fn would_be_disordered(&self, changes: &KeyframeChanges) -> bool {
+        let is_kept = |(frame, _): &(usize, _)| changes.removed.binary_search(frame).is_err();
+        let last = self.in_map().filter(is_kept).last();
+        let first = changes.added.first();
+        last.zip(first)
+            .is_some_and(|((last, _), (first, _))| *first < last)
+    }
+
     /// What differs between the map and these poses.
     pub(super) fn changes(
         &self,
@@ -87,5 +101,15 @@ mod tests {
         assert_eq!(changes.corrected, [(5, at(6.0).unwrap())]);
         assert_eq!(changes.added, [(9, at(10.0).unwrap())]);
         assert_eq!(keyframes.in_map().count(), 3);
+
+        assert!(!keyframes.would_be_disordered(&changes));
+        keyframes.set(9, at(9.0));
+        keyframes.set(5, None);
+        let mut changes = keyframes.changes(|frame| at(frame as f64));
+        assert!(keyframes.would_be_disordered(&changes));
+        changes.removed = vec![9];
+        assert!(!keyframes.would_be_disordered(&changes));
+        keyframes.take_out();
+        assert_eq!(keyframes.in_map().count(), 0);
     }
 }

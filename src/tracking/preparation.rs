@@ -21,22 +21,23 @@ pub(crate) struct PrepareTimes {
 }
 
 /// Where the depth of features comes from.
-enum DepthSource<'a> {
+enum DepthSource {
     Sensor(DepthSensor),
-    Pair(&'a StereoPair),
+    /// The right image of a pair.
+    Pair,
     None,
 }
 
-impl<'a> DepthSource<'a> {
+impl DepthSource {
     fn new(
-        sequence: &'a Sequence,
+        sequence: &Sequence,
         mode: TrackingMode,
         frames: &[usize],
         relative_noise: f64,
     ) -> Result<Self, TrackError> {
         mode.check(sequence)?;
-        match (mode, sequence.depth_calibration(), sequence.stereo()) {
-            (TrackingMode::Rgbd, Some(calibration), _) => {
+        match (mode, sequence.depth_calibration()) {
+            (TrackingMode::Rgbd, Some(calibration)) => {
                 let median_depth = median_scene_depth(sequence, frames)?.ok_or_else(|| {
                     TrackError::Missing(format!(
                         "{}: none of the depth images looked at holds a depth: are they the right files? Without them: \
@@ -48,19 +49,19 @@ impl<'a> DepthSource<'a> {
                     calibration.sensor(relative_noise, median_depth),
                 ))
             }
-            (TrackingMode::Stereo, _, Some(pair)) => Ok(Self::Pair(pair)),
+            (TrackingMode::Stereo, _) => Ok(Self::Pair),
             _ => Ok(Self::None),
         }
     }
 }
 
 /// What is needed to find the features of a frame.
-pub(crate) struct Preparation<'a> {
-    source: DepthSource<'a>,
+pub(crate) struct Preparation {
+    source: DepthSource,
     detector: FrameDetector,
 }
 
-impl Preparation<'static> {
+impl Preparation {
     /// For frames with depth images.
     pub(crate) fn of_sensor(sensor: DepthSensor, options: &TrackingOptions) -> Self {
         Self {
@@ -68,15 +69,29 @@ impl Preparation<'static> {
             detector: FrameDetector::new(options),
         }
     }
-}
 
-impl<'a> Preparation<'a> {
+    /// For stereo pairs.
+    pub(crate) fn of_pairs(options: &TrackingOptions) -> Self {
+        Self {
+            source: DepthSource::Pair,
+            detector: FrameDetector::new(options),
+        }
+    }
+
+    /// For images without depth.
+    pub(crate) fn of_images(options: &TrackingOptions) -> Self {
+        Self {
+            source: DepthSource::None,
+            detector: FrameDetector::new(options),
+        }
+    }
+
     /// For these frames of a sequence.
     ///
     /// # Errors
     /// When the sequence has not what `mode` needs, or its depth images contradict the calibration.
     pub(super) fn new(
-        sequence: &'a Sequence,
+        sequence: &Sequence,
         mode: TrackingMode,
         frames: &[usize],
         relative_noise: f64,
@@ -88,20 +103,25 @@ impl<'a> Preparation<'a> {
         })
     }
 
-    /// Camera and size of the images in which features are found.
-    pub(super) fn camera<'b>(&'b self, sequence: &'b Sequence) -> (&'b Camera, ImageSize) {
+    /// The stereo pair in whose rectified images features are found; `None` where they are found in the colour images.
+    fn pair<'a>(&self, sequence: &'a Sequence) -> Option<&'a StereoPair> {
         match &self.source {
-            DepthSource::Pair(pair) => (pair.camera(), pair.size()),
-            _ => (sequence.color_camera(), sequence.color_size()),
+            DepthSource::Pair => sequence.stereo(),
+            _ => None,
+        }
+    }
+
+    /// Camera and size of the images in which features are found.
+    pub(crate) fn camera<'a>(&self, sequence: &'a Sequence) -> (&'a Camera, ImageSize) {
+        match self.pair(sequence) {
+            Some(pair) => (pair.camera(), pair.size()),
+            None => (sequence.color_camera(), sequence.color_size()),
         }
     }
 
     /// `color_from_tracked`, where images are rectified.
-    pub(super) fn turn(&self) -> Option<&UnitQuaternion<f64>> {
-        match &self.source {
-            DepthSource::Pair(pair) => Some(pair.color_from_rectified()),
-            _ => None,
-        }
+    pub(crate) fn turn<'a>(&self, sequence: &'a Sequence) -> Option<&'a UnitQuaternion<f64>> {
+        self.pair(sequence).map(StereoPair::color_from_rectified)
     }
 
     /// Features of a frame, with their depths.
@@ -114,7 +134,7 @@ impl<'a> Preparation<'a> {
         frame: usize,
     ) -> Result<(FrameFeatures, PrepareTimes), TrackError> {
         let start = Instant::now();
-        if let DepthSource::Pair(pair) = &self.source {
+        if let Some(pair) = self.pair(sequence) {
             let (left, right) = sequence.load_stereo(frame)?;
             let loaded = start.elapsed();
             let focal_baseline = pair.camera().fx() * pair.baseline();

@@ -66,12 +66,12 @@ pub struct TrackedSequence {
 }
 
 impl TrackedSequence {
-    /// Frames that were tracked as they came, with depth images.
-    pub(crate) fn of_live(recording: TrackedRecording) -> Self {
+    /// Frames that were tracked as they came.
+    pub(crate) fn of_live(recording: TrackedRecording, mode: TrackingMode) -> Self {
         Self {
             recording,
             unreadable: Vec::new(),
-            mode: TrackingMode::Rgbd,
+            mode,
             times: PrepareTimes::default(),
         }
     }
@@ -232,7 +232,7 @@ pub(crate) fn track_watched(
                     watch(&FrameDone {
                         number: frame,
                         tracker: &tracker,
-                        turn: preparation.turn(),
+                        turn: preparation.turn(sequence),
                         times: StageTimes {
                             load: took.load,
                             depth: took.depth,
@@ -261,7 +261,7 @@ pub(crate) fn track_watched(
         )));
     }
     let mut recording = tracker.finish();
-    if let Some(turn) = preparation.turn() {
+    if let Some(turn) = preparation.turn(sequence) {
         recording.turn_camera(turn);
     }
     Ok(TrackedSequence {

@@ -23,6 +23,7 @@ mod resume;
 mod sample;
 mod simplify;
 mod stream;
+mod stream_cameras;
 mod stream_frames;
 mod texture;
 mod tiles;

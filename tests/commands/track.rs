@@ -88,19 +88,32 @@ fn the_sample_is_tracked_and_every_frame_has_a_pose() {
 
 #[test]
 fn what_a_recording_lacks_is_refused() {
-    for (extra, reason) in [
-        (&["--mode", "stereo"][..], "calibrated right camera"),
-        (&["--mode", "mono", "--causal"], "--causal needs depth"),
-    ] {
-        let out = tempfile::tempdir().unwrap();
-        let folder = out.path().join("out");
-        let (input, output) = (text(room()), text(&folder));
-        let mut arguments = vec!["track", &input, "--out", &output];
-        arguments.extend(extra);
-        let output = expect_status(2, arguments);
-        assert!(stderr(&output).contains(reason), "{}", stderr(&output));
-        assert!(!folder.exists());
-    }
+    let out = tempfile::tempdir().unwrap();
+    let folder = out.path().join("out");
+    let (input, output) = (text(room()), text(&folder));
+    let output = expect_status(2, ["track", &input, "--out", &output, "--mode", "stereo"]);
+    let error = stderr(&output);
+    assert!(error.contains("calibrated right camera"), "{error}");
+    assert!(!folder.exists());
+}
+
+#[test]
+fn causal_poses_of_one_camera_begin_with_its_map() {
+    let out = tempfile::tempdir().unwrap();
+    let (input, output) = (text(room()), text(out.path()));
+    let arguments = ["--mode", "mono", "--causal", "--quiet"];
+    let arguments = ["track", &input, "--out", &output]
+        .into_iter()
+        .chain(arguments);
+    expect_status(0, arguments);
+    let report = json(&out.path().join("track.json"));
+    let without = report["without_pose"].as_array().unwrap();
+    assert!((6..30).contains(&without.len()), "{}", without.len());
+    let reason = without[0]["reason"].as_str().unwrap();
+    assert!(reason.contains("no map yet"), "{reason}");
+    let poses = std::fs::read_to_string(out.path().join("poses.txt")).unwrap();
+    let rows = poses.lines().filter(|line| !line.starts_with('#')).count();
+    assert_eq!(rows, 36 - without.len());
 }
 
 #[test]

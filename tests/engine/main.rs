@@ -8,6 +8,7 @@ mod program;
 mod image_poses;
 mod reconstruction;
 mod refinement;
+mod stream_cameras;
 mod stream_corrections;
 mod stream_images;
 mod stream_messages;

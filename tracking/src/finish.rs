@@ -88,6 +88,9 @@ impl Tracker {
     /// Ends the run: adjusts each sub-map as a whole, and finds the pose of every frame in the final map.
     pub fn finish(mut self) -> TrackedRecording {
         let start = Instant::now();
+        if !self.options.looks_ahead {
+            self.stop_waiting();
+        }
         while !self.waiting.is_empty() {
             self.start_from_waiting();
         }
@@ -107,9 +110,13 @@ impl Tracker {
         let found: Vec<Result<FoundPose, NoPose>> = self
             .records
             .iter()
-            .map(|record| match record {
+            .enumerate()
+            .map(|(number, record)| match record {
                 FrameRecord::Missing { reason, .. } => Err(*reason),
                 FrameRecord::Posed(frame) if self.options.looks_ahead => Ok(self.final_pose(frame)),
+                FrameRecord::Posed(_) if (number as u32) < self.first_answered => {
+                    Err(NoPose::Waiting)
+                }
                 FrameRecord::Posed(frame) => {
                     Ok((frame.live_submap, frame.live.inverse(), frame.inliers))
                 }

@@ -4,6 +4,7 @@ mod adjust;
 mod camera;
 mod dense;
 mod finish;
+mod first_map;
 mod focal;
 mod frame;
 mod initialise;

@@ -31,6 +31,9 @@ pub struct TrackingOptions {
     pub is_monocular: bool,
     /// Frames, by number and in order, that start the map of one camera in place of those chosen.
     pub start_pair: Option<[u32; 2]>,
+    /// Whether the map of one camera starts as soon as some views clearly determine it, because frames must be answered, in place of
+    /// the best start among the first views.
+    pub starts_early: bool,
     /// Weight of the alignment of depth images beside features: information is this share of what pixels would have that err
     /// independently. 0 for none.
     pub dense_weight: f64,
@@ -57,6 +60,7 @@ impl Default for TrackingOptions {
             lost_frames: 15,
             is_monocular: false,
             start_pair: None,
+            starts_early: false,
             dense_weight: 0.1,
             loops: true,
             looks_ahead: true,

@@ -24,6 +24,8 @@ pub enum NoPose {
     },
     /// No two images determine a map: the camera did not move sideways, or sees too little.
     NoStart,
+    /// The map of one camera has not started yet.
+    Waiting,
     /// Too few features agree with the map.
     NoMatch {
         /// Number of features that agree with the best pose.
@@ -48,6 +50,10 @@ impl std::fmt::Display for NoPose {
             Self::NoStart => write!(
                 f,
                 "no two images around it start a map: the camera hardly moves sideways, or sees too little texture"
+            ),
+            Self::Waiting => write!(
+                f,
+                "there is no map yet: it starts when the camera has moved sideways, and this frame gets its pose then"
             ),
             Self::NoMatch { matched } => {
                 write!(f, "only {matched} corners agree with the map")

@@ -59,6 +59,17 @@ impl Tracker {
         Some((submap, camera_from_world.inverse()))
     }
 
+    /// Number of the last frames that wait for the first map of one camera.
+    pub fn waiting(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Median depth of the points that the present reference keyframe sees; `None` before the first keyframe.
+    pub fn scene_depth(&self) -> Option<f64> {
+        self.map.keyframes.get(self.reference.index())?;
+        self.median_depth(self.reference)
+    }
+
     /// Number of frames with a pose in each sub-map, as of now; 0 for those that were joined with others.
     ///
     /// # Complexity

@@ -1,5 +1,7 @@
 //! Whole runs on walls of random blocks.
 
+mod first_map;
+
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 use linecarve_lines::image::GrayImage;

@@ -18,9 +18,6 @@ use crate::verification::MapCheck;
 /// Least share of the matches near predicted positions that agree with a pose: of a wrong pose, few matches do.
 const MIN_AGREEING: f64 = 0.3;
 
-/// Views of one camera among which the first two of a map are chosen.
-const START_VIEWS: usize = 200;
-
 /// A frame that is being tracked, or the last one.
 #[derive(Debug, Clone)]
 pub(crate) struct Frame {
@@ -73,9 +70,11 @@ pub struct Tracker {
     pub(crate) places: Places,
     pub(crate) records: Vec<FrameRecord>,
     /// Number of frames given so far.
-    frames: u32,
+    pub(crate) frames: u32,
     /// Views of one camera from which no map was started yet: the last ones.
     pub(crate) waiting: Vec<FrameFeatures>,
+    /// The frame with which the first map of one camera started: those before it had no pose when they came.
+    pub(crate) first_answered: u32,
     pub(crate) loops: Vec<LoopReport>,
     pub(crate) times: StageTimes,
     pub(crate) submaps: u32,
@@ -84,7 +83,7 @@ pub struct Tracker {
     /// How the map of one camera compares with the images.
     pub(crate) check: Option<MapCheck>,
     pub(crate) recent_points: Vec<PointId>,
-    last: Option<Frame>,
+    pub(crate) last: Option<Frame>,
     /// `camera_from_last_camera` of the last two tracked frames.
     pub(crate) velocity: Isometry3<f64>,
     pub(crate) reference: KeyframeId,
@@ -92,8 +91,8 @@ pub struct Tracker {
     pub(crate) noise: f64,
     /// Surface of the reference keyframe, once it was needed.
     pub(crate) reference_surface: Option<(KeyframeId, Arc<DenseSurface>)>,
-    last_keyframe_frame: u32,
-    lost_for: u32,
+    pub(crate) last_keyframe_frame: u32,
+    pub(crate) lost_for: u32,
     pub(crate) last_loop: Option<KeyframeId>,
     /// Marks of points that were visited, by generation.
     pub(crate) marks: Vec<u32>,
@@ -112,14 +111,20 @@ impl Tracker {
         height: usize,
     ) -> Result<Self, TrackingOptionsError> {
         options.validate()?;
-        Ok(Self {
+        Ok(Self::empty(options, Pinhole::new(camera, width, height)))
+    }
+
+    /// A tracker without frames; the options are in range.
+    pub(crate) fn empty(options: TrackingOptions, camera: Pinhole) -> Self {
+        Self {
             options,
-            camera: Pinhole::new(camera, width, height),
+            camera,
             map: Map::default(),
             places: Places::default(),
             records: Vec::new(),
             frames: 0,
             waiting: Vec::new(),
+            first_answered: 0,
             loops: Vec::new(),
             times: StageTimes::default(),
             submaps: 0,
@@ -136,7 +141,7 @@ impl Tracker {
             last_loop: None,
             marks: Vec::new(),
             generation: 0,
-        })
+        }
     }
 
     /// Tracks the next frame.
@@ -145,15 +150,7 @@ impl Tracker {
         let number = self.frames;
         self.frames += 1;
         let outcome = if self.options.is_monocular && self.map.keyframes.is_empty() {
-            self.waiting.push(view);
-            let is_enough = match self.options.start_pair {
-                Some([_, second]) => number >= second,
-                None => self.waiting.len() >= START_VIEWS,
-            };
-            if is_enough {
-                self.start_from_waiting();
-            }
-            FrameOutcome::Lost(NoPose::NoStart)
+            self.wait(number, view)
         } else {
             self.track_frame(number, view)
         };
@@ -161,7 +158,7 @@ impl Tracker {
         outcome
     }
 
-    fn track_frame(&mut self, number: u32, view: FrameFeatures) -> FrameOutcome {
+    pub(crate) fn track_frame(&mut self, number: u32, view: FrameFeatures) -> FrameOutcome {
         let is_bare = view.dense.is_none() || self.map.keyframes.is_empty();
         if view.len() < self.options.min_matches && is_bare {
             let found = view.len();
@@ -171,47 +168,6 @@ impl Tracker {
         } else {
             self.track_in_map(number, view)
         }
-    }
-
-    /// Starts the map of one camera from the views that wait, and tracks the others of them: backwards from the anchor of the first
-    /// map, then forwards. Without a map, the older half stops waiting.
-    pub(crate) fn start_from_waiting(&mut self) {
-        let mut waiting = std::mem::take(&mut self.waiting);
-        let first = self.frames - waiting.len() as u32;
-        let Some(started) = self.start_from_views(&waiting, first) else {
-            let rest = waiting.split_off(waiting.len().div_ceil(2));
-            for (number, view) in (first..).zip(waiting) {
-                self.miss(number, view, NoPose::NoStart);
-            }
-            self.waiting = rest;
-            return;
-        };
-        let anchor = started[0].0;
-        let backwards = (0..anchor).rev();
-        let forwards = anchor + 1..waiting.len();
-        for order in [backwards.collect::<Vec<_>>(), forwards.collect()] {
-            self.continue_from(&started[0]);
-            for at in order {
-                match started.iter().find(|(other, _, _)| *other == at) {
-                    Some(known) => self.continue_from(known),
-                    None => {
-                        let view = std::mem::take(&mut waiting[at]);
-                        self.track_frame(first + at as u32, view);
-                    }
-                }
-            }
-        }
-    }
-
-    /// The next frame follows one of the first map.
-    fn continue_from(&mut self, (_, frame, keyframe): &(usize, Frame, KeyframeId)) {
-        let mut frame = frame.clone();
-        frame.camera_from_world = self.map.pose_of(*keyframe);
-        self.lost_for = 0;
-        self.last_keyframe_frame = frame.number;
-        self.last = Some(frame);
-        self.reference = *keyframe;
-        self.velocity = Isometry3::identity();
     }
 
     /// Tracks the next frame without a preceding one.
@@ -229,7 +185,12 @@ impl Tracker {
     }
 
     /// Records a frame without a pose.
-    fn miss(&mut self, number: u32, view: FrameFeatures, reason: NoPose) -> FrameOutcome {
+    pub(crate) fn miss(
+        &mut self,
+        number: u32,
+        view: FrameFeatures,
+        reason: NoPose,
+    ) -> FrameOutcome {
         self.put(number, FrameRecord::without_pose(view, reason));
         self.lost_for += 1;
         FrameOutcome::Lost(reason)

@@ -1,5 +1,6 @@
 //! Frames without poses: each is tracked, and the map follows the poses of the keyframes among them.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
 use linecarve_sequence::LiveFrame;
@@ -10,12 +11,14 @@ use super::Session;
 use super::images::{delete, store_image};
 use crate::run::milliseconds;
 use crate::stream::SessionError;
-use crate::stream::frame_tracker::{FrameTracker, Frames, TrackedFrame};
+use crate::stream::frame_tracker::{FrameTracker, TrackedFrame, mode_of};
 use crate::stream::message::{
     CorrectedPose, DepthKind, FrameMessage, FrameReply, ImageSource, PoseKind, Reply, StartMessage,
     TrackingSummary,
 };
 use crate::stream::surface_keyframes::KeyframeChanges;
+use crate::stream::tracked_frames::Frames;
+use crate::tracking::TrackingMode;
 
 /// What reached the map of a change of poses, by ids.
 #[derive(Default)]
@@ -47,18 +50,70 @@ pub(super) struct TrackingEnd {
 /// # Errors
 /// What is against it, and the remedy.
 pub(super) fn check(start: &StartMessage) -> Result<(), SessionError> {
-    if start.depth_source != DepthKind::Sensor {
-        return Err(SessionError::Tracking(
-            "needs depth images: leave out `depth_source`. Without them, record the images and run `linecarve reconstruct --track`, \
-             or send keyframes with poses",
-        ));
+    let refuse = |text| Err(SessionError::Tracking(text));
+    let has = |key| start.calibration.get(key).is_some_and(|it| !it.is_null());
+    if start.depth_source == DepthKind::None {
+        return refuse(
+            "needs images: leave out `depth_source` when frames have depth images; \"semi-dense\" is for stereo pairs and one camera",
+        );
     }
-    if start.calibration.get("poses").is_some() {
-        return Err(SessionError::Tracking(
-            "finds poses of the colour camera: leave `poses` out of `calibration`",
-        ));
+    if has("poses") {
+        return refuse("finds poses of the colour camera: leave `poses` out of `calibration`");
+    }
+    if has("right") && start.depth_source == DepthKind::Sensor {
+        return refuse(
+            "takes depth images or stereo pairs: give \"depth_source\": \"semi-dense\" for pairs, or leave `right` out of \
+             `calibration`",
+        );
+    }
+    if mode_of(start) == TrackingMode::Mono && start.median_depth.is_some() {
+        return refuse(
+            "with one camera has a unit of its own, the median depth of the first map: leave out `median_depth`",
+        );
     }
     Ok(())
+}
+
+/// The images that a frame must have beside `color`, and whether it has others than the session takes.
+fn images_of<'a>(
+    message: &'a FrameMessage,
+    mode: TrackingMode,
+) -> Result<FrameImages<'a>, SessionError> {
+    let id = message.id;
+    let needs = match mode {
+        TrackingMode::Rgbd => "`color` and `depth`",
+        TrackingMode::Stereo => "`color` and `right`",
+        TrackingMode::Mono => "`color`",
+    };
+    let given = |image: &'a Option<ImageSource>, key| {
+        let missing = SessionError::FrameWithout {
+            id,
+            image: key,
+            needs,
+        };
+        image.as_ref().ok_or(missing)
+    };
+    if message.right.is_some() && mode != TrackingMode::Stereo {
+        return Err(SessionError::FrameWithRight { id });
+    }
+    Ok(FrameImages {
+        color: given(&message.color, "color")?,
+        depth: match mode {
+            TrackingMode::Rgbd => Some(given(&message.depth, "depth")?),
+            _ => None,
+        },
+        right: match mode {
+            TrackingMode::Stereo => Some(given(&message.right, "right")?),
+            _ => None,
+        },
+    })
+}
+
+/// The images of a frame that a session uses.
+struct FrameImages<'a> {
+    color: &'a ImageSource,
+    depth: Option<&'a ImageSource>,
+    right: Option<&'a ImageSource>,
 }
 
 impl Session {
@@ -91,11 +146,9 @@ impl Session {
         if tracker.is_some_and(|tracker| tracker.frames().contains(id)) {
             return Err(SessionError::FrameTwice { id });
         }
-        let without = |image| SessionError::FrameWithout { id, image };
-        let color = message.color.as_ref().ok_or(without("color"))?;
-        let depth = message.depth.as_ref().ok_or(without("depth"))?;
+        let images = images_of(message, mode_of(start))?;
         let mut stored = Vec::new();
-        let outcome = self.track_images(message, [color, depth], &mut stored);
+        let outcome = self.track_images(message, &images, &mut stored);
         let tracked = match outcome {
             Ok(tracked) => tracked,
             Err(error) => {
@@ -110,27 +163,33 @@ impl Session {
     fn track_images(
         &mut self,
         message: &FrameMessage,
-        images: [&ImageSource; 2],
-        stored: &mut Vec<std::path::PathBuf>,
+        images: &FrameImages<'_>,
+        stored: &mut Vec<PathBuf>,
     ) -> Result<TrackedFrame, SessionError> {
         let mut file = |source| store_image(&self.image_folder, message.id, source, &mut *stored);
+        let right = images.right.map(&mut file).transpose()?;
         let frame = LiveFrame {
             name: message.id.to_string(),
             world_from_camera: Isometry3::identity(),
-            color: file(images[0])?,
-            depth: Some(file(images[1])?),
+            color: file(images.color)?,
+            depth: images.depth.map(&mut file).transpose()?,
+            right: right.clone(),
         };
-        match (&mut self.tracker, &mut self.start) {
-            (Some(tracker), _) => tracker.track(message, frame),
+        let tracked = match (&mut self.tracker, &mut self.start) {
+            (Some(tracker), _) => tracker.track(message, frame)?,
             (None, Some(start)) => {
                 let (tracker, tracked) = FrameTracker::begin(start, &self.options, message, frame)?;
                 // Tracking and the map have one length scale.
-                start.median_depth = Some(tracker.median_depth());
+                start.median_depth = tracker.sensor_depth().or(start.median_depth);
                 self.tracker = Some(tracker);
-                Ok(tracked)
+                tracked
             }
-            (None, None) => Err(SessionError::NotStarted),
-        }
+            (None, None) => return Err(SessionError::NotStarted),
+        };
+        // Only tracking looks at the right image.
+        let is_right = |path: &mut PathBuf| Some(&*path) == right.as_ref();
+        delete(&stored.extract_if(.., is_right).collect::<Vec<_>>());
+        Ok(tracked)
     }
 
     /// Brings the map to the poses after a frame was tracked.
@@ -138,9 +197,13 @@ impl Session {
         self.chosen.choose(frame.chosen);
         let mut followed = Followed::default();
         let mut surface_submap = 0;
+        let mut earlier = Vec::new();
         if let Some(mut tracker) = self.tracker.take() {
+            let with_id = |(number, pose)| corrected_pose(&(tracker.frames().id(number), pose));
+            earlier = frame.earlier.into_iter().map(with_id).collect();
             surface_submap = tracker.surface_submap();
-            followed = self.follow(tracker.frames(), |frame| tracker.surface_pose(frame));
+            let pose = |frame| tracker.surface_pose(frame);
+            followed = self.follow(tracker.frames(), pose, false);
             for number in tracker.take_decided() {
                 if !self.chosen.contains(number) {
                     let id = tracker.frames().id(number);
@@ -159,6 +222,7 @@ impl Session {
         let surface = (is_correction || !followed.added.is_empty())
             .then(|| self.surface(arrived, is_correction))
             .flatten();
+        followed.corrected.extend(earlier);
         let (pose, reason) = match frame.pose {
             Ok(pose) => (Some(pose), None),
             Err(reason) => (None, Some(reason.to_string())),
@@ -183,13 +247,24 @@ impl Session {
         &mut self,
         frames: &Frames,
         pose: impl Fn(usize) -> Option<Isometry3<f64>>,
+        is_end: bool,
     ) -> Followed {
         let mut followed = Followed::default();
+        let mut changes = self.chosen.changes(&pose);
+        if self.map.as_ref().is_some_and(|map| map.is_ordered()) {
+            if self.chosen.would_be_disordered(&changes) {
+                return self.follow_anew(frames, pose, &changes);
+            }
+            // Corrections make the map estimate depth again: once a keyframe.
+            if changes.added.is_empty() && changes.removed.is_empty() && !is_end {
+                changes.corrected.clear();
+            }
+        }
         let KeyframeChanges {
             removed,
             corrected,
             added,
-        } = self.chosen.changes(pose);
+        } = changes;
         if let Some(map) = &mut self.map {
             let ids: Vec<u64> = removed.iter().map(|frame| frames.id(*frame)).collect();
             match map.remove(&ids, &self.options) {
@@ -215,6 +290,44 @@ impl Session {
                 Err(error) => followed.warnings.push(error.to_string()),
             }
         }
+        self.add_keyframes(frames, added, &mut followed);
+        followed
+    }
+
+    /// [`follow`](Self::follow) with a new map, for keyframes that come before others which the map has.
+    fn follow_anew(
+        &mut self,
+        frames: &Frames,
+        pose: impl Fn(usize) -> Option<Isometry3<f64>>,
+        changes: &KeyframeChanges,
+    ) -> Followed {
+        let ids = |numbers: &[usize]| numbers.iter().map(|frame| frames.id(*frame)).collect();
+        let with_id = |(frame, pose): &(usize, _)| corrected_pose(&(frames.id(*frame), *pose));
+        let mut followed = Followed {
+            removed: ids(&changes.removed),
+            corrected: changes.corrected.iter().map(with_id).collect(),
+            ..Followed::default()
+        };
+        self.map = None;
+        self.chosen.take_out();
+        let all = self.chosen.changes(pose).added;
+        self.add_keyframes(frames, all, &mut followed);
+        let new: Vec<u64> = changes
+            .added
+            .iter()
+            .map(|(frame, _)| frames.id(*frame))
+            .collect();
+        followed.added.retain(|id| new.contains(id));
+        followed
+    }
+
+    /// Gives the map further keyframes.
+    fn add_keyframes(
+        &mut self,
+        frames: &Frames,
+        added: Vec<(usize, Isometry3<f64>)>,
+        followed: &mut Followed,
+    ) {
         for (frame, pose) in added {
             let id = frames.id(frame);
             match self.insert(id, frames.keyframe(frame, pose)) {
@@ -229,14 +342,13 @@ impl Session {
                 }
             }
         }
-        followed
     }
 
     /// Adjusts all poses to all frames; the map follows. `None` without frames.
     pub(super) fn finish_tracking(&mut self) -> Option<TrackingEnd> {
         let (chosen, session) = self.tracker.take()?.finish();
         self.chosen.choose(chosen);
-        let followed = self.follow(&session.frames, |frame| session.pose(frame));
+        let followed = self.follow(&session.frames, |frame| session.pose(frame), true);
         let is_changed = followed.is_correction() || !followed.added.is_empty();
         let mut summary = session.summary();
         summary.warnings.extend(followed.warnings);

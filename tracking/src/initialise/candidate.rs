@@ -32,6 +32,11 @@ const MIN_AGREEING: f64 = 0.5;
 /// Distance of other models from which a model counts fully.
 const FULL_MARGIN: f64 = 0.5;
 
+/// Number of points with full parallax, and share of the observations that agree, from which a model is believed before all views are
+/// there that may start a map.
+const CLEAR_QUALITY: f64 = 150.0;
+const CLEAR_EXPLAINED: f64 = 0.6;
+
 /// Pairs of an anchor from whose poses models grow, and clearly different models that are adjusted to their end.
 const MAX_PAIRS: usize = 3;
 const MAX_MODELS: usize = 3;
@@ -74,6 +79,13 @@ impl Start<'_> {
     /// What a map that begins with this is expected to be worth.
     pub(super) fn worth(&self) -> f64 {
         self.quality * self.explained * (self.margin - 1.0).clamp(0.01, FULL_MARGIN)
+    }
+
+    /// Whether no further views are needed to believe it.
+    pub(super) fn is_clear(&self) -> bool {
+        self.quality >= CLEAR_QUALITY
+            && self.explained >= CLEAR_EXPLAINED
+            && self.margin >= 1.0 + FULL_MARGIN
     }
 }
 

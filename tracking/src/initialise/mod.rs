@@ -12,6 +12,9 @@ use candidate::Start;
 /// Views that are tried as anchors, evenly over the views.
 const ANCHORS: usize = 12;
 
+/// Views that are tried where frames are answered as they come, over the newer half: the older ones were tried before.
+const EARLY_ANCHORS: usize = 4;
+
 /// Anchors whose models are made: those with most parallax.
 const MAX_STARTS: usize = 6;
 
@@ -20,11 +23,12 @@ const STEPS: [usize; 2] = [20, 20];
 
 impl Tracker {
     /// Starts a map from some of the views, whose frame numbers begin at `first`. Returns frames of the map by position, that of
-    /// the anchor first; `None` when no views determine a map.
+    /// the anchor first; `None` when no views determine a map, or `is_early` and they do not do so clearly.
     pub(crate) fn start_from_views(
         &mut self,
         views: &[FrameFeatures],
         first: u32,
+        is_early: bool,
     ) -> Option<Vec<(usize, Frame, KeyframeId)>> {
         let camera = self.camera.clone();
         let of_views: Vec<&FrameFeatures> = views.iter().collect();
@@ -38,8 +42,12 @@ impl Tracker {
                 Candidate::new(&camera, &of_views, a, Some(b)).solve()?
             }
             None => {
-                let step = views.len().div_ceil(ANCHORS).max(1);
-                let mut candidates: Vec<Candidate> = (0..views.len())
+                let (oldest, anchors) = match is_early {
+                    true => (views.len() / 2, EARLY_ANCHORS),
+                    false => (0, ANCHORS),
+                };
+                let step = (views.len() - oldest).div_ceil(anchors).max(1);
+                let mut candidates: Vec<Candidate> = (oldest..views.len())
                     .step_by(step)
                     .map(|anchor| Candidate::new(&camera, &of_views, anchor, None))
                     .collect();
@@ -51,6 +59,7 @@ impl Tracker {
                     .collect();
                 starts
                     .into_iter()
+                    .filter(|start| !is_early || start.is_clear())
                     .max_by(|a, b| a.worth().total_cmp(&b.worth()))?
             }
         };
