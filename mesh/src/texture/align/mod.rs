@@ -81,12 +81,13 @@ pub fn align_photos(
     let mut brightness = vec![Vec::new(); LEVELS];
     for level in (0..LEVELS).rev() {
         for _ in 0..ROUNDS {
-            let sums = sums(&photos, &points, level);
+            let (sums, values) = look(&photos, &points, level);
             photos
                 .par_iter_mut()
-                .for_each(|photo| photo.step(&points, &sums, level));
+                .zip(values)
+                .for_each(|(photo, own)| photo.step(&points, &sums, &own, level));
         }
-        let sums = sums(&photos, &points, level);
+        let (sums, _) = look(&photos, &points, level);
         let mean = |sum: &Sum| sum.mean().unwrap_or(f64::NAN) as f32;
         brightness[level] = sums.iter().map(mean).collect();
     }
@@ -157,26 +158,25 @@ impl<'a> Photo<'a> {
         })
     }
 
-    /// Brightness of each of its points.
+    /// Brightness of each of its points: of one in two on the second level, of one in four on the third.
     fn values(&self, points: &[SurfacePoint], level: usize) -> Vec<f32> {
+        let every = 1 << level;
         let level = self.pyramid.level(level);
         let value = |point: &u32| {
             let position = &points[*point as usize].position;
-            self.aligned
-                .brightness_of(level, position)
-                .unwrap_or(f64::NAN) as f32
+            (point % every == 0).then(|| self.aligned.brightness_of(level, position))?
         };
-        self.points.iter().map(value).collect()
+        let values = self.points.iter().map(value);
+        values.map(|value| value.unwrap_or(f32::NAN)).collect()
     }
 
-    /// Moves towards what the other views show.
-    fn step(&mut self, points: &[SurfacePoint], sums: &[Sum], level: usize) {
-        let own = self.values(points, level);
+    /// Moves towards what the other views show; `own` is what it shows itself.
+    fn step(&mut self, points: &[SurfacePoint], sums: &[Sum], own: &[f32], level: usize) {
         let fits = self.fits;
         let expected = self.points.iter().zip(own).filter_map(|(&point, own)| {
             let sum = sums[point as usize];
             let brightness = match fits {
-                true => sum.without(f64::from(own))?,
+                true => sum.without(f64::from(*own))?,
                 false => sum.mean()?,
             };
             let position = &points[point as usize].position;
@@ -209,24 +209,20 @@ impl Sum {
     }
 }
 
-/// Sums of the brightness of each point over the views that see it, in their order.
-fn sums(photos: &[Photo<'_>], points: &[SurfacePoint], level: usize) -> Vec<Sum> {
+/// Sums of the brightness of each point over the views that see it, in their order, and the brightness of the points of each view.
+fn look(photos: &[Photo<'_>], points: &[SurfacePoint], level: usize) -> (Vec<Sum>, Vec<Vec<f32>>) {
     let values: Vec<Vec<f32>> = photos
         .par_iter()
         .map(|photo| photo.values(points, level))
         .collect();
     let mut sums = vec![Sum::default(); points.len()];
-    for (photo, values) in photos.iter().zip(values).filter(|(photo, _)| photo.fits) {
-        for (point, value) in photo
-            .points
-            .iter()
-            .zip(values)
-            .filter(|(_, value)| !value.is_nan())
-        {
+    for (photo, values) in photos.iter().zip(&values).filter(|(photo, _)| photo.fits) {
+        let seen = photo.points.iter().zip(values);
+        for (point, value) in seen.filter(|(_, value)| !value.is_nan()) {
             let sum = &mut sums[*point as usize];
-            sum.brightness += f64::from(value);
+            sum.brightness += f64::from(*value);
             sum.count += 1;
         }
     }
-    sums
+    (sums, values)
 }

@@ -89,30 +89,47 @@ impl Level {
         Self { values, ..*self }
     }
 
+    /// Brightness at a pixel of the photograph; `None` outside and at the border.
+    #[inline]
+    pub(super) fn value(&self, x: f64, y: f64) -> Option<f32> {
+        let (corner, [u, v]) = self.place(x, y)?;
+        let row = |start: usize| {
+            let [a, b] = [start, start + 1].map(|at| f32::from(self.values[at]));
+            a + u * (b - a)
+        };
+        let [top, bottom] = [row(corner), row(corner + self.width)];
+        Some(top + v * (bottom - top))
+    }
+
     /// Brightness at a pixel of the photograph, and its change per pixel of this level along x and y; `None` outside and at the border.
     #[inline]
     pub(super) fn sample(&self, x: f64, y: f64) -> Option<[f64; 3]> {
-        let (x, y) = ((x + 0.5) / self.factor - 0.5, (y + 0.5) / self.factor - 0.5);
+        let (corner, [u, v]) = self.place(x, y)?;
+        // Four rows around the place, at three places along each.
+        let rows: [[f32; 3]; 4] = std::array::from_fn(|row| {
+            let start = corner + row * self.width - self.width - 1;
+            let values: [f32; 4] = std::array::from_fn(|at| f32::from(self.values[start + at]));
+            std::array::from_fn(|at| values[at] + u * (values[at + 1] - values[at]))
+        });
+        let at = |row: usize, column: usize| {
+            let [above, below] = [rows[row][column], rows[row + 1][column]];
+            above + v * (below - above)
+        };
+        let slopes = [at(1, 2) - at(1, 0), at(2, 1) - at(0, 1)].map(|twice| 0.5 * twice);
+        Some([at(1, 1), slopes[0], slopes[1]].map(f64::from))
+    }
+
+    /// The pixel to the upper left of a place in the photograph, and the share of the way to the next; `None` outside and at the border.
+    #[inline]
+    fn place(&self, x: f64, y: f64) -> Option<(usize, [f32; 2])> {
+        let [x, y] = [x, y].map(|at| (at + 0.5) / self.factor - 0.5);
         let is_inside = |at: f64, side: usize| at >= MARGIN && at < side as f64 - 1.0 - MARGIN;
         if !(is_inside(x, self.width) && is_inside(y, self.height)) {
             return None;
         }
         let (left, top) = (x as usize, y as usize);
-        let (u, v) = (x - left as f64, y - top as f64);
-        // Four rows of four pixels around the place.
-        let rows: [[f64; 4]; 4] = std::array::from_fn(|row| {
-            let start = (top + row - 1) * self.width + left - 1;
-            std::array::from_fn(|column| f64::from(self.values[start + column]))
-        });
-        let between = |a: f64, b: f64, share: f64| a + share * (b - a);
-        let along =
-            |row: usize, column: usize| between(rows[row][column], rows[row][column + 1], u);
-        let at = |row: usize, column: usize| between(along(row, column), along(row + 1, column), v);
-        Some([
-            at(1, 1),
-            0.5 * (at(1, 2) - at(1, 0)),
-            0.5 * (at(2, 1) - at(0, 1)),
-        ])
+        let shares = [x - left as f64, y - top as f64].map(|share| share as f32);
+        Some((top * self.width + left, shares))
     }
 }
 

@@ -55,25 +55,25 @@ impl<'a> Aligned<'a> {
         }
     }
 
-    /// Brightness that the photograph shows of a point, and its gradient along x and y in grey levels per pixel of the level.
+    /// A point in the frame of the camera, and its pixel; `None` behind the camera.
     #[inline]
-    fn look(&self, level: &Level, point: &Point3<f64>) -> Option<(Point3<f64>, [f64; 3])> {
+    fn project(&self, point: &Point3<f64>) -> Option<(Point3<f64>, [f64; 2])> {
         let point = self.camera_from_world * point;
-        if !(point.z > 0.0) {
-            return None;
-        }
         let camera = &self.view.camera;
-        let x = camera.fx() * point.x / point.z + camera.cx();
-        let y = camera.fy() * point.y / point.z + camera.cy();
-        Some((point, level.sample(x, y)?))
+        let inverse = 1.0 / point.z;
+        let pixel = [
+            camera.fx() * point.x * inverse + camera.cx(),
+            camera.fy() * point.y * inverse + camera.cy(),
+        ];
+        (point.z > 0.0).then_some((point, pixel))
     }
 
     /// Brightness of a point without gain and offset of the photograph; `None` outside of the photograph.
     #[inline]
-    pub(super) fn brightness_of(&self, level: &Level, point: &Point3<f64>) -> Option<f64> {
-        let (_, [value, ..]) = self.look(level, point)?;
-        let [gain, offset] = self.brightness;
-        Some((value - offset) / gain)
+    pub(super) fn brightness_of(&self, level: &Level, point: &Point3<f64>) -> Option<f32> {
+        let (_, [x, y]) = self.project(point)?;
+        let [gain, offset] = self.brightness.map(|value| value as f32);
+        Some((level.value(x, y)? - offset) / gain)
     }
 
     /// Adjusts gain, offset and pose by one Gauss-Newton step of robust errors; `None` where the points are too few or say too little.
@@ -140,7 +140,8 @@ impl<'a> Aligned<'a> {
 
     #[inline]
     fn seen(&self, level: &Level, point: &Expected<'_>) -> Option<Seen> {
-        let (at, [value, along, down]) = self.look(level, point.position)?;
+        let (at, [x, y]) = self.project(point.position)?;
+        let [value, along, down] = level.sample(x, y)?;
         let camera = &self.view.camera;
         let (along, down) = (
             along * camera.fx() / level.factor,
