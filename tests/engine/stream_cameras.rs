@@ -208,7 +208,7 @@ fn frames_of_one_camera_wait_for_a_map_and_get_their_poses_with_it() {
 #[test]
 fn a_session_that_ends_before_its_map_starts_ends_as_the_recording() {
     let pairs = Pairs::new(60, 10);
-    let (replies, end) = run_twice(&pairs.messages(false));
+    let (replies, end) = run(&pairs.messages(false), 2);
     assert!(
         replies
             .iter()

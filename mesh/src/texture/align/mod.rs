@@ -67,7 +67,7 @@ struct Sum {
 ///
 /// # Complexity
 /// O(views x points), with about 60 000 points on the mesh. Memory holds each photograph with a longest side of 640 pixels at most, one byte
-/// a pixel.
+/// a pixel, and of all together at most 360 MB.
 pub fn align_photos(
     mesh: &TriangleMesh,
     views: &[TextureView],
@@ -76,7 +76,11 @@ pub fn align_photos(
     let points = surface_points(mesh);
     let mut photos: Vec<Photo<'_>> = (0..views.len())
         .into_par_iter()
-        .filter_map(|index| Photo::new(mesh, &points, index, &views[index], &load(index)?))
+        .filter_map(|index| {
+            let photo = load(index)?;
+            let all = views.len();
+            Photo::new(mesh, &points, (index, all), &views[index], &photo)
+        })
         .collect();
     let mut brightness = vec![Vec::new(); LEVELS];
     for level in (0..LEVELS).rev() {
@@ -116,7 +120,8 @@ impl PhotoAlignment {
         view: &TextureView,
         photo: &image::RgbImage,
     ) -> Isometry3<f64> {
-        let Some(mut photo) = Photo::new(mesh, &self.points, 0, view, photo) else {
+        let Some(mut photo) = Photo::new(mesh, &self.points, (0, self.views.len()), view, photo)
+        else {
             return view.world_from_camera;
         };
         for level in (0..LEVELS).rev() {
@@ -143,14 +148,14 @@ impl<'a> Photo<'a> {
     fn new(
         mesh: &TriangleMesh,
         points: &[SurfacePoint],
-        index: usize,
+        (index, all): (usize, usize),
         view: &'a TextureView,
         photo: &image::RgbImage,
     ) -> Option<Self> {
         let (width, height) = photo.dimensions();
         (width > 0 && height > 0).then(|| Self {
             index,
-            pyramid: Pyramid::new(photo),
+            pyramid: Pyramid::new(photo, all),
             longer_side: f64::from(width.max(height)),
             points: seen(mesh, points, view, (width, height)),
             aligned: Aligned::new(view),

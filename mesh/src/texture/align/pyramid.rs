@@ -5,7 +5,9 @@ use image::RgbImage;
 /// Levels of a pyramid: each has half the size of the one before.
 pub(super) const LEVELS: usize = 3;
 /// Longest side of the largest level, in pixels.
-const LONGEST_SIDE: u32 = 640;
+const LONGEST_SIDE: f64 = 640.0;
+/// Most pixels of the largest levels of all photographs, if they were squares.
+const MOST_PIXELS: f64 = 268e6;
 /// Pixels between the place of a point and the border of an image, for its gradient.
 const MARGIN: f64 = 2.0;
 
@@ -22,12 +24,11 @@ pub(super) struct Level {
 }
 
 impl Pyramid {
-    pub(super) fn new(photo: &RgbImage) -> Self {
-        let factor = photo
-            .width()
-            .max(photo.height())
-            .div_ceil(LONGEST_SIDE)
-            .max(1);
+    /// The pyramid of one of `photos` photographs: they are smaller when there are many hundreds.
+    pub(super) fn new(photo: &RgbImage, photos: usize) -> Self {
+        let longest = (MOST_PIXELS / photos as f64).sqrt().min(LONGEST_SIDE);
+        let side = f64::from(photo.width().max(photo.height()));
+        let factor = (side / longest).ceil().min(side).max(1.0);
         let gray = Level {
             width: photo.width() as usize,
             height: photo.height() as usize,
@@ -140,7 +141,7 @@ mod tests {
     #[test]
     fn a_slope_is_the_same_at_all_levels() {
         let photo = RgbImage::from_fn(200, 120, |x, y| image::Rgb([(x / 2 + y / 2) as u8 + 20; 3]));
-        let pyramid = Pyramid::new(&photo);
+        let pyramid = Pyramid::new(&photo, 1);
         for level in 0..LEVELS {
             let level = pyramid.level(level);
             let [value, along, down] = level.sample(100.0, 60.0).unwrap();
