@@ -10,7 +10,7 @@ pub enum DepthSource {
     /// Depth images.
     Sensor(DepthSensor),
     /// Matching with neighbouring keyframes.
-    SemiDense(SemiDenseSource),
+    SemiDense(Box<SemiDenseSource>),
 }
 
 /// Parameters of depth from neighbouring keyframes.

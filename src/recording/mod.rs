@@ -138,10 +138,10 @@ impl Recording {
                      camera move sideways?"
                 ));
             };
-            self.depth = Some(DepthSource::SemiDense(SemiDenseSource {
+            self.depth = Some(DepthSource::SemiDense(Box::new(SemiDenseSource {
                 options: stage,
                 median_depth,
-            }));
+            })));
             return Ok(median_depth);
         };
         let Some(median_depth) = median_scene_depth(&self.sequence, &all)? else {

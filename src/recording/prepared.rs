@@ -149,10 +149,10 @@ impl PreparedRecording {
         }
         let depth = self.median_depth.filter(|_| self.is_semi_dense);
         let depth = depth.map(|median_depth| {
-            DepthSource::SemiDense(SemiDenseSource {
+            DepthSource::SemiDense(Box::new(SemiDenseSource {
                 options: options.semi_dense,
                 median_depth,
-            })
+            }))
         });
         Ok(Recording {
             sequence,

@@ -420,7 +420,7 @@ impl ImageMap {
         let map = empty_map(options, &self.live, source)?;
         let mut mapper = Mapper::new(map, origin);
         let keyframes = self.keyframes.list();
-        let depth = DepthSource::SemiDense(source);
+        let depth = DepthSource::SemiDense(Box::new(source));
         let extract = options.extract();
         let mut front_end = FrontEnd::lines(&depth, frames.len(), extract, None, false)?;
         let add_arrival = |number: usize, arrival: Arrival| -> Result<(), SessionError> {

@@ -93,7 +93,7 @@ pub(super) fn empty_map(
     live: &LiveSequence,
     source: SemiDenseSource,
 ) -> Result<Map, SessionError> {
-    let depth = DepthSource::SemiDense(source);
+    let depth = DepthSource::SemiDense(Box::new(source));
     let camera = live.sequence().color_camera();
     Ok(Map::of_lines(options, camera, &depth, source.median_depth)?)
 }

@@ -18,10 +18,10 @@ const FRAMES: usize = 12;
 const MEDIAN_DEPTH: f64 = 2.5;
 
 fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
-    let source = DepthSource::SemiDense(SemiDenseSource {
+    let source = DepthSource::SemiDense(Box::new(SemiDenseSource {
         options: SemiDenseStage::default(),
         median_depth: MEDIAN_DEPTH,
-    });
+    }));
     let frames: Vec<usize> = (0..FRAMES).collect();
     let mut arrivals = Vec::new();
     let extract = Options::default().extract();
@@ -46,10 +46,10 @@ fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
 
 fn map(sequence: &Sequence) -> Map {
     let options = Options::default();
-    let source = DepthSource::SemiDense(SemiDenseSource {
+    let source = DepthSource::SemiDense(Box::new(SemiDenseSource {
         options: options.semi_dense,
         median_depth: MEDIAN_DEPTH,
-    });
+    }));
     Map::of_lines(&options, sequence.color_camera(), &source, MEDIAN_DEPTH)
         .expect("default options are in range")
 }

@@ -184,7 +184,6 @@ impl Rim {
             successors(Some(start), move |corner| Some(corner.next(axis))).take(2 * REACH_CUBES + 1)
         };
         let around = row(0, cube)
-            .into_iter()
             .flat_map(|it| row(1, it))
             .flat_map(|it| row(2, it));
         for part in around.filter_map(|cube| parts.get(&cube)) {

@@ -169,7 +169,9 @@ impl<'a> Photo<'a> {
         let level = self.pyramid.level(level);
         let value = |point: &u32| {
             let position = &points[*point as usize].position;
-            (point % every == 0).then(|| self.aligned.brightness_of(level, position))?
+            point
+                .is_multiple_of(every)
+                .then(|| self.aligned.brightness_of(level, position))?
         };
         let values = self.points.iter().map(value);
         values.map(|value| value.unwrap_or(f32::NAN)).collect()

@@ -67,7 +67,8 @@ pub(super) fn seen(
         let corners = corners.map(|corner| mesh.positions[corner as usize]);
         let toward_eye = eye - point.position;
         let normal = normal(&corners);
-        if !(normal.dot(&toward_eye) >= LEAST_COSINE * normal.norm() * toward_eye.norm()) {
+        let cosine = normal.dot(&toward_eye) / (normal.norm() * toward_eye.norm());
+        if cosine.is_nan() || cosine < LEAST_COSINE {
             return false;
         }
         let whole = || {

@@ -197,7 +197,7 @@ fn fitted(seen: &[Seen], last: [f64; 2]) -> Option<[f64; 2]> {
         xy += weight * point.expected * point.value;
     }
     let variance = xx - x * x / n;
-    if !(variance > LEAST_CONTRAST * LEAST_CONTRAST * n) {
+    if variance.is_nan() || variance <= LEAST_CONTRAST * LEAST_CONTRAST * n {
         return None;
     }
     let gain = (xy - x * y / n) / variance;

@@ -130,11 +130,8 @@ fn a_missing_photograph_and_one_of_something_else_keep_their_poses() {
         _ => Some(photo(&poses[index][0], 1.0)),
     };
     let alignment = align_photos(&corner(), &views, &load);
-    for index in 0..4 {
-        let moved = apart_px(
-            &views[index].world_from_camera,
-            &alignment.views[index].world_from_camera,
-        );
+    for (index, (given, found)) in views.iter().zip(&alignment.views).enumerate() {
+        let moved = apart_px(&given.world_from_camera, &found.world_from_camera);
         let bound = if index < 2 { 1e-9 } else { 0.3 };
         assert!(moved < bound, "{index}: {moved}");
     }
