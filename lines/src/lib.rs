@@ -7,6 +7,7 @@ pub mod edges;
 mod extractor;
 pub mod fit;
 pub mod image;
+mod large_nodes;
 pub mod triangulation;
 
 pub use camera::{Camera, Distortion, UndistortionMap};
@@ -19,4 +20,5 @@ pub use edges::{EdgeChains, EdgeDetector, EdgeOptions};
 pub use extractor::{ExtractError, ExtractOptions, Extraction, SegmentExtractor, StageDurations};
 pub use fit::{FitOptions, Segment};
 pub use image::{GrayImage, Plane};
+pub use large_nodes::LargeNodes;
 pub use triangulation::{ImageTriangulation, SurfaceSamples};

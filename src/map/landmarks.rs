@@ -5,9 +5,10 @@
 //! its keyframes. A landmark lies at the mean of its measurements. It is removed when more keyframes contradict than measure
 //! it.
 
+use linecarve_lines::LargeNodes;
 use nalgebra::{Point3, Unit, Vector3};
 use rstar::primitives::GeomWithData;
-use rstar::{AABB, RStarInsertionStrategy, RTree, RTreeParams, SelectionFunction};
+use rstar::{AABB, RTree, SelectionFunction};
 
 use super::keyframe_measurements::Correction;
 use super::view_region::ViewRegion;
@@ -108,18 +109,6 @@ impl SelectionFunction<IndexedLandmark> for Within<'_> {
 
 /// The position and index of a landmark.
 type IndexedLandmark = GeomWithData<[f64; 3], u32>;
-
-/// Nodes of the tree of landmarks are twice as large as usual: a keyframe visits thousands of them, and waits for their memory. Tuned on the
-/// kitchen of 7-Scenes.
-#[derive(Debug)]
-struct LargeNodes;
-
-impl RTreeParams for LargeNodes {
-    const MIN_SIZE: usize = 5;
-    const MAX_SIZE: usize = 12;
-    const REINSERTION_COUNT: usize = 3;
-    type DefaultInsertionStrategy = RStarInsertionStrategy;
-}
 
 /// All landmarks, with a spatial index.
 #[derive(Debug, Default)]

@@ -2,9 +2,10 @@
 
 use nalgebra::Point3;
 use rstar::primitives::{GeomWithData, Rectangle};
-use rstar::{AABB, RStarInsertionStrategy, RTree, RTreeParams};
+use rstar::{AABB, RTree};
 
 use super::representative::WorldSegment;
+use crate::LargeNodes;
 
 /// Position and direction: three coordinates, and the sizes of the first two of a unit vector, all in units of what a query reaches. The
 /// sizes do not depend on the sense of the direction, and differ by no more than the directions do.
@@ -15,17 +16,6 @@ type Entry = GeomWithData<Rectangle<Key>, u32>;
 const LOOSENESS: f64 = 0.5;
 /// Largest coordinate of a key; beyond, all are equal. Volumes of boxes stay finite.
 const LARGEST: f64 = 1e9;
-
-/// Nodes of the tree are twice as large as usual: most of a query is waiting for the memory of nodes. Tuned on the kitchen of 7-Scenes.
-#[derive(Debug, Clone)]
-struct LargeNodes;
-
-impl RTreeParams for LargeNodes {
-    const MIN_SIZE: usize = 5;
-    const MAX_SIZE: usize = 12;
-    const REINSERTION_COUNT: usize = 3;
-    type DefaultInsertionStrategy = RStarInsertionStrategy;
-}
 
 /// An R-tree over the boxes and directions of clusters. An entry is larger than its cluster, so that most changes of the cluster leave it
 /// as it is.
