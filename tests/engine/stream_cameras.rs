@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use linecarve::Options;
 use linecarve::run::Verbosity;
-use linecarve::stream::{FrameReply, Message, Reply, Session, SessionEnd};
+use linecarve::stream::{FrameReply, SessionEnd};
 use linecarve::tracking::{TrackingMode, track_sequence};
 use linecarve_mesh::raycast::RayScene;
 use linecarve_sequence::{OpenOptions, Sequence};
@@ -12,7 +12,7 @@ use linecarve_synth::{Scene, SceneKind, SynthOptions, write_sequence};
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
-use crate::program::live_recording::TriangleCount;
+use crate::stream_tracking::run;
 
 const BASELINE_M: f64 = 0.1;
 
@@ -86,30 +86,6 @@ impl Pairs {
         let tracked = track_sequence(&self.sequence, mode, options, noise, Verbosity::Quiet);
         tracked.unwrap().poses().collect()
     }
-}
-
-/// The replies to frames, and the end.
-fn run(messages: &[Value], threads: usize) -> (Vec<FrameReply>, SessionEnd) {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    pool.unwrap().install(|| {
-        let mut session = Session::new(Options::default()).unwrap();
-        let mut replies = Vec::new();
-        let mut client = TriangleCount::default();
-        for message in messages {
-            let message: Message = serde_json::from_value(message.clone()).unwrap();
-            if let Some(Reply::Frame(mut reply)) = session.handle(&message).unwrap() {
-                if let Some(Reply::Surface { milliseconds, .. }) = &mut reply.surface {
-                    *milliseconds = 0.0;
-                    client.apply(reply.surface.clone());
-                }
-                reply.milliseconds = 0.0;
-                replies.push(*reply);
-            }
-        }
-        let end = session.finish();
-        client.apply(end.last_change.as_ref().unwrap().clone());
-        (replies, end)
-    })
 }
 
 /// Runs with one thread and with two, which must not differ.

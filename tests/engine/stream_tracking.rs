@@ -59,7 +59,7 @@ fn send(session: &mut Session, message: &Value) -> Option<Reply> {
 }
 
 /// The replies to frames, and the end.
-fn run(messages: &[Value], threads: usize) -> (Vec<FrameReply>, SessionEnd) {
+pub(crate) fn run(messages: &[Value], threads: usize) -> (Vec<FrameReply>, SessionEnd) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.unwrap().install(|| {
         let mut session = Session::new(Options::default()).unwrap();
