@@ -12,10 +12,10 @@ use crate::edge_uses::edge_uses;
 
 /// Vertices of a boundary move to segments at most this many sides away: depth ends up to two cubes before an edge that few views see.
 const REACH_SIDES: f64 = 2.5;
-/// Cubes around that of a vertex in which segments are looked for, on either side.
-const REACH_CUBES: usize = 2;
 /// The same for moves into the surface: the other boundary of a narrow strip stays where it is.
 const INWARD_REACH_SIDES: f64 = 0.75;
+/// Cubes around that of a vertex in which segments are looked for, on either side.
+const REACH_CUBES: usize = 2;
 /// Least cosine between a boundary and a segment along it: 60 degrees, as boundaries follow the grid in steps.
 const LEAST_COSINE: f64 = 0.5;
 /// At a vertex of a flat surface, least length of the sum of the normals of its triangles, weighted by area, over the sum of the weights. Two flat

@@ -1,6 +1,7 @@
 //! Brightness of photographs at decreasing sizes.
 
 use image::RgbImage;
+use linecarve_lines::image::block_sums;
 
 /// Levels of a pyramid: each has half the size of the one before.
 pub(super) const LEVELS: usize = 3;
@@ -56,21 +57,16 @@ impl Level {
     /// Means of squares of `factor` pixels; incomplete ones at the border are left out.
     fn reduced(&self, factor: usize) -> Self {
         let (width, height) = (self.width / factor, self.height / factor);
-        let mean = |index: usize| {
-            let (x, y) = (index % width * factor, index / width * factor);
-            let row = |y: usize| &self.values[y * self.width + x..][..factor];
-            let sum: u32 = (y..y + factor)
-                .flat_map(row)
-                .map(|value| u32::from(*value))
-                .sum();
-            let count = (factor * factor) as u32;
-            ((sum + count / 2) / count) as u8
-        };
+        let count = (factor * factor) as u32;
+        let sums = block_sums::<1>(&self.values, self.width, factor);
         Self {
             width,
             height,
             factor: self.factor * factor as f64,
-            values: (0..width * height).map(mean).collect(),
+            values: sums
+                .into_iter()
+                .map(|sum| ((sum + count / 2) / count) as u8)
+                .collect(),
         }
     }
 

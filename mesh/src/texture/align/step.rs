@@ -7,9 +7,9 @@ use super::pyramid::Level;
 
 /// Fewest points from which a pose is adjusted.
 const LEAST_POINTS: usize = 200;
-/// A given pose is known to this many pixels,
+/// Standard deviation of a given pose, in pixels.
 const GIVEN_PX: f64 = 3.0;
-/// and counts as this share of the points, as the errors of neighbouring points are not independent: motions that the points leave open stay.
+/// How much a given pose counts, as a share of the number of points. One measurement would not: errors of neighbouring points are not independent.
 const GIVEN_SHARE: f64 = 0.005;
 /// Longest step, in pixels of the level.
 const LONGEST_STEP_PX: f64 = 2.0;
