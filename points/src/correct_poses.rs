@@ -5,7 +5,8 @@ use super::map::{PointMap, median};
 use super::point::{MapObservation, MapPointId};
 use crate::pose_correction::CHI2_PIXEL;
 use crate::pose_correction::{
-    CorrectedPose, KnownPoint, PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
+    CorrectedPose, FreeLens, KnownPoint, PosePrior, Track, TrackObservation, adjust_bundle,
+    correct_pose,
 };
 
 /// Keyframes of one bundle adjustment over all: its normal equations are dense, with six unknowns per keyframe.
@@ -101,7 +102,8 @@ impl PointMap {
     }
 
     /// Bundle adjustment of all corrected keyframes and their points, after the last keyframe. Observations that do not fit are
-    /// dropped. [`changes`](Self::changes) then holds the changes.
+    /// dropped. Where the given poses explain matches that were held back as well, all keyframes get them back; where they do so with
+    /// another camera, that is taken. [`changes`](Self::changes) then holds the changes.
     ///
     /// # Complexity
     /// That of [`adjust_bundle`] on blocks of a hundred keyframes; successive blocks overlap by half.
@@ -113,6 +115,14 @@ impl PointMap {
         if self.correction.lens {
             self.estimate_lens();
         }
+        self.adjust_blocks(depth);
+        self.choose_explanation(depth);
+        self.living
+            .retain(|id| self.points[id.0 as usize].is_some());
+        self.publish();
+    }
+
+    pub(super) fn adjust_blocks(&mut self, depth: f64) {
         for _ in 0..ROUNDS {
             let corrected = self.corrected_keyframes();
             let mut start = 0;
@@ -126,9 +136,6 @@ impl PointMap {
             }
             self.refine_dirty();
         }
-        self.living
-            .retain(|id| self.points[id.0 as usize].is_some());
-        self.publish();
     }
 
     fn adjust_together(&mut self, window: &[u32], depth: f64) {
@@ -138,7 +145,14 @@ impl PointMap {
         let mut poses = self.poses();
         let mut lens = self.lens.clone();
         let prior = self.prior(depth);
-        adjust_bundle(&mut lens, false, &mut poses, window, &prior, &mut tracks);
+        adjust_bundle(
+            &mut lens,
+            FreeLens::Fixed,
+            &mut poses,
+            window,
+            &prior,
+            &mut tracks,
+        );
         self.apply_adjustment(window, &poses, &ids, &tracks);
     }
 

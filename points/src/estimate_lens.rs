@@ -2,7 +2,7 @@
 
 use super::correct_poses::BLOCK_KEYFRAMES;
 use super::map::PointMap;
-use crate::pose_correction::{CorrectedLens, adjust_bundle};
+use crate::pose_correction::{CorrectedLens, FreeLens, adjust_bundle};
 
 /// Numbers of keyframes at which distortion is estimated, and once more after the last keyframe.
 pub(super) const LENS_KEYFRAMES: [usize; 4] = [12, 24, 48, 96];
@@ -32,7 +32,14 @@ impl PointMap {
         let mut poses = self.poses();
         let mut lens = self.lens.clone();
         let prior = self.prior(depth);
-        adjust_bundle(&mut lens, true, &mut poses, &window, &prior, &mut tracks);
+        adjust_bundle(
+            &mut lens,
+            FreeLens::Distortion,
+            &mut poses,
+            &window,
+            &prior,
+            &mut tracks,
+        );
 
         let seen = tracks.iter().flat_map(|track| {
             let at = track.point_in_world;

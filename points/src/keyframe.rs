@@ -61,10 +61,10 @@ impl MapKeyframe {
 
     /// Undistorts the features: from pixels of `camera` to pixels of `pinhole`.
     pub(super) fn undistort(&mut self, camera: &Camera, pinhole: &Camera) {
-        if camera == pinhole {
-            return;
-        }
         if self.raw_pixels.is_empty() {
+            if camera == pinhole {
+                return;
+            }
             self.raw_pixels.clone_from(&self.features.pixels);
         }
         for (pixel, raw) in self.features.pixels.iter_mut().zip(&self.raw_pixels) {

@@ -6,8 +6,8 @@ mod create;
 mod describe;
 mod descriptor;
 mod epipolar;
-mod estimate_focal;
 mod estimate_lens;
+mod explanation;
 mod fast;
 mod features;
 mod grid;
@@ -25,6 +25,7 @@ mod triangulate;
 pub use changes::MapChange;
 pub use descriptor::Descriptor;
 pub use epipolar::{FeatureMatch, TwoViewGeometry, match_along_epipolar_lines};
+pub use explanation::HeldBackErrors;
 pub use features::{FeatureDetector, Features};
 pub use grid::FeatureGrid;
 pub use keyframe::MapKeyframe;
@@ -32,8 +33,8 @@ pub use map::{MapQuality, PointCounts, PointMap};
 pub use options::{MapPointOptions, PointOptionsError};
 pub use point::{MapObservation, MapPoint, MapPointId};
 pub use pose_correction::{
-    AdjustmentSummary, CorrectedLens, CorrectedPose, KnownPoint, PoseChange, PoseCorrectionOptions,
-    PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
+    AdjustmentSummary, CorrectedLens, CorrectedPose, FreeLens, KnownPoint, PoseChange,
+    PoseCorrectionOptions, PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
 };
 pub use triangulate::{Observation, RefinedPoint, parallax_cosine, refine_point, triangulate_rays};
 

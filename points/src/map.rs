@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point3};
 
 use super::changes::MapChange;
 use super::estimate_lens::LENS_KEYFRAMES;
+use super::explanation::HeldBackErrors;
 use super::features::Features;
 use super::keyframe::MapKeyframe;
 use super::options::{MapPointOptions, PointOptionsError};
@@ -54,6 +55,8 @@ pub struct PointMap {
     /// Published points that were removed.
     pub(super) withdrawn: Vec<MapPointId>,
     pub(super) changes: Vec<MapChange>,
+    /// Errors of the rival explanations of the images; `None` before the adjustment of all keyframes.
+    pub(super) held_back_errors: Option<HeldBackErrors>,
 }
 
 /// Effect of one keyframe on the map.
@@ -113,6 +116,7 @@ impl PointMap {
             touched: Vec::new(),
             withdrawn: Vec::new(),
             changes: Vec::new(),
+            held_back_errors: None,
         })
     }
 

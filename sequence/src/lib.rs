@@ -31,7 +31,7 @@ mod yaml;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use linecarve_lines::camera::{Camera, CameraError, Distortion};
+use linecarve_lines::camera::{Camera, CameraCorrection, CameraError};
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
@@ -243,51 +243,26 @@ impl Sequence {
         !stored.is_pinhole() || self.other_cameras.iter().any(|camera| camera != stored)
     }
 
-    /// Sets the radial distortion coefficient `k1` (Brown's model) of images read as pinhole images, which are then
-    /// undistorted when loaded. 0 restores the pinhole model. Updates [`color_camera`](Self::color_camera).
+    /// Corrects the camera of all stored images, which was given as a pinhole.
     ///
     /// # Errors
-    /// If `k1` is not finite.
-    pub fn set_radial_distortion(&mut self, k1: f64) -> Result<(), CameraError> {
-        let camera = &self.stored_color_camera;
-        let distortion = match k1 {
-            0.0 => Distortion::None,
-            _ => Distortion::radial(k1),
-        };
-        let stored = Camera::with_distortion(
-            camera.fx(),
-            camera.fy(),
-            camera.cx(),
-            camera.cy(),
-            distortion,
-        )?;
+    /// If the corrected camera is none.
+    pub fn correct_color_camera(
+        &mut self,
+        correction: &CameraCorrection,
+    ) -> Result<(), CameraError> {
+        let corrected = correction.applied_to(&self.stored_color_camera)?;
+        self.set_stored_color_camera(corrected)
+    }
+
+    /// Replaces the camera of all stored images, which are undistorted when loaded. Updates [`color_camera`](Self::color_camera).
+    ///
+    /// # Errors
+    /// If images are reduced, and the camera of the reduced ones is none.
+    pub fn set_stored_color_camera(&mut self, stored: Camera) -> Result<(), CameraError> {
         for other in &mut self.other_cameras {
             other.clone_from(&stored);
         }
-        self.set_stored_camera(stored)
-    }
-
-    /// Multiplies the focal lengths of the images by a factor. Updates [`color_camera`](Self::color_camera).
-    ///
-    /// # Errors
-    /// If the product is not positive and finite.
-    pub fn scale_focal_length(&mut self, factor: f64) -> Result<(), CameraError> {
-        let scaled = |camera: &Camera| {
-            let (fx, fy) = (factor * camera.fx(), factor * camera.fy());
-            Camera::with_distortion(fx, fy, camera.cx(), camera.cy(), *camera.distortion())
-        };
-        let others = self
-            .other_cameras
-            .iter()
-            .map(scaled)
-            .collect::<Result<_, _>>()?;
-        self.set_stored_camera(scaled(&self.stored_color_camera)?)?;
-        self.other_cameras = others;
-        Ok(())
-    }
-
-    /// Replaces the camera of the stored images and all that depends on it.
-    fn set_stored_camera(&mut self, stored: Camera) -> Result<(), CameraError> {
         self.color_undistortion = Undistortion::new(&stored, self.color_size);
         self.color_camera = pinhole_of(&stored, self.color_undistortion.as_ref());
         self.stored_color_camera = stored;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use linecarve_lines::camera::Camera;
+use linecarve_lines::camera::{Camera, CameraCorrection};
 use nalgebra::Isometry3;
 
 use super::calibration::{Calibration, Sidecar};
@@ -145,23 +145,26 @@ impl LiveSequence {
         self.sequence.set_fitted_poses(poses);
     }
 
-    /// As [`Sequence::set_radial_distortion`].
+    /// As [`Sequence::correct_color_camera`].
     ///
     /// # Errors
-    /// If `k1` is not finite.
-    pub fn set_radial_distortion(&mut self, k1: f64) -> Result<(), SequenceError> {
+    /// If the corrected camera is none.
+    pub fn correct_color_camera(
+        &mut self,
+        correction: &CameraCorrection,
+    ) -> Result<(), SequenceError> {
         self.sequence
-            .set_radial_distortion(k1)
+            .correct_color_camera(correction)
             .map_err(|error| content(error.to_string()))
     }
 
-    /// As [`Sequence::scale_focal_length`].
+    /// As [`Sequence::set_stored_color_camera`].
     ///
     /// # Errors
-    /// If the product is not positive and finite.
-    pub fn scale_focal_length(&mut self, factor: f64) -> Result<(), SequenceError> {
+    /// If images are reduced, and the camera of the reduced ones is none.
+    pub fn set_stored_color_camera(&mut self, camera: Camera) -> Result<(), SequenceError> {
         self.sequence
-            .scale_focal_length(factor)
+            .set_stored_color_camera(camera)
             .map_err(|error| content(error.to_string()))
     }
 

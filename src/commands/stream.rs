@@ -65,7 +65,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let keyframes = summary.keyframes;
     let (vertices, triangles) = (summary.mesh.positions.len(), summary.mesh.triangles.len());
     let corrected_poses = summary.corrected_poses.clone();
-    let (lens_k1, focal_factor) = (summary.lens_k1, summary.focal_factor);
+    let camera_correction = summary.camera_correction;
     let tracking = summary.tracking.clone();
     for warning in tracking.iter().flat_map(|tracking| &tracking.warnings) {
         if verbosity > Verbosity::Quiet {
@@ -84,8 +84,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         triangles,
         files: output.map_or_else(Vec::new, |output| output.written().to_vec()),
         corrected_poses,
-        lens_k1,
-        focal_factor,
+        camera_correction,
         tracking,
     })?;
     Ok(if triangles == 0 {

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 use super::result::ComparedSurface;
 use crate::reconstruction::{Reconstruction, RunOptions, Sink};
-use crate::recording::{Recording, Source, lens_warning};
+use crate::recording::{Recording, Source, camera_warning};
 use crate::run::{CancelToken, Verbosity};
 use crate::sinks::{KeyframeReports, PageRecorder, crosses};
 
@@ -59,8 +59,11 @@ pub(crate) fn compared_run(
         ));
     }
     let map = run.map();
-    let lens = map.feature_points().and_then(|points| points.lens().k1());
-    warnings.extend(lens.map(lens_warning));
+    let correction = map
+        .feature_points()
+        .and_then(|points| points.lens().correction());
+    let given = run.recording().sequence.stored_color_camera();
+    warnings.extend(correction.and_then(|found| camera_warning(given, &found)));
     let mesh = map.adjusted_surface();
     recorder.finish(&run, &mesh);
     let lines = map

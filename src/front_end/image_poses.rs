@@ -10,14 +10,10 @@ use super::{
     Arrival, FeatureFrontEnd, FrontEnd, FrontEndError, Keyframe, group_size, run_in_groups,
 };
 use crate::options::Options;
-use linecarve_points::PoseChange;
-use linecarve_points::{PointMap, PointOptionsError};
+use linecarve_lines::camera::CameraCorrection;
+use linecarve_points::{HeldBackErrors, PointMap, PointOptionsError, PoseChange};
 use linecarve_sequence::Sequence;
 use serde::Serialize;
-
-/// Poses are corrected only when the correction exceeds this share of their assumed error. Points are noisy too, and accurate
-/// poses would follow that noise.
-const MIN_CORRECTION_SHARE: f64 = 0.5;
 
 /// Difference between the given poses and those that the images show.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -32,22 +28,14 @@ pub struct PoseSummary {
     pub turn_px: f64,
     /// RMS translation per axis, in pixels at the median depth.
     pub shift_px: f64,
-    /// Radial distortion `k1` (Brown) found in images given as those of a pinhole; it is removed.
+    /// How the camera differs from the given one; the corrected poses and the given ones belong to the corrected camera.
+    #[serde(flatten)]
+    pub camera: Option<CameraCorrection>,
+    /// Errors of matches that no adjustment saw, by which poses and camera were chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub lens_k1: Option<f64>,
-    /// Factor on the focal length with which the images agree with the given poses: these need no correction, and the comparison has to
-    /// be made anew with that focal length.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub focal_factor: Option<f64>,
+    pub held_back: Option<HeldBackErrors>,
     /// Whether the corrected poses replace the given ones.
     pub is_corrected: bool,
-}
-
-impl PoseSummary {
-    /// RMS of rotation and translation, in pixels.
-    pub fn moved_px(&self) -> f64 {
-        (0.5 * (self.turn_px.powi(2) + self.shift_px.powi(2))).sqrt()
-    }
 }
 
 /// Poses of keyframes after the comparison with images.
@@ -75,8 +63,8 @@ pub enum ImagePosesError {
 }
 
 /// Adjusts the poses of `frames` to the points that their images share. Each is held by its given pose as `[pose_correction]`
-/// configures: incrementally, and finally all together. Small corrections without lens distortion are discarded. Unreadable
-/// images are skipped. `progress` is called for every keyframe.
+/// configures: incrementally, and finally all together. Poses, or the camera, are corrected only where that explains matches that no
+/// adjustment saw. Unreadable images are skipped. `progress` is called for every keyframe.
 ///
 /// # Errors
 /// When options are out of range, or an error is not limited to one image.
@@ -135,11 +123,9 @@ pub fn correct_poses(
         sequence.color_camera().mean_focal_px(),
         map.median_depth(),
     );
-    summary.lens_k1 = map.lens().k1();
-    summary.focal_factor = map.focal_of_given_poses();
-    // Poses estimated with a lens belong to it.
-    summary.is_corrected = summary.lens_k1.is_some()
-        || summary.moved_px() > MIN_CORRECTION_SHARE * options.pose_correction.sigma_px;
+    summary.camera = map.lens().correction();
+    summary.held_back = map.held_back_errors();
+    summary.is_corrected = map.has_adjusted_poses();
     let quality = map.quality();
     summary.points = quality.points;
     summary.reprojection_rms_px = quality.reprojection_rms_px;

@@ -1,36 +1,23 @@
-//! Poses, lens and focal length that the images contradict.
+//! Poses and cameras that the images contradict.
 
-use linecarve_sequence::Sequence;
+use linecarve_lines::camera::{Camera, CameraCorrection};
 
 use super::{Recording, RecordingError};
 use crate::front_end::correct_poses;
 use crate::run::{Progress, Verbosity};
 
 impl Recording {
-    /// Corrects the poses of the keyframes, and the lens, where the images contradict them; or the focal length, where that explains
-    /// the images.
+    /// Corrects the camera, or the poses of the keyframes, where that explains the images.
     ///
     /// # Errors
-    /// When an image cannot be read, or the estimated lens is no camera.
+    /// When an image cannot be read, or the estimated camera is none.
     pub fn correct_poses(&mut self, verbosity: Verbosity) -> Result<(), RecordingError> {
-        let compare = |sequence: &Sequence| {
-            let mut progress = Progress::start("poses", self.keyframes.len(), verbosity);
-            let corrected = correct_poses(sequence, &self.keyframes, &self.options, || {
-                progress.step(|| "comparing poses with images".to_owned());
-            });
-            progress.finish();
-            corrected
-        };
-        let mut corrected = compare(&self.sequence)?;
-        let focal_factor = corrected.summary.focal_factor;
-        if let Some(factor) = focal_factor {
-            self.sequence.scale_focal_length(factor)?;
-            corrected = compare(&self.sequence)?;
-            let focal = self.sequence.color_camera().mean_focal_px();
-            self.warnings.push(focal_warning(focal, factor));
-        }
-        let mut summary = corrected.summary;
-        summary.focal_factor = focal_factor;
+        let mut progress = Progress::start("poses", self.keyframes.len(), verbosity);
+        let corrected = correct_poses(&self.sequence, &self.keyframes, &self.options, || {
+            progress.step(|| "comparing poses with images".to_owned());
+        })?;
+        progress.finish();
+        let summary = corrected.summary;
         if summary.is_corrected {
             let keyframes = || self.keyframes.iter().copied();
             self.sequence.set_poses(keyframes().zip(corrected.placed));
@@ -43,28 +30,34 @@ impl Recording {
                 summary.keyframes, summary.turn_px, summary.shift_px
             ));
         }
-        if let Some(k1) = summary.lens_k1 {
-            self.sequence.set_radial_distortion(k1)?;
-            self.warnings.push(lens_warning(k1));
+        if let Some(correction) = &summary.camera {
+            let given = self.sequence.stored_color_camera();
+            self.warnings.extend(camera_warning(given, correction));
+            self.sequence.correct_color_camera(correction)?;
         }
         self.poses = Some(summary);
         Ok(())
     }
 }
 
-/// Says that images and poses belong to another focal length than the given one.
-fn focal_warning(focal: f64, factor: f64) -> String {
-    format!(
-        "the images agree with the poses at a focal length of {focal:.1} pixels, {factor:.4} times the given one, which is used instead \
-         ([pose_correction] lens = false keeps the given one; to say what a calibration found: [color] fx, fy in linecarve.toml)"
-    )
-}
-
-/// Says that images were distorted although their camera is given as a pinhole.
-pub(crate) fn lens_warning(k1: f64) -> String {
-    format!(
-        "the images are not those of a pinhole: radial distortion k1 = {k1:.4} is taken out ([pose_correction] lens = false takes them \
-         as they are; to say it, or what a calibration found, in linecarve.toml: [color] model = \"radial-tangential\", distortion = \
-         [{k1:.4}, 0.0, 0.0, 0.0])"
-    )
+/// Says that the images are those of another camera than the given one.
+pub(crate) fn camera_warning(given: &Camera, correction: &CameraCorrection) -> Option<String> {
+    let CameraCorrection { k1, k2, .. } = correction;
+    let corrected = correction.applied_to(given).ok()?;
+    let [fx, fy, cx, cy] = [
+        corrected.fx(),
+        corrected.fy(),
+        corrected.cx(),
+        corrected.cy(),
+    ];
+    Some(format!(
+        "the images are not those of the given camera: focal lengths {fx:.1}, {fy:.1} (given: {:.1}, {:.1}), principal point {cx:.1}, {cy:.1} \
+         ({:.1}, {:.1}), radial distortion {k1:.4}, {k2:.4} are used instead ([pose_correction] lens = false keeps the given ones; to say \
+         them, or what a calibration found, in linecarve.toml: [color] fx = {fx:.2}, fy = {fy:.2}, cx = {cx:.2}, cy = {cy:.2}, model = \
+         \"radial-tangential\", distortion = [{k1:.4}, {k2:.4}, 0.0, 0.0])",
+        given.fx(),
+        given.fy(),
+        given.cx(),
+        given.cy()
+    ))
 }

@@ -16,7 +16,7 @@ use crate::options::Options;
 use crate::run::Progress;
 use crate::tracking::open_or_track;
 
-pub(crate) use fit::lens_warning;
+pub(crate) use fit::camera_warning;
 pub use input::{DepthChoice, Input, RecordingError, Selection, Source};
 pub(crate) use origin::{PointExtent, model_origin};
 pub(crate) use prepared::PreparedRecording;

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use linecarve_lines::camera::CameraCorrection;
 use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -30,10 +31,9 @@ pub(crate) struct PreparedRecording {
 /// What the images corrected.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Fit {
-    focal_factor: Option<f64>,
+    camera: Option<CameraCorrection>,
     /// For each keyframe where it is, and the pose that fits the images.
     poses: Option<Vec<[Isometry3<f64>; 2]>>,
-    lens_k1: Option<f64>,
 }
 
 impl PreparedRecording {
@@ -73,7 +73,7 @@ impl PreparedRecording {
         };
         let sequence = &recording.sequence;
         let fit = recording.poses.as_ref().map(|summary| Fit {
-            focal_factor: summary.focal_factor,
+            camera: summary.camera,
             poses: summary.is_corrected.then(|| {
                 let pose = |&frame: &usize| {
                     let placed = sequence.frames()[frame].world_from_camera;
@@ -81,7 +81,6 @@ impl PreparedRecording {
                 };
                 recording.keyframes.iter().map(pose).collect()
             }),
-            lens_k1: summary.lens_k1,
         });
         Ok(Self {
             path: std::path::absolute(&input.path).unwrap_or(input.path.clone()),
@@ -135,16 +134,13 @@ impl PreparedRecording {
         let options = self.configuration.options();
         sequence.limit_image_size(options.images.longest_side());
         if let Some(fit) = &self.fit {
-            if let Some(factor) = fit.focal_factor {
-                sequence.scale_focal_length(factor)?;
+            if let Some(correction) = &fit.camera {
+                sequence.correct_color_camera(correction)?;
             }
             if let Some(poses) = &fit.poses {
                 let keyframes = || self.keyframes.iter().copied();
                 sequence.set_poses(keyframes().zip(poses.iter().map(|[placed, _]| *placed)));
                 sequence.set_fitted_poses(keyframes().zip(poses.iter().map(|[_, fitted]| *fitted)));
-            }
-            if let Some(k1) = fit.lens_k1 {
-                sequence.set_radial_distortion(k1)?;
             }
         }
         let depth = self.median_depth.filter(|_| self.is_semi_dense);

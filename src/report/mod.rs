@@ -5,6 +5,7 @@ pub mod page;
 
 use std::path::Path;
 
+use linecarve_lines::camera::CameraCorrection;
 use linecarve_mesh::texture::TextureSummary;
 use serde::Serialize;
 
@@ -160,9 +161,9 @@ pub struct ResultSummary {
     /// RMS reprojection error of points, in pixels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reprojection_rms_px: Option<f64>,
-    /// Estimated radial distortion `k1` (Brown) of images given as those of a pinhole; points are free of it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub lens_k1: Option<f64>,
+    /// How the camera that the points belong to differs from the given one.
+    #[serde(flatten)]
+    pub camera_correction: Option<CameraCorrection>,
     /// Files written, relative to the output folder.
     pub files: Vec<String>,
 }

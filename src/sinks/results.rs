@@ -17,7 +17,7 @@ use super::simplified::simplified;
 use super::surface_files::SurfaceFiles;
 use super::surface_page::write_surface_page;
 use crate::reconstruction::Reconstruction;
-use crate::recording::{Source, lens_warning};
+use crate::recording::{Source, camera_warning};
 use crate::run::{Verbosity, milliseconds};
 use crate::texture::texture;
 
@@ -60,9 +60,10 @@ pub(crate) fn write_results(
 
     log.set_median_depth(map.median_depth());
     let points = map.feature_points();
-    let lens_k1 = points.and_then(|points| points.lens().k1());
-    if let Some(k1) = lens_k1 {
-        log.warn(lens_warning(k1));
+    let correction = points.and_then(|points| points.lens().correction());
+    let given = recording.sequence.stored_color_camera();
+    if let Some(warning) = correction.and_then(|found| camera_warning(given, &found)) {
+        log.warn(warning);
     }
     let result = log.result();
     result.feature_edges = Some(feature_edges::summary(&edges));
@@ -78,7 +79,7 @@ pub(crate) fn write_results(
     result.triangles = mesh.triangles.len();
     result.surface_milliseconds = (recording.source == Source::Model).then_some(extracted);
     result.carving_milliseconds = map.final_carving().map(milliseconds);
-    result.lens_k1 = lens_k1;
+    result.camera_correction = correction;
     result.reprojection_rms_px = points
         .map(|points| points.quality())
         .and_then(|quality| (quality.points > 0).then_some(quality.reprojection_rms_px));

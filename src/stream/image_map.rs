@@ -15,6 +15,7 @@ use crate::front_end::{
 use crate::map::{Map, SurfaceChange};
 use crate::mapper::Mapper;
 use crate::options::Options;
+use linecarve_lines::camera::{Camera, CameraCorrection};
 use linecarve_sequence::{LiveFrame, LiveSequence, Sequence};
 
 /// A map of keyframes with semi-dense depth. Pose corrections move existing estimates with their keyframe. At the end all
@@ -29,8 +30,9 @@ pub(super) struct ImageMap {
     /// Whether all estimates equal those of a batch run over the keyframes at their current poses.
     matches_batch_run: bool,
     corrected_poses: Vec<(u64, Isometry3<f64>)>,
-    lens_k1: Option<f64>,
-    focal_factor: Option<f64>,
+    /// The camera as it was given, after a correction.
+    given_camera: Option<Camera>,
+    camera_correction: Option<CameraCorrection>,
 }
 
 impl SessionMap for ImageMap {
@@ -114,23 +116,20 @@ impl SessionMap for ImageMap {
         let before = self.poses();
         let (mut is_corrected, mut is_other) = (false, false);
         if options.pose_correction.enabled {
-            let mut poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
-            if let Some(factor) = poses.summary.focal_factor {
-                self.live.scale_focal_length(factor)?;
-                self.focal_factor = Some(factor);
-                poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
-            }
+            let poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
             is_corrected = poses.summary.is_corrected;
-            is_other = is_corrected || self.focal_factor.is_some();
+            is_other = is_corrected || poses.summary.camera.is_some();
             if is_corrected {
                 self.live
                     .set_poses(frames.iter().copied().zip(poses.placed));
                 self.live
                     .set_fitted_poses(frames.iter().copied().zip(poses.fitted));
             }
-            if let Some(k1) = poses.summary.lens_k1 {
-                self.live.set_radial_distortion(k1)?;
-                self.lens_k1 = Some(k1);
+            if let Some(correction) = poses.summary.camera {
+                let given = self.live.sequence().stored_color_camera().clone();
+                self.live.correct_color_camera(&correction)?;
+                self.camera_correction = Some(correction);
+                self.given_camera = Some(given);
             }
         }
         let outcome = self.finish_at(median_depth, is_other, options);
@@ -143,11 +142,9 @@ impl SessionMap for ImageMap {
             Ok(()) => {}
             Err(_) => {
                 self.live.set_poses(before);
-                if let Some(factor) = self.focal_factor.take() {
-                    self.live.scale_focal_length(1.0 / factor)?;
-                }
-                if self.lens_k1.take().is_some() {
-                    self.live.set_radial_distortion(0.0)?;
+                self.camera_correction = None;
+                if let Some(given) = self.given_camera.take() {
+                    self.live.set_stored_color_camera(given)?;
                 }
             }
         }
@@ -179,12 +176,8 @@ impl SessionMap for ImageMap {
         self.corrected_poses.clone()
     }
 
-    fn lens_k1(&self) -> Option<f64> {
-        self.lens_k1
-    }
-
-    fn focal_factor(&self) -> Option<f64> {
-        self.focal_factor
+    fn camera_correction(&self) -> Option<CameraCorrection> {
+        self.camera_correction
     }
 
     fn sequence(&self) -> Option<&Sequence> {
@@ -236,8 +229,8 @@ impl ImageMap {
             mapping: None,
             matches_batch_run: true,
             corrected_poses: Vec::new(),
-            lens_k1: None,
-            focal_factor: None,
+            given_camera: None,
+            camera_correction: None,
         };
         map.push(id, 0, options)?;
         Ok(map)

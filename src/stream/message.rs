@@ -6,6 +6,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use super::SurfaceDifference;
+use linecarve_lines::camera::CameraCorrection;
 use linecarve_sequence::rigid;
 
 /// A message to a [`Session`](super::Session).
@@ -264,13 +265,9 @@ pub enum Reply {
         /// Poses corrected from images before the final estimates.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         corrected_poses: Vec<CorrectedPose>,
-        /// Estimated radial distortion `k1` (Brown) of images given as those of a pinhole; removed before the final
-        /// estimates.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        lens_k1: Option<f64>,
-        /// Factor on the given focal length, which was wrong, in the final estimates.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        focal_factor: Option<f64>,
+        /// How the camera of the final estimates differs from the given one.
+        #[serde(flatten)]
+        camera_correction: Option<CameraCorrection>,
         /// What tracking came to, in a session that tracks.
         #[serde(skip_serializing_if = "Option::is_none")]
         tracking: Option<TrackingSummary>,

@@ -28,6 +28,7 @@ use crate::live::LiveView;
 use crate::options::Options;
 use crate::report::page::Page;
 use crate::run::milliseconds;
+use linecarve_lines::camera::CameraCorrection;
 use linecarve_mesh::{LineSet, TriangleMesh};
 use linecarve_sequence::export::PosedImage;
 use linecarve_sequence::{LiveFrame, LiveSequence};
@@ -70,10 +71,8 @@ pub struct SessionSummary {
     pub median_depth: Option<f64>,
     /// Poses corrected from images; of a session that tracks, those of all keyframes.
     pub corrected_poses: Vec<CorrectedPose>,
-    /// Estimated radial distortion `k1` (Brown) of images given as those of a pinhole.
-    pub lens_k1: Option<f64>,
-    /// Factor on the focal length with which images agree with the poses, where the given one was wrong.
-    pub focal_factor: Option<f64>,
+    /// How the camera of the final estimates differs from the given one.
+    pub camera_correction: Option<CameraCorrection>,
     /// What tracking came to, where frames came without poses.
     pub tracking: Option<TrackingSummary>,
     /// The tracked frames with their final poses, in order.
@@ -361,8 +360,7 @@ impl Session {
             keyframes: map.keyframe_count(),
             origin,
             median_depth: map.median_depth(),
-            lens_k1: map.lens_k1(),
-            focal_factor: map.focal_factor(),
+            camera_correction: map.camera_correction(),
             corrected_poses: poses
                 .iter()
                 .map(|(id, pose)| CorrectedPose {

@@ -8,7 +8,7 @@ use crate::front_end::Keyframe;
 use crate::map::{Map, SurfaceChange};
 use crate::options::Options;
 use crate::run::StageTimes;
-use linecarve_lines::camera::Camera;
+use linecarve_lines::camera::{Camera, CameraCorrection};
 use linecarve_mesh::LineSet;
 use linecarve_sequence::{LiveFrame, Sequence};
 
@@ -108,13 +108,8 @@ pub(super) trait SessionMap {
         Vec::new()
     }
 
-    /// Estimated radial distortion `k1` of images given as those of a pinhole.
-    fn lens_k1(&self) -> Option<f64> {
-        None
-    }
-
-    /// Factor on the focal length with which images agree with the poses, where the given one was wrong.
-    fn focal_factor(&self) -> Option<f64> {
+    /// How the camera that the images show differs from the given one.
+    fn camera_correction(&self) -> Option<CameraCorrection> {
         None
     }
 

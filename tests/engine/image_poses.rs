@@ -5,6 +5,7 @@ use std::path::Path;
 use crate::program::{distort, expect_status, stderr};
 use linecarve::Options;
 use linecarve::front_end::{ImagePoses, correct_poses};
+use linecarve_lines::camera::Camera;
 use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tempfile::TempDir;
@@ -168,6 +169,12 @@ fn a_run_says_what_it_corrected_unless_it_is_told_not_to() {
     assert!(!out.join("poses.txt").exists());
 }
 
+/// The comparison of sixteen images with their poses.
+fn compare(sequence: &Sequence) -> ImagePoses {
+    let frames: Vec<usize> = (0..16).collect();
+    correct_poses(sequence, &frames, &Options::default(), || {}).expect("images are there")
+}
+
 #[test]
 fn a_lens_that_the_calibration_leaves_out_is_found_and_taken_out() {
     let folder = sample_of(16, |_, pose| pose);
@@ -176,46 +183,87 @@ fn a_lens_that_the_calibration_leaves_out_is_found_and_taken_out() {
         distort(&frame.color, sequence.color_camera(), -0.09);
     }
     assert!(!sequence.has_known_distortion());
-    let frames: Vec<usize> = (0..16).collect();
-    let found = correct_poses(&sequence, &frames, &Options::default(), || {}).expect("images");
-    let k1 = found.summary.lens_k1.expect("a lens");
-    assert!((k1 + 0.09).abs() < 0.02, "{k1}");
-    assert!(found.summary.is_corrected);
+    let found = compare(&sequence);
+    let correction = found.summary.camera.expect("a lens");
+    let at_corner = correction.k1 * 0.25 + correction.k2 * 0.0625;
+    assert!((at_corner + 0.0225).abs() < 0.004, "{correction:?}");
+    assert!(
+        (correction.focal_factor - 1.0).abs() < 0.003,
+        "{correction:?}"
+    );
+    assert!(!found.summary.is_corrected, "{:?}", found.summary);
+    assert_eq!(found.fitted, poses(&sequence));
 
     let pinhole = sequence.color_camera().clone();
-    sequence.set_radial_distortion(k1).expect("a number");
+    sequence.correct_color_camera(&correction).expect("a lens");
     assert!(sequence.has_known_distortion() && sequence.color_camera().is_pinhole());
     assert_ne!(*sequence.color_camera(), pinhole);
-    let again = correct_poses(&sequence, &frames, &Options::default(), || {}).expect("images");
-    let rms = |found: &ImagePoses| found.summary.reprojection_rms_px;
-    assert!(again.summary.lens_k1.is_none(), "{:?}", again.summary);
-    assert!(rms(&again) < 1.3, "{}", rms(&again));
+    let again = compare(&sequence).summary;
+    assert!(again.camera.is_none() && !again.is_corrected, "{again:?}");
+    assert!(again.reprojection_rms_px < 1.3, "{again:?}");
 }
 
 #[test]
-fn a_wrong_focal_length_under_good_poses_is_recognised() {
+fn a_wrong_camera_under_good_poses_is_recognised() {
     let folder = sample_of(16, |_, pose| pose);
     let mut sequence = open(&folder);
-    let frames: Vec<usize> = (0..16).collect();
-    let factor = |sequence: &Sequence| {
-        let found = correct_poses(sequence, &frames, &Options::default(), || {});
-        found.expect("images are there").summary.focal_factor
-    };
-    assert_eq!(factor(&sequence), None);
-    let mut before = 1.0;
-    for wrong in [0.98, 1.03] {
-        let scaled = sequence.scale_focal_length(wrong / before);
-        scaled.expect("a positive number");
-        before = wrong;
-        let found = factor(&sequence).expect("a factor");
-        assert!((found * wrong - 1.0).abs() < 0.004, "{wrong} {found}");
+    let exact = compare(&sequence).summary;
+    assert!(exact.camera.is_none() && !exact.is_corrected, "{exact:?}");
+    let true_camera = sequence.stored_color_camera().clone();
+    let true_numbers = numbers(&true_camera);
+    for (focal, aspect, shift_px) in [(0.98, 1.0, 0.0), (1.03, 1.0, 0.0), (1.0, 1.02, 6.0)] {
+        let wrong = Camera::pinhole(
+            true_numbers[0] * focal * aspect,
+            true_numbers[1] * focal,
+            true_numbers[2] + shift_px,
+            true_numbers[3] - shift_px,
+        );
+        let wrong = wrong.expect("a camera");
+        sequence
+            .set_stored_color_camera(wrong.clone())
+            .expect("a camera");
+        let found = compare(&sequence).summary;
+        assert!(!found.is_corrected, "{found:?}");
+        let correction = found.camera.expect("another camera");
+        let corrected = correction.applied_to(&wrong).expect("a camera");
+        for (found, expected) in numbers(&corrected).into_iter().zip(true_numbers) {
+            assert!((found - expected).abs() < 2.0, "{corrected:?}");
+        }
+        let held_back = found.held_back.expect("enough matches");
+        assert!(held_back.given < 1.03 * held_back.poses, "{held_back:?}");
     }
 }
 
+/// Focal lengths and principal point.
+fn numbers(camera: &Camera) -> [f64; 4] {
+    [camera.fx(), camera.fy(), camera.cx(), camera.cy()]
+}
+
 #[test]
-fn wrong_poses_do_not_look_like_a_wrong_focal_length() {
+fn wrong_poses_do_not_look_like_a_wrong_camera() {
     let folder = sample_of(16, disturbed);
-    let frames: Vec<usize> = (0..16).collect();
-    let found = correct_poses(&open(&folder), &frames, &Options::default(), || {});
-    assert_eq!(found.expect("images are there").summary.focal_factor, None);
+    let found = compare(&open(&folder)).summary;
+    assert!(found.is_corrected && found.camera.is_none(), "{found:?}");
+    let held_back = found.held_back.expect("enough matches");
+    let camera = held_back.camera.expect("a camera without calibrated lens");
+    assert!(held_back.poses < 0.8 * camera && camera <= held_back.given);
+}
+
+#[test]
+fn small_errors_of_poses_are_told_from_the_noise_of_matches() {
+    // A tenth of the errors above: half a pixel.
+    let truth = poses(&open(&sample_of(16, |_, pose| pose)));
+    let folder = sample_of(16, |index, pose| {
+        let away = pose.inverse() * disturbed(index, pose);
+        pose * Isometry3::from_parts(
+            Translation3::from(0.1 * away.translation.vector),
+            UnitQuaternion::from_scaled_axis(0.1 * away.rotation.scaled_axis()),
+        )
+    });
+    let sequence = open(&folder);
+    let found = compare(&sequence);
+    assert!(found.summary.is_corrected, "{:?}", found.summary);
+    let before = error_rad(&poses(&sequence), &truth);
+    let after = error_rad(&found.fitted, &truth);
+    assert!(after < before, "{before} {after}");
 }

@@ -516,14 +516,14 @@ fn through_a_lens(k1: f64, correction: PoseCorrectionOptions) -> PointMap {
 #[test]
 fn a_lens_that_was_taken_for_none_is_found() {
     let found = through_a_lens(-0.07, PoseCorrectionOptions::default());
-    let k1 = found.lens().k1().unwrap();
+    let k1 = found.lens().correction().unwrap().k1;
     assert!((k1 + 0.07).abs() < 0.01, "{k1}");
     let kept = PoseCorrectionOptions {
         lens: false,
         ..PoseCorrectionOptions::default()
     };
     let missed = through_a_lens(-0.07, kept);
-    assert_eq!(missed.lens().k1(), None);
+    assert_eq!(missed.lens().correction(), None);
     let (with, without) = (error_of_points(&found), error_of_points(&missed));
     assert!(with < 0.5 * without, "{without} {with}");
 }
@@ -531,5 +531,5 @@ fn a_lens_that_was_taken_for_none_is_found() {
 #[test]
 fn a_pinhole_stays_one() {
     let map = through_a_lens(0.0, PoseCorrectionOptions::default());
-    assert_eq!(map.lens().k1(), None);
+    assert_eq!(map.lens().correction(), None);
 }

@@ -1,8 +1,10 @@
 //! Bundle adjustment of some cameras and their points.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6x3, Point2, Point3, Vector3, Vector6};
+use nalgebra::{
+    DMatrix, DVector, Matrix3, Matrix6, Matrix6x3, Point2, Point3, SMatrix, Vector3, Vector6,
+};
 
-use super::lens::CorrectedLens;
+use super::lens::{ByLens, CorrectedLens, FreeLens, LensVector, PARAMETERS};
 use super::pose::{CorrectedPose, PosePrior};
 use super::residual::{CHI2_PIXEL, cauchy, chi2, linearize};
 
@@ -43,11 +45,12 @@ pub struct AdjustmentSummary {
     pub steps: usize,
 }
 
-/// Minimises the reprojection errors over the `free` cameras, the points of all tracks and, with `is_lens_free`, the lens that
-/// all cameras share. Other cameras are fixed; without free ones the points alone move. Each free camera is held by its given pose. The cost never grows.
+/// Minimises the reprojection errors over the `free` cameras, the points of all tracks and the `free_lens` parameters of the
+/// lens that all cameras share. Other cameras are fixed; without free ones the points and the lens alone move. Each free camera is held by its
+/// given pose. The cost never grows.
 ///
 /// Levenberg-Marquardt with Cauchy's kernel. Points are eliminated by the Schur complement, so that the linear system has six
-/// unknowns per free camera and one for the lens. The result is deterministic.
+/// unknowns per free camera and at most six for the lens. The result is deterministic.
 ///
 /// # Complexity
 /// Per step: quadratic, for each track, in the free cameras that observe it; cubic in the number of free cameras.
@@ -58,7 +61,7 @@ pub struct AdjustmentSummary {
 /// poses are measurements, so that no camera needs to be fixed.
 pub fn adjust_bundle(
     lens: &mut CorrectedLens,
-    is_lens_free: bool,
+    free_lens: FreeLens,
     poses: &mut [CorrectedPose],
     free: &[u32],
     prior: &PosePrior,
@@ -72,7 +75,7 @@ pub fn adjust_bundle(
         prior,
         free,
         slots,
-        system: System::new(free.len(), is_lens_free),
+        system: System::new(free.len(), free_lens.count()),
     };
     let mut cost = problem.cost(lens, poses, tracks);
     let mut adjustment = AdjustmentSummary {
@@ -142,6 +145,9 @@ struct Problem<'a> {
     system: System,
 }
 
+/// Block between a point and the lens.
+type PointByLens = SMatrix<f64, 3, PARAMETERS>;
+
 /// Normal equations with points eliminated. Buffers are reused between steps.
 struct System {
     normal: DMatrix<f64>,
@@ -150,17 +156,17 @@ struct System {
     point_blocks: Vec<(Matrix3<f64>, Vector3<f64>)>,
     /// Per observation in a free camera, track by track: slot and block between pose and point.
     pose_point_blocks: Vec<(usize, Matrix6x3<f64>)>,
-    /// Per track: block between lens and point; empty when the lens is fixed.
-    lens_point_blocks: Vec<Vector3<f64>>,
+    /// Per track: block between point and lens; empty when the lens is fixed.
+    lens_point_blocks: Vec<PointByLens>,
     /// End of the pose-point blocks of each track.
     ends: Vec<usize>,
-    /// Index of the lens, after the poses; `None` when it is fixed.
-    lens_index: Option<usize>,
+    /// Number of free lens parameters, which follow the poses.
+    lens_count: usize,
 }
 
 impl System {
-    fn new(free: usize, is_lens_free: bool) -> Self {
-        let unknowns = 6 * free + usize::from(is_lens_free);
+    fn new(free: usize, lens_count: usize) -> Self {
+        let unknowns = 6 * free + lens_count;
         Self {
             normal: DMatrix::zeros(unknowns, unknowns),
             gradient: DVector::zeros(unknowns),
@@ -168,7 +174,7 @@ impl System {
             pose_point_blocks: Vec::new(),
             lens_point_blocks: Vec::new(),
             ends: Vec::new(),
-            lens_index: is_lens_free.then_some(6 * free),
+            lens_count,
         }
     }
 
@@ -189,23 +195,33 @@ impl System {
         block += normal;
     }
 
-    fn add_lens(&mut self, at: usize, gradient: f64, normal: f64) {
-        self.gradient[at] += gradient;
-        self.normal[(at, at)] += normal;
+    /// Index of the first lens parameter.
+    fn lens_start(&self) -> usize {
+        self.gradient.len() - self.lens_count
+    }
+
+    fn add_lens(&mut self, gradient: &LensVector, normal: &SMatrix<f64, PARAMETERS, PARAMETERS>) {
+        let (start, count) = (self.lens_start(), self.lens_count);
+        let mut rows = self.gradient.rows_mut(start, count);
+        rows += gradient.rows(0, count);
+        let mut block = self.normal.view_mut((start, start), (count, count));
+        block += normal.view((0, 0), (count, count));
     }
 
     /// Adds the block between a pose and the lens.
-    fn add_pose_and_lens(&mut self, slot: usize, at: usize, block: &Vector6<f64>) {
-        let mut column = self.normal.fixed_view_mut::<6, 1>(6 * slot, at);
-        column += block;
-        let mut row = self.normal.fixed_view_mut::<1, 6>(at, 6 * slot);
-        row += block.transpose();
+    fn add_pose_and_lens(&mut self, slot: usize, block: &SMatrix<f64, 6, PARAMETERS>) {
+        let (start, count) = (self.lens_start(), self.lens_count);
+        let mut columns = self.normal.view_mut((6 * slot, start), (6, count));
+        columns += block.columns(0, count);
+        let mut rows = self.normal.view_mut((start, 6 * slot), (count, 6));
+        rows += block.columns(0, count).transpose();
     }
 }
 
 impl Problem<'_> {
     fn cost(&self, lens: &CorrectedLens, poses: &[CorrectedPose], tracks: &[Track]) -> f64 {
-        let of_lens = self.system.lens_index.map_or(0.0, |_| lens.prior_cost());
+        let is_lens_free = self.system.lens_count > 0;
+        let of_lens = if is_lens_free { lens.prior_cost() } else { 0.0 };
         let held: f64 = self
             .free
             .iter()
@@ -244,9 +260,11 @@ impl Problem<'_> {
         next: &mut Candidate,
     ) -> bool {
         self.system.clear();
-        if let Some(at) = self.system.lens_index {
-            let (gradient, normal) = lens.prior_terms();
-            self.system.add_lens(at, gradient, normal);
+        let lens_count = self.system.lens_count;
+        if lens_count > 0 {
+            let (gradient, information) = lens.prior_terms();
+            self.system
+                .add_lens(&gradient, &SMatrix::from_diagonal(&information));
         }
         for (slot, &index) in self.free.iter().enumerate() {
             let mut gradient = Vector6::zeros();
@@ -262,10 +280,11 @@ impl Problem<'_> {
             system.normal[(at, at)] *= 1.0 + damping;
         }
         // The camera blocks are damped before the elimination, whose terms are not.
+        let mut eliminated_poses = Vec::new();
         let mut start = 0;
-        for (track, ((inverse, gradient), &end)) in
-            system.point_blocks.iter_mut().zip(&system.ends).enumerate()
-        {
+        for track in 0..system.ends.len() {
+            let end = system.ends[track];
+            let (inverse, gradient) = &mut system.point_blocks[track];
             let mut damped = *inverse;
             for axis in 0..3 {
                 damped[(axis, axis)] *= 1.0 + damping;
@@ -281,17 +300,17 @@ impl Problem<'_> {
                     view -= through * other_block.transpose();
                 }
             }
-            if let Some(at) = system.lens_index {
+            if lens_count > 0 {
                 let block = system.lens_point_blocks[track];
                 let through = *inverse * block;
-                system.gradient[at] -= through.dot(gradient);
-                system.normal[(at, at)] -= through.dot(&block);
-                for (slot, other_block) in &system.pose_point_blocks[start..end] {
-                    let common = other_block * through;
-                    let mut column = system.normal.fixed_view_mut::<6, 1>(6 * slot, at);
-                    column -= common;
-                    let mut row = system.normal.fixed_view_mut::<1, 6>(at, 6 * slot);
-                    row -= common.transpose();
+                let of_lens = (-through.tr_mul(gradient), -through.tr_mul(&block));
+                eliminated_poses.clear();
+                let poses = &system.pose_point_blocks[start..end];
+                eliminated_poses
+                    .extend(poses.iter().map(|(slot, block)| (*slot, -block * through)));
+                system.add_lens(&of_lens.0, &of_lens.1);
+                for (slot, block) in &eliminated_poses {
+                    system.add_pose_and_lens(*slot, block);
                 }
             }
             start = end;
@@ -307,9 +326,11 @@ impl Problem<'_> {
             let of_camera: Vector6<f64> = step.fixed_rows::<6>(6 * slot).into();
             next.poses[index as usize] = poses[index as usize].moved(&of_camera);
         }
-        let of_lens = system.lens_index.map(|at| step[at]);
-        if let Some(step) = of_lens {
-            let Ok(moved) = lens.moved(step) else {
+        let mut of_lens = LensVector::zeros();
+        if lens_count > 0 {
+            let rows = step.rows(system.lens_start(), lens_count);
+            of_lens.rows_mut(0, lens_count).copy_from(&rows);
+            let Ok(moved) = lens.moved(&of_lens) else {
                 return false;
             };
             next.lens = moved;
@@ -323,8 +344,8 @@ impl Problem<'_> {
             .enumerate()
         {
             let mut right = *gradient;
-            if let Some(step) = of_lens {
-                right += system.lens_point_blocks[index] * step;
+            if lens_count > 0 {
+                right += system.lens_point_blocks[index] * of_lens;
             }
             for (slot, block) in &system.pose_point_blocks[start..end] {
                 right += block.tr_mul(&step.fixed_rows::<6>(6 * slot));
@@ -339,7 +360,7 @@ impl Problem<'_> {
     fn add_track(&mut self, lens: &CorrectedLens, poses: &[CorrectedPose], track: &Track) {
         let mut normal = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
-        let mut with_lens = Vector3::zeros();
+        let mut with_lens = PointByLens::zeros();
         for observation in &track.observations {
             let pose = poses[observation.camera as usize].camera_from_world();
             let point = &track.point_in_world;
@@ -362,17 +383,17 @@ impl Problem<'_> {
                 system.add_pose(slot, &(of_pose * at.residual), &(of_pose * at.by_pose));
                 system.pose_point_blocks.push((slot, of_pose * at.by_point));
             }
-            if let Some(start) = system.lens_index {
-                let by_lens = lens.by_k1(&(pose * point)) / observation.sigma_px;
+            if system.lens_count > 0 {
+                let by_lens: ByLens = lens.derivatives(&(pose * point)) / observation.sigma_px;
                 let of_lens = weight * by_lens;
-                system.add_lens(start, of_lens.dot(&at.residual), of_lens.dot(&by_lens));
+                system.add_lens(&of_lens.tr_mul(&at.residual), &of_lens.tr_mul(&by_lens));
                 with_lens += at.by_point.tr_mul(&of_lens);
                 if let Some(slot) = slot {
-                    system.add_pose_and_lens(slot, start, &(of_pose * by_lens));
+                    system.add_pose_and_lens(slot, &(of_pose * by_lens));
                 }
             }
         }
-        if self.system.lens_index.is_some() {
+        if self.system.lens_count > 0 {
             self.system.lens_point_blocks.push(with_lens);
         }
         self.system.point_blocks.push((normal, gradient));

@@ -1,73 +1,133 @@
-//! Radial distortion of images that were given as those of a pinhole.
+//! Camera parameters that images were given with and that their matches contradict.
 
-use linecarve_lines::camera::{Camera, CameraError, Distortion};
-use nalgebra::{Point3, Vector2};
+use linecarve_lines::camera::{Camera, CameraCorrection, CameraError};
+use nalgebra::{Point3, SMatrix, SVector, Vector2};
 
-/// Standard deviation of the prior of `k1` about zero.
-const PRIOR_SIGMA: f64 = 0.1;
+/// Number of parameters that can be adjusted.
+pub(super) const PARAMETERS: usize = 6;
 
-/// A camera that was given as a pinhole, with one radial distortion coefficient: `k1` of Brown's model.
+/// Standard deviations of the parameters about their given values.
+const PRIOR_SIGMAS: [f64; PARAMETERS] = [0.1, 0.1, 0.02, 0.05, 0.05, 0.3];
+
+/// Derivatives of a projection by the parameters.
+pub(super) type ByLens = SMatrix<f64, 2, PARAMETERS>;
+/// One value for each parameter.
+pub(super) type LensVector = SVector<f64, PARAMETERS>;
+
+/// What an adjustment changes of a camera that was given as a pinhole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FreeLens {
+    /// Nothing.
+    Fixed,
+    /// `k1` of Brown's model. Poses and points cannot compensate for it; for the other parameters they nearly can.
+    Distortion,
+    /// All parameters: for given poses.
+    All,
+}
+
+impl FreeLens {
+    /// Number of adjusted parameters, the first ones.
+    pub(super) fn count(self) -> usize {
+        match self {
+            Self::Fixed => 0,
+            Self::Distortion => 1,
+            Self::All => PARAMETERS,
+        }
+    }
+}
+
+/// A camera that was given as a pinhole, with corrected parameters.
 ///
-/// Poses and points cannot compensate for distortion. They nearly can for focal length and principal point, which are therefore
-/// fixed.
+/// They are `k1` of Brown's model, the logarithms of the factors on both focal lengths and on their ratio, the motion of the principal
+/// point along x and y as a share of the given focal lengths, and `k2`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CorrectedLens {
-    k1: f64,
+    given: Camera,
+    change: LensVector,
     camera: Camera,
 }
 
 impl CorrectedLens {
-    /// A camera without distortion.
+    /// The given camera, without distortion.
     pub fn new(pinhole: Camera) -> Self {
         Self {
-            k1: 0.0,
+            given: pinhole.clone(),
+            change: LensVector::zeros(),
             camera: pinhole,
         }
     }
 
-    /// The camera with its distortion.
+    /// The corrected camera, with its distortion.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
-    /// Second-order radial coefficient; `None` while the camera is a pinhole.
-    pub fn k1(&self) -> Option<f64> {
-        (!self.camera.is_pinhole()).then_some(self.k1)
+    /// What was corrected; `None` while the camera is as given.
+    pub fn correction(&self) -> Option<CameraCorrection> {
+        (self.change != LensVector::zeros()).then(|| correction(&self.change))
     }
 
-    /// Displacement by distortion, in pixels, of the projection of a point in front of the camera.
+    /// Displacement, in pixels, of the projection of a point in front of the camera by the correction.
     pub fn displacement_px(&self, point_in_camera: &Point3<f64>) -> f64 {
-        self.k1.abs() * self.by_k1(point_in_camera).norm()
+        let ends = [&self.camera, &self.given].map(|camera| camera.project(point_in_camera));
+        match ends {
+            [Some(corrected), Some(given)] => (corrected - given).norm(),
+            _ => 0.0,
+        }
     }
 
-    /// The camera after a small step of `k1`.
+    /// The camera after a small step of the parameters.
     ///
     /// # Errors
     /// When the step is not finite.
-    pub(super) fn moved(&self, step: f64) -> Result<Self, CameraError> {
-        let k1 = self.k1 + step;
-        let distortion = Distortion::radial(k1);
-        let old = &self.camera;
-        let camera = Camera::with_distortion(old.fx(), old.fy(), old.cx(), old.cy(), distortion)?;
-        Ok(Self { k1, camera })
+    pub(super) fn moved(&self, step: &LensVector) -> Result<Self, CameraError> {
+        let change = self.change + step;
+        let camera = correction(&change).applied_to(&self.given)?;
+        Ok(Self {
+            given: self.given.clone(),
+            change,
+            camera,
+        })
     }
 
-    /// Terms of the prior in the gradient and in the normal matrix of a step.
-    pub(super) fn prior_terms(&self) -> (f64, f64) {
-        let information = 1.0 / (PRIOR_SIGMA * PRIOR_SIGMA);
-        (information * self.k1, information)
+    /// Gradient and information of the prior.
+    pub(super) fn prior_terms(&self) -> (LensVector, LensVector) {
+        let information = LensVector::from(PRIOR_SIGMAS).map(|sigma| 1.0 / (sigma * sigma));
+        (information.component_mul(&self.change), information)
     }
 
     /// Cost of the prior.
     pub(super) fn prior_cost(&self) -> f64 {
-        (self.k1 / PRIOR_SIGMA).powi(2)
+        self.prior_terms().0.dot(&self.change)
     }
 
-    /// Derivative by `k1` of the projection of a point in front of the camera.
-    pub(super) fn by_k1(&self, point_in_camera: &Point3<f64>) -> Vector2<f64> {
+    /// Derivatives, by the parameters, of the projection of a point in front of the camera.
+    pub(super) fn derivatives(&self, point_in_camera: &Point3<f64>) -> ByLens {
         let plane = point_in_camera.coords.xy() / point_in_camera.z;
+        let square = plane.norm_squared();
         let focal = Vector2::new(self.camera.fx(), self.camera.fy());
-        plane.norm_squared() * plane.component_mul(&focal)
+        let radius = plane.component_mul(&focal);
+        let (k1, k2) = (self.change[0], self.change[PARAMETERS - 1]);
+        let seen = (1.0 + square * (k1 + square * k2)) * radius;
+        ByLens::from_columns(&[
+            square * radius,
+            seen,
+            Vector2::new(0.5 * seen.x, -0.5 * seen.y),
+            Vector2::new(self.given.fx(), 0.0),
+            Vector2::new(0.0, self.given.fy()),
+            square * square * radius,
+        ])
+    }
+}
+
+fn correction(change: &LensVector) -> CameraCorrection {
+    let [k1, log_focal, log_aspect, x, y, k2] = (*change).into();
+    CameraCorrection {
+        focal_factor: log_focal.exp(),
+        aspect_factor: log_aspect.exp(),
+        center_shift: [x, y],
+        k1,
+        k2,
     }
 }
 
@@ -75,25 +135,32 @@ impl CorrectedLens {
 mod tests {
     use super::*;
 
+    fn pinhole() -> Camera {
+        Camera::pinhole(525.0, 520.0, 310.0, 245.0).unwrap()
+    }
+
     #[test]
-    fn the_derivative_is_a_difference() {
-        let pinhole = Camera::pinhole(525.0, 520.0, 310.0, 245.0).unwrap();
-        let lens = CorrectedLens::new(pinhole).moved(-0.06).unwrap();
+    fn derivatives_are_differences() {
+        let change = LensVector::new(-0.06, 0.01, -0.02, 0.004, -0.003, 0.02);
+        let lens = CorrectedLens::new(pinhole()).moved(&change).unwrap();
         let point = Point3::new(0.5, -0.3, 1.2);
-        let seen = |step: f64| {
-            let moved = lens.moved(step).unwrap();
-            moved.camera().project(&point).unwrap()
-        };
-        let difference = (seen(1e-6) - seen(-1e-6)) / 2e-6;
-        assert!((difference - lens.by_k1(&point)).norm() < 1e-4);
-        let without = CorrectedLens::new(lens.camera().without_distortion());
-        let shift = seen(0.0) - without.camera().project(&point).unwrap();
+        for parameter in 0..PARAMETERS {
+            let seen = |size: f64| {
+                let step = LensVector::ith(parameter, size);
+                let moved = lens.moved(&step).unwrap();
+                moved.camera().project(&point).unwrap()
+            };
+            let difference = (seen(1e-6) - seen(-1e-6)) / 2e-6;
+            let derivative = lens.derivatives(&point).column(parameter).into_owned();
+            assert!((difference - derivative).norm() < 1e-3, "{parameter}");
+        }
+        let shift = lens.camera().project(&point).unwrap() - pinhole().project(&point).unwrap();
         assert!((shift.norm() - lens.displacement_px(&point)).abs() < 1e-9);
     }
 
     #[test]
     fn what_is_not_a_number_is_no_lens() {
-        let pinhole = Camera::pinhole(525.0, 520.0, 310.0, 245.0).unwrap();
-        assert!(CorrectedLens::new(pinhole).moved(f64::NAN).is_err());
+        let step = LensVector::ith(0, f64::NAN);
+        assert!(CorrectedLens::new(pinhole()).moved(&step).is_err());
     }
 }

@@ -14,7 +14,7 @@ mod residual;
 
 pub use adjust::{AdjustmentSummary, Track, TrackObservation, adjust_bundle};
 pub use correct::{KnownPoint, correct_pose};
-pub use lens::CorrectedLens;
+pub use lens::{CorrectedLens, FreeLens};
 pub use options::PoseCorrectionOptions;
 pub(crate) use residual::CHI2_PIXEL;
 

@@ -113,7 +113,7 @@ fn adjust_poses(
     tracks: &mut [Track],
 ) -> AdjustmentSummary {
     let mut lens = CorrectedLens::new(camera());
-    let done = adjust_bundle(&mut lens, false, poses, free, prior, tracks);
+    let done = adjust_bundle(&mut lens, FreeLens::Fixed, poses, free, prior, tracks);
     assert_eq!(lens, CorrectedLens::new(camera()));
     done
 }
@@ -192,7 +192,9 @@ fn right_poses_stay_where_they_are() {
 #[test]
 fn the_lens_is_found_along_with_disturbed_poses() {
     for k1 in [-0.08, 0.0, 0.05] {
-        let distorting = CorrectedLens::new(camera()).moved(k1).unwrap();
+        let distorting = CorrectedLens::new(camera())
+            .moved(&LensVector::ith(0, k1))
+            .unwrap();
         let mut s = scene(10, 4.0, 0.0, None);
         for (track, point) in s.tracks.iter_mut().zip(&s.points) {
             for observation in &mut track.observations {
@@ -207,8 +209,15 @@ fn the_lens_is_found_along_with_disturbed_poses() {
         let without = adjust_poses(&mut fixed, &all(10), &prior, &mut s.tracks.clone());
         let mut lens = CorrectedLens::new(camera());
         let tracks = &mut s.tracks;
-        let with = adjust_bundle(&mut lens, true, &mut s.poses, &all(10), &prior, tracks);
-        let found = lens.k1().unwrap();
+        let with = adjust_bundle(
+            &mut lens,
+            FreeLens::Distortion,
+            &mut s.poses,
+            &all(10),
+            &prior,
+            tracks,
+        );
+        let found = lens.correction().unwrap().k1;
         assert!((found - k1).abs() < 0.005, "{k1}: {found}");
         assert!(
             with.cost_after <= 1.001 * without.cost_after,

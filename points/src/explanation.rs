@@ -1,0 +1,203 @@
+//! What explains the images: the given poses, another camera, or other poses.
+//!
+//! Adjusted poses always fit the matches that they were adjusted to better than the given ones do. Whether they are better is seen
+//! in matches that were held back, whose points alone are free. A wrong camera is told from wrong poses in the same way: six numbers
+//! for all images then explain what otherwise takes six for each of them.
+
+use super::correct_poses::BLOCK_KEYFRAMES;
+use super::estimate_lens::LENS_KEYFRAMES;
+use super::map::PointMap;
+use crate::pose_correction::{
+    CorrectedLens, CorrectedPose, FreeLens, PosePrior, Track, adjust_bundle,
+};
+
+/// One point in so many is held back.
+const HELD_BACK: usize = 5;
+/// Fewest observations of a point that is held back: two always fit in one of their directions.
+const LEAST_OBSERVATIONS: usize = 3;
+/// Fewest points that are held back.
+const LEAST_POINTS: usize = 20;
+/// Most points that are looked at.
+const POINTS: usize = 4000;
+/// The given poses and camera are kept when their error is at most this share of that of each rival.
+const GIVEN_SHARE: f64 = 1.03;
+/// Another camera is preferred to other poses when its error is at most this share of theirs.
+const CAMERA_SHARE: f64 = 1.05;
+
+/// Mean squared reprojection error of matches that no adjustment saw, in variances, with Cauchy's kernel.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct HeldBackErrors {
+    /// With the given poses and the given camera.
+    pub given: f64,
+    /// With the given poses and a camera that was fitted to the other matches; `None` where the camera is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<f64>,
+    /// With poses that were adjusted to the other matches.
+    pub poses: f64,
+}
+
+/// Which of them to believe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Explanation {
+    Given,
+    Camera,
+    Poses,
+}
+
+impl HeldBackErrors {
+    fn explanation(&self) -> Explanation {
+        let camera = self.camera.unwrap_or(f64::INFINITY);
+        if self.given <= GIVEN_SHARE * camera.min(self.poses) {
+            Explanation::Given
+        } else if camera <= CAMERA_SHARE * self.poses {
+            Explanation::Camera
+        } else {
+            Explanation::Poses
+        }
+    }
+}
+
+/// Matches for adjustments, and others to judge them by.
+struct Trial {
+    used: Vec<Track>,
+    held_back: Vec<Track>,
+    window: Vec<u32>,
+    given: Vec<CorrectedPose>,
+    prior: PosePrior,
+}
+
+impl Trial {
+    fn errors(&self, lens: &CorrectedLens, with_poses: FreeLens, is_known: bool) -> HeldBackErrors {
+        let (other_lens, other_poses) = self.adjusted(lens, with_poses, &self.window);
+        HeldBackErrors {
+            given: self.error(lens, &self.given),
+            camera: (!is_known).then(|| {
+                let (other, _) = self.adjusted(lens, FreeLens::All, &[]);
+                self.error(&other, &self.given)
+            }),
+            poses: self.error(&other_lens, &other_poses),
+        }
+    }
+
+    fn error(&self, lens: &CorrectedLens, poses: &[CorrectedPose]) -> f64 {
+        let (mut lens, mut poses) = (lens.clone(), poses.to_vec());
+        let mut tracks = self.held_back.clone();
+        let observations: usize = tracks.iter().map(|track| track.observations.len()).sum();
+        let fixed = FreeLens::Fixed;
+        let done = adjust_bundle(&mut lens, fixed, &mut poses, &[], &self.prior, &mut tracks);
+        done.cost_after / observations as f64
+    }
+
+    /// Lens and poses that fit the used matches, from the given poses; those of `free` keyframes.
+    fn adjusted(
+        &self,
+        lens: &CorrectedLens,
+        free_lens: FreeLens,
+        free: &[u32],
+    ) -> (CorrectedLens, Vec<CorrectedPose>) {
+        let (mut lens, mut poses) = (lens.clone(), self.given.clone());
+        let mut tracks = self.used.clone();
+        adjust_bundle(
+            &mut lens,
+            free_lens,
+            &mut poses,
+            free,
+            &self.prior,
+            &mut tracks,
+        );
+        (lens, poses)
+    }
+}
+
+impl PointMap {
+    /// How well the rival explanations fit matches that were held back, by the last [`adjust_all`](Self::adjust_all); `None` before, or
+    /// with too few points. If another camera explains the images, the errors are those with it.
+    pub fn held_back_errors(&self) -> Option<HeldBackErrors> {
+        self.held_back_errors
+    }
+
+    /// Whether adjusted poses explain the images, and neither the given ones nor these with another camera: false before the first
+    /// [`adjust_all`](Self::adjust_all).
+    pub fn has_adjusted_poses(&self) -> bool {
+        let errors = self.held_back_errors;
+        errors.is_some_and(|errors| errors.explanation() == Explanation::Poses)
+    }
+
+    /// Decides, after all keyframes were adjusted, between the given poses and camera, the given poses with another camera, and
+    /// adjusted poses, which stay if the others explain the images less well. Where little can be held back, the given ones are kept.
+    ///
+    /// # Complexity
+    /// That of four adjustments of at most a hundred keyframes and four thousand points.
+    pub(super) fn choose_explanation(&mut self, depth: f64) {
+        let given = CorrectedLens::new(self.camera.clone());
+        self.held_back_errors = None;
+        let Some(trial) = self.trial(depth) else {
+            return self.restore_given_poses(given);
+        };
+        let with_poses = match self.lens.correction() {
+            None => FreeLens::Fixed,
+            Some(_) => FreeLens::Distortion,
+        };
+        let is_known = !self.correction.lens || trial.window.len() < LENS_KEYFRAMES[0];
+        let errors = trial.errors(&given, with_poses, is_known);
+        self.held_back_errors = Some(errors);
+        match errors.explanation() {
+            Explanation::Poses => {}
+            Explanation::Given => self.restore_given_poses(given),
+            Explanation::Camera => {
+                let (mut lens, mut poses) = (given, trial.given.clone());
+                let mut tracks = [trial.used.as_slice(), &trial.held_back].concat();
+                let free = FreeLens::All;
+                adjust_bundle(&mut lens, free, &mut poses, &[], &trial.prior, &mut tracks);
+                self.restore_given_poses(lens.clone());
+                self.adjust_blocks(depth);
+                let Some(trial) = self.trial(depth) else {
+                    return self.restore_given_poses(lens);
+                };
+                let errors = trial.errors(&lens, FreeLens::Fixed, true);
+                self.held_back_errors = Some(errors);
+                if errors.explanation() == Explanation::Given {
+                    self.restore_given_poses(lens);
+                }
+            }
+        }
+    }
+
+    /// The matches between the corrected keyframes; between a hundred in the middle if there are more.
+    fn trial(&self, depth: f64) -> Option<Trial> {
+        let corrected = self.corrected_keyframes();
+        let count = corrected.len().min(BLOCK_KEYFRAMES);
+        let start = (corrected.len() - count) / 2;
+        let window = corrected[start..start + count].to_vec();
+        let (_, tracks) = self.tracks_of(&window)?;
+        let every = tracks.len().div_ceil(POINTS);
+        let mut trial = Trial {
+            used: Vec::new(),
+            held_back: Vec::new(),
+            given: self.keyframes.iter().map(|k| k.pose.as_given()).collect(),
+            prior: self.prior(depth),
+            window,
+        };
+        for (index, track) in tracks.into_iter().step_by(every).enumerate() {
+            if index % HELD_BACK != 0 {
+                trial.used.push(track);
+            } else if track.observations.len() >= LEAST_OBSERVATIONS {
+                trial.held_back.push(track);
+            }
+        }
+        (trial.held_back.len() >= LEAST_POINTS).then_some(trial)
+    }
+
+    /// Takes back the corrections of all poses, and takes a lens.
+    fn restore_given_poses(&mut self, lens: CorrectedLens) {
+        self.lens = lens;
+        for keyframe in &mut self.keyframes {
+            keyframe.pose = keyframe.pose.as_given();
+            keyframe.undistort(self.lens.camera(), &self.camera);
+        }
+        self.dirty.extend_from_slice(&self.living);
+        self.refine_dirty();
+        self.living
+            .retain(|id| self.points[id.0 as usize].is_some());
+    }
+}
