@@ -12,6 +12,9 @@ use crate::pose_correction::{
 /// Keyframes of one bundle adjustment over all: its normal equations are dense, with six unknowns per keyframe.
 pub(super) const BLOCK_KEYFRAMES: usize = 100;
 
+/// Least standard deviation of given poses, in pixels.
+const LEAST_SIGMA_PX: f64 = 0.1;
+
 /// Passes over all keyframes. Each drops the observations that did not fit in the pass before.
 const ROUNDS: usize = 3;
 
@@ -78,7 +81,21 @@ impl PointMap {
     }
 
     pub(super) fn prior(&self, depth: f64) -> PosePrior {
-        PosePrior::in_pixels(self.correction.sigma_px, self.camera.mean_focal_px(), depth)
+        PosePrior::in_pixels(self.prior_sigma_px, self.camera.mean_focal_px(), depth)
+    }
+
+    /// RMS of the corrections of rotation and translation per axis, in pixels at a depth.
+    fn correction_px(&self, depth: f64) -> f64 {
+        let corrected = self.corrected_keyframes();
+        let squares: f64 = corrected
+            .iter()
+            .map(|&number| {
+                let change = self.keyframes[number as usize].pose.change();
+                change.rotation_rad.powi(2) + (change.translation / depth).powi(2)
+            })
+            .sum();
+        let components = (6 * corrected.len()).max(1) as f64;
+        self.camera.mean_focal_px() * (squares / components).sqrt()
     }
 
     /// Local bundle adjustment: a new keyframe, those that share most points with it, and their points.
@@ -115,14 +132,26 @@ impl PointMap {
         if self.correction.lens {
             self.estimate_lens();
         }
-        self.adjust_blocks(depth);
+        self.adjust_from_given_accuracy(depth);
         self.choose_explanation(depth);
         self.living
             .retain(|id| self.points[id.0 as usize].is_some());
         self.publish();
     }
 
-    pub(super) fn adjust_blocks(&mut self, depth: f64) {
+    /// Adjusts all keyframes. Where they then differ from the given poses by less than the assumed error of these, they are adjusted
+    /// again with that difference as the error: accurate poses hold the adjusted ones closer.
+    pub(super) fn adjust_from_given_accuracy(&mut self, depth: f64) {
+        self.prior_sigma_px = self.correction.sigma_px;
+        self.adjust_blocks(depth);
+        let found = self.correction_px(depth).max(LEAST_SIGMA_PX);
+        if found < self.prior_sigma_px {
+            self.prior_sigma_px = found;
+            self.adjust_blocks(depth);
+        }
+    }
+
+    fn adjust_blocks(&mut self, depth: f64) {
         for _ in 0..ROUNDS {
             let corrected = self.corrected_keyframes();
             let mut start = 0;

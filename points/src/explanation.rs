@@ -1,12 +1,13 @@
 //! What explains the images: the given poses, another camera, or other poses.
 //!
 //! Adjusted poses always fit the matches that they were adjusted to better than the given ones do. Whether they are better is seen
-//! in matches that were held back, whose points alone are free. A wrong camera is told from wrong poses in the same way: six numbers
-//! for all images then explain what otherwise takes six for each of them.
+//! in matches that were held back, whose points alone are free. A wrong camera is told from wrong poses in the same way: nine
+//! numbers for all images then explain what otherwise takes six for each of them.
 
 use super::correct_poses::BLOCK_KEYFRAMES;
 use super::estimate_lens::LENS_KEYFRAMES;
 use super::map::PointMap;
+use super::rolling_shutter::{CameraMotion, best_readout, without_shutter};
 use crate::pose_correction::{
     CorrectedLens, CorrectedPose, FreeLens, PosePrior, Track, adjust_bundle,
 };
@@ -19,10 +20,12 @@ const LEAST_OBSERVATIONS: usize = 3;
 const LEAST_POINTS: usize = 20;
 /// Most points that are looked at.
 const POINTS: usize = 4000;
-/// The given poses and camera are kept when their error is at most this share of that of each rival.
-const GIVEN_SHARE: f64 = 1.03;
-/// Another camera is preferred to other poses when its error is at most this share of theirs.
-const CAMERA_SHARE: f64 = 1.05;
+/// Another camera is preferred to the given one when the error of the given one is more than this multiple of its error.
+const LEAST_GAIN_OF_CAMERA: f64 = 1.03;
+/// Other poses are preferred to the given ones when the error of the given ones is more than this multiple of theirs.
+const LEAST_GAIN_OF_POSES: f64 = 1.1;
+/// Another camera, or a rolling shutter, is preferred to other poses when its error is at most this multiple of theirs.
+const SHARED_SHARE: f64 = 1.05;
 
 /// Mean squared reprojection error of matches that no adjustment saw, in variances, with Cauchy's kernel.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -34,6 +37,9 @@ pub struct HeldBackErrors {
     pub camera: Option<f64>,
     /// With poses that were adjusted to the other matches.
     pub poses: f64,
+    /// With the given poses and camera and a rolling shutter; `None` where the others suffice, or motion is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rolling_shutter: Option<f64>,
 }
 
 /// Which of them to believe.
@@ -41,16 +47,24 @@ pub struct HeldBackErrors {
 enum Explanation {
     Given,
     Camera,
+    RollingShutter,
     Poses,
 }
 
 impl HeldBackErrors {
     fn explanation(&self) -> Explanation {
         let camera = self.camera.unwrap_or(f64::INFINITY);
-        if self.given <= GIVEN_SHARE * camera.min(self.poses) {
+        if self.given <= LEAST_GAIN_OF_CAMERA * camera
+            && self.given <= LEAST_GAIN_OF_POSES * self.poses
+        {
             Explanation::Given
-        } else if camera <= CAMERA_SHARE * self.poses {
+        } else if camera <= SHARED_SHARE * self.poses {
             Explanation::Camera
+        } else if self
+            .rolling_shutter
+            .is_some_and(|error| error <= SHARED_SHARE * self.poses)
+        {
+            Explanation::RollingShutter
         } else {
             Explanation::Poses
         }
@@ -76,16 +90,43 @@ impl Trial {
                 self.error(&other, &self.given)
             }),
             poses: self.error(&other_lens, &other_poses),
+            rolling_shutter: None,
         }
     }
 
     fn error(&self, lens: &CorrectedLens, poses: &[CorrectedPose]) -> f64 {
+        self.cost_of(self.held_back.clone(), lens, poses)
+    }
+
+    /// Error of the held-back matches with a rolling shutter whose readout fits the others, and that readout, as a share of the time
+    /// between two frames.
+    fn rolling_shutter(
+        &self,
+        lens: &CorrectedLens,
+        height: f64,
+        motions: &[Option<CameraMotion>],
+    ) -> (f64, f64) {
+        let global = |tracks: &[Track], readout: f64| {
+            without_shutter(tracks, readout, lens.camera(), height, &self.given, motions)
+        };
+        let cost = |readout: f64| self.cost_of(global(&self.used, readout), lens, &self.given);
+        let readout = best_readout(cost);
+        let held_back = global(&self.held_back, readout);
+        (self.cost_of(held_back, lens, &self.given), readout)
+    }
+
+    /// Mean cost of an observation when the points alone are free.
+    fn cost_of(
+        &self,
+        mut tracks: Vec<Track>,
+        lens: &CorrectedLens,
+        poses: &[CorrectedPose],
+    ) -> f64 {
         let (mut lens, mut poses) = (lens.clone(), poses.to_vec());
-        let mut tracks = self.held_back.clone();
         let observations: usize = tracks.iter().map(|track| track.observations.len()).sum();
         let fixed = FreeLens::Fixed;
         let done = adjust_bundle(&mut lens, fixed, &mut poses, &[], &self.prior, &mut tracks);
-        done.cost_after / observations as f64
+        done.cost_after / observations.max(1) as f64
     }
 
     /// Lens and poses that fit the used matches, from the given poses; those of `free` keyframes.
@@ -116,6 +157,12 @@ impl PointMap {
         self.held_back_errors
     }
 
+    /// Time from the first to the last row as a share of the time between two frames, where a rolling shutter is why the images
+    /// disagree with the poses; found by the last [`adjust_all`](Self::adjust_all).
+    pub fn readout(&self) -> Option<f64> {
+        self.readout
+    }
+
     /// Whether adjusted poses explain the images, and neither the given ones nor these with another camera: false before the first
     /// [`adjust_all`](Self::adjust_all).
     pub fn has_adjusted_poses(&self) -> bool {
@@ -130,7 +177,7 @@ impl PointMap {
     /// That of four adjustments of at most a hundred keyframes and four thousand points.
     pub(super) fn choose_explanation(&mut self, depth: f64) {
         let given = CorrectedLens::new(self.camera.clone());
-        self.held_back_errors = None;
+        (self.held_back_errors, self.readout) = (None, None);
         let Some(trial) = self.trial(depth) else {
             return self.restore_given_poses(given);
         };
@@ -139,18 +186,25 @@ impl PointMap {
             Some(_) => FreeLens::Distortion,
         };
         let is_known = !self.correction.lens || trial.window.len() < LENS_KEYFRAMES[0];
-        let errors = trial.errors(&given, with_poses, is_known);
+        let mut errors = trial.errors(&given, with_poses, is_known);
+        if errors.explanation() == Explanation::Poses && self.motions.iter().any(Option::is_some) {
+            let (error, readout) = trial.rolling_shutter(&given, self.size[1], &self.motions);
+            errors.rolling_shutter = Some(error);
+            if errors.explanation() == Explanation::RollingShutter {
+                self.readout = Some(readout);
+            }
+        }
         self.held_back_errors = Some(errors);
         match errors.explanation() {
             Explanation::Poses => {}
-            Explanation::Given => self.restore_given_poses(given),
+            Explanation::Given | Explanation::RollingShutter => self.restore_given_poses(given),
             Explanation::Camera => {
                 let (mut lens, mut poses) = (given, trial.given.clone());
                 let mut tracks = [trial.used.as_slice(), &trial.held_back].concat();
                 let free = FreeLens::All;
                 adjust_bundle(&mut lens, free, &mut poses, &[], &trial.prior, &mut tracks);
                 self.restore_given_poses(lens.clone());
-                self.adjust_blocks(depth);
+                self.adjust_from_given_accuracy(depth);
                 let Some(trial) = self.trial(depth) else {
                     return self.restore_given_poses(lens);
                 };

@@ -19,6 +19,7 @@ mod point;
 mod pose_correction;
 mod pyramid;
 mod refine;
+mod rolling_shutter;
 mod spread;
 mod triangulate;
 
@@ -36,6 +37,7 @@ pub use pose_correction::{
     AdjustmentSummary, CorrectedLens, CorrectedPose, FreeLens, KnownPoint, PoseChange,
     PoseCorrectionOptions, PosePrior, Track, TrackObservation, adjust_bundle, correct_pose,
 };
+pub use rolling_shutter::{CameraMotion, camera_motion};
 pub use triangulate::{Observation, RefinedPoint, parallax_cosine, refine_point, triangulate_rays};
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use super::features::Features;
 use super::keyframe::MapKeyframe;
 use super::options::{MapPointOptions, PointOptionsError};
 use super::point::{MapObservation, MapPoint, MapPointId};
+use super::rolling_shutter::CameraMotion;
 use crate::pose_correction::{CorrectedLens, PoseCorrectionOptions};
 use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 
@@ -55,6 +56,12 @@ pub struct PointMap {
     /// Published points that were removed.
     pub(super) withdrawn: Vec<MapPointId>,
     pub(super) changes: Vec<MapChange>,
+    /// Standard deviation of projections by the error of a given pose, as adjustments assume it.
+    pub(super) prior_sigma_px: f64,
+    /// Motion of the camera at each keyframe, where it is known.
+    pub(super) motions: Vec<Option<CameraMotion>>,
+    /// Readout of a rolling shutter that was recognised.
+    pub(super) readout: Option<f64>,
     /// Errors of the rival explanations of the images; `None` before the adjustment of all keyframes.
     pub(super) held_back_errors: Option<HeldBackErrors>,
 }
@@ -116,6 +123,9 @@ impl PointMap {
             touched: Vec::new(),
             withdrawn: Vec::new(),
             changes: Vec::new(),
+            prior_sigma_px: correction.sigma_px,
+            motions: Vec::new(),
+            readout: None,
             held_back_errors: None,
         })
     }
@@ -148,6 +158,7 @@ impl PointMap {
         let mut new = MapKeyframe::new(*world_from_camera, features, pose_sigma_px);
         new.undistort(self.lens.camera(), &self.camera);
         self.keyframes.push(new);
+        self.motions.push(None);
         if is_finite {
             if self.correction.enabled {
                 self.correct_new_pose(number);
@@ -178,6 +189,11 @@ impl PointMap {
         self.publish();
         counts.established = self.established().count();
         counts
+    }
+
+    /// Says how the camera moved at a keyframe, so that a rolling shutter can be recognised.
+    pub fn set_motion(&mut self, keyframe: u32, motion: CameraMotion) {
+        self.motions[keyframe as usize] = motion.iter().all(|x| x.is_finite()).then_some(motion);
     }
 
     /// The options of the map.

@@ -11,7 +11,9 @@ use super::{
 };
 use crate::options::Options;
 use linecarve_lines::camera::CameraCorrection;
-use linecarve_points::{HeldBackErrors, PointMap, PointOptionsError, PoseChange};
+use linecarve_points::{
+    CameraMotion, HeldBackErrors, PointMap, PointOptionsError, PoseChange, camera_motion,
+};
 use linecarve_sequence::Sequence;
 use serde::Serialize;
 
@@ -31,6 +33,10 @@ pub struct PoseSummary {
     /// How the camera differs from the given one; the corrected poses and the given ones belong to the corrected camera.
     #[serde(flatten)]
     pub camera: Option<CameraCorrection>,
+    /// Time from the first to the last row as a share of the time between two frames, where a rolling shutter is why images and poses
+    /// disagree: the given poses are kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rolling_shutter: Option<f64>,
     /// Errors of matches that no adjustment saw, by which poses and camera were chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_back: Option<HeldBackErrors>,
@@ -104,6 +110,11 @@ pub fn correct_poses(
         None,
         take,
     )?;
+    for (number, position) in pushed.iter().enumerate() {
+        if let Some(motion) = motion_at(sequence, frames[*position]) {
+            map.set_motion(number as u32, motion);
+        }
+    }
     map.adjust_all();
 
     let given: Vec<Isometry3<f64>> = frames
@@ -125,6 +136,7 @@ pub fn correct_poses(
     );
     summary.camera = map.lens().correction();
     summary.held_back = map.held_back_errors();
+    summary.rolling_shutter = map.readout();
     summary.is_corrected = map.has_adjusted_poses();
     let quality = map.quality();
     summary.points = quality.points;
@@ -144,6 +156,14 @@ pub fn correct_poses(
         placed: places,
         summary,
     })
+}
+
+/// Motion of the camera at a frame, from the poses of the frames next to it.
+fn motion_at(sequence: &Sequence, frame: usize) -> Option<CameraMotion> {
+    let frames = sequence.frames();
+    let (before, after) = (frame.saturating_sub(1), (frame + 1).min(frames.len() - 1));
+    let pose = |frame: usize| &frames[frame].world_from_camera;
+    (before < after).then(|| camera_motion(pose(before), pose(after), after - before))
 }
 
 /// RMS rotation and translation per axis.

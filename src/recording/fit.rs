@@ -30,6 +30,13 @@ impl Recording {
                 summary.keyframes, summary.turn_px, summary.shift_px
             ));
         }
+        if let Some(readout) = summary.rolling_shutter {
+            self.warnings.push(format!(
+                "the images are those of a rolling shutter, whose rows take {:.0} % of the time between two frames: the given poses are kept, \
+                 and depth from images is less accurate; a slower camera, or one with a global shutter, does better",
+                100.0 * readout.abs()
+            ));
+        }
         if let Some(correction) = &summary.camera {
             let given = self.sequence.stored_color_camera();
             self.warnings.extend(camera_warning(given, correction));
@@ -42,7 +49,9 @@ impl Recording {
 
 /// Says that the images are those of another camera than the given one.
 pub(crate) fn camera_warning(given: &Camera, correction: &CameraCorrection) -> Option<String> {
-    let CameraCorrection { k1, k2, .. } = correction;
+    let CameraCorrection {
+        k1, k2, k3, p1, p2, ..
+    } = correction;
     let corrected = correction.applied_to(given).ok()?;
     let [fx, fy, cx, cy] = [
         corrected.fx(),
@@ -52,9 +61,9 @@ pub(crate) fn camera_warning(given: &Camera, correction: &CameraCorrection) -> O
     ];
     Some(format!(
         "the images are not those of the given camera: focal lengths {fx:.1}, {fy:.1} (given: {:.1}, {:.1}), principal point {cx:.1}, {cy:.1} \
-         ({:.1}, {:.1}), radial distortion {k1:.4}, {k2:.4} are used instead ([pose_correction] lens = false keeps the given ones; to say \
+         ({:.1}, {:.1}), distortion {k1:.4}, {k2:.4}, {p1:.4}, {p2:.4}, {k3:.4} (k1, k2, p1, p2, k3) are used instead ([pose_correction] lens = false keeps the given ones; to say \
          them, or what a calibration found, in linecarve.toml: [color] fx = {fx:.2}, fy = {fy:.2}, cx = {cx:.2}, cy = {cy:.2}, model = \
-         \"radial-tangential\", distortion = [{k1:.4}, {k2:.4}, 0.0, 0.0])",
+         \"radial-tangential\", distortion = [{k1:.4}, {k2:.4}, {p1:.4}, {p2:.4}, {k3:.4}])",
         given.fx(),
         given.fy(),
         given.cx(),

@@ -13,12 +13,21 @@ pub struct CameraCorrection {
     pub aspect_factor: f64,
     /// Motion of the principal point along x and y, as a share of the given focal lengths.
     pub center_shift: [f64; 2],
-    /// Second-order radial distortion coefficient (Brown).
+    /// Second-order radial distortion coefficient of Brown's model.
     #[cfg_attr(feature = "serde", serde(rename = "lens_k1"))]
     pub k1: f64,
-    /// Fourth-order radial distortion coefficient (Brown).
+    /// Fourth-order radial coefficient.
     #[cfg_attr(feature = "serde", serde(rename = "lens_k2"))]
     pub k2: f64,
+    /// Sixth-order radial coefficient.
+    #[cfg_attr(feature = "serde", serde(rename = "lens_k3"))]
+    pub k3: f64,
+    /// First tangential coefficient.
+    #[cfg_attr(feature = "serde", serde(rename = "lens_p1"))]
+    pub p1: f64,
+    /// Second tangential coefficient.
+    #[cfg_attr(feature = "serde", serde(rename = "lens_p2"))]
+    pub p2: f64,
 }
 
 impl CameraCorrection {
@@ -28,15 +37,13 @@ impl CameraCorrection {
     /// When a number is not finite, or a factor not positive.
     pub fn applied_to(&self, pinhole: &Camera) -> Result<Camera, CameraError> {
         let stretch = self.aspect_factor.sqrt();
-        let distortion = match (self.k1, self.k2) {
-            (0.0, 0.0) => Distortion::None,
-            (k1, k2) => Distortion::RadialTangential {
-                k1,
-                k2,
-                p1: 0.0,
-                p2: 0.0,
-                k3: 0.0,
-            },
+        let Self {
+            k1, k2, k3, p1, p2, ..
+        } = *self;
+        let distortion = if [k1, k2, k3, p1, p2] == [0.0; 5] {
+            Distortion::None
+        } else {
+            Distortion::RadialTangential { k1, k2, p1, p2, k3 }
         };
         Camera::with_distortion(
             pinhole.fx() * self.focal_factor * stretch,
@@ -61,6 +68,9 @@ mod tests {
             center_shift: [0.0; 2],
             k1: 0.0,
             k2: 0.0,
+            k3: 0.0,
+            p1: 0.0,
+            p2: 0.0,
         };
         assert_eq!(none.applied_to(&given).unwrap(), given);
         let correction = CameraCorrection {

@@ -50,7 +50,7 @@ pub struct AdjustmentSummary {
 /// given pose. The cost never grows.
 ///
 /// Levenberg-Marquardt with Cauchy's kernel. Points are eliminated by the Schur complement, so that the linear system has six
-/// unknowns per free camera and at most six for the lens. The result is deterministic.
+/// unknowns per free camera and at most nine for the lens. The result is deterministic.
 ///
 /// # Complexity
 /// Per step: quadratic, for each track, in the free cameras that observe it; cubic in the number of free cameras.

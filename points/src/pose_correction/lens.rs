@@ -4,10 +4,10 @@ use linecarve_lines::camera::{Camera, CameraCorrection, CameraError};
 use nalgebra::{Point3, SMatrix, SVector, Vector2};
 
 /// Number of parameters that can be adjusted.
-pub(super) const PARAMETERS: usize = 6;
+pub(super) const PARAMETERS: usize = 9;
 
 /// Standard deviations of the parameters about their given values.
-const PRIOR_SIGMAS: [f64; PARAMETERS] = [0.1, 0.1, 0.02, 0.05, 0.05, 0.3];
+const PRIOR_SIGMAS: [f64; PARAMETERS] = [0.1, 0.1, 0.02, 0.05, 0.05, 0.3, 0.5, 0.005, 0.005];
 
 /// Derivatives of a projection by the parameters.
 pub(super) type ByLens = SMatrix<f64, 2, PARAMETERS>;
@@ -39,7 +39,7 @@ impl FreeLens {
 /// A camera that was given as a pinhole, with corrected parameters.
 ///
 /// They are `k1` of Brown's model, the logarithms of the factors on both focal lengths and on their ratio, the motion of the principal
-/// point along x and y as a share of the given focal lengths, and `k2`.
+/// point along x and y as a share of the given focal lengths, `k2`, `k3`, and the tangential coefficients `p1` and `p2`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CorrectedLens {
     given: Camera,
@@ -107,27 +107,37 @@ impl CorrectedLens {
         let square = plane.norm_squared();
         let focal = Vector2::new(self.camera.fx(), self.camera.fy());
         let radius = plane.component_mul(&focal);
-        let (k1, k2) = (self.change[0], self.change[PARAMETERS - 1]);
-        let seen = (1.0 + square * (k1 + square * k2)) * radius;
+        let center = Vector2::new(self.camera.cx(), self.camera.cy());
+        let seen = self.camera.project(point_in_camera);
+        let seen = seen.map_or(radius, |pixel| pixel.coords - center);
+        let (x, y) = (plane.x, plane.y);
+        let tangential =
+            |along: f64, across: f64| Vector2::new(along, across).component_mul(&focal);
         ByLens::from_columns(&[
             square * radius,
             seen,
             Vector2::new(0.5 * seen.x, -0.5 * seen.y),
             Vector2::new(self.given.fx(), 0.0),
             Vector2::new(0.0, self.given.fy()),
-            square * square * radius,
+            square.powi(2) * radius,
+            square.powi(3) * radius,
+            tangential(2.0 * x * y, square + 2.0 * y * y),
+            tangential(square + 2.0 * x * x, 2.0 * x * y),
         ])
     }
 }
 
 fn correction(change: &LensVector) -> CameraCorrection {
-    let [k1, log_focal, log_aspect, x, y, k2] = (*change).into();
+    let [k1, log_focal, log_aspect, x, y, k2, k3, p1, p2] = (*change).into();
     CameraCorrection {
         focal_factor: log_focal.exp(),
         aspect_factor: log_aspect.exp(),
         center_shift: [x, y],
         k1,
         k2,
+        k3,
+        p1,
+        p2,
     }
 }
 
@@ -141,7 +151,8 @@ mod tests {
 
     #[test]
     fn derivatives_are_differences() {
-        let change = LensVector::new(-0.06, 0.01, -0.02, 0.004, -0.003, 0.02);
+        let change =
+            LensVector::from([-0.06, 0.01, -0.02, 0.004, -0.003, 0.02, 0.01, 0.002, -0.001]);
         let lens = CorrectedLens::new(pinhole()).moved(&change).unwrap();
         let point = Point3::new(0.5, -0.3, 1.2);
         for parameter in 0..PARAMETERS {

@@ -16,6 +16,6 @@ pub use adjust::{AdjustmentSummary, Track, TrackObservation, adjust_bundle};
 pub use correct::{KnownPoint, correct_pose};
 pub use lens::{CorrectedLens, FreeLens};
 pub use options::PoseCorrectionOptions;
-pub(crate) use residual::CHI2_PIXEL;
+pub(crate) use residual::{CHI2_PIXEL, motion_in_image};
 
 pub use pose::{CorrectedPose, PoseChange, PosePrior};

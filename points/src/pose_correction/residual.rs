@@ -1,7 +1,7 @@
 //! Reprojection error of one observation and its derivatives.
 
 use linecarve_lines::camera::Camera;
-use nalgebra::{Isometry3, Matrix2x3, Matrix2x6, Point2, Point3, Vector2};
+use nalgebra::{Isometry3, Matrix2x3, Matrix2x6, Point2, Point3, Vector2, Vector6};
 
 /// 95 % bound of the squared reprojection error in variances: chi-squared with two degrees of freedom.
 pub(crate) const CHI2_PIXEL: f64 = 5.99;
@@ -45,6 +45,18 @@ pub(super) fn linearize(
         by_point: by_camera_point * rotation.matrix(),
         chi2: residual.norm_squared(),
     })
+}
+
+/// Derivative of the projection of a point by the time, under a motion of points in the camera's frame (rotation vector, then
+/// translation, per unit of time); `None` when the point is not in front of the camera.
+pub(crate) fn motion_in_image(
+    camera: &Camera,
+    in_camera: &Point3<f64>,
+    motion: &Vector6<f64>,
+) -> Option<Vector2<f64>> {
+    let (_, by_camera_point) = camera.project_with_jacobian(in_camera)?;
+    let turn = motion.fixed_rows::<3>(0).cross(&in_camera.coords);
+    Some(by_camera_point * (turn + motion.fixed_rows::<3>(3)))
 }
 
 /// Squared reprojection error in variances; large when the point is not in front of the camera.
