@@ -12,6 +12,8 @@ use crate::pose_correction::{
     CorrectedLens, CorrectedPose, FreeLens, PosePrior, Track, adjust_bundle,
 };
 
+/// Focal length and `k1` are preferred to all parameters of a camera when their error is at most this multiple.
+const FEW_SHARE: f64 = 1.005;
 /// One point in so many is held back.
 const HELD_BACK: usize = 5;
 /// Fewest observations of a point that is held back: two always fit in one of their directions.
@@ -81,17 +83,24 @@ struct Trial {
 }
 
 impl Trial {
-    fn errors(&self, lens: &CorrectedLens, with_poses: FreeLens, is_known: bool) -> HeldBackErrors {
+    /// The errors, but for those of another camera, where poses are adjusted together with `with_poses` of the lens.
+    fn errors(&self, lens: &CorrectedLens, with_poses: FreeLens) -> HeldBackErrors {
         let (other_lens, other_poses) = self.adjusted(lens, with_poses, &self.window);
         HeldBackErrors {
             given: self.error(lens, &self.given),
-            camera: (!is_known).then(|| {
-                let (other, _) = self.adjusted(lens, FreeLens::All, &[]);
-                self.error(&other, &self.given)
-            }),
+            camera: None,
             poses: self.error(&other_lens, &other_poses),
             rolling_shutter: None,
         }
+    }
+
+    /// The error with another camera, and which parameters it differs in: few if they do.
+    fn other_camera(&self, given: &CorrectedLens) -> (f64, FreeLens) {
+        let [few, all] = [FreeLens::FocalLength, FreeLens::All].map(|free| {
+            let (other, _) = self.adjusted(given, free, &[]);
+            (self.error(&other, &self.given), free)
+        });
+        if few.0 <= FEW_SHARE * all.0 { few } else { all }
     }
 
     fn error(&self, lens: &CorrectedLens, poses: &[CorrectedPose]) -> f64 {
@@ -174,7 +183,7 @@ impl PointMap {
     /// adjusted poses, which stay if the others explain the images less well. Where little can be held back, the given ones are kept.
     ///
     /// # Complexity
-    /// That of four adjustments of at most a hundred keyframes and four thousand points.
+    /// That of some adjustments of at most a hundred keyframes and four thousand points.
     pub(super) fn choose_explanation(&mut self, depth: f64) {
         let given = CorrectedLens::new(self.camera.clone());
         (self.held_back_errors, self.readout) = (None, None);
@@ -185,8 +194,11 @@ impl PointMap {
             None => FreeLens::Fixed,
             Some(_) => FreeLens::Distortion,
         };
-        let is_known = !self.correction.lens || trial.window.len() < LENS_KEYFRAMES[0];
-        let mut errors = trial.errors(&given, with_poses, is_known);
+        let is_lens_free = self.correction.lens && trial.window.len() >= LENS_KEYFRAMES[0];
+        let mut errors = trial.errors(&given, with_poses);
+        let camera = is_lens_free.then(|| trial.other_camera(&given));
+        errors.camera = camera.map(|(error, _)| error);
+        let free = camera.map_or(FreeLens::Fixed, |(_, free)| free);
         if errors.explanation() == Explanation::Poses && self.motions.iter().any(Option::is_some) {
             let (error, readout) = trial.rolling_shutter(&given, self.size[1], &self.motions);
             errors.rolling_shutter = Some(error);
@@ -201,14 +213,13 @@ impl PointMap {
             Explanation::Camera => {
                 let (mut lens, mut poses) = (given, trial.given.clone());
                 let mut tracks = [trial.used.as_slice(), &trial.held_back].concat();
-                let free = FreeLens::All;
                 adjust_bundle(&mut lens, free, &mut poses, &[], &trial.prior, &mut tracks);
                 self.restore_given_poses(lens.clone());
                 self.adjust_from_given_accuracy(depth);
                 let Some(trial) = self.trial(depth) else {
                     return self.restore_given_poses(lens);
                 };
-                let errors = trial.errors(&lens, FreeLens::Fixed, true);
+                let errors = trial.errors(&lens, FreeLens::Fixed);
                 self.held_back_errors = Some(errors);
                 if errors.explanation() == Explanation::Given {
                     self.restore_given_poses(lens);

@@ -113,9 +113,9 @@ table! {
         /// Whether poses are corrected where the images contradict them.
         /// Set it to false for poses that are exact or that must not change.
         enabled: bool = pose_correction.enabled, FLAG;
-        /// Whether a radial distortion coefficient is estimated along with the poses, for images that the calibration calls
-        /// undistorted.
-        /// Set it to false when the images are known to have no distortion.
+        /// Whether focal lengths, principal point and distortion are corrected where that explains the images, if the calibration calls
+        /// them undistorted.
+        /// Set it to false when the calibration is known to be right.
         lens: bool = pose_correction.lens, FLAG;
         /// Standard deviation of the given poses, in rotation and in translation, in pixels of the image at the median scene depth.
         /// Set it lower for poses that are better than 3 pixels, higher for poses that drift.

@@ -21,6 +21,8 @@ pub enum FreeLens {
     Fixed,
     /// `k1` of Brown's model. Poses and points cannot compensate for it; for the other parameters they nearly can.
     Distortion,
+    /// `k1` and the focal length: for given poses.
+    FocalLength,
     /// All parameters: for given poses.
     All,
 }
@@ -31,6 +33,7 @@ impl FreeLens {
         match self {
             Self::Fixed => 0,
             Self::Distortion => 1,
+            Self::FocalLength => 2,
             Self::All => PARAMETERS,
         }
     }

@@ -10,7 +10,7 @@ use crate::options::PointOptionsError;
 pub struct PoseCorrectionOptions {
     /// Whether poses are corrected.
     pub enabled: bool,
-    /// Whether a radial distortion coefficient is estimated for images without known distortion.
+    /// Whether the camera of images without known distortion is corrected where that explains them.
     pub lens: bool,
     /// Standard deviation of projections by the error of a given pose, for rotation and for translation.
     pub sigma_px: f64,
