@@ -206,8 +206,8 @@ impl Mapper {
     }
 
     /// Frees what the final surface does not need, see [`Map::release_carving`].
-    pub(crate) fn release_carving(&mut self) {
-        self.map.release_carving();
+    pub(crate) fn release_carving(&mut self, is_surface_kept: bool) {
+        self.map.release_carving(is_surface_kept);
     }
 
     /// Keeps the exported surface up to date from now on.

@@ -290,8 +290,8 @@ impl Reconstruction {
     }
 
     /// Frees what the final surface of a finished run does not need, see [`Map::release_carving`].
-    pub(crate) fn release_carving(&mut self) {
-        self.mapper.release_carving();
+    pub(crate) fn release_carving(&mut self, is_surface_kept: bool) {
+        self.mapper.release_carving(is_surface_kept);
     }
 
     /// The recording.

@@ -10,7 +10,9 @@
 
 mod carver;
 mod flow;
+mod growth;
 mod labels;
+mod large_numbers;
 mod predicates;
 mod surface;
 mod tetrahedralization;

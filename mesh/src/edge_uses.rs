@@ -6,13 +6,61 @@
 /// # Complexity
 /// O(n log n) in the triangles.
 pub(crate) fn edge_uses(triangles: &[[u32; 3]]) -> Vec<([u32; 2], u32)> {
-    let mut uses: Vec<([u32; 2], u32)> = (0..)
-        .zip(triangles)
-        .flat_map(|(number, &[a, b, c])| {
-            let edges = [[a, b], [b, c], [c, a]].into_iter().zip(3 * number..);
-            edges.map(|([a, b], corner)| ([a.min(b), a.max(b)], corner))
-        })
-        .collect();
+    let mut uses: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * triangles.len());
+    for (number, &[a, b, c]) in (0..).zip(triangles) {
+        let edges = [[a, b], [b, c], [c, a]].into_iter().zip(3 * number..);
+        uses.extend(edges.map(|([a, b], corner)| ([a.min(b), a.max(b)], corner)));
+    }
     uses.sort_unstable();
     uses
+}
+
+/// Most uses that [`for_each_edge`] holds at once, where no vertex has more.
+const HELD_USES: usize = 1 << 18;
+
+/// Visits the [uses](edge_uses) of one edge after the other, ascending, in less memory.
+///
+/// # Complexity
+/// O(n log n) in the triangles, and one pass over them for each 2^18 uses.
+pub(crate) fn for_each_edge(
+    triangles: &[[u32; 3]],
+    vertices: usize,
+    mut visit: impl FnMut(&[([u32; 2], u32)]),
+) {
+    let passes = (3 * triangles.len()).div_ceil(HELD_USES).max(1);
+    let step = vertices.div_ceil(passes).max(1) as u32;
+    let mut uses: Vec<([u32; 2], u32)> = Vec::new();
+    for first in (0..vertices as u32).step_by(step as usize) {
+        uses.clear();
+        for (number, &[a, b, c]) in (0..).zip(triangles) {
+            let edges = [[a, b], [b, c], [c, a]].into_iter().zip(3 * number..);
+            let edges = edges.map(|([a, b], corner)| ([a.min(b), a.max(b)], corner));
+            uses.extend(edges.filter(|([smaller, _], _)| smaller.wrapping_sub(first) < step));
+        }
+        uses.sort_unstable();
+        uses.chunk_by(|a, b| a.0 == b.0).for_each(&mut visit);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_are_visited_in_order() {
+        // Enough triangles for several passes, with vertices in any order.
+        let count = HELD_USES as u32;
+        let vertex = |k: u32| k.wrapping_mul(2_654_435_761) >> 8 & 0xffff;
+        let triangles: Vec<[u32; 3]> = (0..count)
+            .map(|k| [vertex(k), vertex(k + 1), vertex(k + 7)])
+            .collect();
+        let expected = edge_uses(&triangles);
+        let mut found = Vec::new();
+        for_each_edge(&triangles, 1 << 16, |uses| {
+            assert!(uses.iter().all(|(ends, _)| *ends == uses[0].0));
+            found.extend_from_slice(uses);
+        });
+        assert_eq!(found, expected);
+        for_each_edge(&[], 0, |_| panic!("there is no edge"));
+    }
 }

@@ -124,7 +124,7 @@ pub fn reconstruct(
     if let Some(live) = &mut live {
         live.finish(&run);
     }
-    run.release_carving();
+    run.release_carving(page.is_some());
     log.finish_progress();
     log.set_resumed(checkpoint.as_ref().map_or(0, Checkpoint::reused));
 

@@ -310,6 +310,14 @@ impl DepthValidation {
         })
     }
 
+    /// Moves what is kept of each view, so that it no longer lies between what was given back.
+    pub(super) fn compact(&mut self) {
+        for view in &mut self.dense_views {
+            *view = view.clone();
+        }
+        self.dense_views.shrink_to_fit();
+    }
+
     /// Frees what is known of triangles.
     pub(super) fn release_triangles(&mut self) {
         self.triangles = FxHashMap::default();

@@ -300,7 +300,13 @@ impl LineMap {
     pub(super) fn release_landmarks(&mut self, options: &Options) {
         self.landmarks = LandmarkFusion::new(options);
         self.vertices = VertexLandmarks::default();
+        self.segments.release_clusterer();
         self.validation.release_triangles();
+    }
+
+    /// Moves the depth of keyframes, see [`DepthValidation::compact`].
+    pub(super) fn compact(&mut self) {
+        self.validation.compact();
     }
 
     /// Adds the view of a keyframe with its depth.

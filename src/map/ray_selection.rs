@@ -17,22 +17,40 @@ struct Ray {
     next: u32,
 }
 
-/// Views in one block; with the link a block is 32 bytes.
-const BLOCK_LEN: usize = 7;
-
-/// A part of the observations of a landmark: the latest in the first block, where they fill up from the front.
+/// The views of a landmark among 64 with subsequent numbers. Most observations are by runs of subsequent views.
 #[derive(Debug, Clone, Copy)]
 struct Block {
-    views: [ViewId; BLOCK_LEN],
+    /// One bit for each view.
+    views: u64,
+    /// Number of the first of the 64 views, divided by 64.
+    number: u32,
     next: u32,
+}
+
+impl Block {
+    fn bit(view: ViewId) -> u64 {
+        1 << (view.0 % u64::BITS)
+    }
+
+    fn number(view: ViewId) -> u32 {
+        view.0 / u64::BITS
+    }
+
+    /// Its views, ascending.
+    fn views(self) -> impl Iterator<Item = ViewId> {
+        let without_first = |bits: &u64| Some(bits & (bits - 1)).filter(|rest| *rest != 0);
+        let start = Some(self.views).filter(|bits| *bits != 0);
+        let first = self.number * u64::BITS;
+        std::iter::successors(start, without_first)
+            .map(move |bits| ViewId(first + bits.trailing_zeros()))
+    }
 }
 
 /// The lists of a landmark.
 #[derive(Debug, Clone, Copy)]
 struct Lists {
-    /// The first block of all observations, and their number: all blocks are full but the first.
+    /// The first block of all observations, that of the latest views.
     observations: u32,
-    count: u32,
     /// The observations with a ray, the latest first.
     rays: u32,
 }
@@ -40,7 +58,6 @@ struct Lists {
 impl Lists {
     const EMPTY: Lists = Lists {
         observations: NONE,
-        count: 0,
         rays: NONE,
     };
 }
@@ -63,9 +80,9 @@ pub(super) struct RaySelection {
     free_rays: u32,
     blocks: Vec<Block>,
     free_blocks: u32,
-    /// Reused memory: rays of a landmark before, its observations, the bins that are taken, and the result.
+    /// Reused memory: rays of a landmark before, the blocks of its observations, the bins that are taken, and the result.
     before: Vec<ViewId>,
-    observations: Vec<ViewId>,
+    blocks_of: Vec<Block>,
     taken: Vec<Bin>,
     changes: Vec<RayChange>,
 }
@@ -131,31 +148,32 @@ impl RaySelection {
         })
     }
 
-    /// Adds a view to the observations of a landmark.
+    /// Adds a view, no earlier than the latest, to the observations of a landmark.
     fn push_observation(&mut self, landmark: usize, view: ViewId) {
         let lists = &mut self.lists[landmark];
-        let slot = lists.count as usize % BLOCK_LEN;
-        if slot == 0 {
-            let block = Block {
-                views: [view; BLOCK_LEN],
-                next: lists.observations,
-            };
-            if self.free_blocks == NONE {
-                lists.observations = self.blocks.len() as u32;
-                self.blocks.push(block);
-            } else {
-                lists.observations = self.free_blocks;
-                let free = &mut self.blocks[self.free_blocks as usize];
-                self.free_blocks = free.next;
-                *free = block;
-            }
+        if let Some(latest) = self.blocks.get_mut(lists.observations as usize)
+            && latest.number == Block::number(view)
+        {
+            latest.views |= Block::bit(view);
+            return;
         }
-        self.blocks[lists.observations as usize].views[slot] = view;
-        lists.count += 1;
+        let block = Block {
+            views: Block::bit(view),
+            number: Block::number(view),
+            next: lists.observations,
+        };
+        if self.free_blocks == NONE {
+            lists.observations = self.blocks.len() as u32;
+            self.blocks.push(block);
+        } else {
+            lists.observations = self.free_blocks;
+            let free = &mut self.blocks[self.free_blocks as usize];
+            self.free_blocks = free.next;
+            *free = block;
+        }
     }
 
-    fn release_observations(&mut self, lists: &Lists) {
-        let mut first = lists.observations;
+    fn release_observations(&mut self, mut first: u32) {
         while first != NONE {
             let next = self.blocks[first as usize].next;
             self.blocks[first as usize].next = self.free_blocks;
@@ -164,17 +182,12 @@ impl RaySelection {
         }
     }
 
-    /// All observations of a landmark, the latest first.
-    fn observations(&self, lists: Lists) -> impl Iterator<Item = ViewId> + '_ {
-        let (mut block, mut left) = (lists.observations, lists.count as usize);
+    /// The blocks of a list, the latest views first.
+    fn blocks_from(&self, mut next: u32) -> impl Iterator<Item = Block> + '_ {
         std::iter::from_fn(move || {
-            let last = left.checked_sub(1)?;
-            let current = &self.blocks[block as usize];
-            if last % BLOCK_LEN == 0 {
-                block = current.next;
-            }
-            left = last;
-            Some(current.views[last % BLOCK_LEN])
+            let block = *self.blocks.get(next as usize)?;
+            next = block.next;
+            Some(block)
         })
     }
 
@@ -248,12 +261,12 @@ impl RaySelection {
         before.clear();
         before.extend(self.rays_from(lists.rays).map(|ray| ray.view));
         self.release_rays(lists.rays);
-        let mut observations = std::mem::take(&mut self.observations);
-        observations.clear();
-        observations.extend(self.observations(lists));
+        let mut blocks = std::mem::take(&mut self.blocks_of);
+        blocks.clear();
+        blocks.extend(self.blocks_from(lists.observations));
         self.taken.clear();
         let mut rays = NONE;
-        for &view in observations.iter().rev() {
+        for view in blocks.iter().rev().flat_map(|block| block.views()) {
             let bin = Self::bin(grid, position, &center_of(view));
             if self.taken.contains(&bin) {
                 continue;
@@ -270,7 +283,7 @@ impl RaySelection {
         self.changes
             .extend(before.iter().map(|view| RayChange::Remove(*view)));
         self.before = before;
-        self.observations = observations;
+        self.blocks_of = blocks;
         self.lists[landmark as usize].rays = rays;
         &self.changes
     }
@@ -284,16 +297,18 @@ impl RaySelection {
         let Some(lists) = self.lists.get(landmark as usize).copied() else {
             return;
         };
-        let mut observations: Vec<ViewId> = self.observations(lists).collect();
-        let mut rays: Vec<Ray> = self.rays_from(lists.rays).copied().collect();
-        self.release_observations(&lists);
-        self.release_rays(lists.rays);
-        observations.retain(|other| *other != view);
-        rays.retain(|ray| ray.view != view);
-        self.lists[landmark as usize] = Lists::EMPTY;
-        for view in observations.into_iter().rev() {
-            self.push_observation(landmark as usize, view);
+        let mut next = lists.observations;
+        while let Some(block) = self.blocks.get_mut(next as usize) {
+            if block.number == Block::number(view) {
+                // A block without views counts for nothing.
+                block.views &= !Block::bit(view);
+            }
+            next = block.next;
         }
+        let mut rays: Vec<Ray> = self.rays_from(lists.rays).copied().collect();
+        self.release_rays(lists.rays);
+        rays.retain(|ray| ray.view != view);
+        self.lists[landmark as usize].rays = NONE;
         for ray in rays.into_iter().rev() {
             let first = self.lists[landmark as usize].rays;
             self.lists[landmark as usize].rays = self.push_ray(ray.view, ray.bin, first);
@@ -304,7 +319,7 @@ impl RaySelection {
     pub(super) fn remove(&mut self, landmark: u32) {
         if let Some(lists) = self.lists.get_mut(landmark as usize) {
             let lists = std::mem::replace(lists, Lists::EMPTY);
-            self.release_observations(&lists);
+            self.release_observations(lists.observations);
             self.release_rays(lists.rays);
         }
     }

@@ -18,9 +18,16 @@ pub struct SegmentMap {
     first_of: Vec<u32>,
     is_removed: Vec<bool>,
     removed: usize,
-    clusterer: SegmentClusterer,
+    clusters: Clusters,
     /// Reused buffer of cluster events.
     events: Vec<ClusterEvent>,
+}
+
+/// The clusters of segments.
+enum Clusters {
+    Growing(Box<SegmentClusterer>),
+    /// Representatives of those of sufficient size, oldest first.
+    Final(Vec<[Point3<f64>; 2]>),
 }
 
 impl SegmentMap {
@@ -34,18 +41,27 @@ impl SegmentMap {
             first_of: Vec::new(),
             is_removed: Vec::new(),
             removed: 0,
-            clusterer: SegmentClusterer::new(options, median_depth)?,
+            clusters: Clusters::Growing(Box::new(SegmentClusterer::new(options, median_depth)?)),
             events: Vec::new(),
         })
     }
 
-    /// Adds the segments of a keyframe. Degenerate ones, with equal or non-finite ends, are left out.
+    /// Adds the segments of a keyframe, unless clusters are [final](Self::release_clusterer). Degenerate ones, with equal or non-finite ends, are left out.
     pub fn push(&mut self, keyframe: &LineKeyframe) {
+        let Clusters::Growing(clusterer) = &mut self.clusters else {
+            return;
+        };
         self.events.clear();
         self.first_of.push(self.segments.len() as u32);
+        let more = keyframe.segments.len();
+        if self.segments.capacity() - self.segments.len() < more {
+            // A quarter more: twice as many would be most of the memory of segments.
+            self.segments
+                .reserve_exact(more.max(self.segments.len() / 4));
+        }
         for segment in &keyframe.segments {
             let ends_in_world = segment.ends_in_world(&keyframe.world_from_camera);
-            let inserted = self.clusterer.insert(ends_in_world, &mut self.events);
+            let inserted = clusterer.insert(ends_in_world, &mut self.events);
             if inserted.is_some() {
                 self.segments.push(ends_in_world);
                 self.is_removed.push(false);
@@ -58,6 +74,9 @@ impl SegmentMap {
     /// # Complexity
     /// The segments of these keyframes, and those that share a cluster with them.
     pub(super) fn change(&mut self, keyframes: &[(usize, Option<Isometry3<f64>>)]) {
+        let Clusters::Growing(clusterer) = &mut self.clusters else {
+            return;
+        };
         let mut changed = Vec::new();
         for (keyframe, transform) in keyframes {
             let first = self.first_of[*keyframe] as usize;
@@ -79,7 +98,13 @@ impl SegmentMap {
         }
         self.events.clear();
         let ends = |id: SegmentId| self.segments[id.0 as usize];
-        self.clusterer.change(&changed, ends, &mut self.events);
+        clusterer.change(&changed, ends, &mut self.events);
+    }
+
+    /// Makes the clusters final, and frees what is needed to change them.
+    pub(super) fn release_clusterer(&mut self) {
+        self.clusters = Clusters::Final(self.cluster_ends().collect());
+        self.events = Vec::new();
     }
 
     /// Number of segments.
@@ -99,7 +124,10 @@ impl SegmentMap {
 
     /// Number of clusters of sufficient size. Constant time.
     pub fn cluster_count(&self) -> usize {
-        self.clusterer.cluster_count()
+        match &self.clusters {
+            Clusters::Growing(clusterer) => clusterer.cluster_count(),
+            Clusters::Final(ends) => ends.len(),
+        }
     }
 
     /// All segments, in the order of keyframes.
@@ -114,7 +142,13 @@ impl SegmentMap {
 
     /// Their end points.
     pub(super) fn cluster_ends(&self) -> impl Iterator<Item = [Point3<f64>; 2]> {
-        let clusters = self.clusterer.clusters();
-        clusters.map(|(_, cluster)| cluster.representative.ends)
+        let (growing, last) = match &self.clusters {
+            Clusters::Growing(clusterer) => (Some(clusterer.clusters()), None),
+            Clusters::Final(ends) => (None, Some(ends)),
+        };
+        let growing = growing.into_iter().flatten();
+        growing
+            .map(|(_, cluster)| cluster.representative.ends)
+            .chain(last.into_iter().flatten().copied())
     }
 }

@@ -30,9 +30,7 @@ pub enum Growth {
 pub(crate) struct GrowthFiles<'a> {
     output: &'a mut OutputFolder,
     growth: Growth,
-    /// Reused memory.
-    mesh: TriangleMesh,
-    writer: GlbWriter,
+    /// Reused memory; a whole surface gives back its own, which the next keyframe can use until then.
     bytes: Vec<u8>,
 }
 
@@ -46,8 +44,6 @@ impl<'a> GrowthFiles<'a> {
         Ok(Self {
             output,
             growth,
-            mesh: TriangleMesh::default(),
-            writer: GlbWriter::default(),
             bytes: Vec::new(),
         })
     }
@@ -72,9 +68,10 @@ impl Sink for GrowthFiles<'_> {
         match self.growth {
             Growth::Whole => {
                 let path = self.output.file(&format!("{name}.glb"));
-                surface.copy_to(&mut self.mesh);
-                let parts = [surface_part(&self.mesh)];
-                (self.writer).write_shifted(&path, &parts, &recording.origin)?;
+                let mut mesh = TriangleMesh::default();
+                surface.copy_to(&mut mesh);
+                let parts = [surface_part(&mesh)];
+                GlbWriter::default().write_shifted(&path, &parts, &recording.origin)?;
             }
             Growth::Delta => {
                 let path = self.output.file(&format!("{name}.delta"));

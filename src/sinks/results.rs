@@ -47,14 +47,15 @@ pub(crate) fn write_results(
     log: &mut RunLog,
 ) -> anyhow::Result<TriangleMesh> {
     let (recording, map) = (run.recording(), run.map());
-    let lines = map
+    let clusters = map
         .segments()
-        .map(|segments| (segments.segments(), segments.clusters()));
-    let no_lines = LineSet::default();
-    let clusters = lines.as_ref().map_or(&no_lines, |(_, clusters)| clusters);
+        .map_or_else(LineSet::default, |segments| segments.clusters());
+    let clusters = &clusters;
     let simplification = recording.options.simplify;
     let start = Instant::now();
-    let mesh = simplified(map.adjusted_surface(), clusters, simplification)?;
+    // In a worker thread, as the map before: it can use the memory that the carver gave back.
+    let adjusted = rayon::scope(|_| map.adjusted_surface());
+    let mesh = simplified(adjusted, clusters, simplification)?;
     let extracted = milliseconds(start.elapsed());
     let edges = feature_edges::final_mesh_edges(&mesh, clusters, simplification.tolerance)?;
 
@@ -121,10 +122,11 @@ pub(crate) fn write_results(
     if let Some(poses) = run.corrected_poses() {
         write_poses(output, &recording.sequence, poses.into_iter())?;
     }
+    let lines = map.segments().map(|segments| segments.segments());
     let mut surface = SurfaceFiles {
         mesh,
         texture,
-        lines,
+        lines: lines.map(|segments| (segments, clusters.clone())),
         edges: edges.lines,
     };
     surface.translate(origin);

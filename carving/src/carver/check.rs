@@ -147,7 +147,7 @@ impl Carver {
         }
         evidence.add(&segments.evidence);
         let sums = &self.cells.evidence;
-        if sums.is_on() && !self.tetrahedra.is_ghost(cell) && *sums.of(cell) != evidence {
+        if sums.is_on() && !self.tetrahedra.is_ghost(cell) && sums.of(cell) != evidence {
             return Err(CarverViolation::Evidence { cell });
         }
         Ok(())

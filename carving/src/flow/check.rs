@@ -27,16 +27,6 @@ pub enum FlowViolation {
         /// The capacity.
         capacity: i64,
     },
-    /// The excess on record differs from terminal minus arcs.
-    #[error("{node:?} has excess {recorded} on record; terminal and arcs give {found}")]
-    Excess {
-        /// The node.
-        node: NodeId,
-        /// The excess on record.
-        recorded: i64,
-        /// The excess found.
-        found: i64,
-    },
     /// A node is on the source side without a path from a supply.
     #[error("{node:?} is on the source side, and no supply reaches it")]
     Unreached {
@@ -53,7 +43,7 @@ pub enum FlowViolation {
 }
 
 impl Network {
-    /// Verifies joints, residuals and excesses, that no more flow is possible, and that the source side is what the
+    /// Verifies joints and residuals, that no more flow is possible, and that the source side is what the
     /// source reaches; meant for tests, after [`maximize`](Self::maximize).
     ///
     /// # Errors
@@ -66,9 +56,9 @@ impl Network {
     pub fn check(&self) -> Result<(), FlowViolation> {
         for (index, node) in self.nodes.iter().enumerate() {
             let id = NodeId(index as u32);
-            let mut found = self.terminals[index];
             for slot in 0..4 {
-                let (residual, capacity) = (node.residual[slot], self.capacities[index][slot]);
+                let (residual, capacity) =
+                    (self.residual(index, slot), self.capacity_of(index, slot));
                 let broken = FlowViolation::Residual {
                     node: id,
                     slot,
@@ -85,22 +75,14 @@ impl Network {
                 if reverse.across(back) != Some((index, slot)) {
                     return Err(FlowViolation::Joint { node: id, slot });
                 }
-                let both = capacity + self.capacities[other][back];
-                if residual < 0 || residual + reverse.residual[back] != both {
+                let both = capacity + self.capacity_of(other, back);
+                if residual + self.residual(other, back) != both {
                     return Err(broken);
                 }
-                found -= capacity - residual;
                 let leaks = node.tree == Tree::Source && reverse.tree != Tree::Source;
                 if leaks && residual > 0 {
                     return Err(FlowViolation::Augmentable { node: id });
                 }
-            }
-            if found != node.excess {
-                return Err(FlowViolation::Excess {
-                    node: id,
-                    recorded: node.excess,
-                    found,
-                });
             }
             let is_source = node.tree == Tree::Source;
             if is_source && node.excess < 0 || !is_source && node.excess > 0 {
@@ -129,7 +111,7 @@ impl Network {
             let Some((up, down)) = state.across(usize::from(state.parent)) else {
                 return false;
             };
-            if self.nodes[up].residual[down] <= 0 {
+            if !self.nodes[up].has_residual(down) {
                 return false;
             }
             node = up;

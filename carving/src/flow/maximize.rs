@@ -67,9 +67,9 @@ impl Network {
     #[inline]
     fn feeds(&self, tree: Tree, node: usize, slot: usize, other: usize, back: usize) -> bool {
         if tree == Tree::Source {
-            self.nodes[other].residual[back] > 0
+            self.nodes[other].has_residual(back)
         } else {
-            self.nodes[node].residual[slot] > 0
+            self.nodes[node].has_residual(slot)
         }
     }
 
@@ -133,9 +133,9 @@ impl Network {
                 continue;
             };
             let can_take = if here.tree == Tree::Source {
-                here.residual[slot] > 0
+                here.has_residual(slot)
             } else {
-                self.nodes[other].residual[back] > 0
+                self.nodes[other].has_residual(back)
             };
             if !can_take {
                 continue;
@@ -174,29 +174,29 @@ impl Network {
         let Some((to, back)) = self.nodes[from].across(slot) else {
             return;
         };
-        let mut amount = self.nodes[from].residual[slot];
+        let mut amount = self.residual(from, slot);
         let mut node = from;
         while let Some((up, down)) = self.up(node) {
-            amount = amount.min(self.nodes[up].residual[down]);
+            amount = amount.min(self.residual(up, down));
             node = up;
         }
         amount = amount.min(self.nodes[node].excess);
         node = to;
         while let Some((up, _)) = self.up(node) {
             let slot = usize::from(self.nodes[node].parent);
-            amount = amount.min(self.nodes[node].residual[slot]);
+            amount = amount.min(self.residual(node, slot));
             node = up;
         }
         amount = amount.min(-self.nodes[node].excess);
 
-        self.nodes[from].residual[slot] -= amount;
-        self.nodes[to].residual[back] += amount;
+        self.change_residual(from, slot, -amount);
+        self.change_residual(to, back, amount);
         node = from;
         while let Some((up, down)) = self.up(node) {
             let slot = usize::from(self.nodes[node].parent);
-            self.nodes[node].residual[slot] += amount;
-            self.nodes[up].residual[down] -= amount;
-            if self.nodes[up].residual[down] == 0 {
+            self.change_residual(node, slot, amount);
+            self.change_residual(up, down, -amount);
+            if !self.nodes[up].has_residual(down) {
                 self.make_orphan(node);
             }
             node = up;
@@ -208,9 +208,9 @@ impl Network {
         node = to;
         while let Some((up, down)) = self.up(node) {
             let slot = usize::from(self.nodes[node].parent);
-            self.nodes[node].residual[slot] -= amount;
-            self.nodes[up].residual[down] += amount;
-            if self.nodes[node].residual[slot] == 0 {
+            self.change_residual(node, slot, -amount);
+            self.change_residual(up, down, amount);
+            if !self.nodes[node].has_residual(slot) {
                 self.make_orphan(node);
             }
             node = up;

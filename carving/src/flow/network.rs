@@ -2,6 +2,9 @@
 
 use std::collections::VecDeque;
 
+use crate::growth::resize;
+use crate::large_numbers::LargeNumbers;
+
 /// A node of a [`Network`].
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct NodeId(pub u32);
@@ -31,8 +34,8 @@ pub(super) enum Tree {
 /// A node with its outgoing arcs.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
-    /// What the arc of each slot can still take.
-    pub(super) residual: [i64; 4],
+    /// What the arc of each slot can still take; see [`Network::residual`].
+    residual: [u32; 4],
     /// The slot at the other end, as `4 * node + slot`.
     pub(super) across: [u32; 4],
     /// What the terminal grants minus what leaves by the arcs. Positive: supply left; negative: demand left.
@@ -59,6 +62,12 @@ impl Node {
         is_touched: false,
     };
 
+    /// Whether the arc of a slot can take more.
+    #[inline]
+    pub(super) fn has_residual(&self, slot: usize) -> bool {
+        self.residual[slot] > 0
+    }
+
     /// The node across a slot and the slot by which that node looks back.
     #[inline]
     pub(super) fn across(&self, slot: usize) -> Option<(usize, usize)> {
@@ -69,19 +78,26 @@ impl Node {
 
 /// A flow network of nodes with four slots each.
 ///
-/// Capacities and terminals are at most 2^60 in size, and so must be the sum of all terminals of one sign. About 120
-/// bytes a node.
+/// Capacities and terminals are at most 2^60 in size, and so must be the sum of all terminals of one sign. About 72
+/// bytes a node, more where numbers of arcs do not fit into 32 bits.
 #[derive(Clone, Debug, Default)]
 pub struct Network {
     pub(super) nodes: Vec<Node>,
-    pub(super) capacities: Vec<[i64; 4]>,
-    pub(super) terminals: Vec<i64>,
+    capacities: Vec<[u32; 4]>,
+    large_residuals: LargeNumbers,
+    large_capacities: LargeNumbers,
     /// Number of the current repair of the trees, for `Node::stamp`.
     pub(super) time: u32,
     pub(super) touched: Vec<u32>,
     pub(super) active: VecDeque<u32>,
     pub(super) orphans: VecDeque<u32>,
     pub(super) flipped: Vec<NodeId>,
+}
+
+/// The key of a slot among large numbers.
+#[inline]
+fn key(node: usize, slot: usize) -> u64 {
+    (node << 2 | slot) as u64
 }
 
 impl Network {
@@ -102,11 +118,8 @@ impl Network {
 
     /// Adds nodes without arcs until there are `nodes`, 2^30 - 1 at most.
     pub fn grow(&mut self, nodes: usize) {
-        if self.nodes.len() < nodes {
-            self.nodes.resize(nodes, Node::EMPTY);
-            self.capacities.resize(nodes, [0; 4]);
-            self.terminals.resize(nodes, 0);
-        }
+        resize(&mut self.nodes, nodes, Node::EMPTY);
+        resize(&mut self.capacities, nodes, [0; 4]);
     }
 
     /// Removes all joints, terminals and flow. Every node is then on the sink side.
@@ -118,11 +131,47 @@ impl Network {
         }
         self.nodes.fill(Node::EMPTY);
         self.capacities.fill([0; 4]);
-        self.terminals.fill(0);
+        self.large_residuals.clear();
+        self.large_capacities.clear();
         self.touched.clear();
         self.active.clear();
         self.orphans.clear();
         self.time = 0;
+    }
+
+    /// What the arc that leaves a node by a slot can still take.
+    #[inline]
+    pub(super) fn residual(&self, node: usize, slot: usize) -> i64 {
+        let stored = self.nodes[node].residual[slot];
+        self.large_residuals.get(stored, key(node, slot)) as i64
+    }
+
+    /// Sets what an arc can still take; not negative.
+    #[inline]
+    pub(super) fn set_residual(&mut self, node: usize, slot: usize, residual: i64) {
+        debug_assert!(residual >= 0, "the flow is within the capacities");
+        let stored = &mut self.nodes[node].residual[slot];
+        self.large_residuals
+            .set(stored, key(node, slot), residual as u64);
+    }
+
+    /// Lets an arc take more, or less for a negative amount.
+    #[inline]
+    pub(super) fn change_residual(&mut self, node: usize, slot: usize, by: i64) {
+        self.set_residual(node, slot, self.residual(node, slot) + by);
+    }
+
+    #[inline]
+    pub(super) fn capacity_of(&self, node: usize, slot: usize) -> i64 {
+        let stored = self.capacities[node][slot];
+        self.large_capacities.get(stored, key(node, slot)) as i64
+    }
+
+    #[inline]
+    fn set_capacity_of(&mut self, node: usize, slot: usize, capacity: i64) {
+        let stored = &mut self.capacities[node][slot];
+        self.large_capacities
+            .set(stored, key(node, slot), capacity as u64);
     }
 
     #[inline]
@@ -160,13 +209,13 @@ impl Network {
         let Some((other, back)) = self.nodes[node].across(slot) else {
             return;
         };
-        let flow = self.capacities[node][slot] - self.nodes[node].residual[slot];
+        let flow = self.capacity_of(node, slot) - self.residual(node, slot);
         self.nodes[node].excess += flow;
         self.nodes[other].excess -= flow;
         for (node, slot) in [(node, slot), (other, back)] {
-            self.capacities[node][slot] = 0;
+            self.set_capacity_of(node, slot, 0);
+            self.set_residual(node, slot, 0);
             let state = &mut self.nodes[node];
-            state.residual[slot] = 0;
             state.across[slot] = NOWHERE;
             if usize::from(state.parent) == slot {
                 state.parent = parent::NONE;
@@ -195,8 +244,8 @@ impl Network {
     ///
     /// For nodes that do not exist.
     pub fn set_terminal(&mut self, node: NodeId, granted: i64) {
+        let before = self.terminal(node);
         let node = node.0 as usize;
-        let before = std::mem::replace(&mut self.terminals[node], granted);
         if before != granted {
             self.nodes[node].excess += granted - before;
             self.touch(node);
@@ -217,20 +266,34 @@ impl Network {
         let Some((other, back)) = self.nodes[node].across(slot) else {
             return;
         };
-        let before = std::mem::replace(&mut self.capacities[node][slot], capacity);
+        let before = self.capacity_of(node, slot);
         if before == capacity {
             return;
         }
-        let flow_before = before - self.nodes[node].residual[slot];
+        self.set_capacity_of(node, slot, capacity);
+        let residual_before = self.residual(node, slot);
+        let flow_before = before - residual_before;
         // What is left ahead stays as it is, unless the way back has no room.
-        let back_residual = self.nodes[other].residual[back] + (capacity - before);
-        self.nodes[node].residual[slot] += back_residual.min(0);
-        self.nodes[other].residual[back] = back_residual.max(0);
-        let more = capacity - self.nodes[node].residual[slot] - flow_before;
+        let back_residual = self.residual(other, back) + (capacity - before);
+        let residual = residual_before + back_residual.min(0);
+        self.set_residual(node, slot, residual);
+        self.set_residual(other, back, back_residual.max(0));
+        let more = capacity - residual - flow_before;
         self.nodes[node].excess -= more;
         self.nodes[other].excess += more;
         self.touch(node);
         self.touch(other);
+    }
+
+    /// What a node may take from the source, minus what it may give to the sink: its excess, and what leaves it by its arcs.
+    ///
+    /// # Panics
+    ///
+    /// For nodes that do not exist.
+    pub fn terminal(&self, node: NodeId) -> i64 {
+        let node = node.0 as usize;
+        let flow = |slot| self.capacity_of(node, slot) - self.residual(node, slot);
+        self.nodes[node].excess + (0..4).map(flow).sum::<i64>()
     }
 
     /// Capacity of the arc that leaves a node by a slot.
@@ -239,7 +302,7 @@ impl Network {
     ///
     /// For nodes and slots that do not exist.
     pub fn capacity(&self, node: NodeId, slot: usize) -> i64 {
-        self.capacities[node.0 as usize][slot]
+        self.capacity_of(node.0 as usize, slot)
     }
 
     /// Whether the source reaches the node in the residual graph, as of the latest [`maximize`](Self::maximize).
@@ -266,7 +329,7 @@ impl Network {
     pub fn cut_value(&self) -> i64 {
         let mut value = 0;
         for (index, node) in self.nodes.iter().enumerate() {
-            let terminal = self.terminals[index];
+            let terminal = self.terminal(NodeId(index as u32));
             if node.tree != Tree::Source {
                 value += terminal.max(0);
                 continue;
@@ -276,7 +339,7 @@ impl Network {
                 if let Some((other, _)) = node.across(slot)
                     && self.nodes[other].tree != Tree::Source
                 {
-                    value += self.capacities[index][slot];
+                    value += self.capacity_of(index, slot);
                 }
             }
         }

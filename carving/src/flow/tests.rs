@@ -14,7 +14,7 @@ fn oracle(network: &Network) -> (u64, Vec<bool>) {
     let nodes: Vec<_> = (0..n + 2).map(|_| graph.add_node(())).collect();
     let (source, sink) = (nodes[n], nodes[n + 1]);
     for i in 0..n {
-        let terminal = network.terminals[i];
+        let terminal = network.terminal(NodeId(i as u32));
         if terminal > 0 {
             graph.add_edge(source, nodes[i], terminal.unsigned_abs());
         } else {
@@ -22,7 +22,7 @@ fn oracle(network: &Network) -> (u64, Vec<bool>) {
         }
         for slot in 0..4 {
             if let Some((other, _)) = network.nodes[i].across(slot) {
-                let capacity = network.capacities[i][slot];
+                let capacity = network.capacity_of(i, slot);
                 graph.add_edge(nodes[i], nodes[other], capacity.unsigned_abs());
             }
         }

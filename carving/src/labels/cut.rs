@@ -1,6 +1,7 @@
 //! Labels by minimum cut, kept up to date.
 
 use crate::flow::{FlowViolation, Network, NodeId};
+use crate::growth::resize;
 use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
 use crate::visibility::{CellEvidence, Evidence};
 
@@ -24,6 +25,13 @@ pub(crate) struct Cut {
 
 fn node(cell: CellId) -> NodeId {
     NodeId(cell.index() as u32)
+}
+
+/// The terminal of a cell.
+fn granted(tetrahedra: &Tetrahedralization, cell: CellId, sums: &CellEvidence) -> i64 {
+    let outside = (0..4).filter(|&facet| tetrahedra.is_ghost(tetrahedra.neighbor(cell, facet).0));
+    let entered: i64 = outside.map(|facet| sums.entered[facet] as i64).sum();
+    sums.free as i64 - sums.occupied as i64 + entered
 }
 
 impl Cut {
@@ -61,7 +69,7 @@ impl Cut {
         evidence: &mut Evidence,
     ) {
         self.network.grow(tetrahedra.cell_capacity());
-        self.cosines.resize(tetrahedra.cell_capacity(), [0; 4]);
+        resize(&mut self.cosines, tetrahedra.cell_capacity(), [0; 4]);
         for &cell in &changes.destroyed {
             self.network.isolate(node(cell));
         }
@@ -86,7 +94,7 @@ impl Cut {
         evidence.take_touched(&mut touched);
         for &cell in &touched {
             if tetrahedra.is_cell(cell) && !tetrahedra.is_ghost(cell) {
-                self.settle(tetrahedra, cell, evidence.of(cell));
+                self.settle(tetrahedra, cell, &evidence.of(cell));
             }
         }
         self.touched = touched;
@@ -104,16 +112,14 @@ impl Cut {
 
     /// Sets the terminal of a cell and the capacities of the arcs into it.
     fn settle(&mut self, tetrahedra: &Tetrahedralization, cell: CellId, sums: &CellEvidence) {
-        let mut granted = sums.free as i64 - sums.occupied as i64;
         for facet in 0..4 {
             let (other, back) = tetrahedra.neighbor(cell, facet);
-            if tetrahedra.is_ghost(other) {
-                granted += sums.entered[facet] as i64;
-            } else {
+            if !tetrahedra.is_ghost(other) {
                 let capacity = self.capacity(cell, facet, other, back, sums);
                 self.network.set_capacity(node(other), back, capacity);
             }
         }
+        let granted = granted(tetrahedra, cell, sums);
         self.network.set_terminal(node(cell), granted);
     }
 
@@ -151,12 +157,16 @@ impl Cut {
             if self.cosines[cell.index()] != cosines(vertices.map(|v| tetrahedra.coordinates(v))) {
                 return Ok(Some(cell));
             }
+            let granted = granted(tetrahedra, cell, &evidence.of(cell));
+            if self.network.terminal(node(cell)) != granted {
+                return Ok(Some(cell));
+            }
             for facet in 0..4 {
                 let (other, back) = tetrahedra.neighbor(cell, facet);
                 if tetrahedra.is_ghost(other) {
                     continue;
                 }
-                let expected = self.capacity(cell, facet, other, back, evidence.of(cell));
+                let expected = self.capacity(cell, facet, other, back, &evidence.of(cell));
                 if self.network.capacity(node(other), back) != expected {
                     return Ok(Some(cell));
                 }

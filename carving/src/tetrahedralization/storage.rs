@@ -1,6 +1,7 @@
 //! Flat arrays of cells and vertices with their free lists; knows topology and positions, no algorithm.
 
 use super::ids::{GHOST, NO_CELL};
+use crate::growth;
 
 /// Vertices of the facet opposite each corner of a cell, such that the facet followed by that corner is an
 /// even permutation of the cell. Seen from the corner the facet turns counter-clockwise.
@@ -124,6 +125,8 @@ impl Storage {
             return slot;
         }
         let slot = self.cells.len() as u32;
+        growth::reserve(&mut self.cells, 1);
+        growth::reserve(&mut self.states, 1);
         self.cells.push(Cell {
             vertices: [GHOST; 4],
             neighbors: [NO_CELL; 4],
@@ -222,7 +225,7 @@ impl Storage {
         // A random set in space has 6.77 cells a point, points on surfaces fewer.
         self.vertices.reserve(points);
         let cells = (points.saturating_mul(7)).min(Self::MAX_CELLS);
-        self.cells.reserve(cells);
-        self.states.reserve(cells);
+        growth::reserve(&mut self.cells, cells);
+        growth::reserve(&mut self.states, cells);
     }
 }

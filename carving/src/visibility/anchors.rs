@@ -3,6 +3,7 @@
 //! An anchor has a number of its owner's choosing. A cell lists the anchors in its interior and on its boundary, so
 //! that they can be located again when it is destroyed; only those in the open interior count for it.
 
+use crate::growth::resize;
 use crate::predicates::orient3d;
 use crate::tetrahedralization::{CellId, Location, Tetrahedralization, VertexId, accept_position};
 
@@ -55,9 +56,8 @@ impl OccupiedAnchors {
 
     /// Makes room for cells and anchors with numbers below.
     pub(super) fn grow(&mut self, cells: usize, anchors: usize) {
-        self.first.resize(cells.max(self.first.len()), NONE);
-        self.anchors
-            .resize(anchors.max(self.anchors.len()), Anchor::DETACHED);
+        resize(&mut self.first, cells, NONE);
+        resize(&mut self.anchors, anchors, Anchor::DETACHED);
     }
 
     /// Attaches an anchor behind a vertex to the cell at its position; returns the cell when the anchor is in its open interior.

@@ -1,5 +1,7 @@
 //! For each cell the weight of all observations that pass through it, and their evidence.
 
+use crate::growth::resize;
+use crate::large_numbers::LargeNumbers;
 use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
 
 use super::evidence::Evidence;
@@ -8,7 +10,8 @@ use super::evidence::Evidence;
 /// observations come and go.
 #[derive(Clone, Debug)]
 pub(crate) struct Cells {
-    weights: Vec<u64>,
+    weights: Vec<u32>,
+    large: LargeNumbers,
     /// Threshold of the weight whose passing is recorded in `flipped`.
     threshold: u64,
     flipped: Vec<CellId>,
@@ -23,6 +26,7 @@ impl Cells {
     pub(crate) fn new(threshold: u64, with_evidence: bool) -> Self {
         Self {
             weights: Vec::new(),
+            large: LargeNumbers::default(),
             threshold,
             flipped: Vec::new(),
             evidence: Evidence::new(with_evidence),
@@ -33,14 +37,14 @@ impl Cells {
     /// Begins an update of the cells: makes room for new cells, marks them and resets the sums of those that are gone.
     pub(crate) fn begin_update(&mut self, tetrahedra: &Tetrahedralization, changes: &Changes) {
         let capacity = tetrahedra.cell_capacity();
-        self.weights.resize(capacity.max(self.weights.len()), 0);
-        self.is_new.resize(capacity.max(self.is_new.len()), false);
+        resize(&mut self.weights, capacity, 0);
+        resize(&mut self.is_new, capacity, false);
         self.evidence.grow(capacity);
         for cell in changes.created.iter().chain(&changes.reshaped) {
             self.is_new[cell.index()] = true;
         }
         for &cell in changes.reshaped.iter().chain(&changes.destroyed) {
-            self.weights[cell.index()] = 0;
+            self.change_weight(cell, |_| 0);
             self.evidence.reset(cell);
         }
     }
@@ -61,30 +65,37 @@ impl Cells {
     /// Total weight of a cell.
     #[inline]
     pub(crate) fn weight(&self, cell: CellId) -> u64 {
-        self.weights[cell.index()]
+        let index = cell.index();
+        self.large.get(self.weights[index], index as u64)
+    }
+
+    /// Replaces a weight by what `by` makes of it; returns both.
+    #[inline]
+    fn change_weight(&mut self, cell: CellId, by: impl FnOnce(u64) -> u64) -> [u64; 2] {
+        let (stored, key) = (&mut self.weights[cell.index()], cell.index() as u64);
+        let before = self.large.get(*stored, key);
+        let after = by(before);
+        self.large.set(stored, key, after);
+        [before, after]
     }
 
     /// Bytes of the weights.
     pub(crate) fn weight_bytes(&self) -> usize {
-        self.weights.capacity() * size_of::<u64>()
+        self.weights.capacity() * size_of::<u32>()
     }
 
     #[inline]
     pub(crate) fn add_weight(&mut self, cell: CellId, weight: u32) {
-        let total = &mut self.weights[cell.index()];
-        let before = *total;
-        *total += u64::from(weight);
-        if before < self.threshold && *total >= self.threshold {
+        let [before, after] = self.change_weight(cell, |total| total + u64::from(weight));
+        if before < self.threshold && after >= self.threshold {
             self.flipped.push(cell);
         }
     }
 
     #[inline]
     pub(crate) fn subtract_weight(&mut self, cell: CellId, weight: u32) {
-        let total = &mut self.weights[cell.index()];
-        let before = *total;
-        *total -= u64::from(weight);
-        if before >= self.threshold && *total < self.threshold {
+        let [before, after] = self.change_weight(cell, |total| total - u64::from(weight));
+        if before >= self.threshold && after < self.threshold {
             self.flipped.push(cell);
         }
     }
@@ -102,6 +113,7 @@ impl Cells {
     /// Resets all sums.
     pub(crate) fn clear(&mut self) {
         self.weights.fill(0);
+        self.large.clear();
         self.flipped.clear();
         self.evidence.clear();
     }

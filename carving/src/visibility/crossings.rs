@@ -5,6 +5,7 @@
 //! than all the rest of the withdrawal. Each withdrawal sweeps a number of lists in proportion to the entries that it made
 //! stale, so stale entries stay a bounded share; a number is given out again once no list can hold it.
 
+use crate::growth::{reserve, resize};
 use crate::tetrahedralization::CellId;
 
 use super::ObservationId;
@@ -68,7 +69,13 @@ const NO_CHUNK: u32 = u32::MAX;
 /// Entries, and in the last slot the next chunk.
 type Chunk = [u32; CHUNK_LEN + 1];
 
-/// One cell's list: all chunks are full but the first.
+/// Most observations of a short list, which has 32 bytes of its own in place of chunks. Most lists are short.
+const SHORT_LEN: usize = 8;
+
+/// The entries of a short list.
+type Short = [u32; SHORT_LEN];
+
+/// One cell's list: the entries of a short one, or chunks, all of which are full but the first.
 #[derive(Clone, Copy, Debug)]
 struct List {
     first: u32,
@@ -80,6 +87,11 @@ impl List {
         first: NO_CHUNK,
         len: 0,
     };
+
+    #[inline]
+    fn is_short(&self) -> bool {
+        self.len as usize <= SHORT_LEN
+    }
 
     /// Number of ids in the first chunk.
     #[inline]
@@ -93,7 +105,8 @@ impl List {
 
 /// For each cell the observations that pass through it or run in its boundary.
 ///
-/// 8 bytes a cell and 64 bytes for each 15 entries begun. A freed chunk is the next to be used.
+/// 8 bytes a cell, 32 bytes for each list of up to 8 entries, and 64 bytes for each 15 entries begun of others. Freed memory is the next
+/// to be used.
 #[derive(Clone, Debug)]
 pub(crate) struct Crossings {
     /// Whether there are lists; otherwise entries are counted only.
@@ -101,6 +114,8 @@ pub(crate) struct Crossings {
     lists: Vec<List>,
     chunks: Vec<Chunk>,
     free: u32,
+    shorts: Vec<Short>,
+    free_short: u32,
     /// Number of entries, and how many of them are stale.
     total: u64,
     stale: u64,
@@ -120,6 +135,8 @@ impl Crossings {
             lists: Vec::new(),
             chunks: Vec::new(),
             free: NO_CHUNK,
+            shorts: Vec::new(),
+            free_short: NO_CHUNK,
             total: 0,
             stale: 0,
             is_withdrawn: Vec::new(),
@@ -138,8 +155,8 @@ impl Crossings {
 
     /// Makes room for cells with index below `cells`.
     pub(crate) fn grow(&mut self, cells: usize) {
-        if self.has_lists && self.lists.len() < cells {
-            self.lists.resize(cells, List::EMPTY);
+        if self.has_lists {
+            resize(&mut self.lists, cells, List::EMPTY);
         }
     }
 
@@ -164,7 +181,9 @@ impl Crossings {
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        self.lists.capacity() * size_of::<List>() + self.chunks.capacity() * size_of::<Chunk>()
+        self.lists.capacity() * size_of::<List>()
+            + self.chunks.capacity() * size_of::<Chunk>()
+            + self.shorts.capacity() * size_of::<Short>()
     }
 
     /// Adds an observation that is not in the list of `cell`.
@@ -174,24 +193,78 @@ impl Crossings {
         if !self.has_lists {
             return;
         }
-        let list = &mut self.lists[cell.index()];
-        let slot = list.len as usize % CHUNK_LEN;
-        if slot == 0 {
-            let next = list.first;
-            let mut chunk = [0; CHUNK_LEN + 1];
-            chunk[CHUNK_LEN] = next;
-            if self.free == NO_CHUNK {
-                list.first = self.chunks.len() as u32;
-                self.chunks.push(chunk);
-            } else {
-                list.first = self.free;
-                let freed = &mut self.chunks[self.free as usize];
-                self.free = freed[CHUNK_LEN];
-                *freed = chunk;
+        let entry = Entry::new(id, entrance).0;
+        let List { first, len } = self.lists[cell.index()];
+        let first = match len as usize {
+            0 => self.new_short(entry),
+            len @ 1..SHORT_LEN => {
+                self.shorts[first as usize][len] = entry;
+                first
             }
+            SHORT_LEN => {
+                let mut chunk = [0; CHUNK_LEN + 1];
+                chunk[..SHORT_LEN].copy_from_slice(&self.shorts[first as usize]);
+                chunk[SHORT_LEN] = entry;
+                chunk[CHUNK_LEN] = NO_CHUNK;
+                self.release_short(first);
+                self.new_chunk(chunk)
+            }
+            len if len % CHUNK_LEN == 0 => {
+                let mut chunk = [0; CHUNK_LEN + 1];
+                chunk[0] = entry;
+                chunk[CHUNK_LEN] = first;
+                self.new_chunk(chunk)
+            }
+            len => {
+                self.chunks[first as usize][len % CHUNK_LEN] = entry;
+                first
+            }
+        };
+        self.lists[cell.index()] = List {
+            first,
+            len: len + 1,
+        };
+    }
+
+    /// Puts a chunk in its place.
+    #[inline]
+    fn new_chunk(&mut self, chunk: Chunk) -> u32 {
+        let place = self.free;
+        if place == NO_CHUNK {
+            reserve(&mut self.chunks, 1);
+            self.chunks.push(chunk);
+            return (self.chunks.len() - 1) as u32;
         }
-        self.chunks[list.first as usize][slot] = Entry::new(id, entrance).0;
-        list.len += 1;
+        let freed = &mut self.chunks[place as usize];
+        self.free = freed[CHUNK_LEN];
+        *freed = chunk;
+        place
+    }
+
+    /// Makes a short list of one entry.
+    #[inline]
+    fn new_short(&mut self, entry: u32) -> u32 {
+        let mut short = [0; SHORT_LEN];
+        short[0] = entry;
+        let place = self.free_short;
+        if place == NO_CHUNK {
+            reserve(&mut self.shorts, 1);
+            self.shorts.push(short);
+            return (self.shorts.len() - 1) as u32;
+        }
+        let freed = &mut self.shorts[place as usize];
+        self.free_short = freed[0];
+        *freed = short;
+        place
+    }
+
+    /// Makes the memory of a short list, if it has one, the next to be used.
+    #[inline]
+    fn release_short(&mut self, short: u32) {
+        if short != NO_CHUNK {
+            self.shorts[short as usize][0] = self.free_short;
+            self.free_short = short;
+        }
     }
 
     /// Withdraws an observation, which `entries` cells list; its number is given out again by [`sweep`](Self::sweep).
@@ -244,6 +317,10 @@ impl Crossings {
 
     fn retain_entries(&mut self, cell: CellId, keep: impl Fn(&Self, ObservationId) -> bool) {
         let list = self.lists[cell.index()];
+        if list.is_short() {
+            self.retain_short(cell, keep);
+            return;
+        }
         // Chunks that are full again, the one that is not, and how many ids that one has.
         let (mut full, mut partial, mut partial_len) = (NO_CHUNK, NO_CHUNK, 0);
         let mut kept_count = 0;
@@ -285,9 +362,42 @@ impl Crossings {
             self.chunks[partial as usize][CHUNK_LEN] = full;
         }
         self.total -= u64::from(list.len) - kept_count as u64;
+        let len = kept_count as u32;
+        if (1..=SHORT_LEN).contains(&kept_count) {
+            // All of them are in the chunk that is not full.
+            let slots = self.chunks[partial as usize];
+            self.release(partial);
+            partial = self.new_short(slots[0]);
+            self.shorts[partial as usize].copy_from_slice(&slots[..SHORT_LEN]);
+        }
         self.lists[cell.index()] = List {
             first: partial,
-            len: kept_count as u32,
+            len,
+        };
+    }
+
+    fn retain_short(&mut self, cell: CellId, keep: impl Fn(&Self, ObservationId) -> bool) {
+        let list = self.lists[cell.index()];
+        if list.len == 0 {
+            return;
+        }
+        let mut entries = self.shorts[list.first as usize];
+        let mut kept = 0;
+        for slot in 0..list.len as usize {
+            entries[kept] = entries[slot];
+            kept += usize::from(keep(self, Entry(entries[slot]).id()));
+        }
+        self.total -= u64::from(list.len) - kept as u64;
+        self.shorts[list.first as usize] = entries;
+        if kept == 0 {
+            self.release_short(list.first);
+        }
+        self.lists[cell.index()] = match kept {
+            0 => List::EMPTY,
+            kept => List {
+                first: list.first,
+                len: kept as u32,
+            },
         };
     }
 
@@ -306,21 +416,34 @@ impl Crossings {
 
     /// The list of `cell`, in an order that depends on history.
     pub(crate) fn of(&self, cell: CellId) -> impl Iterator<Item = ObservationId> + '_ {
-        let list = self.lists[cell.index()];
-        let (mut chunk, mut slot) = (list.first, list.first_len());
-        std::iter::from_fn(move || {
+        let list = self.lists.get(cell.index()).unwrap_or(&List::EMPTY);
+        let ids = self.stored(list).map(Entry::id);
+        ids.filter(|id| !self.is_stale(*id))
+    }
+
+    /// All entries of a list, stale ones included.
+    fn stored(&self, list: &List) -> impl Iterator<Item = Entry> + '_ {
+        let (short, mut chunk) = match *list {
+            List { len: 0, .. } => (&[][..], NO_CHUNK),
+            List { first, len } if list.is_short() => {
+                (&self.shorts[first as usize][..len as usize], NO_CHUNK)
+            }
+            List { first, .. } => (&[][..], first),
+        };
+        let mut slot = list.first_len();
+        let chunked = std::iter::from_fn(move || {
             if chunk == NO_CHUNK {
                 return None;
             }
             slot -= 1;
-            let entry = Entry(self.chunks[chunk as usize][slot]);
+            let entry = self.chunks[chunk as usize][slot];
             if slot == 0 {
                 chunk = self.chunks[chunk as usize][CHUNK_LEN];
                 slot = CHUNK_LEN;
             }
-            Some(entry.id())
-        })
-        .filter(|id| !self.is_stale(*id))
+            Some(entry)
+        });
+        short.iter().copied().chain(chunked).map(Entry)
     }
 
     /// Empties the list of `cell` into `entries`, which is cleared first.
@@ -328,6 +451,17 @@ impl Crossings {
         entries.clear();
         let list = std::mem::replace(&mut self.lists[cell.index()], List::EMPTY);
         self.total -= u64::from(list.len);
+        if list.len == 0 {
+            return;
+        }
+        let is_listed = |entry: &Entry| !self.is_stale(entry.id());
+        if list.is_short() {
+            let listed = &self.shorts[list.first as usize][..list.len as usize];
+            entries.extend(listed.iter().map(|&entry| Entry(entry)).filter(is_listed));
+            self.release_short(list.first);
+            self.stale -= u64::from(list.len) - entries.len() as u64;
+            return;
+        }
         let (mut chunk, mut len) = (list.first, list.first_len());
         while chunk != NO_CHUNK {
             let slots = &self.chunks[chunk as usize];
@@ -351,137 +485,11 @@ impl Crossings {
         self.lists.fill(List::EMPTY);
         self.chunks.clear();
         self.free = NO_CHUNK;
+        self.shorts.clear();
+        self.free_short = NO_CHUNK;
         self.total = 0;
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lists_keep_what_is_added_and_forget_what_is_removed() {
-        let mut crossings = Crossings::new(true);
-        crossings.grow(2);
-        let [one, two] = [0, 1].map(CellId::from_index);
-        for id in 0..100 {
-            crossings.add(one, ObservationId(id), Entrance::Unknown);
-            crossings.add(two, ObservationId(id + 1000), Entrance::Unknown);
-        }
-        assert_eq!(crossings.of(one).count(), 100);
-        crossings.retain(one, |id| id.0 % 3 != 0);
-        let mut rest: Vec<u32> = crossings.of(one).map(|id| id.0).collect();
-        rest.sort_unstable();
-        assert_eq!(rest, (0..100).filter(|r| r % 3 != 0).collect::<Vec<_>>());
-        let mut taken = vec![];
-        crossings.take(two, &mut taken);
-        assert_eq!((taken.len(), crossings.of(two).count()), (100, 0));
-        for id in rest {
-            assert!(crossings.contains(one, ObservationId(id)));
-        }
-        assert!(!crossings.contains(one, ObservationId(3)));
-        assert_eq!(crossings.total(), 66);
-        crossings.retain(one, |_| false);
-        assert_eq!((crossings.total(), crossings.of(one).count()), (0, 0));
-    }
-
-    #[test]
-    fn any_choice_of_entries_can_be_dropped() {
-        let mut crossings = Crossings::new(true);
-        crossings.grow(1);
-        let cell = CellId::from_index(0);
-        for count in 0..64u32 {
-            // Multiplicative hashing makes the choices irregular.
-            for choice in 0..40u32 {
-                let keep = |r: u32| (r + 1).wrapping_mul(choice * 0x9e37 + 1) >> 3 & 3 < choice % 5;
-                for id in 0..count {
-                    crossings.add(cell, ObservationId(id), Entrance::Unknown);
-                }
-                crossings.retain(cell, |id| keep(id.0));
-                let mut rest: Vec<u32> = crossings.of(cell).map(|id| id.0).collect();
-                rest.sort_unstable();
-                let expected: Vec<u32> = (0..count).filter(|&r| keep(r)).collect();
-                assert_eq!(rest, expected, "{count} {choice}");
-                assert_eq!(crossings.total(), expected.len() as u64);
-                crossings.add(cell, ObservationId(1000), Entrance::Unknown);
-                assert_eq!(crossings.of(cell).count(), expected.len() + 1);
-                crossings.clear(&mut vec![]);
-            }
-        }
-    }
-
-    #[test]
-    fn withdrawn_numbers_are_unlisted_at_once_and_given_out_again_later() {
-        let mut crossings = Crossings::new(true);
-        crossings.grow(40);
-        for id in 0..200 {
-            for cell in (0..40).map(CellId::from_index) {
-                crossings.add(cell, ObservationId(id), Entrance::Facet(3));
-            }
-        }
-        let mut unlisted = vec![];
-        for id in 0..200 {
-            crossings.withdraw(ObservationId(id), 40);
-            let expected = 40 * (199 - u64::from(id));
-            assert_eq!(crossings.total(), expected);
-            let listed: usize = (0..40)
-                .map(|cell| crossings.of(CellId::from_index(cell)).count())
-                .sum();
-            assert_eq!(listed as u64, expected);
-            crossings.sweep(40, &mut unlisted);
-            for &id in &unlisted {
-                assert!(!crossings.lists.iter().any(|list| {
-                    let (mut chunk, mut len) = (list.first, list.first_len());
-                    let mut is_listed = false;
-                    while chunk != NO_CHUNK {
-                        let slots = &crossings.chunks[chunk as usize];
-                        is_listed |= slots[..len].iter().any(|&e| Entry(e).id().0 == id);
-                        chunk = slots[CHUNK_LEN];
-                        len = CHUNK_LEN;
-                    }
-                    is_listed
-                }));
-            }
-        }
-        assert!(unlisted.len() > 150, "{}", unlisted.len());
-        crossings.clear(&mut unlisted);
-        unlisted.sort_unstable();
-        assert_eq!(unlisted, (0..200).collect::<Vec<_>>());
-    }
-
-    #[test]
-    fn an_entry_says_where_the_observation_enters() {
-        let mut crossings = Crossings::new(true);
-        crossings.grow(1);
-        let cell = CellId::from_index(0);
-        let entrances = [
-            Entrance::Facet(0),
-            Entrance::Facet(3),
-            Entrance::Start,
-            Entrance::Unknown,
-        ];
-        for (id, entrance) in (7..).zip(entrances) {
-            crossings.add(cell, ObservationId(id), entrance);
-        }
-        let mut entries = vec![];
-        crossings.take(cell, &mut entries);
-        let taken: Vec<Entrance> = entries.iter().map(|entry| entry.entrance()).collect();
-        assert_eq!(taken, entrances);
-        assert_eq!(entries[1].id(), ObservationId(8));
-    }
-
-    #[test]
-    fn freed_chunks_are_used_again() {
-        let mut crossings = Crossings::new(true);
-        crossings.grow(1);
-        let cell = CellId::from_index(0);
-        let mut ids = vec![];
-        for round in 0..50 {
-            for id in 0..40 {
-                crossings.add(cell, ObservationId(round * 40 + id), Entrance::Unknown);
-            }
-            crossings.take(cell, &mut ids);
-        }
-        assert_eq!(crossings.chunks.len(), 3);
-    }
-}
+mod tests;

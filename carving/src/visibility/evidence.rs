@@ -11,6 +11,8 @@
 //!
 //! The first two follow the crossing lists. Segments contribute in the same way, with several anchors each.
 
+use crate::growth::resize;
+use crate::large_numbers::LargeNumbers;
 use crate::tetrahedralization::CellId;
 
 use super::segment_cell::Exit;
@@ -26,7 +28,55 @@ pub(crate) struct CellEvidence {
     pub(crate) occupied: u64,
 }
 
+/// One of the sums of a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sum {
+    /// The cost of a surface at a facet.
+    Entered(u8),
+    /// Centres of views inside.
+    Free,
+    /// Anchors inside.
+    Occupied,
+}
+
+impl Sum {
+    /// The sum that a ray which leaves a cell by `exit` adds to.
+    #[inline]
+    pub(crate) fn of_exit(exit: Exit) -> Option<Self> {
+        match exit {
+            Exit::Through(facet) => Some(Sum::Entered(facet as u8)),
+            Exit::AtCenter => Some(Sum::Free),
+            Exit::Elsewhere => None,
+        }
+    }
+
+    #[inline]
+    fn index(self) -> usize {
+        match self {
+            Sum::Entered(facet) => facet.into(),
+            Sum::Free => 4,
+            Sum::Occupied => 5,
+        }
+    }
+}
+
+/// Number of sums of a cell.
+const SUMS: usize = 6;
+
 impl CellEvidence {
+    fn from_sums([a, b, c, d, free, occupied]: [u64; SUMS]) -> Self {
+        Self {
+            entered: [a, b, c, d],
+            free,
+            occupied,
+        }
+    }
+
+    fn sums(&self) -> [u64; SUMS] {
+        let [a, b, c, d] = self.entered;
+        [a, b, c, d, self.free, self.occupied]
+    }
+
     /// The sum that a ray which leaves by `exit` adds to.
     #[inline]
     pub(crate) fn of_exit(&mut self, exit: Exit) -> Option<&mut u64> {
@@ -44,14 +94,6 @@ impl CellEvidence {
         self.free += other.free;
         self.occupied += other.occupied;
     }
-
-    fn subtract(&mut self, other: &CellEvidence) {
-        for (sum, less) in self.entered.iter_mut().zip(other.entered) {
-            *sum -= less;
-        }
-        self.free -= other.free;
-        self.occupied -= other.occupied;
-    }
 }
 
 /// Sums of all cells, and which of them changed. Empty unless switched on.
@@ -60,9 +102,17 @@ pub(crate) struct Evidence {
     is_on: bool,
     /// Whether changes are not listed, as all cells are new.
     is_unlisted: bool,
-    cells: Vec<CellEvidence>,
+    /// Sums in the order of [`Sum::index`].
+    cells: Vec<[u32; SUMS]>,
+    large: LargeNumbers,
     touched: Vec<CellId>,
     is_touched: Vec<bool>,
+}
+
+/// The key of a sum among large numbers.
+#[inline]
+fn key(cell: CellId, index: usize) -> u64 {
+    (cell.index() * SUMS + index) as u64
 }
 
 impl Evidence {
@@ -81,15 +131,17 @@ impl Evidence {
     /// Makes room for cells with index below `cells`.
     pub(super) fn grow(&mut self, cells: usize) {
         if self.is_on && self.cells.len() < cells {
-            self.cells.resize(cells, CellEvidence::default());
-            self.is_touched.resize(cells, false);
+            resize(&mut self.cells, cells, [0; SUMS]);
+            resize(&mut self.is_touched, cells, false);
         }
     }
 
     /// The sums of a cell.
     #[inline]
-    pub(crate) fn of(&self, cell: CellId) -> &CellEvidence {
-        &self.cells[cell.index()]
+    pub(crate) fn of(&self, cell: CellId) -> CellEvidence {
+        let stored = &self.cells[cell.index()];
+        let sum = |index: usize| self.large.get(stored[index], key(cell, index));
+        CellEvidence::from_sums(std::array::from_fn(sum))
     }
 
     /// Whether changes are listed from now on; not while the contributions to cells come in that are listed anyway.
@@ -117,30 +169,48 @@ impl Evidence {
         }
     }
 
-    /// The sums of a cell, to be changed.
+    /// Replaces a sum of a cell by what `by` makes of it.
     #[inline]
-    pub(super) fn of_mut(&mut self, cell: CellId) -> &mut CellEvidence {
+    pub(super) fn change(&mut self, cell: CellId, sum: Sum, by: impl FnOnce(u64) -> u64) {
         self.touch(cell);
-        &mut self.cells[cell.index()]
+        self.change_stored(cell, sum.index(), by);
+    }
+
+    #[inline]
+    fn change_stored(&mut self, cell: CellId, index: usize, by: impl FnOnce(u64) -> u64) {
+        let stored = &mut self.cells[cell.index()][index];
+        let key = key(cell, index);
+        let before = self.large.get(*stored, key);
+        self.large.set(stored, key, by(before));
     }
 
     pub(super) fn add(&mut self, cell: CellId, contribution: &CellEvidence) {
-        self.of_mut(cell).add(contribution);
+        self.touch(cell);
+        for (index, more) in contribution.sums().into_iter().enumerate() {
+            self.change_stored(cell, index, |sum| sum + more);
+        }
     }
 
     pub(super) fn subtract(&mut self, cell: CellId, contribution: &CellEvidence) {
-        self.of_mut(cell).subtract(contribution);
+        self.touch(cell);
+        for (index, less) in contribution.sums().into_iter().enumerate() {
+            self.change_stored(cell, index, |sum| sum - less);
+        }
     }
 
     /// Resets the sums of a cell that is destroyed or reshaped.
     pub(super) fn reset(&mut self, cell: CellId) {
         if self.is_on {
-            self.cells[cell.index()] = CellEvidence::default();
+            let stored = &mut self.cells[cell.index()];
+            for (index, stored) in stored.iter_mut().enumerate() {
+                self.large.set(stored, key(cell, index), 0);
+            }
         }
     }
 
     /// Resets the sums of all cells.
     pub(super) fn clear(&mut self) {
-        self.cells.fill(CellEvidence::default());
+        self.cells.fill([0; SUMS]);
+        self.large.clear();
     }
 }

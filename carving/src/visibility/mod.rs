@@ -34,6 +34,7 @@ mod softness;
 mod views;
 
 pub(crate) use cells::Cells;
+use evidence::Sum;
 pub(crate) use evidence::{CellEvidence, Evidence};
 pub(crate) use rays::RayVisibility;
 #[cfg(feature = "internals")]

@@ -43,9 +43,42 @@ pub struct Cluster {
     pub representative: WorldSegment,
     /// Number of members.
     pub size: u32,
-    moments: EndMoments,
+    /// `None` with one member, whose ends are those of the representative.
+    moments: Option<Box<EndMoments>>,
     /// First and last member of the chain in `next_member`.
     members: [u32; 2],
+}
+
+impl Cluster {
+    /// A cluster of one member.
+    fn new(segment: &WorldSegment, id: u32) -> Self {
+        Self {
+            representative: *segment,
+            size: 1,
+            moments: None,
+            members: [id, id],
+        }
+    }
+
+    fn moments(&mut self) -> &mut EndMoments {
+        let first = &self.representative;
+        let moments = &mut self.moments;
+        moments.get_or_insert_with(|| Box::new(EndMoments::new(first)))
+    }
+
+    /// Adds a member.
+    fn extend(&mut self, segment: &WorldSegment) {
+        let before = self.representative;
+        self.representative = self.moments().extend(segment, &before);
+        self.size += 1;
+    }
+
+    /// Adds the members of another cluster.
+    fn merge(&mut self, other: &mut Self) {
+        let before = self.representative;
+        self.representative = self.moments().merge(other.moments(), &before);
+        self.size += other.size;
+    }
 }
 
 /// Marks a segment without cluster.
@@ -188,12 +221,7 @@ impl SegmentClusterer {
         self.next_member[id as usize] = id;
         let Some(mut cluster) = self.best_cluster(segment, None, self.offset) else {
             let cluster = self.clusters.len() as u32;
-            self.clusters.push(Some(Cluster {
-                representative: *segment,
-                size: 1,
-                moments: EndMoments::new(segment),
-                members: [id, id],
-            }));
+            self.clusters.push(Some(Cluster::new(segment, id)));
             self.cluster_of[id as usize] = cluster;
             self.directions.push(segment.direction());
             self.count_change(0, 1);
@@ -263,20 +291,11 @@ impl SegmentClusterer {
             };
             match &mut reduced {
                 Some(cluster) => {
-                    let representative = cluster.representative;
-                    cluster.representative = cluster.moments.extend(&segment, &representative);
-                    cluster.size += 1;
+                    cluster.extend(&segment);
                     self.next_member[cluster.members[1] as usize] = id.0;
                     cluster.members[1] = id.0;
                 }
-                None => {
-                    reduced = Some(Cluster {
-                        representative: segment,
-                        size: 1,
-                        moments: EndMoments::new(&segment),
-                        members: [id.0; 2],
-                    });
-                }
+                None => reduced = Some(Cluster::new(&segment, id.0)),
             }
         }
         if let Some(cluster) = &reduced {
@@ -301,8 +320,7 @@ impl SegmentClusterer {
             return;
         };
         let before = target.representative;
-        target.representative = target.moments.extend(segment, &before);
-        target.size += 1;
+        target.extend(segment);
         self.next_member[target.members[1] as usize] = id;
         target.members[1] = id;
         self.cluster_of[id as usize] = cluster;
@@ -336,7 +354,7 @@ impl SegmentClusterer {
     /// Merges two clusters into the one with the lower number and returns it.
     fn merge(&mut self, a: u32, b: u32, events: &mut Vec<ClusterEvent>) -> u32 {
         let (into, from) = (a.min(b), a.max(b));
-        let Some(gone) = self.clusters[from as usize].take() else {
+        let Some(mut gone) = self.clusters[from as usize].take() else {
             return into;
         };
         self.index.remove(from);
@@ -354,8 +372,7 @@ impl SegmentClusterer {
         });
         if let Some(target) = self.clusters[into as usize].as_mut() {
             let before = target.representative;
-            target.representative = target.moments.merge(&gone.moments, &before);
-            target.size += gone.size;
+            target.merge(&mut gone);
             self.next_member[target.members[1] as usize] = gone.members[0];
             target.members[1] = gone.members[1];
             let (after, size) = (target.representative, target.size);

@@ -232,7 +232,8 @@ mod tests {
         );
         for pixel in [Point2::new(30.0, 20.0), Point2::new(37.7, 27.2)] {
             let sample = samples.near(&pixel).unwrap();
-            assert!((f64::from(sample.rho) - plane(pixel.x, pixel.y)).abs() < 1e-6);
+            // Depth and slopes are rounded.
+            assert!((f64::from(sample.rho) - plane(pixel.x, pixel.y)).abs() < 5e-5);
         }
         assert_eq!(SurfaceSamples::default().thinned().known_count(), 0);
     }

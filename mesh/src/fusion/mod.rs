@@ -83,7 +83,7 @@ pub fn fuse_depth(
         return TriangleMesh::default();
     }
     let (positions, triangles) = nets::extract(&Field::new(views, options));
-    let (positions, triangles) = sheets::separate(&positions, triangles, options.least_component);
+    let (positions, triangles) = sheets::separate(positions, triangles, options.least_component);
     let mut mesh = TriangleMesh {
         positions,
         triangles,

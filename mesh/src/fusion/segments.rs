@@ -8,7 +8,7 @@ use rustc_hash::FxHashMap;
 
 use super::grid::Corner;
 use crate::TriangleMesh;
-use crate::edge_uses::edge_uses;
+use crate::edge_uses::for_each_edge;
 
 /// Vertices of a boundary move to segments at most this many sides away: depth ends up to two cubes before an edge that few views see.
 const REACH_SIDES: f64 = 2.5;
@@ -130,9 +130,9 @@ struct Rim {
 /// The vertices on edges with one triangle.
 fn boundary(mesh: &TriangleMesh) -> FxHashMap<u32, Rim> {
     let mut boundary: FxHashMap<u32, Rim> = FxHashMap::default();
-    for uses in edge_uses(&mesh.triangles).chunk_by(|a, b| a.0 == b.0) {
+    for_each_edge(&mesh.triangles, mesh.positions.len(), |uses| {
         let &[(ends, corner)] = uses else {
-            continue;
+            return;
         };
         let corners = mesh.triangles[corner as usize / 3];
         // The triangle from the corner where the edge begins: it lies to the left of the edge.
@@ -147,7 +147,7 @@ fn boundary(mesh: &TriangleMesh) -> FxHashMap<u32, Rim> {
             rim.along += along;
             rim.outward += outward.try_normalize(0.0).unwrap_or_default();
         }
-    }
+    });
     boundary
 }
 

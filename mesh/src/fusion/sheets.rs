@@ -3,34 +3,32 @@
 use nalgebra::Point3;
 
 use crate::disjoint_sets::DisjointSets;
-use crate::edge_uses::edge_uses;
+use crate::edge_uses::for_each_edge;
 
 const NONE: u32 = u32::MAX;
 
 /// Vertices and triangles with a copy of each vertex for each of its fans. Triangles belong together where exactly two share an edge in
 /// opposite directions. Pieces with fewer than `least` triangles and triangles that use a vertex twice are left out.
 pub(super) fn separate(
-    positions: &[Point3<f64>],
+    positions: Vec<Point3<f64>>,
     mut triangles: Vec<[u32; 3]>,
     least: usize,
 ) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     triangles.retain(|[a, b, c]| a != b && b != c && c != a);
-    let edges = edge_uses(&triangles);
     let vertex = |corner: u32| triangles[corner as usize / 3][corner as usize % 3];
     let next = |corner: u32| corner - corner % 3 + (corner + 1) % 3;
     let mut fans = DisjointSets::new(3 * triangles.len());
     let mut pieces = DisjointSets::new(triangles.len());
-    for shared in edges.chunk_by(|a, b| a.0 == b.0) {
+    for_each_edge(&triangles, positions.len(), |shared| {
         let &[(_, a), (_, b)] = shared else {
-            continue;
+            return;
         };
         if vertex(a) == vertex(next(b)) {
             fans.join(a, next(b));
             fans.join(next(a), b);
             pieces.join(a / 3, b / 3);
         }
-    }
-    drop(edges);
+    });
     let mut sizes = vec![0_u32; triangles.len()];
     for number in 0..triangles.len() as u32 {
         sizes[pieces.find(number) as usize] += 1;

@@ -227,10 +227,12 @@ fn sheets_that_touch_are_separate() {
         .into_iter()
         .flat_map(tetrahedron)
         .collect();
-    let (positions, triangles) = sheets::separate(&positions, triangles, 4);
+    let (positions, triangles) = sheets::separate(positions, triangles, 4);
     assert_eq!((positions.len(), triangles.len()), (8, 8));
     assert_eq!(
-        sheets::separate(&positions, triangles.clone(), 5).1.len(),
+        sheets::separate(positions.clone(), triangles.clone(), 5)
+            .1
+            .len(),
         0
     );
     let unique = UniquePositions::new(&positions);

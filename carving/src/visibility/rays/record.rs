@@ -5,8 +5,7 @@ use rayon::prelude::*;
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId, hilbert_rank};
 
 use super::super::crossings::{Crossings, Entrance};
-use super::super::segment_cell::Exit;
-use super::super::{Cells, ObservationId, ObservationTable, Space};
+use super::super::{Cells, ObservationId, ObservationTable, Space, Sum};
 use super::RayVisibility;
 use super::cell_walk::Step;
 use super::evidence::RayEvidence;
@@ -53,7 +52,7 @@ impl<'a> Recorded<'a> {
     ) {
         crossings.add(step.cell, self.ray, step.entrance);
         cells.add_weight(step.cell, self.weight);
-        self.change_evidence(tetrahedra, cells, step, |sum, cost| *sum += cost);
+        self.change_evidence(tetrahedra, cells, step, |sum, cost| sum + cost);
     }
 
     #[inline]
@@ -64,17 +63,16 @@ impl<'a> Recorded<'a> {
         Step {
             cell, exit, is_far, ..
         }: Step,
-        by: impl FnOnce(&mut u64, u64),
+        by: impl FnOnce(u64, u64) -> u64,
     ) {
         if let Some(evidence) = &self.evidence
-            && exit != Exit::Elsewhere
-            && let Some(sum) = cells.evidence.of_mut(cell).of_exit(exit)
+            && let Some(sum) = Sum::of_exit(exit)
         {
             let cost = match is_far {
                 true => evidence.full(),
                 false => evidence.passage(tetrahedra, cell, exit),
             };
-            by(sum, cost);
+            cells.evidence.change(cell, sum, |sum| by(sum, cost));
         }
     }
 }
@@ -217,7 +215,8 @@ impl RayVisibility {
         let target = walker.target(ray);
         let (anchor, weight) = (evidence.anchor(), evidence.anchor_weight());
         if let Some(cell) = self.anchors.attach(tetrahedra, ray.0, &anchor, target) {
-            space.cells.evidence.of_mut(cell).occupied += weight;
+            let evidence = &mut space.cells.evidence;
+            evidence.change(cell, Sum::Occupied, |sum| sum + weight);
         }
     }
 
@@ -241,13 +240,15 @@ impl RayVisibility {
             let recorded = Recorded::new(&walker, *ray);
             for &step in &walk.steps {
                 space.cells.subtract_weight(step.cell, recorded.weight);
-                let by = |sum: &mut u64, cost| *sum -= cost;
+                let by = |sum, cost| sum - cost;
                 recorded.change_evidence(tetrahedra, space.cells, step, by);
             }
             if let Some(evidence) = recorded.evidence
                 && let Some(cell) = self.anchors.detach(ray.0)
             {
-                space.cells.evidence.of_mut(cell).occupied -= evidence.anchor_weight();
+                let weight = evidence.anchor_weight();
+                let evidence = &mut space.cells.evidence;
+                evidence.change(cell, Sum::Occupied, |sum| sum - weight);
             }
             let entries = walk.steps.len() + walk.alongside.len();
             self.crossings.withdraw(*ray, entries);

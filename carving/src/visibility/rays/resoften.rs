@@ -4,8 +4,7 @@
 
 use crate::tetrahedralization::VertexId;
 
-use super::super::segment_cell::Exit;
-use super::super::{ObservationId, ObservationTable, Space};
+use super::super::{ObservationId, ObservationTable, Space, Sum};
 use super::RayVisibility;
 use super::evidence::RayEvidence;
 use super::line::ShearedLine;
@@ -39,7 +38,9 @@ impl RayVisibility {
                     [before, sigma].map(|sigma| RayEvidence::new(ends, sigma, weight, softness));
                 self.exchange_evidence(space, ray, [before, after]);
                 if let Some(cell) = self.anchors.detach(ray.0) {
-                    space.cells.evidence.of_mut(cell).occupied -= before.anchor_weight();
+                    let weight = before.anchor_weight();
+                    let evidence = &mut space.cells.evidence;
+                    evidence.change(cell, Sum::Occupied, |sum| sum - weight);
                 }
             }
             self.table.set_ends(ray, vertices, [sigma]);
@@ -77,10 +78,10 @@ impl RayVisibility {
             let [before, after] =
                 [before, after].map(|it| it.passage(tetrahedra, step.cell, step.exit));
             if before != after
-                && step.exit != Exit::Elsewhere
-                && let Some(sum) = space.cells.evidence.of_mut(step.cell).of_exit(step.exit)
+                && let Some(sum) = Sum::of_exit(step.exit)
             {
-                *sum = *sum - before + after;
+                let evidence = &mut space.cells.evidence;
+                evidence.change(step.cell, sum, |sum| sum - before + after);
             }
         }
         self.walk = walk;

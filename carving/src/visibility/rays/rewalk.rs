@@ -28,6 +28,9 @@ use super::line::ShearedLine;
 use super::record::Recorded;
 use super::walk::{Walker, evidence_of};
 
+/// Rays of a cell that are prepared together. A cell near the cameras may list most rays of a map.
+const PREPARED: usize = 256;
+
 /// Reused memory of updates.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RewalkScratch {
@@ -128,11 +131,12 @@ impl RayVisibility {
                 entering.push((entry.id(), start));
             }
         }
-        // Rays are anywhere in memory: what walks need is fetched for all of them together, so that the processor need not wait for one
+        // Rays are anywhere in memory: what walks need is fetched for several of them together, so that the processor need not wait for one
         // after another.
-        let prepared: Vec<(Recorded<'_>, ShearedLine)> = entering
-            .iter()
-            .map(|&(ray, _)| {
+        let mut prepared = Vec::with_capacity(entering.len().min(PREPARED));
+        for entering in entering.chunks(PREPARED) {
+            prepared.clear();
+            prepared.extend(entering.iter().map(|&(ray, _)| {
                 let evidence = evidence_of((tetrahedra, views), &self.table, self.softness, ray);
                 let walker = self.walker(space);
                 let line = walker.line_of(ray, evidence.as_ref());
@@ -143,10 +147,10 @@ impl RayVisibility {
                     evidence,
                 };
                 (recorded, line)
-            })
-            .collect();
-        for ((_, start), (recorded, line)) in entering.iter().zip(&prepared) {
-            self.walk_inside(space, recorded, line, *start);
+            }));
+            for ((_, start), (recorded, line)) in entering.iter().zip(&prepared) {
+                self.walk_inside(space, recorded, line, *start);
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! The table of rays, listed by view and by point.
 
 use super::super::{ObservationId, ObservationTable};
+use crate::growth::reserve;
 
 const NONE: u32 = u32::MAX;
 /// The bit of `RayRecord::view` that marks degenerate rays.
@@ -207,6 +208,8 @@ impl ObservationTable<1> for Rays {
             self.links[slot as usize] = links;
             slot
         } else {
+            reserve(&mut self.records, 1);
+            reserve(&mut self.links, 1);
             self.records.push(record);
             self.links.push(links);
             (self.records.len() - 1) as u32

@@ -41,6 +41,10 @@ impl SegmentVisibility {
     /// cells that it touches.
     pub(super) fn rewalk_changes(&mut self, space: &mut Space<'_>, changes: &Changes) {
         let tetrahedra = space.tetrahedra;
+        // Where there never was a segment, there is no memory by cell either.
+        if self.table.capacity() == 0 {
+            return;
+        }
         self.crossings.grow(tetrahedra.cell_capacity());
         if self.softness.is_some() {
             self.anchors

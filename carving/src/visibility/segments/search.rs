@@ -6,7 +6,7 @@
 use crate::tetrahedralization::{CellId, IncidentCells, Tetrahedralization, VertexId};
 
 use super::super::crossings::Entrance;
-use super::super::{CellEvidence, Cells, ObservationId, Softness, Space, Views};
+use super::super::{CellEvidence, Cells, ObservationId, Softness, Space, Sum, Views};
 use super::SegmentVisibility;
 use super::evidence::{ANCHORS, Frame, SegmentEvidence};
 use super::table::VisibilityTriangle;
@@ -221,7 +221,8 @@ impl SegmentVisibility {
             let number = ANCHORS as u32 * id.0 + k as u32;
             let position = evidence.anchor(&frame, softness, k);
             if let Some(cell) = self.anchors.attach(tetrahedra, number, &position, end) {
-                space.cells.evidence.of_mut(cell).occupied += weight;
+                let evidence = &mut space.cells.evidence;
+                evidence.change(cell, Sum::Occupied, |sum| sum + weight);
             }
         }
     }
@@ -236,7 +237,8 @@ impl SegmentVisibility {
         let weight = evidence.anchor_weight(softness);
         for k in 0..ANCHORS as u32 {
             if let Some(cell) = self.anchors.detach(ANCHORS as u32 * id.0 + k) {
-                space.cells.evidence.of_mut(cell).occupied -= weight;
+                let evidence = &mut space.cells.evidence;
+                evidence.change(cell, Sum::Occupied, |sum| sum - weight);
             }
         }
     }
