@@ -13,7 +13,7 @@ use linecarve::{Reconstruction, Recording, RunOptions};
 use linecarve_lines::camera::Camera;
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::raycast::{RayHit, RayScene};
-use linecarve_mesh::texture::TextureView;
+use linecarve_mesh::texture::{Distortion, TextureView};
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -57,6 +57,9 @@ struct Scored {
     covered: f64,
 }
 
+/// `world_from_camera` of a frame, and its distortion.
+type PhotoPose = (Isometry3<f64>, Option<Distortion>);
+
 pub(super) fn run(args: &TextureArgs) -> anyhow::Result<Outcome> {
     let rows: Vec<Row> = args
         .sequences
@@ -95,7 +98,7 @@ fn measure(folder: &Path, args: &TextureArgs) -> anyhow::Result<Row> {
             world_from_camera: pose,
         };
         let adjusted = alignment.align(&mesh, &view, &photo);
-        let score = |pose: &Isometry3<f64>, folder: Option<&Path>| -> anyhow::Result<_> {
+        let score = |pose: &PhotoPose, folder: Option<&Path>| -> anyhow::Result<_> {
             let hits = hits(&scene, camera, pose, photo.dimensions());
             let vertex = drawn(&hits, |hit| vertex_color(&mesh, hit));
             let textured = drawn(&hits, |hit| texture.color_at(hit.triangle, hit.barycentric));
@@ -112,7 +115,7 @@ fn measure(folder: &Path, args: &TextureArgs) -> anyhow::Result<Row> {
                 covered: hits.iter().flatten().count() as f64 / hits.len() as f64,
             }))
         };
-        let given = score(&pose, None)?;
+        let given = score(&(pose, None), None)?;
         scores.extend(given.zip(score(&adjusted, args.save.as_deref())?));
     }
     ensure!(
@@ -168,15 +171,19 @@ fn other_frames(recording: &Recording, count: usize) -> Vec<usize> {
 fn hits(
     scene: &RayScene,
     camera: &Camera,
-    world_from_camera: &Isometry3<f64>,
+    (world_from_camera, distortion): &PhotoPose,
     (width, height): (u32, u32),
 ) -> Vec<Option<RayHit>> {
     let eye = Point3::from(world_from_camera.translation.vector);
     (0..height)
         .into_par_iter()
-        .flat_map_iter(|y| (0..width).map(move |x| Point2::new(f64::from(x), f64::from(y))))
+        .flat_map_iter(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]))
         .map(|pixel| {
-            let ray = camera.point_at_depth(&pixel, 1.0).ok()?;
+            let [x, y] = match distortion {
+                Some(distortion) => distortion.pinhole_from_photo(pixel),
+                None => pixel,
+            };
+            let ray = camera.point_at_depth(&Point2::new(x, y), 1.0).ok()?;
             let direction: Vector3<f64> = world_from_camera.rotation * ray.coords;
             let hit = scene.cast(&eye, &direction, f64::INFINITY)?;
             hit.is_front_face.then_some(hit)

@@ -8,8 +8,10 @@ use crate::TriangleMesh;
 
 /// A surface hides points that are farther than it by more than this share of their depth.
 const DEPTH_SHARE: f64 = 0.01;
-/// Points this close to the outline of something nearer are seen with less confidence: with poses and surfaces slightly
-/// wrong, the pixel may show what is nearer.
+/// What is farther by this share of the depth, or not there, is another surface behind an outline.
+const JUMP_SHARE: f64 = 0.03;
+/// Points this close to an outline are seen with less confidence, on both of its sides: with poses and surfaces slightly
+/// wrong, the pixel may show what is on the other one.
 const GUARD_PX: usize = 2;
 /// Confidence of such points.
 const GUARDED: f32 = 0.05;
@@ -75,6 +77,8 @@ pub(super) struct DepthBuffer {
     inverse: Vec<f32>,
     /// Largest inverse depth within [`GUARD_PX`].
     guarded: Vec<f32>,
+    /// Smallest inverse depth within [`GUARD_PX`].
+    smallest: Vec<f32>,
 }
 
 /// Change of the inverse depth of a triangle per pixel, along x plus along y.
@@ -94,6 +98,7 @@ impl DepthBuffer {
             height,
             inverse: vec![0.0; width * height],
             guarded: Vec::new(),
+            smallest: Vec::new(),
         };
         let points: Vec<Point3<f64>> = mesh
             .positions
@@ -104,7 +109,8 @@ impl DepthBuffer {
             let corners = triangle.map(|corner| points[corner as usize]);
             buffer.draw_clipped(&corners, projection);
         }
-        buffer.guarded = buffer.widened();
+        buffer.guarded = buffer.around(f32::max);
+        buffer.smallest = buffer.around(f32::min);
         buffer
     }
 
@@ -158,25 +164,24 @@ impl DepthBuffer {
         }
     }
 
-    fn widened(&self) -> Vec<f32> {
+    /// The largest or smallest inverse depth around each pixel.
+    fn around(&self, of: fn(f32, f32) -> f32) -> Vec<f32> {
         let (width, height) = (self.width, self.height);
-        let mut along = vec![0.0; width * height];
-        for (row, target) in self
-            .inverse
-            .chunks_exact(width)
-            .zip(along.chunks_exact_mut(width))
-        {
-            for (x, largest) in target.iter_mut().enumerate() {
-                let window = &row[x.saturating_sub(GUARD_PX)..(x + GUARD_PX + 1).min(width)];
-                *largest = window.iter().fold(0.0, |a: f32, b| a.max(*b));
+        let window =
+            |at: usize, end: usize| at.saturating_sub(GUARD_PX)..(at + GUARD_PX + 1).min(end);
+        let mut along = self.inverse.clone();
+        let rows = self.inverse.chunks_exact(width);
+        for (row, target) in rows.zip(along.chunks_exact_mut(width)) {
+            for (x, found) in target.iter_mut().enumerate() {
+                *found = row[window(x, width)].iter().copied().fold(*found, of);
             }
         }
-        let mut both = vec![0.0_f32; width * height];
+        let mut both = along.clone();
         for (y, target) in both.chunks_exact_mut(width).enumerate() {
-            for row in y.saturating_sub(GUARD_PX)..(y + GUARD_PX + 1).min(height) {
+            for row in window(y, height) {
                 let row = &along[row * width..(row + 1) * width];
-                for (largest, value) in target.iter_mut().zip(row) {
-                    *largest = largest.max(*value);
+                for (found, value) in target.iter_mut().zip(row) {
+                    *found = of(*found, *value);
                 }
             }
         }
@@ -208,8 +213,13 @@ impl DepthBuffer {
         let at = y as usize * self.width + x as usize;
         let own = (1.0 + DEPTH_SHARE) / point.z;
         if f64::from(self.inverse[at]) > own + slope.0 {
-            0.0
-        } else if f64::from(self.guarded[at]) > own + slope.0 * (GUARD_PX as f64 + 1.0) {
+            return 0.0;
+        }
+        let slope = slope.0 * (GUARD_PX as f64 + 1.0);
+        let behind = (1.0 - JUMP_SHARE) / point.z;
+        if f64::from(self.guarded[at]) > own + slope
+            || f64::from(self.smallest[at]) < behind - slope
+        {
             GUARDED
         } else {
             1.0

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::chart::{Layout, texels_inside};
 use super::depth_buffer::{DepthBuffer, Projected};
+use super::distortion::Distortion;
 use super::observe::Observation;
 use super::photo::{LoadPhoto, Photo, for_each_group};
 use super::types::TextureView;
@@ -20,11 +21,11 @@ const FEATHER_PX: f64 = 24.0;
 pub(super) struct Sources<'a> {
     pub(super) mesh: &'a TriangleMesh,
     pub(super) views: &'a [TextureView],
+    pub(super) distortions: &'a [Option<Distortion>],
     pub(super) load: &'a LoadPhoto<'a>,
     pub(super) of_triangle: &'a [Vec<Observation>],
     pub(super) labels: &'a [Option<usize>],
     pub(super) gains: &'a [[f32; 3]],
-    pub(super) offsets: &'a [[[f32; 3]; 3]],
     pub(super) clay: [u8; 3],
 }
 
@@ -39,18 +40,17 @@ struct Texels {
 /// Colours seen at a texel.
 #[derive(Clone, Copy, Default)]
 struct Sum {
-    /// Of all views but the chosen one: sum of weighted colours, and of weights.
+    /// Sum of weighted colours, and of weights.
     colors: [f32; 3],
     weight: f32,
-    /// Of the chosen view, once it is seen there.
-    chosen: Option<[u8; 3]>,
 }
 
 /// The atlas with the colours of all triangles, and which of its texels have one.
 pub(super) fn fill(sources: &Sources<'_>, layout: &Layout) -> (RgbImage, Vec<bool>) {
     let texels = Texels::new(layout);
     let mut sums = vec![Sum::default(); texels.places.len()];
-    for_each_group(sources.mesh, sources.views, sources.load, |photos| {
+    let Sources { mesh, views, .. } = sources;
+    for_each_group(mesh, views, sources.distortions, sources.load, |photos| {
         let mut rest = sums.as_mut_slice();
         let mut parts = Vec::with_capacity(sources.labels.len());
         for triangle in 0..sources.labels.len() {
@@ -187,8 +187,7 @@ impl Sources<'_> {
         let Ok(at) = observations.binary_search_by_key(&(view as u32), |o| o.view) else {
             return;
         };
-        let is_chosen = self.labels[triangle] == Some(at);
-        let (gain, quality) = (self.gains[view], observations[at].quality);
+        let (gain, quality) = (self.gains[view], observations[at].quality.sqrt());
         let [a, b, c] = self.mesh.triangles[triangle].map(|c| self.mesh.positions[c as usize]);
         let (along, across): (Vector3<f64>, Vector3<f64>) = (b - a, c - a);
         let flat = Flat::new(corners);
@@ -213,9 +212,6 @@ impl Sources<'_> {
             }
             let color = photo.color(pixel.x, pixel.y);
             let color: [f32; 3] = std::array::from_fn(|i| gain[i] * color[i]);
-            if is_chosen {
-                sum.chosen = Some(rounded(color));
-            }
             let weight =
                 (quality * visibility * feather(&pixel, photo.size())).max(f32::MIN_POSITIVE);
             for (sum, value) in sum.colors.iter_mut().zip(color) {
@@ -227,14 +223,6 @@ impl Sources<'_> {
 
     /// The colour of a texel; `None` where nothing is known of it.
     fn color(&self, triangle: usize, barycentric: &[f64; 3], sum: &Sum) -> Option<[u8; 3]> {
-        if let Some(chosen) = sum.chosen {
-            let offsets = &self.offsets[triangle];
-            return Some(rounded(std::array::from_fn(|channel| {
-                let parts = offsets.iter().zip(barycentric);
-                let offset: f32 = parts.map(|(o, share)| o[channel] * *share as f32).sum();
-                f32::from(chosen[channel]) + offset
-            })));
-        }
         if sum.weight > 0.0 {
             return Some(rounded(sum.colors.map(|value| value / sum.weight)));
         }

@@ -7,7 +7,6 @@ use super::chart::lay_out;
 use super::exposure::gains;
 use super::fill::{Sources, fill};
 use super::label::{choose, neighbours};
-use super::level::offsets;
 use super::observe::observe;
 use super::photo::LoadPhoto;
 use super::quality::rate;
@@ -53,7 +52,8 @@ pub fn texture_mesh(
 ) -> Option<(Texture, TextureSummary)> {
     let alignment = align_photos(mesh, views, load);
     let views: &[TextureView] = &alignment.views;
-    let mut observations = observe(mesh, views, load);
+    let distortions = &alignment.distortions;
+    let mut observations = observe(mesh, views, distortions, load);
     let read = observations.sizes.iter().flatten().count();
     if read == 0 || mesh.triangles.is_empty() {
         return None;
@@ -74,11 +74,11 @@ pub fn texture_mesh(
     let sources = Sources {
         mesh,
         views,
+        distortions,
         load,
         of_triangle: &observations.of_triangle,
         labels: &labels,
         gains: &gains,
-        offsets: &offsets(mesh, &observations.of_triangle, &labels, &gains),
         clay: options.clay,
     };
     let (mut image, is_filled) = fill(&sources, &layout);

@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::depth_buffer::{DepthBuffer, Projected};
+use super::distortion::Distortion;
 use super::photo::{LoadPhoto, Photo, for_each_group};
 use super::types::TextureView;
 use crate::TriangleMesh;
@@ -58,11 +59,12 @@ pub(super) struct Observations {
 pub(super) fn observe(
     mesh: &TriangleMesh,
     views: &[TextureView],
+    distortions: &[Option<Distortion>],
     load: &LoadPhoto<'_>,
 ) -> Observations {
     let mut of_triangle = vec![Vec::new(); mesh.triangles.len()];
     let mut sizes = vec![None; views.len()];
-    for_each_group(mesh, views, load, |photos| {
+    for_each_group(mesh, views, distortions, load, |photos| {
         let seen: Vec<Vec<(u32, Observation)>> = photos
             .par_iter()
             .map(|(view, photo)| observe_view(mesh, photo, &views[*view], *view as u32))

@@ -4,6 +4,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::depth_buffer::{DepthBuffer, Projection};
+use super::distortion::Distortion;
 use super::types::{TextureView, bilinear};
 use crate::TriangleMesh;
 
@@ -15,16 +16,23 @@ pub(super) struct Photo {
     pub(super) projection: Projection,
     pub(super) depth: DepthBuffer,
     image: RgbImage,
+    distortion: Option<Distortion>,
 }
 
 impl Photo {
-    fn new(mesh: &TriangleMesh, view: &TextureView, image: RgbImage) -> Self {
+    fn new(
+        mesh: &TriangleMesh,
+        view: &TextureView,
+        distortion: Option<&Distortion>,
+        image: RgbImage,
+    ) -> Self {
         let projection = Projection::new(view);
         let depth = DepthBuffer::new(mesh, &projection, image.dimensions());
         Self {
             projection,
             depth,
             image,
+            distortion: distortion.cloned(),
         }
     }
 
@@ -32,13 +40,20 @@ impl Photo {
         self.image.dimensions()
     }
 
-    /// sRGB colour at a pixel, bilinear, 0 to 255; outside the image that of its border.
+    fn in_image(&self, pixel: [f64; 2]) -> [f64; 2] {
+        let distortion = self.distortion.as_ref();
+        distortion.map_or(pixel, |distortion| distortion.photo_from_pinhole(pixel))
+    }
+
+    /// sRGB colour at a pixel of the pinhole camera, bilinear, 0 to 255; outside the image that of its border.
     pub(super) fn color(&self, x: f64, y: f64) -> [f32; 3] {
+        let [x, y] = self.in_image([x, y]);
         bilinear(&self.image, x, y).map(|value| value as f32)
     }
 
-    /// Gradient magnitude of the green channel at the nearest pixel, per pixel.
+    /// Gradient magnitude of the green channel at the pixel nearest to one of the pinhole camera, per pixel.
     pub(super) fn gradient(&self, x: f64, y: f64) -> f32 {
+        let [x, y] = self.in_image([x, y]);
         let (width, height) = self.image.dimensions();
         let limit = |value: f64, side: u32| (value.round().max(0.0) as u32).min(side - 1);
         let (x, y) = (limit(x, width), limit(y, height));
@@ -53,6 +68,7 @@ impl Photo {
 pub(super) fn for_each_group(
     mesh: &TriangleMesh,
     views: &[TextureView],
+    distortions: &[Option<Distortion>],
     load: &LoadPhoto<'_>,
     mut consume: impl FnMut(&[(usize, Photo)]),
 ) {
@@ -63,7 +79,10 @@ pub(super) fn for_each_group(
             .into_par_iter()
             .filter_map(|index| {
                 let image = load(index).filter(|image| image.width() > 0 && image.height() > 0)?;
-                Some((index, Photo::new(mesh, &views[index], image)))
+                Some((
+                    index,
+                    Photo::new(mesh, &views[index], distortions[index].as_ref(), image),
+                ))
             })
             .collect();
         consume(&photos);

@@ -2,22 +2,26 @@
 //!
 //! With poses of a depth camera, or of a tracker that slowly drifts, a photograph is shifted against the surface by pixels, and detail of different
 //! photographs does not meet. The brightness of points on the mesh is the mean of the views that see them; each view moves so that it shows
-//! what the others show; both alternate, on reduced images first.
+//! what the others show; both alternate, on reduced images first. What all photographs of a camera have in common is estimated with their poses: the distortion of
+//! its lens beyond the given calibration.
 //!
 //! # Reference
 //! Q.-Y. Zhou, V. Koltun, *Color Map Optimization for 3D Reconstruction with Consumer Depth Cameras*, SIGGRAPH 2014, section 4.1.
 //! *Differs from the paper*: a view is compared with the mean of the others, not with one that includes it; gain and offset for each view; robust
-//! errors; given poses count as measurements, which holds what all views have in common; no deformation of the images.
+//! errors; given poses count as measurements, which holds what all views have in common; photographs of a camera are deformed together, not each by itself.
 
+mod lens;
 mod pyramid;
 mod samples;
 mod step;
 #[cfg(test)]
 mod tests;
 
+use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
+use super::distortion::Distortion;
 use super::photo::LoadPhoto;
 use super::types::TextureView;
 use crate::TriangleMesh;
@@ -25,7 +29,7 @@ use pyramid::{LEVELS, Pyramid};
 use samples::{SurfacePoint, seen, surface_points};
 use step::{Aligned, Expected};
 
-/// Rounds on each level.
+/// Rounds on each level, and before them on the smallest one without the lens.
 const ROUNDS: usize = 8;
 /// Rounds on each level for a view by itself.
 const SINGLE_ROUNDS: usize = 12;
@@ -36,9 +40,12 @@ const LARGEST_MOVE: f64 = 0.05;
 pub struct PhotoAlignment {
     /// The views; as given where the photograph cannot be read or sees too little.
     pub views: Vec<TextureView>,
+    /// Distortion of each photograph; `None` where it cannot be read or sees too little.
+    pub distortions: Vec<Option<Distortion>>,
     /// Root mean square of how far the photographs moved, in their pixels.
     pub moved_px: f64,
     points: Vec<SurfacePoint>,
+    lenses: Vec<Lens>,
     /// Mean brightness of each point at each level; NaN where no view sees it.
     brightness: Vec<Vec<f32>>,
 }
@@ -46,12 +53,21 @@ pub struct PhotoAlignment {
 /// A photograph with the points that it sees.
 struct Photo<'a> {
     index: usize,
+    size: (u32, u32),
+    /// Number of its lens.
+    lens: usize,
     pyramid: Pyramid,
-    longer_side: f64,
     points: Vec<u32>,
     aligned: Aligned<'a>,
     /// Whether it shows what the others show. Others do not count.
     fits: bool,
+}
+
+/// What photographs of a camera with the same size have in common.
+struct Lens {
+    camera: Camera,
+    size: (u32, u32),
+    distortion: Distortion,
 }
 
 /// Sum of the brightness of a point, and the number of views.
@@ -66,7 +82,7 @@ struct Sum {
 /// The result is the same for any number of threads.
 ///
 /// # Complexity
-/// O(views x points), with about 60 000 points on the mesh. Memory holds each photograph with a longest side of 640 pixels at most, one byte
+/// O(views x points), and O(nodes^3) for the 63 nodes or so of each lens, with about 60 000 points on the mesh. Memory holds each photograph with a longest side of 640 pixels at most, one byte
 /// a pixel, and of all together at most 360 MB.
 pub fn align_photos(
     mesh: &TriangleMesh,
@@ -82,48 +98,83 @@ pub fn align_photos(
             Photo::new(mesh, &points, (index, all), &views[index], &photo)
         })
         .collect();
+    let mut lenses: Vec<Lens> = Vec::new();
+    for photo in &mut photos {
+        let same = |lens: &Lens| lens.is_of(&views[photo.index], photo.size);
+        photo.lens = lenses.iter().position(same).unwrap_or_else(|| {
+            lenses.push(Lens {
+                camera: views[photo.index].camera.clone(),
+                size: photo.size,
+                distortion: photo.aligned.distortion.clone(),
+            });
+            lenses.len() - 1
+        });
+    }
+    let mut counts = vec![0; lenses.len()];
+    for photo in &photos {
+        counts[photo.lens] += 1;
+    }
     let mut brightness = vec![Vec::new(); LEVELS];
     for level in (0..LEVELS).rev() {
+        if level + 1 == LEVELS {
+            for _ in 0..ROUNDS {
+                let (sums, values) = look(&photos, &points, level);
+                photos
+                    .par_iter_mut()
+                    .zip(values)
+                    .for_each(|(photo, own)| photo.step(&points, &sums, &own, level));
+            }
+        }
         for _ in 0..ROUNDS {
             let (sums, values) = look(&photos, &points, level);
-            photos
-                .par_iter_mut()
-                .zip(values)
-                .for_each(|(photo, own)| photo.step(&points, &sums, &own, level));
+            lens::step(&mut photos, &counts, level, |photo, at| {
+                photo.expected(&points, &sums, &values[at])
+            });
         }
         let (sums, _) = look(&photos, &points, level);
         let mean = |sum: &Sum| sum.mean().unwrap_or(f64::NAN) as f32;
         brightness[level] = sums.iter().map(mean).collect();
     }
     let mut aligned = views.to_vec();
+    let mut distortions = vec![None; views.len()];
     let mut squares = 0.0;
     for photo in &photos {
         let moved = photo.moved_px(&points);
-        if moved <= LARGEST_MOVE * photo.longer_side {
+        if moved <= LARGEST_MOVE * photo.longer_side() {
             aligned[photo.index].world_from_camera = photo.aligned.camera_from_world.inverse();
+            distortions[photo.index] = Some(photo.aligned.distortion.clone());
             squares += moved * moved;
         }
+        // The photographs of a lens have the same distortion.
+        lenses[photo.lens].distortion = photo.aligned.distortion.clone();
     }
     PhotoAlignment {
         views: aligned,
+        distortions,
         moved_px: (squares / photos.len().max(1) as f64).sqrt(),
         points,
+        lenses,
         brightness,
     }
 }
 
 impl PhotoAlignment {
-    /// The pose from which a further photograph shows what the views showed; the given one where it sees too little of it.
+    /// The pose from which a further photograph shows what the views showed, and the distortion of their lens if it has the same camera; the given
+    /// pose where it sees too little of it.
     pub fn align(
         &self,
         mesh: &TriangleMesh,
         view: &TextureView,
         photo: &image::RgbImage,
-    ) -> Isometry3<f64> {
+    ) -> (Isometry3<f64>, Option<Distortion>) {
         let Some(mut photo) = Photo::new(mesh, &self.points, (0, self.views.len()), view, photo)
         else {
-            return view.world_from_camera;
+            return (view.world_from_camera, None);
         };
+        let mut lenses = self.lenses.iter();
+        if let Some(lens) = lenses.find(|lens| lens.is_of(view, photo.size)) {
+            photo.aligned.distortion = lens.distortion.clone();
+        }
         for level in (0..LEVELS).rev() {
             for _ in 0..SINGLE_ROUNDS {
                 let expected = photo.points.iter().filter_map(|&point| {
@@ -137,9 +188,12 @@ impl PhotoAlignment {
                 photo.aligned.step(photo.pyramid.level(level), expected);
             }
         }
-        match photo.moved_px(&self.points) <= LARGEST_MOVE * photo.longer_side {
-            true => photo.aligned.camera_from_world.inverse(),
-            false => view.world_from_camera,
+        match photo.moved_px(&self.points) <= LARGEST_MOVE * photo.longer_side() {
+            true => {
+                let distortion = photo.aligned.distortion;
+                (photo.aligned.camera_from_world.inverse(), Some(distortion))
+            }
+            false => (view.world_from_camera, None),
         }
     }
 }
@@ -156,9 +210,10 @@ impl<'a> Photo<'a> {
         (width > 0 && height > 0).then(|| Self {
             index,
             pyramid: Pyramid::new(photo, all),
-            longer_side: f64::from(width.max(height)),
+            size: (width, height),
+            lens: 0,
             points: seen(mesh, points, view, (width, height)),
-            aligned: Aligned::new(view),
+            aligned: Aligned::new(view, (width, height)),
             fits: true,
         })
     }
@@ -177,12 +232,20 @@ impl<'a> Photo<'a> {
         values.map(|value| value.unwrap_or(f32::NAN)).collect()
     }
 
-    /// Moves towards what the other views show; `own` is what it shows itself.
-    fn step(&mut self, points: &[SurfacePoint], sums: &[Sum], own: &[f32], level: usize) {
-        let fits = self.fits;
-        let expected = self.points.iter().zip(own).filter_map(|(&point, own)| {
+    fn longer_side(&self) -> f64 {
+        f64::from(self.size.0.max(self.size.1))
+    }
+
+    /// What the other views show of its points; `own` is what it shows itself.
+    fn expected<'b>(
+        &self,
+        points: &'b [SurfacePoint],
+        sums: &[Sum],
+        own: &[f32],
+    ) -> Vec<Expected<'b>> {
+        let expected = |(&point, own): (&u32, &f32)| {
             let sum = sums[point as usize];
-            let brightness = match fits {
+            let brightness = match self.fits {
                 true => sum.without(f64::from(*own))?,
                 false => sum.mean()?,
             };
@@ -191,9 +254,15 @@ impl<'a> Photo<'a> {
                 position,
                 brightness,
             })
-        });
+        };
+        self.points.iter().zip(own).filter_map(expected).collect()
+    }
+
+    /// Moves towards what the other views show.
+    fn step(&mut self, points: &[SurfacePoint], sums: &[Sum], own: &[f32], level: usize) {
+        let expected = self.expected(points, sums, own);
         let level = self.pyramid.level(level);
-        self.fits = self.aligned.step(level, expected).is_some();
+        self.fits = self.aligned.step(level, expected.into_iter()).is_some();
     }
 
     /// Root mean square of how far its points moved, in its pixels.
@@ -201,6 +270,12 @@ impl<'a> Photo<'a> {
         let moved = |&point: &u32| self.aligned.moved_px(&points[point as usize].position);
         let sum: f64 = self.points.iter().map(moved).sum();
         (sum / self.points.len().max(1) as f64).sqrt()
+    }
+}
+
+impl Lens {
+    fn is_of(&self, view: &TextureView, size: (u32, u32)) -> bool {
+        self.camera == view.camera && self.size == size
     }
 }
 

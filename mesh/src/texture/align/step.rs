@@ -1,7 +1,8 @@
-//! One step of the pose of a view.
+//! One step of the pose of a view, and what it has in common with one of its lens.
 
 use nalgebra::{Isometry3, Matrix6, Point3, Vector3, Vector6};
 
+use super::super::distortion::{Distortion, GridPosition};
 use super::super::types::TextureView;
 use super::pyramid::Level;
 
@@ -10,9 +11,9 @@ const LEAST_POINTS: usize = 200;
 /// Standard deviation of a given pose, in pixels.
 const GIVEN_PX: f64 = 3.0;
 /// How much a given pose counts, as a share of the number of points. One measurement would not: errors of neighbouring points are not independent.
-const GIVEN_SHARE: f64 = 0.005;
+const GIVEN_SHARE: f64 = 0.001;
 /// Longest step, in pixels of the level.
-const LONGEST_STEP_PX: f64 = 2.0;
+pub(super) const LONGEST_STEP_PX: f64 = 2.0;
 /// Scale of robust errors, in their median. A Cauchy weight halves there.
 const SCALE_MEDIANS: f64 = 2.0;
 /// Least scale of errors, in grey levels.
@@ -25,6 +26,7 @@ pub(super) struct Aligned<'a> {
     view: &'a TextureView,
     given: Isometry3<f64>,
     pub(super) camera_from_world: Isometry3<f64>,
+    pub(super) distortion: Distortion,
     /// Gain and offset of the brightness of the photograph over that of the surface.
     pub(super) brightness: [f64; 2],
 }
@@ -36,21 +38,26 @@ pub(super) struct Expected<'a> {
 }
 
 /// What a view sees of a point.
-struct Seen {
+pub(super) struct Seen {
     /// Change of the brightness with the pose: rotation, then translation.
-    derivative: Vector6<f64>,
+    pub(super) derivative: Vector6<f64>,
+    /// Change of the brightness per pixel of the photograph, along x and y.
+    pub(super) slopes: [f64; 2],
+    /// Where it lies in the grid of the distortion.
+    pub(super) position: GridPosition,
     value: f64,
     expected: f64,
     depth: f64,
 }
 
 impl<'a> Aligned<'a> {
-    pub(super) fn new(view: &'a TextureView) -> Self {
+    pub(super) fn new(view: &'a TextureView, size: (u32, u32)) -> Self {
         let given = view.world_from_camera.inverse();
         Self {
             view,
             given,
             camera_from_world: given,
+            distortion: Distortion::none(size),
             brightness: [1.0, 0.0],
         }
     }
@@ -71,7 +78,8 @@ impl<'a> Aligned<'a> {
     /// Brightness of a point without gain and offset of the photograph; `None` outside of the photograph.
     #[inline]
     pub(super) fn brightness_of(&self, level: &Level, point: &Point3<f64>) -> Option<f32> {
-        let (_, [x, y]) = self.project(point)?;
+        let (_, pixel) = self.project(point)?;
+        let [x, y] = self.distortion.photo_from_pinhole(pixel);
         let [gain, offset] = self.brightness.map(|value| value as f32);
         Some((level.value(x, y)? - offset) / gain)
     }
@@ -82,6 +90,24 @@ impl<'a> Aligned<'a> {
         level: &Level,
         points: impl Iterator<Item = Expected<'b>>,
     ) -> Option<()> {
+        let (seen, scale) = self.fit_brightness(level, points)?;
+        let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+        for point in &seen {
+            let (error, weight) = self.error(point, scale);
+            normal.syger(weight, &point.derivative, &point.derivative, 1.0);
+            right.axpy(weight * error, &point.derivative, 1.0);
+        }
+        normal.fill_upper_triangle_with_lower_triangle();
+        self.add_given((&mut normal, &mut right), &seen, scale);
+        self.advance(level, &normal, &right, Self::median_depth(&seen))
+    }
+
+    /// Adjusts gain and offset. What is seen of the points, and the scale of robust errors.
+    pub(super) fn fit_brightness<'b>(
+        &mut self,
+        level: &Level,
+        points: impl Iterator<Item = Expected<'b>>,
+    ) -> Option<(Vec<Seen>, f64)> {
         let seen: Vec<Seen> = points
             .filter_map(|point| self.seen(level, &point))
             .collect();
@@ -90,18 +116,29 @@ impl<'a> Aligned<'a> {
         }
         self.brightness = fitted(&seen, self.brightness)?;
         let scale = scale(&seen, self.brightness);
+        Some((seen, scale))
+    }
+
+    /// Error of the brightness of a point, and its weight.
+    #[inline]
+    pub(super) fn error(&self, point: &Seen, scale: f64) -> (f64, f64) {
         let [gain, offset] = self.brightness;
-        let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
-        for point in &seen {
-            let error = point.value - gain * point.expected - offset;
-            let weight = 1.0 / (1.0 + (error / scale).powi(2));
-            normal.syger(weight, &point.derivative, &point.derivative, 1.0);
-            right.axpy(weight * error, &point.derivative, 1.0);
-        }
-        normal.fill_upper_triangle_with_lower_triangle();
-        let depth = median(seen.iter().map(|point| point.depth).collect());
-        let focal = self.view.camera.fx() / level.factor;
-        let unit = self.units(depth);
+        let error = point.value - gain * point.expected - offset;
+        (error, 1.0 / (1.0 + (error / scale).powi(2)))
+    }
+
+    pub(super) fn median_depth(seen: &[Seen]) -> f64 {
+        median(seen.iter().map(|point| point.depth).collect())
+    }
+
+    /// Adds the given pose to the equations of the pose.
+    pub(super) fn add_given(
+        &self,
+        (normal, right): (&mut Matrix6<f64>, &mut Vector6<f64>),
+        seen: &[Seen],
+        scale: f64,
+    ) {
+        let unit = self.units(Self::median_depth(seen));
         let deviation = deviation(&self.camera_from_world, &self.given);
         let given = GIVEN_SHARE * seen.len() as f64 * (scale / GIVEN_PX).powi(2);
         for axis in 0..6 {
@@ -109,7 +146,18 @@ impl<'a> Aligned<'a> {
             normal[(axis, axis)] += information;
             right[axis] += information * deviation[axis];
         }
-        let mut step = -normal.cholesky()?.solve(&right);
+    }
+
+    /// Moves the pose by the solution of its equations, shortened if it is long; `None` when there is none.
+    pub(super) fn advance(
+        &mut self,
+        level: &Level,
+        normal: &Matrix6<f64>,
+        right: &Vector6<f64>,
+        depth: f64,
+    ) -> Option<()> {
+        let mut step = -normal.cholesky()?.solve(right);
+        let focal = self.view.camera.fx() / level.factor;
         let pixels =
             focal * (step.fixed_rows::<3>(0).norm() + step.fixed_rows::<3>(3).norm() / depth);
         if !pixels.is_finite() {
@@ -133,20 +181,23 @@ impl<'a> Aligned<'a> {
         let camera = &self.view.camera;
         let [given, now] = [&self.given, &self.camera_from_world].map(|pose| {
             let at = pose * point;
-            [camera.fx() * at.x / at.z, camera.fy() * at.y / at.z]
+            [
+                camera.fx() * at.x / at.z + camera.cx(),
+                camera.fy() * at.y / at.z + camera.cy(),
+            ]
         });
+        let now = self.distortion.photo_from_pinhole(now);
         (now[0] - given[0]).powi(2) + (now[1] - given[1]).powi(2)
     }
 
     #[inline]
     fn seen(&self, level: &Level, point: &Expected<'_>) -> Option<Seen> {
-        let (at, [x, y]) = self.project(point.position)?;
+        let (at, pixel) = self.project(point.position)?;
+        let [x, y] = self.distortion.photo_from_pinhole(pixel);
         let [value, along, down] = level.sample(x, y)?;
+        let slopes = [along, down].map(|slope| slope / level.factor);
         let camera = &self.view.camera;
-        let (along, down) = (
-            along * camera.fx() / level.factor,
-            down * camera.fy() / level.factor,
-        );
+        let (along, down) = (slopes[0] * camera.fx(), slopes[1] * camera.fy());
         let inverse = 1.0 / at.z;
         // Change of the brightness with the point in the frame of the camera.
         let with_point =
@@ -157,6 +208,8 @@ impl<'a> Aligned<'a> {
         derivative.fixed_rows_mut::<3>(3).copy_from(&with_point);
         Some(Seen {
             derivative,
+            slopes,
+            position: self.distortion.position(pixel),
             value,
             expected: point.brightness,
             depth: at.z,

@@ -31,17 +31,28 @@ fn brightness(point: &Point3<f64>) -> f64 {
 
 /// What a camera sees of the walls, with a gain of its brightness.
 fn photo(world_from_camera: &Isometry3<f64>, gain: f64) -> RgbImage {
-    let camera = camera();
+    photo_through(|pixel| pixel, world_from_camera, gain)
+}
+
+/// The same through a lens, which is given by the pixel of a pinhole camera at a pixel.
+fn photo_through(
+    lens: impl Fn([f64; 2]) -> [f64; 2],
+    world_from_camera: &Isometry3<f64>,
+    gain: f64,
+) -> RgbImage {
     RgbImage::from_fn(WIDTH, HEIGHT, |x, y| {
-        let pixel = Point2::new(f64::from(x), f64::from(y));
-        let ray = camera.point_at_depth(&pixel, 1.0).unwrap().coords;
-        let ray = world_from_camera.rotation * ray;
-        let eye = world_from_camera.translation.vector;
-        // The walls are z = 2 - |x|.
-        let reach = |side: f64| (DEPTH - eye.z - side * eye.x) / (ray.z + side * ray.x);
-        let point = Point3::from(eye + f64::min(reach(1.0), reach(-1.0)) * ray);
+        let point = on_walls(world_from_camera, lens([x, y].map(f64::from)));
         Rgb([(gain * brightness(&point)).clamp(0.0, 255.0) as u8; 3])
     })
+}
+
+/// What a pinhole camera sees of the walls, which are z = 2 - |x|.
+fn on_walls(world_from_camera: &Isometry3<f64>, [x, y]: [f64; 2]) -> Point3<f64> {
+    let ray = camera().point_at_depth(&Point2::new(x, y), 1.0).unwrap();
+    let ray = world_from_camera.rotation * ray.coords;
+    let eye = world_from_camera.translation.vector;
+    let reach = |side: f64| (DEPTH - eye.z - side * eye.x) / (ray.z + side * ray.x);
+    Point3::from(eye + f64::min(reach(1.0), reach(-1.0)) * ray)
 }
 
 /// True poses, and given ones that are off by several pixels; the mean of the errors is zero.
@@ -115,7 +126,7 @@ fn photographs_move_to_where_they_agree() {
             Vector3::new(0.01, 0.0, 0.0),
             Vector3::new(0.01, -0.01, 0.01),
         );
-    let found = alignment.align(&mesh, &view(given), &photo(&truth, 0.85));
+    let (found, _) = alignment.align(&mesh, &view(given), &photo(&truth, 0.85));
     let [before, after] = [given, found].map(|pose| apart_px(&truth, &pose));
     assert!(after < 0.2 * before, "{before} {after}");
 }
@@ -132,7 +143,67 @@ fn a_missing_photograph_and_one_of_something_else_keep_their_poses() {
     let alignment = align_photos(&corner(), &views, &load);
     for (index, (given, found)) in views.iter().zip(&alignment.views).enumerate() {
         let moved = apart_px(&given.world_from_camera, &found.world_from_camera);
-        let bound = if index < 2 { 1e-9 } else { 0.3 };
+        let bound = if index < 2 { 1e-9 } else { 0.5 };
         assert!(moved < bound, "{index}: {moved}");
     }
+}
+
+#[test]
+fn photographs_of_a_camera_share_a_distortion() {
+    // 3 % shorter focal length along x, and barrel distortion: up to 8 pixels.
+    let lens = |[x, y]: [f64; 2]| {
+        let (x, y) = ((x - 159.5) / 300.0, (y - 119.5) / 300.0);
+        let longer = 1.0 + 0.04 * (x * x + y * y);
+        [1.03 * longer * x, longer * y]
+    };
+    let lens = |pixel| {
+        let [x, y] = lens(pixel);
+        [159.5 + 300.0 * x, 119.5 + 300.0 * y]
+    };
+    let pose = |at: usize| {
+        let (column, row) = ((at % 3) as f64 - 1.0, (at / 3) as f64 - 1.0);
+        Isometry3::new(
+            Vector3::new(0.3 * column, 0.25 * row, 0.1 * column * row),
+            Vector3::new(0.1 * row, -0.2 * column, 0.2 * (column - row)),
+        )
+    };
+    let views: Vec<_> = (0..9).map(|at| view(pose(at))).collect();
+    let load = |at: usize| Some(photo_through(lens, &pose(at), 1.0));
+    let alignment = align_photos(&corner(), &views, &load);
+    // Where the views see points of the walls before and after, apart from the mean of all views.
+    let (mut before, mut after) = (0.0, 0.0);
+    for x in [-0.6, -0.3, 0.2, 0.5] {
+        for y in [-0.5, -0.1, 0.4] {
+            let point = Point3::new(x, y, DEPTH - f64::abs(x));
+            let seen = |at: usize| {
+                let pinhole = camera().project(&(pose(at).inverse() * point)).unwrap();
+                let mut pixel = [pinhole.x, pinhole.y];
+                for _ in 0..20 {
+                    let [x, y] = lens(pixel);
+                    pixel = [pixel[0] + pinhole.x - x, pixel[1] + pinhole.y - y];
+                }
+                let distortion = alignment.distortions[at].as_ref().unwrap();
+                let aligned = distortion.pinhole_from_photo(pixel);
+                [
+                    on_walls(&pose(at), pixel),
+                    on_walls(&alignment.views[at].world_from_camera, aligned),
+                ]
+            };
+            let seen: Vec<_> = (0..9).map(seen).collect();
+            for (which, sum) in [&mut before, &mut after].into_iter().enumerate() {
+                let mean = seen
+                    .iter()
+                    .map(|seen| seen[which].coords)
+                    .sum::<Vector3<f64>>()
+                    / 9.0;
+                let squares = seen
+                    .iter()
+                    .map(|seen| (seen[which].coords - mean).norm_squared());
+                *sum += squares.sum::<f64>();
+            }
+        }
+    }
+    let [before, after] = [before, after].map(f64::sqrt);
+    assert!(after < 0.25 * before, "{before} {after}");
+    assert_eq!(alignment.distortions[0], alignment.distortions[8]);
 }
