@@ -2,7 +2,7 @@
 //!
 //! The poses of a sequence often come from another sensor with another clock, so that reprojection errors reach several pixels.
 //! [`correct_pose`] refines one camera against known points. [`adjust_bundle`] refines cameras and points together and, for
-//! uncalibrated images, one radial distortion coefficient ([`CorrectedLens`]). Each camera is held by its given pose within a
+//! uncalibrated images, the camera that they share ([`CorrectedLens`]). Each camera is held by its given pose within a
 //! [`PosePrior`], which fixes position, orientation and scale of the whole.
 
 mod adjust;
