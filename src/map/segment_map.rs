@@ -46,7 +46,7 @@ impl SegmentMap {
         })
     }
 
-    /// Adds the segments of a keyframe, unless clusters are [final](Self::release_clusterer). Degenerate ones, with equal or non-finite ends, are left out.
+    /// Adds the segments of a keyframe, unless clusters are final. Degenerate ones, with equal or non-finite ends, are left out.
     pub fn push(&mut self, keyframe: &LineKeyframe) {
         let Clusters::Growing(clusterer) = &mut self.clusters else {
             return;
