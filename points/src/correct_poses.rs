@@ -81,21 +81,20 @@ impl PointMap {
     }
 
     pub(super) fn prior(&self, depth: f64) -> PosePrior {
-        PosePrior::in_pixels(self.prior_sigma_px, self.camera.mean_focal_px(), depth)
+        PosePrior::in_pixels(self.correction.sigma_px, self.camera.mean_focal_px(), depth)
     }
 
-    /// RMS of the corrections of rotation and translation per axis, in pixels at a depth.
-    fn correction_px(&self, depth: f64) -> f64 {
+    /// RMS of the corrections of rotation and of translation per axis, in pixels at a depth; zero without corrected keyframes.
+    pub fn corrections_px(&self, depth: f64) -> [f64; 2] {
         let corrected = self.corrected_keyframes();
-        let squares: f64 = corrected
-            .iter()
-            .map(|&number| {
-                let change = self.keyframes[number as usize].pose.change();
-                change.rotation_rad.powi(2) + (change.translation / depth).powi(2)
-            })
-            .sum();
-        let components = (6 * corrected.len()).max(1) as f64;
-        self.camera.mean_focal_px() * (squares / components).sqrt()
+        let (mut turns, mut shifts) = (0.0, 0.0);
+        for number in &corrected {
+            let change = self.keyframes[*number as usize].pose.change();
+            turns += change.rotation_rad.powi(2);
+            shifts += (change.translation / depth).powi(2);
+        }
+        let axes = (3 * corrected.len()).max(1) as f64;
+        [turns, shifts].map(|sum| self.camera.mean_focal_px() * (sum / axes).sqrt())
     }
 
     /// Local bundle adjustment: a new keyframe, those that share most points with it, and their points.
@@ -115,7 +114,7 @@ impl PointMap {
         });
         window.truncate(self.correction.window - 1);
         window.push(keyframe);
-        self.adjust_together(&window, depth);
+        self.adjust_together(&window, &self.prior(depth));
     }
 
     /// Bundle adjustment of all corrected keyframes and their points, after the last keyframe. Observations that do not fit are
@@ -132,32 +131,36 @@ impl PointMap {
         if self.correction.lens {
             self.estimate_lens();
         }
-        self.adjust_from_given_accuracy(depth);
-        self.choose_explanation(depth);
+        let prior = self.adjust_from_given_accuracy(depth);
+        self.choose_explanation(depth, prior);
         self.living
             .retain(|id| self.points[id.0 as usize].is_some());
         self.publish();
     }
 
     /// Adjusts all keyframes. Where they then differ from the given poses by less than the assumed error of these, they are adjusted
-    /// again with that difference as the error: accurate poses hold the adjusted ones closer.
-    pub(super) fn adjust_from_given_accuracy(&mut self, depth: f64) {
-        self.prior_sigma_px = self.correction.sigma_px;
-        self.adjust_blocks(depth);
-        let found = self.correction_px(depth).max(LEAST_SIGMA_PX);
-        if found < self.prior_sigma_px {
-            self.prior_sigma_px = found;
-            self.adjust_blocks(depth);
+    /// again with that difference as the error: accurate poses hold the adjusted ones closer. Returns the error that was assumed last.
+    pub(super) fn adjust_from_given_accuracy(&mut self, depth: f64) -> PosePrior {
+        let prior = self.prior(depth);
+        self.adjust_blocks(&prior);
+        let [turn, shift] = self.corrections_px(depth);
+        let found = turn.hypot(shift) * std::f64::consts::FRAC_1_SQRT_2;
+        if found >= self.correction.sigma_px {
+            return prior;
         }
+        let sigma_px = found.max(LEAST_SIGMA_PX);
+        let closer = PosePrior::in_pixels(sigma_px, self.camera.mean_focal_px(), depth);
+        self.adjust_blocks(&closer);
+        closer
     }
 
-    fn adjust_blocks(&mut self, depth: f64) {
+    fn adjust_blocks(&mut self, prior: &PosePrior) {
         for _ in 0..ROUNDS {
             let corrected = self.corrected_keyframes();
             let mut start = 0;
             while start < corrected.len() {
                 let end = (start + BLOCK_KEYFRAMES).min(corrected.len());
-                self.adjust_together(&corrected[start..end], depth);
+                self.adjust_together(&corrected[start..end], prior);
                 if end == corrected.len() {
                     break;
                 }
@@ -167,19 +170,18 @@ impl PointMap {
         }
     }
 
-    fn adjust_together(&mut self, window: &[u32], depth: f64) {
+    fn adjust_together(&mut self, window: &[u32], prior: &PosePrior) {
         let Some((ids, mut tracks)) = self.tracks_of(window) else {
             return;
         };
         let mut poses = self.poses();
         let mut lens = self.lens.clone();
-        let prior = self.prior(depth);
         adjust_bundle(
             &mut lens,
             FreeLens::Fixed,
             &mut poses,
             window,
-            &prior,
+            prior,
             &mut tracks,
         );
         self.apply_adjustment(window, &poses, &ids, &tracks);

@@ -179,15 +179,15 @@ impl PointMap {
         errors.is_some_and(|errors| errors.explanation() == Explanation::Poses)
     }
 
-    /// Decides, after all keyframes were adjusted, between the given poses and camera, the given poses with another camera, and
+    /// Decides, after all keyframes were adjusted with a `prior`, between the given poses and camera, the given poses with another camera, and
     /// adjusted poses, which stay if the others explain the images less well. Where little can be held back, the given ones are kept.
     ///
     /// # Complexity
     /// That of some adjustments of at most a hundred keyframes and four thousand points.
-    pub(super) fn choose_explanation(&mut self, depth: f64) {
+    pub(super) fn choose_explanation(&mut self, depth: f64, prior: PosePrior) {
         let given = CorrectedLens::new(self.camera.clone());
         (self.held_back_errors, self.readout) = (None, None);
-        let Some(trial) = self.trial(depth) else {
+        let Some(trial) = self.trial(prior) else {
             return self.restore_given_poses(given);
         };
         let with_poses = match self.lens.correction() {
@@ -215,8 +215,8 @@ impl PointMap {
                 let mut tracks = [trial.used.as_slice(), &trial.held_back].concat();
                 adjust_bundle(&mut lens, free, &mut poses, &[], &trial.prior, &mut tracks);
                 self.restore_given_poses(lens.clone());
-                self.adjust_from_given_accuracy(depth);
-                let Some(trial) = self.trial(depth) else {
+                let prior = self.adjust_from_given_accuracy(depth);
+                let Some(trial) = self.trial(prior) else {
                     return self.restore_given_poses(lens);
                 };
                 let errors = trial.errors(&lens, FreeLens::Fixed);
@@ -229,7 +229,7 @@ impl PointMap {
     }
 
     /// The matches between the corrected keyframes; between a hundred in the middle if there are more.
-    fn trial(&self, depth: f64) -> Option<Trial> {
+    fn trial(&self, prior: PosePrior) -> Option<Trial> {
         let corrected = self.corrected_keyframes();
         let count = corrected.len().min(BLOCK_KEYFRAMES);
         let start = (corrected.len() - count) / 2;
@@ -240,7 +240,7 @@ impl PointMap {
             used: Vec::new(),
             held_back: Vec::new(),
             given: self.keyframes.iter().map(|k| k.pose.as_given()).collect(),
-            prior: self.prior(depth),
+            prior,
             window,
         };
         for (index, track) in tracks.into_iter().step_by(every).enumerate() {

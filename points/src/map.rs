@@ -56,8 +56,6 @@ pub struct PointMap {
     /// Published points that were removed.
     pub(super) withdrawn: Vec<MapPointId>,
     pub(super) changes: Vec<MapChange>,
-    /// Standard deviation of projections by the error of a given pose, as adjustments assume it.
-    pub(super) prior_sigma_px: f64,
     /// Motion of the camera at each keyframe, where it is known.
     pub(super) motions: Vec<Option<CameraMotion>>,
     /// Readout of a rolling shutter that was recognised.
@@ -123,7 +121,6 @@ impl PointMap {
             touched: Vec::new(),
             withdrawn: Vec::new(),
             changes: Vec::new(),
-            prior_sigma_px: correction.sigma_px,
             motions: Vec::new(),
             readout: None,
             held_back_errors: None,

@@ -56,7 +56,7 @@ pub(super) fn without_shutter(
     tracks
 }
 
-/// The readout with the least cost, from -1 to 1: negative when rows are read from below.
+/// The readout with the least cost, between about -1 and 1: negative when rows are read from below.
 pub(super) fn best_readout(cost: impl Fn(f64) -> f64) -> f64 {
     let coarse = (-STEPS..=STEPS).map(|at| STEP * f64::from(at));
     let costs: Vec<(f64, f64)> = coarse.map(|readout| (cost(readout), readout)).collect();

@@ -11,9 +11,7 @@ use super::{
 };
 use crate::options::Options;
 use linecarve_lines::camera::CameraCorrection;
-use linecarve_points::{
-    CameraMotion, HeldBackErrors, PointMap, PointOptionsError, PoseChange, camera_motion,
-};
+use linecarve_points::{CameraMotion, HeldBackErrors, PointMap, PointOptionsError, camera_motion};
 use linecarve_sequence::Sequence;
 use serde::Serialize;
 
@@ -128,12 +126,14 @@ pub fn correct_poses(
         .map(|(position, number)| (*position, number))
         .collect();
     let pose = |number: u32| &map.keyframes()[number as usize].pose;
-    let changes = corrected.iter().map(|(_, number)| pose(*number).change());
-    let mut summary = summary_of(
-        changes,
-        sequence.color_camera().mean_focal_px(),
-        map.median_depth(),
-    );
+    let median_depth = map.median_depth();
+    let [turn_px, shift_px] = median_depth.map_or([0.0; 2], |depth| map.corrections_px(depth));
+    let mut summary = PoseSummary {
+        keyframes: corrected.len(),
+        turn_px,
+        shift_px,
+        ..PoseSummary::default()
+    };
     summary.camera = map.lens().correction();
     summary.held_back = map.held_back_errors();
     summary.rolling_shutter = map.readout();
@@ -147,7 +147,7 @@ pub fn correct_poses(
         for (position, number) in corrected {
             fitted[position] = *pose(number).world_from_camera();
         }
-        if let Some(median_depth) = map.median_depth() {
+        if let Some(median_depth) = median_depth {
             places = placed(&given, &fitted, median_depth);
         }
     }
@@ -164,29 +164,6 @@ fn motion_at(sequence: &Sequence, frame: usize) -> Option<CameraMotion> {
     let (before, after) = (frame.saturating_sub(1), (frame + 1).min(frames.len() - 1));
     let pose = |frame: usize| &frames[frame].world_from_camera;
     (before < after).then(|| camera_motion(pose(before), pose(after), after - before))
-}
-
-/// RMS rotation and translation per axis.
-fn summary_of(
-    changes: impl Iterator<Item = PoseChange>,
-    focal_px: f64,
-    median_depth: Option<f64>,
-) -> PoseSummary {
-    let mut summary = PoseSummary::default();
-    let (mut turns, mut shifts) = (0.0, 0.0);
-    for change in changes {
-        summary.keyframes += 1;
-        turns += change.rotation_rad.powi(2);
-        shifts += change.translation.powi(2);
-    }
-    if let Some(depth) = median_depth
-        && summary.keyframes > 0
-    {
-        let axes = (3 * summary.keyframes) as f64;
-        summary.turn_px = focal_px * (turns / axes).sqrt();
-        summary.shift_px = focal_px * (shifts / axes).sqrt() / depth;
-    }
-    summary
 }
 
 /// An empty map of feature points. Lens distortion is estimated only when the sequence does not give it.
