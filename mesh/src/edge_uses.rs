@@ -1,18 +1,24 @@
 //! Which triangles use each edge.
 
-/// The edges of all triangles, the smaller vertex first, each with the corner where a triangle's begins: the number of the triangle times three,
-/// plus that of the corner. Ascending, so that the uses of an edge follow each other.
+/// An edge, the smaller vertex first, and the corner where it begins: the number of the triangle times three, plus that of the corner.
+pub(crate) type EdgeUse = ([u32; 2], u32);
+
+/// The edges of all triangles. Ascending, so that the uses of an edge follow each other.
 ///
 /// # Complexity
 /// O(n log n) in the triangles.
-pub(crate) fn edge_uses(triangles: &[[u32; 3]]) -> Vec<([u32; 2], u32)> {
-    let mut uses: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * triangles.len());
-    for (number, &[a, b, c]) in (0..).zip(triangles) {
-        let edges = [[a, b], [b, c], [c, a]].into_iter().zip(3 * number..);
-        uses.extend(edges.map(|([a, b], corner)| ([a.min(b), a.max(b)], corner)));
-    }
+pub(crate) fn edge_uses(triangles: &[[u32; 3]]) -> Vec<EdgeUse> {
+    let mut uses: Vec<EdgeUse> = Vec::with_capacity(3 * triangles.len());
+    uses.extend(unsorted(triangles));
     uses.sort_unstable();
     uses
+}
+
+fn unsorted(triangles: &[[u32; 3]]) -> impl Iterator<Item = EdgeUse> {
+    (0..).zip(triangles).flat_map(|(number, &[a, b, c])| {
+        let edges = [[a, b], [b, c], [c, a]].into_iter().zip(3 * number..);
+        edges.map(|([a, b], corner)| ([a.min(b), a.max(b)], corner))
+    })
 }
 
 /// Most uses that [`for_each_edge`] holds at once, where no vertex has more.
@@ -25,18 +31,15 @@ const HELD_USES: usize = 1 << 18;
 pub(crate) fn for_each_edge(
     triangles: &[[u32; 3]],
     vertices: usize,
-    mut visit: impl FnMut(&[([u32; 2], u32)]),
+    mut visit: impl FnMut(&[EdgeUse]),
 ) {
     let passes = (3 * triangles.len()).div_ceil(HELD_USES).max(1);
     let step = vertices.div_ceil(passes).max(1) as u32;
-    let mut uses: Vec<([u32; 2], u32)> = Vec::new();
+    let mut uses: Vec<EdgeUse> = Vec::new();
     for first in (0..vertices as u32).step_by(step as usize) {
         uses.clear();
-        for (number, &[a, b, c]) in (0..).zip(triangles) {
-            let edges = [[a, b], [b, c], [c, a]].into_iter().zip(3 * number..);
-            let edges = edges.map(|([a, b], corner)| ([a.min(b), a.max(b)], corner));
-            uses.extend(edges.filter(|([smaller, _], _)| smaller.wrapping_sub(first) < step));
-        }
+        let is_next = |([smaller, _], _): &EdgeUse| smaller.wrapping_sub(first) < step;
+        uses.extend(unsorted(triangles).filter(is_next));
         uses.sort_unstable();
         uses.chunk_by(|a, b| a.0 == b.0).for_each(&mut visit);
     }
