@@ -13,7 +13,7 @@ use linecarve::{Reconstruction, Recording, RunOptions};
 use linecarve_lines::camera::Camera;
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::raycast::{RayHit, RayScene};
-use linecarve_mesh::texture::{Distortion, TextureView};
+use linecarve_mesh::texture::{DistortionGrid, TextureView};
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -58,7 +58,7 @@ struct Scored {
 }
 
 /// `world_from_camera` of a frame, and its distortion.
-type PhotoPose = (Isometry3<f64>, Option<Distortion>);
+type PhotoPose = (Isometry3<f64>, Option<DistortionGrid>);
 
 pub(super) fn run(args: &TextureArgs) -> anyhow::Result<Outcome> {
     let rows: Vec<Row> = args

@@ -9,7 +9,7 @@ const INVERSE_STEPS: usize = 8;
 ///
 /// They are given at the nodes of a grid over the image, and bilinear between them; beyond the image they are those of its border.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Distortion {
+pub struct DistortionGrid {
     /// Nodes along x and y.
     nodes: [usize; 2],
     /// Pixels between nodes along x and y.
@@ -22,11 +22,11 @@ pub struct Distortion {
 pub(super) struct GridPosition {
     /// Number of the cell, row by row.
     pub(super) cell: usize,
-    /// Shares of its corners, in the order of [`Distortion::corners`]; their sum is 1.
+    /// Shares of its corners, in the order of [`DistortionGrid::corners`]; their sum is 1.
     pub(super) shares: [f64; 4],
 }
 
-impl Distortion {
+impl DistortionGrid {
     /// No displacement, for images of a width and height in pixels.
     pub(super) fn none((width, height): (u32, u32)) -> Self {
         let cell = f64::from(width.max(height)) / (NODES - 1) as f64;
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn displacements_are_bilinear_and_can_be_undone() {
-        let mut distortion = Distortion::none((640, 480));
+        let mut distortion = DistortionGrid::none((640, 480));
         assert_eq!(distortion.nodes(), 9 * 7);
         assert_eq!(distortion.neighbours().count(), 8 * 7 + 9 * 6);
         // Nodes are 80 pixels apart.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::chart::{Layout, texels_inside};
 use super::depth_buffer::{DepthBuffer, Projected};
-use super::distortion::Distortion;
+use super::distortion::DistortionGrid;
 use super::observe::Observation;
 use super::photo::{LoadPhoto, Photo, for_each_group};
 use super::types::TextureView;
@@ -21,7 +21,7 @@ const FEATHER_PX: f64 = 24.0;
 pub(super) struct Sources<'a> {
     pub(super) mesh: &'a TriangleMesh,
     pub(super) views: &'a [TextureView],
-    pub(super) distortions: &'a [Option<Distortion>],
+    pub(super) distortions: &'a [Option<DistortionGrid>],
     pub(super) load: &'a LoadPhoto<'a>,
     pub(super) of_triangle: &'a [Vec<Observation>],
     pub(super) labels: &'a [Option<usize>],

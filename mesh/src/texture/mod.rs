@@ -37,7 +37,7 @@ mod spread;
 mod types;
 
 pub use align::{PhotoAlignment, align_photos};
-pub use distortion::Distortion;
+pub use distortion::DistortionGrid;
 pub use encode::{EncodedTexture, SplitMesh, TextureFormat};
 pub use make::{TextureSummary, texture_mesh};
 pub use photo::LoadPhoto;

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::depth_buffer::{DepthBuffer, Projected};
-use super::distortion::Distortion;
+use super::distortion::DistortionGrid;
 use super::photo::{LoadPhoto, Photo, for_each_group};
 use super::types::TextureView;
 use crate::TriangleMesh;
@@ -59,7 +59,7 @@ pub(super) struct Observations {
 pub(super) fn observe(
     mesh: &TriangleMesh,
     views: &[TextureView],
-    distortions: &[Option<Distortion>],
+    distortions: &[Option<DistortionGrid>],
     load: &LoadPhoto<'_>,
 ) -> Observations {
     let mut of_triangle = vec![Vec::new(); mesh.triangles.len()];

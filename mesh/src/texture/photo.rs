@@ -4,7 +4,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::depth_buffer::{DepthBuffer, Projection};
-use super::distortion::Distortion;
+use super::distortion::DistortionGrid;
 use super::types::{TextureView, bilinear};
 use crate::TriangleMesh;
 
@@ -16,14 +16,14 @@ pub(super) struct Photo {
     pub(super) projection: Projection,
     pub(super) depth: DepthBuffer,
     image: RgbImage,
-    distortion: Option<Distortion>,
+    distortion: Option<DistortionGrid>,
 }
 
 impl Photo {
     fn new(
         mesh: &TriangleMesh,
         view: &TextureView,
-        distortion: Option<&Distortion>,
+        distortion: Option<&DistortionGrid>,
         image: RgbImage,
     ) -> Self {
         let projection = Projection::new(view);
@@ -68,7 +68,7 @@ impl Photo {
 pub(super) fn for_each_group(
     mesh: &TriangleMesh,
     views: &[TextureView],
-    distortions: &[Option<Distortion>],
+    distortions: &[Option<DistortionGrid>],
     load: &LoadPhoto<'_>,
     mut consume: impl FnMut(&[(usize, Photo)]),
 ) {

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 use rayon::prelude::*;
 
-use super::super::distortion::Distortion;
+use super::super::distortion::DistortionGrid;
 use super::Photo;
 use super::pyramid::Level;
 use super::step::{Aligned, Expected, LONGEST_STEP_PX, Seen};
@@ -58,7 +58,7 @@ impl ShiftEquations {
     }
 
     /// The displacements are small, and neighbours have similar ones.
-    fn add_expectation(&mut self, now: &Distortion) {
+    fn add_expectation(&mut self, now: &DistortionGrid) {
         let information = |deviation: f64| UNDISTORTED_SHARE * self.unit / (deviation * deviation);
         let [own, difference] = [SHIFT_PX, NEIGHBOUR_PX].map(information);
         for axis in 0..2 {

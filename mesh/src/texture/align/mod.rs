@@ -21,7 +21,7 @@ use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-use super::distortion::Distortion;
+use super::distortion::DistortionGrid;
 use super::photo::LoadPhoto;
 use super::types::TextureView;
 use crate::TriangleMesh;
@@ -40,8 +40,8 @@ const LARGEST_MOVE: f64 = 0.05;
 pub struct PhotoAlignment {
     /// The views; as given where the photograph cannot be read or sees too little.
     pub views: Vec<TextureView>,
-    /// Distortion of each photograph; `None` where it cannot be read or sees too little.
-    pub distortions: Vec<Option<Distortion>>,
+    /// DistortionGrid of each photograph; `None` where it cannot be read or sees too little.
+    pub distortions: Vec<Option<DistortionGrid>>,
     /// Root mean square of how far the photographs moved, in their pixels.
     pub moved_px: f64,
     points: Vec<SurfacePoint>,
@@ -67,7 +67,7 @@ struct Photo<'a> {
 struct Lens {
     camera: Camera,
     size: (u32, u32),
-    distortion: Distortion,
+    distortion: DistortionGrid,
 }
 
 /// Sum of the brightness of a point, and the number of views.
@@ -166,7 +166,7 @@ impl PhotoAlignment {
         mesh: &TriangleMesh,
         view: &TextureView,
         photo: &image::RgbImage,
-    ) -> (Isometry3<f64>, Option<Distortion>) {
+    ) -> (Isometry3<f64>, Option<DistortionGrid>) {
         let Some(mut photo) = Photo::new(mesh, &self.points, (0, self.views.len()), view, photo)
         else {
             return (view.world_from_camera, None);

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix6, Point3, Vector3, Vector6};
 
-use super::super::distortion::{Distortion, GridPosition};
+use super::super::distortion::{DistortionGrid, GridPosition};
 use super::super::types::TextureView;
 use super::pyramid::Level;
 
@@ -26,7 +26,7 @@ pub(super) struct Aligned<'a> {
     view: &'a TextureView,
     given: Isometry3<f64>,
     pub(super) camera_from_world: Isometry3<f64>,
-    pub(super) distortion: Distortion,
+    pub(super) distortion: DistortionGrid,
     /// Gain and offset of the brightness of the photograph over that of the surface.
     pub(super) brightness: [f64; 2],
 }
@@ -57,7 +57,7 @@ impl<'a> Aligned<'a> {
             view,
             given,
             camera_from_world: given,
-            distortion: Distortion::none(size),
+            distortion: DistortionGrid::none(size),
             brightness: [1.0, 0.0],
         }
     }
