@@ -30,7 +30,7 @@ pub enum Growth {
 pub(crate) struct GrowthFiles<'a> {
     output: &'a mut OutputFolder,
     growth: Growth,
-    /// Reused memory; a whole surface gives back its own, which the next keyframe can use until then.
+    /// Reused memory of changes. That of a whole surface is given back: the next keyframe needs as much before its file is written.
     bytes: Vec<u8>,
 }
 
