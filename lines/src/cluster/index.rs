@@ -57,16 +57,18 @@ impl ClusterIndex {
         }
     }
 
-    /// Follows a cluster that changed.
-    pub(super) fn follow(&mut self, cluster: u32, representative: &WorldSegment) {
+    /// Follows a cluster that changed, and returns whether it has left its entry and has a new one.
+    pub(super) fn follow(&mut self, cluster: u32, representative: &WorldSegment) -> bool {
         let [low, high] = self.around(representative, 0.0);
         let is_within = |[entered_low, entered_high]: [Key; 2]| {
             (0..5).all(|k| entered_low[k] <= low[k] && high[k] <= entered_high[k])
         };
-        if !self.entries[cluster as usize].is_some_and(is_within) {
+        let has_left = !self.entries[cluster as usize].is_some_and(is_within);
+        if has_left {
             self.remove(cluster);
             self.insert(cluster, representative);
         }
+        has_left
     }
 
     /// Number of entries.
