@@ -6,6 +6,7 @@ pub mod depth;
 pub mod edges;
 mod extractor;
 pub mod fit;
+mod growth;
 pub mod image;
 mod large_nodes;
 pub mod triangulation;

@@ -5,6 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::index::ClusterIndex;
 use super::options::{ClusterOptions, ClusterOptionsError};
 use super::representative::{EndMoments, WorldSegment};
+use crate::growth::push;
 
 /// Id of an inserted segment, numbered from 0 in the order of insertion; never reused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -210,8 +211,8 @@ impl SegmentClusterer {
     ) -> Option<(SegmentId, ClusterId)> {
         let segment = WorldSegment::new(ends_in_world)?;
         let id = self.next_member.len() as u32;
-        self.next_member.push(id);
-        self.cluster_of.push(NONE);
+        push(&mut self.next_member, id);
+        push(&mut self.cluster_of, NONE);
         let cluster = self.place(id, &segment, events);
         Some((SegmentId(id), ClusterId(cluster)))
     }
@@ -221,9 +222,9 @@ impl SegmentClusterer {
         self.next_member[id as usize] = id;
         let Some(mut cluster) = self.best_cluster(segment, None, self.offset) else {
             let cluster = self.clusters.len() as u32;
-            self.clusters.push(Some(Cluster::new(segment, id)));
+            push(&mut self.clusters, Some(Cluster::new(segment, id)));
             self.cluster_of[id as usize] = cluster;
-            self.directions.push(segment.direction());
+            push(&mut self.directions, segment.direction());
             self.count_change(0, 1);
             self.index.insert(cluster, segment);
             events.push(ClusterEvent::Created(ClusterId(cluster)));

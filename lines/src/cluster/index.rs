@@ -6,6 +6,7 @@ use rstar::{AABB, RTree};
 
 use super::representative::WorldSegment;
 use crate::LargeNodes;
+use crate::growth::push;
 
 /// Position and direction: three coordinates, and the sizes of the first two of a unit vector, all in units of what a query reaches. The
 /// sizes do not depend on the sense of the direction, and differ by no more than the directions do.
@@ -44,8 +45,9 @@ impl ClusterIndex {
     /// Enters a cluster that has no entry.
     pub(super) fn insert(&mut self, cluster: u32, representative: &WorldSegment) {
         let corners = self.around(representative, LOOSENESS);
-        let needed = cluster as usize + 1;
-        self.entries.resize(needed.max(self.entries.len()), None);
+        while self.entries.len() <= cluster as usize {
+            push(&mut self.entries, None);
+        }
         self.entries[cluster as usize] = Some(corners);
         self.tree.insert(entry(corners, cluster));
     }
