@@ -1,8 +1,10 @@
-//! Video files: pictures out of MP4 and MOV (H.264) and of uncompressed Y4M, written as images that a sequence is read from.
+//! Video files: pictures out of MP4 and MOV (H.264, H.265) and of uncompressed Y4M, written as images that a sequence is read from.
 
 mod h264;
+mod h265;
 mod mp4;
 mod picture;
+mod samples;
 mod unpack;
 mod y4m;
 

@@ -1,7 +1,7 @@
 //! The index of MP4 and MOV files: where the samples of the video track lie, and when they are shown.
 //!
 //! # Reference
-//! ISO/IEC 14496-12 (boxes, sample tables) and 14496-15 (`avcC`).
+//! ISO/IEC 14496-12 (boxes, sample tables) and 14496-15 (`avcC`, `hvcC`).
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -20,11 +20,19 @@ pub(super) struct Sample {
     pub(super) time_ns: i64,
 }
 
+/// What the decoder needs before the first sample.
+#[derive(Debug)]
+pub(super) enum Configuration {
+    /// Contents of the `avcC` box.
+    H264(Vec<u8>),
+    /// Contents of the `hvcC` box.
+    H265(Vec<u8>),
+}
+
 /// The video track of a file.
 #[derive(Debug)]
 pub(super) struct VideoTrack {
-    /// Contents of the `avcC` box.
-    pub(super) configuration: Vec<u8>,
+    pub(super) configuration: Configuration,
     pub(super) samples: Vec<Sample>,
     /// Quarter turns to the right that pictures need to be upright.
     pub(super) quarter_turns: u8,
@@ -211,8 +219,8 @@ fn video_track(track: &Part<'_>, media: &Part<'_>) -> Result<VideoTrack, VideoEr
     })
 }
 
-/// The decoder configuration of H.264, from the description of the samples.
-fn configuration(description: &Part<'_>) -> Result<Vec<u8>, VideoError> {
+/// The configuration of the decoder, from the description of the samples.
+fn configuration(description: &Part<'_>) -> Result<Configuration, VideoError> {
     /// Bytes of a visual sample entry before its boxes.
     const VISUAL_ENTRY: usize = 78;
     let entries = description
@@ -221,18 +229,22 @@ fn configuration(description: &Part<'_>) -> Result<Vec<u8>, VideoError> {
     let Some((codec, entry)) = entries.first() else {
         return Err(description.error(0, "the format of the video is missing"));
     };
-    if !matches!(codec, b"avc1" | b"avc3") {
-        return Err(entry.error(
+    let contents = |name| {
+        let inside = entry.take(VISUAL_ENTRY, entry.bytes.len().saturating_sub(VISUAL_ENTRY))?;
+        Ok(inside.need(name)?.bytes.to_vec())
+    };
+    match codec {
+        b"avc1" | b"avc3" => contents(b"avcC").map(Configuration::H264),
+        b"hvc1" | b"hev1" => contents(b"hvcC").map(Configuration::H265),
+        _ => Err(entry.error(
             0,
             format!(
-                "video of type {} is not read, only H.264: convert with ffmpeg -i VIDEO -c:v libx264 OUT.mp4, or pipe it \
+                "video of type {} is not read, only H.264 and H.265: convert with ffmpeg -i VIDEO -c:v libx264 OUT.mp4, or pipe it \
                  with ffmpeg -i VIDEO -pix_fmt yuv420p -f yuv4mpegpipe - | linecarve track - ...",
                 codec.escape_ascii()
             ),
-        ));
+        )),
     }
-    let inside = entry.take(VISUAL_ENTRY, entry.bytes.len().saturating_sub(VISUAL_ENTRY))?;
-    Ok(inside.need(b"avcC")?.bytes.to_vec())
 }
 
 /// Quarter turns to the right, from the matrix of a track head.
@@ -256,7 +268,7 @@ fn samples(table: &Part<'_>, scale: u32) -> Result<Vec<Sample>, VideoError> {
             .rows(8, 4)?
             .map(|row| row.u32(0))
             .collect::<Result<_, _>>()?,
-        _ => return Err(sizes.error(4, "all samples have one size, which no H.264 video has")),
+        _ => return Err(sizes.error(4, "all samples have one size, which no encoded video has")),
     };
     let offsets: Vec<u64> = match table.find(b"stco")? {
         Some(part) => part

@@ -10,7 +10,7 @@ use linecarve_mesh::files::write_atomically;
 use linecarve_sequence::OpenOptions;
 
 use super::picture::Picture;
-use super::{VideoError, h264, mp4, y4m};
+use super::{VideoError, mp4, samples, y4m};
 use crate::run::Verbosity;
 
 /// Quality of the images: their loss is below that of the video.
@@ -98,7 +98,7 @@ pub fn unpack(
         if is_mp4(&start) {
             let track = mp4::read_track(input, &mut file)?;
             turns = track.quarter_turns;
-            h264::read(input, &mut file, &track, &mut |one| take(one, turns))?
+            samples::read(input, &mut file, &track, &mut |one| take(one, turns))?
         } else {
             let mut whole = Cursor::new(start).chain(file);
             y4m::read(input, &mut BufReader::new(&mut whole), &mut |one| {
