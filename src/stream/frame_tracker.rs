@@ -11,7 +11,7 @@ use super::message::{DepthKind, FrameMessage, StartMessage};
 use super::tracked_frames::{Frames, TrackedSession};
 use crate::front_end::median_scene_depth;
 use crate::options::Options;
-use crate::tracking::{Preparation, TrackError, TrackedSequence, TrackingMode};
+use crate::tracking::{Preparation, TrackError, TrackedSequence, TrackingMode, times_of};
 
 /// Tracks frames as they come, with poses that use earlier frames only until the session ends.
 pub(super) struct FrameTracker {
@@ -263,6 +263,7 @@ impl FrameTracker {
     pub(super) fn finish(self) -> (Vec<usize>, TrackedSession) {
         let sequence = self.frames.sequence();
         let mut recording = self.camera.tracker.finish();
+        recording.smooth(&times_of(sequence));
         if let Some(turn) = &self.camera.turn {
             recording.turn_camera(turn);
         }

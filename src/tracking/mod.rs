@@ -12,5 +12,5 @@ pub(crate) use open::open_or_track;
 pub(crate) use preparation::Preparation;
 pub use report::TrackReport;
 pub(crate) use report::poses_file;
-pub(crate) use run::{FrameDone, track_watched};
+pub(crate) use run::{FrameDone, times_of, track_watched};
 pub use run::{TrackError, TrackedSequence, TrackingMode, track_sequence};

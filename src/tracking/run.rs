@@ -261,6 +261,7 @@ pub(crate) fn track_watched(
         )));
     }
     let mut recording = tracker.finish();
+    recording.smooth(&times_of(sequence));
     if let Some(turn) = preparation.turn(sequence) {
         recording.turn_camera(turn);
     }
@@ -270,6 +271,14 @@ pub(crate) fn track_watched(
         mode,
         times,
     })
+}
+
+/// Times of the frames of a sequence in seconds, or numbers of their images in their order.
+pub(crate) fn times_of(sequence: &Sequence) -> Vec<f64> {
+    let frames = sequence.frames().iter();
+    frames
+        .map(|frame| frame.timestamp_ns as f64 * 1e-9)
+        .collect()
 }
 
 /// Whether a frame is left out because of its images: they cannot be read, or are those of another camera.

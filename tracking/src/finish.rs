@@ -2,13 +2,15 @@
 
 use std::time::Instant;
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion};
+use nalgebra::{Isometry3, Matrix6, Point3, UnitQuaternion};
 
+use crate::adjust::PosePrior;
 use crate::camera::Measurement;
 use crate::map::{KeyframeId, Map, PointId};
 use crate::records::{FrameRecord, LoopReport, NoPose, PosedFrame, StageTimes};
+use crate::smooth::{PathPose, smooth_path};
 use crate::snapshot::points_of;
-use crate::solve::refine_pose;
+use crate::solve::{information_of, refine_pose};
 use crate::tracker::Tracker;
 use crate::verification::MapCheck;
 
@@ -21,8 +23,14 @@ const MAX_SWEEPS: usize = 4;
 /// Fewest frames of a sub-map that is believed, unless it is the only one.
 const MIN_SUBMAP_FRAMES: usize = 5;
 
-/// Sub-map, `world_from_camera` and number of matches of a frame.
-type FoundPose = (u32, Isometry3<f64>, usize);
+/// The pose of a frame in the final map.
+struct FoundPose {
+    submap: u32,
+    world_from_camera: Isometry3<f64>,
+    matches: usize,
+    /// About small motions of points in the camera (translation, then rotation).
+    information: Matrix6<f64>,
+}
 
 /// The pose of a frame, or why there is none.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,9 +72,50 @@ pub struct TrackedRecording {
     pub check: Option<MapCheck>,
     /// Durations.
     pub times: StageTimes,
+    /// Information of each pose; zero without one, and for poses as they were known live.
+    pub(crate) information: Vec<Matrix6<f64>>,
 }
 
 impl TrackedRecording {
+    /// Moves poses to where a camera that does not jump most likely was, given the time of each frame in any unit. How much poses scatter, and how
+    /// strongly the camera accelerates, is estimated from the poses. Poses as they were known live stay, and so do those whose times do
+    /// not ascend. Points stay.
+    ///
+    /// # Complexity
+    /// Linear in the number of frames.
+    pub fn smooth(&mut self, times: &[f64]) {
+        for submap in 0..self.submaps.len() {
+            let (frames, mut path): (Vec<usize>, Vec<PathPose>) = (self.poses.iter())
+                .zip(times.iter().zip(&self.information))
+                .enumerate()
+                .filter_map(|(frame, (pose, (time, information)))| match pose {
+                    FramePose::Known {
+                        submap: own,
+                        world_from_camera,
+                        ..
+                    } if *own == submap => Some((
+                        frame,
+                        PathPose {
+                            time: *time,
+                            world_from_camera: *world_from_camera,
+                            information: *information,
+                        },
+                    )),
+                    _ => None,
+                })
+                .unzip();
+            smooth_path(&mut path);
+            for (frame, smoothed) in frames.into_iter().zip(path) {
+                if let FramePose::Known {
+                    world_from_camera, ..
+                } = &mut self.poses[frame]
+                {
+                    *world_from_camera = smoothed.world_from_camera;
+                }
+            }
+        }
+    }
+
     /// Replaces the camera by one that is turned at the same position: `point_in_new = new_from_old * point_in_old`. The world of
     /// each sub-map turns with its first camera.
     pub fn turn_camera(&mut self, new_from_old: &UnitQuaternion<f64>) {
@@ -117,9 +166,12 @@ impl Tracker {
                 FrameRecord::Posed(_) if (number as u32) < self.first_answered => {
                     Err(NoPose::Waiting)
                 }
-                FrameRecord::Posed(frame) => {
-                    Ok((frame.live_submap, frame.live.inverse(), frame.inliers))
-                }
+                FrameRecord::Posed(frame) => Ok(FoundPose {
+                    submap: frame.live_submap,
+                    world_from_camera: frame.live.inverse(),
+                    matches: frame.inliers,
+                    information: Matrix6::zeros(),
+                }),
             })
             .collect();
         self.times.finish_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -176,17 +228,10 @@ impl Tracker {
     }
 
     /// Pose of a frame from the final map.
-    fn final_pose(&self, frame: &PosedFrame) -> (u32, Isometry3<f64>, usize) {
+    fn final_pose(&self, frame: &PosedFrame) -> FoundPose {
         let start = frame.from_reference * self.map.pose_of(frame.reference);
         let reference = self.map.keyframe(frame.reference);
         let submap = reference.submap;
-        if frame.is_keyframe && !reference.motions.is_empty() {
-            // Its pose was adjusted with all that is known of it.
-            return (submap, start.inverse(), frame.inliers);
-        }
-        let prior = frame
-            .dense
-            .map(|motion| motion.prior(&self.map.pose_of(motion.reference)));
         let matches: Vec<(Point3<f64>, Measurement)> = frame
             .seen
             .iter()
@@ -199,19 +244,32 @@ impl Tracker {
                 Some((self.map.point(point).position, *measurement))
             })
             .collect();
-        let mut is_inlier = Vec::new();
-        let refined = refine_pose(
-            &self.camera,
-            &start,
-            &matches,
-            prior.as_ref(),
-            &mut is_inlier,
-        )
-        .filter(|found| 2 * found.inliers >= frame.inliers.min(2 * self.options.min_matches));
-        let (pose, inliers) = refined.map_or((start, frame.inliers), |found| {
-            (found.camera_from_world, found.inliers)
-        });
-        (submap, pose.inverse(), inliers)
+        // With aligned depth images, the pose of a keyframe was adjusted with all that is known of it.
+        let is_adjusted = frame.is_keyframe && !reference.motions.is_empty();
+        let motions = match is_adjusted {
+            true => reference.motions.as_slice(),
+            false => frame.dense.as_slice(),
+        };
+        let priors: Vec<PosePrior> = motions
+            .iter()
+            .map(|motion| motion.prior(&self.map.pose_of(motion.reference)))
+            .collect();
+        let (mut pose, mut inliers) = (start, frame.inliers);
+        if !is_adjusted {
+            let prior = priors.first();
+            let mut is_inlier = Vec::new();
+            let refined = refine_pose(&self.camera, &start, &matches, prior, &mut is_inlier);
+            let least = frame.inliers.min(2 * self.options.min_matches);
+            if let Some(found) = refined.filter(|found| 2 * found.inliers >= least) {
+                (pose, inliers) = (found.camera_from_world, found.inliers);
+            }
+        }
+        FoundPose {
+            submap,
+            world_from_camera: pose.inverse(),
+            matches: inliers,
+            information: information_of(&self.camera, &pose, &matches, &priors),
+        }
     }
 
     /// Tracks frames without a pose again, from either side, against the map of all frames, which they extend.
@@ -259,8 +317,8 @@ impl Tracker {
     /// Numbers the sub-maps by their frames, and drops short ones.
     fn summarise(self, found: Vec<Result<FoundPose, NoPose>>) -> TrackedRecording {
         let mut counts = vec![0_usize; self.submaps as usize];
-        for (submap, _, _) in found.iter().flatten() {
-            counts[*submap as usize] += 1;
+        for one in found.iter().flatten() {
+            counts[one.submap as usize] += 1;
         }
         let mut order: Vec<usize> = (0..counts.len())
             .filter(|&at| counts[at] > 0 && !self.refuted.contains(&(at as u32)))
@@ -276,19 +334,23 @@ impl Tracker {
             rank += 1;
             counts[at] >= if rank == 1 { least } else { MIN_SUBMAP_FRAMES }
         });
+        let information = |one: &Result<FoundPose, NoPose>| {
+            one.as_ref().map_or(Matrix6::zeros(), |one| one.information)
+        };
+        let information = found.iter().map(information).collect();
         let poses = found
             .into_iter()
             .map(|one| match one {
-                Ok((submap, world_from_camera, matches)) => {
-                    let number = order.iter().position(|&at| at == submap as usize);
-                    let reason = match self.refuted.contains(&submap) {
+                Ok(one) => {
+                    let number = order.iter().position(|&at| at == one.submap as usize);
+                    let reason = match self.refuted.contains(&one.submap) {
                         true => NoPose::Contradicted,
                         false => NoPose::ShortMap,
                     };
                     number.map_or(FramePose::Unknown(reason), |submap| FramePose::Known {
                         submap,
-                        world_from_camera,
-                        matches,
+                        world_from_camera: one.world_from_camera,
+                        matches: one.matches,
                     })
                 }
                 Err(reason) => FramePose::Unknown(reason),
@@ -304,6 +366,7 @@ impl Tracker {
             loops: self.loops,
             check: self.check,
             times: self.times,
+            information,
         }
     }
 }

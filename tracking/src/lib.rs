@@ -19,6 +19,7 @@ mod options;
 mod places;
 mod records;
 mod separation;
+mod smooth;
 mod snapshot;
 mod solve;
 mod stereo;

@@ -8,3 +8,4 @@ mod skyline;
 pub(crate) use bundle::{Bundle, BundleObservation, BundlePoint};
 pub(crate) use factor::{MotionFactor, PosePrior};
 pub(crate) use graph::{PoseEdge, PoseGraph};
+pub(crate) use skyline::{Skyline, block};

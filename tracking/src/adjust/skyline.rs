@@ -64,6 +64,12 @@ impl Skyline {
         }
     }
 
+    /// Logarithm of the determinant, once the system was [solved](Self::solve).
+    pub(crate) fn log_determinant(&self) -> f64 {
+        let diagonal = self.rows.iter().filter_map(|row| row.last());
+        2.0 * diagonal.map(|value| value.ln()).sum::<f64>()
+    }
+
     /// Solves the system; `None` when the matrix is not positive definite. Destroys the matrix.
     pub(crate) fn solve(&mut self, right: &DVector<f64>) -> Option<DVector<f64>> {
         for row in 0..self.rows.len() {
@@ -161,9 +167,11 @@ mod tests {
             }
         }
         let right = DVector::from_fn(30, |row, _| row as f64 - 14.5);
+        let determinant: f64 = dense.determinant();
         let expected = dense.cholesky().unwrap().solve(&right);
         let found = matrix.solve(&right).unwrap();
         assert!((found - expected).norm() < 1e-10);
+        assert!((matrix.log_determinant() - determinant.ln()).abs() < 1e-8);
         let mut zero = Skyline::new(vec![0]);
         assert!(zero.solve(&DVector::zeros(6)).is_none());
     }

@@ -7,5 +7,5 @@ mod pose;
 mod relative;
 
 pub(crate) use pnp::{Correspondence, pose_by_consensus};
-pub(crate) use pose::refine_pose;
+pub(crate) use pose::{information_of, refine_pose};
 pub(crate) use relative::{RayMatch, RelativePose, moved_sigmas, relative_poses};

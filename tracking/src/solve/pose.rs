@@ -77,6 +77,37 @@ pub(crate) fn refine_pose(
     })
 }
 
+/// Information of a pose about small motions of points in the camera (translation, then rotation), from the matches that agree with it and from
+/// measured poses; the points are taken as given.
+pub(crate) fn information_of(
+    camera: &Pinhole,
+    pose: &Isometry3<f64>,
+    matches: &[(Point3<f64>, Measurement)],
+    priors: &[PosePrior],
+) -> Matrix6<f64> {
+    let errors = matches.iter().map(|(point, measurement)| {
+        let residual = measurement.residual(camera, &(pose * point));
+        residual.map_or([f64::INFINITY; 2], |residual| squared(&residual).into())
+    });
+    let (is_inlier, has_depth): (Vec<bool>, Vec<bool>) = errors
+        .zip(matches)
+        .map(|([pixel, depth], (_, measurement))| {
+            let has_depth = measurement.inverse_depth.is_some();
+            (pixel <= CHI2_PIXEL, has_depth && depth <= CHI2_DEPTH * 2.0)
+        })
+        .unzip();
+    let problem = Problem {
+        camera,
+        matches,
+        prior: None,
+        is_inlier: &is_inlier,
+        has_depth: &has_depth,
+        is_robust: false,
+    };
+    let of_priors = priors.iter().map(|prior| prior.normal_equations(pose).0);
+    problem.normal_equations(pose).0 + of_priors.sum::<Matrix6<f64>>()
+}
+
 struct Problem<'a> {
     camera: &'a Pinhole,
     matches: &'a [(Point3<f64>, Measurement)],
