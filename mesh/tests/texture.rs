@@ -316,7 +316,8 @@ fn surfaces_too_bright_for_most_photographs_look_as_in_the_dark_one() {
         in_the_middle(point) && color(point).iter().any(|value| *value > 300.0)
     };
     let rms = difference(&mesh, &texture, dark, is_clipped);
-    assert!(rms < 8.0, "{rms}");
+    // Four clipped photographs with a twentieth of the weight each make it a sixth of 70 steps darker.
+    assert!(rms < 12.0, "{rms}");
 }
 
 #[test]
