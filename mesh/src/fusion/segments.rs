@@ -9,6 +9,7 @@ use rustc_hash::FxHashMap;
 use super::grid::Corner;
 use crate::TriangleMesh;
 use crate::edge_uses::for_each_edge;
+use crate::holes::close_bays;
 
 /// Vertices of a boundary move to segments at most this many sides away: depth ends up to two cubes before an edge that few views see.
 const REACH_SIDES: f64 = 2.5;
@@ -31,8 +32,16 @@ struct Part {
     middle: Point3<f64>,
 }
 
+/// Bays of the boundary between vertices on one line are closed up to this width, in sides.
+const WIDEST_BAY_SIDES: f64 = 4.0;
+/// Most edges of such a bay.
+const LARGEST_BAY_EDGES: usize = 12;
+/// Vertices on two segments are on one line if each lies this close to the other's, in sides.
+const SAME_LINE_SIDES: f64 = 0.25;
+
 /// Moves vertices of a surface with cubes of this side onto segments: the vertex of each cube that a segment crosses to the middle of the part in
-/// that cube, and vertices of boundaries to the nearest point of a segment along them. Of several segments in a cube the longest counts. Segments
+/// that cube, and vertices of boundaries to the nearest point of a segment along them. Where a boundary leaves a segment and comes back to it soon,
+/// the surface is continued up to the segment. Of several segments in a cube the longest counts. Segments
 /// on flat surfaces do not count.
 ///
 /// # Complexity
@@ -63,20 +72,40 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
         let is_plain = is_flat[*vertex as usize] && !boundary.contains_key(vertex);
         counts[parts[cube].segment as usize][usize::from(is_plain)] += 1;
     }
+    let mut segment_of = FxHashMap::default();
     for (cube, (_, vertex)) in &vertices {
         let part = parts[cube];
         let [edge, plain] = counts[part.segment as usize].map(f64::from);
         if edge >= LEAST_SHARE * (edge + plain) {
             mesh.positions[*vertex as usize] = part.middle;
             boundary.remove(vertex);
+            segment_of.insert(*vertex, part.segment);
         }
     }
     for (vertex, rim) in &boundary {
         let position = &mut mesh.positions[*vertex as usize];
-        if let Some(nearest) = rim.nearest_along(position, segments, &parts, side) {
+        if let Some((nearest, segment)) = rim.nearest_along(position, segments, &parts, side) {
             *position = nearest;
+            segment_of.insert(*vertex, segment);
         }
     }
+    let apart = |mesh: &TriangleMesh, vertex: u32, segment: u32| {
+        let [from, to] = segments[segment as usize];
+        let along = (to - from).normalize();
+        let offset = mesh.positions[vertex as usize] - from;
+        (offset - along.dot(&offset) * along).norm()
+    };
+    let is_same = |mesh: &TriangleMesh, [(a, line), (b, other)]: [(u32, u32); 2]| {
+        let reach = SAME_LINE_SIDES * side;
+        apart(mesh, b, line) <= reach && apart(mesh, a, other) <= reach
+    };
+    close_bays(
+        mesh,
+        &segment_of,
+        is_same,
+        LARGEST_BAY_EDGES,
+        WIDEST_BAY_SIDES * side,
+    );
 }
 
 /// The part of the longest segment in each cube that segments cross.
@@ -168,14 +197,14 @@ fn flat(mesh: &TriangleMesh) -> Vec<bool> {
 }
 
 impl Rim {
-    /// The nearest point on segments along the boundary that cross the cubes around a position of it; `None` without one in reach.
+    /// The nearest point on segments along the boundary that cross the cubes around a position of it, and its segment; `None` without one in reach.
     fn nearest_along(
         &self,
         position: &Point3<f64>,
         segments: &[[Point3<f64>; 2]],
         parts: &FxHashMap<Corner, Part>,
         side: f64,
-    ) -> Option<Point3<f64>> {
+    ) -> Option<(Point3<f64>, u32)> {
         let cube = Corner::below(position, side)?;
         let mut nearest = None;
         let mut least = (REACH_SIDES * side).powi(2);
@@ -198,7 +227,7 @@ impl Rim {
                 && inward <= INWARD_REACH_SIDES * side * self.outward.norm()
                 && moved.norm_squared() < least
             {
-                (least, nearest) = (moved.norm_squared(), Some(foot));
+                (least, nearest) = (moved.norm_squared(), Some((foot, part.segment)));
             }
         }
         nearest

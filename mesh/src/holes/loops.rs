@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use rustc_hash::FxHashMap;
 
-/// An edge in the direction in which its triangle has it, and the third corner of the triangle.
+/// An edge in the direction in which its triangle has it, and the third corner of the triangle; one of its ends where it has no triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct BoundaryEdge {
     pub(super) ends: [u32; 2],

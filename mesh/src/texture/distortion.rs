@@ -58,6 +58,18 @@ impl DistortionGrid {
         }
     }
 
+    /// Adds a displacement to each node, which is given by its pixel.
+    pub(super) fn shift_by(&mut self, shift: impl Fn([f64; 2]) -> [f64; 2]) {
+        let columns = self.nodes[0];
+        for (node, target) in self.shifts.iter_mut().enumerate() {
+            let pixel = [node % columns, node / columns];
+            let [along, down] =
+                shift([0, 1].map(|axis| pixel[axis] as f64 * self.spacing[axis] - 0.5));
+            target[0] += along;
+            target[1] += down;
+        }
+    }
+
     /// Nodes at the corners of a cell.
     #[inline]
     pub(super) fn corners(&self, cell: usize) -> [usize; 4] {

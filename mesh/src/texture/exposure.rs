@@ -1,9 +1,9 @@
 //! One gain per view and channel, so that views agree on the colours of what they see together.
 
-use super::observe::Observation;
+use super::observe::{BRIGHTEST_USABLE, Observation};
 
 /// Colours outside this range are left out: dark ones are mostly noise, bright ones may be clipped.
-const USABLE: std::ops::Range<f32> = 16.0..240.0;
+const USABLE: std::ops::Range<f32> = 16.0..BRIGHTEST_USABLE;
 /// Residual of the logarithm, from which on an observation has no weight.
 const TUKEY: f64 = 0.25;
 /// Iterations of the weights, and of the solver in each of them.
@@ -11,6 +11,31 @@ const ROUNDS: usize = 4;
 const SOLVER_STEPS: usize = 60;
 /// Weight of the gain 1, as a share of the mean weight of a view.
 const PRIOR_SHARE: f64 = 1e-3;
+
+/// Share of the views that may be darker than the texture.
+const DARKER_SHARE: f64 = 0.1;
+
+/// Divides the gains of the views that were read by that of the darkest ones, so that the texture has room for what these show of
+/// surfaces too bright for others. Returns the factor.
+pub(super) fn darken(gains: &mut [[f32; 3]], is_read: impl Fn(usize) -> bool) -> f32 {
+    let read = (0..).zip(gains.iter_mut());
+    let mut read: Vec<&mut [f32; 3]> = read
+        .filter_map(|(view, gain)| is_read(view).then_some(gain))
+        .collect();
+    let mut means: Vec<f32> = read
+        .iter()
+        .map(|gain| gain.iter().sum::<f32>() / 3.0)
+        .collect();
+    means.sort_by(f32::total_cmp);
+    let brighter = (means.len().max(1) - 1) as f64 * (1.0 - DARKER_SHARE);
+    let factor = means
+        .get(brighter.round() as usize)
+        .map_or(1.0, |gain| 1.0 / gain);
+    for value in read.iter_mut().flat_map(|gain| gain.iter_mut()) {
+        *value *= factor;
+    }
+    factor
+}
 
 /// The gains that multiply the sRGB values of each view.
 ///

@@ -16,6 +16,12 @@ use crate::TriangleMesh;
 const MARGIN: f64 = 1.0;
 /// Views count less towards the border of their image, over this many pixels.
 const FEATHER_PX: f64 = 24.0;
+/// Colours with a brighter channel than this, 0 to 255, are clipped.
+const CLIPPED: f32 = 254.0;
+/// Colours count less towards that, over this many steps.
+const CLIPPED_RANGE: f32 = 10.0;
+/// How much clipped colours count.
+const CLIPPED_SHARE: f32 = 0.05;
 
 /// What the colours of a mesh are made from.
 pub(super) struct Sources<'a> {
@@ -26,6 +32,8 @@ pub(super) struct Sources<'a> {
     pub(super) of_triangle: &'a [Vec<Observation>],
     pub(super) labels: &'a [Option<usize>],
     pub(super) gains: &'a [[f32; 3]],
+    /// Brightness of the texture over the mean of the views.
+    pub(super) brightness: f32,
     pub(super) clay: [u8; 3],
 }
 
@@ -211,9 +219,9 @@ impl Sources<'_> {
                 continue;
             }
             let color = photo.color(pixel.x, pixel.y);
+            let weight = quality * visibility * feather(&pixel, photo.size()) * exposed(&color);
+            let weight = weight.max(f32::MIN_POSITIVE);
             let color: [f32; 3] = std::array::from_fn(|i| gain[i] * color[i]);
-            let weight =
-                (quality * visibility * feather(&pixel, photo.size())).max(f32::MIN_POSITIVE);
             for (sum, value) in sum.colors.iter_mut().zip(color) {
                 *sum += weight * value;
             }
@@ -238,7 +246,7 @@ impl Sources<'_> {
             let mixed: f64 = parts
                 .map(|(color, share)| f64::from(color[channel]) * share)
                 .sum();
-            (mixed / total).round() as u8
+            (f64::from(self.brightness) * mixed / total).round() as u8
         }))
     }
 }
@@ -264,6 +272,12 @@ fn feather(pixel: &Projected, (width, height): (u32, u32)) -> f32 {
     let across = pixel.x.min(f64::from(width - 1) - pixel.x);
     let down = pixel.y.min(f64::from(height - 1) - pixel.y);
     ((across.min(down) + 1.0) / FEATHER_PX).clamp(0.02, 1.0) as f32
+}
+
+/// Weight, 0 to 1, of a colour of a photograph: clipped ones are those of brighter surfaces.
+fn exposed(color: &[f32; 3]) -> f32 {
+    let brightest = color.iter().copied().fold(0.0, f32::max);
+    ((CLIPPED - brightest) / CLIPPED_RANGE).clamp(CLIPPED_SHARE, 1.0)
 }
 
 fn rounded(color: [f32; 3]) -> [u8; 3] {

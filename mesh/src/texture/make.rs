@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::align::align_photos;
 use super::chart::lay_out;
-use super::exposure::gains;
+use super::exposure::{darken, gains};
 use super::fill::{Sources, fill};
 use super::label::{choose, neighbours};
 use super::observe::observe;
@@ -58,8 +58,9 @@ pub fn texture_mesh(
     if read == 0 || mesh.triangles.is_empty() {
         return None;
     }
-    let gains = gains(&observations.of_triangle, views.len());
+    let mut gains = gains(&observations.of_triangle, views.len());
     rate(&mut observations.of_triangle, &gains);
+    let brightness = darken(&mut gains, |view| observations.sizes[view].is_some());
     let neighbours = neighbours(&mesh.triangles);
     let seam_cost = options.seam_cost as f32;
     let labels = choose(&observations.of_triangle, &neighbours, seam_cost);
@@ -79,6 +80,7 @@ pub fn texture_mesh(
         of_triangle: &observations.of_triangle,
         labels: &labels,
         gains: &gains,
+        brightness,
         clay: options.clay,
     };
     let (mut image, is_filled) = fill(&sources, &layout);

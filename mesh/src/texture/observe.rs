@@ -21,6 +21,9 @@ pub(super) const MAX_VIEWS: usize = 16;
 /// Visible share of a triangle from which on its colour is compared with that of other views.
 const COMPARABLE_SHARE: f32 = 0.9;
 
+/// Means of channels from here on, 0 to 255, are those of clipped colours in part.
+pub(super) const BRIGHTEST_USABLE: f32 = 240.0;
+
 /// What one view sees of one triangle.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Observation {
@@ -45,6 +48,11 @@ impl Observation {
     /// Whether its colour is that of the whole triangle: those of different parts say nothing about each other.
     pub(super) fn is_comparable(&self) -> bool {
         self.share > COMPARABLE_SHARE
+    }
+
+    /// Whether its colour is that of a surface too bright for the photograph, or may be.
+    pub(super) fn is_clipped(&self) -> bool {
+        self.color.iter().any(|value| *value >= BRIGHTEST_USABLE)
     }
 }
 

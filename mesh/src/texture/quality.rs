@@ -14,21 +14,22 @@ const SHARPNESS: std::ops::RangeInclusive<f32> = 0.25..=2.0;
 pub(super) fn rate(of_triangle: &mut [Vec<Observation>], gains: &[[f32; 3]]) {
     let sharpness = sharpness(of_triangle, gains);
     let mut values = Vec::new();
+    let says_color = |o: &&Observation| o.is_comparable() && !o.is_clipped();
     for observations in of_triangle {
         let median: [f32; 3] = std::array::from_fn(|channel| {
             values.clear();
-            let whole = observations.iter().filter(|o| o.is_comparable());
+            let whole = observations.iter().filter(says_color);
             values.extend(whole.map(|o| leveled(o, gains)[channel]));
             values.sort_by(f32::total_cmp);
             values.get(values.len() / 2).copied().unwrap_or(0.0)
         });
-        let count = observations.iter().filter(|o| o.is_comparable()).count();
+        let count = observations.iter().filter(says_color).count();
         for observation in observations {
             let color = leveled(observation, gains);
             let difference =
                 (0..3).fold(0.0, |most: f32, i| most.max((color[i] - median[i]).abs()));
             // Of two views none is the wrong one.
-            let agreement = if count > 2 && observation.is_comparable() {
+            let agreement = if count > 2 && says_color(&&*observation) {
                 1.0 / (1.0 + (difference / DISAGREEMENT).powi(4))
             } else {
                 1.0

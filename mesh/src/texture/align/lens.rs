@@ -1,12 +1,12 @@
-//! One step of the distortion that photographs of a camera share, together with their poses.
+//! One step of the distortion that photographs of a camera share, together with their motions.
 
-use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::super::distortion::DistortionGrid;
 use super::Photo;
 use super::pyramid::Level;
-use super::step::{Aligned, Expected, LONGEST_STEP_PX, Seen};
+use super::step::{Aligned, Expected, LONGEST_STEP_PX, MOTION, MotionMatrix, MotionVector, Seen};
 
 /// Fewest photographs from which a distortion is estimated: with few, displacements would make up for errors of the mesh.
 pub(super) const LEAST_VIEWS: usize = 8;
@@ -18,17 +18,17 @@ const SHIFT_PX: f64 = 3.0;
 const NEIGHBOUR_PX: f64 = 1.0;
 /// Photographs whose equations of displacements are held at a time.
 const AT_A_TIME: usize = 64;
-/// Unknowns that the brightness of a point depends on: the pose, and displacements of four nodes.
-const LOCAL: usize = 14;
+/// Unknowns that the brightness of a point depends on: the motion, and displacements of four nodes.
+const LOCAL: usize = MOTION + 8;
 
 /// Sums over the points of a cell of products of their derivatives, and of those with the error.
 type CellSums = ([[f64; LOCAL]; LOCAL], [f64; LOCAL]);
 
-/// Equations of the pose of a view.
-pub(super) struct PoseEquations {
-    normal: Matrix6<f64>,
-    right: Vector6<f64>,
-    /// How much displacements count in them: six rows.
+/// Equations of the motion of a view.
+pub(super) struct MotionEquations {
+    normal: MotionMatrix,
+    right: MotionVector,
+    /// How much displacements count in them, a row for each unknown of the motion.
     mixed: DMatrix<f64>,
     /// Median depth of the points.
     depth: f64,
@@ -92,35 +92,35 @@ impl ShiftEquations {
     }
 }
 
-/// Equations of a view, those of displacements without the pose. Adjusts gain and offset; `None` where its points are too few or say too little.
+/// Equations of a view, those of displacements without the motion. Adjusts gain and offset; `None` where its points are too few or say too little.
 fn equations<'a>(
     aligned: &mut Aligned<'_>,
     level: &Level,
     points: impl Iterator<Item = Expected<'a>>,
-) -> Option<(PoseEquations, ShiftEquations)> {
+) -> Option<(MotionEquations, ShiftEquations)> {
     let (seen, scale) = aligned.fit_brightness(level, points)?;
     let nodes = aligned.distortion.nodes();
     let mut shifts = ShiftEquations::new(nodes);
     shifts.unit = scale * scale * seen.len() as f64 / nodes as f64;
-    let mut pose = PoseEquations {
-        normal: Matrix6::zeros(),
-        right: Vector6::zeros(),
-        mixed: DMatrix::zeros(6, 2 * nodes),
+    let mut motion = MotionEquations {
+        normal: MotionMatrix::zeros(),
+        right: MotionVector::zeros(),
+        mixed: DMatrix::zeros(MOTION, 2 * nodes),
         depth: Aligned::median_depth(&seen),
     };
     for (cell, sums) in cell_sums(aligned, &seen, scale).iter().enumerate() {
         add_cell(
             aligned.distortion.corners(cell),
             sums,
-            &mut pose,
+            &mut motion,
             &mut shifts,
         );
     }
-    aligned.add_given((&mut pose.normal, &mut pose.right), &seen, scale);
-    let back = pose.mixed.transpose() * pose.normal.try_inverse()?;
-    shifts.normal -= &back * &pose.mixed;
-    shifts.right -= back * pose.right;
-    Some((pose, shifts))
+    aligned.add_given((&mut motion.normal, &mut motion.right), &seen, scale);
+    let back = motion.mixed.transpose() * motion.normal.try_inverse()?;
+    shifts.normal -= &back * &motion.mixed;
+    shifts.right -= back * motion.right;
+    Some((motion, shifts))
 }
 
 fn cell_sums(aligned: &Aligned<'_>, seen: &[Seen], scale: f64) -> Vec<CellSums> {
@@ -128,9 +128,9 @@ fn cell_sums(aligned: &Aligned<'_>, seen: &[Seen], scale: f64) -> Vec<CellSums> 
     for point in seen {
         let (error, weight) = aligned.error(point, scale);
         let mut local = [0.0; LOCAL];
-        local[..6].copy_from_slice(point.derivative.as_slice());
+        local[..MOTION].copy_from_slice(point.derivative.as_slice());
         let shares = point.position.shares.into_iter();
-        for (target, share) in local[6..].chunks_exact_mut(2).zip(shares) {
+        for (target, share) in local[MOTION..].chunks_exact_mut(2).zip(shares) {
             target[0] = share * point.slopes[0];
             target[1] = share * point.slopes[1];
         }
@@ -149,22 +149,22 @@ fn cell_sums(aligned: &Aligned<'_>, seen: &[Seen], scale: f64) -> Vec<CellSums> 
 fn add_cell(
     corners: [usize; 4],
     (normal, right): &CellSums,
-    pose: &mut PoseEquations,
+    motion: &mut MotionEquations,
     shifts: &mut ShiftEquations,
 ) {
     let unknown = |at: usize| 2 * corners[at / 2] + at % 2;
     for (row, (products, error)) in normal.iter().zip(right).enumerate() {
-        let (with_pose, with_shifts) = products.split_at(6);
-        if row < 6 {
-            pose.right[row] += error;
-            for (column, value) in with_pose.iter().enumerate() {
-                pose.normal[(row, column)] += value;
+        let (with_motion, with_shifts) = products.split_at(MOTION);
+        if row < MOTION {
+            motion.right[row] += error;
+            for (column, value) in with_motion.iter().enumerate() {
+                motion.normal[(row, column)] += value;
             }
             for (column, value) in with_shifts.iter().enumerate() {
-                pose.mixed[(row, unknown(column))] += value;
+                motion.mixed[(row, unknown(column))] += value;
             }
         } else {
-            let row = unknown(row - 6);
+            let row = unknown(row - MOTION);
             shifts.right[row] += error;
             for (column, value) in with_shifts.iter().enumerate() {
                 shifts.normal[(row, unknown(column))] += value;
@@ -173,7 +173,7 @@ fn add_cell(
     }
 }
 
-/// Adjusts gains, offsets, poses and distortions by one Gauss-Newton step of robust errors. `expected` gives what the others show of the points of a
+/// Adjusts gains, offsets, motions and distortions by one Gauss-Newton step of robust errors. `expected` gives what the others show of the points of a
 /// photograph by its number; `lenses` counts the photographs of each lens.
 pub(super) fn step<'a>(
     photos: &mut [Photo<'_>],
@@ -182,7 +182,7 @@ pub(super) fn step<'a>(
     expected: impl Fn(&Photo<'_>, usize) -> Vec<Expected<'a>> + Sync,
 ) {
     let mut sums: Vec<Option<ShiftEquations>> = lenses.iter().map(|_| None).collect();
-    let mut poses = Vec::with_capacity(photos.len());
+    let mut motions = Vec::with_capacity(photos.len());
     for (group, photos) in (0..).zip(photos.chunks_mut(AT_A_TIME)) {
         let one = |(at, photo): (usize, &mut Photo<'_>)| {
             let points = expected(photo, group * AT_A_TIME + at);
@@ -192,12 +192,12 @@ pub(super) fn step<'a>(
         let found: Vec<_> = photos.par_iter_mut().enumerate().map(one).collect();
         for (photo, found) in photos.iter_mut().zip(found) {
             photo.fits = found.is_some();
-            poses.push(found.map(|(pose, shifts)| {
+            motions.push(found.map(|(motion, shifts)| {
                 let nodes = photo.aligned.distortion.nodes();
                 let sum = &mut sums[photo.lens];
                 sum.get_or_insert_with(|| ShiftEquations::new(nodes))
                     .add(&shifts);
-                pose
+                motion
             }));
         }
     }
@@ -210,17 +210,17 @@ pub(super) fn step<'a>(
             sum.solved(LONGEST_STEP_PX * photo.pyramid.level(level).factor)
         })
         .collect();
-    for (photo, pose) in photos.iter_mut().zip(poses) {
+    for (photo, motion) in photos.iter_mut().zip(motions) {
         let level = photo.pyramid.level(level);
         let mut moved = None;
-        if let Some(pose) = pose {
-            let mut right = pose.right;
+        if let Some(motion) = motion {
+            let mut right = motion.right;
             if let Some(step) = &steps[photo.lens] {
-                right += &pose.mixed * step;
+                right += &motion.mixed * step;
             }
             moved = photo
                 .aligned
-                .advance(level, &pose.normal, &right, pose.depth);
+                .advance(level, &motion.normal, &right, motion.depth);
         }
         photo.fits &= moved.is_some();
         if let Some(step) = &steps[photo.lens] {

@@ -3,15 +3,17 @@
 //! With poses of a depth camera, or of a tracker that slowly drifts, a photograph is shifted against the surface by pixels, and detail of different
 //! photographs does not meet. The brightness of points on the mesh is the mean of the views that see them; each view moves so that it shows
 //! what the others show; both alternate, on reduced images first. What all photographs of a camera have in common is estimated with their poses: the distortion of
-//! its lens beyond the given calibration.
+//! its lens beyond the given calibration. Cameras with a rolling shutter turn while a photograph is exposed row by row; each has a rotation over its rows.
 //!
 //! # Reference
 //! Q.-Y. Zhou, V. Koltun, *Color Map Optimization for 3D Reconstruction with Consumer Depth Cameras*, SIGGRAPH 2014, section 4.1.
 //! *Differs from the paper*: a view is compared with the mean of the others, not with one that includes it; gain and offset for each view; robust
-//! errors; given poses count as measurements, which holds what all views have in common; photographs of a camera are deformed together, not each by itself.
+//! errors; given poses count as measurements, which holds what all views have in common; photographs of a camera are deformed together, each by itself only by
+//! a rotation over its rows.
 
 mod lens;
 mod pyramid;
+mod row_rotation;
 mod samples;
 mod step;
 #[cfg(test)]
@@ -40,7 +42,7 @@ const LARGEST_MOVE: f64 = 0.05;
 pub struct PhotoAlignment {
     /// The views; as given where the photograph cannot be read or sees too little.
     pub views: Vec<TextureView>,
-    /// DistortionGrid of each photograph; `None` where it cannot be read or sees too little.
+    /// Displacements of each photograph, by its lens and by motion while its rows were exposed; `None` where it cannot be read or sees too little.
     pub distortions: Vec<Option<DistortionGrid>>,
     /// Root mean square of how far the photographs moved, in their pixels.
     pub moved_px: f64,
@@ -142,7 +144,7 @@ pub fn align_photos(
         let moved = photo.moved_px(&points);
         if moved <= LARGEST_MOVE * photo.longer_side() {
             aligned[photo.index].world_from_camera = photo.aligned.camera_from_world.inverse();
-            distortions[photo.index] = Some(photo.aligned.distortion.clone());
+            distortions[photo.index] = Some(photo.aligned.distortion_with_rows());
             squares += moved * moved;
         }
         // The photographs of a lens have the same distortion.
@@ -159,8 +161,8 @@ pub fn align_photos(
 }
 
 impl PhotoAlignment {
-    /// The pose from which a further photograph shows what the views showed, and the distortion of their lens if it has the same camera; the given
-    /// pose where it sees too little of it.
+    /// The pose from which a further photograph shows what the views showed, and its displacements: those of their lens if it has the same camera, and
+    /// those by motion while its rows were exposed. The given pose where it sees too little of it.
     pub fn align(
         &self,
         mesh: &TriangleMesh,
@@ -190,7 +192,7 @@ impl PhotoAlignment {
         }
         match photo.moved_px(&self.points) <= LARGEST_MOVE * photo.longer_side() {
             true => {
-                let distortion = photo.aligned.distortion;
+                let distortion = photo.aligned.distortion_with_rows();
                 (photo.aligned.camera_from_world.inverse(), Some(distortion))
             }
             false => (view.world_from_camera, None),

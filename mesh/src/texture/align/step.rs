@@ -1,10 +1,16 @@
-//! One step of the pose of a view, and what it has in common with one of its lens.
+//! One step of the motion of a view, and what it has in common with one of its lens.
 
-use nalgebra::{Isometry3, Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Isometry3, Point3, SMatrix, SVector, Vector3, Vector6};
 
 use super::super::distortion::{DistortionGrid, GridPosition};
 use super::super::types::TextureView;
 use super::pyramid::Level;
+use super::row_rotation::RowRotation;
+
+/// Unknowns of the motion of a view: rotation and translation of its pose, rotation over its rows.
+pub(super) const MOTION: usize = 9;
+pub(super) type MotionMatrix = SMatrix<f64, MOTION, MOTION>;
+pub(super) type MotionVector = SVector<f64, MOTION>;
 
 /// Fewest points from which a pose is adjusted.
 const LEAST_POINTS: usize = 200;
@@ -12,6 +18,8 @@ const LEAST_POINTS: usize = 200;
 const GIVEN_PX: f64 = 3.0;
 /// How much a given pose counts, as a share of the number of points. One measurement would not: errors of neighbouring points are not independent.
 const GIVEN_SHARE: f64 = 0.001;
+/// Standard deviation of the motion from the middle row to the first or the last, in pixels.
+const ROWS_PX: f64 = 5.0;
 /// Longest step, in pixels of the level.
 pub(super) const LONGEST_STEP_PX: f64 = 2.0;
 /// Scale of robust errors, in their median. A Cauchy weight halves there.
@@ -27,6 +35,7 @@ pub(super) struct Aligned<'a> {
     given: Isometry3<f64>,
     pub(super) camera_from_world: Isometry3<f64>,
     pub(super) distortion: DistortionGrid,
+    rows: RowRotation,
     /// Gain and offset of the brightness of the photograph over that of the surface.
     pub(super) brightness: [f64; 2],
 }
@@ -39,8 +48,8 @@ pub(super) struct Expected<'a> {
 
 /// What a view sees of a point.
 pub(super) struct Seen {
-    /// Change of the brightness with the pose: rotation, then translation.
-    pub(super) derivative: Vector6<f64>,
+    /// Change of the brightness with the motion.
+    pub(super) derivative: MotionVector,
     /// Change of the brightness per pixel of the photograph, along x and y.
     pub(super) slopes: [f64; 2],
     /// Where it lies in the grid of the distortion.
@@ -58,6 +67,7 @@ impl<'a> Aligned<'a> {
             given,
             camera_from_world: given,
             distortion: DistortionGrid::none(size),
+            rows: RowRotation::none(size.1),
             brightness: [1.0, 0.0],
         }
     }
@@ -75,11 +85,26 @@ impl<'a> Aligned<'a> {
         (point.z > 0.0).then_some((point, pixel))
     }
 
+    /// Pixel of the photograph at a pixel of a pinhole camera at rest.
+    #[inline]
+    fn photo_from_pinhole(&self, pixel: [f64; 2]) -> [f64; 2] {
+        let [x, y] = self.distortion.photo_from_pinhole(pixel);
+        let [along, down] = self.rows.shift(&self.view.camera, pixel);
+        [x + along, y + down]
+    }
+
+    /// Displacements of the lens together with those by the motion of the rows.
+    pub(super) fn distortion_with_rows(&self) -> DistortionGrid {
+        let mut distortion = self.distortion.clone();
+        distortion.shift_by(|pixel| self.rows.shift(&self.view.camera, pixel));
+        distortion
+    }
+
     /// Brightness of a point without gain and offset of the photograph; `None` outside of the photograph.
     #[inline]
     pub(super) fn brightness_of(&self, level: &Level, point: &Point3<f64>) -> Option<f32> {
         let (_, pixel) = self.project(point)?;
-        let [x, y] = self.distortion.photo_from_pinhole(pixel);
+        let [x, y] = self.photo_from_pinhole(pixel);
         let [gain, offset] = self.brightness.map(|value| value as f32);
         Some((level.value(x, y)? - offset) / gain)
     }
@@ -91,7 +116,7 @@ impl<'a> Aligned<'a> {
         points: impl Iterator<Item = Expected<'b>>,
     ) -> Option<()> {
         let (seen, scale) = self.fit_brightness(level, points)?;
-        let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+        let (mut normal, mut right) = (MotionMatrix::zeros(), MotionVector::zeros());
         for point in &seen {
             let (error, weight) = self.error(point, scale);
             normal.syger(weight, &point.derivative, &point.derivative, 1.0);
@@ -131,29 +156,35 @@ impl<'a> Aligned<'a> {
         median(seen.iter().map(|point| point.depth).collect())
     }
 
-    /// Adds the given pose to the equations of the pose.
+    /// Adds the given pose, and rows at rest, to the equations of the motion.
     pub(super) fn add_given(
         &self,
-        (normal, right): (&mut Matrix6<f64>, &mut Vector6<f64>),
+        (normal, right): (&mut MotionMatrix, &mut MotionVector),
         seen: &[Seen],
         scale: f64,
     ) {
         let unit = self.units(Self::median_depth(seen));
         let deviation = deviation(&self.camera_from_world, &self.given);
-        let given = GIVEN_SHARE * seen.len() as f64 * (scale / GIVEN_PX).powi(2);
+        let information =
+            |deviation_px: f64| GIVEN_SHARE * seen.len() as f64 * (scale / deviation_px).powi(2);
         for axis in 0..6 {
-            let information = given * unit[axis].powi(2);
+            let information = information(GIVEN_PX) * unit[axis].powi(2);
             normal[(axis, axis)] += information;
             right[axis] += information * deviation[axis];
         }
+        for axis in 0..3 {
+            let information = information(ROWS_PX) * (0.5 * unit[axis]).powi(2);
+            normal[(6 + axis, 6 + axis)] += information;
+            right[6 + axis] += information * self.rows.rotation()[axis];
+        }
     }
 
-    /// Moves the pose by the solution of its equations, shortened if it is long; `None` when there is none.
+    /// Moves the pose and its rows by the solution of their equations, shortened if it is long; `None` when there is none.
     pub(super) fn advance(
         &mut self,
         level: &Level,
-        normal: &Matrix6<f64>,
-        right: &Vector6<f64>,
+        normal: &MotionMatrix,
+        right: &MotionVector,
         depth: f64,
     ) -> Option<()> {
         let mut step = -normal.cholesky()?.solve(right);
@@ -164,7 +195,9 @@ impl<'a> Aligned<'a> {
             return None;
         }
         step *= f64::min(1.0, LONGEST_STEP_PX / pixels);
-        let [rotation, translation] = [0, 3].map(|at| step.fixed_rows::<3>(at).into_owned());
+        let [rotation, translation, over_rows] =
+            [0, 3, 6].map(|at| step.fixed_rows::<3>(at).into_owned());
+        self.rows.add(&over_rows);
         self.camera_from_world = Isometry3::new(translation, rotation) * self.camera_from_world;
         Some(())
     }
@@ -186,14 +219,14 @@ impl<'a> Aligned<'a> {
                 camera.fy() * at.y / at.z + camera.cy(),
             ]
         });
-        let now = self.distortion.photo_from_pinhole(now);
+        let now = self.photo_from_pinhole(now);
         (now[0] - given[0]).powi(2) + (now[1] - given[1]).powi(2)
     }
 
     #[inline]
     fn seen(&self, level: &Level, point: &Expected<'_>) -> Option<Seen> {
         let (at, pixel) = self.project(point.position)?;
-        let [x, y] = self.distortion.photo_from_pinhole(pixel);
+        let [x, y] = self.photo_from_pinhole(pixel);
         let [value, along, down] = level.sample(x, y)?;
         let slopes = [along, down].map(|slope| slope / level.factor);
         let camera = &self.view.camera;
@@ -203,9 +236,11 @@ impl<'a> Aligned<'a> {
         let with_point =
             Vector3::new(along, down, -(along * at.x + down * at.y) * inverse) * inverse;
         let with_rotation = at.coords.cross(&with_point);
-        let mut derivative = Vector6::zeros();
-        derivative.fixed_rows_mut::<3>(0).copy_from(&with_rotation);
-        derivative.fixed_rows_mut::<3>(3).copy_from(&with_point);
+        let over_rows = with_rotation * self.rows.share(pixel[1]);
+        let mut derivative = MotionVector::zeros();
+        for (at, part) in [(0, with_rotation), (3, with_point), (6, over_rows)] {
+            derivative.fixed_rows_mut::<3>(at).copy_from(&part);
+        }
         Some(Seen {
             derivative,
             slopes,
