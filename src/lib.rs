@@ -27,6 +27,7 @@ mod live;
 pub mod map;
 mod mapper;
 pub mod options;
+pub mod process;
 mod reconstruction;
 mod recording;
 pub mod report;

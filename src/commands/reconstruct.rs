@@ -11,7 +11,8 @@ use crate::commands::input::{input, parameters, unpack_video};
 use crate::commands::simplify::check_tolerance;
 use crate::reconstruction::{Reconstruction, RunOptions, Sink};
 use crate::recording::{Recording, Source};
-use crate::run::{CancelToken, Checkpoint, Verbosity, WatchError, end_beyond};
+use crate::process::{WatchError, end_beyond, watch as watch_process};
+use crate::run::{CancelToken, Checkpoint, Verbosity};
 use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     final_mesh, model_left_out, reason_for_nothing, write_results, write_tracked_poses,
@@ -36,12 +37,12 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
     }
     let watch = |is_model_at_once: bool| {
         if !is_model_at_once {
-            return CancelToken::watch(args.memory_limit);
+            return watch_process(args.memory_limit);
         }
         if !is_watched {
             args.memory_limit.into_iter().for_each(end_beyond_limit);
         }
-        CancelToken::watch(None)
+        watch_process(None)
     };
     let (outcome, ..) = reconstruct(args, Some(&args.out), verbosity, watch)?;
     Ok(outcome)

@@ -10,7 +10,8 @@ use crate::cli::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 use crate::commands::Outcome;
 use crate::configuration::Configuration;
 use crate::options::Options;
-use crate::run::{MemoryLimit, Verbosity, limit_task};
+use crate::process::limit_task;
+use crate::run::{MemoryLimit, Verbosity};
 use crate::tiles::{Planned, Project, Split, Task, carry_out_all, plan, slurm_script, write_mesh};
 
 use super::input::{input, keyframe_options};

@@ -1,12 +1,9 @@
-//! Cancellation at keyframe boundaries: by Ctrl-C or a memory limit. Results so far are saved.
+//! Cancellation at keyframe boundaries: by a request or a memory limit. Results so far are saved.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::memory::{MemoryLimit, resident_mb};
-
-/// Set by signals; process-wide, as a process runs one command.
-static REQUESTED: AtomicBool = AtomicBool::new(false);
 
 /// A run ended before its last keyframe. Results so far are valid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -45,21 +42,10 @@ impl Cancelled {
     }
 }
 
-/// Cancellation is not available.
-#[derive(Debug, thiserror::Error)]
-pub enum WatchError {
-    /// The system does not report memory use.
-    #[error("--memory-limit is not supported: this system does not report memory use")]
-    Memory,
-    /// Nothing can end the work in between.
-    #[error(
-        "--memory-limit is checked between views, and a model without updates is carved at once: leave it out"
-    )]
-    AtOnce,
-    /// Signal handlers cannot be installed.
-    #[error("cannot install the handler for Ctrl-C: {0}")]
-    Signals(#[from] ctrlc::Error),
-}
+/// A memory limit cannot be held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("this system does not report memory use")]
+pub struct UnknownMemory;
 
 /// Checked before each keyframe.
 #[derive(Debug, Clone, Default)]
@@ -67,41 +53,29 @@ pub struct CancelToken {
     limit: Option<MemoryLimit>,
     /// Set by [`CancelToken::cancel`] of any clone.
     is_cancelled: Arc<AtomicBool>,
+    /// Set by others than holders of the token, such as a handler of signals.
+    request: Option<&'static AtomicBool>,
 }
 
 impl CancelToken {
-    /// A token for Ctrl-C, termination signals and a memory limit. A second signal ends the program at once; written files
-    /// stay complete.
-    ///
-    /// # Errors
-    /// When signals cannot be handled, or a limit is given and the system does not report memory use.
-    pub fn watch(limit: Option<MemoryLimit>) -> Result<Self, WatchError> {
-        let token = Self::with_limit(limit)?;
-        let handler = || {
-            if REQUESTED.swap(true, Ordering::SeqCst) {
-                // Exit status of a program ended by Ctrl-C.
-                std::process::exit(130);
-            }
-            eprintln!("stopping after this keyframe; press Ctrl-C again to stop at once");
-        };
-        match ctrlc::set_handler(handler) {
-            Err(ctrlc::Error::MultipleHandlers) | Ok(()) => Ok(token),
-            Err(error) => Err(error.into()),
-        }
-    }
-
-    /// A token for a memory limit and [`cancel`](Self::cancel), which leaves signals alone.
+    /// A token for a memory limit and [`cancel`](Self::cancel).
     ///
     /// # Errors
     /// When a limit is given and the system does not report memory use.
-    pub fn with_limit(limit: Option<MemoryLimit>) -> Result<Self, WatchError> {
+    pub fn with_limit(limit: Option<MemoryLimit>) -> Result<Self, UnknownMemory> {
         if limit.is_some() && resident_mb().is_none() {
-            return Err(WatchError::Memory);
+            return Err(UnknownMemory);
         }
         Ok(Self {
             limit,
             ..Self::default()
         })
+    }
+
+    /// The token, which is also cancelled once `request` is set.
+    pub fn cancelled_by(mut self, request: &'static AtomicBool) -> Self {
+        self.request = Some(request);
+        self
     }
 
     /// Ends the run that has a clone of this token, after the current keyframe.
@@ -114,7 +88,8 @@ impl CancelToken {
     /// # Errors
     /// When the run was cancelled.
     pub fn check(&self, done: usize) -> Result<(), Cancelled> {
-        if REQUESTED.load(Ordering::SeqCst) || self.is_cancelled.load(Ordering::SeqCst) {
+        let is_set = |flag: &AtomicBool| flag.load(Ordering::SeqCst);
+        if is_set(&self.is_cancelled) || self.request.is_some_and(is_set) {
             return Err(Cancelled::Requested);
         }
         match (self.limit, resident_mb()) {

@@ -4,13 +4,11 @@ mod cancel;
 mod checkpoint;
 mod memory;
 mod progress;
-mod task;
 mod times;
 
-pub use cancel::{CancelToken, Cancelled, WatchError};
+pub use cancel::{CancelToken, Cancelled, UnknownMemory};
 pub(crate) use checkpoint::checksum;
 pub use checkpoint::{Checkpoint, CheckpointError, FOLDER as CHECKPOINT_FOLDER};
 pub use memory::{MemoryLimit, peak_mb, resident_mb};
 pub use progress::{Progress, Verbosity};
-pub use task::{end_beyond, limit_task};
 pub use times::{StageTimes, milliseconds};
