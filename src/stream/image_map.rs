@@ -7,7 +7,7 @@ use super::SessionError;
 use super::message::StartMessage;
 use super::semi_dense_mapper::{SemiDenseMapper, empty_map};
 use super::session_keyframes::{SessionKeyframe, SessionKeyframes};
-use super::session_map::{NewestKeyframe, SessionMap};
+use super::session_map::{NewestKeyframe, SessionMap, SessionState};
 use crate::front_end::{
     Arrival, DepthSource, FrontEnd, SemiDenseSource, correct_poses, far_origin, group_size,
     median_depth_from_images, run_in_groups,
@@ -33,6 +33,43 @@ pub(super) struct ImageMap {
     /// The camera as it was given, after a correction.
     given_camera: Option<Camera>,
     camera_correction: Option<CameraCorrection>,
+}
+
+impl SessionState for ImageMap {
+    fn keyframe_count(&self) -> usize {
+        self.keyframes.list().len()
+    }
+
+    fn map(&self) -> Option<&Map> {
+        Some(self.mapping.as_ref()?.mapper.map())
+    }
+
+    fn origin(&self) -> Vector3<f64> {
+        let mapping = self.mapping.as_ref();
+        mapping.map_or_else(Vector3::zeros, |mapping| mapping.mapper.origin())
+    }
+
+    fn median_depth(&self) -> Option<f64> {
+        Some(self.mapping.as_ref()?.source.median_depth)
+    }
+
+    fn sequence(&self) -> Option<&Sequence> {
+        Some(self.live.sequence())
+    }
+
+    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
+        let origin = self.origin();
+        let ids = self.keyframes.list().iter().map(|keyframe| keyframe.id);
+        let shifted = Self::poses(self).into_iter().map(|(_, mut pose)| {
+            pose.translation.vector -= origin;
+            pose
+        });
+        ids.zip(shifted).collect()
+    }
+
+    fn newest(&self) -> Option<NewestKeyframe> {
+        self.keyframes.newest()
+    }
 }
 
 impl SessionMap for ImageMap {
@@ -151,25 +188,8 @@ impl SessionMap for ImageMap {
         outcome.map(|()| true)
     }
 
-    fn keyframe_count(&self) -> usize {
-        self.keyframes.list().len()
-    }
-
-    fn map(&self) -> Option<&Map> {
-        Some(self.mapping.as_ref()?.mapper.map())
-    }
-
     fn take_surface_change(&mut self) -> Option<SurfaceChange> {
         self.mapping.as_mut()?.mapper.take_surface_change()
-    }
-
-    fn origin(&self) -> Vector3<f64> {
-        let mapping = self.mapping.as_ref();
-        mapping.map_or_else(Vector3::zeros, |mapping| mapping.mapper.origin())
-    }
-
-    fn median_depth(&self) -> Option<f64> {
-        Some(self.mapping.as_ref()?.source.median_depth)
     }
 
     fn corrected_poses(&self) -> Vec<(u64, Isometry3<f64>)> {
@@ -178,24 +198,6 @@ impl SessionMap for ImageMap {
 
     fn camera_correction(&self) -> Option<CameraCorrection> {
         self.camera_correction
-    }
-
-    fn sequence(&self) -> Option<&Sequence> {
-        Some(self.live.sequence())
-    }
-
-    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
-        let origin = self.origin();
-        let ids = self.keyframes.list().iter().map(|keyframe| keyframe.id);
-        let shifted = Self::poses(self).into_iter().map(|(_, mut pose)| {
-            pose.translation.vector -= origin;
-            pose
-        });
-        ids.zip(shifted).collect()
-    }
-
-    fn newest(&self) -> Option<NewestKeyframe> {
-        self.keyframes.newest()
     }
 
     fn keeps_images(&self) -> bool {

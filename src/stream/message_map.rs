@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
 use super::message::{LineMessage, PointMessage, StartMessage};
-use super::session_map::{NewestKeyframe, SessionMap};
+use super::session_map::{NewestKeyframe, SessionMap, SessionState};
 use crate::front_end::far_origin;
 use crate::map::{Map, ObservationChange, ObservedPoint, PointKind, SurfaceChange};
 use crate::mapper::Mapper;
@@ -319,6 +319,59 @@ fn check_once(what: &'static str, ids: impl Iterator<Item = u64>) -> Result<(), 
     Ok(())
 }
 
+impl SessionState for MessageMap {
+    fn keyframe_count(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    fn segment_count(&self) -> usize {
+        self.lines.len()
+    }
+
+    fn lines(&self) -> Option<LineSet> {
+        let lines = self.lines.values().map(|line| line.ends);
+        Some(LineSet::from_segments(lines))
+    }
+
+    fn map(&self) -> Option<&Map> {
+        Some(self.mapper.map())
+    }
+
+    fn origin(&self) -> Vector3<f64> {
+        self.mapper.origin()
+    }
+
+    fn median_depth(&self) -> Option<f64> {
+        self.mapper.map().median_depth()
+    }
+
+    fn sequence(&self) -> Option<&Sequence> {
+        None
+    }
+
+    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
+        let keyframes = self.keyframes.iter();
+        keyframes
+            .map(|(id, view)| (*id, self.poses[*view as usize]))
+            .collect()
+    }
+
+    fn camera(&self) -> Option<&Camera> {
+        self.camera.as_ref().map(LiveCamera::camera)
+    }
+
+    fn newest(&self) -> Option<NewestKeyframe> {
+        let views = self.keyframes.values().enumerate();
+        let (keyframe, _) = views.max_by_key(|(_, view)| **view)?;
+        Some(NewestKeyframe {
+            keyframe,
+            frame: 0,
+            ends_px: Vec::new(),
+            times: self.times,
+        })
+    }
+}
+
 impl SessionMap for MessageMap {
     fn contains(&self, id: u64) -> bool {
         self.keyframes.contains_key(&id)
@@ -390,58 +443,7 @@ impl SessionMap for MessageMap {
         Ok(true)
     }
 
-    fn keyframe_count(&self) -> usize {
-        self.keyframes.len()
-    }
-
-    fn segment_count(&self) -> usize {
-        self.lines.len()
-    }
-
-    fn lines(&self) -> Option<LineSet> {
-        let lines = self.lines.values().map(|line| line.ends);
-        Some(LineSet::from_segments(lines))
-    }
-
-    fn map(&self) -> Option<&Map> {
-        Some(self.mapper.map())
-    }
-
     fn take_surface_change(&mut self) -> Option<SurfaceChange> {
         self.mapper.take_surface_change()
-    }
-
-    fn origin(&self) -> Vector3<f64> {
-        self.mapper.origin()
-    }
-
-    fn median_depth(&self) -> Option<f64> {
-        self.mapper.map().median_depth()
-    }
-
-    fn sequence(&self) -> Option<&Sequence> {
-        None
-    }
-
-    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
-        let keyframes = self.keyframes.iter();
-        keyframes
-            .map(|(id, view)| (*id, self.poses[*view as usize]))
-            .collect()
-    }
-
-    fn camera(&self) -> Option<&Camera> {
-        self.camera.as_ref().map(LiveCamera::camera)
-    }
-
-    fn newest(&self) -> Option<NewestKeyframe> {
-        let views = self.keyframes.values().enumerate();
-        let (keyframe, _) = views.max_by_key(|(_, view)| **view)?;
-        Some(NewestKeyframe {
-            keyframe,
-            frame: 0,
-            ends_px: Vec::new(),
-            times: self.times,
-        })
     }
 }

@@ -17,7 +17,6 @@ mod sensor_map;
 mod session;
 mod session_keyframes;
 mod session_map;
-mod session_page;
 mod surface_diff;
 mod surface_keyframes;
 mod tracked_frames;
@@ -29,4 +28,5 @@ pub use message::{
     TrackingSummary,
 };
 pub use session::{Session, SessionEnd, SessionSummary};
+pub use session_map::{NewestKeyframe, SessionObserver, SessionState};
 pub use surface_diff::{SurfaceDiff, SurfaceDifference};

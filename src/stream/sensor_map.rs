@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::SessionError;
 use super::message::StartMessage;
 use super::session_keyframes::SessionKeyframes;
-use super::session_map::{NewestKeyframe, SessionMap};
+use super::session_map::{NewestKeyframe, SessionMap, SessionState};
 use crate::front_end::{
     Arrival, DepthSource, Keyframe, SensorFrontEnd, far_origin, median_scene_depth,
 };
@@ -28,6 +28,41 @@ pub(super) struct SensorMap {
     /// Processor times of the newest keyframe.
     newest_times: StageTimes,
     mapper: Mapper,
+}
+
+impl SessionState for SensorMap {
+    fn keyframe_count(&self) -> usize {
+        self.keyframes.list().len()
+    }
+
+    fn map(&self) -> Option<&Map> {
+        Some(self.mapper.map())
+    }
+
+    fn origin(&self) -> Vector3<f64> {
+        self.mapper.origin()
+    }
+
+    fn median_depth(&self) -> Option<f64> {
+        Some(self.median_depth)
+    }
+
+    fn sequence(&self) -> Option<&Sequence> {
+        Some(self.live.sequence())
+    }
+
+    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
+        let keyframes = self.keyframes.list().iter().enumerate();
+        keyframes
+            .filter_map(|(index, keyframe)| Some((keyframe.id, self.keyframes.pose(index)?)))
+            .collect()
+    }
+
+    fn newest(&self) -> Option<NewestKeyframe> {
+        let mut newest = self.keyframes.newest()?;
+        newest.times = self.newest_times;
+        Some(newest)
+    }
 }
 
 impl SessionMap for SensorMap {
@@ -89,41 +124,8 @@ impl SessionMap for SensorMap {
         Ok(true)
     }
 
-    fn keyframe_count(&self) -> usize {
-        self.keyframes.list().len()
-    }
-
-    fn map(&self) -> Option<&Map> {
-        Some(self.mapper.map())
-    }
-
     fn take_surface_change(&mut self) -> Option<SurfaceChange> {
         self.mapper.take_surface_change()
-    }
-
-    fn origin(&self) -> Vector3<f64> {
-        self.mapper.origin()
-    }
-
-    fn median_depth(&self) -> Option<f64> {
-        Some(self.median_depth)
-    }
-
-    fn sequence(&self) -> Option<&Sequence> {
-        Some(self.live.sequence())
-    }
-
-    fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
-        let keyframes = self.keyframes.list().iter().enumerate();
-        keyframes
-            .filter_map(|(index, keyframe)| Some((keyframe.id, self.keyframes.pose(index)?)))
-            .collect()
-    }
-
-    fn newest(&self) -> Option<NewestKeyframe> {
-        let mut newest = self.keyframes.newest()?;
-        newest.times = self.newest_times;
-        Some(newest)
     }
 }
 

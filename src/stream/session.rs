@@ -20,13 +20,10 @@ use super::message::{
 };
 use super::message_map::MessageMap;
 use super::sensor_map::SensorMap;
-use super::session_map::SessionMap;
-use super::session_page::{SessionPage, last_page};
+use super::session_map::{SessionMap, SessionObserver, SessionState};
 use super::surface_diff::SurfaceDiff;
 use super::surface_keyframes::SurfaceKeyframes;
-use crate::live::LiveView;
 use crate::options::Options;
-use crate::report::page::Page;
 use crate::run::milliseconds;
 use linecarve_lines::camera::CameraCorrection;
 use linecarve_mesh::{LineSet, TriangleMesh};
@@ -42,8 +39,7 @@ pub struct Session {
     start: Option<StartMessage>,
     map: Option<Box<dyn SessionMap>>,
     surface_diff: SurfaceDiff,
-    page: Option<SessionPage>,
-    wants_last_page: bool,
+    observer: Option<Box<dyn SessionObserver>>,
     /// Finds the poses of frames without; `None` before the first frame.
     tracker: Option<FrameTracker>,
     /// The keyframes that were chosen among tracked frames.
@@ -80,14 +76,13 @@ pub struct SessionSummary {
 }
 
 /// The end of a session.
-#[derive(Debug)]
 pub struct SessionEnd {
     /// The last change of the surface, if any; or the error of the pending estimates, which leaves the surface unchanged.
     pub last_change: Result<Option<Reply>, SessionError>,
     /// The result.
     pub summary: SessionSummary,
-    /// The page of the result, where it was [asked for](Session::make_page).
-    pub page: Option<Page>,
+    /// The keyframes and their map; `None` before the first keyframe.
+    pub state: Option<Box<dyn SessionState>>,
 }
 
 impl Session {
@@ -101,8 +96,7 @@ impl Session {
             start: None,
             map: None,
             surface_diff: SurfaceDiff::default(),
-            page: None,
-            wants_last_page: false,
+            observer: None,
             tracker: None,
             chosen: SurfaceKeyframes::default(),
             image_folder: tempfile::tempdir()?,
@@ -110,14 +104,9 @@ impl Session {
         })
     }
 
-    /// Shows the state after each message on a live page.
-    pub(crate) fn show(&mut self, view: LiveView) {
-        self.page = Some(SessionPage::new(view));
-    }
-
-    /// Asks for the page of the result, for [`finish`](Self::finish).
-    pub fn make_page(&mut self) {
-        self.wants_last_page = true;
+    /// Tells `observer` of each message from now on.
+    pub fn set_observer(&mut self, observer: Box<dyn SessionObserver>) {
+        self.observer = Some(observer);
     }
 
     /// Handles a message. The reply is `None` when there is nothing to report.
@@ -166,8 +155,8 @@ impl Session {
         let map = self.map.as_mut()?;
         let origin = map.origin();
         let change = map.take_surface_change();
-        if let Some(page) = &mut self.page {
-            page.publish(map.as_ref(), change.as_ref(), is_correction);
+        if let Some(observer) = &mut self.observer {
+            observer.update(map.as_ref(), change.as_ref(), is_correction);
         }
         let segments = map.segment_count();
         let mut triangles = 0;
@@ -264,8 +253,8 @@ impl Session {
             (None, Some(start)) => self.map = Some(begin_map(start, &self.options, id, frame)?),
             (None, None) => return Err(SessionError::NotStarted),
         }
-        if let (Some(page), Some(map)) = (&mut self.page, &self.map) {
-            page.look(map.as_ref());
+        if let (Some(observer), Some(map)) = (&mut self.observer, &self.map) {
+            observer.add(map.as_ref());
         }
         Ok(())
     }
@@ -340,12 +329,10 @@ impl Session {
                 summary.corrected_poses = end.keyframes;
             }
         }
-        let page = self.map.as_ref().filter(|_| self.wants_last_page);
-        let page = page.map(|map| last_page(map.as_ref(), &summary.mesh));
         SessionEnd {
             last_change,
             summary,
-            page,
+            state: self.map.map(|map| map as Box<dyn SessionState>),
         }
     }
 

@@ -1,4 +1,4 @@
-//! Common interface of the maps of a session, for all depth sources.
+//! Common interface of the maps of a session, for all depth sources: what can be seen of one, and what messages change.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -13,15 +13,16 @@ use linecarve_mesh::LineSet;
 use linecarve_sequence::{LiveFrame, Sequence};
 
 /// What is shown of a keyframe.
-pub(super) struct NewestKeyframe {
+#[derive(Debug, Clone)]
+pub struct NewestKeyframe {
     /// Place of the keyframe among all.
-    pub(super) keyframe: usize,
+    pub keyframe: usize,
     /// Position of the keyframe in the sequence.
-    pub(super) frame: usize,
+    pub frame: usize,
     /// Ends of its segments in its image.
-    pub(super) ends_px: Vec<[[f64; 2]; 2]>,
+    pub ends_px: Vec<[[f64; 2]; 2]>,
     /// Processor times.
-    pub(super) times: StageTimes,
+    pub times: StageTimes,
 }
 
 impl NewestKeyframe {
@@ -39,8 +40,67 @@ impl NewestKeyframe {
     }
 }
 
+/// The keyframes of a session and their map, for those who show them.
+pub trait SessionState {
+    /// Number of segments.
+    fn segment_count(&self) -> usize {
+        let Some(map) = self.map() else {
+            return 0;
+        };
+        let known = map
+            .segments()
+            .map_or(0, |segments| segments.segment_count());
+        known + map.provisional_segment_count()
+    }
+
+    /// The segments of messages.
+    fn lines(&self) -> Option<LineSet> {
+        None
+    }
+
+    /// Number of keyframes.
+    fn keyframe_count(&self) -> usize;
+
+    /// The map; `None` until the length scale is known.
+    fn map(&self) -> Option<&Map>;
+
+    /// Origin subtracted from all coordinates.
+    fn origin(&self) -> Vector3<f64>;
+
+    /// Median scene depth in units of the poses, once it is known.
+    fn median_depth(&self) -> Option<f64>;
+
+    /// The frames of all messages so far; `None` without images.
+    fn sequence(&self) -> Option<&Sequence>;
+
+    /// The camera of keyframes without images; `None` where it is unknown, or where there are images.
+    fn camera(&self) -> Option<&Camera> {
+        None
+    }
+
+    /// Ids of the keyframes and poses of their colour cameras, in the frame of computation.
+    fn poses(&self) -> Vec<(u64, Isometry3<f64>)>;
+
+    /// The newest keyframe whose segments are known, or that messages are about.
+    fn newest(&self) -> Option<NewestKeyframe>;
+}
+
+/// Follows a session while it goes on, for example to show it.
+pub trait SessionObserver {
+    /// A keyframe was added. Images of messages are there only during this call.
+    fn add(&mut self, state: &dyn SessionState);
+
+    /// A message was handled; `change` is that of the surface. After a correction known segments may have changed.
+    fn update(
+        &mut self,
+        state: &dyn SessionState,
+        change: Option<&SurfaceChange>,
+        is_correction: bool,
+    );
+}
+
 /// The keyframes of a session and their map. A method that fails leaves everything unchanged.
-pub(super) trait SessionMap {
+pub(super) trait SessionMap: SessionState {
     /// Whether there is a keyframe with this id.
     fn contains(&self, id: u64) -> bool;
 
@@ -72,36 +132,8 @@ pub(super) trait SessionMap {
         Ok(false)
     }
 
-    /// Number of segments.
-    fn segment_count(&self) -> usize {
-        let Some(map) = self.map() else {
-            return 0;
-        };
-        let known = map
-            .segments()
-            .map_or(0, |segments| segments.segment_count());
-        known + map.provisional_segment_count()
-    }
-
-    /// The segments of messages.
-    fn lines(&self) -> Option<LineSet> {
-        None
-    }
-
-    /// Number of keyframes.
-    fn keyframe_count(&self) -> usize;
-
-    /// The map; `None` until the length scale is known.
-    fn map(&self) -> Option<&Map>;
-
     /// The change of the surface since it was last asked for; `None` without a map.
     fn take_surface_change(&mut self) -> Option<SurfaceChange>;
-
-    /// Origin subtracted from all coordinates.
-    fn origin(&self) -> Vector3<f64>;
-
-    /// Median scene depth in units of the poses, once it is known.
-    fn median_depth(&self) -> Option<f64>;
 
     /// Ids and colour camera poses that were corrected from images.
     fn corrected_poses(&self) -> Vec<(u64, Isometry3<f64>)> {
@@ -112,20 +144,6 @@ pub(super) trait SessionMap {
     fn camera_correction(&self) -> Option<CameraCorrection> {
         None
     }
-
-    /// The frames of all messages so far; `None` without images.
-    fn sequence(&self) -> Option<&Sequence>;
-
-    /// The camera of keyframes without images; `None` where it is unknown, or where there are images.
-    fn camera(&self) -> Option<&Camera> {
-        None
-    }
-
-    /// Ids of the keyframes and poses of their colour cameras, in the frame of computation.
-    fn poses(&self) -> Vec<(u64, Isometry3<f64>)>;
-
-    /// The newest keyframe whose segments are known, or that messages are about.
-    fn newest(&self) -> Option<NewestKeyframe>;
 
     /// Whether image files are still needed after a keyframe was added.
     fn keeps_images(&self) -> bool {

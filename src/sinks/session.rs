@@ -3,7 +3,6 @@
 use linecarve_mesh::TriangleMesh;
 use nalgebra::Isometry3;
 
-use super::session_map::SessionMap;
 use crate::live::{ImagePace, KeyframeRow, LiveUpdate, LiveView};
 use crate::map::SurfaceChange;
 use crate::report::growth_delta::NumberedSurface;
@@ -11,9 +10,10 @@ use crate::report::page::{Elements, KeyframeImage, Page, keyframe_image};
 use crate::sinks::{
     GrowingView, PageRun, grouped, last_surface, line_ends, page_of, with_elements,
 };
+use crate::stream::{SessionObserver, SessionState};
 
 /// Hands on to the live page what messages change.
-pub(super) struct SessionPage {
+pub(crate) struct SessionPage {
     view: LiveView,
     outside: GrowingView,
     pace: ImagePace,
@@ -22,7 +22,7 @@ pub(super) struct SessionPage {
 }
 
 impl SessionPage {
-    pub(super) fn new(view: LiveView) -> Self {
+    pub(crate) fn new(view: LiveView) -> Self {
         Self {
             view,
             outside: GrowingView::default(),
@@ -30,9 +30,11 @@ impl SessionPage {
             image: None,
         }
     }
+}
 
-    /// Makes the image of the newest keyframe, when one is due. Images of messages are there only while the message is handled.
-    pub(super) fn look(&mut self, map: &dyn SessionMap) {
+impl SessionObserver for SessionPage {
+    /// Makes the image of the newest keyframe, when one is due.
+    fn add(&mut self, map: &dyn SessionState) {
         if !self.pace.is_due() {
             return;
         }
@@ -44,9 +46,9 @@ impl SessionPage {
     }
 
     /// Shows the state after a message; `change` is that of the surface. After a correction all segments are shown anew.
-    pub(super) fn publish(
+    fn update(
         &mut self,
-        session_map: &dyn SessionMap,
+        session_map: &dyn SessionState,
         change: Option<&SurfaceChange>,
         is_correction: bool,
     ) {
@@ -83,7 +85,7 @@ impl SessionPage {
 }
 
 /// The page of a session that has ended with this mesh, which is in the frame of computation. Of the surface it has the last state.
-pub(super) fn last_page(session_map: &dyn SessionMap, mesh: &TriangleMesh) -> Page {
+pub(crate) fn last_page(session_map: &dyn SessionState, mesh: &TriangleMesh) -> Page {
     let (names, poses) = keyframes(session_map);
     let about = about(session_map, &names, poses);
     let mut page = page_of(&about, "stream", mesh);
@@ -102,13 +104,13 @@ pub(super) fn last_page(session_map: &dyn SessionMap, mesh: &TriangleMesh) -> Pa
 }
 
 /// Names and poses of the keyframes.
-fn keyframes(session_map: &dyn SessionMap) -> (Vec<String>, Vec<Isometry3<f64>>) {
+fn keyframes(session_map: &dyn SessionState) -> (Vec<String>, Vec<Isometry3<f64>>) {
     let (ids, poses): (Vec<u64>, Vec<_>) = session_map.poses().into_iter().unzip();
     (ids.iter().map(u64::to_string).collect(), poses)
 }
 
 fn about<'a>(
-    session_map: &'a dyn SessionMap,
+    session_map: &'a dyn SessionState,
     names: &'a [String],
     poses: Vec<Isometry3<f64>>,
 ) -> PageRun<'a> {
@@ -123,7 +125,7 @@ fn about<'a>(
 }
 
 /// Hands over what the map is made of; nothing before there is one.
-fn with_elements_of(session_map: &dyn SessionMap, take: impl FnOnce(Option<Elements<'_>>)) {
+fn with_elements_of(session_map: &dyn SessionState, take: impl FnOnce(Option<Elements<'_>>)) {
     let Some(map) = session_map.map() else {
         return take(None);
     };
