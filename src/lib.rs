@@ -37,7 +37,7 @@ pub mod sinks;
 pub mod stream;
 mod text;
 pub mod texture;
-mod tiles;
+pub mod tiles;
 pub mod tracking;
 pub mod video;
 

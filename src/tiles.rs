@@ -1,6 +1,7 @@
 //! A model or a sequence in tiles: what goes into a plan, its tasks, and the mesh that comes of it.
 
 mod cloud;
+mod error;
 mod median;
 mod project;
 mod sequence;
@@ -11,13 +12,13 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
 use linecarve_mesh::{StreamedMesh, TriangleMesh, write_mesh_ply, write_streamed_mesh_ply};
 use linecarve_sequence::DenseCloud;
 use linecarve_tiles::{MergedMesh, PlanOptions, TilesError, Work, merged_mesh};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+pub use error::ProjectError;
 pub(crate) use project::{Project, carry_out_all};
 pub(crate) use sequence::{KEYFRAMES_OF_TASK, SequencePlan};
 pub(crate) use slurm::slurm_script;
@@ -39,7 +40,7 @@ struct Finish {
 }
 
 impl Finish {
-    fn text(origin: [f64; 3], options: &Options) -> anyhow::Result<String> {
+    fn text(origin: [f64; 3], options: &Options) -> Result<String, ProjectError> {
         Ok(serde_json::to_string(&Self {
             origin,
             closes_holes: options.surface.holes == HoleFilling::All,
@@ -76,11 +77,10 @@ pub(crate) fn plan(
     options: Options,
     split: Split,
     folder: &Path,
-) -> anyhow::Result<Planned> {
-    ensure!(
-        options.simplify.tolerance.is_none(),
-        "tiles are not simplified: leave the tolerance out of the configuration, and use `linecarve simplify` on the mesh"
-    );
+) -> Result<Planned, ProjectError> {
+    if options.simplify.tolerance.is_some() {
+        return Err(ProjectError::Simplified);
+    }
     let open = &input.open;
     let is_plain = open.layout.is_none() && open.poses.is_none() && open.calibration.is_none();
     // Others are refused below.
@@ -115,11 +115,14 @@ pub(crate) fn plan(
 }
 
 /// Refuses the folder of a sequence.
-fn ensure_no_sequence(folder: &Path) -> anyhow::Result<()> {
-    let path = folder.to_owned();
-    let sequence = SequencePlan::open(folder)?;
-    ensure!(sequence.is_none(), TilesError::Planned { path });
-    Ok(())
+fn ensure_no_sequence(folder: &Path) -> Result<(), ProjectError> {
+    match SequencePlan::open(folder)? {
+        Some(_) => {
+            let path = folder.to_owned();
+            Err(TilesError::Planned { path }.into())
+        }
+        None => Ok(()),
+    }
 }
 
 /// Writes `mesh.ply` of a plan whose stages are done; returns its path and the number of its triangles. The mesh passes through
@@ -127,14 +130,14 @@ fn ensure_no_sequence(folder: &Path) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// When the merged mesh is damaged or the file cannot be written.
-pub(crate) fn write_mesh(project: &Project) -> anyhow::Result<(PathBuf, usize)> {
+pub(crate) fn write_mesh(project: &Project) -> Result<(PathBuf, usize), ProjectError> {
     let work = project.work()?;
     let path = work.folder().join("mesh.ply");
     if let Some(mesh) = project.surface()? {
         write_mesh_ply(&path, &mesh)?;
         return Ok((path, mesh.triangles.len()));
     }
-    let finish: Finish = serde_json::from_str(&work.plan().caller).context("plan.json")?;
+    let finish: Finish = serde_json::from_str(&work.plan().caller)?;
     let origin: Vector3<f64> = finish.origin.into();
     if finish.closes_holes {
         let merged = merged_mesh(work)?;

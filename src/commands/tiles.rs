@@ -81,7 +81,7 @@ fn run_all(
 ) -> anyhow::Result<Outcome> {
     ensure!(jobs > 0, "--jobs 0: give at least one");
     let program = std::env::current_exe().context("this program cannot be found")?;
-    let (project, carried_out) = carry_out_all(folder, jobs, |item: Task| {
+    let (project, carried_out) = carry_out_all(folder, jobs, |item: Task| -> anyhow::Result<()> {
         let mut task = Command::new(&program);
         task.args(["tiles", "item"]).arg(folder);
         task.args([item.stage.name(), &item.number.to_string()]);

@@ -6,7 +6,7 @@ use linecarve_sequence::{DenseCloud, ModelView};
 use linecarve_tiles::{PlanOptions, Planner, SeenPoint, Work};
 
 use super::median::Medians;
-use super::{Finish, POINTS_OF_TILE, Split};
+use super::{Finish, POINTS_OF_TILE, ProjectError, Split};
 use crate::map::{PointSelector, carver_options, export_options};
 use crate::options::Options;
 use crate::recording::{PointExtent, model_origin};
@@ -21,12 +21,12 @@ pub(super) fn plan(
     options: &Options,
     split: Split,
     folder: &Path,
-) -> anyhow::Result<Work> {
+) -> Result<Work, ProjectError> {
     options.validate()?;
     let mut extent = PointExtent::default();
     cloud.visit(|point| {
         extent.add(&point.point_in_world);
-        anyhow::Ok(())
+        Ok::<(), ProjectError>(())
     })?;
     let origin = model_origin(cloud.views(), &extent);
     let shifted = |view: &ModelView| {
@@ -44,14 +44,15 @@ pub(super) fn plan(
     };
     let mut planner = Planner::new(folder, &centers, plan)?;
     let mut selector = PointSelector::new(views, options);
-    let mut depths = Medians::new(folder)?;
+    let file_error = |fault| ProjectError::file(folder)(fault);
+    let mut depths = Medians::new(folder).map_err(file_error)?;
     let mut rays = Vec::new();
     cloud.visit(|mut point| {
         point.point_in_world += -origin;
         let Some((views, depths_of_point, sigma)) = selector.select(&point) else {
             return Ok(());
         };
-        depths.add(depths_of_point)?;
+        depths.add(depths_of_point).map_err(file_error)?;
         rays.clear();
         rays.extend(views.iter().map(|&view| [view, 1]));
         planner.add(SeenPoint {
@@ -59,12 +60,12 @@ pub(super) fn plan(
             sigma,
             rays: &rays,
         })?;
-        anyhow::Ok(())
+        Ok::<(), ProjectError>(())
     })?;
     if split.tiles.is_none() {
         planner.set_tiles((planner.point_count() as usize).div_ceil(POINTS_OF_TILE));
     }
-    let export = export_options(options, depths.upper_median()?);
+    let export = export_options(options, depths.upper_median().map_err(file_error)?);
     let finish = Finish::text(origin.into(), options)?;
     Ok(planner.finish(carver_options(options), export, finish)?)
 }

@@ -4,8 +4,6 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use anyhow::Context;
-
 /// Numbers in a file without a name.
 pub(super) struct Medians {
     file: BufWriter<File>,
@@ -14,26 +12,26 @@ pub(super) struct Medians {
 
 impl Medians {
     /// None yet; the file is on the disk of a folder.
-    pub(super) fn new(folder: &Path) -> anyhow::Result<Self> {
-        let file = tempfile::tempfile_in(folder).with_context(|| folder.display().to_string())?;
+    pub(super) fn new(folder: &Path) -> std::io::Result<Self> {
+        let file = tempfile::tempfile_in(folder)?;
         Ok(Self {
             file: BufWriter::with_capacity(1 << 20, file),
             count: 0,
         })
     }
 
-    pub(super) fn add(&mut self, values: &[f64]) -> anyhow::Result<()> {
+    pub(super) fn add(&mut self, values: &[f64]) -> std::io::Result<()> {
         for value in values {
             let bytes = key(*value).to_le_bytes();
-            self.file.write_all(&bytes).context("depths of points")?;
+            self.file.write_all(&bytes)?;
         }
         self.count += values.len() as u64;
         Ok(())
     }
 
     /// The number in the middle, the greater of two; `None` without numbers. Exact, in four passes.
-    pub(super) fn upper_median(mut self) -> anyhow::Result<Option<f64>> {
-        self.file.flush().context("depths of points")?;
+    pub(super) fn upper_median(mut self) -> std::io::Result<Option<f64>> {
+        self.file.flush()?;
         if self.count == 0 {
             return Ok(None);
         }
@@ -43,11 +41,11 @@ impl Medians {
             let shift = 16 * digit;
             let mut counts = vec![0u64; 1 << 16];
             let file = self.file.get_mut();
-            file.seek(SeekFrom::Start(0)).context("depths of points")?;
+            file.seek(SeekFrom::Start(0))?;
             let mut reader = BufReader::with_capacity(1 << 20, file);
             let mut bytes = [0; 8];
             for _ in 0..self.count {
-                reader.read_exact(&mut bytes).context("depths of points")?;
+                reader.read_exact(&mut bytes)?;
                 let key = u64::from_le_bytes(bytes);
                 // The digits before are those of the median.
                 if key.checked_shr(shift + 16).unwrap_or(0) == prefix {

@@ -2,16 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::{Context, ensure};
 use linecarve_mesh::TriangleMesh;
-use linecarve_tiles::{Item, Manifest, Stage, Work, run_item, run_pending};
+use linecarve_tiles::{Item, Manifest, Stage, TilesError, Work, run_item, run_pending};
 
+use super::ProjectError;
 use super::sequence::SequencePlan;
 use super::task::{Task, TaskStage};
 use crate::run::peak_mb;
-
-const NO_INTAKE: &str =
-    "the intake has not been made: run the stages in order (`linecarve tiles run`)";
 
 /// An opened folder.
 pub(crate) struct Project {
@@ -25,7 +22,7 @@ impl Project {
     ///
     /// # Errors
     /// When there is no plan, it is damaged, or another version of the program made it.
-    pub(crate) fn open(folder: &Path) -> anyhow::Result<Self> {
+    pub(crate) fn open(folder: &Path) -> Result<Self, ProjectError> {
         let sequence = SequencePlan::open(folder)?;
         let work = match &sequence {
             Some(sequence) => sequence
@@ -41,15 +38,15 @@ impl Project {
     ///
     /// # Errors
     /// Before the intake of a sequence.
-    pub(crate) fn work(&self) -> anyhow::Result<&Work> {
-        self.work.as_ref().context(NO_INTAKE)
+    pub(crate) fn work(&self) -> Result<&Work, ProjectError> {
+        self.work.as_ref().ok_or(ProjectError::NoIntake)
     }
 
     /// The surface of all stages, where it is not just that of the tiles.
     ///
     /// # Errors
     /// When a stage is not done, or a keyframe cannot be read.
-    pub(crate) fn surface(&self) -> anyhow::Result<Option<TriangleMesh>> {
+    pub(crate) fn surface(&self) -> Result<Option<TriangleMesh>, ProjectError> {
         match &self.sequence {
             Some(sequence) => sequence.surface(self.work()?),
             None => Ok(None),
@@ -99,7 +96,7 @@ impl Project {
     ///
     /// # Errors
     /// When a file cannot be removed.
-    pub(crate) fn verify(&self, task: Task) -> anyhow::Result<bool> {
+    pub(crate) fn verify(&self, task: Task) -> Result<bool, ProjectError> {
         match (task.stage, &self.sequence, &self.work) {
             (TaskStage::Keyframes, Some(sequence), _) => sequence.verify_prepared(task.number),
             (TaskStage::Intake, Some(sequence), _) => sequence.verify_taken_in(),
@@ -115,7 +112,7 @@ impl Project {
     ///
     /// # Errors
     /// Names the damaged file.
-    pub(crate) fn verify_plan(&self) -> anyhow::Result<()> {
+    pub(crate) fn verify_plan(&self) -> Result<(), ProjectError> {
         match (&self.sequence, &self.work) {
             (None, Some(work)) => Ok(work.verify_plan()?),
             _ => Ok(()),
@@ -126,7 +123,7 @@ impl Project {
     ///
     /// # Errors
     /// When there is no such task, something that it needs is missing or damaged, or its files cannot be written.
-    pub(crate) fn carry_out(&self, task: Task) -> anyhow::Result<()> {
+    pub(crate) fn carry_out(&self, task: Task) -> Result<(), ProjectError> {
         // Schedulers start tasks twice.
         if self.done(task).is_some() {
             return Ok(());
@@ -135,10 +132,9 @@ impl Project {
             (TaskStage::Tiles(_), None) => true,
             (stage, _) => self.tasks(stage).any(|other| other == task),
         };
-        ensure!(
-            known,
-            "there is no task {task}: `linecarve tiles stages` lists them"
-        );
+        if !known {
+            return Err(ProjectError::NoTask { task });
+        }
         match (item(task), &self.sequence) {
             (Some(item), _) => Ok(run_item(self.work()?, item, peak_mb)?),
             (None, Some(sequence)) if task.stage == TaskStage::Keyframes => {
@@ -148,12 +144,10 @@ impl Project {
                 let undone = self
                     .tasks(TaskStage::Keyframes)
                     .find(|task| self.done(*task).is_none());
-                ensure!(
-                    undone.is_none(),
-                    "{task} needs {}, which has not been made: run the stages in order (`linecarve tiles run`)",
-                    undone.map_or_else(String::new, |task| task.to_string())
-                );
-                sequence.take_in().map(drop)
+                match undone {
+                    Some(needed) => Err(ProjectError::NotReady { task, needed }),
+                    None => sequence.take_in().map(drop),
+                }
             }
             (None, None) => Ok(()),
         }
@@ -176,11 +170,11 @@ fn item(task: Task) -> Option<Item> {
 ///
 /// # Errors
 /// The first error of a task; others of its stage that had begun are waited for.
-pub(crate) fn carry_out_all(
+pub(crate) fn carry_out_all<E: From<ProjectError> + From<TilesError> + Send>(
     folder: &Path,
     jobs: usize,
-    execute: impl Fn(Task) -> anyhow::Result<()> + Sync,
-) -> anyhow::Result<(Project, usize)> {
+    execute: impl Fn(Task) -> Result<(), E> + Sync,
+) -> Result<(Project, usize), E> {
     let mut project = Project::open(folder)?;
     let mut carried_out = 0;
     if project.sequence.is_some() {

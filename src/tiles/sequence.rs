@@ -11,13 +11,12 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, bail, ensure};
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::files::write_atomically;
 use linecarve_tiles::{Manifest, PlanOptions, TilesError, Work};
 use serde::{Deserialize, Serialize};
 
-use super::{Finish, Split};
+use super::{Finish, ProjectError, Split};
 use crate::front_end::Arrival;
 use crate::options::{LabelKind, Options};
 use crate::reconstruction::{Reconstruction, RunOptions, front_end};
@@ -65,11 +64,10 @@ impl SequencePlan {
         input: &Input,
         split: Split,
         folder: &Path,
-    ) -> anyhow::Result<Self> {
-        ensure!(
-            split.keyframes_of_task > 0,
-            "--keyframes-per-task 0: give at least one"
-        );
+    ) -> Result<Self, ProjectError> {
+        if split.keyframes_of_task == 0 {
+            return Err(ProjectError::NoKeyframesOfTask);
+        }
         let prepared = PreparedRecording::of(recording, input)?;
         let count = prepared.keyframe_count();
         let contents = Contents {
@@ -82,22 +80,25 @@ impl SequencePlan {
                 .max(1),
             halo: split.halo,
         };
-        let text = serde_json::to_vec_pretty(&contents).context("sequence.json")?;
-        if let Some(found) = Self::open(folder)? {
+        let text = serde_json::to_vec_pretty(&contents)?;
+        let planned = || {
             let path = folder.to_owned();
-            ensure!(found.contents == contents, TilesError::Planned { path });
-            return Ok(found);
+            ProjectError::from(TilesError::Planned { path })
+        };
+        if let Some(found) = Self::open(folder)? {
+            return match found.contents == contents {
+                true => Ok(found),
+                false => Err(planned()),
+            };
         }
         if folder.join("plan.json").exists() {
-            let path = folder.to_owned();
-            return Err(TilesError::Planned { path }.into());
+            return Err(planned());
         }
         let description = recording.description();
-        ensure!(
-            contents.recording.open()?.description() == description,
-            "{}: cannot be opened again as it was",
-            input.path.display()
-        );
+        if contents.recording.open()?.description() != description {
+            let path = input.path.clone();
+            return Err(ProjectError::NotRepeatable { path });
+        }
         Checkpoint::open(folder, &description, false)?;
         write_atomically(&folder.join(FILE), |out| out.write_all(&text))?;
         Ok(Self {
@@ -111,29 +112,26 @@ impl SequencePlan {
     ///
     /// # Errors
     /// When another version of the program made it, or it is damaged.
-    pub(crate) fn open(folder: &Path) -> anyhow::Result<Option<Self>> {
+    pub(crate) fn open(folder: &Path) -> Result<Option<Self>, ProjectError> {
         let path = folder.join(FILE);
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(error).context(path.display().to_string()),
+            Err(error) => return Err(ProjectError::file(&path)(error)),
         };
-        let damaged = || {
-            format!(
-                "{}: damaged; plan again into another folder",
-                path.display()
-            )
+        let damaged = |fault| {
+            let path = path.clone();
+            ProjectError::Damaged { path, fault }
         };
-        let value: serde_json::Value = serde_json::from_slice(&bytes).with_context(damaged)?;
+        let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(damaged)?;
         let (found, expected) = (value["program"].as_str().unwrap_or_default(), program());
-        ensure!(
-            found == expected,
-            "{}: planned by version {found} of the program, this is {expected}: use that version, or plan again into another folder",
-            path.display()
-        );
+        if found != expected {
+            let found = found.to_owned();
+            return Err(TilesError::OtherProgram { path, found, expected }.into());
+        }
         Ok(Some(Self {
             folder: folder.to_owned(),
-            contents: serde_json::from_value(value).with_context(damaged)?,
+            contents: serde_json::from_value(value).map_err(damaged)?,
             digest: digest(&bytes),
         }))
     }
@@ -170,18 +168,17 @@ impl SequencePlan {
     }
 
     /// The recording as it was planned, and what the front end found of it so far.
-    fn recording(&self) -> anyhow::Result<(Recording, Checkpoint)> {
+    fn recording(&self) -> Result<(Recording, Checkpoint), ProjectError> {
         let recording = self.contents.recording.open()?;
-        let folder = self.folder.display();
+        let folder = self.folder.clone();
         match Checkpoint::open(&self.folder, &recording.description(), true) {
             Ok(checkpoint) => Ok((recording, checkpoint)),
-            Err(CheckpointError::Different { difference, .. }) => bail!(
-                "{}: no longer what was planned ({difference}): plan again into another folder than {folder}",
-                recording.sequence.folder().display()
-            ),
-            Err(CheckpointError::Nothing { .. }) => {
-                bail!("{folder}: .linecarve/run.txt is missing: plan again into another folder")
-            }
+            Err(CheckpointError::Different { difference, .. }) => Err(ProjectError::Changed {
+                path: recording.sequence.folder().to_owned(),
+                folder,
+                difference,
+            }),
+            Err(CheckpointError::Nothing { .. }) => Err(ProjectError::NoCheckpoint { folder }),
             Err(error) => Err(error.into()),
         }
     }
@@ -190,7 +187,7 @@ impl SequencePlan {
     ///
     /// # Errors
     /// When a fault is not limited to one image, or a file cannot be written.
-    pub(crate) fn prepare(&self, task: usize) -> anyhow::Result<()> {
+    pub(crate) fn prepare(&self, task: usize) -> Result<(), ProjectError> {
         let start = Instant::now();
         let (recording, checkpoint) = self.recording()?;
         let range = self.keyframes(task);
@@ -223,7 +220,7 @@ impl SequencePlan {
     ///
     /// # Errors
     /// When a keyframe cannot be read, there are no points, or a file cannot be written.
-    pub(crate) fn take_in(&self) -> anyhow::Result<Work> {
+    pub(crate) fn take_in(&self) -> Result<Work, ProjectError> {
         let start = Instant::now();
         let run = self.fuse()?;
         let map = run.map();
@@ -248,17 +245,16 @@ impl SequencePlan {
     }
 
     /// All keyframes in a map that carves nothing.
-    fn fuse(&self) -> anyhow::Result<Reconstruction> {
+    fn fuse(&self) -> Result<Reconstruction, ProjectError> {
         let (recording, checkpoint) = self.recording()?;
         let run = RunOptions {
             checkpoint: Some(checkpoint),
             ..RunOptions::default()
         };
         let mut run = Reconstruction::new(recording, run)?;
-        ensure!(
-            run.leave_carving(),
-            "the surface of every keyframe is needed"
-        );
+        if !run.leave_carving() {
+            return Err(ProjectError::NeedsEverySurface);
+        }
         run.run(CancelToken::default(), &mut [])?;
         Ok(run)
     }
@@ -267,7 +263,7 @@ impl SequencePlan {
     ///
     /// # Errors
     /// As [`take_in`](Self::take_in), and when a stage is not done.
-    pub(crate) fn surface(&self, work: &Work) -> anyhow::Result<Option<TriangleMesh>> {
+    pub(crate) fn surface(&self, work: &Work) -> Result<Option<TriangleMesh>, ProjectError> {
         if !self.contents.recording.is_of_lines() {
             return Ok(None);
         }
@@ -275,9 +271,9 @@ impl SequencePlan {
         Ok(self.fuse()?.surface_of(&merged))
     }
 
-    fn read_plan(&self) -> anyhow::Result<Vec<u8>> {
+    fn read_plan(&self) -> Result<Vec<u8>, ProjectError> {
         let path = self.folder.join("plan.json");
-        std::fs::read(&path).with_context(|| path.display().to_string())
+        std::fs::read(&path).map_err(ProjectError::file(&path))
     }
 
     fn manifest_path(&self, stage: &str, task: usize) -> PathBuf {
@@ -291,7 +287,7 @@ impl SequencePlan {
         file: String,
         counts: Vec<(String, u64)>,
         start: Instant,
-    ) -> anyhow::Result<()> {
+    ) -> Result<(), ProjectError> {
         let manifest = Manifest {
             plan: self.digest.clone(),
             file,
@@ -301,8 +297,8 @@ impl SequencePlan {
         };
         let path = self.manifest_path(stage, task);
         let folder = self.folder.join(stage);
-        std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-        let text = serde_json::to_vec_pretty(&manifest).context("manifest")?;
+        std::fs::create_dir_all(&folder).map_err(ProjectError::file(&folder))?;
+        let text = serde_json::to_vec_pretty(&manifest)?;
         write_atomically(&path, |out| out.write_all(&text))?;
         Ok(())
     }
@@ -328,7 +324,7 @@ impl SequencePlan {
     ///
     /// # Errors
     /// When the manifest cannot be removed.
-    pub(crate) fn verify_prepared(&self, task: usize) -> anyhow::Result<bool> {
+    pub(crate) fn verify_prepared(&self, task: usize) -> Result<bool, ProjectError> {
         let checkpoint = Checkpoint::of(&self.folder);
         let is_whole = |manifest: Manifest| {
             let stored = checkpoint.stored(self.keyframes(task));
@@ -343,7 +339,7 @@ impl SequencePlan {
     ///
     /// # Errors
     /// When a file cannot be removed.
-    pub(crate) fn verify_taken_in(&self) -> anyhow::Result<bool> {
+    pub(crate) fn verify_taken_in(&self) -> Result<bool, ProjectError> {
         let is_whole = |plan: &Self| {
             let work = plan.taken_in().and_then(|_| Work::open(&self.folder).ok());
             work.is_some_and(|work| work.verify_plan().is_ok())
@@ -352,7 +348,7 @@ impl SequencePlan {
         let path = self.folder.join("plan.json");
         if was_damaged && path.exists() {
             // The intake would take it for a whole plan.
-            std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+            std::fs::remove_file(&path).map_err(ProjectError::file(&path))?;
         }
         Ok(was_damaged)
     }
@@ -362,12 +358,12 @@ impl SequencePlan {
         stage: &str,
         task: usize,
         is_whole: impl FnOnce(&Self) -> bool,
-    ) -> anyhow::Result<bool> {
+    ) -> Result<bool, ProjectError> {
         let path = self.manifest_path(stage, task);
         if !path.exists() || is_whole(self) {
             return Ok(false);
         }
-        std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+        std::fs::remove_file(&path).map_err(ProjectError::file(&path))?;
         Ok(true)
     }
 }

@@ -18,9 +18,11 @@ pub enum TaskStage {
 
 /// A task: a pure function of files.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Task {
-    pub(crate) stage: TaskStage,
-    pub(crate) number: usize,
+pub struct Task {
+    /// Its stage.
+    pub stage: TaskStage,
+    /// Its number among those of the stage.
+    pub number: usize,
 }
 
 impl TaskStage {
