@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::run::{CancelToken, MemoryLimit, UnknownMemory, resident_mb};
+use linecarve_engine::run::{CancelToken, MemoryLimit, UnknownMemory, resident_mb};
 
 /// Set by signals; process-wide, as a process runs one command.
 static REQUESTED: AtomicBool = AtomicBool::new(false);

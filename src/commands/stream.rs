@@ -5,12 +5,12 @@ use anyhow::Context;
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
 use crate::commands::stream_lines::{Line, Replies, next};
-use crate::configuration::Configuration;
-use crate::options::Options;
 use crate::report::page::write_page;
-use crate::run::Verbosity;
 use crate::sinks::{OutputFolder, SessionPage, SurfaceFiles, final_mesh_edges, last_page};
-use crate::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
+use linecarve_engine::configuration::Configuration;
+use linecarve_engine::options::Options;
+use linecarve_engine::run::Verbosity;
+use linecarve_engine::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
 use linecarve_sequence::export::{TrajectoryFormat, write_trajectory};
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {

@@ -8,11 +8,13 @@ use anyhow::{Context, ensure};
 
 use crate::cli::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 use crate::commands::Outcome;
-use crate::configuration::Configuration;
-use crate::options::Options;
 use crate::process::limit_task;
-use crate::run::{MemoryLimit, Verbosity};
-use crate::tiles::{Planned, Project, Split, Task, carry_out_all, plan, slurm_script, write_mesh};
+use linecarve_engine::configuration::Configuration;
+use linecarve_engine::options::Options;
+use linecarve_engine::run::{MemoryLimit, Verbosity};
+use linecarve_engine::tiles::{
+    Planned, Project, Split, Task, carry_out_all, plan, slurm_script, write_mesh,
+};
 
 use super::input::{input, keyframe_options};
 use super::tiles_state::{check, stages};

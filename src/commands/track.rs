@@ -4,11 +4,13 @@ use anyhow::{Context, bail, ensure};
 
 use crate::cli::{TrackArgs, TrackFormat, TrackMode};
 use crate::commands::Outcome;
-use crate::options::Options;
-use crate::run::Verbosity;
 use crate::sinks::{LiveTracking, OutputFolder, print_object, write_tracked};
-use crate::tracking::{FrameDone, TrackReport, TrackingMode, open_unposed, track_watched};
-use crate::video::{is_video, of_video, unpack};
+use linecarve_engine::options::Options;
+use linecarve_engine::run::Verbosity;
+use linecarve_engine::tracking::{
+    FrameDone, TrackReport, TrackingMode, open_unposed, track_watched,
+};
+use linecarve_engine::video::{is_video, of_video, unpack};
 use linecarve_sequence::export::TrajectoryFormat;
 use linecarve_sequence::{OpenOptions, Sequence};
 

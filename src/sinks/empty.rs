@@ -2,10 +2,9 @@
 
 use linecarve_sequence::SparseModel;
 
-use crate::map::ModelCounts;
-use crate::reconstruction::Reconstruction;
-use crate::recording::Source;
 use crate::report::KeyframeReport;
+use linecarve_engine::map::ModelCounts;
+use linecarve_engine::{Reconstruction, Source};
 
 /// The step at which everything was lost, for a run that ends with nothing. `keyframes` is what the report says of each.
 pub(crate) fn reason_for_nothing(run: &Reconstruction, keyframes: &[KeyframeReport]) -> String {

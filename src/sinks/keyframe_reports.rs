@@ -1,13 +1,10 @@
 //! What the report says of each keyframe, and the progress bar.
 
-use crate::error::SinkError;
-use crate::front_end::{FrontEndError, Keyframe, LineKeyframe};
-use crate::map::Map;
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::Sink;
-use crate::recording::Recording;
 use crate::report::{KeyframeReport, MapPointReport};
-use crate::run::{Progress, Verbosity};
+use linecarve_engine::front_end::{FrontEndError, Keyframe, LineKeyframe};
+use linecarve_engine::map::Map;
+use linecarve_engine::run::{Progress, Verbosity};
+use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError};
 
 /// Collects the reports of keyframes and shows progress.
 pub(crate) struct KeyframeReports {

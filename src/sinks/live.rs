@@ -2,15 +2,12 @@
 
 use super::page::{GrowingView, page_of, with_elements};
 use super::page_run::PageRun;
-use crate::error::SinkError;
-use crate::front_end::Keyframe;
 use crate::live::{ImagePace, KeyframeRow, LiveUpdate, LiveView};
-use crate::map::{Map, SurfaceChange};
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Reconstruction, Sink};
-use crate::recording::Recording;
 use crate::report::growth_delta::NumberedSurface;
 use crate::report::page::{KeyframeImage, Page, keyframe_image};
+use linecarve_engine::front_end::Keyframe;
+use linecarve_engine::map::{Map, SurfaceChange};
+use linecarve_engine::{KeyframeUpdate, Reconstruction, Recording, Sink, SinkError};
 use linecarve_mesh::TriangleMesh;
 
 /// Hands on to the live page what keyframes change.

@@ -6,18 +6,15 @@ use anyhow::Context;
 use serde::Serialize;
 
 use super::keyframe_reports::KeyframeReports;
-use crate::configuration::Configuration;
-use crate::error::SinkError;
-use crate::front_end::FrontEndError;
-use crate::map::Map;
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::Sink;
-use crate::recording::{Recording, Source};
 use crate::report::{
     KeyframeReport, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary, write_report,
 };
-use crate::run::{Cancelled, Verbosity, peak_mb};
 use crate::sinks::output::OutputFolder;
+use linecarve_engine::configuration::Configuration;
+use linecarve_engine::front_end::FrontEndError;
+use linecarve_engine::map::Map;
+use linecarve_engine::run::{Cancelled, Verbosity, peak_mb};
+use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError, Source};
 
 /// Collects the report of a run and shows its progress.
 pub(crate) struct RunLog {

@@ -4,13 +4,13 @@ use linecarve_mesh::TriangleMesh;
 use nalgebra::Isometry3;
 
 use crate::live::{ImagePace, KeyframeRow, LiveUpdate, LiveView};
-use crate::map::SurfaceChange;
 use crate::report::growth_delta::NumberedSurface;
 use crate::report::page::{Elements, KeyframeImage, Page, keyframe_image};
 use crate::sinks::{
     GrowingView, PageRun, grouped, last_surface, line_ends, page_of, with_elements,
 };
-use crate::stream::{SessionObserver, SessionState};
+use linecarve_engine::map::SurfaceChange;
+use linecarve_engine::stream::{SessionObserver, SessionState};
 
 /// Hands on to the live page what messages change.
 pub(crate) struct SessionPage {

@@ -12,9 +12,9 @@ use nalgebra::{Isometry3, Point3};
 
 use super::output::OutputFolder;
 use super::tracked_page::tracked_page;
-use crate::recording::Recording;
 use crate::report::page::write_page;
-use crate::tracking::{TrackReport, TrackedSequence, poses_file};
+use linecarve_engine::Recording;
+use linecarve_engine::tracking::{TrackReport, TrackedSequence, poses_file};
 
 /// Size of the picture of the path.
 const PICTURE_SIZE: (u32, u32) = (960, 720);

@@ -9,8 +9,8 @@ use super::page::{grouped, last_surface, outside_of_points, page_of};
 use super::page_run::PageRun;
 use crate::live::{ImagePace, KeyframeRow, LiveUpdate, LiveView};
 use crate::report::page::{Elements, OutsideView, Page, keyframe_image};
-use crate::run::StageTimes;
-use crate::tracking::{FrameDone, TrackedSequence};
+use linecarve_engine::run::StageTimes;
+use linecarve_engine::tracking::{FrameDone, TrackedSequence};
 
 /// Keyframes whose scene depth is looked at, evenly chosen.
 const DEPTH_KEYFRAMES: usize = 16;
