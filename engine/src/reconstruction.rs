@@ -289,7 +289,7 @@ impl Reconstruction {
         Ok(())
     }
 
-    /// Frees what the final surface of a finished run does not need, see [`Map::release_carving`].
+    /// Frees points and cells of a finished run whose final surface is fused from depth images. The followed surface stays if asked for.
     pub fn release_carving(&mut self, is_surface_kept: bool) {
         self.mapper.release_carving(is_surface_kept);
     }
