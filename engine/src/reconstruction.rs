@@ -51,8 +51,8 @@ pub trait Sink: Send {
         update: &mut KeyframeUpdate,
     ) -> Result<(), SinkError>;
 
-    /// The map is finished, which may have changed the exported surface once more.
-    fn finished(&mut self, _change: &SurfaceChange) {}
+    /// The map is finished, which may have changed the exported surface once more. The change is there when a sink wants the surface.
+    fn finished(&mut self, _recording: &Recording, _map: &Map, _change: Option<&SurfaceChange>) {}
 
     /// A keyframe is left out, as its own images cannot be used.
     fn skipped(&mut self, _number: usize, _fault: &FrontEndError) {}
@@ -75,14 +75,14 @@ pub struct RunOptions {
 /// A map that grows with the keyframes of a recording.
 ///
 /// ```no_run
-/// use linecarve::{Options, Reconstruction};
+/// use linecarve_engine::{Options, Reconstruction};
 ///
 /// let mut reconstruction = Reconstruction::open("kitchen", Options::default())?;
 /// while let Some(update) = reconstruction.advance()? {
 ///     println!("keyframe {}: {} new points", update.number, update.map.new_points);
 /// }
 /// println!("{} triangles", reconstruction.surface().triangles.len());
-/// # Ok::<(), linecarve::Error>(())
+/// # Ok::<(), linecarve_engine::Error>(())
 /// ```
 pub struct Reconstruction {
     recording: Recording,
@@ -254,10 +254,10 @@ impl Reconstruction {
             return Err(Error::NoKeyframe { count, first });
         }
         self.mapper.finish()?;
-        if wants_surface && let Some(change) = self.mapper.take_surface_change() {
-            for sink in sinks {
-                sink.finished(&change);
-            }
+        let change = wants_surface.then(|| self.mapper.take_surface_change());
+        let change = change.flatten();
+        for sink in sinks {
+            sink.finished(&self.recording, self.mapper.map(), change.as_ref());
         }
         Ok(cancelled)
     }

@@ -27,7 +27,6 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let mut log = RunLog::begin("lines", &recording, verbosity);
     let mut run = Reconstruction::new(recording, RunOptions::default())?;
     run.run(CancelToken::default(), &mut [&mut log])?;
-    log.finish_progress();
 
     let segments = run.segments();
     let clusters = run.clusters();

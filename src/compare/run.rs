@@ -45,7 +45,6 @@ pub(crate) fn compared_run(
     let mut keyframes = KeyframeReports::new(label, count, verbosity);
     let sinks: &mut [&mut dyn Sink] = &mut [&mut recorder, &mut keyframes];
     run.run(CancelToken::default(), sinks)?;
-    keyframes.finish_progress();
     let mut warnings = Vec::new();
     if let Some(first) = keyframes.skipped.first() {
         let skipped = keyframes.skipped.len();

@@ -18,8 +18,6 @@ pub(crate) struct LiveSink {
     pace: ImagePace,
     /// The last keyframe and the ends of its segments, while its image was not sent.
     without_image: Option<(usize, Vec<[[f64; 2]; 2]>)>,
-    /// The change by the end of the map.
-    last_change: Option<SurfaceChange>,
 }
 
 impl LiveSink {
@@ -38,24 +36,7 @@ impl LiveSink {
             outside: GrowingView::default(),
             pace: ImagePace::default(),
             without_image: None,
-            last_change: None,
         }
-    }
-
-    /// Shows the end of the map, and the image of its last keyframe.
-    pub(crate) fn finish(&mut self, run: &Reconstruction) {
-        let image = self.image(run.recording());
-        let map = run.map();
-        let surface = map.followed_surface().zip(self.last_change.as_ref());
-        let surface = surface.map(|(surface, change)| (surface as &dyn NumberedSurface, change));
-        with_elements(map, |elements| {
-            self.view.publish(&LiveUpdate {
-                surface,
-                elements: Some(elements),
-                image,
-                ..LiveUpdate::default()
-            });
-        });
     }
 
     /// The scene, when the view from outside has changed after this number of keyframes.
@@ -115,7 +96,18 @@ impl Sink for LiveSink {
         Ok(())
     }
 
-    fn finished(&mut self, change: &SurfaceChange) {
-        self.last_change = Some(change.clone());
+    /// Shows the end of the map, and the image of its last keyframe.
+    fn finished(&mut self, recording: &Recording, map: &Map, change: Option<&SurfaceChange>) {
+        let image = self.image(recording);
+        let surface = map.followed_surface().zip(change);
+        let surface = surface.map(|(surface, change)| (surface as &dyn NumberedSurface, change));
+        with_elements(map, |elements| {
+            self.view.publish(&LiveUpdate {
+                surface,
+                elements: Some(elements),
+                image,
+                ..LiveUpdate::default()
+            });
+        });
     }
 }

@@ -65,8 +65,10 @@ impl Sink for PageRecorder {
         Ok(())
     }
 
-    fn finished(&mut self, change: &SurfaceChange) {
-        self.history.note(change);
+    fn finished(&mut self, _recording: &Recording, _map: &Map, change: Option<&SurfaceChange>) {
+        if let Some(change) = change {
+            self.history.note(change);
+        }
     }
 }
 

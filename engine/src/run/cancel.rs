@@ -22,22 +22,18 @@ pub enum Cancelled {
 }
 
 impl Cancelled {
-    /// How to continue a run with a checkpoint.
-    pub fn remedy(&self) -> &'static str {
-        match self {
-            Self::Requested => "continue with --resume",
-            Self::Memory { .. } => {
+    /// How to continue the run, or to start again without a checkpoint, as for a model.
+    pub fn remedy(&self, has_checkpoint: bool) -> &'static str {
+        match (self, has_checkpoint) {
+            (Self::Requested, true) => "continue with --resume",
+            (Self::Requested, false) => "repeat the command to start again",
+            (Self::Memory { .. }, true) => {
                 "continue with --resume and a higher --memory-limit, or start again with fewer keyframes (--every, \
                  --min-translation, --min-rotation)"
             }
-        }
-    }
-
-    /// How to continue a run without a checkpoint, as for a model.
-    pub fn remedy_without_checkpoint(&self) -> &'static str {
-        match self {
-            Self::Requested => "repeat the command to start again",
-            Self::Memory { .. } => "start again with a higher --memory-limit or without one",
+            (Self::Memory { .. }, false) => {
+                "start again with a higher --memory-limit or without one"
+            }
         }
     }
 }
