@@ -3,7 +3,8 @@
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
-use super::{CalibratedCamera, CameraSection, Model, RightCamera};
+use super::camera::CameraKeys;
+use crate::calibration::{CalibratedCamera, RightCamera};
 use crate::rigid;
 use crate::stereo::check_position;
 
@@ -11,14 +12,8 @@ use crate::stereo::check_position;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RightSection {
-    model: Option<Model>,
-    fx: Option<f64>,
-    fy: Option<f64>,
-    cx: Option<f64>,
-    cy: Option<f64>,
-    distortion: Option<Vec<f64>>,
-    width: Option<u32>,
-    height: Option<u32>,
+    #[serde(flatten)]
+    camera: CameraKeys,
     baseline: Option<f64>,
     color_from_right: Option<[[f64; 4]; 4]>,
 }
@@ -49,30 +44,11 @@ impl RightSection {
                 );
             }
         };
-        let camera = match (self.fx, self.fy, self.cx, self.cy) {
-            (Some(fx), Some(fy), Some(cx), Some(cy)) => CameraSection {
-                model: self.model.unwrap_or_default(),
-                fx,
-                fy,
-                cx,
-                cy,
-                distortion: self.distortion.unwrap_or_default(),
-                width: self.width,
-                height: self.height,
-            }
-            .camera("right", source)?,
-            (None, None, None, None) => {
-                let has_others = self.model.is_some()
-                    || self.distortion.is_some()
-                    || self.width.is_some()
-                    || self.height.is_some();
-                let left = left.filter(|_| !has_others).ok_or(
-                    "[right] needs fx, fy, cx and cy; only with a [color] section can all intrinsics be left out, which are then the \
-                     same",
-                )?;
-                left.clone()
-            }
-            _ => return Err("[right] needs fx, fy, cx and cy together".to_owned()),
+        let camera = match self.camera.camera("right", source)? {
+            Some(camera) => camera,
+            None => left.cloned().ok_or(
+                "[right] needs fx, fy, cx and cy; only with a [color] section can all intrinsics be left out, which are then the same",
+            )?,
         };
         let right = RightCamera {
             camera,
