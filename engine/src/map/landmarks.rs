@@ -6,26 +6,16 @@
 //! it.
 
 use linecarve_lines::LargeNodes;
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::Point3;
 use rstar::primitives::GeomWithData;
 use rstar::{AABB, RTree, SelectionFunction};
 
 use super::keyframe_measurements::Correction;
+use super::landmark::Landmark;
 use super::view_region::ViewRegion;
 use crate::options::LandmarkOptions;
 
-/// A point measured by a keyframe.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Measurement {
-    /// Measured position.
-    pub point_in_world: Point3<f64>,
-    /// Direction from the camera to the point.
-    pub direction: Unit<Vector3<f64>>,
-    /// Size of one pixel at its depth.
-    pub pixel: f64,
-    /// Standard deviation along the view ray.
-    pub sigma: f64,
-}
+pub(super) use super::landmark::Measurement;
 
 /// The landmark that a measurement is associated with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,48 +24,6 @@ pub(super) enum Association {
     New(u32),
     /// An existing landmark.
     Existing(u32),
-}
-
-/// A point fused from measurements.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Landmark {
-    /// Current position.
-    pub position: Point3<f64>,
-    /// Sum of the measurements weighted by inverse variance.
-    weighted: Vector3<f64>,
-    /// Sum of the inverse variances.
-    weight: f64,
-    /// Number of measurements.
-    measurements: u32,
-    /// Number of keyframes that measured it.
-    keyframes: u32,
-    /// The last of them.
-    last_keyframe: u32,
-    /// How many had measured it when it was last settled.
-    settled_at: u32,
-    /// Number of keyframes that measured a surface behind it.
-    contradictions: u32,
-    /// Sum of its observed sRGB colours, and their number.
-    colors: [u32; 4],
-    is_removed: bool,
-}
-
-impl Landmark {
-    fn add(&mut self, measurement: &Measurement, keyframe: u32) {
-        let weight = 1.0 / (measurement.sigma * measurement.sigma);
-        self.weighted += weight * measurement.point_in_world.coords;
-        self.weight += weight;
-        self.measurements += 1;
-        if self.keyframes == 0 || self.last_keyframe != keyframe {
-            self.keyframes += 1;
-            self.last_keyframe = keyframe;
-        }
-    }
-
-    /// Standard deviation of one measurement.
-    fn sigma(&self) -> f64 {
-        (f64::from(self.measurements) / self.weight).sqrt()
-    }
 }
 
 /// Outcome of [`Landmarks::update`].
@@ -173,20 +121,7 @@ impl Landmarks {
         }
         let id = self.records.len() as u32;
         let position = measurement.point_in_world;
-        let mut landmark = Landmark {
-            position,
-            weighted: Vector3::zeros(),
-            weight: 0.0,
-            measurements: 0,
-            keyframes: 0,
-            last_keyframe: 0,
-            settled_at: 0,
-            contradictions: 0,
-            colors: [0; 4],
-            is_removed: false,
-        };
-        landmark.add(measurement, self.keyframe);
-        self.records.push(landmark);
+        self.records.push(Landmark::new(measurement, self.keyframe));
         self.tree
             .insert(GeomWithData::new(position.coords.into(), id));
         Association::New(id)
@@ -353,6 +288,8 @@ impl Landmarks {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
 
     const NARROW: LandmarkOptions = LandmarkOptions {
