@@ -8,6 +8,7 @@ mod extractor;
 pub mod fit;
 pub mod image;
 mod large_nodes;
+mod median;
 pub mod triangulation;
 
 pub use camera::{Camera, Distortion, UndistortionMap};
@@ -21,4 +22,5 @@ pub use extractor::{ExtractError, ExtractOptions, Extraction, SegmentExtractor, 
 pub use fit::{FitOptions, Segment};
 pub use image::{GrayImage, Plane};
 pub use large_nodes::LargeNodes;
+pub use median::upper_median;
 pub use triangulation::{ImageTriangulation, SurfaceSamples};

@@ -1,5 +1,6 @@
 //! The page of tracking: live while frames are tracked, and as a file at the end.
 
+use linecarve_lines::upper_median;
 use linecarve_mesh::TriangleMesh;
 use linecarve_sequence::Sequence;
 use linecarve_tracking::{FramePose, MapSnapshot};
@@ -171,9 +172,5 @@ fn median_depth(
         });
         depths.extend(seen.map(|point| point.z));
     }
-    if depths.is_empty() {
-        return None;
-    }
-    let middle = depths.len() / 2;
-    Some(*depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+    upper_median(&mut depths, f64::total_cmp)
 }

@@ -1,5 +1,6 @@
 //! Median scene depth, the length scale for all thresholds, and the origin of coordinates.
 
+use linecarve_lines::upper_median;
 use nalgebra::{Point3, Vector3};
 
 use linecarve_sequence::{FrameError, Sequence};
@@ -31,7 +32,7 @@ pub fn median_scene_depth(
                     .copied()
                     .filter(|depth| depth.is_finite() && *depth > 0.0)
                     .collect();
-                medians.extend(median(&mut known).map(f64::from));
+                medians.extend(upper_median(&mut known, f32::total_cmp).map(f64::from));
             }
             Ok(None) => {}
             Err(error) if error.is_limited_to_frame() => {}
@@ -62,22 +63,5 @@ pub fn far_origin(
         first.map(f64::round)
     } else {
         Vector3::zeros()
-    }
-}
-
-/// The upper median; `None` of an empty list.
-fn median(values: &mut [f32]) -> Option<f32> {
-    let middle = values.len() / 2;
-    (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_median_needs_no_order() {
-        assert_eq!(median(&mut [3.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median(&mut []), None);
     }
 }

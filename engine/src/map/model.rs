@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 use linecarve_carving::{Carver, CommitReport, PointId, Transaction};
+use linecarve_lines::upper_median;
 use linecarve_points::parallax_cosine;
 use linecarve_sequence::{ModelPoint, ModelView, SparseModel};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -76,7 +77,7 @@ impl ModelMap {
                     .map(|sigma| sigma_factor * sigma);
             }
         }
-        let median_depth = upper_median(&mut depths);
+        let median_depth = upper_median(&mut depths, f64::total_cmp);
         Ok(Self {
             counts,
             points_of_view,
@@ -230,12 +231,6 @@ impl PointSelector {
             (&views[..], &self.depths[..], sigma)
         })
     }
-}
-
-/// The upper median; `None` of an empty list.
-pub(super) fn upper_median(values: &mut [f64]) -> Option<f64> {
-    let middle = values.len() / 2;
-    (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Whether a point is carved. If so, `views` holds its views, and its depths are appended to `depths`.

@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 use std::time::Instant;
 
 use linecarve_carving::{Carver, PointId, Transaction, TransactionError, ViewId};
+use linecarve_lines::upper_median;
 use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
-use super::model::{ModelCounts, select_point, sigma_along_rays, upper_median};
+use super::model::{ModelCounts, select_point, sigma_along_rays};
 use super::update::MapUpdate;
 use crate::options::PointModelOptions;
 
@@ -303,7 +304,7 @@ impl ObservedMap {
                 depths.push(pose.inverse_transform_point(&record.point.point_in_world).z);
             }
         }
-        self.median_depth = upper_median(&mut depths);
+        self.median_depth = upper_median(&mut depths, f64::total_cmp);
         self.measured_at = self.observations;
     }
 
