@@ -2,7 +2,7 @@
 
 use linecarve_carving::Carver;
 
-use super::{Contents, Map, carver_options};
+use super::{Contents, Map, MapError, carver_options};
 
 /// Numbers of what is carved.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -23,6 +23,17 @@ impl Map {
             rays: self.carver.ray_count(),
             cells: self.carver.tetrahedra().finite_cell_count(),
         })
+    }
+
+    /// Checks that keyframes can still be added.
+    ///
+    /// # Errors
+    /// After [`release_carving`](Self::release_carving).
+    pub(super) fn check_growing(&self) -> Result<(), MapError> {
+        match self.released {
+            Some(_) => Err(MapError::Released),
+            None => Ok(()),
+        }
     }
 
     /// Frees points and cells of a finished map whose [final surface](Self::adjusted_surface) is fused from depth images, which needs memory of

@@ -142,6 +142,7 @@ impl Map {
     /// When the carver rejects its position or one of its points: not finite or out of range. The map must not be used
     /// afterwards.
     pub fn push(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
+        self.check_growing()?;
         let carver = &mut self.carver;
         let number = self.keyframes;
         let mut update = match (&mut self.contents, keyframe) {
@@ -179,6 +180,7 @@ impl Map {
     /// # Errors
     /// As [`push`](Self::push).
     pub fn push_provisional(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
+        self.check_growing()?;
         let update = match (&mut self.contents, keyframe) {
             (Contents::Lines(lines), Keyframe::Lines(keyframe)) => {
                 lines.push_provisional(&mut self.carver, &self.options, keyframe)?

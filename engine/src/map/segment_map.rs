@@ -46,10 +46,10 @@ impl SegmentMap {
         })
     }
 
-    /// Adds the segments of a keyframe, unless clusters are final. Degenerate ones, with equal or non-finite ends, are left out.
+    /// Adds the segments of a keyframe. Degenerate ones, with equal or non-finite ends, are left out.
     pub fn push(&mut self, keyframe: &LineKeyframe) {
         let Clusters::Growing(clusterer) = &mut self.clusters else {
-            return;
+            unreachable!("a map with final clusters takes no keyframes");
         };
         self.events.clear();
         self.first_of.push(self.segments.len() as u32);
@@ -75,7 +75,7 @@ impl SegmentMap {
     /// The segments of these keyframes, and those that share a cluster with them.
     pub(super) fn change(&mut self, keyframes: &[(usize, Option<Isometry3<f64>>)]) {
         let Clusters::Growing(clusterer) = &mut self.clusters else {
-            return;
+            unreachable!("a map with final clusters takes no keyframes");
         };
         let mut changed = Vec::new();
         for (keyframe, transform) in keyframes {
