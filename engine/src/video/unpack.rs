@@ -5,7 +5,7 @@ use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
 use image::RgbImage;
-use image::codecs::jpeg::JpegEncoder;
+use linecarve_mesh::encode_jpeg;
 use linecarve_mesh::files::write_atomically;
 use linecarve_sequence::OpenOptions;
 
@@ -155,14 +155,11 @@ fn clear(folder: &Path, images: &Path) -> Result<(), VideoError> {
 }
 
 fn write_image(path: &Path, picture: &RgbImage) -> Result<(), VideoError> {
-    let mut bytes = Vec::new();
     let failed = |problem: String| VideoError::Write {
         path: path.to_owned(),
         problem,
     };
-    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
-        .encode_image(picture)
-        .map_err(|error| failed(error.to_string()))?;
+    let bytes = encode_jpeg(picture, JPEG_QUALITY).map_err(|error| failed(error.to_string()))?;
     write_atomically(path, |out| out.write_all(&bytes)).map_err(|error| failed(error.to_string()))
 }
 
