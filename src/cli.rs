@@ -32,7 +32,7 @@ pub use values::{
 pub use view::ViewArgs;
 
 use crate::live::LiveView;
-use crate::run::{MemoryLimit, Verbosity};
+use linecarve_engine::run::{MemoryLimit, Verbosity};
 use linecarve_mesh::diff::Tolerance;
 
 /// Turns posed keyframes into a surface by carving free space with 3D line segments.
@@ -317,7 +317,7 @@ pub enum SurfaceSource {
     MapPoints,
 }
 
-impl From<SurfaceSource> for crate::recording::Source {
+impl From<SurfaceSource> for linecarve_engine::Source {
     fn from(source: SurfaceSource) -> Self {
         match source {
             SurfaceSource::Lines => Self::Lines,

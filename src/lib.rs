@@ -12,36 +12,20 @@
 //! # Ok::<(), linecarve::Error>(())
 //! ```
 //!
-//! A [`Recording`] is a sequence with its keyframes chosen, a [`FrontEnd`](front_end::FrontEnd) finds segments or features in
-//! them, a [`Map`](map::Map) carves, and a [`Sink`] receives what each keyframe changed. The crates below are libraries of
-//! their own: `linecarve-lines`, `linecarve-carving`, `linecarve-sequence`, `linecarve-points`, `linecarve-mesh`,
-//! `linecarve-synth`.
+//! This crate is the program: arguments, commands, files, the page. What it computes is the library `linecarve-engine`, whose
+//! items it passes on. Programs that need no command line depend on `linecarve-engine` alone.
 
 pub mod cli;
 pub mod commands;
 pub mod compare;
-pub mod configuration;
-mod error;
-pub mod front_end;
 mod live;
-pub mod map;
-mod mapper;
-pub mod options;
-mod reconstruction;
-mod recording;
+pub mod process;
 pub mod report;
-pub mod run;
 mod server;
 pub mod sinks;
-pub mod stream;
+#[cfg(test)]
+#[path = "../engine/src/map/test_surface.rs"]
+mod test_surface;
 mod text;
-pub mod texture;
-mod tiles;
-pub mod tracking;
-pub mod video;
 
-pub use error::{Error, SinkError};
-pub use mapper::KeyframeUpdate;
-pub use options::Options;
-pub use reconstruction::{Reconstruction, RunOptions, Sink};
-pub use recording::{DepthChoice, Input, Recording, RecordingError, Selection, Source};
+pub use linecarve_engine::*;

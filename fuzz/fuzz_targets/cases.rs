@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use base64::Engine;
-use linecarve::front_end::{EdgePoint, FeatureKeyframe, KeyframeColors, LineKeyframe};
-use linecarve::run::StageTimes;
+use linecarve_engine::front_end::{EdgePoint, FeatureKeyframe, KeyframeColors, LineKeyframe};
+use linecarve_engine::run::StageTimes;
 use linecarve_lines::fit::Segment;
 use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_points::{Descriptor, Features};

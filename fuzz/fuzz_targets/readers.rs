@@ -25,11 +25,11 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use libfuzzer_sys::fuzz_target;
-use linecarve::Options;
-use linecarve::front_end::{FeatureKeyframe, Keyframe, LineKeyframe};
-use linecarve::map::Map;
-use linecarve::run::{CHECKPOINT_FOLDER, Checkpoint};
-use linecarve::stream::{Message, Session};
+use linecarve_engine::Options;
+use linecarve_engine::front_end::{FeatureKeyframe, Keyframe, LineKeyframe};
+use linecarve_engine::map::Map;
+use linecarve_engine::run::{CHECKPOINT_FOLDER, Checkpoint};
+use linecarve_engine::stream::{Message, Session};
 use linecarve_mesh::read_geometry;
 use linecarve_sequence::export::{
     TrajectoryFormat, posed_images, write_colmap, write_trajectory, write_transforms,

@@ -11,8 +11,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use linecarve::run::Verbosity;
-use linecarve::video::{is_video, unpack};
+use linecarve_engine::run::Verbosity;
+use linecarve_engine::video::{is_video, unpack};
 
 fuzz_target!(|data: &[u8]| {
     let folder = tempfile::tempdir().expect("a temporary folder");

@@ -9,6 +9,7 @@ pub mod fit;
 mod growth;
 pub mod image;
 mod large_nodes;
+mod median;
 pub mod triangulation;
 
 pub use camera::{Camera, Distortion, UndistortionMap};
@@ -22,4 +23,5 @@ pub use extractor::{ExtractError, ExtractOptions, Extraction, SegmentExtractor, 
 pub use fit::{FitOptions, Segment};
 pub use image::{GrayImage, Plane};
 pub use large_nodes::LargeNodes;
+pub use median::upper_median;
 pub use triangulation::{ImageTriangulation, SurfaceSamples};

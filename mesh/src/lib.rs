@@ -3,6 +3,7 @@
 pub mod diff;
 mod disjoint_sets;
 mod edge_uses;
+mod encode_image;
 pub mod evaluate;
 pub mod feature_edges;
 pub mod files;
@@ -20,6 +21,7 @@ mod test_room;
 pub mod texture;
 mod types;
 
+pub use encode_image::encode_jpeg;
 pub use holes::close_holes;
 pub use io::{
     Geometry, GlbPart, GlbWriter, MeshFileError, ReadError, StreamedMesh, read_geometry,

@@ -1,7 +1,9 @@
 //! Pose correction of the map's keyframes: motion-only, local and over all keyframes.
 
+use linecarve_lines::upper_median;
+
 use super::changes::MapChange;
-use super::map::{PointMap, median};
+use super::map::PointMap;
 use super::point::{MapObservation, MapPointId};
 use crate::pose_correction::CHI2_PIXEL;
 use crate::pose_correction::{
@@ -64,7 +66,7 @@ impl PointMap {
         if known.len() < self.correction.min_points {
             return false;
         }
-        let Some(depth) = median(depths) else {
+        let Some(depth) = upper_median(&mut depths, f64::total_cmp) else {
             return false;
         };
         let mut pose = start;

@@ -1,11 +1,12 @@
 //! Triangulation of new points.
 
 use linecarve_lines::camera::Camera;
+use linecarve_lines::upper_median;
 use nalgebra::{Matrix3, Point2, Point3, Unit, Vector3};
 
 use super::epipolar::{FeatureMatch, TwoViewGeometry, match_along_epipolar_lines};
 use super::keyframe::MapKeyframe;
-use super::map::{PointMap, median};
+use super::map::PointMap;
 use super::point::{MapObservation, MapPoint, MapPointId};
 use super::triangulate::{parallax_cosine, triangulate_rays};
 use crate::pose_correction::CHI2_PIXEL;
@@ -99,14 +100,14 @@ impl PointMap {
     /// Median depth of the points observed in a keyframe.
     pub(super) fn median_depth_in(&self, keyframe: u32) -> Option<f64> {
         let view = &self.keyframes[keyframe as usize];
-        let depths: Vec<f64> = view
+        let mut depths: Vec<f64> = view
             .points
             .iter()
             .flatten()
             .filter_map(|id| self.point(*id))
             .map(|point| (view.camera_from_world() * point.point_in_world).z)
             .collect();
-        median(depths)
+        upper_median(&mut depths, f64::total_cmp)
     }
 
     /// Triangulates a match. `None` when the rays do not meet in front of both cameras, when parallax is too small or the

@@ -1,6 +1,7 @@
 //! The incremental map of points.
 
 use linecarve_lines::camera::Camera;
+use linecarve_lines::upper_median;
 use nalgebra::{Isometry3, Point3};
 
 use super::changes::MapChange;
@@ -223,7 +224,7 @@ impl PointMap {
 
     /// Median depth of the established points in the keyframes that observe them; `None` without points.
     pub fn median_depth(&self) -> Option<f64> {
-        let depths: Vec<f64> = self
+        let mut depths: Vec<f64> = self
             .established()
             .flat_map(|(_, point)| {
                 point.observations.iter().map(|observation| {
@@ -232,7 +233,7 @@ impl PointMap {
                 })
             })
             .collect();
-        median(depths)
+        upper_median(&mut depths, f64::total_cmp)
     }
 
     /// Reprojection errors of the established points.
@@ -258,7 +259,7 @@ impl PointMap {
             points,
             observations,
             reprojection_rms_px: (squares / observations as f64).sqrt(),
-            reprojection_median_px: median(distances).unwrap_or(0.0),
+            reprojection_median_px: upper_median(&mut distances, f64::total_cmp).unwrap_or(0.0),
         }
     }
 
@@ -343,12 +344,6 @@ impl PointMap {
     pub(super) fn center(&self, keyframe: u32) -> Point3<f64> {
         self.keyframes[keyframe as usize].center()
     }
-}
-
-/// Median, the larger of two middle values; `None` of no values.
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]

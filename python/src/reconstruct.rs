@@ -8,7 +8,8 @@ use clap::Parser;
 use linecarve::Reconstruction as Run;
 use linecarve::cli::{Cli, Command};
 use linecarve::commands::{Outcome, reconstruct as run_command};
-use linecarve::run::{CancelToken, Verbosity, WatchError};
+use linecarve::process::WatchError;
+use linecarve::run::{CancelToken, Verbosity};
 use linecarve_mesh::TriangleMesh;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -119,7 +120,7 @@ pub(crate) fn reconstruct(
     };
     let limit = args.memory_limit;
     let token =
-        CancelToken::with_limit(limit).map_err(|error| Error::new_err(error.to_string()))?;
+        CancelToken::with_limit(limit).map_err(|error| Error::new_err(WatchError::from(error).to_string()))?;
     let cancel = token.clone();
     let (sender, receiver) = channel();
     let worker = std::thread::spawn(move || {

@@ -19,6 +19,7 @@ mod open;
 mod pose_convention;
 mod poses;
 pub mod rigid;
+mod sidecar;
 mod sparse_model;
 mod stereo;
 mod text;
@@ -35,7 +36,7 @@ use linecarve_lines::camera::{Camera, CameraCorrection, CameraError};
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
-pub use calibration::{ImageSize, SIDECAR_FILE};
+pub use calibration::ImageSize;
 use downsampling::Downsampling;
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
@@ -53,6 +54,7 @@ pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
 use open::pinhole_of;
 use pose_convention::{Extrinsics, PoseConvention, QuaternionOrder};
+pub use sidecar::SIDECAR_FILE;
 pub use sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
 pub use stereo::StereoPair;
 pub(crate) use text::parse_stamp_ns;

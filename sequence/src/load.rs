@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read};
+use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
 use image::{DynamicImage, ImageFormat, ImageReader};
@@ -20,6 +20,9 @@ pub type DepthImage = Plane<f32>;
 
 /// An interleaved 8-bit sRGB image.
 pub type ColorImage = image::RgbImage;
+
+/// Most headers of images end within so many bytes.
+const HEADER_BYTES: u64 = 1 << 16;
 
 /// Remedy for registered depth of another size than colour.
 const REGISTERED_SIZE: &str = "registered depth must have the size of the colour images; give a separate depth camera in \
@@ -345,21 +348,23 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, FrameError> {
 
 /// Image size, from the header.
 pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
-    let unreadable = |source| FrameError::Unreadable {
-        path: path.to_owned(),
-        source,
+    let mut start = Vec::new();
+    open(path)?
+        .take(HEADER_BYTES)
+        .read_to_end(&mut start)
+        .map_err(|source| FrameError::Unreadable {
+            path: path.to_owned(),
+            source,
+        })?;
+    // Where the header is longer, or stands elsewhere, as in TIFF files, the whole file is read.
+    let size = match size_of(&start) {
+        Ok(size) => size,
+        Err(_) => size_of(&read(path)?).map_err(|reason| undecodable(path, reason))?,
     };
-    let file = open(path)?;
-    let reader = ImageReader::new(BufReader::new(file))
-        .with_guessed_format()
-        .map_err(unreadable)?;
-    let (width, height) = reader
-        .into_dimensions()
-        .map_err(|error| undecodable(path, error.to_string()))?;
-    if width == 0 || height == 0 {
+    if size.width == 0 || size.height == 0 {
         return Err(undecodable(path, "the image has no pixels".to_owned()));
     }
-    Ok(ImageSize { width, height })
+    Ok(size)
 }
 
 /// Decodes an image; its bytes decide the format, not its name. The size is checked before memory is allocated, since
@@ -395,9 +400,8 @@ pub(super) fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
         // The decoder fills the missing part with grey without an error.
         return Err("the JPEG data are truncated".to_owned());
     }
-    let image = ImageReader::with_format(Cursor::new(bytes), format)
-        .decode()
-        .map_err(|error| error.to_string())?;
+    let image =
+        image::load_from_memory_with_format(bytes, format).map_err(|error| error.to_string())?;
     if image.width() == 0 || image.height() == 0 {
         return Err("the image has no pixels".to_owned());
     }

@@ -6,14 +6,13 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
-use super::calibration::{
-    CalibratedCamera, Calibration, ImageSize, PoseCamera, SIDECAR_FILE, Sidecar,
-};
+use super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
 use super::depth_image::depth_header;
 use super::layout::{Folder, PoseSource, RecordedFrame, Recording, recognise};
 use super::load::{image_size, size_error};
 use super::pose_convention::{Extrinsics, PoseConvention};
 use super::poses::{self, PoseFileFormat};
+use super::sidecar::{SIDECAR_FILE, Sidecar};
 use super::stereo::StereoPair;
 use super::undistortion::Undistortion;
 use super::warning::WarningCounter;

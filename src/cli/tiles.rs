@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::{DepthArg, KeyframeArgs, LabelChoice, SequenceArgs, SurfaceSource};
-use crate::run::MemoryLimit;
-use crate::tiles::{KEYFRAMES_OF_TASK, TaskStage};
+use linecarve_engine::run::MemoryLimit;
+use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, TaskStage};
 
 /// Arguments of `tiles`.
 #[derive(Debug, Args)]

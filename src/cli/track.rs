@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use linecarve_engine::tracking::TrackingMode;
+use linecarve_sequence::export::TrajectoryFormat;
 
 use super::LiveArgs;
 
@@ -63,6 +65,17 @@ pub enum TrackFormat {
     Open3dLog,
 }
 
+impl From<TrackFormat> for TrajectoryFormat {
+    fn from(format: TrackFormat) -> Self {
+        match format {
+            TrackFormat::Tum => Self::Tum,
+            TrackFormat::Euroc => Self::Euroc,
+            TrackFormat::Kitti => Self::Kitti,
+            TrackFormat::Open3dLog => Self::Open3dLog,
+        }
+    }
+}
+
 /// What poses are found from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum TrackMode {
@@ -72,4 +85,14 @@ pub enum TrackMode {
     Stereo,
     /// Images of one camera.
     Mono,
+}
+
+impl From<TrackMode> for TrackingMode {
+    fn from(mode: TrackMode) -> Self {
+        match mode {
+            TrackMode::Rgbd => Self::Rgbd,
+            TrackMode::Stereo => Self::Stereo,
+            TrackMode::Mono => Self::Mono,
+        }
+    }
 }

@@ -5,8 +5,8 @@ use linecarve_mesh::diff::Check;
 use linecarve_mesh::texture::TextureFormat;
 use linecarve_synth::{SceneKind, SequenceLayout};
 
-use crate::options::LabelKind;
 use crate::sinks::{Format, Growth};
+use linecarve_engine::options::LabelKind;
 
 /// Declares the command-line form of a library's enum: the same variants, with help texts and a conversion.
 macro_rules! choice {

@@ -3,12 +3,12 @@
 use anyhow::bail;
 
 use crate::cli::{DepthArg, KeyframeArgs, SequenceArgs, StageArgs};
-use crate::configuration::Configuration;
-use crate::options::Options;
-use crate::recording::{DepthChoice, Input, Selection, Source};
-use crate::run::Verbosity;
 use crate::sinks::OutputFolder;
-use crate::video::{of_video, unpack};
+use linecarve_engine::configuration::Configuration;
+use linecarve_engine::options::Options;
+use linecarve_engine::run::Verbosity;
+use linecarve_engine::video::{of_video, unpack};
+use linecarve_engine::{DepthChoice, Input, Selection, Source};
 use linecarve_sequence::{OpenOptions, Sequence};
 
 /// What is to be reconstructed from which source.

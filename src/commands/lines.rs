@@ -5,13 +5,12 @@ use std::time::Instant;
 use crate::cli::LinesArgs;
 use crate::commands::Outcome;
 use crate::commands::input::{input, parameters};
-use crate::reconstruction::{Reconstruction, RunOptions};
-use crate::recording::{Recording, Source};
-use crate::run::{CancelToken, Verbosity};
 use crate::sinks::{
     OutputFolder, RunLog, clusters_part, reason_for_nothing, segments_part, write_geometry,
     write_poses,
 };
+use linecarve_engine::run::{CancelToken, Verbosity};
+use linecarve_engine::{Reconstruction, Recording, RunOptions, Source};
 
 pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let started = Instant::now();
@@ -28,7 +27,6 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let mut log = RunLog::begin("lines", &recording, verbosity);
     let mut run = Reconstruction::new(recording, RunOptions::default())?;
     run.run(CancelToken::default(), &mut [&mut log])?;
-    log.finish_progress();
 
     let segments = run.segments();
     let clusters = run.clusters();

@@ -29,7 +29,7 @@ pub use reconstruct::reconstruct;
 use anyhow::Context;
 
 use crate::cli::{Cli, Command};
-use crate::run::Verbosity;
+use linecarve_engine::run::Verbosity;
 
 /// How a command that ran to its end came out.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -9,9 +9,9 @@ use nalgebra::Point3;
 
 use crate::cli::{DepthArg, EvaluateArgs, SequenceArgs};
 use crate::commands::input::{input, keyframe_options};
-use crate::options::Options;
-use crate::recording::{Recording, Source};
-use crate::run::{Progress, Verbosity};
+use linecarve_engine::options::Options;
+use linecarve_engine::run::{Progress, Verbosity};
+use linecarve_engine::{Recording, Source};
 
 /// Asks the keyframes of a sequence what of the shape they looked at.
 pub(super) fn observe(

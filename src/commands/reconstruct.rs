@@ -9,39 +9,38 @@ use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
 use crate::commands::input::{input, parameters, unpack_video};
 use crate::commands::simplify::check_tolerance;
-use crate::reconstruction::{Reconstruction, RunOptions, Sink};
-use crate::recording::{Recording, Source};
-use crate::run::{CancelToken, Checkpoint, Verbosity, WatchError, end_beyond};
+use crate::process::{WatchError, end_beyond, watch as watch_process};
 use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     final_mesh, model_left_out, reason_for_nothing, write_results, write_tracked_poses,
 };
-use crate::video::is_video;
+use linecarve_engine::run::{CancelToken, Checkpoint, Verbosity};
+use linecarve_engine::video::is_video;
+use linecarve_engine::{Reconstruction, Recording, RunOptions, Sink, Source};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let input = &args.input.sequence;
-    let end_beyond_limit = |limit| {
+    let path = &args.input.sequence;
+    let end_beyond_limit = || {
         let remedy = format!(
             "more than --memory-limit; carve the model in tiles, which gives the same mesh (linecarve tiles plan {} WORK, then \
              linecarve tiles run WORK), or give more memory",
-            input.display()
+            path.display()
         );
-        end_beyond(limit, remedy);
+        if let Some(limit) = args.memory_limit {
+            end_beyond(limit, remedy);
+        }
     };
     // A model in a file is read at once, too, and may be too large for that.
-    let is_watched =
-        args.final_only && args.live.live.is_none() && input.is_file() && !is_video(input);
-    if is_watched {
-        args.memory_limit.into_iter().for_each(end_beyond_limit);
+    let is_model_file =
+        args.final_only && args.live.live.is_none() && path.is_file() && !is_video(path);
+    if is_model_file {
+        end_beyond_limit();
     }
     let watch = |is_model_at_once: bool| {
-        if !is_model_at_once {
-            return CancelToken::watch(args.memory_limit);
+        if is_model_at_once && !is_model_file {
+            end_beyond_limit();
         }
-        if !is_watched {
-            args.memory_limit.into_iter().for_each(end_beyond_limit);
-        }
-        CancelToken::watch(None)
+        watch_process(args.memory_limit.filter(|_| !is_model_at_once))
     };
     let (outcome, ..) = reconstruct(args, Some(&args.out), verbosity, watch)?;
     Ok(outcome)
@@ -76,15 +75,13 @@ pub fn reconstruct(
         unpack_video(&mut input, output.as_mut(), verbosity)?;
     }
     let recording = Recording::open(&input, options)?;
-    if let Some(output) = &mut output {
-        write_tracked_poses(&recording, output)?;
-    }
     let is_model = recording.source == Source::Model;
     let is_followed = !is_final_only || live.is_some();
     let token = watch(is_model && !is_followed)?;
     let mut log = RunLog::begin("reconstruct", &recording, verbosity);
-    let checkpoint = match &output {
+    let checkpoint = match &mut output {
         Some(output) if !is_model => {
+            write_tracked_poses(&recording, output)?;
             let description = recording.description();
             Some(Checkpoint::open(output.root(), &description, args.resume)?)
         }
@@ -98,9 +95,7 @@ pub fn reconstruct(
         keeps_keyframes: false,
     };
     let mut run = Reconstruction::new(recording, settings)?;
-    if let Some((model, counts)) = run.map().model()
-        && let Some(warning) = model_left_out(model, &counts)
-    {
+    if let Some(warning) = model_left_out(run.map()) {
         log.warn(warning);
     }
 
@@ -121,11 +116,7 @@ pub fn reconstruct(
         sinks.push(&mut log);
         run.run(token, &mut sinks)?
     };
-    if let Some(live) = &mut live {
-        live.finish(&run);
-    }
     run.release_carving(page.is_some());
-    log.finish_progress();
     log.set_resumed(checkpoint.as_ref().map_or(0, Checkpoint::reused));
 
     let formats = args.stages.formats();
@@ -141,11 +132,7 @@ pub fn reconstruct(
         None => final_mesh(&run)?,
     };
     let outcome = if let Some(cause) = &cancelled {
-        let remedy = match checkpoint {
-            Some(_) => cause.remedy(),
-            None => cause.remedy_without_checkpoint(),
-        };
-        Outcome::Negative(log.interrupted(cause, remedy))
+        Outcome::Negative(log.interrupted(cause, checkpoint.is_some()))
     } else if mesh.is_empty() {
         let reason = reason_for_nothing(&run, log.keyframes());
         Outcome::Negative(format!("the mesh is empty: {reason}"))

@@ -5,14 +5,12 @@ use anyhow::Context;
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
 use crate::commands::stream_lines::{Line, Replies, next};
-use crate::configuration::Configuration;
-use crate::options::Options;
 use crate::report::page::write_page;
-use crate::run::Verbosity;
-use crate::sinks::OutputFolder;
-use crate::sinks::SurfaceFiles;
-use crate::sinks::final_mesh_edges;
-use crate::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
+use crate::sinks::{OutputFolder, SessionPage, SurfaceFiles, final_mesh_edges, last_page};
+use linecarve_engine::configuration::Configuration;
+use linecarve_engine::options::Options;
+use linecarve_engine::run::Verbosity;
+use linecarve_engine::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
 use linecarve_sequence::export::{TrajectoryFormat, write_trajectory};
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
@@ -22,11 +20,8 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     };
     let mut output = args.out.as_deref().map(OutputFolder::create).transpose()?;
     let mut session = Session::new(options).context("cannot make a folder for temporary files")?;
-    if output.is_some() {
-        session.make_page();
-    }
     if let Some(view) = args.live.start(verbosity)? {
-        session.show(view);
+        session.set_observer(Box::new(SessionPage::new(view)));
     }
     let mut replies = Replies::default();
     let mut input = std::io::stdin().lock();
@@ -55,7 +50,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let SessionEnd {
         last_change,
         summary,
-        page,
+        state,
     } = session.finish();
     match last_change {
         Ok(Some(reply)) => replies.send(&reply)?,
@@ -73,6 +68,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         }
     }
     if let Some(output) = &mut output {
+        let page = state.map(|state| last_page(state.as_ref(), &summary.mesh));
         write_results(args, summary, output)?;
         if let Some(page) = page {
             write_page(&output.file("report.html"), &page)?;

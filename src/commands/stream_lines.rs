@@ -4,8 +4,8 @@ use std::io::{BufRead, ErrorKind, Write};
 
 use anyhow::Context;
 
-use crate::run::Verbosity;
-use crate::stream::Reply;
+use linecarve_engine::run::Verbosity;
+use linecarve_engine::stream::Reply;
 
 /// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.
 const LONGEST_MESSAGE: u64 = 1 << 28;

@@ -8,10 +8,13 @@ use anyhow::{Context, ensure};
 
 use crate::cli::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 use crate::commands::Outcome;
-use crate::configuration::Configuration;
-use crate::options::Options;
-use crate::run::{MemoryLimit, Verbosity, limit_task};
-use crate::tiles::{Planned, Project, Split, Task, carry_out_all, plan, slurm_script, write_mesh};
+use crate::process::limit_task;
+use linecarve_engine::configuration::Configuration;
+use linecarve_engine::options::Options;
+use linecarve_engine::run::{MemoryLimit, Verbosity};
+use linecarve_engine::tiles::{
+    Planned, Project, Split, Task, carry_out_all, plan, slurm_script, write_mesh,
+};
 
 use super::input::{input, keyframe_options};
 use super::tiles_state::{check, stages};
@@ -80,7 +83,7 @@ fn run_all(
 ) -> anyhow::Result<Outcome> {
     ensure!(jobs > 0, "--jobs 0: give at least one");
     let program = std::env::current_exe().context("this program cannot be found")?;
-    let (project, carried_out) = carry_out_all(folder, jobs, |item: Task| {
+    let (project, carried_out) = carry_out_all(folder, jobs, |item: Task| -> anyhow::Result<()> {
         let mut task = Command::new(&program);
         task.args(["tiles", "item"]).arg(folder);
         task.args([item.stage.name(), &item.number.to_string()]);

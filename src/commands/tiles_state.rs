@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use crate::commands::Outcome;
-use crate::tiles::Project;
+use linecarve_engine::tiles::Project;
 
 /// Prints every task with its state.
 pub(super) fn stages(project: &Project, is_json: bool) -> anyhow::Result<Outcome> {

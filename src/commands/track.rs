@@ -2,13 +2,15 @@
 
 use anyhow::{Context, bail, ensure};
 
-use crate::cli::{TrackArgs, TrackFormat, TrackMode};
+use crate::cli::TrackArgs;
 use crate::commands::Outcome;
-use crate::options::Options;
-use crate::run::Verbosity;
 use crate::sinks::{LiveTracking, OutputFolder, print_object, write_tracked};
-use crate::tracking::{FrameDone, TrackReport, TrackingMode, open_unposed, track_watched};
-use crate::video::{is_video, of_video, unpack};
+use linecarve_engine::options::Options;
+use linecarve_engine::run::Verbosity;
+use linecarve_engine::tracking::{
+    FrameDone, TrackReport, TrackingMode, open_unposed, track_watched,
+};
+use linecarve_engine::video::{is_video, of_video, unpack};
 use linecarve_sequence::export::TrajectoryFormat;
 use linecarve_sequence::{OpenOptions, Sequence};
 
@@ -28,12 +30,9 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     };
     warnings.extend(warning);
     warnings.extend(sequence.warnings().iter().map(ToString::to_string));
-    let mode = match args.mode {
-        None => TrackingMode::of(&sequence),
-        Some(TrackMode::Rgbd) => TrackingMode::Rgbd,
-        Some(TrackMode::Stereo) => TrackingMode::Stereo,
-        Some(TrackMode::Mono) => TrackingMode::Mono,
-    };
+    let mode = args
+        .mode
+        .map_or_else(|| TrackingMode::of(&sequence), Into::into);
     mode.check(&sequence)?;
     let mut options = mode.options();
     options.looks_ahead = !args.causal;
@@ -103,17 +102,6 @@ fn start_pair(given: &[String], sequence: &Sequence) -> anyhow::Result<[u32; 2]>
     let [a, b] = [find(a)? as u32, find(b)? as u32];
     ensure!(a != b, "--start-pair: both frames are the same");
     Ok([a.min(b), a.max(b)])
-}
-
-impl From<TrackFormat> for TrajectoryFormat {
-    fn from(format: TrackFormat) -> Self {
-        match format {
-            TrackFormat::Tum => Self::Tum,
-            TrackFormat::Euroc => Self::Euroc,
-            TrackFormat::Kitti => Self::Kitti,
-            TrackFormat::Open3dLog => Self::Open3dLog,
-        }
-    }
 }
 
 /// Says what came out.

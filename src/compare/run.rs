@@ -5,10 +5,9 @@ use linecarve_mesh::LineSet;
 use nalgebra::Point3;
 
 use super::result::ComparedSurface;
-use crate::reconstruction::{Reconstruction, RunOptions, Sink};
-use crate::recording::{Recording, Source, camera_warning};
-use crate::run::{CancelToken, Verbosity};
 use crate::sinks::{KeyframeReports, PageRecorder, crosses};
+use linecarve_engine::run::{CancelToken, Verbosity};
+use linecarve_engine::{Reconstruction, Recording, RunOptions, Sink, Source, camera_warning};
 
 /// Length of the crosses that mark points in pictures, as a share of the median depth.
 const CROSS_SHARE: f64 = 0.006;
@@ -46,7 +45,6 @@ pub(crate) fn compared_run(
     let mut keyframes = KeyframeReports::new(label, count, verbosity);
     let sinks: &mut [&mut dyn Sink] = &mut [&mut recorder, &mut keyframes];
     run.run(CancelToken::default(), sinks)?;
-    keyframes.finish_progress();
     let mut warnings = Vec::new();
     if let Some(first) = keyframes.skipped.first() {
         let skipped = keyframes.skipped.len();

@@ -1,6 +1,6 @@
 //! Warnings of a comparison.
 
-use crate::run::Verbosity;
+use linecarve_engine::run::Verbosity;
 
 /// Warnings, each said once, when it arises.
 pub(crate) struct Warnings {

@@ -5,12 +5,12 @@ use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
 use super::surface_copy::{SurfaceContent, SurfaceCopy};
-use crate::map::SurfaceChange;
 use crate::report::growth_delta::{NumberedSurface, encode};
 use crate::report::page::{
     Elements, KeyframeImage, Page, PageKeyframe, Positions, base64_text, page_json,
 };
-use crate::run::StageTimes;
+use linecarve_engine::map::SurfaceChange;
+use linecarve_engine::run::StageTimes;
 
 /// Times and size after one keyframe.
 #[derive(Debug, Clone, Copy, Serialize)]

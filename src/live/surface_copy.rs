@@ -4,8 +4,8 @@ use linecarve_carving::{Face, MeshChange};
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
-use crate::map::SurfaceChange;
 use crate::report::growth_delta::NumberedSurface;
+use linecarve_engine::map::SurfaceChange;
 
 /// Position and colour of a vertex, as they are sent.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,9 +3,9 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::state::{LiveState, LiveUpdate};
-use crate::map::test_surface::TestSurface;
 use crate::report::growth_delta::NumberedSurface;
 use crate::report::page::Elements;
+use crate::test_surface::TestSurface;
 use delta_reader::sorted;
 use live_client::LiveClient;
 

@@ -4,7 +4,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::map::{MapSurface, SurfaceChange};
+use linecarve_engine::map::{MapSurface, SurfaceChange};
 
 /// First bytes of a file: name and version of the format.
 const MAGIC: &[u8; 8] = b"LCDELTA1";

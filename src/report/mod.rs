@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use linecarve_mesh::files::{WriteError, write_atomically};
 
-use crate::front_end::PoseSummary;
-pub use crate::run::StageTimes;
+use linecarve_engine::front_end::PoseSummary;
+pub use linecarve_engine::run::StageTimes;
 
 /// The report of a run. Counts and parameters are reproducible; durations and memory are not.
 #[derive(Debug, Clone, Serialize)]

@@ -1,11 +1,8 @@
 //! Why a run ends without a surface.
 
-use linecarve_sequence::SparseModel;
-
-use crate::map::ModelCounts;
-use crate::reconstruction::Reconstruction;
-use crate::recording::Source;
 use crate::report::KeyframeReport;
+use linecarve_engine::map::Map;
+use linecarve_engine::{Reconstruction, Source};
 
 /// The step at which everything was lost, for a run that ends with nothing. `keyframes` is what the report says of each.
 pub(crate) fn reason_for_nothing(run: &Reconstruction, keyframes: &[KeyframeReport]) -> String {
@@ -98,7 +95,7 @@ fn without_model(run: &Reconstruction) -> String {
         if seen == 0 {
             return "the model does not say who sees its points".to_owned();
         }
-        return model_left_out(model, &counts).unwrap_or_default();
+        return model_left_out(run.map()).unwrap_or_default();
     }
     format!(
         "{} points enclose no occupied space that a ray has left; more views from other places would help",
@@ -106,8 +103,9 @@ fn without_model(run: &Reconstruction) -> String {
     )
 }
 
-/// Says which points of a model are not carved, `None` when all are.
-pub(crate) fn model_left_out(model: &SparseModel, counts: &ModelCounts) -> Option<String> {
+/// Says which points of a model are not carved, `None` when all are, or when there is no model.
+pub(crate) fn model_left_out(map: &Map) -> Option<String> {
+    let (model, counts) = map.model()?;
     let reasons = [
         (counts.not_finite, "not finite"),
         (counts.too_few_views, "seen by too few views"),

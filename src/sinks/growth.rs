@@ -6,13 +6,10 @@ use linecarve_mesh::files::write_atomically;
 use linecarve_mesh::{GlbWriter, MeshFileError, TriangleMesh};
 
 use super::output::{OutputFolder, surface_part};
-use crate::error::SinkError;
-use crate::map::Map;
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::Sink;
-use crate::recording::Recording;
 use crate::report::growth_delta::encode;
-use crate::run::milliseconds;
+use linecarve_engine::map::Map;
+use linecarve_engine::run::milliseconds;
+use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError};
 
 /// Folder of the files of keyframes.
 const FOLDER: &str = "keyframes";

@@ -1,13 +1,10 @@
 //! What the report says of each keyframe, and the progress bar.
 
-use crate::error::SinkError;
-use crate::front_end::{FrontEndError, Keyframe, LineKeyframe};
-use crate::map::Map;
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::Sink;
-use crate::recording::Recording;
 use crate::report::{KeyframeReport, MapPointReport};
-use crate::run::{Progress, Verbosity};
+use linecarve_engine::front_end::{FrontEndError, Keyframe, LineKeyframe};
+use linecarve_engine::map::{Map, SurfaceChange};
+use linecarve_engine::run::{Progress, Verbosity};
+use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError};
 
 /// Collects the reports of keyframes and shows progress.
 pub(crate) struct KeyframeReports {
@@ -25,13 +22,6 @@ impl KeyframeReports {
             reports: Vec::with_capacity(count),
             skipped: Vec::new(),
             progress: Some(Progress::start(label, count, verbosity)),
-        }
-    }
-
-    /// Ends the progress bar, after the last keyframe.
-    pub(crate) fn finish_progress(&mut self) {
-        if let Some(progress) = self.progress.take() {
-            progress.finish();
         }
     }
 }
@@ -56,6 +46,12 @@ impl Sink for KeyframeReports {
             progress.step(String::new);
         }
         self.skipped.push(fault.to_string());
+    }
+
+    fn finished(&mut self, _recording: &Recording, _map: &Map, _change: Option<&SurfaceChange>) {
+        if let Some(progress) = self.progress.take() {
+            progress.finish();
+        }
     }
 }
 

@@ -2,15 +2,12 @@
 
 use super::page::{GrowingView, page_of, with_elements};
 use super::page_run::PageRun;
-use crate::error::SinkError;
-use crate::front_end::Keyframe;
 use crate::live::{ImagePace, KeyframeRow, LiveUpdate, LiveView};
-use crate::map::{Map, SurfaceChange};
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Reconstruction, Sink};
-use crate::recording::Recording;
 use crate::report::growth_delta::NumberedSurface;
 use crate::report::page::{KeyframeImage, Page, keyframe_image};
+use linecarve_engine::front_end::Keyframe;
+use linecarve_engine::map::{Map, SurfaceChange};
+use linecarve_engine::{KeyframeUpdate, Reconstruction, Recording, Sink, SinkError};
 use linecarve_mesh::TriangleMesh;
 
 /// Hands on to the live page what keyframes change.
@@ -21,8 +18,6 @@ pub(crate) struct LiveSink {
     pace: ImagePace,
     /// The last keyframe and the ends of its segments, while its image was not sent.
     without_image: Option<(usize, Vec<[[f64; 2]; 2]>)>,
-    /// The change by the end of the map.
-    last_change: Option<SurfaceChange>,
 }
 
 impl LiveSink {
@@ -41,24 +36,7 @@ impl LiveSink {
             outside: GrowingView::default(),
             pace: ImagePace::default(),
             without_image: None,
-            last_change: None,
         }
-    }
-
-    /// Shows the end of the map, and the image of its last keyframe.
-    pub(crate) fn finish(&mut self, run: &Reconstruction) {
-        let image = self.image(run.recording());
-        let map = run.map();
-        let surface = map.followed_surface().zip(self.last_change.as_ref());
-        let surface = surface.map(|(surface, change)| (surface as &dyn NumberedSurface, change));
-        with_elements(map, |elements| {
-            self.view.publish(&LiveUpdate {
-                surface,
-                elements: Some(elements),
-                image,
-                ..LiveUpdate::default()
-            });
-        });
     }
 
     /// The scene, when the view from outside has changed after this number of keyframes.
@@ -118,7 +96,18 @@ impl Sink for LiveSink {
         Ok(())
     }
 
-    fn finished(&mut self, change: &SurfaceChange) {
-        self.last_change = Some(change.clone());
+    /// Shows the end of the map, and the image of its last keyframe.
+    fn finished(&mut self, recording: &Recording, map: &Map, change: Option<&SurfaceChange>) {
+        let image = self.image(recording);
+        let surface = map.followed_surface().zip(change);
+        let surface = surface.map(|(surface, change)| (surface as &dyn NumberedSurface, change));
+        with_elements(map, |elements| {
+            self.view.publish(&LiveUpdate {
+                surface,
+                elements: Some(elements),
+                image,
+                ..LiveUpdate::default()
+            });
+        });
     }
 }

@@ -8,17 +8,14 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::page_run::PageRun;
-use crate::error::SinkError;
-use crate::front_end::Keyframe;
-use crate::map::{Map, SurfaceChange};
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Reconstruction, Sink};
-use crate::recording::Recording;
 use crate::report::page::{
     CountPlot, Elements, HistoryLimits, KeyframeImage, OutsideView, Page, PageKeyframe,
     PageSurface, Series, StageTiming, SurfaceHistory, keyframe_image,
 };
 use crate::report::{KeyframeReport, StageTimes};
+use linecarve_engine::front_end::Keyframe;
+use linecarve_engine::map::{Map, SurfaceChange};
+use linecarve_engine::{KeyframeUpdate, Reconstruction, Recording, Sink, SinkError};
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::render::{View, up_direction};
 
@@ -68,8 +65,10 @@ impl Sink for PageRecorder {
         Ok(())
     }
 
-    fn finished(&mut self, change: &SurfaceChange) {
-        self.history.note(change);
+    fn finished(&mut self, _recording: &Recording, _map: &Map, change: Option<&SurfaceChange>) {
+        if let Some(change) = change {
+            self.history.note(change);
+        }
     }
 }
 

@@ -4,9 +4,9 @@ use linecarve_lines::camera::Camera;
 use linecarve_sequence::{ModelView, Sequence};
 use nalgebra::{Isometry3, Vector3};
 
-use crate::map::Map;
-use crate::recording::Recording;
 use crate::report::page::PageCamera;
+use linecarve_engine::Recording;
+use linecarve_engine::map::Map;
 
 /// What a page tells of the sequence and the keyframes of a run.
 pub(crate) struct PageRun<'a> {

@@ -8,14 +8,11 @@ use linecarve_sequence::{ModelView, Sequence};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::page_run::view_camera;
-use crate::error::SinkError;
-use crate::front_end::Keyframe;
-use crate::map::Map;
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::{Reconstruction, Sink};
-use crate::recording::Recording;
-use crate::run::{Progress, Verbosity};
-use crate::texture::frame_of;
+use linecarve_engine::front_end::Keyframe;
+use linecarve_engine::map::Map;
+use linecarve_engine::run::{Progress, Verbosity};
+use linecarve_engine::texture::frame_of;
+use linecarve_engine::{KeyframeUpdate, Reconstruction, Recording, Sink, SinkError};
 
 /// Pixels between panels.
 const GAP: u32 = 8;

@@ -6,18 +6,15 @@ use anyhow::Context;
 use serde::Serialize;
 
 use super::keyframe_reports::KeyframeReports;
-use crate::configuration::Configuration;
-use crate::error::SinkError;
-use crate::front_end::FrontEndError;
-use crate::map::Map;
-use crate::mapper::KeyframeUpdate;
-use crate::reconstruction::Sink;
-use crate::recording::{Recording, Source};
 use crate::report::{
     KeyframeReport, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary, write_report,
 };
-use crate::run::{Cancelled, Verbosity, peak_mb};
 use crate::sinks::output::OutputFolder;
+use linecarve_engine::configuration::Configuration;
+use linecarve_engine::front_end::FrontEndError;
+use linecarve_engine::map::{Map, SurfaceChange};
+use linecarve_engine::run::{Cancelled, Verbosity, peak_mb};
+use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError, Source};
 
 /// Collects the report of a run and shows its progress.
 pub(crate) struct RunLog {
@@ -39,6 +36,10 @@ impl Sink for RunLog {
 
     fn skipped(&mut self, number: usize, fault: &FrontEndError) {
         self.keyframes.skipped(number, fault);
+    }
+
+    fn finished(&mut self, recording: &Recording, map: &Map, change: Option<&SurfaceChange>) {
+        self.keyframes.finished(recording, map, change);
     }
 }
 
@@ -98,16 +99,12 @@ impl RunLog {
         }
     }
 
-    /// Ends the progress bar, after the last keyframe.
-    pub(crate) fn finish_progress(&mut self) {
-        self.keyframes.finish_progress();
-    }
-
     /// Notes what ended the run before its last keyframe, and says so.
-    pub(crate) fn interrupted(&mut self, cause: &Cancelled, remedy: &str) -> String {
+    pub(crate) fn interrupted(&mut self, cause: &Cancelled, has_checkpoint: bool) -> String {
         let (done, chosen) = (self.keyframes.reports.len(), self.report.sequence.keyframes);
         let message = format!(
-            "ended early, after {done} of {chosen} keyframes: {cause}; they are saved, {remedy}"
+            "ended early, after {done} of {chosen} keyframes: {cause}; they are saved, {}",
+            cause.remedy(has_checkpoint)
         );
         self.report.warnings.push(message.clone());
         message

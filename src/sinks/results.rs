@@ -16,10 +16,9 @@ use super::report::RunLog;
 use super::simplified::simplified;
 use super::surface_files::SurfaceFiles;
 use super::surface_page::write_surface_page;
-use crate::reconstruction::Reconstruction;
-use crate::recording::{Source, camera_warning};
-use crate::run::{Verbosity, milliseconds};
-use crate::texture::texture;
+use linecarve_engine::run::{Verbosity, milliseconds};
+use linecarve_engine::texture::texture;
+use linecarve_engine::{Reconstruction, Source, camera_warning};
 
 /// What is written.
 pub(crate) struct ResultSettings<'a> {

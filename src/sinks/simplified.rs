@@ -7,8 +7,8 @@ use linecarve_mesh::simplify::{
 use linecarve_mesh::{LineSet, TriangleMesh};
 use nalgebra::Point3;
 
-use crate::options::SimplifySettings;
-use crate::reconstruction::Reconstruction;
+use linecarve_engine::Reconstruction;
+use linecarve_engine::options::SimplifySettings;
 
 /// The tolerance when none is given.
 pub(crate) const DEFAULT_TOLERANCE: Tolerance = Tolerance::ShareOfDiagonal(0.02 / 100.0);

@@ -8,8 +8,8 @@ use linecarve_mesh::texture::EncodedTexture;
 use super::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
 use super::page_run::PageRun;
 use super::report::RunLog;
-use crate::reconstruction::Reconstruction;
 use crate::report::page::{PageTable, PageTexture, write_page};
+use linecarve_engine::Reconstruction;
 
 /// Writes the page with the surface over keyframes; `mesh` is the final one, in the frame of computation.
 pub(crate) fn write_surface_page(

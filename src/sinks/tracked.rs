@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use image::RgbImage;
+use linecarve_lines::upper_median;
 use linecarve_mesh::files::{WriteError, write_atomically};
 use linecarve_mesh::render::{RenderOptions, Renderer, View, write_png};
 use linecarve_mesh::{LineSet, TriangleMesh, write_points_ply};
@@ -12,9 +13,9 @@ use nalgebra::{Isometry3, Point3};
 
 use super::output::OutputFolder;
 use super::tracked_page::tracked_page;
-use crate::recording::Recording;
 use crate::report::page::write_page;
-use crate::tracking::{TrackReport, TrackedSequence, poses_file};
+use linecarve_engine::Recording;
+use linecarve_engine::tracking::{TrackReport, TrackedSequence, poses_file};
 
 /// Size of the picture of the path.
 const PICTURE_SIZE: (u32, u32) = (960, 720);
@@ -148,15 +149,14 @@ fn path_picture(tracked: &TrackedSequence) -> anyhow::Result<Option<RgbImage>> {
 
 /// Points without the few far ones, which would make all others small.
 fn near_points(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
-    if points.is_empty() {
-        return Vec::new();
-    }
     let middle = |axis: usize| {
         let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
-        let half = values.len() / 2;
-        *values.select_nth_unstable_by(half, f64::total_cmp).1
+        upper_median(&mut values, f64::total_cmp)
     };
-    let center = Point3::new(middle(0), middle(1), middle(2));
+    let [Some(x), Some(y), Some(z)] = [0, 1, 2].map(middle) else {
+        return Vec::new();
+    };
+    let center = Point3::new(x, y, z);
     let mut distances: Vec<f64> = points.iter().map(|point| (point - center).norm()).collect();
     let most = (distances.len() - 1) * 9 / 10;
     let reach = 1.5 * *distances.select_nth_unstable_by(most, f64::total_cmp).1;

@@ -1,5 +1,6 @@
 //! The page of tracking: live while frames are tracked, and as a file at the end.
 
+use linecarve_lines::upper_median;
 use linecarve_mesh::TriangleMesh;
 use linecarve_sequence::Sequence;
 use linecarve_tracking::{FramePose, MapSnapshot};
@@ -9,8 +10,8 @@ use super::page::{grouped, last_surface, outside_of_points, page_of};
 use super::page_run::PageRun;
 use crate::live::{ImagePace, KeyframeRow, LiveUpdate, LiveView};
 use crate::report::page::{Elements, OutsideView, Page, keyframe_image};
-use crate::run::StageTimes;
-use crate::tracking::{FrameDone, TrackedSequence};
+use linecarve_engine::run::StageTimes;
+use linecarve_engine::tracking::{FrameDone, TrackedSequence};
 
 /// Keyframes whose scene depth is looked at, evenly chosen.
 const DEPTH_KEYFRAMES: usize = 16;
@@ -171,9 +172,5 @@ fn median_depth(
         });
         depths.extend(seen.map(|point| point.z));
     }
-    if depths.is_empty() {
-        return None;
-    }
-    let middle = depths.len() / 2;
-    Some(*depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+    upper_median(&mut depths, f64::total_cmp)
 }

@@ -4,10 +4,10 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, ImageBuffer, Luma, RgbImage};
 use linecarve_lines::camera::Camera;
+use linecarve_mesh::encode_jpeg;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
@@ -221,13 +221,10 @@ fn write_color(path: &Path, picture: &RgbImage, format: ColorFormat) -> Result<(
     match format {
         ColorFormat::Png => write_png(path, &DynamicImage::ImageRgb8(picture.clone())),
         ColorFormat::Jpeg { quality } => {
-            let mut bytes = Vec::new();
-            JpegEncoder::new_with_quality(&mut bytes, quality)
-                .encode_image(picture)
-                .map_err(|source| SynthError::Encode {
-                    path: path.to_owned(),
-                    source,
-                })?;
+            let bytes = encode_jpeg(picture, quality).map_err(|source| SynthError::Encode {
+                path: path.to_owned(),
+                source,
+            })?;
             Ok(write_atomically(path, |out| out.write_all(&bytes))?)
         }
     }

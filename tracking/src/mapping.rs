@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use linecarve_lines::upper_median;
 use linecarve_points::{
     FeatureMatch, Observation, TwoViewGeometry, match_along_epipolar_lines, parallax_cosine,
     refine_point, triangulate_rays,
@@ -211,11 +212,7 @@ impl Tracker {
             .flatten()
             .map(|point| (keyframe.camera_from_world * self.map.point(*point).position).z)
             .collect();
-        if depths.is_empty() {
-            return None;
-        }
-        let middle = depths.len() / 2;
-        Some(*depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+        upper_median(&mut depths, f64::total_cmp)
     }
 
     /// Fuses the points of a keyframe with those of its neighbours.

@@ -6,6 +6,7 @@
 use crate::camera::squared;
 use crate::map::KeyframeId;
 use crate::tracker::Tracker;
+use linecarve_lines::upper_median;
 
 /// Median of the squared length of two independent standard normal errors.
 const MEDIAN_CHI2: f64 = 1.386;
@@ -56,8 +57,7 @@ impl Tracker {
         if errors.len() < MIN_POINTS {
             return None;
         }
-        let middle = errors.len() / 2;
-        let median = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let median = upper_median(&mut errors, f64::total_cmp)?;
         Some(keyframe.view.sigma_px() * (median / MEDIAN_CHI2).sqrt())
     }
 }

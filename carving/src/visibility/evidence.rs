@@ -77,13 +77,12 @@ impl CellEvidence {
         [a, b, c, d, self.free, self.occupied]
     }
 
-    /// The sum that a ray which leaves by `exit` adds to.
-    #[inline]
-    pub(crate) fn of_exit(&mut self, exit: Exit) -> Option<&mut u64> {
-        match exit {
-            Exit::Through(facet) => Some(&mut self.entered[facet]),
-            Exit::AtCenter => Some(&mut self.free),
-            Exit::Elsewhere => None,
+    /// One of the sums.
+    pub(crate) fn of(&mut self, sum: Sum) -> &mut u64 {
+        match sum {
+            Sum::Entered(facet) => &mut self.entered[usize::from(facet)],
+            Sum::Free => &mut self.free,
+            Sum::Occupied => &mut self.occupied,
         }
     }
 

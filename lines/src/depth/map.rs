@@ -1,6 +1,7 @@
 //! Inverse depth and standard deviation per pixel.
 
 use crate::image::{ImageError, Plane};
+use crate::median::upper_median;
 
 /// The inverse depth 1/z of a surface at a pixel and its standard deviation, in 1 / unit of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,12 +113,7 @@ impl InverseDepthMap {
     /// The median depth z of the known pixels (the smaller one of an even number); `None` when no pixel is known.
     pub fn median_depth(&self) -> Option<f64> {
         let mut all: Vec<f32> = self.known().map(|(_, _, sample)| sample.rho).collect();
-        if all.is_empty() {
-            return None;
-        }
-        let middle = all.len() / 2;
-        let (_, &mut rho, _) = all.select_nth_unstable_by(middle, f32::total_cmp);
-        Some(1.0 / f64::from(rho))
+        upper_median(&mut all, f32::total_cmp).map(|rho| 1.0 / f64::from(rho))
     }
 
     /// The samples of a row; unknown pixels have an inverse depth of 0.

@@ -1,5 +1,6 @@
 //! First hits of all samples of a picture.
 
+use linecarve_lines::upper_median;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -125,11 +126,6 @@ impl SampleBuffer {
     /// Median depth of all samples with a hit.
     pub(super) fn median_depth(&self) -> Option<f64> {
         let mut depths: Vec<f32> = self.samples.iter().flatten().map(|s| s.depth).collect();
-        let middle = depths.len() / 2;
-        if depths.is_empty() {
-            return None;
-        }
-        let (_, median, _) = depths.select_nth_unstable_by(middle, f32::total_cmp);
-        Some(f64::from(*median))
+        upper_median(&mut depths, f32::total_cmp).map(f64::from)
     }
 }

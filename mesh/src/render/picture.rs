@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use image::{ImageFormat, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -14,6 +14,7 @@ use super::outline::outline_at;
 use super::segments::draw_segments;
 use super::shade::{Albedo, Light};
 use super::view::View;
+use crate::encode_image::encode_png;
 use crate::files::{WriteError, write_atomically};
 use crate::raycast::RayScene;
 use crate::srgb::{encoded_color, linear_color};
@@ -329,13 +330,10 @@ fn background(background: Background, y: usize, height: u32) -> [f64; 3] {
 /// # Errors
 /// When the picture cannot be encoded or the file cannot be written.
 pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), PictureError> {
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    picture
-        .write_to(&mut bytes, ImageFormat::Png)
-        .map_err(|source| PictureError::Encode {
-            path: path.to_owned(),
-            source,
-        })?;
-    write_atomically(path, |out| out.write_all(bytes.get_ref()))?;
+    let bytes = encode_png(picture).map_err(|source| PictureError::Encode {
+        path: path.to_owned(),
+        source,
+    })?;
+    write_atomically(path, |out| out.write_all(&bytes))?;
     Ok(())
 }

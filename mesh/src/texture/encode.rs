@@ -1,13 +1,11 @@
 //! Textures as files hold them: a compressed image, and vertices with one texture coordinate each.
 
-use std::io::Cursor;
-
-use image::codecs::jpeg::JpegEncoder;
-use image::{ImageError, ImageFormat};
+use image::ImageError;
 use rustc_hash::FxHashMap;
 
 use super::types::{Texture, TextureError};
 use crate::TriangleMesh;
+use crate::encode_image::{encode_jpeg, encode_png};
 
 /// Quality of JPEG images, 1 to 100.
 const JPEG_QUALITY: u8 = 92;
@@ -56,17 +54,13 @@ impl Texture {
     /// # Errors
     /// When the image is too large for the format.
     pub fn encoded(self, format: TextureFormat) -> Result<EncodedTexture, ImageError> {
-        let mut bytes = Cursor::new(Vec::new());
-        match format {
-            TextureFormat::Jpeg => {
-                let encoder = JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY);
-                self.image.write_with_encoder(encoder)?;
-            }
-            TextureFormat::Png => self.image.write_to(&mut bytes, ImageFormat::Png)?,
-        }
+        let image = match format {
+            TextureFormat::Jpeg => encode_jpeg(&self.image, JPEG_QUALITY)?,
+            TextureFormat::Png => encode_png(&self.image)?,
+        };
         Ok(EncodedTexture {
             format,
-            image: bytes.into_inner(),
+            image,
             size: self.image.dimensions(),
             corners: self.corners,
         })

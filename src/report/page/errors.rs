@@ -36,8 +36,8 @@ pub fn triangle_errors(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::test_surface::TestSurface;
     use crate::report::page::{Elements, HistoryLimits};
+    use crate::test_surface::TestSurface;
 
     #[test]
     fn errors_are_means_over_the_triangle() {

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 use super::element_history::ElementHistory;
 use super::triangle_history::TriangleHistory;
-use crate::map::SurfaceChange;
+use linecarve_engine::map::SurfaceChange;
 
 /// Size limits of a history.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 //! Thumbnails of keyframes with their segments.
 
-use image::codecs::jpeg::JpegEncoder;
+use image::RgbImage;
 use image::imageops::FilterType;
-use image::{ImageEncoder, RgbImage};
+use linecarve_mesh::encode_jpeg;
 use serde::Serialize;
 
 use super::encode::text;
@@ -36,13 +36,7 @@ pub fn keyframe_image(
     let scale = f64::from(width) / f64::from(image.width().max(1));
     let height = ((f64::from(image.height()) * scale).round() as u32).max(1);
     let small = image::imageops::resize(image, width.max(1), height, FilterType::Triangle);
-    let mut jpeg = Vec::new();
-    JpegEncoder::new_with_quality(&mut jpeg, QUALITY).write_image(
-        small.as_raw(),
-        small.width(),
-        small.height(),
-        image::ExtendedColorType::Rgb8,
-    )?;
+    let jpeg = encode_jpeg(&small, QUALITY)?;
     let mut segments = Vec::with_capacity(8 * segments_px.len());
     for coordinate in segments_px.as_flattened().as_flattened() {
         // Pixel centres are integers on both scales.

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::{Elements, HistoryLimits, SurfaceHistory};
-use crate::map::test_surface::TestSurface;
+use crate::test_surface::TestSurface;
 
 const NOTHING: Elements<'static> = Elements {
     segments: &[],

@@ -1,5 +1,6 @@
 //! Alignment of two depth images.
 
+use linecarve_lines::upper_median;
 use nalgebra::{Isometry3, Matrix3, Matrix6, SymmetricEigen, Vector3, Vector6};
 
 use super::view::DenseSurface;
@@ -215,9 +216,8 @@ impl Sums {
 
 /// Standard deviation of errors by their median, in those expected; at least one.
 fn noise_of(errors: &mut [f32]) -> f32 {
-    let middle = errors.len() / 2;
-    let (_, median, _) = errors.select_nth_unstable_by(middle, f32::total_cmp);
-    (1.4826 * *median).max(1.0)
+    let median = upper_median(errors, f32::total_cmp);
+    median.map_or(1.0, |median| (1.4826 * median).max(1.0))
 }
 
 /// Directions of motion that normal equations determine.

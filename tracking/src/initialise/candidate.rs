@@ -1,5 +1,6 @@
 //! An anchor view, the poses of views around it, and the models that explain them.
 
+use linecarve_lines::upper_median;
 use nalgebra::{Isometry3, UnitQuaternion};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -333,17 +334,9 @@ fn difference(a: &LocalModel, b: &LocalModel) -> Difference {
         }
     }
     Difference {
-        turn_degrees: median(turns),
-        direction_degrees: median(angles),
+        turn_degrees: upper_median(&mut turns, f64::total_cmp).unwrap_or(0.0),
+        direction_degrees: upper_median(&mut angles, f64::total_cmp).unwrap_or(0.0),
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 
 use super::super::anchors::is_inside;
 use super::super::segment_cell::{crosses_cell, crosses_ghost};
-use super::super::{Contribution, ListError, ObservationId, ObservationTable, Views};
+use super::super::{Contribution, ListError, ObservationId, ObservationTable, Sum, Views};
 use super::RayVisibility;
 use super::walk::Walker;
 
@@ -71,8 +71,8 @@ impl RayVisibility {
             if crosses {
                 let vertices = tetrahedra.cell_vertices(cell);
                 let exit = evidence.exit(vertices.map(|v| tetrahedra.coordinates(v)));
-                if let Some(sum) = expected.evidence.of_exit(exit) {
-                    *sum += evidence.passage(tetrahedra, cell, exit);
+                if let Some(sum) = Sum::of_exit(exit) {
+                    *expected.evidence.of(sum) += evidence.passage(tetrahedra, cell, exit);
                 }
             }
             if is_inside(tetrahedra, cell, evidence.anchor()) {

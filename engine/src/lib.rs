@@ -1,0 +1,24 @@
+#![doc = include_str!("../README.md")]
+
+pub mod configuration;
+mod error;
+pub mod front_end;
+pub mod map;
+mod mapper;
+pub mod options;
+mod reconstruction;
+mod recording;
+pub mod run;
+pub mod stream;
+pub mod texture;
+pub mod tiles;
+pub mod tracking;
+pub mod video;
+
+pub use error::{Error, SinkError};
+pub use mapper::KeyframeUpdate;
+pub use options::Options;
+pub use reconstruction::{Reconstruction, RunOptions, Sink};
+pub use recording::{
+    DepthChoice, Input, Recording, RecordingError, Selection, Source, camera_warning,
+};

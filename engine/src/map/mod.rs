@@ -1,0 +1,369 @@
+//! The map: fuses keyframes and carves free space, strictly one keyframe after another.
+//!
+//! A [`Map`] is a carver and its source of points: landmarks along segments, points triangulated from features, or the points
+//! of a sparse model. It takes [`Keyframe`]s and returns a [`MapUpdate`] for each.
+
+mod carved;
+mod corrections;
+mod depth_noise;
+mod depth_validation;
+mod error;
+mod export;
+mod final_surface;
+mod keyframe_measurements;
+mod landmark;
+mod landmark_fusion;
+mod landmarks;
+mod lines;
+mod model;
+mod observed;
+mod points;
+mod provisional;
+mod ray_selection;
+mod segment_map;
+mod segment_points;
+mod segment_views;
+mod sources;
+mod surface;
+mod surface_points;
+#[cfg(test)]
+pub(crate) mod test_surface;
+mod update;
+mod vertex_adjustment;
+mod vertex_colors;
+mod vertex_landmarks;
+mod view_region;
+
+use std::time::{Duration, Instant};
+
+use linecarve_carving::{Carver, Triangle, TriangleRole};
+use linecarve_points::PointMap;
+use linecarve_sequence::SparseModel;
+use nalgebra::{Isometry3, Point3};
+
+use crate::front_end::Keyframe;
+use crate::options::Options;
+use lines::LineMap;
+use model::ModelMap;
+use observed::ObservedMap;
+use points::FeatureMap;
+
+pub use carved::CarvedCounts;
+pub use error::MapError;
+pub(crate) use export::{close_all_holes, export_options};
+pub use model::ModelCounts;
+pub(crate) use model::PointSelector;
+pub use observed::{ObservationChange, ObservedPoint, PointKind};
+pub use segment_map::SegmentMap;
+pub(crate) use sources::carver_options;
+pub use surface::{MapSurface, SurfaceChange};
+pub use update::{MapTimes, MapUpdate};
+
+/// Segments, points and free space of the keyframes so far.
+///
+/// Coordinates are in the frame of computation: that of the poses minus the origin of the recording.
+pub struct Map {
+    options: Options,
+    carver: Carver,
+    contents: Contents,
+    /// Median scene depth, where it does not come from feature points.
+    median_depth: Option<f64>,
+    /// Whether points depend on the surfaces of earlier keyframes, which then have to be carved.
+    needs_every_surface: bool,
+    /// Whether depth comes from depth images, of which the final surface is made. Depth from images is off by more than its
+    /// deviations where poses are.
+    has_depth_images: bool,
+    /// Whether the carver stays as it is after the last keyframe, without cells.
+    leaves_carving: bool,
+    /// What was carved before it was released.
+    released: Option<CarvedCounts>,
+    /// Time of carving after the last keyframe.
+    final_carving: Option<Duration>,
+    /// The exported surface, where it is followed.
+    surface: Option<Box<MapSurface>>,
+    /// Number of keyframes added.
+    keyframes: usize,
+}
+
+/// Source of the carved points.
+enum Contents {
+    /// Segments alone; nothing is carved.
+    Segments(Box<SegmentMap>),
+    Lines(Box<LineMap>),
+    Features(Box<FeatureMap>),
+    Model(ModelMap),
+    Observed(Box<ObservedMap>),
+}
+
+impl Map {
+    /// Does only what the [final surface](Self::adjusted_surface) needs, in an empty map; it is the same, sooner and in less memory. Until
+    /// [`finish`](Self::finish) there is no surface.
+    ///
+    /// Where that surface is fused from depth images, nothing is carved and there are no points. Otherwise the map is carved once: that of a
+    /// model with every [`push`](Self::push), others with [`finish`](Self::finish). Changes nothing where sparse or unfused depth is compared
+    /// with the surface of each keyframe.
+    pub fn defer_carving(&mut self) {
+        if self.keyframes > 0 {
+            return;
+        }
+        if !self.needs_every_surface {
+            self.carver = Carver::deferred(carver_options(&self.options));
+        } else if let Contents::Lines(lines) = &mut self.contents
+            && self.options.surface.fuse_depth
+        {
+            lines.fuse_only();
+        }
+    }
+
+    /// [Defers](Self::defer_carving) the carving of an empty map and leaves it to others, who take points, views and observations from the
+    /// [carver](Self::carver) after [`finish`](Self::finish). Returns whether the map can do without surfaces.
+    pub(crate) fn leave_carving(&mut self) -> bool {
+        if !self.needs_every_surface {
+            self.defer_carving();
+        }
+        self.leaves_carving = self.carver.is_deferred();
+        self.leaves_carving
+    }
+
+    /// Adds all views of a model, and carves nothing where that is [deferred](Self::defer_carving).
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub(crate) fn enter_model(&mut self) -> Result<(), MapError> {
+        match &mut self.contents {
+            Contents::Model(model) => model.enter_all(&mut self.carver),
+            _ => Err(MapError::WrongKeyframe),
+        }
+    }
+
+    /// Adds a keyframe. Keyframes are numbered from 0 in the order of insertion.
+    ///
+    /// # Errors
+    /// When the carver rejects its position or one of its points: not finite or out of range. The map must not be used
+    /// afterwards.
+    pub fn push(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
+        self.check_growing()?;
+        let carver = &mut self.carver;
+        let number = self.keyframes;
+        let mut update = match (&mut self.contents, keyframe) {
+            (Contents::Segments(segments), Keyframe::Lines(keyframe)) => {
+                let start = Instant::now();
+                segments.push(keyframe);
+                MapUpdate {
+                    times: MapTimes {
+                        clustering: start.elapsed(),
+                        ..MapTimes::default()
+                    },
+                    ..MapUpdate::default()
+                }
+            }
+            (Contents::Lines(lines), Keyframe::Lines(keyframe)) => {
+                lines.push(carver, &self.options, keyframe, number)?
+            }
+            (Contents::Features(features), Keyframe::Features(keyframe)) => {
+                features.push(carver, keyframe, number)?
+            }
+            (Contents::Model(model), Keyframe::Views(views)) => {
+                model.push(carver, views.clone())?
+            }
+            _ => return Err(MapError::WrongKeyframe),
+        };
+        update.clusters = self.segments().map_or(0, SegmentMap::cluster_count);
+        self.keyframes += 1;
+        self.note(&update);
+        Ok(update)
+    }
+
+    /// Adds a provisional keyframe, whose depth is still refined. [`push`](Self::push) of the same frame removes it without a
+    /// trace. Only maps of lines have provisional keyframes.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn push_provisional(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
+        self.check_growing()?;
+        let update = match (&mut self.contents, keyframe) {
+            (Contents::Lines(lines), Keyframe::Lines(keyframe)) => {
+                lines.push_provisional(&mut self.carver, &self.options, keyframe)?
+            }
+            _ => return Err(MapError::WrongKeyframe),
+        };
+        self.note(&update);
+        Ok(update)
+    }
+
+    /// Finishes the map after the last keyframe: removes provisional keyframes, or adjusts all feature points and poses
+    /// together; then carves, where that was [deferred](Self::defer_carving).
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn finish(&mut self) -> Result<(), MapError> {
+        let last = self.keyframes;
+        let mut update = match &mut self.contents {
+            Contents::Lines(lines) => {
+                let frames = lines.provisional_frames();
+                lines.remove_provisional(&mut self.carver, &frames, last)?
+            }
+            Contents::Features(features) => features.finish(&mut self.carver, last)?,
+            Contents::Observed(observed) => {
+                observed.measure_depth();
+                MapUpdate::default()
+            }
+            Contents::Segments(_) | Contents::Model(_) => MapUpdate::default(),
+        };
+        if self.leaves_carving {
+            return Ok(());
+        }
+        let is_carved = matches!(self.contents, Contents::Segments(_) | Contents::Model(_));
+        if self.carver.is_deferred() && !is_carved {
+            let start = Instant::now();
+            update.deltas = vec![self.carver.carve().surface];
+            if let Contents::Lines(lines) = &mut self.contents {
+                lines.finish_deferred(&self.carver, &mut update.recolored);
+            }
+            self.final_carving = Some(start.elapsed());
+        }
+        if let Contents::Lines(lines) = &mut self.contents
+            && !self.needs_every_surface
+        {
+            lines.validate_anew(&self.carver, &mut update.revalidated);
+        }
+        self.note(&update);
+        Ok(())
+    }
+
+    fn note(&mut self, update: &MapUpdate) {
+        if let Some(surface) = &mut self.surface {
+            surface.note(update);
+        }
+    }
+
+    /// Keeps the exported surface up to date from now on, for [`take_surface_change`](Self::take_surface_change).
+    pub fn follow_surface(&mut self) {
+        if self.surface.is_none() {
+            let surface = MapSurface::new(&self.carver, &self.export_options());
+            self.surface = Some(Box::new(surface));
+        }
+    }
+
+    /// Brings the followed surface up to date, and returns its change since the last call; `None` when it is not followed.
+    ///
+    /// # Complexity
+    /// That of the change.
+    pub fn take_surface_change(&mut self) -> Option<SurfaceChange> {
+        let mut surface = self.surface.take()?;
+        let longest = self.export_options().longest_edge;
+        let role = |triangle: &Triangle| self.role(triangle, longest);
+        let change = match &self.contents {
+            Contents::Lines(lines) => {
+                let colors = lines.colors(&self.carver);
+                surface.update(&self.carver, longest, role, |vertex| colors.get(vertex))
+            }
+            _ => surface.update(&self.carver, longest, role, |_| None),
+        };
+        self.surface = Some(surface);
+        Some(change)
+    }
+
+    /// The followed surface as of the last [`take_surface_change`](Self::take_surface_change).
+    pub fn followed_surface(&self) -> Option<&MapSurface> {
+        self.surface.as_deref()
+    }
+
+    /// How a triangle of the carved surface is exported.
+    fn role(&self, triangle: &Triangle, longest: Option<f64>) -> TriangleRole {
+        if let Contents::Lines(lines) = &self.contents {
+            return lines.role(&self.carver, triangle, longest);
+        }
+        match longest.is_none_or(|longest| self.carver.has_edges_within(triangle, longest)) {
+            true => TriangleRole::Exported,
+            false => TriangleRole::Ignored,
+        }
+    }
+
+    /// Time of carving after the last keyframe, where it was [deferred](Self::defer_carving).
+    pub fn final_carving(&self) -> Option<Duration> {
+        self.final_carving
+    }
+
+    /// The carved tetrahedralisation.
+    pub fn carver(&self) -> &Carver {
+        &self.carver
+    }
+
+    /// Segments and clusters; `None` for maps of points.
+    pub fn segments(&self) -> Option<&SegmentMap> {
+        match &self.contents {
+            Contents::Segments(segments) => Some(segments),
+            Contents::Lines(lines) => Some(lines.segments()),
+            Contents::Features(_) | Contents::Model(_) | Contents::Observed(_) => None,
+        }
+    }
+
+    /// Number of segments of provisional keyframes.
+    pub fn provisional_segment_count(&self) -> usize {
+        match &self.contents {
+            Contents::Lines(lines) => lines.provisional_segment_count(),
+            _ => 0,
+        }
+    }
+
+    /// The feature points; `None` for other maps.
+    pub fn feature_points(&self) -> Option<&PointMap> {
+        match &self.contents {
+            Contents::Features(features) => Some(features.points()),
+            _ => None,
+        }
+    }
+
+    /// The model in the frame of computation and its point counts; `None` for other maps.
+    pub fn model(&self) -> Option<(&SparseModel, ModelCounts)> {
+        match &self.contents {
+            Contents::Model(model) => Some((model.model(), model.counts())),
+            _ => None,
+        }
+    }
+
+    /// The model's points carved so far; `None` for other maps.
+    pub fn carved_model(&self) -> Option<SparseModel> {
+        match &self.contents {
+            Contents::Model(model) => Some(model.carved()),
+            _ => None,
+        }
+    }
+
+    /// The view of the model with the most carved points, the first of equals.
+    pub fn richest_view(&self) -> Option<usize> {
+        match &self.contents {
+            Contents::Model(model) => model.richest_view(),
+            _ => None,
+        }
+    }
+
+    /// Poses adjusted by the feature map, in the order of keyframes; `None` for other maps.
+    pub fn adjusted_poses(&self) -> Option<Vec<Isometry3<f64>>> {
+        let points = self.feature_points()?;
+        let keyframes = points.keyframes().iter();
+        Some(
+            keyframes
+                .map(|keyframe| *keyframe.pose.world_from_camera())
+                .collect(),
+        )
+    }
+
+    /// Median scene depth in units of the poses; `None` without points.
+    pub fn median_depth(&self) -> Option<f64> {
+        let of_points = || match &self.contents {
+            Contents::Observed(observed) => observed.median_depth(),
+            _ => self.feature_points()?.median_depth(),
+        };
+        self.median_depth.or_else(of_points)
+    }
+
+    /// Positions of the carved points, in the order of their ids.
+    pub fn points(&self) -> Vec<Point3<f64>> {
+        let points = self.carver.points();
+        points
+            .filter_map(|point| self.carver.point(point))
+            .collect()
+    }
+}

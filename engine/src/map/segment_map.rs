@@ -1,0 +1,154 @@
+//! Segments of all keyframes in world coordinates, and their clusters.
+
+use std::borrow::Cow;
+
+use linecarve_lines::cluster::{
+    ClusterEvent, ClusterOptions, ClusterOptionsError, SegmentClusterer, SegmentId,
+};
+use nalgebra::{Isometry3, Point3};
+
+use crate::front_end::LineKeyframe;
+use linecarve_mesh::LineSet;
+
+/// Segments of all keyframes in world coordinates, and their clusters.
+pub struct SegmentMap {
+    /// By number; those of removed keyframes keep their place.
+    segments: Vec<[Point3<f64>; 2]>,
+    /// Where the segments of each keyframe begin.
+    first_of: Vec<u32>,
+    is_removed: Vec<bool>,
+    removed: usize,
+    clusters: Clusters,
+    /// Reused buffer of cluster events.
+    events: Vec<ClusterEvent>,
+}
+
+/// The clusters of segments.
+enum Clusters {
+    Growing(Box<SegmentClusterer>),
+    /// Representatives of those of sufficient size, oldest first.
+    Final(Vec<[Point3<f64>; 2]>),
+}
+
+impl SegmentMap {
+    /// An empty map; `median_depth` is that of the scene, in units of the poses.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub fn new(options: ClusterOptions, median_depth: f64) -> Result<Self, ClusterOptionsError> {
+        Ok(Self {
+            segments: Vec::new(),
+            first_of: Vec::new(),
+            is_removed: Vec::new(),
+            removed: 0,
+            clusters: Clusters::Growing(Box::new(SegmentClusterer::new(options, median_depth)?)),
+            events: Vec::new(),
+        })
+    }
+
+    /// Adds the segments of a keyframe. Degenerate ones, with equal or non-finite ends, are left out.
+    pub fn push(&mut self, keyframe: &LineKeyframe) {
+        let Clusters::Growing(clusterer) = &mut self.clusters else {
+            unreachable!("a map with final clusters takes no keyframes");
+        };
+        self.events.clear();
+        self.first_of.push(self.segments.len() as u32);
+        let more = keyframe.segments.len();
+        if self.segments.capacity() - self.segments.len() < more {
+            // A quarter more: twice as many would be most of the memory of segments.
+            self.segments
+                .reserve_exact(more.max(self.segments.len() / 4));
+        }
+        for segment in &keyframe.segments {
+            let ends_in_world = segment.ends_in_world(&keyframe.world_from_camera);
+            let inserted = clusterer.insert(ends_in_world, &mut self.events);
+            if inserted.is_some() {
+                self.segments.push(ends_in_world);
+                self.is_removed.push(false);
+            }
+        }
+    }
+
+    /// Moves the segments of keyframes by these transforms of the world, or removes them.
+    ///
+    /// # Complexity
+    /// The segments of these keyframes, and those that share a cluster with them.
+    pub(super) fn change(&mut self, keyframes: &[(usize, Option<Isometry3<f64>>)]) {
+        let Clusters::Growing(clusterer) = &mut self.clusters else {
+            unreachable!("a map with final clusters takes no keyframes");
+        };
+        let mut changed = Vec::new();
+        for (keyframe, transform) in keyframes {
+            let first = self.first_of[*keyframe] as usize;
+            let next = self.first_of.get(keyframe + 1);
+            let end = next.map_or(self.segments.len(), |next| *next as usize);
+            for index in first..end {
+                match transform {
+                    Some(transform) => {
+                        self.segments[index] = self.segments[index].map(|end| transform * end);
+                        changed.push((SegmentId(index as u32), Some(self.segments[index])));
+                    }
+                    None => {
+                        self.removed += usize::from(!self.is_removed[index]);
+                        self.is_removed[index] = true;
+                        changed.push((SegmentId(index as u32), None));
+                    }
+                }
+            }
+        }
+        self.events.clear();
+        let ends = |id: SegmentId| self.segments[id.0 as usize];
+        clusterer.change(&changed, ends, &mut self.events);
+    }
+
+    /// Makes the clusters final, and frees what is needed to change them.
+    pub(super) fn release_clusterer(&mut self) {
+        self.clusters = Clusters::Final(self.cluster_ends().collect());
+        self.events = Vec::new();
+    }
+
+    /// Number of segments.
+    pub fn segment_count(&self) -> usize {
+        self.segments.len() - self.removed
+    }
+
+    /// End points of all segments, in the order of keyframes.
+    pub fn ends(&self) -> Cow<'_, [[Point3<f64>; 2]]> {
+        if self.removed == 0 {
+            return Cow::Borrowed(&self.segments);
+        }
+        let all = self.segments.iter().zip(&self.is_removed);
+        let remaining = all.filter(|(_, is_removed)| !**is_removed);
+        Cow::Owned(remaining.map(|(ends, _)| *ends).collect())
+    }
+
+    /// Number of clusters of sufficient size. Constant time.
+    pub fn cluster_count(&self) -> usize {
+        match &self.clusters {
+            Clusters::Growing(clusterer) => clusterer.cluster_count(),
+            Clusters::Final(ends) => ends.len(),
+        }
+    }
+
+    /// All segments, in the order of keyframes.
+    pub fn segments(&self) -> LineSet {
+        LineSet::from_segments(self.ends().iter().copied())
+    }
+
+    /// Representatives of the clusters of sufficient size, oldest first.
+    pub fn clusters(&self) -> LineSet {
+        LineSet::from_segments(self.cluster_ends())
+    }
+
+    /// Their end points.
+    pub(super) fn cluster_ends(&self) -> impl Iterator<Item = [Point3<f64>; 2]> {
+        let (growing, last) = match &self.clusters {
+            Clusters::Growing(clusterer) => (Some(clusterer.clusters()), None),
+            Clusters::Final(ends) => (None, Some(ends)),
+        };
+        let growing = growing.into_iter().flatten();
+        growing
+            .map(|(_, cluster)| cluster.representative.ends)
+            .chain(last.into_iter().flatten().copied())
+    }
+}

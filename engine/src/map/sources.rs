@@ -1,0 +1,152 @@
+//! Empty maps for each source of points.
+
+use linecarve_carving::{Carver, CarverOptions, Hull};
+use linecarve_lines::camera::Camera;
+use linecarve_sequence::{Sequence, SparseModel};
+
+use super::lines::LineMap;
+use super::model::ModelMap;
+use super::observed::ObservedMap;
+use super::points::FeatureMap;
+use super::segment_map::SegmentMap;
+use super::{Contents, Map, MapError};
+use crate::front_end::DepthSource;
+use crate::options::{LandmarkOptions, Options};
+
+impl Map {
+    /// A map that only clusters segments; `median_depth` is in units of the poses.
+    ///
+    /// # Errors
+    /// When a clustering option is out of range.
+    pub fn of_segments(options: &Options, median_depth: f64) -> Result<Self, MapError> {
+        let segments = SegmentMap::new(options.cluster, median_depth)?;
+        Ok(Self::new(
+            options,
+            Contents::Segments(Box::new(segments)),
+            Some(median_depth),
+        ))
+    }
+
+    /// An empty map of segments observed by `camera` with depth of this source; `median_depth` is in units of the poses.
+    ///
+    /// Depth images confirm or reject each triangle, those on the convex hull of all points too: a wall that is measured
+    /// without error lies on it. Without them nothing says that there is a surface on the hull, and none is exported.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub fn of_lines(
+        options: &Options,
+        camera: &Camera,
+        depth: &DepthSource,
+        median_depth: f64,
+    ) -> Result<Self, MapError> {
+        let mut options = options.clone();
+        let is_dense = match depth {
+            DepthSource::Sensor(_) => true,
+            DepthSource::SemiDense(source) => source.options.is_dense,
+        };
+        if !is_dense {
+            options.surface.least_measured_share = 0.0;
+        }
+        if let DepthSource::SemiDense(source) = depth {
+            let source = &source.options;
+            options.surface_points.refine.largest_gap_px = source.largest_gap_px;
+            if source.is_dense {
+                options.surface_points.agreement_sigmas = source.agreement_sigmas;
+                options.surface_points.refine.bound_sigmas = source.refine_sigmas;
+                options.landmarks = LandmarkOptions {
+                    lateral_px: source.lateral_px,
+                    depth_sigmas: source.agreement_sigmas,
+                    ..options.landmarks
+                };
+            }
+            // The surface at that time depends on provisional keyframes.
+            options.surface_points.correction_sigmas = f64::INFINITY;
+        }
+        let lines = LineMap::new(&options, camera, depth.noise(), median_depth)?;
+        match depth {
+            DepthSource::Sensor(_) => options.surface.keep_hull = true,
+            DepthSource::SemiDense(source) if source.options.is_dense => {
+                let largest = source.options.longest_edge_share;
+                let longest = &mut options.surface.longest_edge_share;
+                *longest = longest.map(|share| share.min(largest));
+            }
+            DepthSource::SemiDense(_) => {}
+        }
+        let contents = Contents::Lines(Box::new(lines));
+        let mut map = Self::new(&options, contents, Some(median_depth));
+        let is_sensor = matches!(depth, DepthSource::Sensor(_));
+        // Depth images behind the surface become points.
+        map.needs_every_surface = is_sensor && options.surface.least_measured_share > 0.0;
+        map.has_depth_images = is_sensor;
+        Ok(map)
+    }
+
+    /// An empty map of points triangulated from features of `sequence`. Without `median_depth` the length scale is that of
+    /// the points.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub fn of_features(
+        options: &Options,
+        sequence: &Sequence,
+        median_depth: Option<f64>,
+    ) -> Result<Self, MapError> {
+        let features = FeatureMap::new(options, sequence)?;
+        Ok(Self::new(
+            options,
+            Contents::Features(Box::new(features)),
+            median_depth,
+        ))
+    }
+
+    /// A map of the points of a model, with the model's observations.
+    ///
+    /// # Errors
+    /// When an observation names a view that does not exist.
+    pub fn of_model(options: &Options, model: SparseModel) -> Result<Self, MapError> {
+        let factor = options.carving.cut.sigma_factor;
+        let model = ModelMap::new(model, &options.point_model, factor)?;
+        let median_depth = model.median_depth();
+        Ok(Self::new(options, Contents::Model(model), median_depth))
+    }
+
+    /// An empty map of points whose views and observations come with [`observe`](Self::observe). Without `median_depth` the length
+    /// scale is that of the points.
+    pub fn of_observations(options: &Options, median_depth: Option<f64>) -> Self {
+        let observed = ObservedMap::new(&options.point_model, options.carving.cut.sigma_factor);
+        Self::new(
+            options,
+            Contents::Observed(Box::new(observed)),
+            median_depth,
+        )
+    }
+
+    fn new(options: &Options, contents: Contents, median_depth: Option<f64>) -> Self {
+        Self {
+            carver: Carver::new(carver_options(options)),
+            options: options.clone(),
+            contents,
+            median_depth,
+            needs_every_surface: false,
+            has_depth_images: false,
+            leaves_carving: false,
+            released: None,
+            final_carving: None,
+            surface: None,
+            keyframes: 0,
+        }
+    }
+}
+
+/// The options of the carver.
+pub(crate) fn carver_options(options: &Options) -> CarverOptions {
+    CarverOptions {
+        labels: options.carving.labels(),
+        hull: if options.surface.keep_hull {
+            Hull::Keep
+        } else {
+            Hull::Drop
+        },
+    }
+}

@@ -1,0 +1,315 @@
+//! A recording that is ready to be reconstructed: keyframes are chosen, depth and length scale are known.
+
+mod fit;
+mod input;
+mod origin;
+mod prepared;
+
+use linecarve_sequence::{Sequence, SparseModel, every_nth, read_keyframe_list, select_keyframes};
+use nalgebra::{Isometry3, Vector3};
+
+use crate::front_end::{
+    DepthSource, PoseSummary, SemiDenseSource, median_depth_from_images, median_feature_depth,
+    median_scene_depth,
+};
+use crate::options::Options;
+use crate::run::Progress;
+use crate::tracking::open_or_track;
+
+pub use fit::camera_warning;
+pub use input::{DepthChoice, Input, RecordingError, Selection, Source};
+pub(crate) use origin::{PointExtent, model_origin};
+pub(crate) use prepared::PreparedRecording;
+
+/// A sequence whose keyframes are chosen, with everything that must be known before the first of them.
+#[derive(Debug)]
+pub struct Recording {
+    /// The images, their poses and cameras.
+    pub sequence: Sequence,
+    /// The parameters of all stages.
+    pub options: Options,
+    /// What the map is to be made of.
+    pub source: Source,
+    /// Positions of the keyframes in the sequence; for a model the numbers of its views.
+    pub keyframes: Vec<usize>,
+    /// Where the depth of segments comes from; `None` for points.
+    pub depth: Option<DepthSource>,
+    /// Median scene depth in units of the poses, the length scale of all thresholds; `None` when only the points will tell.
+    pub median_depth: Option<f64>,
+    /// Subtracted from all coordinates during computation; zero unless coordinates are far from zero.
+    pub origin: Vector3<f64>,
+    /// How far poses and images disagree, when depth comes from the images.
+    pub poses: Option<PoseSummary>,
+    /// The model that is carved, in the frame of computation.
+    pub model: Option<SparseModel>,
+    /// Whether poses were found from the images; frames without one are left out.
+    pub is_tracked: bool,
+    /// What was left out or assumed.
+    pub warnings: Vec<String>,
+}
+
+impl Recording {
+    /// Opens a sequence, chooses keyframes, estimates the length scale and, where depth comes from the images, corrects poses.
+    ///
+    /// # Errors
+    /// When the sequence cannot be read or lacks what was asked for; the text names file and remedy.
+    pub fn open(input: &Input, options: Options) -> Result<Self, RecordingError> {
+        options.validate()?;
+        let noise = options.sensor.relative_noise;
+        let opened = open_or_track(
+            &input.path,
+            &input.open,
+            input.track,
+            noise,
+            input.verbosity,
+        )?;
+        let mut warnings: Vec<String> = opened
+            .sequence
+            .warnings()
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        warnings.extend(opened.warnings);
+        let mut recording = Self {
+            warnings,
+            is_tracked: opened.is_tracked,
+            sequence: opened.sequence,
+            options,
+            source: input.source,
+            keyframes: Vec::new(),
+            depth: None,
+            median_depth: None,
+            origin: Vector3::zeros(),
+            poses: None,
+            model: None,
+        };
+        match input.source {
+            Source::Lines | Source::Segments => recording.prepare_lines(input)?,
+            Source::MapPoints | Source::Model => match recording.sequence.sparse_model() {
+                Some(model) => {
+                    let model = model.clone();
+                    recording.prepare_model(input, model)?;
+                }
+                None => recording.prepare_features(input)?,
+            },
+        }
+        Ok(recording)
+    }
+
+    fn prepare_lines(&mut self, input: &Input) -> Result<(), RecordingError> {
+        if self.sequence.frames().is_empty() {
+            return Err(RecordingError::Missing(format!(
+                "{}: none of the images of the model exists; without images only its points can be used (--from map-points)",
+                input.path.display()
+            )));
+        }
+        self.limit_image_size();
+        let median_depth = self.choose_depth(input.depth)?;
+        self.median_depth = Some(median_depth);
+        self.choose_keyframes(input, median_depth)?;
+        let is_semi_dense = matches!(self.depth, Some(DepthSource::SemiDense(_)));
+        if is_semi_dense && self.options.pose_correction.enabled {
+            self.correct_poses(input.verbosity)?;
+        }
+        self.choose_origin(median_depth);
+        Ok(())
+    }
+
+    /// The depth source that was asked for, with the median scene depth.
+    fn choose_depth(&mut self, choice: DepthChoice) -> Result<f64, RecordingError> {
+        let folder = self.sequence.folder().display();
+        let missing = |text: String| Err(RecordingError::Missing(text));
+        let all: Vec<usize> = (0..self.sequence.frames().len()).collect();
+        let calibration = self.sequence.depth_calibration();
+        let (DepthChoice::Auto | DepthChoice::Sensor, Some(calibration)) = (choice, calibration)
+        else {
+            if choice == DepthChoice::Sensor {
+                return missing(format!(
+                    "{folder} has no depth images (layout {}): --depth semi-dense estimates depth from the images",
+                    self.sequence.layout()
+                ));
+            }
+            let stage = self.options.semi_dense;
+            let depth = median_depth_from_images(&self.sequence, &all, &stage.matching)?;
+            let Some(median_depth) = depth else {
+                return missing(format!(
+                    "{folder}: no depth can be estimated from the images looked at: their edges do not match along the \
+                     epipolar lines that the poses give. Are the poses and the calibration right (linecarve info), and does the \
+                     camera move sideways?"
+                ));
+            };
+            self.depth = Some(DepthSource::SemiDense(Box::new(SemiDenseSource {
+                options: stage,
+                median_depth,
+            })));
+            return Ok(median_depth);
+        };
+        let Some(median_depth) = median_scene_depth(&self.sequence, &all)? else {
+            return missing(format!(
+                "{folder}: none of the depth images looked at holds a depth: are they the right files? (--depth semi-dense does \
+                 without them)"
+            ));
+        };
+        let noise = self.options.sensor.relative_noise;
+        self.depth = Some(DepthSource::Sensor(calibration.sensor(noise, median_depth)));
+        Ok(median_depth)
+    }
+
+    fn prepare_features(&mut self, input: &Input) -> Result<(), RecordingError> {
+        self.source = Source::MapPoints;
+        self.limit_image_size();
+        let all: Vec<usize> = (0..self.sequence.frames().len()).collect();
+        if self.sequence.depth_calibration().is_some() {
+            self.median_depth = median_scene_depth(&self.sequence, &all)?;
+        }
+        let selection = &input.selection;
+        let chosen = &self.options.keyframes;
+        let is_depth_needed = selection.every.is_none()
+            && selection.list.is_none()
+            && (chosen.translation.is_none() || chosen.min_overlap.is_some());
+        let median_depth = match self.median_depth {
+            Some(depth) => depth,
+            None if is_depth_needed => {
+                let depth = median_feature_depth(&self.sequence, &self.options.map_points)?;
+                depth.ok_or_else(|| {
+                    RecordingError::Missing(format!(
+                        "{}: how far away the scene is cannot be told from its features (no texture, no motion, or wrong \
+                         poses), so keyframes cannot be chosen by motion: give --every N or --min-translation LENGTH",
+                        input.path.display()
+                    ))
+                })?
+            }
+            // Only the choice by motion needs it.
+            None => 1.0,
+        };
+        self.choose_keyframes(input, median_depth)?;
+        self.choose_origin(median_depth);
+        Ok(())
+    }
+
+    fn prepare_model(&mut self, input: &Input, model: SparseModel) -> Result<(), RecordingError> {
+        self.source = Source::Model;
+        if let Some(option) = input.selection.given.first() {
+            return Err(RecordingError::Missing(format!(
+                "{option} has no meaning here: the sequence brings points with the views that see them, and all of them are \
+                 carved; leave it out"
+            )));
+        }
+        let mut extent = PointExtent::default();
+        for point in &model.points {
+            extent.add(&point.point_in_world);
+        }
+        self.shift_to(model_origin(&model.views, &extent));
+        self.keyframes = (0..model.views.len()).collect();
+        self.model = Some(model.translated(&-self.origin));
+        Ok(())
+    }
+
+    /// Has large images loaded smaller.
+    fn limit_image_size(&mut self) {
+        let longest = self.options.images.longest_side();
+        if let Some([stored, loaded]) = self.sequence.limit_image_size(longest) {
+            self.warnings.push(format!(
+                "images of {} x {} are computed on at {} x {} (--max-image-size 0, or [images] longest_side_px = 0: as they \
+                 are, which takes longer)",
+                stored.width, stored.height, loaded.width, loaded.height
+            ));
+        }
+    }
+
+    /// The keyframes that the options ask for.
+    fn choose_keyframes(&mut self, input: &Input, median_depth: f64) -> Result<(), RecordingError> {
+        let selection = &input.selection;
+        let count = self.sequence.frames().len();
+        let refused = |text: &str| Err(RecordingError::Missing(text.to_owned()));
+        self.keyframes = if let Some(n) = selection.every {
+            if n == 0 {
+                return refused("--every 0: give 1 for every frame");
+            }
+            every_nth(n, count)
+        } else if let Some(path) = &selection.list {
+            read_keyframe_list(path, self.sequence.frames())?
+        } else {
+            let mut progress = Progress::start("frames", count, input.verbosity);
+            let report = |frames| progress.set(frames, || "choosing keyframes".to_owned());
+            let options = &self.options.keyframes;
+            let keyframes = select_keyframes(&self.sequence, options, median_depth, report)?;
+            progress.finish();
+            keyframes
+        };
+        if let Some(limit) = selection.max_keyframes {
+            if limit == 0 {
+                return refused("--max-keyframes 0: at least one keyframe is needed");
+            }
+            self.keyframes.truncate(limit);
+        }
+        Ok(())
+    }
+
+    /// What a run over this recording is, line by line. A run of another description cannot go on with
+    /// its checkpoint.
+    pub fn description(&self) -> String {
+        let folder = self.sequence.folder();
+        let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+        let source = match self.source {
+            Source::Lines => "lines",
+            Source::Segments => "segments",
+            Source::MapPoints => "map-points",
+            Source::Model => "model",
+        };
+        let mut text = format!(
+            "linecarve {}\nfrom {source} with depth {}\nsequence {}\nlayout {}\noptions {:?}\n",
+            env!("CARGO_PKG_VERSION"),
+            self.depth_name(),
+            folder.display(),
+            self.sequence.layout(),
+            self.options
+        );
+        for (number, frame) in self.keyframes.iter().enumerate() {
+            let Some(frame) = self.sequence.frames().get(*frame) else {
+                continue;
+            };
+            let pose = frame.world_from_camera;
+            let numbers: Vec<String> = pose
+                .rotation
+                .coords
+                .iter()
+                .chain(pose.translation.vector.iter())
+                .map(ToString::to_string)
+                .collect();
+            let name = self.keyframe_name(number);
+            text += &format!("keyframe {name} at {}\n", numbers.join(" "));
+        }
+        text
+    }
+
+    /// Name of a keyframe: of its frame, or of its view in a model.
+    ///
+    /// # Panics
+    /// When there is no such keyframe.
+    pub fn keyframe_name(&self, number: usize) -> &str {
+        let index = self.keyframes[number];
+        match &self.model {
+            Some(model) => &model.views[index].name,
+            None => &self.sequence.frames()[index].name,
+        }
+    }
+
+    /// Pose of each keyframe in the frame of computation: `point_in_map = pose * point_in_camera`.
+    pub fn keyframe_poses(&self) -> Vec<Isometry3<f64>> {
+        let pose = |&index: &usize| match &self.model {
+            Some(model) => model.views[index].world_from_camera,
+            None => {
+                let mut pose = self.sequence.frames()[index].world_from_camera;
+                pose.translation.vector -= self.origin;
+                pose
+            }
+        };
+        self.keyframes.iter().map(pose).collect()
+    }
+
+    /// Name of the depth source in reports.
+    pub fn depth_name(&self) -> &'static str {
+        self.depth.as_ref().map_or("none", DepthSource::name)
+    }
+}

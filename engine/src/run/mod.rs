@@ -1,0 +1,14 @@
+//! Services of a run: checkpoint, cancellation, memory limit, progress and stage times.
+
+mod cancel;
+mod checkpoint;
+mod memory;
+mod progress;
+mod times;
+
+pub use cancel::{CancelToken, Cancelled, UnknownMemory};
+pub(crate) use checkpoint::checksum;
+pub use checkpoint::{Checkpoint, CheckpointError, FOLDER as CHECKPOINT_FOLDER};
+pub use memory::{MemoryLimit, peak_mb, resident_mb};
+pub use progress::{Progress, Verbosity};
+pub use times::{StageTimes, milliseconds};

@@ -1,0 +1,32 @@
+//! Live reconstruction: messages in, surface changes out.
+//!
+//! A [`Session`] handles [`Message`]s one after another and answers with [`Reply`]s. It is independent of the transport:
+//! `linecarve stream` reads JSON lines from standard input and writes replies to standard output.
+//!
+//! **Invariant.** At the end of a session the map equals that of a batch run over the remaining keyframes, in their order and at
+//! their last poses. Until then a corrected keyframe takes along what it measured: segments, measurements and rays, or with depth
+//! from images alone the estimate from the poses at its time.
+
+mod error;
+mod frame_tracker;
+mod image_map;
+mod message;
+mod message_map;
+mod semi_dense_mapper;
+mod sensor_map;
+mod session;
+mod session_keyframes;
+mod session_map;
+mod surface_diff;
+mod surface_keyframes;
+mod tracked_frames;
+
+pub use error::SessionError;
+pub use message::{
+    CorrectedPose, DepthKind, FrameMessage, FrameReply, ImageSource, KeyframeMessage, LineMessage,
+    Message, PointMessage, Pose, PoseKind, PoseParts, PoseUpdate, Reply, StartMessage,
+    TrackingSummary,
+};
+pub use session::{Session, SessionEnd, SessionSummary};
+pub use session_map::{NewestKeyframe, SessionObserver, SessionState};
+pub use surface_diff::{SurfaceDiff, SurfaceDifference};

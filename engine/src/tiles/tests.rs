@@ -1,0 +1,94 @@
+//! Splits of the sample and of recorded models: the mesh of one process.
+//!
+//! Seeds of splits are options of the library alone.
+
+use std::path::{Path, PathBuf};
+
+use linecarve_tiles::{PlanOptions, merged_mesh, run, run_item};
+
+use crate::map::Map;
+use crate::options::{LabelKind, Options};
+use crate::reconstruction::{Reconstruction, RunOptions};
+use crate::recording::{Input, Recording, Source};
+use crate::run::CancelToken;
+
+/// Seeds whose splits differ, also those into two tiles.
+const SEEDS: [u64; 3] = [0, 2, 4];
+
+fn input(path: PathBuf, source: Source) -> Input {
+    Input {
+        source,
+        ..Input::from(path)
+    }
+}
+
+fn options(labels: LabelKind) -> Options {
+    let mut options = Options::default();
+    options.carving.labels = labels;
+    options
+}
+
+/// Carves the points of a map in tiles, and compares the mesh with that of one process.
+fn assert_splits_agree(map: &Map, name: &str, counts: &[usize]) {
+    let carver = map.carver();
+    let export = map.export_options();
+    let mut whole = carver.clone();
+    whole.carve();
+    let whole = whole.mesh(&export);
+    assert!(whole.triangles.len() > 1000, "{name}");
+    for &tiles in counts {
+        let mut splits = Vec::new();
+        for seed in SEEDS {
+            let options = PlanOptions {
+                tiles,
+                seed,
+                ..PlanOptions::default()
+            };
+            let folder = tempfile::tempdir().unwrap();
+            let work =
+                linecarve_tiles::plan(folder.path(), carver, &export, &options, String::new())
+                    .unwrap();
+            run(&work, 2, |item| run_item(&work, item, || None)).unwrap();
+            let mesh = merged_mesh(&work).unwrap();
+            assert!(mesh == whole, "{name}, {tiles} tiles, seed {seed}");
+            let sizes: Vec<usize> = work.plan().tiles.iter().map(|tile| tile.rays).collect();
+            splits.push(sizes);
+        }
+        splits.sort_unstable();
+        splits.dedup();
+        assert_eq!(splits.len(), if tiles == 1 { 1 } else { SEEDS.len() });
+    }
+}
+
+/// The points of the sample's ORB features.
+#[test]
+fn splits_of_the_sample_leave_the_mesh_of_one_process() {
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/room");
+    for labels in [LabelKind::Votes, LabelKind::Cut] {
+        let mut input = input(room.clone(), Source::MapPoints);
+        input.selection.every = Some(2);
+        let recording = Recording::open(&input, options(labels)).unwrap();
+        let mut run = Reconstruction::new(recording, RunOptions::default()).unwrap();
+        assert!(run.leave_carving());
+        run.run(CancelToken::default(), &mut []).unwrap();
+        assert_splits_agree(run.map(), "room", &[1, 2, 7, 64]);
+    }
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn splits_of_recorded_models_leave_the_mesh_of_one_process() {
+    let data = std::env::var("LINECARVE_DATA").expect("the folder of recorded sequences");
+    for model in ["sceaux-castle/scene.mvs", "euroc-v101/colmap"] {
+        for labels in [LabelKind::Votes, LabelKind::Cut] {
+            let path = Path::new(&data).join(model);
+            let input = input(path, Source::MapPoints);
+            let mut recording = Recording::open(&input, options(labels)).unwrap();
+            let model_points = recording.model.take().unwrap();
+            let mut map = Map::of_model(&recording.options, model_points).unwrap();
+            map.defer_carving();
+            map.enter_model().unwrap();
+            assert_splits_agree(&map, model, &[1, 2, 7, 64]);
+        }
+    }
+}

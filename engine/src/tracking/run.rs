@@ -1,0 +1,289 @@
+//! Tracks the frames of a sequence in order.
+
+use std::time::Instant;
+
+use linecarve_lines::depth::SensorError;
+use linecarve_sequence::{FrameError, Sequence, SequenceError};
+use linecarve_tracking::{
+    FrameFeatures, FramePose, TrackedRecording, Tracker, TrackingOptions, TrackingOptionsError,
+};
+use nalgebra::{Isometry3, UnitQuaternion};
+use rayon::prelude::*;
+
+use super::contradiction::{contradiction, map_contradiction};
+use super::preparation::{Preparation, PrepareTimes};
+use crate::run::{Progress, StageTimes, Verbosity, milliseconds};
+
+/// Frames whose features are found ahead of tracking, per thread.
+const AHEAD: usize = 4;
+
+/// Why a sequence cannot be tracked.
+#[derive(Debug, thiserror::Error)]
+pub enum TrackError {
+    /// The sequence cannot be read.
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
+    /// An image cannot be read.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// Depth and colour do not fit together.
+    #[error("frame {frame}: {source}")]
+    Depth {
+        /// Name of the frame.
+        frame: String,
+        /// The reason.
+        source: SensorError,
+    },
+    /// A parameter is out of range.
+    #[error(transparent)]
+    Options(#[from] TrackingOptionsError),
+    /// The sequence lacks what is needed; the text says what, and the remedy.
+    #[error("{0}")]
+    Missing(String),
+}
+
+/// A frame that was just tracked.
+pub struct FrameDone<'a> {
+    /// Its number.
+    pub number: usize,
+    /// The tracker, with its map.
+    pub tracker: &'a Tracker,
+    /// `color_from_tracked`, where the images were rectified.
+    pub turn: Option<&'a UnitQuaternion<f64>>,
+    /// Durations of this frame; tracking and mapping are `points`.
+    pub times: StageTimes,
+}
+
+/// A sequence whose frames were tracked.
+#[derive(Debug)]
+pub struct TrackedSequence {
+    /// Poses, sub-maps, loops.
+    pub recording: TrackedRecording,
+    /// Frames whose images cannot be read, with the error, which names the file.
+    pub unreadable: Vec<(usize, String)>,
+    /// What was measured of each frame.
+    pub mode: TrackingMode,
+    pub(super) times: PrepareTimes,
+}
+
+impl TrackedSequence {
+    /// Frames that were tracked as they came.
+    pub(crate) fn of_live(recording: TrackedRecording, mode: TrackingMode) -> Self {
+        Self {
+            recording,
+            unreadable: Vec::new(),
+            mode,
+            times: PrepareTimes::default(),
+        }
+    }
+
+    /// Frames with a pose in the largest sub-map, with `world_from_camera`.
+    pub fn poses(&self) -> impl Iterator<Item = (usize, Isometry3<f64>)> {
+        self.poses_in(0)
+    }
+
+    /// What contradicts the poses.
+    pub fn warnings(&self, sequence: &Sequence) -> Vec<String> {
+        let of_check = self.recording.check.as_ref();
+        // Nothing is compared where there is no map.
+        let of_check = of_check.filter(|_| !self.recording.submaps.is_empty());
+        contradiction(&self.recording.loops, sequence)
+            .into_iter()
+            .chain(of_check.and_then(|check| map_contradiction(check, sequence)))
+            .collect()
+    }
+
+    /// Frames with a pose in a sub-map, with `world_from_camera`.
+    pub fn poses_in(&self, number: usize) -> impl Iterator<Item = (usize, Isometry3<f64>)> {
+        let poses = self.recording.poses.iter().enumerate();
+        poses.filter_map(move |(frame, pose)| match pose {
+            FramePose::Known {
+                submap,
+                world_from_camera,
+                ..
+            } if *submap == number => Some((frame, *world_from_camera)),
+            _ => None,
+        })
+    }
+}
+
+/// What the depth of features comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrackingMode {
+    /// Depth images.
+    Rgbd,
+    /// The right image of a stereo pair.
+    Stereo,
+    /// Other frames: one camera.
+    Mono,
+}
+
+impl TrackingMode {
+    /// Depth images when a sequence has some, else stereo pairs, else one camera.
+    pub fn of(sequence: &Sequence) -> Self {
+        match (sequence.depth_calibration(), sequence.stereo()) {
+            (Some(_), _) => Self::Rgbd,
+            (None, Some(_)) => Self::Stereo,
+            (None, None) => Self::Mono,
+        }
+    }
+
+    /// Checks that a sequence has what this needs.
+    ///
+    /// # Errors
+    /// What is missing, and the remedy.
+    pub fn check(self, sequence: &Sequence) -> Result<(), TrackError> {
+        let folder = sequence.folder().display();
+        let layout = sequence.layout();
+        match self {
+            Self::Rgbd if sequence.depth_calibration().is_none() => {
+                Err(TrackError::Missing(format!(
+                    "{folder} has no depth images (layout {layout}): track it with --mode mono, or give the poses with \
+                     --poses FILE"
+                )))
+            }
+            Self::Stereo if sequence.stereo().is_none() => Err(TrackError::Missing(format!(
+                "{folder} has no images of a calibrated right camera (layout {layout}): stereo needs mav0/cam1 with its \
+                 sensor.yaml (EuRoC), or image_1 and calib.txt (KITTI); without them: --mode mono"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Defaults of tracking.
+    pub fn options(self) -> TrackingOptions {
+        match self {
+            Self::Rgbd => TrackingOptions::default(),
+            Self::Stereo => TrackingOptions::stereo(),
+            Self::Mono => TrackingOptions::monocular(),
+        }
+    }
+
+    /// Name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rgbd => "rgbd",
+            Self::Stereo => "stereo",
+            Self::Mono => "mono",
+        }
+    }
+
+    /// Unit of lengths, for reports.
+    pub(super) fn unit(self) -> &'static str {
+        match self {
+            Self::Rgbd => "unit of the depth images divided by their scale",
+            Self::Stereo => "unit of the baseline of the calibration",
+            Self::Mono => "median depth of the two views that start the map",
+        }
+    }
+}
+
+/// Finds the pose of each frame of a sequence. Poses of the sequence are not used. Frames whose images cannot be read have no
+/// pose.
+///
+/// # Errors
+/// When no image can be read, or there are neither depth images nor stereo pairs and `mode` needs them.
+pub fn track_sequence(
+    sequence: &Sequence,
+    mode: TrackingMode,
+    options: TrackingOptions,
+    relative_noise: f64,
+    verbosity: Verbosity,
+) -> Result<TrackedSequence, TrackError> {
+    track_watched(
+        sequence,
+        mode,
+        options,
+        relative_noise,
+        verbosity,
+        &mut |_| {},
+    )
+}
+
+/// [`track_sequence`], which tells of each frame as soon as it is tracked.
+pub fn track_watched(
+    sequence: &Sequence,
+    mode: TrackingMode,
+    options: TrackingOptions,
+    relative_noise: f64,
+    verbosity: Verbosity,
+    watch: &mut dyn FnMut(&FrameDone<'_>),
+) -> Result<TrackedSequence, TrackError> {
+    let folder = sequence.folder().display();
+    let all: Vec<usize> = (0..sequence.frames().len()).collect();
+    let preparation = Preparation::new(sequence, mode, &all, relative_noise, &options)?;
+    let (camera, size) = preparation.camera(sequence);
+    let (width, height) = (size.width as usize, size.height as usize);
+    let mut tracker = Tracker::new(options, camera, width, height)?;
+    let mut times = PrepareTimes::default();
+    let mut unreadable = Vec::new();
+    let mut progress = Progress::start("frames", all.len(), verbosity);
+    for group in all.chunks(AHEAD * rayon::current_num_threads().max(1)) {
+        let prepared: Vec<_> = group
+            .par_iter()
+            .map(|frame| (*frame, preparation.features(sequence, *frame)))
+            .collect();
+        for (frame, one) in prepared {
+            match one {
+                Ok((features, took)) => {
+                    times.load += took.load;
+                    times.depth += took.depth;
+                    times.features += took.features;
+                    let start = Instant::now();
+                    tracker.track(features);
+                    watch(&FrameDone {
+                        number: frame,
+                        tracker: &tracker,
+                        turn: preparation.turn(sequence),
+                        times: StageTimes {
+                            load: took.load,
+                            depth: took.depth,
+                            features: took.features,
+                            points: milliseconds(start.elapsed()),
+                            ..StageTimes::default()
+                        },
+                    });
+                }
+                Err(TrackError::Frame(error)) if is_left_out(&error) => {
+                    unreadable.push((frame, error.to_string()));
+                    tracker.track(FrameFeatures::default());
+                }
+                Err(error) => return Err(error),
+            }
+            progress.step(|| "tracking".to_owned());
+        }
+    }
+    progress.finish();
+    if unreadable.len() == all.len()
+        && let Some((_, error)) = unreadable.first()
+    {
+        return Err(TrackError::Missing(format!(
+            "{folder}: none of the {} images can be read (first: {error})",
+            all.len()
+        )));
+    }
+    let mut recording = tracker.finish();
+    recording.smooth(&times_of(sequence));
+    if let Some(turn) = preparation.turn(sequence) {
+        recording.turn_camera(turn);
+    }
+    Ok(TrackedSequence {
+        recording,
+        unreadable,
+        mode,
+        times,
+    })
+}
+
+/// Times of the frames of a sequence in seconds, or numbers of their images in their order.
+pub(crate) fn times_of(sequence: &Sequence) -> Vec<f64> {
+    let frames = sequence.frames().iter();
+    frames
+        .map(|frame| frame.timestamp_ns as f64 * 1e-9)
+        .collect()
+}
+
+/// Whether a frame is left out because of its images: they cannot be read, or are those of another camera.
+fn is_left_out(error: &FrameError) -> bool {
+    error.is_limited_to_frame() || matches!(error, FrameError::Size { .. })
+}

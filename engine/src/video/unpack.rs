@@ -1,0 +1,167 @@
+//! Writes the pictures of a video as the images of a sequence.
+
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read};
+use std::path::Path;
+
+use image::RgbImage;
+use linecarve_mesh::encode_jpeg;
+use linecarve_mesh::files::write_atomically;
+use linecarve_sequence::OpenOptions;
+
+use super::picture::Picture;
+use super::{VideoError, mp4, samples, y4m};
+use crate::run::Verbosity;
+
+/// Quality of the images: their loss is below that of the video.
+const JPEG_QUALITY: u8 = 95;
+
+/// Name of the folder of images in the folder of the sequence.
+const IMAGES: &str = "images";
+
+/// Standard input as a path.
+const STANDARD_INPUT: &str = "-";
+
+/// Whether a path is a video: a file that begins as one, or `-` for standard input.
+pub fn is_video(path: &Path) -> bool {
+    if path == Path::new(STANDARD_INPUT) {
+        return true;
+    }
+    let mut start = [0; 12];
+    let is_file = std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file());
+    is_file
+        && File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok())
+        && (start.starts_with(y4m::MAGIC) || is_mp4(&start))
+}
+
+/// How the folder of [`unpack`] is opened.
+pub fn of_video(options: OpenOptions) -> OpenOptions {
+    OpenOptions {
+        layout: Some("images-and-poses".to_owned()),
+        ..options
+    }
+}
+
+fn is_mp4(start: &[u8]) -> bool {
+    let first = start.get(4..8).unwrap_or_default();
+    [b"ftyp", b"moov", b"mdat", b"wide", b"free"]
+        .iter()
+        .any(|name| first == *name)
+}
+
+/// Writes the pictures of a video to `images/` in a folder, and their times to `times.txt`. Removes images of an earlier video and its
+/// calibration. Returns warnings.
+///
+/// # Errors
+/// When the video has no picture that can be read, or a file cannot be written.
+pub fn unpack(
+    input: &Path,
+    folder: &Path,
+    verbosity: Verbosity,
+) -> Result<Vec<String>, VideoError> {
+    let images = folder.join(IMAGES);
+    clear(folder, &images)?;
+    let mut times = String::from("# seconds\n");
+    let mut count = 0_usize;
+    let mut turns = 0;
+    let mut size = None;
+    let mut take = |picture: Picture, turns: u8| {
+        // Of a damaged video, pictures may come in another size; a sequence has one.
+        let own = (picture.width, picture.height);
+        if *size.get_or_insert(own) != own {
+            return Ok(());
+        }
+        let path = images.join(format!("{count:06}.jpg"));
+        let rgb = upright(picture.to_rgb(), turns);
+        write_image(&path, &rgb)?;
+        let [seconds, rest] = [
+            picture.time_ns.div_euclid(1_000_000_000),
+            picture.time_ns.rem_euclid(1_000_000_000),
+        ];
+        times.push_str(&format!("{seconds}.{rest:09}\n"));
+        count += 1;
+        if verbosity > Verbosity::Normal && count.is_multiple_of(500) {
+            eprintln!("{count} pictures of the video read");
+        }
+        Ok(())
+    };
+    let warnings = if input == Path::new(STANDARD_INPUT) {
+        let mut stdin = std::io::stdin().lock();
+        y4m::read(Path::new("standard input"), &mut stdin, &mut |one| {
+            take(one, 0)
+        })?
+    } else {
+        let unreadable = |error| VideoError::unreadable(input, error);
+        let mut file = BufReader::new(File::open(input).map_err(unreadable)?);
+        let mut start = [0; 12];
+        file.read_exact(&mut start).map_err(unreadable)?;
+        if is_mp4(&start) {
+            let track = mp4::read_track(input, &mut file)?;
+            turns = track.quarter_turns;
+            samples::read(input, &mut file, &track, &mut |one| take(one, turns))?
+        } else {
+            let mut whole = Cursor::new(start).chain(file);
+            y4m::read(input, &mut BufReader::new(&mut whole), &mut |one| {
+                take(one, turns)
+            })?
+        }
+    };
+    let path = folder.join("times.txt");
+    write_atomically(&path, |out| out.write_all(times.as_bytes())).map_err(|error| {
+        VideoError::Write {
+            path,
+            problem: error.to_string(),
+        }
+    })?;
+    Ok(warnings)
+}
+
+fn upright(picture: RgbImage, quarter_turns: u8) -> RgbImage {
+    match quarter_turns {
+        1 => image::imageops::rotate90(&picture),
+        2 => image::imageops::rotate180(&picture),
+        3 => image::imageops::rotate270(&picture),
+        _ => picture,
+    }
+}
+
+/// Makes the folder of images; removes numbered images and the calibration of an earlier video.
+fn clear(folder: &Path, images: &Path) -> Result<(), VideoError> {
+    let failed = |path: &Path, error: std::io::Error| VideoError::Write {
+        path: path.to_owned(),
+        problem: error.to_string(),
+    };
+    std::fs::create_dir_all(images).map_err(|error| failed(images, error))?;
+    let entries = std::fs::read_dir(images).map_err(|error| failed(images, error))?;
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let stem = path
+            .file_stem()
+            .and_then(|stem| stem.to_str())
+            .unwrap_or_default();
+        let is_ours = path.extension().is_some_and(|end| end == "jpg")
+            && stem.len() >= 6
+            && stem.bytes().all(|byte| byte.is_ascii_digit());
+        if is_ours {
+            std::fs::remove_file(&path).map_err(|error| failed(&path, error))?;
+        }
+    }
+    let calibration = folder.join(linecarve_sequence::SIDECAR_FILE);
+    match std::fs::remove_file(&calibration) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(failed(&calibration, error))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn write_image(path: &Path, picture: &RgbImage) -> Result<(), VideoError> {
+    let failed = |problem: String| VideoError::Write {
+        path: path.to_owned(),
+        problem,
+    };
+    let bytes = encode_jpeg(picture, JPEG_QUALITY).map_err(|error| failed(error.to_string()))?;
+    write_atomically(path, |out| out.write_all(&bytes)).map_err(|error| failed(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,50 @@
+//! The depth camera in the sidecar file.
+
+use std::path::PathBuf;
+
+use nalgebra::Isometry3;
+use serde::Deserialize;
+
+use super::camera::CameraKeys;
+use crate::calibration::DepthGeometry;
+use crate::rigid;
+
+/// Section `[depth]`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DepthSection {
+    #[serde(flatten)]
+    camera: CameraKeys,
+    pub(super) scale: Option<f64>,
+    pub(super) sigma: Option<PathBuf>,
+    color_from_depth: Option<[[f64; 4]; 4]>,
+}
+
+impl DepthSection {
+    /// The depth camera, if the section has intrinsics.
+    pub(super) fn geometry(&self, source: &str) -> Result<Option<DepthGeometry>, String> {
+        if let Some(scale) = self.scale
+            && !(scale.is_finite() && scale > 0.0)
+        {
+            return Err(format!(
+                "[depth] scale = {scale} must be positive and finite"
+            ));
+        }
+        let camera = self.camera.camera("depth", source)?;
+        let color_from_depth = match (&self.color_from_depth, &camera) {
+            (Some(_), None) => {
+                return Err(
+                    "[depth] color_from_depth needs fx, fy, cx and cy together; registered depth has only a scale"
+                        .to_owned(),
+                );
+            }
+            (Some(rows), Some(_)) => rigid::from_matrix(rows)
+                .map_err(|error| format!("[depth] color_from_depth {error}"))?,
+            (None, _) => Isometry3::identity(),
+        };
+        Ok(camera.map(|camera| DepthGeometry {
+            camera,
+            color_from_depth,
+        }))
+    }
+}
