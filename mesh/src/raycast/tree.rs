@@ -125,14 +125,18 @@ impl BoxTree {
             }
             return;
         }
-        let children = [at + 1, node.second];
-        let costs = children.map(|child| cost_of(&self.nodes[child as usize].bounds, best.cost));
-        let is_second_nearer = matches!(costs, [Some(first), Some(second)] if second < first);
-        let order = if is_second_nearer { [1, 0] } else { [0, 1] };
-        for child in order {
-            if let Some(cost) = costs[child] {
-                self.search(children[child], cost, best, cost_of, look);
-            }
+        let (mut near, mut far) = (at + 1, node.second);
+        let cost_at = |child: u32| cost_of(&self.nodes[child as usize].bounds, best.cost);
+        let (mut first, mut second) = (cost_at(near), cost_at(far));
+        if second.is_some_and(|second| first.is_none_or(|first| second < first)) {
+            std::mem::swap(&mut near, &mut far);
+            std::mem::swap(&mut first, &mut second);
+        }
+        if let Some(cost) = first {
+            self.search(near, cost, best, cost_of, look);
+        }
+        if let Some(cost) = second {
+            self.search(far, cost, best, cost_of, look);
         }
     }
 
