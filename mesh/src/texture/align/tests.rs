@@ -230,13 +230,13 @@ fn cameras_turn_while_rows_are_exposed() {
     let views: Vec<_> = poses().iter().map(|[truth, _]| view(*truth)).collect();
     let alignment = align_photos(&corner(), &views, &load);
     let (mut before, mut after) = (0.0, 0.0);
-    for at in 0..4 {
+    for (at, view) in views.iter().enumerate() {
         let distortion = alignment.distortions[at].as_ref().unwrap();
         for pixel in [[60.0, 20.0], [160.0, 60.0], [250.0, 200.0], [100.0, 220.0]] {
             let truth = on_walls(&pose_of_row(at, pixel[1]), pixel);
             let aligned = distortion.pinhole_from_photo(pixel);
             let found = on_walls(&alignment.views[at].world_from_camera, aligned);
-            before += (on_walls(&views[at].world_from_camera, pixel) - truth).norm_squared();
+            before += (on_walls(&view.world_from_camera, pixel) - truth).norm_squared();
             after += (found - truth).norm_squared();
         }
     }
