@@ -332,6 +332,7 @@ fn lines_keyframe() -> LineKeyframe {
             sigma: 0.01,
         }],
         surface: SurfaceSamples::default(),
+        depth: None,
         colors: KeyframeColors::of(&image::RgbImage::new(8, 8)),
         edge_chains: 1,
         edge_pixels: 29,

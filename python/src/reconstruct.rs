@@ -119,8 +119,8 @@ pub(crate) fn reconstruct(
         return Err(PyValueError::new_err("not the command reconstruct"));
     };
     let limit = args.memory_limit;
-    let token =
-        CancelToken::with_limit(limit).map_err(|error| Error::new_err(WatchError::from(error).to_string()))?;
+    let token = CancelToken::with_limit(limit)
+        .map_err(|error| Error::new_err(WatchError::from(error).to_string()))?;
     let cancel = token.clone();
     let (sender, receiver) = channel();
     let worker = std::thread::spawn(move || {
