@@ -1,13 +1,12 @@
-//! Ray casts and nearest points on triangle meshes.
+//! Ray casts and nearest points on triangle meshes. This module alone uses the types of parry.
 //!
-//! The crate `bvh` builds the hierarchy of bounding volumes. Its search is ours, for other costs than those of rays, and so are the triangle
-//! tests: pictures and depth images need rays that never slip between two triangles with a common edge ([`RayScene::cast`] is watertight), and measurements need
+//! parry provides the bounding volume hierarchy. The triangle tests are ours: pictures and depth images need rays
+//! that never slip between two triangles with a common edge ([`RayScene::cast`] is watertight), and measurements need
 //! distances without a built-in tolerance ([`RayScene::closest`]).
 
 mod closest;
 mod intersect;
 mod scene;
-mod tree;
 
 pub(crate) use closest::closest_in_triangle;
 pub(crate) use scene::triangle_normal;

@@ -1,10 +1,11 @@
 //! Bounding volume hierarchy of a triangle mesh.
 
 use nalgebra::{Point3, Vector3};
+use parry3d::bounding_volume::Aabb;
+use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 
 use super::closest::closest_in_triangle;
-use super::intersect::PreparedRay;
-use super::tree::{Bounds, BoxTree};
+use super::intersect::{PreparedRay, TriangleHit};
 use crate::TriangleMesh;
 
 /// Intersection of a ray with a mesh.
@@ -75,8 +76,8 @@ impl ClosestPoint {
 pub struct RayScene {
     positions: Vec<Point3<f64>>,
     triangles: Vec<[u32; 3]>,
-    tree: BoxTree,
-    /// Triangle of each box of the tree.
+    tree: Bvh,
+    /// Triangle of each leaf. Leaves are numbered without gaps, because parry panics on some trees with gaps.
     names: Vec<u32>,
     ignored: usize,
 }
@@ -93,7 +94,7 @@ impl RayScene {
         let mut names = Vec::with_capacity(triangles.len());
         for (index, triangle) in triangles.iter().enumerate() {
             if let Some(bounds) = bounds_of(&positions, triangle) {
-                boxes.push(bounds);
+                boxes.push((boxes.len(), bounds));
                 names.push(index as u32);
             }
         }
@@ -101,7 +102,7 @@ impl RayScene {
         Self {
             positions,
             triangles,
-            tree: BoxTree::new(boxes),
+            tree: Bvh::from_iter(BvhBuildStrategy::Binned, boxes),
             names,
             ignored,
         }
@@ -151,16 +152,17 @@ impl RayScene {
         visible: impl Fn(u32, bool) -> bool,
     ) -> Option<RayHit> {
         let ray = PreparedRay::new(origin, direction)?;
-        let (leaf, hit) = self.tree.find_best(
+        let (leaf, found) = self.tree.find_best(
             // The search finds costs below the bound; hits at the bound count, too.
             max.next_up(),
-            |bounds, best| enters(&ray, bounds, best),
+            |node: &BvhNode, best: f64| enters(&ray, node, best).unwrap_or(f64::MAX),
             |leaf, best| {
                 let triangle = self.names[leaf as usize];
                 let hit = ray.hits_triangle(self.corners(triangle), best)?;
-                visible(triangle, hit.is_front_face).then_some((hit.distance, hit))
+                visible(triangle, hit.is_front_face).then_some(Cost(hit.distance, hit))
             },
         )?;
+        let Cost(_, hit): Cost<TriangleHit> = found;
         Some(RayHit {
             distance: hit.distance,
             triangle: self.names[leaf as usize],
@@ -186,14 +188,13 @@ impl RayScene {
         let Some(ray) = PreparedRay::new(origin, direction) else {
             return false;
         };
-        self.tree.any(
-            |bounds| enters(&ray, bounds, max).is_some(),
-            |leaf| {
+        self.tree
+            .leaves(|node| enters(&ray, node, max).is_some())
+            .any(|leaf| {
                 let triangle = self.names[leaf as usize];
                 let hit = ray.hits_triangle(self.corners(triangle), max);
                 hit.is_some() && visible(triangle)
-            },
-        )
+            })
     }
 
     /// The nearest point of the mesh no farther than `max` from `point`; `None` when there is none or `point` is
@@ -203,17 +204,20 @@ impl RayScene {
             return None;
         }
         // Squared distances have the same order and need no square roots.
-        let (leaf, (nearest, barycentric, squared)) = self.tree.find_best(
+        let (leaf, found) = self.tree.find_best(
             (max * max).next_up(),
-            |bounds, _| Some(squared_distance_to_box(point, bounds)),
+            |node: &BvhNode, _| squared_distance_to_box(point, &node.aabb()),
             |leaf, _| {
                 let corners = self.corners(self.names[leaf as usize]);
                 let barycentric = closest_in_triangle(point, corners);
                 let nearest = blend(corners, barycentric);
-                let squared = (nearest - point).norm_squared();
-                Some((squared, (nearest, barycentric, squared)))
+                Some(Cost(
+                    (nearest - point).norm_squared(),
+                    (nearest, barycentric),
+                ))
             },
         )?;
+        let Cost(squared, (nearest, barycentric)): Cost<(Point3<f64>, [f64; 3])> = found;
         Some(ClosestPoint {
             point: nearest,
             distance: squared.sqrt(),
@@ -222,16 +226,12 @@ impl RayScene {
         })
     }
 
-    /// Visits triangles whose bounding boxes are within `reach` of a point, in no particular order.
-    pub(crate) fn visit_near(&self, point: &Point3<f64>, reach: f64, mut visit: impl FnMut(u32)) {
-        let limit = reach * reach;
-        self.tree.any(
-            |bounds| squared_distance_to_box(point, bounds) <= limit,
-            |leaf| {
-                visit(self.names[leaf as usize]);
-                false
-            },
-        );
+    /// Triangles whose bounding boxes are within `reach` of a point, in no particular order.
+    pub(crate) fn near(&self, point: &Point3<f64>, reach: f64) -> impl Iterator<Item = u32> + '_ {
+        let (point, limit) = (*point, reach * reach);
+        self.tree
+            .leaves(move |node| squared_distance_to_box(&point, &node.aabb()) <= limit)
+            .map(|leaf| self.names[leaf as usize])
     }
 
     /// Axis-aligned bounding box (low corner, high corner) of the triangles in the hierarchy; `None` when there
@@ -260,6 +260,15 @@ pub(crate) fn triangle_normal([a, b, c]: [&Point3<f64>; 3]) -> Vector3<f64> {
     ab.cross(&ac).normalize()
 }
 
+/// Result at a leaf: the cost to minimise, and other values.
+struct Cost<T>(f64, T);
+
+impl<T> parry3d::partitioning::BvhLeafCost for Cost<T> {
+    fn cost(&self) -> f64 {
+        self.0
+    }
+}
+
 /// The point with the given barycentric coordinates.
 fn blend(corners: [&Point3<f64>; 3], barycentric: [f64; 3]) -> Point3<f64> {
     let [a, b, c] = corners;
@@ -267,11 +276,13 @@ fn blend(corners: [&Point3<f64>; 3], barycentric: [f64; 3]) -> Point3<f64> {
     Point3::from(a.coords * u + b.coords * v + c.coords * w)
 }
 
-fn enters(ray: &PreparedRay, bounds: &Bounds, max: f64) -> Option<f64> {
-    ray.enters_box(&bounds.low.coords, &bounds.high.coords, max)
+fn enters(ray: &PreparedRay, node: &BvhNode, max: f64) -> Option<f64> {
+    let (low, high) = (node.mins(), node.maxs());
+    ray.enters_box(&low.into(), &high.into(), max)
 }
 
-fn squared_distance_to_box(point: &Point3<f64>, Bounds { low, high }: &Bounds) -> f64 {
+fn squared_distance_to_box(point: &Point3<f64>, bounds: &Aabb) -> f64 {
+    let (low, high): (Vector3<f64>, Vector3<f64>) = (bounds.mins.into(), bounds.maxs.into());
     (0..3)
         .map(|axis| {
             let outside = (low[axis] - point[axis])
@@ -284,7 +295,7 @@ fn squared_distance_to_box(point: &Point3<f64>, Bounds { low, high }: &Bounds) -
 
 /// Bounding box of a triangle, widened by a few units in the last place so that rounding never prunes a hit; `None`
 /// for a triangle to ignore.
-fn bounds_of(positions: &[Point3<f64>], triangle: &[u32; 3]) -> Option<Bounds> {
+fn bounds_of(positions: &[Point3<f64>], triangle: &[u32; 3]) -> Option<Aabb> {
     let [Some(a), Some(b), Some(c)] = triangle.map(|corner| positions.get(corner as usize)) else {
         return None;
     };
@@ -295,8 +306,8 @@ fn bounds_of(positions: &[Point3<f64>], triangle: &[u32; 3]) -> Option<Bounds> {
     let (low, high) = (a.inf(b).inf(c), a.sup(b).sup(c));
     let margin = 8.0 * f64::EPSILON * low.coords.amax().max(high.coords.amax());
     let margin = Vector3::repeat(margin);
-    Some(Bounds {
-        low: low - margin,
-        high: high + margin,
-    })
+    Some(Aabb::new(
+        (low - margin).coords.into(),
+        (high + margin).coords.into(),
+    ))
 }

@@ -204,14 +204,14 @@ impl Extent {
         limits: Limits,
     ) -> Option<SurfaceDistance> {
         let mut best: Option<(f64, SurfaceDistance)> = None;
-        self.scene.visit_near(point, limits.beyond, |triangle| {
+        for triangle in self.scene.near(point, limits.beyond) {
             let Some(normal) = self.normals[triangle as usize] else {
-                return;
+                continue;
             };
             let corners = self.scene.corners(triangle).map(|corner| *corner);
             let on_boundary = &self.on_boundary[triangle as usize];
             let Some(nearest) = nearest_on_boundary(point, &corners, on_boundary) else {
-                return;
+                continue;
             };
             let away = point - nearest;
             let (distance, squared) = (away.dot(&normal).abs(), away.norm_squared());
@@ -228,7 +228,7 @@ impl Extent {
                 };
                 best = Some((squared, to_surface));
             }
-        });
+        }
         best.map(|(_, to_surface)| to_surface)
     }
 }
