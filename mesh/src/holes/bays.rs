@@ -25,8 +25,14 @@ pub(crate) fn close_bays(
     widest: f64,
 ) -> usize {
     let boundary = boundary_loops(&mesh.triangles);
+    let mut is_boundary = vec![false; mesh.positions.len()];
+    for edge in boundary.iter().flatten() {
+        is_boundary[edge.ends[0] as usize] = true;
+    }
+    // New triangles have no edge elsewhere.
+    let is_there = |ends: &[u32; 2]| ends.iter().all(|end| is_boundary[*end as usize]);
     let mut edges: FxHashSet<[u32; 2]> = FxHashSet::default();
-    edges.extend(mesh.triangles.iter().flat_map(edges_of));
+    edges.extend(mesh.triangles.iter().flat_map(edges_of).filter(is_there));
     let mut closed = 0;
     for boundary in &boundary {
         let mut is_closed = vec![false; boundary.len()];

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use rustc_hash::FxHashMap;
+use crate::edge_uses::for_each_edge;
 
 /// An edge in the direction in which its triangle has it, and the third corner of the triangle; one of its ends where it has no triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,28 +15,28 @@ pub(super) struct BoundaryEdge {
 /// its right. Left out are loops through a vertex with several boundary edges that leave it, and through
 /// an edge that several triangles have in the same direction.
 pub(super) fn boundary_loops(triangles: &[[u32; 3]]) -> Vec<Vec<BoundaryEdge>> {
-    // `None` for an edge that several triangles have in the same direction.
-    let mut opposites: FxHashMap<[u32; 2], Option<u32>> = FxHashMap::default();
-    for &[a, b, c] in triangles {
-        for (ends, opposite) in [([a, b], c), ([b, c], a), ([c, a], b)] {
-            let known = opposites.entry(ends);
-            known
-                .and_modify(|opposite| *opposite = None)
-                .or_insert(Some(opposite));
-        }
-    }
     // The edge that leaves each boundary vertex; `None` when there are several.
     let mut leaving: BTreeMap<u32, Option<BoundaryEdge>> = BTreeMap::new();
-    for (&[a, b], &opposite) in &opposites {
-        if !opposites.contains_key(&[b, a]) {
-            let edge = opposite.map(|opposite| BoundaryEdge {
-                ends: [a, b],
+    let vertices = triangles.iter().flatten().max().map_or(0, |last| last + 1);
+    for_each_edge(triangles, vertices as usize, |uses| {
+        let edge = |corner: u32| {
+            let triangle = triangles[corner as usize / 3];
+            let [from, to, opposite] = [0, 1, 2].map(|next| triangle[(corner as usize + next) % 3]);
+            BoundaryEdge {
+                ends: [from, to],
                 opposite,
-            });
-            let known = leaving.entry(a);
-            known.and_modify(|edge| *edge = None).or_insert(edge);
+            }
+        };
+        let first = edge(uses[0].1);
+        if uses
+            .iter()
+            .all(|(_, corner)| edge(*corner).ends == first.ends)
+        {
+            let alone = (uses.len() == 1).then_some(first);
+            let known = leaving.entry(first.ends[0]);
+            known.and_modify(|edge| *edge = None).or_insert(alone);
         }
-    }
+    });
     let mut loops = Vec::new();
     while let Some((start, first)) = leaving.pop_first() {
         let mut edges: Vec<BoundaryEdge> = Vec::new();
