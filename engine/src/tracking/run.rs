@@ -275,12 +275,18 @@ pub fn track_watched(
     })
 }
 
-/// Times of the frames of a sequence in seconds, or numbers of their images in their order.
+/// Times of the frames of a sequence, or numbers of their images, in units of the median step: numbers by threes are as good as those by ones.
 pub(crate) fn times_of(sequence: &Sequence) -> Vec<f64> {
-    let frames = sequence.frames().iter();
-    frames
-        .map(|frame| frame.timestamp_ns as f64 * 1e-9)
-        .collect()
+    let stamps = sequence.frames().iter().map(|frame| frame.timestamp_ns);
+    let stamps: Vec<i64> = stamps.collect();
+    let mut steps: Vec<i64> = (stamps.windows(2))
+        .map(|pair| pair[1].saturating_sub(pair[0]))
+        .collect();
+    steps.sort_unstable();
+    let step = steps.get(steps.len() / 2).map_or(1, |step| (*step).max(1));
+    let first = stamps.first().copied().unwrap_or_default();
+    let since = |stamp: i64| stamp.saturating_sub(first) as f64 / step as f64;
+    stamps.into_iter().map(since).collect()
 }
 
 /// Whether a frame is left out because of its images: they cannot be read, or are those of another camera.
