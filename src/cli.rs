@@ -32,7 +32,8 @@ pub use values::{
 pub use view::ViewArgs;
 
 use crate::live::LiveView;
-use linecarve_engine::run::{MemoryLimit, Verbosity};
+use crate::progress::Verbosity;
+use linecarve_engine::run::MemoryLimit;
 use linecarve_mesh::diff::Tolerance;
 
 /// Turns posed keyframes into a surface by carving free space with 3D line segments.

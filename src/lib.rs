@@ -20,12 +20,10 @@ pub mod commands;
 pub mod compare;
 mod live;
 pub mod process;
+pub mod progress;
 pub mod report;
 mod server;
 pub mod sinks;
-#[cfg(test)]
-#[path = "../engine/src/map/test_surface.rs"]
-mod test_surface;
 mod text;
 
 pub use linecarve_engine::*;

@@ -10,6 +10,8 @@ mod reconstruction;
 mod recording;
 pub mod run;
 pub mod stream;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
 pub mod texture;
 pub mod tiles;
 pub mod tracking;

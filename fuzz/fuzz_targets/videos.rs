@@ -11,7 +11,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use linecarve_engine::run::Verbosity;
+use linecarve_engine::run::ProgressHook;
 use linecarve_engine::video::{is_video, unpack};
 
 fuzz_target!(|data: &[u8]| {
@@ -21,7 +21,7 @@ fuzz_target!(|data: &[u8]| {
     if !is_video(&path) {
         return;
     }
-    match unpack(&path, folder.path(), Verbosity::Quiet) {
+    match unpack(&path, folder.path(), &ProgressHook::default()) {
         Ok(_) => assert!(folder.path().join("images").is_dir()),
         Err(error) => assert!(error.to_string().contains("video.mp4"), "{error}"),
     }

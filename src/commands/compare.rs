@@ -11,8 +11,8 @@ use crate::compare::{
     Comparison, GroundTruth, SurfaceSummary, Warnings, compared_run, score_table,
     write_compare_page, write_pictures, write_surfaces,
 };
+use crate::progress::Verbosity;
 use crate::sinks::{OutputFolder, PageRun, print_object};
-use linecarve_engine::run::Verbosity;
 use linecarve_engine::{Recording, Source};
 
 pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {

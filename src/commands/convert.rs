@@ -8,7 +8,7 @@ use crate::cli::{ConvertArgs, SequenceArgs, Target};
 use crate::commands::Outcome;
 use crate::commands::convert_geometry::convert_geometry;
 use crate::commands::input::open;
-use linecarve_engine::run::Verbosity;
+use crate::progress::Verbosity;
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{
     TrajectoryFormat, posed_images, write_colmap, write_trajectory, write_transforms,

@@ -10,9 +10,9 @@ use crate::commands::Outcome;
 use crate::commands::evaluate_trajectory::evaluate_trajectory;
 use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::observed::observe;
+use crate::progress::Verbosity;
 use crate::sinks::{print_object, print_text};
 use crate::text::evaluation_text;
-use linecarve_engine::run::Verbosity;
 use linecarve_mesh::evaluate::{
     Alignment, Evaluation, EvaluationOptions, NearestPointIndex, evaluate_observed,
 };

@@ -3,9 +3,9 @@
 use crate::cli::InfoArgs;
 use crate::commands::Outcome;
 use crate::commands::input::open;
+use crate::progress::Verbosity;
 use crate::sinks::{print_object, print_text};
 use crate::text::sequence_text;
-use linecarve_engine::run::Verbosity;
 use linecarve_sequence::{InspectOptions, inspect};
 
 pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {

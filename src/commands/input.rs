@@ -3,10 +3,10 @@
 use anyhow::bail;
 
 use crate::cli::{DepthArg, KeyframeArgs, SequenceArgs, StageArgs};
+use crate::progress::Verbosity;
 use crate::sinks::OutputFolder;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
-use linecarve_engine::run::Verbosity;
 use linecarve_engine::video::{of_video, unpack};
 use linecarve_engine::{DepthChoice, Input, Selection, Source};
 use linecarve_sequence::{OpenOptions, Sequence};
@@ -35,7 +35,7 @@ pub fn input(
             DepthArg::SemiDense => DepthChoice::SemiDense,
         },
         track: false,
-        verbosity,
+        progress: verbosity.hook(),
     }
 }
 
@@ -69,7 +69,7 @@ pub(super) fn unpack_video(
         );
     };
     let folder = output.subfolder("video")?;
-    for warning in unpack(&input.path, &folder, verbosity)? {
+    for warning in unpack(&input.path, &folder, &verbosity.hook())? {
         if verbosity > Verbosity::Quiet {
             eprintln!("warning: {warning}");
         }

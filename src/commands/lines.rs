@@ -5,11 +5,12 @@ use std::time::Instant;
 use crate::cli::LinesArgs;
 use crate::commands::Outcome;
 use crate::commands::input::{input, parameters};
+use crate::progress::Verbosity;
 use crate::sinks::{
     OutputFolder, RunLog, clusters_part, reason_for_nothing, segments_part, write_geometry,
     write_poses,
 };
-use linecarve_engine::run::{CancelToken, Verbosity};
+use linecarve_engine::run::CancelToken;
 use linecarve_engine::{Reconstruction, Recording, RunOptions, Source};
 
 pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {

@@ -29,7 +29,7 @@ pub use reconstruct::reconstruct;
 use anyhow::Context;
 
 use crate::cli::{Cli, Command};
-use linecarve_engine::run::Verbosity;
+use crate::progress::Verbosity;
 
 /// How a command that ran to its end came out.
 #[derive(Debug, Clone, PartialEq, Eq)]

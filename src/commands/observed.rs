@@ -9,8 +9,8 @@ use nalgebra::Point3;
 
 use crate::cli::{DepthArg, EvaluateArgs, SequenceArgs};
 use crate::commands::input::{input, keyframe_options};
+use crate::progress::{Progress, Verbosity};
 use linecarve_engine::options::Options;
-use linecarve_engine::run::{Progress, Verbosity};
 use linecarve_engine::{Recording, Source};
 
 /// Asks the keyframes of a sequence what of the shape they looked at.

@@ -10,11 +10,12 @@ use crate::commands::Outcome;
 use crate::commands::input::{input, parameters, unpack_video};
 use crate::commands::simplify::check_tolerance;
 use crate::process::{WatchError, end_beyond, watch as watch_process};
+use crate::progress::Verbosity;
 use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     final_mesh, model_left_out, reason_for_nothing, write_results, write_tracked_poses,
 };
-use linecarve_engine::run::{CancelToken, Checkpoint, Verbosity};
+use linecarve_engine::run::{CancelToken, Checkpoint};
 use linecarve_engine::video::is_video;
 use linecarve_engine::{Reconstruction, Recording, RunOptions, Sink, Source};
 

@@ -5,11 +5,11 @@ use anyhow::Context;
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
 use crate::commands::stream_lines::{Line, Replies, next};
+use crate::progress::Verbosity;
 use crate::report::page::write_page;
 use crate::sinks::{OutputFolder, SessionPage, SurfaceFiles, final_mesh_edges, last_page};
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
-use linecarve_engine::run::Verbosity;
 use linecarve_engine::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
 use linecarve_sequence::export::{TrajectoryFormat, write_trajectory};
 

@@ -4,7 +4,7 @@ use std::io::{BufRead, ErrorKind, Write};
 
 use anyhow::Context;
 
-use linecarve_engine::run::Verbosity;
+use crate::progress::Verbosity;
 use linecarve_engine::stream::Reply;
 
 /// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use crate::cli::{NoiseModel, SynthArgs};
 use crate::commands::Outcome;
-use linecarve_engine::run::{Progress, Verbosity};
+use crate::progress::{Progress, Verbosity};
 use linecarve_synth::{
     CityOptions, ColorFormat, DepthNoise, SynthOptions, write_city, write_sequence,
 };

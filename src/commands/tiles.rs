@@ -9,9 +9,10 @@ use anyhow::{Context, ensure};
 use crate::cli::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 use crate::commands::Outcome;
 use crate::process::limit_task;
+use crate::progress::Verbosity;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
-use linecarve_engine::run::{MemoryLimit, Verbosity};
+use linecarve_engine::run::MemoryLimit;
 use linecarve_engine::tiles::{
     Planned, Project, Split, Task, carry_out_all, plan, slurm_script, write_mesh,
 };

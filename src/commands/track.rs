@@ -4,9 +4,9 @@ use anyhow::{Context, bail, ensure};
 
 use crate::cli::TrackArgs;
 use crate::commands::Outcome;
+use crate::progress::Verbosity;
 use crate::sinks::{LiveTracking, OutputFolder, print_object, write_tracked};
 use linecarve_engine::options::Options;
-use linecarve_engine::run::Verbosity;
 use linecarve_engine::tracking::{
     FrameDone, TrackReport, TrackingMode, open_unposed, track_watched,
 };
@@ -23,7 +23,7 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     };
     let mut warnings = Vec::new();
     let (sequence, warning) = if is_video(&args.input) {
-        warnings.extend(unpack(&args.input, &args.out, verbosity)?);
+        warnings.extend(unpack(&args.input, &args.out, &verbosity.hook())?);
         open_unposed(&args.out, &of_video(open))?
     } else {
         open_unposed(&args.input, &open)?
@@ -53,7 +53,8 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
             live.update(done);
         }
     };
-    let tracked = track_watched(&sequence, mode, options, noise, verbosity, &mut watch)?;
+    let progress = verbosity.hook();
+    let tracked = track_watched(&sequence, mode, options, noise, &progress, &mut watch)?;
     if let Some(live) = &mut live {
         live.finish(&tracked);
     }

@@ -6,9 +6,9 @@ use anyhow::{Context, bail};
 
 use crate::cli::ViewArgs;
 use crate::commands::Outcome;
+use crate::progress::Verbosity;
 use crate::server::{FolderServer, PAGE};
 use crate::sinks::print_text;
-use linecarve_engine::run::Verbosity;
 
 pub(super) fn run(args: &ViewArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let folder = &args.folder;

@@ -5,8 +5,9 @@ use linecarve_mesh::LineSet;
 use nalgebra::Point3;
 
 use super::result::ComparedSurface;
+use crate::progress::Verbosity;
 use crate::sinks::{KeyframeReports, PageRecorder, crosses};
-use linecarve_engine::run::{CancelToken, Verbosity};
+use linecarve_engine::run::CancelToken;
 use linecarve_engine::{Reconstruction, Recording, RunOptions, Sink, Source, camera_warning};
 
 /// Length of the crosses that mark points in pictures, as a share of the median depth.

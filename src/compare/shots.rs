@@ -6,9 +6,9 @@ use linecarve_mesh::render::{View, up_direction, write_png};
 use super::ground_truth::GroundTruth;
 use super::pictures::{Gallery, GalleryView};
 use super::result::ComparedSurface;
+use crate::progress::{Progress, Verbosity};
 use crate::sinks::OutputFolder;
 use linecarve_engine::Recording;
-use linecarve_engine::run::{Progress, Verbosity};
 
 /// Size of pictures from outside.
 const OUTSIDE_SIZE: (u32, u32) = (800, 600);

@@ -1,6 +1,6 @@
 //! Warnings of a comparison.
 
-use linecarve_engine::run::Verbosity;
+use crate::progress::Verbosity;
 
 /// Warnings, each said once, when it arises.
 pub(crate) struct Warnings {

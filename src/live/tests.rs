@@ -5,8 +5,8 @@ use proptest::prelude::*;
 use super::state::{LiveState, LiveUpdate};
 use crate::report::growth_delta::NumberedSurface;
 use crate::report::page::Elements;
-use crate::test_surface::TestSurface;
 use delta_reader::sorted;
+use linecarve_engine::testing::TestSurface;
 use live_client::LiveClient;
 
 #[path = "../../tests/program/delta_reader.rs"]

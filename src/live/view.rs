@@ -10,9 +10,9 @@ use tiny_http::{Request, Response};
 
 use super::clients::{Clients, Next};
 use super::state::{LiveState, LiveUpdate};
+use crate::progress::Verbosity;
 use crate::report::page::live_page;
 use crate::server::{Loopback, Refusal, ServerError, header};
-use linecarve_engine::run::Verbosity;
 
 /// A line is sent after this long without another, so that a client that has gone away is noticed.
 const HEARTBEAT: Duration = Duration::from_secs(10);

@@ -1,9 +1,9 @@
 //! What the report says of each keyframe, and the progress bar.
 
+use crate::progress::{Progress, Verbosity};
 use crate::report::{KeyframeReport, MapPointReport};
 use linecarve_engine::front_end::{FrontEndError, Keyframe, LineKeyframe};
 use linecarve_engine::map::{Map, SurfaceChange};
-use linecarve_engine::run::{Progress, Verbosity};
 use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError};
 
 /// Collects the reports of keyframes and shows progress.

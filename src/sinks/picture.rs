@@ -8,9 +8,9 @@ use linecarve_sequence::{ModelView, Sequence};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::page_run::view_camera;
+use crate::progress::{Progress, Verbosity};
 use linecarve_engine::front_end::Keyframe;
 use linecarve_engine::map::Map;
-use linecarve_engine::run::{Progress, Verbosity};
 use linecarve_engine::texture::frame_of;
 use linecarve_engine::{KeyframeUpdate, Reconstruction, Recording, Sink, SinkError};
 

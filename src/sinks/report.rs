@@ -6,6 +6,7 @@ use anyhow::Context;
 use serde::Serialize;
 
 use super::keyframe_reports::KeyframeReports;
+use crate::progress::Verbosity;
 use crate::report::{
     KeyframeReport, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary, write_report,
 };
@@ -13,7 +14,7 @@ use crate::sinks::output::OutputFolder;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::front_end::FrontEndError;
 use linecarve_engine::map::{Map, SurfaceChange};
-use linecarve_engine::run::{Cancelled, Verbosity, peak_mb};
+use linecarve_engine::run::{Cancelled, peak_mb};
 use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError, Source};
 
 /// Collects the report of a run and shows its progress.

@@ -16,7 +16,8 @@ use super::report::RunLog;
 use super::simplified::simplified;
 use super::surface_files::SurfaceFiles;
 use super::surface_page::write_surface_page;
-use linecarve_engine::run::{Verbosity, milliseconds};
+use crate::progress::Verbosity;
+use linecarve_engine::run::milliseconds;
 use linecarve_engine::texture::texture;
 use linecarve_engine::{Reconstruction, Source, camera_warning};
 

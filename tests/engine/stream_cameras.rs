@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use linecarve::Options;
-use linecarve::run::Verbosity;
+use linecarve::run::ProgressHook;
 use linecarve::stream::{FrameReply, SessionEnd};
 use linecarve::tracking::{TrackingMode, track_sequence};
 use linecarve_mesh::raycast::RayScene;
@@ -83,7 +83,13 @@ impl Pairs {
         options.looks_ahead = !is_causal;
         options.starts_early = is_causal;
         let noise = Options::default().sensor.relative_noise;
-        let tracked = track_sequence(&self.sequence, mode, options, noise, Verbosity::Quiet);
+        let tracked = track_sequence(
+            &self.sequence,
+            mode,
+            options,
+            noise,
+            &ProgressHook::default(),
+        );
         tracked.unwrap().poses().collect()
     }
 }

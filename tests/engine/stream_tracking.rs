@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::program::live_recording::TriangleCount;
 use linecarve::Options;
 use linecarve::front_end::median_scene_depth;
-use linecarve::run::Verbosity;
+use linecarve::run::ProgressHook;
 use linecarve::stream::{FrameReply, Message, Reply, Session, SessionEnd, SessionSummary};
 use linecarve::tracking::{TrackingMode, track_sequence};
 use linecarve_mesh::raycast::RayScene;
@@ -122,7 +122,8 @@ fn frames_have_the_poses_of_causal_tracking_and_the_surface_follows() {
     let mut options = mode.options();
     options.looks_ahead = false;
     let noise = Options::default().sensor.relative_noise;
-    let tracked = track_sequence(&sequence, mode, options, noise, Verbosity::Quiet).unwrap();
+    let tracked =
+        track_sequence(&sequence, mode, options, noise, &ProgressHook::default()).unwrap();
     let causal: Vec<Isometry3<f64>> = tracked.poses().map(|(_, pose)| pose).collect();
     assert_eq!((causal.len(), replies.len()), (FRAMES, FRAMES));
     for (reply, expected) in replies.iter().zip(&causal) {

@@ -26,8 +26,6 @@ mod segment_views;
 mod sources;
 mod surface;
 mod surface_points;
-#[cfg(test)]
-pub(crate) mod test_surface;
 mod update;
 mod vertex_adjustment;
 mod vertex_colors;

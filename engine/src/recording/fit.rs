@@ -4,19 +4,18 @@ use linecarve_lines::camera::{Camera, CameraCorrection};
 
 use super::{Recording, RecordingError};
 use crate::front_end::correct_poses;
-use crate::run::{Progress, Verbosity};
+use crate::run::ProgressHook;
 
 impl Recording {
     /// Corrects the camera, or the poses of the keyframes, where that explains the images.
     ///
     /// # Errors
     /// When an image cannot be read, or the estimated camera is none.
-    pub fn correct_poses(&mut self, verbosity: Verbosity) -> Result<(), RecordingError> {
-        let mut progress = Progress::start("poses", self.keyframes.len(), verbosity);
-        let corrected = correct_poses(&self.sequence, &self.keyframes, &self.options, || {
-            progress.step(|| "comparing poses with images".to_owned());
-        })?;
-        progress.finish();
+    pub fn correct_poses(&mut self, progress: &ProgressHook) -> Result<(), RecordingError> {
+        let mut task = progress.begin("poses", self.keyframes.len(), "comparing poses with images");
+        let step = || task.step();
+        let corrected = correct_poses(&self.sequence, &self.keyframes, &self.options, step)?;
+        drop(task);
         let summary = corrected.summary;
         if summary.is_corrected {
             let keyframes = || self.keyframes.iter().copied();

@@ -10,7 +10,7 @@ use linecarve_sequence::{
 
 use crate::front_end::{ImagePosesError, ScaleError};
 use crate::options::OptionsError;
-use crate::run::Verbosity;
+use crate::run::ProgressHook;
 use crate::tracking::TrackError;
 
 /// What a map is made of.
@@ -67,12 +67,12 @@ pub struct Input {
     /// Whether poses are found from the images although the recording may have some. Without poses they are in any case, where
     /// there is depth.
     pub track: bool,
-    /// What is shown on standard error while the recording is prepared.
-    pub verbosity: Verbosity,
+    /// Hears how far the preparation of the recording is.
+    pub progress: ProgressHook,
 }
 
 impl<P: AsRef<Path>> From<P> for Input {
-    /// A sequence as it lies in its folder, reconstructed from lines; nothing is printed.
+    /// A sequence as it lies in its folder, reconstructed from lines.
     fn from(path: P) -> Self {
         Self {
             path: path.as_ref().to_owned(),
@@ -81,7 +81,7 @@ impl<P: AsRef<Path>> From<P> for Input {
             source: Source::Lines,
             depth: DepthChoice::Auto,
             track: false,
-            verbosity: Verbosity::Quiet,
+            progress: ProgressHook::default(),
         }
     }
 }

@@ -13,7 +13,6 @@ use crate::front_end::{
     median_scene_depth,
 };
 use crate::options::Options;
-use crate::run::Progress;
 use crate::tracking::open_or_track;
 
 pub use fit::camera_warning;
@@ -61,7 +60,7 @@ impl Recording {
             &input.open,
             input.track,
             noise,
-            input.verbosity,
+            &input.progress,
         )?;
         let mut warnings: Vec<String> = opened
             .sequence
@@ -109,7 +108,7 @@ impl Recording {
         self.choose_keyframes(input, median_depth)?;
         let is_semi_dense = matches!(self.depth, Some(DepthSource::SemiDense(_)));
         if is_semi_dense && self.options.pose_correction.enabled {
-            self.correct_poses(input.verbosity)?;
+            self.correct_poses(&input.progress)?;
         }
         self.choose_origin(median_depth);
         Ok(())
@@ -230,12 +229,10 @@ impl Recording {
         } else if let Some(path) = &selection.list {
             read_keyframe_list(path, self.sequence.frames())?
         } else {
-            let mut progress = Progress::start("frames", count, input.verbosity);
-            let report = |frames| progress.set(frames, || "choosing keyframes".to_owned());
+            let mut task = input.progress.begin("frames", count, "choosing keyframes");
+            let report = |frames| task.set(frames);
             let options = &self.options.keyframes;
-            let keyframes = select_keyframes(&self.sequence, options, median_depth, report)?;
-            progress.finish();
-            keyframes
+            select_keyframes(&self.sequence, options, median_depth, report)?
         };
         if let Some(limit) = selection.max_keyframes {
             if limit == 0 {

@@ -10,5 +10,5 @@ pub use cancel::{CancelToken, Cancelled, UnknownMemory};
 pub(crate) use checkpoint::checksum;
 pub use checkpoint::{Checkpoint, CheckpointError, FOLDER as CHECKPOINT_FOLDER};
 pub use memory::{MemoryLimit, peak_mb, resident_mb};
-pub use progress::{Progress, Verbosity};
+pub use progress::{ProgressHook, TaskState};
 pub use times::{StageTimes, milliseconds};

@@ -141,7 +141,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::map::test_surface::TestSurface;
+    use crate::testing::TestSurface;
 
     fn positions(shift: u8) -> Vec<Point3<f64>> {
         let shifted = |i: u8| if i > 5 { f64::from(shift) } else { 0.0 };

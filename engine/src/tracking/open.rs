@@ -6,7 +6,7 @@ use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 
 use super::calibrate::open_unposed;
 use super::run::{TrackError, TrackingMode, track_sequence};
-use crate::run::Verbosity;
+use crate::run::ProgressHook;
 
 /// A sequence with poses.
 pub(crate) struct Opened {
@@ -22,7 +22,7 @@ pub(crate) fn open_or_track(
     options: &OpenOptions,
     track: bool,
     relative_noise: f64,
-    verbosity: Verbosity,
+    progress: &ProgressHook,
 ) -> Result<Opened, TrackError> {
     let mut warnings = Vec::new();
     let sequence = if track {
@@ -52,7 +52,7 @@ pub(crate) fn open_or_track(
     };
     let mut sequence = sequence;
     let mode = TrackingMode::of(&sequence);
-    let tracked = track_sequence(&sequence, mode, mode.options(), relative_noise, verbosity)?;
+    let tracked = track_sequence(&sequence, mode, mode.options(), relative_noise, progress)?;
     if mode == TrackingMode::Mono {
         warnings.push(
             "there is no depth: the unit of all lengths is the median depth of the first two views that start the map"

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::contradiction::{contradiction, map_contradiction};
 use super::preparation::{Preparation, PrepareTimes};
-use crate::run::{Progress, StageTimes, Verbosity, milliseconds};
+use crate::run::{ProgressHook, StageTimes, milliseconds};
 
 /// Frames whose features are found ahead of tracking, per thread.
 const AHEAD: usize = 4;
@@ -188,14 +188,14 @@ pub fn track_sequence(
     mode: TrackingMode,
     options: TrackingOptions,
     relative_noise: f64,
-    verbosity: Verbosity,
+    progress: &ProgressHook,
 ) -> Result<TrackedSequence, TrackError> {
     track_watched(
         sequence,
         mode,
         options,
         relative_noise,
-        verbosity,
+        progress,
         &mut |_| {},
     )
 }
@@ -206,7 +206,7 @@ pub fn track_watched(
     mode: TrackingMode,
     options: TrackingOptions,
     relative_noise: f64,
-    verbosity: Verbosity,
+    progress: &ProgressHook,
     watch: &mut dyn FnMut(&FrameDone<'_>),
 ) -> Result<TrackedSequence, TrackError> {
     let folder = sequence.folder().display();
@@ -217,7 +217,7 @@ pub fn track_watched(
     let mut tracker = Tracker::new(options, camera, width, height)?;
     let mut times = PrepareTimes::default();
     let mut unreadable = Vec::new();
-    let mut progress = Progress::start("frames", all.len(), verbosity);
+    let mut task = progress.begin("frames", all.len(), "tracking");
     for group in all.chunks(AHEAD * rayon::current_num_threads().max(1)) {
         let prepared: Vec<_> = group
             .par_iter()
@@ -250,10 +250,10 @@ pub fn track_watched(
                 }
                 Err(error) => return Err(error),
             }
-            progress.step(|| "tracking".to_owned());
+            task.step();
         }
     }
-    progress.finish();
+    drop(task);
     if unreadable.len() == all.len()
         && let Some((_, error)) = unreadable.first()
     {

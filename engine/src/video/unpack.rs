@@ -11,7 +11,7 @@ use linecarve_sequence::OpenOptions;
 
 use super::picture::Picture;
 use super::{VideoError, mp4, samples, y4m};
-use crate::run::Verbosity;
+use crate::run::ProgressHook;
 
 /// Quality of the images: their loss is below that of the video.
 const JPEG_QUALITY: u8 = 95;
@@ -57,7 +57,7 @@ fn is_mp4(start: &[u8]) -> bool {
 pub fn unpack(
     input: &Path,
     folder: &Path,
-    verbosity: Verbosity,
+    progress: &ProgressHook,
 ) -> Result<Vec<String>, VideoError> {
     let images = folder.join(IMAGES);
     clear(folder, &images)?;
@@ -80,9 +80,6 @@ pub fn unpack(
         ];
         times.push_str(&format!("{seconds}.{rest:09}\n"));
         count += 1;
-        if verbosity > Verbosity::Normal && count.is_multiple_of(500) {
-            eprintln!("{count} pictures of the video read");
-        }
         Ok(())
     };
     let warnings = if input == Path::new(STANDARD_INPUT) {
@@ -98,7 +95,11 @@ pub fn unpack(
         if is_mp4(&start) {
             let track = mp4::read_track(input, &mut file)?;
             turns = track.quarter_turns;
-            samples::read(input, &mut file, &track, &mut |one| take(one, turns))?
+            let mut task = progress.begin("pictures", track.samples.len(), "reading the video");
+            samples::read(input, &mut file, &track, &mut |one| {
+                task.step();
+                take(one, turns)
+            })?
         } else {
             let mut whole = Cursor::new(start).chain(file);
             y4m::read(input, &mut BufReader::new(&mut whole), &mut |one| {

@@ -6,7 +6,7 @@ use anyhow::ensure;
 use linecarve::Options;
 use linecarve::commands::Outcome;
 use linecarve::options::LabelKind;
-use linecarve::run::{Progress, Verbosity};
+use linecarve::progress::{Progress, Verbosity};
 use linecarve_mesh::{Shape, read_geometry};
 use serde::Serialize;
 

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, ensure};
 use linecarve::cli::KeyframeArgs;
 use linecarve::commands::Outcome;
-use linecarve::run::{Progress, Verbosity};
+use linecarve::progress::{Progress, Verbosity};
 use linecarve_mesh::read_geometry;
 
 use super::measure::Measurement;

@@ -7,8 +7,9 @@ use linecarve::cli::{Cli, Command};
 use linecarve::commands::input::{input, parameters};
 use linecarve::commands::{self as product, Outcome};
 use linecarve::front_end::{DepthSource, FrontEndError};
+use linecarve::progress::{Progress, Verbosity};
 use linecarve::report::KeyframeReport;
-use linecarve::run::{Progress, StageTimes, Verbosity, milliseconds};
+use linecarve::run::{StageTimes, milliseconds};
 use linecarve::{Recording, Source};
 use linecarve_lab::baselines::{
     Findings, LineMethod, Method, MethodOptions, PaperOptions, PosedKeyframe,

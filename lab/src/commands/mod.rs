@@ -19,7 +19,7 @@ mod texture;
 
 use anyhow::Context;
 use linecarve::commands::Outcome;
-use linecarve::run::Verbosity;
+use linecarve::progress::Verbosity;
 use serde::Serialize;
 
 use crate::cli::{Cli, Command};

@@ -8,7 +8,8 @@ use linecarve::cli::{DepthArg, KeyframeArgs, SequenceArgs, StageArgs};
 use linecarve::commands::input::{input, parameters};
 use linecarve::front_end::DepthSource;
 use linecarve::map::Map;
-use linecarve::run::{CancelToken, StageTimes, Verbosity};
+use linecarve::progress::Verbosity;
+use linecarve::run::{CancelToken, StageTimes};
 use linecarve::{
     KeyframeUpdate, Options, Reconstruction, Recording, RunOptions, Sink, SinkError, Source,
 };

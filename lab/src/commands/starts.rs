@@ -4,7 +4,7 @@ use std::path::Path;
 
 use linecarve::commands::Outcome;
 use linecarve::options::Options;
-use linecarve::run::Verbosity;
+use linecarve::progress::Verbosity;
 use linecarve::tracking::{TrackingMode, track_sequence};
 use linecarve_sequence::{OpenOptions, Sequence, TimedPoses, TrajectoryAlignment};
 use serde::Serialize;
@@ -115,7 +115,7 @@ fn one_start(
     let mut sequence = open(path)?;
     sequence.retain_frames(&range.collect::<Vec<_>>());
     let noise = Options::default().sensor.relative_noise;
-    let tracked = track_sequence(&sequence, mode, mode.options(), noise, verbosity)?;
+    let tracked = track_sequence(&sequence, mode, mode.options(), noise, &verbosity.hook())?;
     // Numbers as times: frames are their own partners.
     let stamp = |frame: usize| frame as i64 * 1_000_000_000;
     let truth = sequence.frames().iter().enumerate();

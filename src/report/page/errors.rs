@@ -37,7 +37,7 @@ pub fn triangle_errors(
 mod tests {
     use super::*;
     use crate::report::page::{Elements, HistoryLimits};
-    use crate::test_surface::TestSurface;
+    use linecarve_engine::testing::TestSurface;
 
     #[test]
     fn errors_are_means_over_the_triangle() {

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::{Elements, HistoryLimits, SurfaceHistory};
-use crate::test_surface::TestSurface;
+use linecarve_engine::testing::TestSurface;
 
 const NOTHING: Elements<'static> = Elements {
     segments: &[],

@@ -25,7 +25,7 @@ fn uncompressed_video_becomes_images_with_times() {
     std::fs::write(&path, y4m()).unwrap();
     assert!(is_video(&path));
     std::fs::write(folder.path().join("linecarve.toml"), "old").unwrap();
-    let warnings = unpack(&path, folder.path(), Verbosity::Quiet).unwrap();
+    let warnings = unpack(&path, folder.path(), &ProgressHook::default()).unwrap();
     assert!(warnings.is_empty());
     assert_eq!(images_in(folder.path()), 2);
     assert!(!folder.path().join("linecarve.toml").exists());
@@ -35,7 +35,7 @@ fn uncompressed_video_becomes_images_with_times() {
     let mut bytes = y4m();
     bytes.truncate(bytes.len() - 100);
     std::fs::write(&path, bytes).unwrap();
-    let warnings = unpack(&path, folder.path(), Verbosity::Quiet).unwrap();
+    let warnings = unpack(&path, folder.path(), &ProgressHook::default()).unwrap();
     assert!(warnings[0].contains("picture 1 is cut off"), "{warnings:?}");
     assert_eq!(images_in(folder.path()), 1);
 }

@@ -1,7 +1,7 @@
 //! The rows of the tables: runs against the ground truth and against the images.
 
 use linecarve::Recording;
-use linecarve::run::{Progress, Verbosity};
+use linecarve::progress::{Progress, Verbosity};
 use linecarve_lab::baselines::{FoundSegment, LineDetector, LineDetectorOptions};
 use linecarve_lab::tables::images::{ImageEdges, ImageMeasure, Tally, tally};
 use linecarve_lab::tables::methods::MethodRun;

@@ -4,7 +4,8 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use linecarve::front_end::{DepthSource, SemiDenseSource, median_depth_from_images};
-use linecarve::run::{Progress, Verbosity, milliseconds};
+use linecarve::progress::{Progress, Verbosity};
+use linecarve::run::milliseconds;
 use linecarve::{DepthChoice, Input, Recording, Selection};
 use linecarve_lab::baselines::{Method, MethodOptions, PaperOptions};
 use linecarve_lab::tables::methods::{MethodRun, Runs, StageTime, clustered};
@@ -160,7 +161,7 @@ pub(super) fn corrected(
     corrected.keyframes.clone_from(&results.frames);
     if corrected.options.pose_correction.enabled {
         let known = corrected.warnings.len();
-        corrected.correct_poses(verbosity)?;
+        corrected.correct_poses(&verbosity.hook())?;
         results
             .warnings
             .extend_from_slice(&corrected.warnings[known..]);

@@ -13,7 +13,7 @@ use linecarve::cli::{DepthArg, StageArgs};
 use linecarve::commands::Outcome;
 use linecarve::commands::input::{input, parameters};
 use linecarve::front_end::DepthSource;
-use linecarve::run::Verbosity;
+use linecarve::progress::Verbosity;
 use linecarve::{Recording, Source};
 use linecarve_lab::tables::methods::MethodRun;
 use linecarve_lab::tables::table::{Tables, ratios};

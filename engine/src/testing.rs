@@ -1,4 +1,4 @@
-//! Surfaces whose changes are made up, for tests of what follows them.
+//! Surfaces whose changes are made up, for tests of what follows them. Only with the feature `testing`.
 
 use std::collections::BTreeSet;
 
@@ -9,7 +9,7 @@ use crate::map::SurfaceChange;
 
 /// A surface between numbered vertices.
 #[derive(Default)]
-pub(crate) struct TestSurface {
+pub struct TestSurface {
     positions: Vec<Point3<f64>>,
     vertices: BTreeSet<u32>,
     faces: BTreeSet<Face>,
@@ -22,7 +22,7 @@ fn smallest_first([a, b, c]: Face) -> Face {
 
 impl TestSurface {
     /// Makes it the surface of these faces; returns the change.
-    pub(crate) fn change_to(&mut self, faces: &[Face], positions: &[Point3<f64>]) -> SurfaceChange {
+    pub fn change_to(&mut self, faces: &[Face], positions: &[Point3<f64>]) -> SurfaceChange {
         let faces: BTreeSet<Face> = faces.iter().map(|face| smallest_first(*face)).collect();
         let vertices: BTreeSet<u32> = faces.iter().flatten().copied().collect();
         let before = std::mem::replace(&mut self.positions, positions.to_vec());
@@ -49,11 +49,13 @@ impl TestSurface {
         }
     }
 
-    pub(crate) fn position(&self, number: u32) -> Point3<f64> {
+    /// Where a vertex is.
+    pub fn position(&self, number: u32) -> Point3<f64> {
         self.positions[number as usize]
     }
 
-    pub(crate) fn faces(&self) -> impl Iterator<Item = Face> {
+    /// All triangles, each with its smallest vertex first.
+    pub fn faces(&self) -> impl Iterator<Item = Face> {
         self.faces.iter().copied()
     }
 }
