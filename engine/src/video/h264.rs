@@ -11,6 +11,8 @@ pub(super) struct Samples {
     decoder: Decoder,
     length_size: usize,
     group: u32,
+    /// As the newest parameters say.
+    is_full_range: bool,
     /// Group and time of the picture that is being decoded: the decoder returns it with the next.
     current: Option<(u32, i64)>,
 }
@@ -19,16 +21,17 @@ impl Samples {
     /// From the contents of the `avcC` box.
     pub(super) fn new(configuration: &[u8]) -> Result<Self, String> {
         let configuration = parse_avcc_config(configuration).map_err(str::to_owned)?;
-        let mut decoder = Decoder::new();
-        for nal in configuration.sps_nals.iter().chain(&configuration.pps_nals) {
-            decode(&mut decoder, nal)?;
-        }
-        Ok(Self {
-            decoder,
+        let mut samples = Self {
+            decoder: Decoder::new(),
             length_size: configuration.length_size,
             group: 0,
+            is_full_range: false,
             current: None,
-        })
+        };
+        for nal in configuration.sps_nals.iter().chain(&configuration.pps_nals) {
+            samples.decode_unit(nal)?;
+        }
+        Ok(samples)
     }
 
     fn take(&mut self, frame: Frame) -> Option<Decoded> {
@@ -36,8 +39,23 @@ impl Samples {
         Some(Decoded {
             group,
             count: frame.pic_order_cnt,
-            picture: picture_of(frame, time_ns),
+            picture: picture_of(frame, time_ns, self.is_full_range),
         })
+    }
+
+    /// Decodes a unit, unless it announces a picture of implausible size.
+    fn decode_unit(&mut self, nal: &NalUnit<'_>) -> Result<Option<Frame>, String> {
+        if nal.nal_unit_type == NalUnitType::Sps {
+            let announced = parse_sps_info(nal).map_err(|error| error.to_string())?;
+            let (width, height) = (announced.coded_width, announced.coded_height);
+            if u64::from(width) * u64::from(height) > MAX_PIXELS {
+                return Err(format!("its size of {width} x {height} is implausible"));
+            }
+            self.is_full_range = announced.full_range;
+        }
+        self.decoder
+            .decode_nal(nal)
+            .map_err(|error| error.to_string())
     }
 }
 
@@ -49,7 +67,7 @@ impl Codec for Samples {
         decoded: &mut Vec<Decoded>,
     ) -> Result<(), String> {
         for nal in parse_avcc(sample, self.length_size) {
-            if let Some(frame) = decode(&mut self.decoder, &nal)? {
+            if let Some(frame) = self.decode_unit(&nal)? {
                 decoded.extend(self.take(frame));
             }
             // The counters of pictures begin anew.
@@ -71,19 +89,7 @@ impl Codec for Samples {
     }
 }
 
-/// Decodes a unit, unless it announces a picture of implausible size.
-fn decode(decoder: &mut Decoder, nal: &NalUnit<'_>) -> Result<Option<Frame>, String> {
-    if nal.nal_unit_type == NalUnitType::Sps {
-        let announced = parse_sps_info(nal).map_err(|error| error.to_string())?;
-        let (width, height) = (announced.coded_width, announced.coded_height);
-        if u64::from(width) * u64::from(height) > MAX_PIXELS {
-            return Err(format!("its size of {width} x {height} is implausible"));
-        }
-    }
-    decoder.decode_nal(nal).map_err(|error| error.to_string())
-}
-
-fn picture_of(frame: Frame, time_ns: i64) -> Option<Picture> {
+fn picture_of(frame: Frame, time_ns: i64, is_full_range: bool) -> Option<Picture> {
     let (width, height) = (frame.width as usize, frame.height as usize);
     let down = match frame.chroma_format {
         ChromaFormat::Yuv420 => 2,
@@ -105,6 +111,6 @@ fn picture_of(frame: Frame, time_ns: i64) -> Option<Picture> {
         luma,
         chroma: [plane(frame.u), plane(frame.v)],
         chroma_step: [2, down],
-        is_full_range: false,
+        is_full_range,
     })
 }

@@ -55,6 +55,13 @@ pub(super) fn read<R: Read + Seek>(
         Configuration::H264(bytes) => Box::new(h264::Samples::new(bytes).map_err(damaged)?),
         Configuration::H265(bytes) => Box::new(h265::Samples::new(bytes).map_err(damaged)?),
     };
+    let mut take = |picture: Picture| {
+        take(Picture {
+            is_full_range: picture.is_full_range || track.is_full_range,
+            ..picture
+        })
+    };
+    let take: &mut Take<'_> = &mut take;
     let mut waiting = Waiting::default();
     let (mut failed, mut first_failure, mut shown) = (0, None, 0);
     let (mut data, mut decoded) = (Vec::new(), Vec::new());
@@ -85,14 +92,18 @@ pub(super) fn read<R: Read + Seek>(
             ),
         ));
     }
-    Ok(match failed {
-        0 => Vec::new(),
-        _ => vec![format!(
+    let mut warnings = Vec::new();
+    if failed > 0 {
+        warnings.push(format!(
             "{}: {failed} of {} pictures are damaged or cut off and left out (first: {first_failure})",
             path.display(),
             track.samples.len()
-        )],
-    })
+        ));
+    }
+    if let Some(damage) = &track.damage {
+        warnings.push(format!("{damage}; the pictures from there on are left out"));
+    }
+    Ok(warnings)
 }
 
 fn load<R: Read + Seek>(

@@ -162,6 +162,8 @@ fn pictures_of_implausible_size_are_refused() {
                 time_ns: 0,
             }],
             quarter_turns: 0,
+            is_full_range: false,
+            damage: None,
         };
         let mut file = Cursor::new(vec![0; 4]);
         let read = samples::read(Path::new("video.mp4"), &mut file, &track, &mut |_| Ok(()));
@@ -201,6 +203,17 @@ fn decoded(bytes: &[u8], most: usize) -> Result<(usize, Vec<String>), VideoError
     Ok((count, warnings))
 }
 
+/// Videos of the pattern; of those with fragments the first has all pictures in them, and places relative to them.
+const VIDEOS: [&str; 7] = [
+    "h264.mp4",
+    "h265.mp4",
+    "h265-10-bit.mov",
+    "h264-fragments.mp4",
+    "h265-fragments.mov",
+    "h264-full-range.mp4",
+    "h265-full-range.mp4",
+];
+
 /// A video of the pattern that `tests/videos/README.md` describes.
 fn pattern(name: &str) -> Vec<u8> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/videos");
@@ -225,7 +238,7 @@ fn expected(number: usize) -> [Vec<u8>; 3] {
 
 #[test]
 fn pictures_come_out_in_order_and_as_they_were_encoded() {
-    for name in ["h264.mp4", "h265.mp4", "h265-10-bit.mov"] {
+    for name in VIDEOS {
         let mut file = Cursor::new(pattern(name));
         let path = Path::new(name);
         let track = mp4::read_track(path, &mut file).unwrap();
@@ -233,6 +246,7 @@ fn pictures_come_out_in_order_and_as_they_were_encoded() {
         let warnings = samples::read(path, &mut file, &track, &mut |picture| {
             assert_eq!(picture.time_ns, number as i64 * 100_000_000, "{name}");
             assert_eq!((picture.width, picture.height), (96, 64));
+            assert_eq!(picture.is_full_range, name.contains("full-range"), "{name}");
             let [u, v] = picture.chroma;
             for (found, expected) in [picture.luma, u, v].iter().zip(expected(number)) {
                 assert_eq!(found.len(), expected.len());
@@ -251,9 +265,37 @@ fn pictures_come_out_in_order_and_as_they_were_encoded() {
 
 #[test]
 fn damaged_videos_are_decoded_in_part_or_refused() {
-    for name in ["h264.mp4", "h265.mp4", "h265-10-bit.mov"] {
+    for name in VIDEOS {
         decode_damaged(&pattern(name), usize::MAX, 100);
     }
+}
+
+#[test]
+fn a_recording_that_was_interrupted_has_the_pictures_before() {
+    let whole = pattern("h264-fragments.mp4");
+    let starts = whole.windows(4).enumerate();
+    let starts = starts.filter(|(_, name)| *name == b"moof");
+    let starts: Vec<usize> = starts.map(|(at, _)| at - 4).collect();
+    assert_eq!(starts.len(), 3);
+    // In an index, in its head, and in pictures.
+    for (cut, count) in [(starts[1] + 40, 8), (starts[2] + 11, 16)] {
+        let (found, warnings) = decoded(&whole[..cut], usize::MAX).unwrap();
+        assert_eq!((found, warnings.len()), (count, 1), "{warnings:?}");
+        let place = format!(
+            "video.mp4, byte {}",
+            if count == 8 { starts[1] } else { starts[2] }
+        );
+        assert!(
+            warnings[0].contains(&place) && warnings[0].contains("left out"),
+            "{warnings:?}"
+        );
+    }
+    let (found, warnings) = decoded(&whole[..starts[2] - 1000], usize::MAX).unwrap();
+    assert!((8..16).contains(&found), "{found}");
+    assert!(warnings[0].contains("cut off"), "{warnings:?}");
+    // A recording without a fragment.
+    let error = decoded(&whole[..starts[0]], usize::MAX).unwrap_err();
+    assert!(error.to_string().contains("no pictures"), "{error}");
 }
 
 #[test]
