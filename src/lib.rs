@@ -27,3 +27,4 @@ pub mod sinks;
 mod text;
 
 pub use linecarve_engine::*;
+pub use text::error_text;

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use linecarve::cli::Cli;
 use linecarve::commands::{self, Outcome};
+use linecarve::error_text;
 
 fn main() -> ExitCode {
     // clap ends the process itself on bad usage, with status 2, and on --help and --version, with status 0.
@@ -16,7 +17,7 @@ fn main() -> ExitCode {
             ExitCode::from(1)
         }
         Err(error) => {
-            eprintln!("linecarve: {error:#}");
+            eprintln!("linecarve: {}", error_text(&error));
             ExitCode::from(2)
         }
     }

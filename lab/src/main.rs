@@ -16,7 +16,7 @@ fn main() -> ExitCode {
             ExitCode::from(1)
         }
         Err(error) => {
-            eprintln!("linecarve-lab: {error:#}");
+            eprintln!("linecarve-lab: {}", linecarve::error_text(&error));
             ExitCode::from(2)
         }
     }

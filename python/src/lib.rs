@@ -41,7 +41,7 @@ fn main(py: Python<'_>, arguments: Vec<String>) -> u8 {
                 1
             }
             Err(error) => {
-                eprintln!("linecarve: {error:#}");
+                eprintln!("linecarve: {}", linecarve::error_text(&error));
                 2
             }
         },

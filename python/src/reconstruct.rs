@@ -156,7 +156,8 @@ pub(crate) fn reconstruct(
     if let Some(error) = interrupt {
         return Err(error);
     }
-    let (outcome, run, mesh) = done.map_err(|error| Error::new_err(format!("{error:#}")))?;
+    let (outcome, run, mesh) =
+        done.map_err(|error| Error::new_err(linecarve::error_text(&error)))?;
     match outcome {
         Outcome::Negative(reason) if mesh.is_empty() => Err(EmptyMeshError::new_err(reason)),
         Outcome::Negative(reason) => Err(Error::new_err(reason)),

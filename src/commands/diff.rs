@@ -8,6 +8,7 @@ use crate::cli::DiffArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::sinks::{print_object, print_text};
+use crate::text::error_text;
 use linecarve_mesh::diff::{DiffOptions, Difference, compare, write_junit, write_junit_failure};
 use linecarve_mesh::evaluate::{NearestPointIndex, ShapeSummary};
 use linecarve_mesh::{Shape, read_geometry};
@@ -16,7 +17,7 @@ pub(super) fn run(args: &DiffArgs) -> anyhow::Result<Outcome> {
     let subject = format!("{} {}", name(&args.expected), name(&args.actual));
     let compared = compared(args);
     if let (Err(error), Some(path)) = (&compared, &args.junit) {
-        write_junit_failure(path, &subject, &format!("{error:#}"))?;
+        write_junit_failure(path, &subject, &error_text(error))?;
     }
     let (expected, actual, difference) = compared?;
     if let Some(path) = &args.junit {
