@@ -156,7 +156,7 @@ pub(crate) struct TablesArgs {
     #[arg(long, value_enum, default_value_t = AlignArg::None)]
     pub(crate) align: AlignArg,
 
-    /// Two files of camera positions, from which the alignment begins; without, the frames must nearly agree.
+    /// Two trajectories, from which the alignment begins; without, the frames must nearly agree.
     #[arg(long, num_args = 2, value_names = ["ESTIMATED", "TRUE"])]
     pub(crate) trajectories: Option<Vec<PathBuf>>,
 

@@ -24,7 +24,6 @@ mod sparse_model;
 mod stereo;
 mod text;
 mod trajectory_comparison;
-mod trajectory_error;
 mod undistortion;
 mod warning;
 mod yaml;
@@ -62,7 +61,6 @@ pub use trajectory_comparison::{
     ComparisonError, PositionError, RelativeError, TimedPoses, TrajectoryAlignment,
     TrajectoryComparison,
 };
-pub use trajectory_error::{Trajectory, TrajectoryError};
 use undistortion::Undistortion;
 pub use warning::Warning;
 

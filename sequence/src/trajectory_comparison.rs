@@ -106,7 +106,7 @@ pub enum ComparisonError {
     },
     /// The positions do not determine the rotation.
     #[error(
-        "the positions lie on a line or in a point, which determines no alignment: use --align none"
+        "the positions lie on a line or in a point, which determines no alignment: use --align none, or icp or sim3 for shapes"
     )]
     Straight,
 }
@@ -157,23 +157,25 @@ impl TimedPoses {
         })
     }
 
-    /// Errors of these poses against a reference. Each pose is compared with the nearest in time, within 20 ms.
+    /// The similarity that brings the positions nearest to those of a reference, by squared distances. Each pose is compared with the
+    /// nearest in time, within 20 ms.
     ///
     /// # Errors
-    /// If fewer than three poses are associated, or the positions determine no alignment.
-    pub fn compare_with(
-        &self,
-        reference: &Self,
-        alignment: TrajectoryAlignment,
-    ) -> Result<TrajectoryComparison, ComparisonError> {
-        let own_frames: Vec<i64> = reference.poses.iter().map(|(stamp, _)| *stamp).collect();
-        let frames = reference.frames.as_ref().unwrap_or(&own_frames);
-        let reference_stamps = &own_frames;
+    /// If fewer than three poses are associated, or the positions lie on a line.
+    pub fn similarity_to(&self, reference: &Self) -> Result<Similarity3<f64>, ComparisonError> {
+        let [from, to] = positions(&self.pairs(reference)?);
+        fit(&from, &to, true)
+    }
+
+    /// Poses and those of a reference nearest in time, at least three.
+    fn pairs(&self, reference: &Self) -> Result<Vec<Pair>, ComparisonError> {
+        let reference_stamps = stamps(&reference.poses);
+        let frames = reference.frames.as_ref().unwrap_or(&reference_stamps);
         let pairs: Vec<Pair> = self
             .poses
             .iter()
             .filter_map(|(stamp, estimated)| {
-                let partner = nearest(reference_stamps, *stamp, MAX_DIFFERENCE_NS)?;
+                let partner = nearest(&reference_stamps, *stamp, MAX_DIFFERENCE_NS)?;
                 Some(Pair {
                     frame: nearest(frames, *stamp, u64::MAX)?,
                     estimated: *estimated,
@@ -188,24 +190,33 @@ impl TimedPoses {
                 reference: reference.poses.len(),
             });
         }
-        let position = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
-        let from: Vec<Point3<f64>> = pairs.iter().map(|pair| position(&pair.estimated)).collect();
-        let to: Vec<Point3<f64>> = pairs.iter().map(|pair| position(&pair.truth)).collect();
+        Ok(pairs)
+    }
+
+    /// Errors of these poses against a reference. Each pose is compared with the nearest in time, within 20 ms.
+    ///
+    /// # Errors
+    /// If fewer than three poses are associated, or the positions determine no alignment.
+    pub fn compare_with(
+        &self,
+        reference: &Self,
+        alignment: TrajectoryAlignment,
+    ) -> Result<TrajectoryComparison, ComparisonError> {
+        let own_frames = stamps(&reference.poses);
+        let frames = reference.frames.as_ref().unwrap_or(&own_frames);
+        let pairs = self.pairs(reference)?;
+        let [from, to] = positions(&pairs);
         let truth_from_estimate = match alignment {
             TrajectoryAlignment::None => Similarity3::identity(),
-            TrajectoryAlignment::Se3 => {
-                fit_similarity(&from, &to, false).ok_or(ComparisonError::Straight)?
-            }
-            TrajectoryAlignment::Sim3 => {
-                fit_similarity(&from, &to, true).ok_or(ComparisonError::Straight)?
-            }
+            TrajectoryAlignment::Se3 => fit(&from, &to, false)?,
+            TrajectoryAlignment::Sim3 => fit(&from, &to, true)?,
         };
         let errors = from
             .iter()
             .zip(&to)
             .map(|(from, to)| (truth_from_estimate * from - to).norm());
         let scale = truth_from_estimate.scaling();
-        let stamps: Vec<i64> = self.poses.iter().map(|(stamp, _)| *stamp).collect();
+        let stamps = stamps(&self.poses);
         let covered = frames
             .iter()
             .filter(|frame| nearest(&stamps, **frame, SAME_FRAME_NS).is_some())
@@ -233,6 +244,27 @@ struct Pair {
     frame: usize,
     estimated: Isometry3<f64>,
     truth: Isometry3<f64>,
+}
+
+fn stamps(poses: &[(i64, Isometry3<f64>)]) -> Vec<i64> {
+    poses.iter().map(|(stamp, _)| *stamp).collect()
+}
+
+/// Positions of the estimate and of the reference.
+fn positions(pairs: &[Pair]) -> [Vec<Point3<f64>>; 2] {
+    let position = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
+    [
+        pairs.iter().map(|pair| position(&pair.estimated)).collect(),
+        pairs.iter().map(|pair| position(&pair.truth)).collect(),
+    ]
+}
+
+fn fit(
+    from: &[Point3<f64>],
+    to: &[Point3<f64>],
+    with_scale: bool,
+) -> Result<Similarity3<f64>, ComparisonError> {
+    fit_similarity(from, to, with_scale).ok_or(ComparisonError::Straight)
 }
 
 /// Index of the nearest of ascending stamps within a difference; the earlier of equals.
@@ -318,6 +350,10 @@ mod tests {
             .compare_with(&truth, TrajectoryAlignment::Sim3)
             .unwrap();
         assert!((found.scale - 2.0).abs() < 1e-9 && found.position.max < 1e-9);
+        let similarity = estimate.similarity_to(&truth).unwrap();
+        let [moved, true_one] = [&estimate, &truth].map(|path| path.poses[7].1.translation.vector);
+        let error = similarity * Point3::from(moved) - Point3::from(true_one);
+        assert!(error.norm() < 1e-9, "{error}");
         assert_eq!((found.pairs, found.frames, found.coverage), (30, 30, 0.0));
         assert!(
             found
@@ -349,5 +385,11 @@ mod tests {
         assert!((found.position.rmse - 0.1 / 14.0_f64.sqrt()).abs() < 1e-12);
         let few = path(2);
         assert!(few.compare_with(&truth, TrajectoryAlignment::Se3).is_err());
+        let mut straight = path(9);
+        for (number, (_, pose)) in straight.poses.iter_mut().enumerate() {
+            pose.translation.vector = Vector3::new(number as f64, 0.0, 0.0);
+        }
+        let error = straight.similarity_to(&straight).unwrap_err();
+        assert!(error.to_string().contains("on a line"), "{error}");
     }
 }

@@ -32,8 +32,8 @@ pub struct EvaluateArgs {
     #[arg(long, value_enum)]
     pub align: Option<AlignBy>,
 
-    /// Camera positions of the reconstruction and of the ground truth, both as rows `seconds tx ty tz ...`: what
-    /// `--align trajectories` uses, and where `icp` and `sim3` begin.
+    /// Camera poses of the reconstruction and of the ground truth, as rows `seconds tx ty tz qx qy qz qw` or the folder of a sequence:
+    /// what `--align trajectories` uses, and where `icp` and `sim3` begin.
     #[arg(long, num_args = 2, value_names = ["ESTIMATED", "TRUE"])]
     pub trajectories: Option<Vec<PathBuf>>,
 

@@ -7,7 +7,7 @@ use nalgebra::Similarity3;
 
 use crate::cli::{AlignBy, EvaluateArgs};
 use crate::commands::Outcome;
-use crate::commands::evaluate_trajectory::evaluate_trajectory;
+use crate::commands::evaluate_trajectory::{evaluate_trajectory, similarity_between};
 use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::observed::observe;
 use crate::progress::Verbosity;
@@ -17,7 +17,6 @@ use linecarve_mesh::evaluate::{
     Alignment, Evaluation, EvaluationOptions, NearestPointIndex, evaluate_observed,
 };
 use linecarve_mesh::{Shape, ShapeKind, read_geometry};
-use linecarve_sequence::Trajectory;
 
 pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     if let (Some(estimate), Some(reference)) = (&args.trajectory, &args.reference) {
@@ -76,11 +75,9 @@ fn alignment(args: &EvaluateArgs) -> anyhow::Result<Alignment> {
     let start = match &args.trajectories {
         Some(paths) => {
             let [estimated, truth] = paths.as_slice() else {
-                bail!("--trajectories: give two files");
+                bail!("--trajectories: give two files or folders");
             };
-            let (found, _) =
-                Trajectory::read(estimated)?.similarity_to(&Trajectory::read(truth)?)?;
-            Some(found)
+            Some(similarity_between(estimated, truth)?)
         }
         None => None,
     };
@@ -98,7 +95,7 @@ fn alignment(args: &EvaluateArgs) -> anyhow::Result<Alignment> {
         },
         AlignBy::Sim3 => Alignment::Similarity { start },
         AlignBy::Trajectories => Alignment::Given(start.context(
-            "--align trajectories: add --trajectories ESTIMATED TRUE, two files of camera positions",
+            "--align trajectories: add --trajectories ESTIMATED TRUE, two files of poses or folders of sequences",
         )?),
     })
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 use linecarve_sequence::{TimedPoses, TrajectoryAlignment};
+use nalgebra::Similarity3;
 
 use crate::cli::{AlignBy, EvaluateArgs};
 use crate::commands::Outcome;
@@ -34,4 +35,14 @@ pub(super) fn evaluate_trajectory(
         print_text(&trajectory_text(&found))?;
     }
     Ok(Outcome::Done)
+}
+
+/// The similarity from one trajectory to another, of files or sequences.
+pub(super) fn similarity_between(
+    estimated: &Path,
+    truth: &Path,
+) -> anyhow::Result<Similarity3<f64>> {
+    let (from, to) = (TimedPoses::read(estimated)?, TimedPoses::read(truth)?);
+    from.similarity_to(&to)
+        .with_context(|| format!("{} against {}", estimated.display(), truth.display()))
 }

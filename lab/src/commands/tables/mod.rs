@@ -19,7 +19,7 @@ use linecarve_lab::tables::methods::MethodRun;
 use linecarve_lab::tables::table::{Tables, ratios};
 use linecarve_lab::tables::truth::{self, Truth, TruthAlignment, read_truth};
 use linecarve_mesh::{LineSet, Shape, write_lines_obj};
-use linecarve_sequence::Trajectory;
+use linecarve_sequence::TimedPoses;
 use nalgebra::Similarity3;
 
 use super::{print_json, print_text};
@@ -126,9 +126,9 @@ fn start(args: &TablesArgs) -> anyhow::Result<Option<Similarity3<f64>>> {
         "--trajectories is where an alignment begins: add --align sim3 or se3"
     );
     let [estimated, truth] = paths.as_slice() else {
-        bail!("--trajectories: give two files");
+        bail!("--trajectories: give two files or folders");
     };
-    let (mut found, _) = Trajectory::read(estimated)?.similarity_to(&Trajectory::read(truth)?)?;
+    let mut found = TimedPoses::read(estimated)?.similarity_to(&TimedPoses::read(truth)?)?;
     if args.align == AlignArg::Se3 {
         found.set_scaling(1.0);
     }
