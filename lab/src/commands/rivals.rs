@@ -33,6 +33,10 @@ pub(super) struct Rival {
     peak_memory_mb: Option<f64>,
     /// Quoted F at 2, 5 and 10 cm, in place of a mesh; NaN where it is not known.
     f: Option<[f64; 3]>,
+    /// Quoted vertices of its surface.
+    vertices: Option<usize>,
+    /// Quoted time of a keyframe; the source says what it covers.
+    milliseconds_per_keyframe: Option<f64>,
     /// Origin of the quoted figures.
     source: Option<String>,
 }
@@ -80,6 +84,8 @@ pub(super) fn parse(text: &str, sequence: &str) -> anyhow::Result<Rival> {
         seconds: Some(seconds),
         peak_memory_mb: None,
         f: None,
+        vertices: None,
+        milliseconds_per_keyframe: None,
         source: None,
     })
 }
@@ -87,7 +93,7 @@ pub(super) fn parse(text: &str, sequence: &str) -> anyhow::Result<Rival> {
 impl Rival {
     /// Its row; a mesh is scored against `truth`.
     pub(super) fn row(&self, truth: &Shape) -> anyhow::Result<ResultRow> {
-        let (mut f, mut vertices) = (self.f.unwrap_or([f64::NAN; 3]).to_vec(), None);
+        let (mut f, mut vertices) = (self.f.unwrap_or([f64::NAN; 3]).to_vec(), self.vertices);
         if let Some(path) = &self.mesh {
             let mesh = read_geometry(path)?;
             let evaluation =
@@ -101,7 +107,7 @@ impl Rival {
             keyframes: None,
             f,
             vertices,
-            milliseconds_per_keyframe: None,
+            milliseconds_per_keyframe: self.milliseconds_per_keyframe,
             seconds: self.seconds,
             peak_memory_mb: self.peak_memory_mb,
             source: self.source.clone(),
