@@ -6,7 +6,8 @@ use linecarve_sequence::{OpenOptions, Sequence};
 use linecarve_tracking::{FrameDetector, FrameFeatures, Tracker};
 use rayon::prelude::*;
 
-use super::run::{TrackError, TrackingMode};
+use super::error::TrackError;
+use super::mode::TrackingMode;
 
 /// First focal length, as a share of the longer side: that of a telephone is 0.7 to 0.9.
 const FIRST_FOCAL: f64 = 0.85;

@@ -2,16 +2,18 @@
 
 mod calibrate;
 mod contradiction;
+mod error;
+mod mode;
 mod open;
 mod preparation;
 mod report;
 mod run;
 
 pub use calibrate::open_unposed;
+pub use error::TrackError;
+pub use mode::TrackingMode;
 pub(crate) use open::open_or_track;
 pub(crate) use preparation::Preparation;
 pub use report::{TrackReport, poses_file};
 pub(crate) use run::times_of;
-pub use run::{
-    FrameDone, TrackError, TrackedSequence, TrackingMode, track_sequence, track_watched,
-};
+pub use run::{FrameDone, TrackedSequence, track_sequence, track_watched};

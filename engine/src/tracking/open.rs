@@ -5,7 +5,9 @@ use std::path::Path;
 use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 
 use super::calibrate::open_unposed;
-use super::run::{TrackError, TrackingMode, track_sequence};
+use super::error::TrackError;
+use super::mode::TrackingMode;
+use super::run::track_sequence;
 use crate::run::ProgressHook;
 
 /// A sequence with poses.

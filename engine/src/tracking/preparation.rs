@@ -8,7 +8,8 @@ use linecarve_sequence::{ImageSize, Sequence, StereoPair};
 use linecarve_tracking::{FrameDetector, FrameFeatures, TrackingOptions};
 use nalgebra::UnitQuaternion;
 
-use super::run::{TrackError, TrackingMode};
+use super::error::TrackError;
+use super::mode::TrackingMode;
 use crate::front_end::median_scene_depth;
 use crate::run::milliseconds;
 

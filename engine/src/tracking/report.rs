@@ -4,7 +4,8 @@ use linecarve_sequence::{Sequence, StereoPair};
 use linecarve_tracking::{FramePose, LoopReport, MapCheck, NoPose};
 use serde::Serialize;
 
-use super::run::{TrackedSequence, TrackingMode};
+use super::mode::TrackingMode;
+use super::run::TrackedSequence;
 
 /// Contents of `track.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -3,8 +3,8 @@
 use rust_h264::decoder::{ChromaFormat, Decoder, Frame};
 use rust_h264::nal::{NalUnit, NalUnitType, parse_avcc, parse_avcc_config, parse_sps_info};
 
+use super::codec::{Codec, Decoded, MAX_PIXELS};
 use super::picture::Picture;
-use super::samples::{Codec, Decoded, MAX_PIXELS};
 
 /// A decoder of samples as they lie in a file.
 pub(super) struct Samples {

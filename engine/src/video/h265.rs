@@ -4,8 +4,8 @@ use rust_h265::{
     DecodeLimits, Decoder, Frame, NalUnit, NalUnitType, PixelData, parse_hvcc, parse_nal,
 };
 
+use super::codec::{Codec, Decoded, MAX_PIXELS};
 use super::picture::Picture;
-use super::samples::{Codec, Decoded, MAX_PIXELS};
 
 /// A unit that says that the next picture begins, by which the decoder knows that the one before has ended.
 const DELIMITER: [u8; 3] = [35 << 1, 1, 0x50];

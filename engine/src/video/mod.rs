@@ -1,5 +1,6 @@
 //! Video files: pictures out of MP4 and MOV (H.264, H.265) and of uncompressed Y4M, written as images that a sequence is read from.
 
+mod codec;
 mod h264;
 mod h265;
 mod mp4;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
+use super::codec::{Codec, Decoded};
 use super::mp4::{Configuration, VideoTrack};
 use super::picture::Picture;
 use super::{Take, VideoError, h264, h265};
@@ -13,34 +14,6 @@ const MAX_WAITING: usize = 16;
 
 /// Largest encoded picture.
 const MAX_SAMPLE: u32 = 1 << 26;
-
-/// Largest picture in pixels: a damaged header may claim more than there is memory for.
-pub(super) const MAX_PIXELS: u64 = 1 << 26;
-
-/// A picture that was decoded, and its place in the order of display.
-#[derive(Debug)]
-pub(super) struct Decoded {
-    /// Number of the group of pictures whose counters belong together.
-    pub(super) group: u32,
-    /// Counter in the group.
-    pub(super) count: i32,
-    /// `None` when the planes of a damaged stream have not the size of the picture.
-    pub(super) picture: Option<Picture>,
-}
-
-/// A decoder of samples.
-pub(super) trait Codec {
-    /// Decodes a sample, which is shown at a time, and appends the pictures that ended. An error concerns this sample only.
-    fn decode(
-        &mut self,
-        sample: &[u8],
-        time_ns: i64,
-        decoded: &mut Vec<Decoded>,
-    ) -> Result<(), String>;
-
-    /// The picture that has not ended with the last sample.
-    fn finish(&mut self) -> Option<Decoded>;
-}
 
 /// Decodes the samples of a track. Samples that are damaged or cut off are left out and counted in the warnings that are returned.
 pub(super) fn read<R: Read + Seek>(

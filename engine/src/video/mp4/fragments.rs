@@ -1,7 +1,7 @@
 //! Samples that fragments (`moof`) list, behind the index: files whose recording may end at any time.
 
 use super::part::Part;
-use super::{Sample, TimeScale};
+use super::sample::{Sample, TimeScale};
 use crate::video::VideoError;
 
 /// Most samples of all fragments: three days at 60 pictures a second.

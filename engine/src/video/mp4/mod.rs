@@ -5,6 +5,7 @@
 
 mod fragments;
 mod part;
+mod sample;
 mod tables;
 
 use std::io::{Read, Seek, SeekFrom};
@@ -15,19 +16,12 @@ use std::path::Path;
 use super::VideoError;
 use fragments::Fragments;
 use part::Part;
+pub(super) use sample::Sample;
+use sample::TimeScale;
 use tables::samples;
 
 /// Largest index that is read into memory.
 const MAX_INDEX: u64 = 1 << 28;
-
-/// A sample of the video track, in the order of decoding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Sample {
-    pub(super) offset: u64,
-    pub(super) size: u32,
-    /// When it is shown.
-    pub(super) time_ns: i64,
-}
 
 /// What the decoder needs before the first sample.
 #[derive(Debug)]
@@ -49,17 +43,6 @@ pub(super) struct VideoTrack {
     pub(super) is_full_range: bool,
     /// Why fragments at the end are left out.
     pub(super) damage: Option<VideoError>,
-}
-
-/// Units of a second in which a track gives its times.
-#[derive(Debug, Clone, Copy)]
-struct TimeScale(NonZeroU32);
-
-impl TimeScale {
-    fn nanoseconds(self, time: i64) -> i64 {
-        let exact = i128::from(time) * 1_000_000_000 / i128::from(self.0.get());
-        i64::try_from(exact).unwrap_or(if time < 0 { i64::MIN } else { i64::MAX })
-    }
 }
 
 /// Reads the index of a file, and those of its fragments.

@@ -1,7 +1,7 @@
 //! Samples that the tables of the index list.
 
 use super::part::Part;
-use super::{Sample, TimeScale};
+use super::sample::{Sample, TimeScale};
 use crate::video::VideoError;
 
 /// The samples of the table `stbl`, and when the next one after them is decoded. There are none in a file that has only fragments.
