@@ -25,6 +25,18 @@ pub struct ExtractOptions {
     pub samples: Option<SampleOptions>,
 }
 
+impl ExtractOptions {
+    /// The same options for depth that was measured in images, on each edge pixel by itself: there is no near side to choose, and errors
+    /// are independent.
+    pub fn for_semi_dense(self) -> Self {
+        Self {
+            edge_depth: EdgeDepthOptions::raw(),
+            fit: self.fit.for_independent_depths(),
+            ..self
+        }
+    }
+}
+
 /// Error of building an extractor or processing a keyframe.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ExtractError {

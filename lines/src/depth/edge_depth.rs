@@ -3,7 +3,7 @@
 //! An image edge at a depth discontinuity is the occluding contour of the *near* surface. Edge localisation, registration and the contour
 //! in the depth image each err by a pixel or more, so that many pixels of such an edge have the depth of the far surface or none. Raw
 //! depths would move or split segments. At a depth jump near an edge pixel, the near side is therefore extrapolated as a plane to the edge.
-//! Elsewhere the depth is that of a plane through adjacent pixels.
+//! Elsewhere the depth is that of a plane through adjacent pixels, or, where these are not on a plane, of the pixel's own side of the step.
 //!
 //! Both planes are evaluated at the sub-pixel position of the edge. It lies up to half a pixel from the pixel centre, on the same side
 //! for many consecutive pixels, so that depths of pixel centres would be off by half a pixel of slope, which no fit averages out.
@@ -11,7 +11,7 @@
 //! *Differs from He et al., ICPR 2018*: the paper takes the raw depth of the pixel, as [`EdgeDepthOptions::raw`] does.
 
 use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
-use super::near_side::{JumpLimits, LARGEST_RADIUS, Window, WindowPixel};
+use super::near_side::{BEND_SHARE, JumpLimits, LARGEST_RADIUS, Window, WindowPixel};
 use crate::edges::EdgeChains;
 
 /// Options of [`EdgeDepths::compute`].
@@ -128,7 +128,7 @@ impl EdgeDepths {
     }
 }
 
-/// The depth without a jump: a plane through close pixels, or the own depth of the pixel.
+/// The depth without a jump: that of the surface through close pixels, or the own depth of the pixel.
 fn smoothed(
     window: &Window<'_>,
     options: &EdgeDepthOptions,
@@ -139,8 +139,10 @@ fn smoothed(
     if options.smoothing_radius_px == 0 || own.rho <= 0.0 {
         return own;
     }
+    let bend = (BEND_SHARE * options.jump_relative) as f32 * own.rho;
+    let (radius, least) = (options.smoothing_radius_px, options.least_support);
     window
-        .plane(options.smoothing_radius_px, options.least_support, pixels)
+        .surface(own.rho, radius, least, bend, pixels)
         .and_then(|rho| InverseDepth::new(rho, own.sigma))
         .unwrap_or(own)
 }
@@ -292,6 +294,25 @@ mod tests {
                 without.max(with_jump) < 1e-5,
                 "{below}: {without} {with_jump}"
             );
+        }
+    }
+
+    #[test]
+    fn depth_beside_a_small_step_is_that_of_one_surface() {
+        // A step of 1.2 %, less than a jump of this sensor, between surfaces that rise across the rows.
+        let near = |x: f64, y: f64| 0.504 + 0.0002 * x + 0.0005 * y;
+        let far = |x: f64, y: f64| near(x, y) - 0.006;
+        let mut step = map(|_, _| 1.0);
+        for (x, y) in (0..SIZE).flat_map(|y| (0..SIZE).map(move |x| (x, y))) {
+            let surface: &dyn Fn(f64, f64) -> f64 = if y <= 20 { &near } else { &far };
+            let rho = surface(x as f64, y as f64) as f32;
+            step.set(x, y, InverseDepth::new(rho, 0.002));
+        }
+        for below in [-0.4, 0.0, 0.4] {
+            for (y, own) in [(20, &near as &dyn Fn(f64, f64) -> f64), (21, &far)] {
+                let error = worst_error(&step, &row(y, below), own);
+                assert!(error < 1e-5, "row {y}, {below}: {error}");
+            }
         }
     }
 

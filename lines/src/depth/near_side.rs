@@ -131,19 +131,28 @@ impl Window<'_> {
         !is_contiguous || occupied >> 63 == 1
     }
 
-    /// The plane through all pixels within a radius at the point; `None` with fewer than `least` pixels, or too few beside
-    /// each other.
-    pub(super) fn plane(
+    /// The inverse depth at the point without a jump: that of the plane through all pixels within a radius. Where one of them lies farther
+    /// than `bend` from that plane, as beside a small step or at a crease, the plane lies on neither surface: the `own` inverse depth of the
+    /// pixel is then continued along the slope of its side. `None` with fewer than `least` pixels, or too few beside each other.
+    pub(super) fn surface(
         &self,
+        own: f32,
         radius: usize,
         least: usize,
+        bend: f32,
         pixels: &mut Vec<WindowPixel>,
     ) -> Option<f32> {
         self.collect(radius, pixels);
         if pixels.len() < least {
             return None;
         }
-        plane_at(pixels, self.offset)
+        let plane = Plane::fit(pixels)?;
+        if plane.is_within(pixels, bend) {
+            return plane.at(self.offset);
+        }
+        let slope = self.surroundings(0).slopes([0.0; 2], bend);
+        let slope = slope.map(|slope| if slope.is_nan() { 0.0 } else { slope });
+        Some(own + dot(slope, self.offset))
     }
 
     /// The plane of the near side of a depth jump at the point, and its standard deviation; `None` without a jump.
@@ -189,7 +198,8 @@ impl Window<'_> {
         }
         let near = &pixels[near];
         // Thin objects have no slope across.
-        let rest = plane_at(near, self.offset).unwrap_or_else(|| mean_rest(near));
+        let plane = Plane::fit(near).and_then(|plane| plane.at(self.offset));
+        let rest = plane.unwrap_or_else(|| mean_rest(near));
         Some((rest + dot(slope, self.offset), sigma))
     }
 }
@@ -234,6 +244,9 @@ const SURROUNDINGS: usize = 2 * (LARGEST_RADIUS + 2) + 1;
 
 /// Gaps of this share of a jump separate two surfaces. Tuned on the kitchen of 7-Scenes and a synthetic living room.
 const GAP_SHARE: f32 = 0.75;
+
+/// Share of a step that remains in the middle of three pixels after a plane is fitted to them.
+pub(super) const BEND_SHARE: f64 = 1.0 / 3.0;
 
 /// Three pixels that are collinear within this share of a jump give a slope. With more, small steps within a surface pass for slopes,
 /// which hide jumps.
@@ -311,34 +324,68 @@ fn mean_rest(pixels: &[WindowPixel]) -> f32 {
     pixels.iter().map(|pixel| pixel.rest).sum::<f32>() / pixels.len() as f32
 }
 
-/// The value of the least-squares plane through `rest` at an offset; `None` where its variance exceeds twice that of a single
-/// pixel, as beside a single row.
-fn plane_at(pixels: &[WindowPixel], at: [f32; 2]) -> Option<f32> {
-    let n = pixels.len() as f32;
-    let (mut x, mut y, mut rest) = (0.0_f32, 0.0_f32, 0.0_f32);
-    for p in pixels {
-        x += p.offset[0];
-        y += p.offset[1];
-        rest += p.rest;
+/// The least-squares plane through `rest` of some pixels.
+struct Plane {
+    pixels: f32,
+    center: [f32; 2],
+    /// Value at the centre.
+    rest: f32,
+    slope: [f32; 2],
+    /// Sums of squares xx, xy and yy about the centre.
+    squares: [f32; 3],
+    determinant: f32,
+}
+
+impl Plane {
+    /// `None` when all pixels lie on a line.
+    fn fit(pixels: &[WindowPixel]) -> Option<Self> {
+        let n = pixels.len() as f32;
+        let (mut x, mut y, mut rest) = (0.0_f32, 0.0_f32, 0.0_f32);
+        for p in pixels {
+            x += p.offset[0];
+            y += p.offset[1];
+            rest += p.rest;
+        }
+        let (x, y, rest) = (x / n, y / n, rest / n);
+        let (mut xx, mut xy, mut yy) = (0.0_f32, 0.0_f32, 0.0_f32);
+        let (mut xr, mut yr) = (0.0_f32, 0.0_f32);
+        for p in pixels {
+            let (dx, dy, dr) = (p.offset[0] - x, p.offset[1] - y, p.rest - rest);
+            xx += dx * dx;
+            xy += dx * dy;
+            yy += dy * dy;
+            xr += dx * dr;
+            yr += dy * dr;
+        }
+        let determinant = xx * yy - xy * xy;
+        (determinant > 0.0).then(|| Self {
+            pixels: n,
+            center: [x, y],
+            rest,
+            slope: [
+                (yy * xr - xy * yr) / determinant,
+                (xx * yr - xy * xr) / determinant,
+            ],
+            squares: [xx, xy, yy],
+            determinant,
+        })
     }
-    let (x, y, rest) = (x / n, y / n, rest / n);
-    let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
-    for p in pixels {
-        let (dx, dy, dr) = (p.offset[0] - x, p.offset[1] - y, p.rest - rest);
-        xx += dx * dx;
-        xy += dx * dy;
-        yy += dy * dy;
-        xr += dx * dr;
-        yr += dy * dr;
+
+    /// The value at an offset; `None` where its variance exceeds twice that of a single pixel, as beside a single row.
+    fn at(&self, offset: [f32; 2]) -> Option<f32> {
+        let [xx, xy, yy] = self.squares;
+        let (dx, dy) = (offset[0] - self.center[0], offset[1] - self.center[1]);
+        // Variance of the plane in units of one pixel's: 1/n + d' S^-1 d. Offsets of pixels are small whole numbers.
+        let lever = yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy;
+        let is_far = lever > (2.0 - 1.0 / self.pixels) * self.determinant;
+        (!is_far).then(|| self.rest + self.slope[0] * dx + self.slope[1] * dy)
     }
-    let determinant = xx * yy - xy * xy;
-    let (dx, dy) = (at[0] - x, at[1] - y);
-    // Variance of the plane in units of one pixel's: 1/n + d' S^-1 d. Offsets of pixels are small whole numbers.
-    let lever = yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy;
-    if determinant <= 0.0 || lever > (2.0 - 1.0 / n) * determinant {
-        return None;
+
+    /// Whether all pixels lie within `limit` of the plane.
+    fn is_within(&self, pixels: &[WindowPixel], limit: f32) -> bool {
+        pixels.iter().all(|p| {
+            let from_center = [p.offset[0] - self.center[0], p.offset[1] - self.center[1]];
+            (p.rest - self.rest - dot(self.slope, from_center)).abs() <= limit
+        })
     }
-    let slope_x = (yy * xr - xy * yr) / determinant;
-    let slope_y = (xx * yr - xy * xr) / determinant;
-    Some(rest + slope_x * dx + slope_y * dy)
 }

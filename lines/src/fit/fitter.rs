@@ -46,7 +46,7 @@ pub struct FitInput<'a> {
 /// *Differs from the paper*; all but the first and the last can be switched off in [`FitOptions`]:
 /// - The initial window is validated, and shifted by one pixel when its pixels do not lie on a line.
 /// - Weighted inverse depth is fitted instead of depth, because it is linear along the image of a line.
-/// - A depth within a few of its standard deviations is an inlier even beyond e2; at large depths e2 is below the sensor noise.
+/// - A depth within its standard deviation is an inlier even beyond e2; at large depths e2 is below the sensor noise.
 /// - Both lines are refitted while the segment grows, because the direction of L pixels is too inaccurate to extrapolate.
 /// - Pixels are taken at the sub-pixel gradient maximum. On an edge nearly parallel to the pixel rows, whole pixels have the direction of
 ///   the row, and e1 is smaller than the step to the next row.

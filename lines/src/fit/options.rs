@@ -31,8 +31,9 @@ pub struct FitOptions {
     pub image_tolerance_share: f64,
     /// e2, as a share: largest depth residual of an inlier, as the equivalent lateral length in pixels: `f |rho - line| / line`.
     pub depth_tolerance_share: f64,
-    /// A depth within this many of its standard deviations is also an inlier; 0 applies e2 alone. Tuned on the kitchen of 7-Scenes and a
-    /// synthetic living room.
+    /// A depth within this many of its standard deviations is also an inlier; 0 applies e2 alone. The errors of a depth image are alike in
+    /// adjacent pixels, so that 1 is wide enough; with more, lines pass between two surfaces. Depths from images err independently of each
+    /// other: see [`FitOptions::for_independent_depths`].
     pub depth_gate_sigmas: f64,
     /// The fitted depth quantity.
     pub depth_model: DepthModel,
@@ -60,7 +61,7 @@ impl Default for FitOptions {
             window_share: 0.02,
             image_tolerance_share: 0.002,
             depth_tolerance_share: 0.003,
-            depth_gate_sigmas: 3.0,
+            depth_gate_sigmas: 1.0,
             depth_model: DepthModel::InverseDepth,
             subpixel: true,
             refit_while_growing: true,
@@ -83,6 +84,14 @@ impl FitOptions {
             refit_while_growing: false,
             minimum_inlier_share: 0.0,
             ..Self::default()
+        }
+    }
+
+    /// The same settings for depths whose errors are independent, as those that are measured in images pixel by pixel.
+    pub fn for_independent_depths(self) -> Self {
+        Self {
+            depth_gate_sigmas: 3.0,
+            ..self
         }
     }
 

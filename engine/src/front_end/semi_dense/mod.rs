@@ -11,7 +11,6 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-use linecarve_lines::depth::EdgeDepthOptions;
 use linecarve_lines::depth::semi_dense::{MatchView, SemiDense, SemiDenseDepth, ViewGeometry};
 use linecarve_lines::edges::EdgeDetector;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
@@ -105,14 +104,12 @@ impl SemiDenseFrontEnd {
     pub(super) fn new(
         source: &SemiDenseSource,
         count: usize,
-        mut options: ExtractOptions,
+        options: ExtractOptions,
         checkpoint: Option<&Checkpoint>,
         emits_provisional: bool,
     ) -> Result<Self, ExtractError> {
         let is_stored =
             |keyframe| CheckpointEntry::load(checkpoint, keyframe, emits_provisional).is_some();
-        // Semi-dense depth is measured on the edge pixel itself, so there is no side to choose.
-        options.edge_depth = EdgeDepthOptions::raw();
         Ok(Self {
             source: *source,
             checkpoint: checkpoint.cloned(),
@@ -121,7 +118,7 @@ impl SemiDenseFrontEnd {
             resume_plan: ResumePlan::new((0..count).map(is_stored).collect(), &source.options),
             estimator: SemiDense::new(source.options.matching)?,
             detector: EdgeDetector::new(options.edges)?,
-            extractor: SegmentExtractor::new(options)?,
+            extractor: SegmentExtractor::new(options.for_semi_dense())?,
             schedule: Schedule::new(source),
             window: VecDeque::new(),
             fusion: SurfaceFusion::new(&source.options),

@@ -9,7 +9,6 @@ use linecarve::run::milliseconds;
 use linecarve::{DepthChoice, Input, Recording, Selection};
 use linecarve_lab::baselines::{Method, MethodOptions, PaperOptions};
 use linecarve_lab::tables::methods::{MethodRun, Runs, StageTime, clustered};
-use linecarve_lines::depth::EdgeDepthOptions;
 
 use super::semi_dense;
 
@@ -200,8 +199,7 @@ pub(super) fn run_semi_dense(
 ) -> anyhow::Result<Vec<MethodRun>> {
     let sequence = &recording.sequence;
     let mut options = method_options(recording);
-    // Semi-dense depth is measured on the edge itself: there is no near side to choose.
-    options.extract.edge_depth = EdgeDepthOptions::raw();
+    options.extract = options.extract.for_semi_dense();
     let mut runs = Runs::new(&WITH_DEPTH, Some("semi-dense"), &options)?;
     let mut progress = Progress::start("semi-dense", results.frames.len(), verbosity);
     let (maps, time) =

@@ -39,7 +39,7 @@ pub(super) fn maps(
             MatchView::new(
                 &image,
                 sequence.color_camera(),
-                &posed.world_from_camera,
+                sequence.fitted_pose(frame),
                 &mut EdgeDetector::new(edges)?,
             )
             .with_context(|| format!("frame {}", posed.name))

@@ -70,9 +70,10 @@ impl Scene {
 }
 
 fn all_options() -> [FitOptions; 3] {
+    // Depth is only nearly linear.
     let depth = FitOptions {
         depth_model: DepthModel::Depth,
-        ..FitOptions::default()
+        ..FitOptions::default().for_independent_depths()
     };
     [FitOptions::default(), depth, FitOptions::paper()]
 }
@@ -155,6 +156,28 @@ fn a_jump_in_depth_splits_a_straight_edge() {
 }
 
 #[test]
+fn a_small_step_in_depth_splits_a_straight_edge() {
+    // Boards 2 and 2.02 units away: a step of three deviations of the sensor, and of three pixels of parallax.
+    let (a, b) = (Point3::new(-0.6, 0.0, 2.0), Point3::new(0.6, 0.1, 2.0));
+    let mut scene = Scene::new();
+    scene.draw(&[a, b], |i| {
+        Some(if i < 150 { 0.0 } else { 1.0 / 2.02 - 0.5 })
+    });
+    let segments = scene.fit(FitOptions::default());
+    let depths: Vec<_> = segments
+        .iter()
+        .map(|segment| segment.ends_in_camera.map(|end| end.z))
+        .collect();
+    assert_eq!(depths.len(), 2, "{depths:?}");
+    for (ends, depth) in depths.iter().zip([2.0, 2.02]) {
+        assert!(
+            ends.iter().all(|end| (end - depth).abs() < 0.001),
+            "{depths:?}"
+        );
+    }
+}
+
+#[test]
 fn short_gaps_are_bridged_and_long_ones_end_a_segment() {
     let (a, b) = (Point3::new(-0.6, 0.0, 2.0), Point3::new(0.6, 0.1, 2.0));
     let with_gap = |length: usize| {
@@ -218,7 +241,7 @@ fn covariance_covers_the_error() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let options = FitOptions {
         depth_correlation_px: 1.0,
-        ..FitOptions::default()
+        ..FitOptions::default().for_independent_depths()
     };
     let (mut sum, mut count) = (0.0, 0.0);
     for _ in 0..150 {
