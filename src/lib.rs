@@ -15,6 +15,7 @@
 //! This crate is the program: arguments, commands, files, the page. What it computes is the library `linecarve-engine`, whose
 //! items it passes on. Programs that need no command line depend on `linecarve-engine` alone.
 
+pub mod allocator;
 pub mod cli;
 pub mod commands;
 pub mod compare;

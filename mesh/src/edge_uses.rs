@@ -27,7 +27,7 @@ const HELD_USES: usize = 1 << 18;
 /// Visits the [uses](edge_uses) of one edge after the other, ascending, in less memory.
 ///
 /// # Complexity
-/// O(n log n) in the triangles, and one pass over them for each 2^18 uses.
+/// Linear in the triangles where few of them meet at a vertex, and one pass over them for each 2^18 uses.
 pub(crate) fn for_each_edge(
     triangles: &[[u32; 3]],
     vertices: usize,
@@ -35,13 +35,38 @@ pub(crate) fn for_each_edge(
 ) {
     let passes = (3 * triangles.len()).div_ceil(HELD_USES).max(1);
     let step = vertices.div_ceil(passes).max(1) as u32;
+    let mut found: Vec<EdgeUse> = Vec::new();
     let mut uses: Vec<EdgeUse> = Vec::new();
+    // Where the next use of each smaller vertex goes to; in the end, where those of the next one begin.
+    let mut places: Vec<u32> = Vec::new();
     for first in (0..vertices as u32).step_by(step as usize) {
-        uses.clear();
+        let place = |([smaller, _], _): &EdgeUse| (smaller - first) as usize;
+        found.clear();
         let is_next = |([smaller, _], _): &EdgeUse| smaller.wrapping_sub(first) < step;
-        uses.extend(unsorted(triangles).filter(is_next));
-        uses.sort_unstable();
-        uses.chunk_by(|a, b| a.0 == b.0).for_each(&mut visit);
+        found.extend(unsorted(triangles).filter(is_next));
+        places.clear();
+        places.resize(step as usize, 0);
+        for at in &found {
+            places[place(at)] += 1;
+        }
+        let mut before = 0;
+        for count in &mut places {
+            before += std::mem::replace(count, before);
+        }
+        uses.clear();
+        uses.resize(found.len(), ([0; 2], 0));
+        for at in &found {
+            let next = &mut places[place(at)];
+            uses[*next as usize] = *at;
+            *next += 1;
+        }
+        let mut start = 0;
+        for end in places.iter().map(|end| *end as usize) {
+            let own = &mut uses[start..end];
+            own.sort_unstable();
+            own.chunk_by(|a, b| a.0 == b.0).for_each(&mut visit);
+            start = end;
+        }
     }
 }
 

@@ -158,7 +158,7 @@ fn change_to(mesh: &TriangleMesh) -> SurfaceChange {
 pub(crate) fn with_elements(map: &Map, take: impl FnOnce(Elements<'_>)) {
     match map.segments() {
         Some(segments) => take(Elements {
-            segments: &segments.ends(),
+            segments: &segments.ends().collect::<Vec<_>>(),
             clusters: Some(&segments.clusters()),
             points: &[],
         }),

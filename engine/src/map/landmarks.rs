@@ -43,20 +43,36 @@ pub(super) enum LandmarkUpdate {
 }
 
 /// Selects what lies in a region.
-struct Within<'a>(&'a ViewRegion);
+struct Within<'a> {
+    region: &'a ViewRegion,
+    records: &'a [Landmark],
+}
 
 impl SelectionFunction<IndexedLandmark> for Within<'_> {
-    fn should_unpack_parent(&self, envelope: &AABB<[f64; 3]>) -> bool {
-        self.0.meets([envelope.lower(), envelope.upper()])
+    fn should_unpack_parent(&self, envelope: &AABB<[f32; 3]>) -> bool {
+        // Positions lie within a rounding of their entries.
+        let low = envelope.lower().map(|it| it.next_down().into());
+        let high = envelope.upper().map(|it| it.next_up().into());
+        self.region.meets([low, high])
     }
 
     fn should_unpack_leaf(&self, landmark: &IndexedLandmark) -> bool {
-        self.0.holds(landmark.geom())
+        let position = &self.records[landmark.data as usize].position;
+        self.region.holds(&position.coords.into())
     }
 }
 
-/// The position and index of a landmark.
-type IndexedLandmark = GeomWithData<[f64; 3], u32>;
+/// The position of a landmark, rounded, and its index.
+type IndexedLandmark = GeomWithData<[f32; 3], u32>;
+
+fn indexed(position: &Point3<f64>, id: u32) -> IndexedLandmark {
+    GeomWithData::new(rounded(position), id)
+}
+
+/// Keeps the order of coordinates: what lies in a box lies in the rounded box when rounded.
+fn rounded(position: &Point3<f64>) -> [f32; 3] {
+    position.coords.map(|it| it as f32).into()
+}
 
 /// All landmarks, with a spatial index.
 #[derive(Debug, Default)]
@@ -105,9 +121,13 @@ impl Landmarks {
         &'a self,
         region: &'a ViewRegion,
     ) -> impl Iterator<Item = (u32, Point3<f64>)> + 'a {
+        let within = Within {
+            region,
+            records: &self.records,
+        };
         self.tree
-            .locate_with_selection_function(Within(region))
-            .map(|entry| (entry.data, Point3::from(*entry.geom())))
+            .locate_with_selection_function(within)
+            .map(|entry| (entry.data, self.position(entry.data)))
     }
 
     /// Associates a measurement with the nearest landmark within the gates, or creates one.
@@ -122,8 +142,7 @@ impl Landmarks {
         let id = self.records.len() as u32;
         let position = measurement.point_in_world;
         self.records.push(Landmark::new(measurement, self.keyframe));
-        self.tree
-            .insert(GeomWithData::new(position.coords.into(), id));
+        self.tree.insert(indexed(&position, id));
         Association::New(id)
     }
 
@@ -183,10 +202,9 @@ impl Landmarks {
         if landmark.is_removed {
             return LandmarkUpdate::Unchanged;
         }
-        let indexed = GeomWithData::new(landmark.position.coords.into(), id);
         if landmark.contradictions > landmark.keyframes {
             landmark.is_removed = true;
-            self.tree.remove(&indexed);
+            self.tree.remove(&indexed(&landmark.position, id));
             return LandmarkUpdate::Removed;
         }
         if landmark.keyframes.checked_ilog2() == landmark.settled_at.checked_ilog2() {
@@ -228,8 +246,7 @@ impl Landmarks {
         }
         if landmark.measurements == 0 {
             landmark.is_removed = true;
-            let indexed = GeomWithData::new(landmark.position.coords.into(), id);
-            self.tree.remove(&indexed);
+            self.tree.remove(&indexed(&landmark.position, id));
             return LandmarkUpdate::Removed;
         }
         match self.settle(id) {
@@ -248,10 +265,9 @@ impl Landmarks {
         let is_significant = moved > self.options.settling_share * sigma;
         let keyframes = landmark.keyframes;
         if is_significant {
-            let indexed = GeomWithData::new(landmark.position.coords.into(), id);
+            self.tree.remove(&indexed(&landmark.position, id));
             landmark.position = mean;
-            self.tree.remove(&indexed);
-            self.tree.insert(GeomWithData::new(mean.coords.into(), id));
+            self.tree.insert(indexed(&mean, id));
         }
         LandmarkUpdate::Settled {
             position: is_significant.then_some(mean),
@@ -271,11 +287,11 @@ impl Landmarks {
         });
         let low = measurement.point_in_world - reach;
         let high = measurement.point_in_world + reach;
-        let candidates = AABB::from_corners(low.coords.into(), high.coords.into());
+        let candidates = AABB::from_corners(rounded(&low), rounded(&high));
         self.tree
             .locate_in_envelope_intersecting(candidates)
             .filter_map(|entry| {
-                let offset = Point3::from(*entry.geom()) - measurement.point_in_world;
+                let offset = self.position(entry.data) - measurement.point_in_world;
                 let along = offset.dot(&measurement.direction);
                 let across = (offset.norm_squared() - along * along).max(0.0);
                 let share = (along / axial).powi(2) + across / (lateral * lateral);

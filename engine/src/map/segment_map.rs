@@ -1,7 +1,5 @@
 //! Segments of all keyframes in world coordinates, and their clusters.
 
-use std::borrow::Cow;
-
 use linecarve_lines::cluster::{
     ClusterEvent, ClusterOptions, ClusterOptionsError, SegmentClusterer, SegmentId,
 };
@@ -12,8 +10,8 @@ use linecarve_mesh::LineSet;
 
 /// Segments of all keyframes in world coordinates, and their clusters.
 pub struct SegmentMap {
-    /// By number; those of removed keyframes keep their place.
-    segments: Vec<[Point3<f64>; 2]>,
+    /// By number, in single precision, which is finer than they are measured; those of removed keyframes keep their place.
+    segments: Vec<[Point3<f32>; 2]>,
     /// Where the segments of each keyframe begin.
     first_of: Vec<u32>,
     is_removed: Vec<bool>,
@@ -63,7 +61,7 @@ impl SegmentMap {
             let ends_in_world = segment.ends_in_world(&keyframe.world_from_camera);
             let inserted = clusterer.insert(ends_in_world, &mut self.events);
             if inserted.is_some() {
-                self.segments.push(ends_in_world);
+                self.segments.push(ends_in_world.map(|end| end.cast()));
                 self.is_removed.push(false);
             }
         }
@@ -85,8 +83,9 @@ impl SegmentMap {
             for index in first..end {
                 match transform {
                     Some(transform) => {
-                        self.segments[index] = self.segments[index].map(|end| transform * end);
-                        changed.push((SegmentId(index as u32), Some(self.segments[index])));
+                        let ends = self.segments[index].map(|end| transform * end.cast::<f64>());
+                        self.segments[index] = ends.map(|end| end.cast());
+                        changed.push((SegmentId(index as u32), Some(ends)));
                     }
                     None => {
                         self.removed += usize::from(!self.is_removed[index]);
@@ -97,7 +96,7 @@ impl SegmentMap {
             }
         }
         self.events.clear();
-        let ends = |id: SegmentId| self.segments[id.0 as usize];
+        let ends = |id: SegmentId| self.segments[id.0 as usize].map(|end| end.cast());
         clusterer.change(&changed, ends, &mut self.events);
     }
 
@@ -113,13 +112,10 @@ impl SegmentMap {
     }
 
     /// End points of all segments, in the order of keyframes.
-    pub fn ends(&self) -> Cow<'_, [[Point3<f64>; 2]]> {
-        if self.removed == 0 {
-            return Cow::Borrowed(&self.segments);
-        }
+    pub fn ends(&self) -> impl Iterator<Item = [Point3<f64>; 2]> {
         let all = self.segments.iter().zip(&self.is_removed);
         let remaining = all.filter(|(_, is_removed)| !**is_removed);
-        Cow::Owned(remaining.map(|(ends, _)| *ends).collect())
+        remaining.map(|(ends, _)| ends.map(|end| end.cast()))
     }
 
     /// Number of clusters of sufficient size. Constant time.
@@ -132,7 +128,7 @@ impl SegmentMap {
 
     /// All segments, in the order of keyframes.
     pub fn segments(&self) -> LineSet {
-        LineSet::from_segments(self.ends().iter().copied())
+        LineSet::from_segments(self.ends())
     }
 
     /// Representatives of the clusters of sufficient size, oldest first.

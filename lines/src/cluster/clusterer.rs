@@ -82,6 +82,8 @@ impl Cluster {
     }
 }
 
+/// More than a cosine is off when it is computed in single precision.
+const ROUNDING: f32 = 1e-6;
 /// Marks a segment without cluster.
 const NONE: u32 = u32::MAX;
 
@@ -112,8 +114,8 @@ pub struct SegmentClusterer {
     offset: f64,
     /// `None` where a cluster was merged away.
     clusters: Vec<Option<Cluster>>,
-    /// Direction of each cluster. Most candidates have another one, and are not looked at any further.
-    directions: Vec<Vector3<f64>>,
+    /// Direction of each cluster, rounded. Most candidates have another one, and are not looked at any further.
+    directions: Vec<Vector3<f32>>,
     /// How many of them have the minimum size.
     large: usize,
     index: ClusterIndex,
@@ -224,7 +226,7 @@ impl SegmentClusterer {
             let cluster = self.clusters.len() as u32;
             push(&mut self.clusters, Some(Cluster::new(segment, id)));
             self.cluster_of[id as usize] = cluster;
-            push(&mut self.directions, segment.direction());
+            push(&mut self.directions, segment.direction().cast());
             self.count_change(0, 1);
             self.index.insert(cluster, segment);
             events.push(ClusterEvent::Created(ClusterId(cluster)));
@@ -300,7 +302,7 @@ impl SegmentClusterer {
             }
         }
         if let Some(cluster) = &reduced {
-            self.directions[number as usize] = cluster.representative.direction();
+            self.directions[number as usize] = cluster.representative.direction().cast();
             self.index.insert(number, &cluster.representative);
             self.count_change(0, cluster.size);
             events.push(ClusterEvent::Reduced(ClusterId(number)));
@@ -343,7 +345,7 @@ impl SegmentClusterer {
         if before == after {
             return false;
         }
-        self.directions[cluster as usize] = after.direction();
+        self.directions[cluster as usize] = after.direction().cast();
         events.push(ClusterEvent::Moved(ClusterId(cluster)));
         self.index.follow(cluster, after)
     }
@@ -404,9 +406,9 @@ impl SegmentClusterer {
     ) -> Option<u32> {
         let mut candidates = std::mem::take(&mut self.candidates);
         candidates.clear();
-        let towards = segment.direction();
-        let is_parallel =
-            |id: &u32| self.directions[*id as usize].dot(&towards).abs() >= self.minimum_cosine;
+        let towards: Vector3<f32> = segment.direction().cast();
+        let least = self.minimum_cosine as f32 - ROUNDING;
+        let is_parallel = |id: &u32| self.directions[*id as usize].dot(&towards).abs() >= least;
         candidates.extend(self.index.near(segment).filter(is_parallel));
         let best = candidates
             .iter()

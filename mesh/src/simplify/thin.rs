@@ -13,7 +13,7 @@ use nalgebra::{Point3, Vector3};
 use super::live::doubled_area;
 use super::quadric::Quadric;
 use crate::TriangleMesh;
-use crate::edge_uses::edge_uses;
+use crate::edge_uses::for_each_edge;
 
 /// How far [`thin`] may go.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -183,8 +183,7 @@ impl Thinning {
         let mut boundaries: Vec<Planes> = Vec::new();
         let mut boundary_of = vec![NONE; count];
         let mut is_fixed = vec![false; count];
-        let edges = edge_uses(&mesh.triangles);
-        for uses in edges.chunk_by(|a, b| a.0 == b.0) {
+        for_each_edge(&mesh.triangles, count, |uses| {
             let (ends, corner) = uses[0];
             let ends = ends.map(|end| end as usize);
             if uses.len() == 1 {
@@ -206,8 +205,7 @@ impl Thinning {
                     is_fixed[end] = true;
                 }
             }
-        }
-        drop(edges);
+        });
         let mut surface = vec![Planes::NONE; count];
         for triangle in &mesh.triangles {
             let corners = triangle.map(|corner| positions[corner as usize]);
