@@ -27,8 +27,10 @@ pub enum Growth {
 pub(crate) struct GrowthFiles<'a> {
     output: &'a mut OutputFolder,
     growth: Growth,
-    /// Reused memory of changes. That of a whole surface is given back: the next keyframe needs as much before its file is written.
+    /// Reused memory: what is given back costs as much time to get again as the file.
     bytes: Vec<u8>,
+    mesh: TriangleMesh,
+    writer: GlbWriter,
 }
 
 impl<'a> GrowthFiles<'a> {
@@ -42,6 +44,8 @@ impl<'a> GrowthFiles<'a> {
             output,
             growth,
             bytes: Vec::new(),
+            mesh: TriangleMesh::default(),
+            writer: GlbWriter::default(),
         })
     }
 }
@@ -65,10 +69,10 @@ impl Sink for GrowthFiles<'_> {
         match self.growth {
             Growth::Whole => {
                 let path = self.output.file(&format!("{name}.glb"));
-                let mut mesh = TriangleMesh::default();
-                surface.copy_to(&mut mesh);
-                let parts = [surface_part(&mesh)];
-                GlbWriter::default().write_shifted(&path, &parts, &recording.origin)?;
+                surface.copy_to(&mut self.mesh);
+                let parts = [surface_part(&self.mesh)];
+                self.writer
+                    .write_shifted(&path, &parts, &recording.origin)?;
             }
             Growth::Delta => {
                 let path = self.output.file(&format!("{name}.delta"));
