@@ -95,8 +95,7 @@ impl Fragments {
         *data_end = base;
         let is_ours = track == self.track;
         if is_ours && let Some(time) = part.find(b"tfdt")? {
-            let is_long = time.take(0, 1)?.bytes[0] == 1;
-            self.time = match is_long {
+            self.time = match time.is_long()? {
                 true => i64::try_from(time.u64(4)?).unwrap_or(i64::MAX),
                 false => i64::from(time.u32(4)?),
             };

@@ -191,14 +191,14 @@ fn read_index(index: Part<'_>) -> Result<(VideoTrack, Option<Fragments>), VideoE
             continue;
         }
         let header = media.need(b"mdhd")?;
-        let scale = header.u32(if is_long(&header)? { 20 } else { 12 })?;
+        let scale = header.u32(if header.is_long()? { 20 } else { 12 })?;
         let scale = NonZeroU32::new(scale)
             .map(TimeScale)
             .ok_or_else(|| header.error(0, "the time scale is zero (damaged file?)"))?;
         let table = media.need(b"minf")?.need(b"stbl")?;
         let (samples, end) = samples(&table, scale)?;
         let head = track.need(b"tkhd")?;
-        let number = head.u32(if is_long(&head)? { 20 } else { 12 })?;
+        let number = head.u32(if head.is_long()? { 20 } else { 12 })?;
         let fragments = extends.map(|(_, part)| Fragments::new(part, number, scale, end));
         let (configuration, is_full_range) = description(&table.need(b"stsd")?)?;
         let track = VideoTrack {
@@ -211,11 +211,6 @@ fn read_index(index: Part<'_>) -> Result<(VideoTrack, Option<Fragments>), VideoE
         return Ok((track, fragments.transpose()?));
     }
     Err(index.error(0, "the file has no video track"))
-}
-
-/// Whether a box is of version 1, with times of eight bytes.
-fn is_long(part: &Part<'_>) -> Result<bool, VideoError> {
-    Ok(part.take(0, 1)?.bytes[0] == 1)
 }
 
 /// The configuration of the decoder, and whether pictures use all values, from the description of the samples.
@@ -252,7 +247,7 @@ fn description(description: &Part<'_>) -> Result<(Configuration, bool), VideoErr
 
 /// Quarter turns to the right, from the matrix of a track head.
 fn quarter_turns(head: &Part<'_>) -> Result<u8, VideoError> {
-    let matrix = if is_long(head)? { 52 } else { 40 };
+    let matrix = if head.is_long()? { 52 } else { 40 };
     // Rows are a b u, c d v, x y w; x' = a x + c y.
     let [a, b] = [head.u32(matrix)? as i32, head.u32(matrix + 4)? as i32];
     Ok(match (a, b) {

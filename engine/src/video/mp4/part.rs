@@ -46,6 +46,11 @@ impl<'a> Part<'a> {
         Ok((u64::from(self.u32(at)?) << 32) | u64::from(self.u32(at + 4)?))
     }
 
+    /// Whether a box is of version 1, with times of eight bytes.
+    pub(super) fn is_long(&self) -> Result<bool, VideoError> {
+        Ok(self.take(0, 1)?.bytes[0] == 1)
+    }
+
     /// The contents of the boxes in this part, with their types.
     pub(super) fn boxes(&self) -> Result<Vec<([u8; 4], Self)>, VideoError> {
         let mut found = Vec::new();
