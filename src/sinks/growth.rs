@@ -27,7 +27,7 @@ pub enum Growth {
 pub(crate) struct GrowthFiles<'a> {
     output: &'a mut OutputFolder,
     growth: Growth,
-    /// Reused memory: what is given back costs as much time to get again as the file.
+    /// Reused memory: getting it anew from the system for each keyframe takes longer than the file itself.
     bytes: Vec<u8>,
     mesh: TriangleMesh,
     writer: GlbWriter,

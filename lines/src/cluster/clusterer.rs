@@ -84,6 +84,7 @@ impl Cluster {
 
 /// More than a cosine is off when it is computed in single precision.
 const ROUNDING: f32 = 1e-6;
+
 /// Marks a segment without cluster.
 const NONE: u32 = u32::MAX;
 
