@@ -24,9 +24,9 @@ mod types;
 pub use encode_image::encode_jpeg;
 pub use holes::close_holes;
 pub use io::{
-    Geometry, GlbPart, GlbWriter, MeshFileError, ReadError, StreamedMesh, read_geometry,
-    read_textured, write_glb, write_lines_obj, write_lines_ply, write_mesh_obj, write_mesh_ply,
-    write_points_ply, write_streamed_mesh_ply, write_textured_obj,
+    Geometry, GlbPart, GlbWriter, MeshElements, MeshFileError, ReadError, StreamedMesh,
+    read_geometry, read_textured, write_glb, write_lines_obj, write_lines_ply, write_mesh_obj,
+    write_mesh_ply, write_points_ply, write_streamed_mesh_ply, write_textured_obj,
 };
 pub use shape::{Shape, ShapeKind};
 pub use smooth::{SmoothOptions, smooth_piecewise_flat};

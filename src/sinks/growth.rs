@@ -3,9 +3,9 @@
 use std::time::Instant;
 
 use linecarve_mesh::files::write_atomically;
-use linecarve_mesh::{GlbWriter, MeshFileError, TriangleMesh};
+use linecarve_mesh::{GlbWriter, MeshFileError};
 
-use super::output::{OutputFolder, surface_part};
+use super::output::{OutputFolder, SURFACE};
 use crate::report::growth_delta::encode;
 use linecarve_engine::map::Map;
 use linecarve_engine::run::milliseconds;
@@ -29,7 +29,7 @@ pub(crate) struct GrowthFiles<'a> {
     growth: Growth,
     /// Reused memory: getting it anew from the system for each keyframe takes longer than the file itself.
     bytes: Vec<u8>,
-    mesh: TriangleMesh,
+    index: Vec<u32>,
     writer: GlbWriter,
 }
 
@@ -44,7 +44,7 @@ impl<'a> GrowthFiles<'a> {
             output,
             growth,
             bytes: Vec::new(),
-            mesh: TriangleMesh::default(),
+            index: Vec::new(),
             writer: GlbWriter::default(),
         })
     }
@@ -69,10 +69,10 @@ impl Sink for GrowthFiles<'_> {
         match self.growth {
             Growth::Whole => {
                 let path = self.output.file(&format!("{name}.glb"));
-                surface.copy_to(&mut self.mesh);
-                let parts = [surface_part(&self.mesh)];
+                let counts = [surface.vertex_count(), surface.triangle_count()];
+                let elements = surface.elements(&mut self.index);
                 self.writer
-                    .write_shifted(&path, &parts, &recording.origin)?;
+                    .write_surface(&path, SURFACE, elements, counts, &recording.origin)?;
             }
             Growth::Delta => {
                 let path = self.output.file(&format!("{name}.delta"));

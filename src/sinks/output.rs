@@ -149,12 +149,15 @@ pub(crate) fn write_part(
     Ok(Vec::new())
 }
 
+/// Name and colour of the surface in GLB files.
+pub(crate) const SURFACE: (&str, [u8; 3]) = ("surface", CLAY);
+
 /// The surface as a node of a GLB file.
 pub(crate) fn surface_part(mesh: &TriangleMesh) -> GlbPart<'_> {
     GlbPart {
-        name: "surface",
+        name: SURFACE.0,
         geometry: Geometry::Mesh(mesh),
-        color: CLAY,
+        color: SURFACE.1,
     }
 }
 

@@ -235,8 +235,7 @@ impl GrowingView {
             return false;
         }
         self.fitted_at = keyframes;
-        let mut mesh = TriangleMesh::default();
-        surface.copy_to(&mut mesh);
+        let mesh = surface.to_mesh();
         self.view = Some(outside_view(&mesh, &run.poses, run.median_depth));
         true
     }

@@ -4,7 +4,7 @@ use linecarve_carving::{
     Carver, ExportOptions, IncrementalMesh, MeshChange, SurfaceDelta, Triangle, TriangleRole,
     VertexId,
 };
-use linecarve_mesh::TriangleMesh;
+use linecarve_mesh::{MeshElements, TriangleMesh};
 use nalgebra::Point3;
 
 use super::update::MapUpdate;
@@ -192,22 +192,28 @@ impl MapSurface {
         self.colors[number as usize]
     }
 
-    /// Copies the surface, in an order that depends on its history: as fast as memory allows. Reuses the memory of `mesh`.
-    pub fn copy_to(&self, mesh: &mut TriangleMesh) {
-        let numbers = 0..self.vertex_capacity() as u32;
-        let mut index = vec![0; self.vertex_capacity()];
-        mesh.positions.clear();
-        let mut colors = mesh.colors.take().unwrap_or_default();
-        colors.clear();
-        for number in numbers.filter(|&number| self.mesh.is_vertex(number)) {
-            index[number as usize] = mesh.positions.len() as u32;
-            mesh.positions.push(self.position(number));
-            colors.push(self.color(number).unwrap_or(DEFAULT_COLOR));
+    /// The surface in an order that depends on its history: as fast as memory allows. `index` is reused memory.
+    pub fn elements<'a>(
+        &'a self,
+        index: &'a mut Vec<u32>,
+    ) -> MeshElements<
+        impl Iterator<Item = Point3<f64>> + 'a,
+        impl Iterator<Item = [u8; 3]> + 'a,
+        impl Iterator<Item = [u32; 3]> + 'a,
+    > {
+        let numbers = || (0..self.vertex_capacity() as u32).filter(|&n| self.mesh.is_vertex(n));
+        index.clear();
+        index.resize(self.vertex_capacity(), 0);
+        for (place, number) in (0..).zip(numbers()) {
+            index[number as usize] = place;
         }
-        mesh.colors = (self.colored > 0).then_some(colors);
-        mesh.triangles.clear();
-        let corners = |face: [u32; 3]| face.map(|number| index[number as usize]);
-        mesh.triangles.extend(self.mesh.faces().map(corners));
+        let index: &'a [u32] = index;
+        let color = |number| self.color(number).unwrap_or(DEFAULT_COLOR);
+        MeshElements {
+            positions: numbers().map(|number| self.position(number)),
+            colors: (self.colored > 0).then(|| numbers().map(color)),
+            elements: (self.mesh.faces()).map(|face| face.map(|number| index[number as usize])),
+        }
     }
 
     /// A copy of the surface in an order that depends on the surface alone.

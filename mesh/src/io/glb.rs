@@ -10,7 +10,7 @@ mod document;
 
 use std::path::Path;
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use self::builder::Builder;
 use super::error::MeshFileError;
@@ -49,7 +49,34 @@ pub fn write_glb(
     parts: &[GlbPart<'_>],
     origin: &Vector3<f64>,
 ) -> Result<(), MeshFileError> {
-    GlbWriter::default().write(path, parts, origin, origin)
+    let mut builder = Builder::new(Vec::new());
+    for part in parts {
+        match part.geometry {
+            Geometry::Mesh(mesh) => mesh.validate(),
+            Geometry::Textured(mesh, texture) => {
+                texture
+                    .validate(mesh)
+                    .map_err(MeshFileError::texture(path))?;
+                mesh.validate()
+            }
+            Geometry::Lines(lines) => lines.validate(),
+        }
+        .map_err(MeshFileError::geometry(path))?;
+        builder.add(part, origin);
+    }
+    let (json, binary) = finish(builder, path, origin)?;
+    write_chunks(path, &json, &binary)
+}
+
+/// The vertices and the triangles or lines of a mesh, in the order of the file.
+#[derive(Debug)]
+pub struct MeshElements<P, C, E> {
+    /// Finite positions.
+    pub positions: P,
+    /// sRGB colours of all vertices, or `None`.
+    pub colors: Option<C>,
+    /// Indices of vertices by element.
+    pub elements: E,
 }
 
 /// Writes files of similar size one after another: it keeps its memory.
@@ -59,51 +86,49 @@ pub struct GlbWriter {
 }
 
 impl GlbWriter {
-    /// Writes the same file as [`write_glb`], of parts from whose positions `origin` is already subtracted.
+    /// Writes a surface as one node, which has the colour unless its vertices have their own: the same file as
+    /// [`write_glb`], of a mesh from whose positions `origin` is already subtracted. `counts` are those of vertices and
+    /// triangles. Positions have to be finite, and indices in range.
     ///
     /// # Errors
-    /// As [`write_glb`].
-    pub fn write_shifted(
+    /// When the file would exceed 4 GiB, or cannot be written.
+    pub fn write_surface<P, C, T>(
         &mut self,
         path: &Path,
-        parts: &[GlbPart<'_>],
+        (name, color): (&str, [u8; 3]),
+        mesh: MeshElements<P, C, T>,
+        [vertices, triangles]: [usize; 2],
         origin: &Vector3<f64>,
-    ) -> Result<(), MeshFileError> {
-        self.write(path, parts, &Vector3::zeros(), origin)
-    }
-
-    /// Subtracts `shift` from all positions and notes `origin`.
-    fn write(
-        &mut self,
-        path: &Path,
-        parts: &[GlbPart<'_>],
-        shift: &Vector3<f64>,
-        origin: &Vector3<f64>,
-    ) -> Result<(), MeshFileError> {
+    ) -> Result<(), MeshFileError>
+    where
+        P: Iterator<Item = Point3<f64>>,
+        C: Iterator<Item = [u8; 3]>,
+        T: Iterator<Item = [u32; 3]>,
+    {
         self.binary.clear();
-        let mut builder = Builder::new(std::mem::take(&mut self.binary));
-        for part in parts {
-            match part.geometry {
-                Geometry::Mesh(mesh) => mesh.validate(),
-                Geometry::Textured(mesh, texture) => {
-                    texture
-                        .validate(mesh)
-                        .map_err(MeshFileError::texture(path))?;
-                    mesh.validate()
-                }
-                Geometry::Lines(lines) => lines.validate(),
-            }
-            .map_err(MeshFileError::geometry(path))?;
-            builder.add(part, shift);
+        // Bytes of a position, of a colour and of three indices.
+        let bytes = 20 * vertices + 12 * triangles;
+        if self.binary.capacity() < bytes {
+            self.binary.reserve_exact(bytes + bytes / 8);
         }
-        let (json, binary) = builder.finish(origin).map_err(|error| WriteError {
-            path: path.to_owned(),
-            source: error.into(),
-        })?;
+        let mut builder = Builder::new(std::mem::take(&mut self.binary));
+        builder.add_surface(name, color, mesh, &Vector3::zeros());
+        let (json, binary) = finish(builder, path, origin)?;
         let outcome = write_chunks(path, &json, &binary);
         self.binary = binary;
         outcome
     }
+}
+
+fn finish(
+    builder: Builder<'_>,
+    path: &Path,
+    origin: &Vector3<f64>,
+) -> Result<(Vec<u8>, Vec<u8>), WriteError> {
+    builder.finish(origin).map_err(|error| WriteError {
+        path: path.to_owned(),
+        source: error.into(),
+    })
 }
 
 /// Writes the two chunks of a file.
@@ -139,8 +164,6 @@ fn write_chunks(path: &Path, json: &[u8], binary: &[u8]) -> Result<(), MeshFileE
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Point3;
-
     use super::*;
 
     fn triangle() -> TriangleMesh {
@@ -201,6 +224,39 @@ mod tests {
         let extras = file.scenes().next().unwrap().extras().clone().unwrap();
         let extras: serde_json::Value = serde_json::from_str(extras.get()).unwrap();
         assert_eq!(extras["original_from_gltf"][0][3], 1e6);
+    }
+
+    #[test]
+    fn a_surface_in_elements_makes_the_same_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let origin = Vector3::new(1e6, 0.0, 0.0);
+        let mut writer = GlbWriter::default();
+        let whole = triangle();
+        let empty = TriangleMesh::default();
+        let plain = TriangleMesh {
+            colors: None,
+            ..triangle()
+        };
+        for mesh in [&whole, &empty, &plain] {
+            let part = GlbPart {
+                name: "surface",
+                geometry: Geometry::Mesh(mesh),
+                color: [200; 3],
+            };
+            let paths = ["parts.glb", "elements.glb"].map(|name| folder.path().join(name));
+            write_glb(&paths[0], &[part], &origin).unwrap();
+            let elements = MeshElements {
+                positions: mesh.positions.iter().map(|position| position - origin),
+                colors: mesh.colors.as_ref().map(|colors| colors.iter().copied()),
+                elements: mesh.triangles.iter().copied(),
+            };
+            let counts = [mesh.positions.len(), mesh.triangles.len()];
+            writer
+                .write_surface(&paths[1], ("surface", [200; 3]), elements, counts, &origin)
+                .unwrap();
+            let [parts, elements] = paths.map(|path| std::fs::read(path).unwrap());
+            assert!(parts == elements);
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ mod ply;
 mod read;
 
 pub use error::MeshFileError;
-pub use glb::{Geometry, GlbPart, GlbWriter, write_glb};
+pub use glb::{Geometry, GlbPart, GlbWriter, MeshElements, write_glb};
 pub use obj::{write_lines_obj, write_mesh_obj, write_textured_obj};
 pub use ply::{
     StreamedMesh, write_lines_ply, write_mesh_ply, write_points_ply, write_streamed_mesh_ply,

@@ -6,7 +6,7 @@ use super::document::{
     Accessor, Attributes, Buffer, BufferView, ComponentType, ElementType, Image, Material, Mesh,
     Mode, Node, Primitive, Root, Sampler, Target, TextureSource, UNLIT,
 };
-use super::{Geometry, GlbPart};
+use super::{Geometry, GlbPart, MeshElements};
 use crate::texture::EncodedTexture;
 use crate::types::TriangleMesh;
 
@@ -28,52 +28,80 @@ impl<'a> Builder<'a> {
     /// Adds a node, from whose positions `origin` is subtracted.
     pub(super) fn add(&mut self, part: &GlbPart<'a>, origin: &Vector3<f64>) {
         let mesh = match part.geometry {
-            Geometry::Mesh(mesh) if !mesh.triangles.is_empty() => Some(self.add_mesh(
-                part,
-                &mesh.positions,
-                mesh.colors.as_deref(),
-                mesh.triangles.as_flattened(),
-                Mode::Triangles,
-                origin,
-            )),
+            Geometry::Mesh(mesh) if !mesh.triangles.is_empty() => {
+                let elements = MeshElements {
+                    positions: mesh.positions.iter().copied(),
+                    colors: mesh.colors.as_ref().map(|colors| colors.iter().copied()),
+                    elements: mesh.triangles.iter().copied(),
+                };
+                Some(self.add_mesh(part.name, part.color, elements, Mode::Triangles, origin))
+            }
             Geometry::Textured(mesh, texture) if !mesh.triangles.is_empty() => {
                 Some(self.add_textured(part.name, mesh, texture, origin))
             }
-            Geometry::Lines(lines) if !lines.lines.is_empty() => Some(self.add_mesh(
-                part,
-                &lines.points,
-                lines.colors.as_deref(),
-                lines.lines.as_flattened(),
-                Mode::Lines,
-                origin,
-            )),
+            Geometry::Lines(lines) if !lines.lines.is_empty() => {
+                let elements = MeshElements {
+                    positions: lines.points.iter().copied(),
+                    colors: lines.colors.as_ref().map(|colors| colors.iter().copied()),
+                    elements: lines.lines.iter().copied(),
+                };
+                Some(self.add_mesh(part.name, part.color, elements, Mode::Lines, origin))
+            }
             _ => None,
         };
-        let name = part.name;
+        self.add_node(part.name, mesh);
+    }
+
+    /// Adds a node of a surface; one without triangles has no mesh.
+    pub(super) fn add_surface<P, C, T>(
+        &mut self,
+        name: &'a str,
+        color: [u8; 3],
+        mesh: MeshElements<P, C, T>,
+        origin: &Vector3<f64>,
+    ) where
+        P: Iterator<Item = Point3<f64>>,
+        C: Iterator<Item = [u8; 3]>,
+        T: Iterator<Item = [u32; 3]>,
+    {
+        let mut triangles = mesh.elements.peekable();
+        let is_empty = triangles.peek().is_none();
+        let elements = MeshElements {
+            positions: mesh.positions,
+            colors: mesh.colors,
+            elements: triangles,
+        };
+        let mesh =
+            (!is_empty).then(|| self.add_mesh(name, color, elements, Mode::Triangles, origin));
+        self.add_node(name, mesh);
+    }
+
+    fn add_node(&mut self, name: &'a str, mesh: Option<usize>) {
         let node = push(&mut self.root.nodes, Node { mesh, name });
         self.root.scenes[0].nodes.push(node);
     }
 
-    fn add_mesh(
+    /// Adds a mesh, which has the colour unless its vertices have their own.
+    fn add_mesh<const N: usize>(
         &mut self,
-        part: &GlbPart<'a>,
-        points: &[Point3<f64>],
-        colors: Option<&[[u8; 3]]>,
-        indices: &[u32],
+        name: &'a str,
+        color: [u8; 3],
+        mesh: MeshElements<
+            impl Iterator<Item = Point3<f64>>,
+            impl Iterator<Item = [u8; 3]>,
+            impl Iterator<Item = [u32; N]>,
+        >,
         mode: Mode,
         origin: &Vector3<f64>,
     ) -> usize {
+        let has_colors = mesh.colors.is_some();
         let attributes = Attributes {
-            position: self.add_positions(points, origin),
-            color: colors.map(|colors| self.add_colors(colors)),
+            position: self.add_positions(mesh.positions, origin),
+            color: mesh.colors.map(|colors| self.add_colors(colors)),
             coordinates: None,
         };
-        let indices = self.add_indices(indices);
-        let color = if colors.is_some() {
-            [255; 3]
-        } else {
-            part.color
-        };
+        let indices = self.add_indices(mesh.elements);
+        let color = if has_colors { [255; 3] } else { color };
         let primitive = Primitive {
             attributes,
             indices,
@@ -83,7 +111,7 @@ impl<'a> Builder<'a> {
         push(
             &mut self.root.meshes,
             Mesh {
-                name: part.name,
+                name,
                 primitives: [primitive],
             },
         )
@@ -98,13 +126,13 @@ impl<'a> Builder<'a> {
     ) -> usize {
         let split = texture.split(mesh);
         let vertices = split.vertices.iter();
-        let positions: Vec<Point3<f64>> = vertices.map(|v| mesh.positions[*v as usize]).collect();
+        let positions = vertices.map(|v| mesh.positions[*v as usize]);
         let attributes = Attributes {
-            position: self.add_positions(&positions, origin),
+            position: self.add_positions(positions, origin),
             color: None,
             coordinates: Some(self.add_coordinates(&split.coordinates)),
         };
-        let indices = self.add_indices(split.triangles.as_flattened());
+        let indices = self.add_indices(split.triangles.iter().copied());
         let primitive = Primitive {
             attributes,
             indices,
@@ -166,8 +194,13 @@ impl<'a> Builder<'a> {
     }
 
     /// Positions as `f32`, with the bounds of the rounded values, which the format requires.
-    fn add_positions(&mut self, points: &[Point3<f64>], origin: &Vector3<f64>) -> usize {
+    fn add_positions(
+        &mut self,
+        points: impl Iterator<Item = Point3<f64>>,
+        origin: &Vector3<f64>,
+    ) -> usize {
         let start = self.binary.len();
+        let mut count = 0;
         let mut low = [f32::INFINITY; 3];
         let mut high = [f32::NEG_INFINITY; 3];
         for point in points {
@@ -180,11 +213,12 @@ impl<'a> Builder<'a> {
             }
             let bytes = stored.map(f32::to_le_bytes);
             self.binary.extend_from_slice(bytes.as_flattened());
+            count += 1;
         }
         let index = self.add_accessor(
             start,
             Target::ArrayBuffer,
-            points.len(),
+            count,
             (ComponentType::F32, ElementType::Vec3),
         );
         let accessor = &mut self.root.accessors[index];
@@ -194,35 +228,40 @@ impl<'a> Builder<'a> {
     }
 
     /// Colours as 16-bit linear RGBA: vertex colours of the format are linear, and 8 bits would show bands in the dark.
-    fn add_colors(&mut self, colors: &[[u8; 3]]) -> usize {
+    fn add_colors(&mut self, colors: impl Iterator<Item = [u8; 3]>) -> usize {
         let start = self.binary.len();
+        let mut count = 0;
         let linear: [u16; 256] =
             std::array::from_fn(|value| (linear_from_srgb(value as u8) * 65535.0).round() as u16);
         for [red, green, blue] in colors {
-            let channels = [red, green, blue].map(|channel| linear[usize::from(*channel)]);
+            let channels = [red, green, blue].map(|channel| linear[usize::from(channel)]);
             let [red, green, blue] = channels.map(u16::to_le_bytes);
             let bytes = [red, green, blue, u16::MAX.to_le_bytes()];
             self.binary.extend_from_slice(bytes.as_flattened());
+            count += 1;
         }
         let index = self.add_accessor(
             start,
             Target::ArrayBuffer,
-            colors.len(),
+            count,
             (ComponentType::U16, ElementType::Vec4),
         );
         self.root.accessors[index].normalized = true;
         index
     }
 
-    fn add_indices(&mut self, indices: &[u32]) -> usize {
+    fn add_indices<const N: usize>(&mut self, elements: impl Iterator<Item = [u32; N]>) -> usize {
         let start = self.binary.len();
-        for index in indices {
-            self.binary.extend_from_slice(&index.to_le_bytes());
+        let mut count = 0;
+        for element in elements {
+            let bytes = element.map(u32::to_le_bytes);
+            self.binary.extend_from_slice(bytes.as_flattened());
+            count += N;
         }
         self.add_accessor(
             start,
             Target::ElementArrayBuffer,
-            indices.len(),
+            count,
             (ComponentType::U32, ElementType::Scalar),
         )
     }
