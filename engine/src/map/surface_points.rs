@@ -8,6 +8,8 @@ use linecarve_lines::triangulation::{
 };
 use nalgebra::{Isometry3, Point2, Point3, Unit, Vector2, Vector3};
 
+use rustc_hash::FxHashSet;
+
 use super::landmarks::Measurement;
 use super::view_region::ViewRegion;
 use crate::options::SurfacePointOptions;
@@ -293,27 +295,28 @@ impl<'a> KeyframeSurface<'a> {
         })
     }
 
-    /// Refines the triangulation of `vertices`, with `lines` between them, until it follows the surface. Returns the added
-    /// points.
+    /// Refines a triangulation of `vertices`, of the first in each square of the minimum distance, until it follows the surface. Returns
+    /// the added points.
     pub(super) fn refine(
         &self,
         vertices: &[ImageVertex],
-        lines: &[[u32; 2]],
         options: &RefineOptions,
-    ) -> Vec<Option<Measurement>> {
-        let mut triangulation = ImageTriangulation::new(vertices, lines);
+    ) -> Vec<Measurement> {
+        let square = |along: f64| (along / options.minimum_distance_px) as i64;
+        let mut taken = FxHashSet::default();
+        let mut thinned = vertices.to_vec();
+        thinned.retain(|vertex| taken.insert(vertex.pixel.coords.map(square)));
+        let mut triangulation = ImageTriangulation::new(&thinned);
         let options = RefineOptions {
             relative_error: self.disagreement,
             ..*options
         };
-        triangulation.refine(self.samples, &options);
-        triangulation.vertices()[vertices.len()..]
-            .iter()
-            .map(|vertex| {
-                let sample = self.samples.near(&vertex.pixel)?;
-                self.measurement(&vertex.pixel, &sample)
-            })
-            .collect()
+        let added = triangulation.refine(self.samples, &options);
+        let added = added.iter().filter_map(|vertex| {
+            let sample = self.samples.near(&vertex.pixel)?;
+            self.measurement(&vertex.pixel, &sample)
+        });
+        added.collect()
     }
 }
 
@@ -395,20 +398,19 @@ mod tests {
         let (samples, camera, pose) = wall();
         let options = SurfacePointOptions::default();
         let surface = KeyframeSurface::new(&samples, &camera, &pose, &options, 0.0);
-        let refined = surface.refine(&[], &[], &options.refine);
+        let refined = surface.refine(&[], &options.refine);
         // One in each square of 20 pixels.
         assert_eq!(refined.len(), 8 * 6);
-        let missing: Vec<Measurement> = refined.into_iter().flatten().collect();
         assert!(
-            missing
+            refined
                 .iter()
                 .all(|m| (m.point_in_world.z - 5.0).abs() < 1e-5)
         );
-        let known: Vec<ImageVertex> = missing
+        let known: Vec<ImageVertex> = refined
             .iter()
             .map(|m| surface.vertex(&m.point_in_world).unwrap())
             .collect();
-        let again = surface.refine(&known, &[], &options.refine);
+        let again = surface.refine(&known, &options.refine);
         assert!(again.is_empty());
     }
 }

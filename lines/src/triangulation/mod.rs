@@ -1,7 +1,7 @@
 //! Surface of one keyframe as a triangulation of its image.
 //!
 //! Surfaces without edges, such as doors and table tops, have no segments. Where depth is dense, [`SurfaceSamples`] fits a plane to the
-//! depths around each grid pixel. [`ImageTriangulation`] is a constrained Delaunay triangulation of known points (from segments and maps)
+//! depths around each grid pixel. [`ImageTriangulation`] is a Delaunay triangulation of known points (from segments and maps)
 //! in the image, refined greedily: the sample with the largest deviation from its triangle, in standard deviations, becomes a vertex,
 //! until all deviations are within a bound.
 //!

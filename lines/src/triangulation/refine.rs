@@ -1,11 +1,11 @@
-//! Constrained Delaunay triangulation of a keyframe and its greedy refinement.
+//! Delaunay triangulation of a keyframe and its greedy refinement.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use nalgebra::Point2;
 use spade::handles::{FaceHandle, FixedVertexHandle, InnerTag};
-use spade::{ConstrainedDelaunayTriangulation, HasPosition, Triangulation};
+use spade::{DelaunayTriangulation, HasPosition, Triangulation};
 
 use super::options::RefineOptions;
 use super::samples::{SurfaceSample, SurfaceSamples};
@@ -49,119 +49,54 @@ impl HasPosition for Node {
 
 /// Largest absolute coordinate of a vertex.
 const MAX_COORDINATE_PX: f64 = 1e6;
-/// Size of the grid cells along whose rows the given vertices are inserted.
-const ORDER_CELL_PX: f64 = 8.0;
 /// Smaller absolute coordinates become 0: `spade` refuses very small values.
 const MIN_COORDINATE_PX: f64 = 1e-12;
 
-/// A constrained Delaunay triangulation of surface points in the image.
+/// A Delaunay triangulation of surface points in the image.
 ///
 /// Deterministic: ties of deviation go to the lower row, then column.
 #[derive(Debug)]
 pub struct ImageTriangulation {
-    triangulation: ConstrainedDelaunayTriangulation<Node>,
-    vertices: Vec<ImageVertex>,
-    /// Node of each vertex; `None` for rejected vertices.
-    nodes: Vec<Option<FixedVertexHandle>>,
+    triangulation: DelaunayTriangulation<Node>,
+    given: usize,
+    added: Vec<ImageVertex>,
 }
 
 impl ImageTriangulation {
-    /// Triangulates vertices with `lines` between them as constraint edges.
+    /// Triangulates vertices.
     ///
-    /// Vertices that are not finite, beyond 1e6 pixels or without positive inverse depth are ignored. Of several vertices at one pixel the last
-    /// one counts. A line that crosses an earlier one is ignored.
+    /// Vertices that are not finite, beyond 1e6 pixels or without positive inverse depth are ignored. Of several vertices at one pixel the
+    /// first one counts.
     ///
     /// # Complexity
     /// Expected about `n log n`.
-    pub fn new(vertices: &[ImageVertex], lines: &[[u32; 2]]) -> Self {
-        let mut triangulation = Self {
-            triangulation: ConstrainedDelaunayTriangulation::new(),
-            vertices: Vec::with_capacity(vertices.len()),
-            nodes: Vec::with_capacity(vertices.len()),
-        };
-        triangulation.insert_in_spatial_order(vertices);
-        for [a, b] in lines {
-            let node = |index: u32| triangulation.nodes.get(index as usize).copied().flatten();
-            if let (Some(a), Some(b)) = (node(*a), node(*b))
-                && a != b
-                && triangulation.triangulation.can_add_constraint(a, b)
-            {
-                triangulation.triangulation.add_constraint(a, b);
-            }
-        }
-        triangulation
-    }
-
-    /// The given vertices, then the inserted ones.
-    pub fn vertices(&self) -> &[ImageVertex] {
-        &self.vertices
-    }
-
-    /// Inserts vertices along the rows of a coarse grid, so that each is near the one before it. Those at one pixel keep their order.
-    fn insert_in_spatial_order(&mut self, vertices: &[ImageVertex]) {
-        let cell = |along: f64| (along / ORDER_CELL_PX).clamp(-1e9, 1e9) as i64;
-        let mut order: Vec<(i64, i64, u32)> = (0..)
-            .zip(vertices)
-            .map(|(index, vertex)| {
-                let (row, column) = (cell(vertex.pixel.y), cell(vertex.pixel.x));
-                // To and fro.
-                let column = if row % 2 == 0 { column } else { -column };
-                (row, column, index)
-            })
-            .collect();
-        order.sort_unstable();
-        self.vertices.extend(vertices);
-        self.nodes.resize(vertices.len(), None);
-        for (_, _, index) in order {
-            self.nodes[index as usize] = self.insert_node(vertices[index as usize], index);
+    pub fn new(vertices: &[ImageVertex]) -> Self {
+        let nodes = (0..).zip(vertices);
+        let nodes = nodes.filter_map(|(index, vertex)| node(vertex, index));
+        Self {
+            triangulation: DelaunayTriangulation::bulk_load_stable(nodes.collect())
+                .expect("coordinates that were checked"),
+            given: vertices.len(),
+            added: Vec::new(),
         }
     }
 
     fn insert(&mut self, vertex: ImageVertex) -> Option<FixedVertexHandle> {
-        let index = self.vertices.len() as u32;
-        let node = self.insert_node(vertex, index);
-        self.vertices.push(vertex);
-        self.nodes.push(node);
-        node
+        let index = self.given + self.added.len();
+        self.added.push(vertex);
+        let node = node(&vertex, index as u32)?;
+        self.triangulation.insert(node).ok()
     }
 
-    fn insert_node(&mut self, vertex: ImageVertex, index: u32) -> Option<FixedVertexHandle> {
-        let coordinate = |value: f64| {
-            if value.abs() < MIN_COORDINATE_PX {
-                0.0
-            } else {
-                value
-            }
-        };
-        let (x, y) = (coordinate(vertex.pixel.x), coordinate(vertex.pixel.y));
-        let is_usable = x.abs() <= MAX_COORDINATE_PX
-            && y.abs() <= MAX_COORDINATE_PX
-            && vertex.rho > 0.0
-            && vertex.rho.is_finite();
-        is_usable
-            .then(|| {
-                self.triangulation
-                    .insert(Node {
-                        x,
-                        y,
-                        rho: vertex.rho,
-                        vertex: index,
-                    })
-                    .ok()
-            })
-            .flatten()
-    }
-
-    /// Inserts samples until all deviations are within the bound, subject to the minimum distance; returns the number of inserted vertices,
-    /// which follow the given ones.
+    /// Inserts samples until all deviations are within the bound, subject to the minimum distance; returns the inserted vertices.
     ///
     /// First, each grid square without a vertex gets the sample nearest to its centre. The options must be
     /// [valid](RefineOptions::validate).
     ///
     /// # Complexity
     /// Expected O(n log n) for n samples.
-    pub fn refine(&mut self, samples: &SurfaceSamples, options: &RefineOptions) -> usize {
-        let before = self.vertices.len();
+    pub fn refine(&mut self, samples: &SurfaceSamples, options: &RefineOptions) -> &[ImageVertex] {
+        let before = self.added.len();
         self.fill_gaps(samples, options);
         let mut queue = BinaryHeap::new();
         for face in self.triangulation.inner_faces() {
@@ -181,7 +116,7 @@ impl ImageTriangulation {
                 }
             }
         }
-        self.vertices.len() - before
+        &self.added[before..]
     }
 
     fn insert_sample(
@@ -207,9 +142,9 @@ impl ImageTriangulation {
             samples.rows().div_ceil(side),
         );
         let mut is_taken = vec![false; columns * rows];
-        for vertex in &self.vertices {
+        for vertex in self.triangulation.vertices() {
             let square = |along: f64| along / (f64::from(step) * side as f64);
-            let (x, y) = (square(vertex.pixel.x), square(vertex.pixel.y));
+            let (x, y) = (square(vertex.data().x), square(vertex.data().y));
             if x >= 0.0 && y >= 0.0 && x < columns as f64 && y < rows as f64 {
                 is_taken[y as usize * columns + x as usize] = true;
             }
@@ -253,7 +188,29 @@ impl ImageTriangulation {
     }
 }
 
-type Face<'a> = FaceHandle<'a, InnerTag, Node, (), spade::CdtEdge<()>, ()>;
+type Face<'a> = FaceHandle<'a, InnerTag, Node, (), (), ()>;
+
+/// A vertex as stored; `None` when it is ignored.
+fn node(vertex: &ImageVertex, index: u32) -> Option<Node> {
+    let coordinate = |value: f64| {
+        if value.abs() < MIN_COORDINATE_PX {
+            0.0
+        } else {
+            value
+        }
+    };
+    let (x, y) = (coordinate(vertex.pixel.x), coordinate(vertex.pixel.y));
+    let is_usable = x.abs() <= MAX_COORDINATE_PX
+        && y.abs() <= MAX_COORDINATE_PX
+        && vertex.rho > 0.0
+        && vertex.rho.is_finite();
+    is_usable.then_some(Node {
+        x,
+        y,
+        rho: vertex.rho,
+        vertex: index,
+    })
+}
 
 /// The sample with the largest deviation from a triangle.
 #[derive(Debug, Clone, Copy)]

@@ -16,9 +16,6 @@ use crate::map::view_region::ViewRegion;
 use crate::options::Options;
 use crate::options::SurfacePointOptions;
 
-/// Marks a missing vertex or landmark.
-const NONE: u32 = u32::MAX;
-
 /// The landmarks of a map, their points in the carver, and the state of the current keyframe.
 pub(super) struct LandmarkFusion {
     landmarks: Landmarks,
@@ -44,11 +41,8 @@ pub(super) struct LandmarkFusion {
     sub_segments: Vec<[u32; 2]>,
     /// Landmarks of earlier keyframes along whose ray the keyframe measured its surface, ascending.
     looked_up: Vec<(u32, ImageVertex, SurfaceSample)>,
-    /// Image vertex of each landmark, [`NONE`] without one.
-    vertex_of: Vec<u32>,
+    /// Landmarks in the image of the keyframe.
     vertices: Vec<ImageVertex>,
-    /// Landmark of each image vertex.
-    landmark_of: Vec<u32>,
 }
 
 impl LandmarkFusion {
@@ -67,9 +61,7 @@ impl LandmarkFusion {
             contradicted: Vec::new(),
             sub_segments: Vec::new(),
             looked_up: Vec::new(),
-            vertex_of: Vec::new(),
             vertices: Vec::new(),
-            landmark_of: Vec::new(),
         }
     }
 
@@ -119,9 +111,6 @@ impl LandmarkFusion {
         self.sub_segments.clear();
         self.looked_up.clear();
         self.vertices.clear();
-        for landmark in self.landmark_of.drain(..).filter(|it| *it != NONE) {
-            self.vertex_of[landmark as usize] = NONE;
-        }
     }
 
     /// Associates a measurement with a landmark, which is returned.
@@ -219,61 +208,39 @@ impl LandmarkFusion {
         options: &SurfacePointOptions,
     ) -> Result<(), TransactionError> {
         self.look_up(surface);
-        self.vertex_of.resize(self.points.len(), NONE);
-        for index in 0..self.seen.len() {
-            let landmark = self.seen[index];
-            if self.vertex_of[landmark as usize] == NONE
-                && let Some(vertex) = surface.vertex(&self.landmarks.position(landmark))
-            {
-                self.add_vertex(landmark, vertex);
-            }
-        }
-        for index in 0..self.looked_up.len() {
-            let (landmark, vertex, sample) = self.looked_up[index];
-            if self.vertex_of[landmark as usize] != NONE {
+        self.seen.sort_unstable();
+        self.seen.dedup();
+        let on_segments = self.seen.len();
+        let positions = self.seen.iter().map(|it| self.landmarks.position(*it));
+        self.vertices
+            .extend(positions.filter_map(|position| surface.vertex(&position)));
+        for (landmark, vertex, sample) in self.looked_up.drain(..) {
+            if self.seen[..on_segments].binary_search(&landmark).is_ok() {
                 continue;
             }
-            let check = surface.check(vertex, &sample);
-            if matches!(check, SurfaceCheck::Unknown) {
-                continue;
-            }
-            if let SurfaceCheck::Confirmed {
-                vertex,
-                measurement,
-            } = check
-            {
-                self.landmarks.add_measurement(landmark, &measurement);
-                self.keep(landmark, &measurement);
-                self.seen.push(landmark);
-                self.add_vertex(landmark, vertex);
-            } else {
-                self.landmarks.add_contradiction(landmark);
-                self.contradicted.push(landmark);
+            match surface.check(vertex, &sample) {
+                SurfaceCheck::Unknown => {}
+                SurfaceCheck::Confirmed {
+                    vertex,
+                    measurement,
+                } => {
+                    self.landmarks.add_measurement(landmark, &measurement);
+                    if let Some(measurements) = &mut self.measurements {
+                        measurements.keep(landmark, &measurement);
+                    }
+                    self.seen.push(landmark);
+                    self.vertices.push(vertex);
+                }
+                SurfaceCheck::Contradicted => {
+                    self.landmarks.add_contradiction(landmark);
+                    self.contradicted.push(landmark);
+                }
             }
         }
-        let vertex_of = |landmark: u32| self.vertex_of[landmark as usize];
-        let lines: Vec<[u32; 2]> = self
-            .sub_segments
-            .iter()
-            .map(|ends| ends.map(vertex_of))
-            .collect();
-        let missing = surface.refine(&self.vertices, &lines, &options.refine);
-        for missing in &missing {
-            let landmark = match missing {
-                Some(measurement) => self.add_measurement(transaction, measurement)?,
-                None => NONE,
-            };
-            self.landmark_of.push(landmark);
+        for missing in surface.refine(&self.vertices, &options.refine) {
+            self.add_measurement(transaction, &missing)?;
         }
-        // Includes the new landmarks, so that `begin_keyframe` can reset them.
-        self.vertex_of.resize(self.points.len(), NONE);
         Ok(())
-    }
-
-    fn add_vertex(&mut self, landmark: u32, vertex: ImageVertex) {
-        self.vertex_of[landmark as usize] = self.vertices.len() as u32;
-        self.vertices.push(vertex);
-        self.landmark_of.push(landmark);
     }
 
     /// Adds a colour to each landmark that the keyframe observes.

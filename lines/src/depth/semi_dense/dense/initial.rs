@@ -22,8 +22,8 @@ impl EdgeTriangles {
     /// # Complexity
     /// Expected O(n log n) for `n` edge pixels.
     pub(super) fn new(reference: &MatchView, map: &InverseDepthMap) -> Self {
-        let (vertices, lines) = known_edges(reference, map);
-        let triangulation = ImageTriangulation::new(&vertices, &lines);
+        let vertices = known_edges(reference, map);
+        let triangulation = ImageTriangulation::new(&vertices);
         let none = SurfaceSamples::default();
         let corners = triangulation
             .triangles(&none)
@@ -59,35 +59,29 @@ impl EdgeTriangles {
         planes
     }
 }
-/// Vertices at edge pixels with a known depth, and constraint edges between consecutive vertices of a chain.
-fn known_edges(reference: &MatchView, map: &InverseDepthMap) -> (Vec<ImageVertex>, Vec<[u32; 2]>) {
+/// Vertices at edge pixels with a known depth, closer together than to those of most other edges.
+fn known_edges(reference: &MatchView, map: &InverseDepthMap) -> Vec<ImageVertex> {
     let chains = reference.chains();
-    let (mut vertices, mut lines) = (Vec::new(), Vec::new());
+    let mut vertices = Vec::new();
     for (index, chain) in chains.iter().enumerate() {
         let positions = &chains.positions()[chains.start(index)..];
-        let mut last: Option<(usize, u32)> = None;
+        let mut last: Option<usize> = None;
         for (index_in_chain, (&[x, y], position)) in chain.iter().zip(positions).enumerate() {
-            let is_due =
-                last.is_none_or(|(before, _)| index_in_chain - before >= VERTEX_SPACING_PX);
+            let is_due = last.is_none_or(|before| index_in_chain - before >= VERTEX_SPACING_PX);
             if !is_due && index_in_chain + 1 < chain.len() {
                 continue;
             }
             let Some(known) = map.get(usize::from(x), usize::from(y)) else {
                 continue;
             };
-            let vertex = vertices.len() as u32;
             vertices.push(ImageVertex {
                 pixel: Point2::new(f64::from(position[0]), f64::from(position[1])),
                 rho: f64::from(known.rho),
             });
-            let is_next = |before: usize| index_in_chain - before <= 2 * VERTEX_SPACING_PX;
-            if let Some((_, before)) = last.filter(|(before, _)| is_next(*before)) {
-                lines.push([before, vertex]);
-            }
-            last = Some((index_in_chain, vertex));
+            last = Some(index_in_chain);
         }
     }
-    (vertices, lines)
+    vertices
 }
 
 /// Minimum and maximum.
