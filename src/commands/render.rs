@@ -9,7 +9,6 @@ use nalgebra::Point3;
 use crate::cli::RenderArgs;
 use crate::commands::Outcome;
 use crate::commands::render_view::{given_view, outside_view};
-use crate::compare::distance_within;
 use linecarve_mesh::evaluate::NearestPointIndex;
 use linecarve_mesh::render::{
     BackFaces, HeatScale, RenderOptions, Renderer, View, with_color_bar, write_png,
@@ -100,7 +99,10 @@ fn draw_errors(
     let end = end.unwrap_or_else(|| share_of(truth.diagonal()));
     let scale = HeatScale::new(end)
         .with_context(|| format!("--errors-end {end}: give a positive length"))?;
-    let paint = |point: &Point3<f64>| scale.color(distance_within(&reference, point, end));
+    let paint = |points: &[Point3<f64>]| {
+        let distances = reference.distances_within(points, end);
+        distances.iter().map(|it| scale.color(*it)).collect()
+    };
     let picture = renderer.draw_colored(&paint, lines, view, options, &|_, _| {})?;
     Ok(with_color_bar(&picture, &scale, "distance to ground truth"))
 }

@@ -20,9 +20,7 @@ pub use grid::panel_grid;
 pub(crate) use ground_truth::GroundTruth;
 pub(crate) use page::write_compare_page;
 pub use pictures::{ErrorPaint, Gallery, GalleryView};
-pub use result::{
-    ComparedSurface, Comparison, GroundTruthSummary, SurfaceSummary, distance_within,
-};
+pub use result::{ComparedSurface, Comparison, GroundTruthSummary, SurfaceSummary};
 pub(crate) use run::compared_run;
 pub(crate) use shots::write_pictures;
 pub use table::{ScoreTable, score_table};

@@ -73,8 +73,9 @@ pub(crate) fn write_compare_page(
         } = compared;
         let errors = truth.map(|truth| {
             let paint = truth.paint(&run.origin);
-            let distance = |point: &nalgebra::Point3<f64>| paint.distance(point);
-            triangle_errors(&recorder.history, truth.scale.max(), &distance)
+            triangle_errors(&recorder.history, truth.scale.max(), |points| {
+                paint.distances(points)
+            })
         });
         let mut on_page = page_surface(
             surface.name,

@@ -4,7 +4,7 @@ use image::RgbImage;
 use nalgebra::{Point3, Vector3};
 
 use super::grid::panel_grid;
-use super::result::{ComparedSurface, distance_within};
+use super::result::ComparedSurface;
 use linecarve_mesh::TriangleMesh;
 use linecarve_mesh::evaluate::NearestPointIndex;
 use linecarve_mesh::render::{
@@ -24,9 +24,16 @@ pub struct ErrorPaint<'a> {
 }
 
 impl ErrorPaint<'_> {
-    /// Distance of a point in the frame of the surfaces, infinite beyond the end of the scale.
-    pub fn distance(&self, point: &Point3<f64>) -> f64 {
-        distance_within(self.ground_truth, &(point + self.origin), self.scale.max())
+    /// Distances of points in the frame of the surfaces, infinite beyond the end of the scale.
+    pub fn distances(&self, points: &[Point3<f64>]) -> Vec<f64> {
+        let points: Vec<Point3<f64>> = points.iter().map(|point| point + self.origin).collect();
+        self.ground_truth
+            .distances_within(&points, self.scale.max())
+    }
+
+    fn colors(&self, points: &[Point3<f64>]) -> Vec<[u8; 3]> {
+        let distances = self.distances(points);
+        distances.iter().map(|it| self.scale.color(*it)).collect()
     }
 }
 
@@ -90,7 +97,7 @@ impl<'a> Gallery<'a> {
                 shapes.push(Some(with_caption(&picture, surface.label)));
                 continue;
             };
-            let paint = |point: &Point3<f64>| errors.scale.color(errors.distance(point));
+            let paint = |points: &[Point3<f64>]| errors.colors(points);
             let [shape, error] = renderer.draw_both(&paint, marks, camera, &options)?;
             shapes.push(Some(with_caption(&shape, surface.label)));
             let label = format!("{}, error", surface.label);
@@ -165,7 +172,8 @@ mod tests {
             scale: HeatScale::new(0.1).unwrap(),
             label: "distance",
         };
-        assert!((errors.distance(&Point3::new(0.5, 0.5, 2.0)) - 0.05).abs() < 1e-9);
+        let distances = errors.distances(&[Point3::new(0.5, 0.5, 2.0)]);
+        assert!((distances[0] - 0.05).abs() < 1e-9);
         let up = -Vector3::y();
         let eye = Point3::origin();
         let camera = View::look_at(&eye, &Point3::new(0.0, 0.0, 1.0), &up, (64, 48), 0.8).unwrap();

@@ -1,10 +1,9 @@
 //! What is compared, and the numbers.
 
-use nalgebra::Point3;
 use serde::Serialize;
 
 use crate::report::{KeyframeReport, StageTimes};
-use linecarve_mesh::evaluate::{Evaluation, NearestPointIndex, ShapeSummary};
+use linecarve_mesh::evaluate::{Evaluation, ShapeSummary};
 use linecarve_mesh::{LineSet, TriangleMesh};
 
 /// A surface at the end of its run, in the frame of computation.
@@ -106,47 +105,6 @@ impl SurfaceSummary {
             mean_milliseconds: mean,
             reason_for_nothing: None,
             evaluation: None,
-        }
-    }
-}
-
-/// Distance of a point to a ground truth as long as it is at most `end`, infinite beyond: much faster than without a
-/// bound.
-pub fn distance_within(ground_truth: &NearestPointIndex, point: &Point3<f64>, end: f64) -> f64 {
-    let distance = match ground_truth.scene() {
-        Some(scene) => scene.closest(point, end).map(|closest| closest.distance),
-        None => ground_truth.nearest(point).map(|nearest| nearest.distance),
-    };
-    distance
-        .filter(|distance| *distance <= end)
-        .unwrap_or(f64::INFINITY)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use linecarve_mesh::Shape;
-
-    #[test]
-    fn distances_end_where_they_are_told_to() {
-        let wall = Shape {
-            positions: vec![
-                Point3::origin(),
-                Point3::new(1.0, 0.0, 0.0),
-                Point3::new(0.0, 1.0, 0.0),
-            ],
-            triangles: vec![[0, 1, 2]],
-            ..Shape::default()
-        };
-        let cloud = Shape {
-            triangles: Vec::new(),
-            ..wall.clone()
-        };
-        for shape in [wall, cloud] {
-            let reference = NearestPointIndex::new(&shape);
-            let at = |z: f64| distance_within(&reference, &Point3::new(0.0, 0.0, z), 0.5);
-            assert_eq!((at(0.25), at(0.5), at(0.75)), (0.25, 0.5, f64::INFINITY));
-            assert_eq!(at(f64::NAN), f64::INFINITY);
         }
     }
 }

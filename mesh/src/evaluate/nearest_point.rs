@@ -127,19 +127,28 @@ impl NearestPointIndex {
 
     /// Nearest points of many queries, in order; computed in parallel.
     pub fn nearest_points(&self, points: &[Point3<f64>]) -> Vec<Option<NearestPoint>> {
-        self.of_all(points, None, |found| Some(self.with_normal(found)))
+        self.of_all(points, f64::INFINITY, None, |found| {
+            Some(self.with_normal(found))
+        })
     }
 
     /// Distances of many points, in order; infinite when the index is empty. Computed in parallel.
     pub fn distances(&self, points: &[Point3<f64>]) -> Vec<f64> {
-        self.of_all(points, f64::INFINITY, |found| found.distance)
+        self.distances_within(points, f64::INFINITY)
     }
 
-    /// A function of the nearest points of many queries, in order; `nothing` where there is none. Computed in
-    /// parallel.
+    /// Distances of many points as long as they are at most `end`, infinite beyond, in order: much faster than without a bound where
+    /// points are far off. Computed in parallel.
+    pub fn distances_within(&self, points: &[Point3<f64>], end: f64) -> Vec<f64> {
+        self.of_all(points, end, f64::INFINITY, |found| found.distance)
+    }
+
+    /// A function of the nearest points of many queries no farther than `end`, in order; `nothing` where there is none.
+    /// Computed in parallel.
     fn of_all<T: Copy + Send + Sync>(
         &self,
         points: &[Point3<f64>],
+        end: f64,
         nothing: T,
         wanted: impl Fn(Found) -> T + Sync,
     ) -> Vec<T> {
@@ -154,8 +163,9 @@ impl NearestPointIndex {
                 // one. The bound is widened against rounding.
                 let bound = last.map_or(f64::INFINITY, |last| (last - point).norm() * 1.000_001);
                 let found = self
-                    .within(point, bound)
-                    .or_else(|| self.within(point, f64::INFINITY));
+                    .within(point, bound.min(end))
+                    .or_else(|| self.within(point, end))
+                    .filter(|found| found.distance <= end);
                 last = found.as_ref().map(|found| found.point);
                 *answer = found.map_or(nothing, &wanted);
             }
@@ -242,6 +252,32 @@ mod tests {
                 assert!((alone.distance - distance).abs() <= 1e-15);
                 assert!(((alone.point - query).norm() - distance).abs() < 1e-12);
             }
+        }
+    }
+
+    #[test]
+    fn distances_end_where_they_are_told_to() {
+        let wall = Shape {
+            positions: vec![
+                Point3::origin(),
+                Point3::new(1.0, 0.0, 0.0),
+                Point3::new(0.0, 1.0, 0.0),
+            ],
+            triangles: vec![[0, 1, 2]],
+            ..Shape::default()
+        };
+        let cloud = Shape {
+            triangles: Vec::new(),
+            ..wall.clone()
+        };
+        for shape in [wall, cloud] {
+            let reference = NearestPointIndex::new(&shape);
+            let points = [0.75, 0.25, f64::NAN, 0.5, 0.75].map(|z| Point3::new(0.0, 0.0, z));
+            let far = f64::INFINITY;
+            assert_eq!(
+                reference.distances_within(&points, 0.5),
+                [far, 0.25, far, 0.5, far]
+            );
         }
     }
 

@@ -22,7 +22,7 @@ mod view;
 pub use heat::{HeatScale, with_caption, with_color_bar};
 pub use lettering::{draw_text, text_width};
 pub use options::{BackFaces, Background, RenderOptions, RenderOptionsError};
-pub use picture::{PictureError, PointColor, Renderer, write_png};
+pub use picture::{PictureError, PointColors, Renderer, write_png};
 pub use view::upright_rotation;
 pub use view::{View, up_direction};
 

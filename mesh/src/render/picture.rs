@@ -65,8 +65,8 @@ struct Known {
     paint: Option<[f64; 3]>,
 }
 
-/// A function from surface position to sRGB colour.
-pub type PointColor<'a> = dyn Fn(&Point3<f64>) -> [u8; 3] + Sync + 'a;
+/// A function from points of a surface, many of them neighbours, to their sRGB colours.
+pub type PointColors<'a> = dyn Fn(&[Point3<f64>]) -> Vec<[u8; 3]> + 'a;
 
 /// Why a picture cannot be rendered or written.
 #[derive(Debug, thiserror::Error)]
@@ -147,13 +147,13 @@ impl<'a> Renderer<'a> {
     }
 
     /// [`Renderer::draw`] with colours from a function of the surface position instead of vertex colours, so that
-    /// errors appear where they are. `paint` is called about once per pixel, from any thread.
+    /// errors appear where they are. `paint` is called once, with about one point a pixel.
     ///
     /// # Errors
     /// As [`Renderer::draw`].
     pub fn draw_colored(
         &self,
-        paint: &PointColor<'_>,
+        paint: &PointColors<'_>,
         lines: Option<&LineSet>,
         view: &View,
         options: &RenderOptions,
@@ -170,7 +170,7 @@ impl<'a> Renderer<'a> {
     /// As [`Renderer::draw`].
     pub fn draw_both(
         &self,
-        paint: &PointColor<'_>,
+        paint: &PointColors<'_>,
         lines: Option<&LineSet>,
         view: &View,
         options: &RenderOptions,
@@ -227,7 +227,7 @@ impl Geometry<'_> {
     fn draw(
         &self,
         renderer: &Renderer<'_>,
-        paint: Option<&PointColor<'_>>,
+        paint: Option<&PointColors<'_>>,
         lines: Option<&LineSet>,
         options: &RenderOptions,
     ) -> RgbImage {
@@ -247,11 +247,43 @@ impl Geometry<'_> {
         (self.progress)(self.done.fetch_add(1, Ordering::Relaxed) + 1, self.total);
     }
 
+    /// Colours of the samples of each row of pixels: of the first in each pixel, and of those on another triangle than the one before.
+    fn painted(&self, paint: &PointColors<'_>, rays: &ViewRays<'_>) -> Vec<Vec<[u8; 3]>> {
+        let (view, buffer) = (self.view, &self.buffer);
+        let step = buffer.supersampling;
+        let points_of = |y: usize| {
+            let mut points = Vec::new();
+            for x in 0..view.width as usize {
+                let mut known = None;
+                for row in y * step..(y + 1) * step {
+                    for column in x * step..(x + 1) * step {
+                        let Some(sample) = buffer.at(column, row) else {
+                            continue;
+                        };
+                        if known.replace(sample.triangle) != Some(sample.triangle) {
+                            let ray = rays.direction(column, row);
+                            points.push(rays.origin() + ray * f64::from(sample.depth));
+                        }
+                    }
+                }
+            }
+            points
+        };
+        let rows: Vec<Vec<Point3<f64>>> = (0..view.height as usize)
+            .into_par_iter()
+            .map(points_of)
+            .collect();
+        let mut colors = paint(&rows.concat()).into_iter();
+        rows.iter()
+            .map(|row| colors.by_ref().take(row.len()).collect())
+            .collect()
+    }
+
     /// Linear light of each pixel, without segments.
     fn light(
         &self,
         renderer: &Renderer<'_>,
-        paint: Option<&PointColor<'_>>,
+        paint: Option<&PointColors<'_>>,
         options: &RenderOptions,
     ) -> Vec<[f64; 3]> {
         let mesh = renderer.mesh;
@@ -266,39 +298,44 @@ impl Geometry<'_> {
             &(rotation * Vector3::x()),
             &(rotation * Vector3::z()),
         );
-        let sample_light = |column: usize, row: usize, known: &mut Option<Known>| {
-            let sample = buffer.at(column, row)?;
-            let ray = rays.direction(column, row);
-            let Known { open, paint, .. } = match known {
-                Some(known) if known.triangle == sample.triangle => *known,
-                _ => *known.insert(Known {
-                    triangle: sample.triangle,
-                    open: openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row))),
-                    paint: paint.map(|paint| {
-                        linear_color(paint(&(rays.origin() + ray * f64::from(sample.depth))))
+        let painted = paint.map(|paint| self.painted(paint, &rays));
+        let sample_light =
+            |column: usize, row: usize, known: &mut Option<Known>, paints: &mut Paints<'_>| {
+                let sample = buffer.at(column, row)?;
+                let ray = rays.direction(column, row);
+                let Known { open, paint, .. } = match known {
+                    Some(known) if known.triangle == sample.triangle => *known,
+                    _ => *known.insert(Known {
+                        triangle: sample.triangle,
+                        open: openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row))),
+                        paint: paints.next().map(|color| linear_color(*color)),
                     }),
-                }),
+                };
+                let toward_viewer = -ray.normalize();
+                let surface = paint
+                    .unwrap_or_else(|| albedo.at(mesh.triangles[sample.triangle as usize], sample));
+                let color = lamps.shade(surface, sample, &toward_viewer, open, options);
+                let (jump, fold) = outline_at(buffer, sample, (column, row));
+                let kept = (1.0 - options.outline_darkness * jump)
+                    * (1.0 - options.crease_darkness * fold);
+                Some(color.map(|v| v * kept))
             };
-            let toward_viewer = -ray.normalize();
-            let surface = paint
-                .unwrap_or_else(|| albedo.at(mesh.triangles[sample.triangle as usize], sample));
-            let color = lamps.shade(surface, sample, &toward_viewer, open, options);
-            let (jump, fold) = outline_at(buffer, sample, (column, row));
-            let kept =
-                (1.0 - options.outline_darkness * jump) * (1.0 - options.crease_darkness * fold);
-            Some(color.map(|v| v * kept))
-        };
         let mut light = vec![[0.0; 3]; width * view.height as usize];
         light
             .par_chunks_mut(width)
             .enumerate()
             .for_each(|(y, line)| {
                 let behind = background(options.background, y, view.height);
+                let mut paints = match &painted {
+                    Some(rows) => rows[y].iter(),
+                    None => Paints::default(),
+                };
                 for (x, pixel) in line.iter_mut().enumerate() {
                     let mut known = None;
                     for row in y * step..(y + 1) * step {
                         for column in x * step..(x + 1) * step {
-                            let color = sample_light(column, row, &mut known).unwrap_or(behind);
+                            let color = sample_light(column, row, &mut known, &mut paints)
+                                .unwrap_or(behind);
                             for (sum, part) in pixel.iter_mut().zip(color) {
                                 // Clipped before averaging: a bright sample would
                                 // hide an outline.
@@ -313,6 +350,9 @@ impl Geometry<'_> {
         light
     }
 }
+
+/// Colours of a row, in the order in which they are needed.
+type Paints<'a> = std::slice::Iter<'a, [u8; 3]>;
 
 fn background(background: Background, y: usize, height: u32) -> [f64; 3] {
     match background {
