@@ -7,6 +7,7 @@ mod encode_image;
 pub mod evaluate;
 pub mod feature_edges;
 pub mod files;
+mod flat;
 pub mod fusion;
 mod holes;
 mod io;
@@ -22,6 +23,7 @@ pub mod texture;
 mod types;
 
 pub use encode_image::encode_jpeg;
+pub use flat::flat_vertices;
 pub use holes::close_holes;
 pub use io::{
     Geometry, GlbPart, GlbWriter, MeshElements, MeshFileError, ReadError, StreamedMesh,

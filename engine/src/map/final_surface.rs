@@ -7,8 +7,11 @@
 
 use linecarve_mesh::fusion::{FusionOptions, fuse_depth};
 use linecarve_mesh::simplify::{ThinOptions, thin};
-use linecarve_mesh::{SmoothOptions, TriangleMesh, close_holes, smooth_piecewise_flat};
+use linecarve_mesh::{
+    SmoothOptions, TriangleMesh, close_holes, flat_vertices, smooth_piecewise_flat,
+};
 use nalgebra::Point3;
+use rustc_hash::FxHashSet;
 
 use super::depth_noise::DepthNoise;
 use super::depth_validation::DepthValidation;
@@ -96,7 +99,7 @@ impl FinalSurface<'_> {
     /// The carved surface with its vertices where depth images say that they are.
     fn adjusted(&self, mut mesh: TriangleMesh, surfaces: &[KeyframeSurface<'_>]) -> TriangleMesh {
         if self.is_measured {
-            adjust_vertices(&mut mesh, surfaces, GATE_SIGMAS);
+            adjust_vertices(&mut mesh, surfaces, GATE_SIGMAS, |_| true);
         }
         mesh
     }
@@ -121,7 +124,16 @@ impl FinalSurface<'_> {
         };
         thin(&mut mesh, &thinning);
         let thinned = mesh.positions.clone();
-        adjust_vertices(&mut mesh, surfaces, FUSED_GATE_SIGMAS);
+        // At an edge, planes were measured over both of its sides. Vertices at one position stay together.
+        let bits = |position: &Point3<f64>| <[f64; 3]>::from(position.coords).map(f64::to_bits);
+        let vertices = mesh.positions.iter().zip(flat_vertices(&mesh));
+        let at_edges: FxHashSet<[u64; 3]> = vertices
+            .filter(|(_, is_flat)| !is_flat)
+            .map(|(position, _)| bits(position))
+            .collect();
+        adjust_vertices(&mut mesh, surfaces, FUSED_GATE_SIGMAS, |position| {
+            !at_edges.contains(&bits(position))
+        });
         restore_folded(&mut mesh, &thinned);
         mesh.colors = vertex_colors(&mesh, surfaces, &self.validation.colors());
         Some(mesh)

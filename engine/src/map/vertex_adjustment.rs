@@ -26,17 +26,23 @@ const ITERATIONS: usize = 4;
 /// Rounds. In the second the planes are those around the adjusted vertex.
 const ROUNDS: usize = 2;
 
-/// Moves the vertices of `mesh` to where the dense depth of all `views` says that they are: planes within `gate` standard deviations of a vertex
-/// count. Vertices that no view measured stay.
+/// Moves the vertices of `mesh` that `may_move` to where the dense depth of all `views` says that they are: planes within `gate` standard deviations of
+/// a vertex count. Vertices that no view measured stay.
 ///
 /// # Complexity
 /// O(vertices x views).
-pub(super) fn adjust_vertices(mesh: &mut TriangleMesh, views: &[KeyframeSurface<'_>], gate: f64) {
+pub(super) fn adjust_vertices(
+    mesh: &mut TriangleMesh,
+    views: &[KeyframeSurface<'_>],
+    gate: f64,
+    may_move: impl Fn(&Point3<f64>) -> bool + Sync,
+) {
     if views.is_empty() {
         return;
     }
     mesh.positions
         .par_iter_mut()
+        .filter(|position| may_move(position))
         .for_each_init(Vec::new, |planes, position| {
             for _ in 0..ROUNDS {
                 planes.clear();

@@ -317,6 +317,25 @@ mod tests {
     }
 
     #[test]
+    fn depth_at_a_crease_is_that_of_one_side() {
+        // The front edge of a table 2.6 m away, seen at 13 degrees: its top recedes by 0.9 % a row, its front does not.
+        let front = |_: f64, _: f64| 0.385;
+        let top = |_: f64, y: f64| 0.385 * (1.0 - 0.009 * (20.5 - y));
+        let mut table = map(|_, _| 1.0);
+        for (x, y) in (0..SIZE).flat_map(|y| (0..SIZE).map(move |x| (x, y))) {
+            let side: &dyn Fn(f64, f64) -> f64 = if y <= 20 { &top } else { &front };
+            let rho = side(x as f64, y as f64) as f32;
+            table.set(x, y, InverseDepth::new(rho, 0.0015));
+        }
+        for below in [-0.4, 0.0, 0.4] {
+            for (y, own) in [(20, &top as &dyn Fn(f64, f64) -> f64), (21, &front)] {
+                let error = worst_error(&table, &row(y, below), own);
+                assert!(error < 1e-5, "row {y}, {below}: {error}");
+            }
+        }
+    }
+
+    #[test]
     fn a_plane_at_a_grazing_angle_has_no_jump() {
         // A floor seen by a camera that looks along it: inverse depth grows from 0 at the horizon. Also tilted, and with the
         // horizon along the columns.

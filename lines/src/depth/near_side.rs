@@ -131,9 +131,10 @@ impl Window<'_> {
         !is_contiguous || occupied >> 63 == 1
     }
 
-    /// The inverse depth at the point without a jump: that of the plane through all pixels within a radius. Where one of them lies farther
-    /// than `bend` from that plane, as beside a small step or at a crease, the plane lies on neither surface: the `own` inverse depth of the
-    /// pixel is then continued along the slope of its side. `None` with fewer than `least` pixels, or too few beside each other.
+    /// The inverse depth at the point without a jump: that of the plane through all pixels within a radius. Where one of them lies off
+    /// that plane by more than a share of `bend`, as beside a small step or at a crease, the plane lies on neither surface: the `own` inverse
+    /// depth of the pixel is then continued along the slope of its side, three pixels that are collinear within `bend`. `None` with fewer than
+    /// `least` pixels, or too few beside each other.
     pub(super) fn surface(
         &self,
         own: f32,
@@ -147,7 +148,7 @@ impl Window<'_> {
             return None;
         }
         let plane = Plane::fit(pixels)?;
-        if plane.is_within(pixels, bend) {
+        if plane.is_within(pixels, FLAT_SHARE * bend) {
             return plane.at(self.offset);
         }
         let slope = self.surroundings(0).slopes([0.0; 2], bend);
@@ -247,6 +248,10 @@ const GAP_SHARE: f32 = 0.75;
 
 /// Share of a step that remains in the middle of three pixels after a plane is fitted to them.
 pub(super) const BEND_SHARE: f64 = 1.0 / 3.0;
+
+/// Pixels within this share of a bend of their plane lie on one surface. With twice as much, planes pass over the front edge of a table that is seen at
+/// 15 degrees, half a pixel off either side.
+const FLAT_SHARE: f32 = 0.25;
 
 /// Three pixels that are collinear within this share of a jump give a slope. With more, small steps within a surface pass for slopes,
 /// which hide jumps.

@@ -66,7 +66,7 @@ impl Default for FitOptions {
             subpixel: true,
             refit_while_growing: true,
             minimum_inlier_share: 0.5,
-            minimum_view_angle_rad: 30.0_f64.to_radians(),
+            minimum_view_angle_rad: 15.0_f64.to_radians(),
             pixel_sigma_px: 0.5,
             end_sigma_px: 1.0,
             depth_correlation_px: 5.0,
@@ -87,10 +87,12 @@ impl FitOptions {
         }
     }
 
-    /// The same settings for depths whose errors are independent, as those that are measured in images pixel by pixel.
+    /// The same settings for depths whose errors are independent, as those that are measured in images pixel by pixel. Along lines that lead away
+    /// from the camera they are less exact than those of a sensor.
     pub fn for_independent_depths(self) -> Self {
         Self {
             depth_gate_sigmas: 3.0,
+            minimum_view_angle_rad: 30.0_f64.to_radians(),
             ..self
         }
     }

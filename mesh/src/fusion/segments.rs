@@ -9,6 +9,7 @@ use rustc_hash::FxHashMap;
 use super::grid::Corner;
 use crate::TriangleMesh;
 use crate::edge_uses::for_each_edge;
+use crate::flat_vertices;
 use crate::holes::close_bays;
 
 /// Vertices of a boundary move to segments at most this many sides away: depth ends up to two cubes before an edge that few views see.
@@ -19,11 +20,12 @@ const INWARD_REACH_SIDES: f64 = 0.75;
 const REACH_CUBES: usize = 2;
 /// Least cosine between a boundary and a segment along it: 60 degrees, as boundaries follow the grid in steps.
 const LEAST_COSINE: f64 = 0.5;
-/// At a vertex of a flat surface, least length of the sum of the normals of its triangles, weighted by area, over the sum of the weights. Two flat
-/// halves that meet at an angle of 36 degrees have as much.
-const LEAST_FLAT: f64 = 0.95;
 /// Share of the vertices along a segment that lie on an edge or a boundary. Segments with fewer are texture.
 const LEAST_SHARE: f64 = 0.3;
+/// Least doubled area of a triangle with two edges on the boundary over the sum of its squared sides.
+const LEAST_EAR: f64 = 1e-3;
+/// How often vertices beside those on segments move to the mean of their neighbours.
+const UNROUNDING_ROUNDS: usize = 3;
 
 /// The part of a segment in a cube.
 #[derive(Clone, Copy)]
@@ -40,7 +42,7 @@ const LARGEST_BAY_EDGES: usize = 12;
 const SAME_LINE_SIDES: f64 = 0.25;
 
 /// Moves vertices of a surface with cubes of this side onto segments: the vertex of each cube that a segment crosses to the middle of the part in
-/// that cube, and vertices of boundaries to the nearest point of a segment along them. Where a boundary leaves a segment and comes back to it soon,
+/// that cube, and vertices of boundaries to the nearest point of a segment along them. Their neighbours follow. Where a boundary leaves a segment and comes back to it soon,
 /// the surface is continued up to the segment. Of several segments in a cube the longest counts. Segments
 /// on flat surfaces do not count.
 ///
@@ -65,8 +67,8 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
             }
         }
     }
-    let mut boundary = boundary(mesh);
-    let is_flat = flat(mesh);
+    let boundary = boundary(mesh);
+    let is_flat = flat_vertices(mesh);
     let mut counts = vec![[0_u32; 2]; segments.len()];
     for (cube, (_, vertex)) in &vertices {
         let is_plain = is_flat[*vertex as usize] && !boundary.contains_key(vertex);
@@ -78,17 +80,21 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
         let [edge, plain] = counts[part.segment as usize].map(f64::from);
         if edge >= LEAST_SHARE * (edge + plain) {
             mesh.positions[*vertex as usize] = part.middle;
-            boundary.remove(vertex);
             segment_of.insert(*vertex, part.segment);
         }
     }
     for (vertex, rim) in &boundary {
+        if segment_of.contains_key(vertex) {
+            continue;
+        }
         let position = &mut mesh.positions[*vertex as usize];
         if let Some((nearest, segment)) = rim.nearest_along(position, segments, &parts, side) {
             *position = nearest;
             segment_of.insert(*vertex, segment);
         }
     }
+    unround(mesh, &segment_of, &boundary);
+    remove_flattened_ears(mesh);
     let apart = |mesh: &TriangleMesh, vertex: u32, segment: u32| {
         let [from, to] = segments[segment as usize];
         let along = (to - from).normalize();
@@ -180,20 +186,60 @@ fn boundary(mesh: &TriangleMesh) -> FxHashMap<u32, Rim> {
     boundary
 }
 
-/// Whether the surface is flat around each vertex.
-fn flat(mesh: &TriangleMesh) -> Vec<bool> {
-    let mut sums = vec![(Vector3::zeros(), 0.0); mesh.positions.len()];
+/// Removes triangles of the boundary that lost their area, with all corners on a segment.
+fn remove_flattened_ears(mesh: &mut TriangleMesh) {
+    let mut open_edges = vec![0_u8; mesh.triangles.len()];
+    for_each_edge(&mesh.triangles, mesh.positions.len(), |uses| {
+        if let &[(_, corner)] = uses {
+            open_edges[corner as usize / 3] += 1;
+        }
+    });
+    let positions = &mesh.positions;
+    let mut open_edges = open_edges.into_iter();
+    mesh.triangles.retain(|triangle| {
+        let [a, b, c] = triangle.map(|corner| positions[corner as usize]);
+        let squares = (b - a).norm_squared() + (c - b).norm_squared() + (a - c).norm_squared();
+        let is_ear = open_edges.next().is_some_and(|count| count >= 2);
+        !is_ear || (b - a).cross(&(c - a)).norm() > LEAST_EAR * squares
+    });
+}
+
+/// Moves the vertices beside those on segments, which the grid has rounded with the edge, to the mean of their neighbours, again and again. Vertices
+/// on segments and of the boundary stay, so that the surface on either side of an edge leads straight to it.
+fn unround(
+    mesh: &mut TriangleMesh,
+    segment_of: &FxHashMap<u32, u32>,
+    boundary: &FxHashMap<u32, Rim>,
+) {
+    let mut sums: FxHashMap<u32, (Vector3<f64>, f64)> = FxHashMap::default();
     for triangle in &mesh.triangles {
-        let [a, b, c] = triangle.map(|corner| mesh.positions[corner as usize]);
-        let normal = (b - a).cross(&(c - a));
-        for corner in triangle {
-            let (sum, lengths) = &mut sums[*corner as usize];
-            *sum += normal;
-            *lengths += normal.norm();
+        if !triangle.iter().any(|it| segment_of.contains_key(it)) {
+            continue;
+        }
+        for vertex in triangle {
+            if !segment_of.contains_key(vertex) && !boundary.contains_key(vertex) {
+                sums.insert(*vertex, (Vector3::zeros(), 0.0));
+            }
         }
     }
-    let is_flat = |(sum, lengths): &(Vector3<f64>, f64)| sum.norm() > LEAST_FLAT * lengths;
-    sums.iter().map(is_flat).collect()
+    let is_around = |triangle: &&[u32; 3]| triangle.iter().any(|it| sums.contains_key(it));
+    let around: Vec<[u32; 3]> = mesh.triangles.iter().filter(is_around).copied().collect();
+    for _ in 0..UNROUNDING_ROUNDS {
+        sums.values_mut()
+            .for_each(|sum| *sum = (Vector3::zeros(), 0.0));
+        for triangle in &around {
+            let [a, b, c] = triangle.map(|corner| mesh.positions[corner as usize].coords);
+            for (vertex, others) in triangle.iter().zip([b + c, c + a, a + b]) {
+                if let Some((sum, count)) = sums.get_mut(vertex) {
+                    *sum += others;
+                    *count += 2.0;
+                }
+            }
+        }
+        for (vertex, (sum, count)) in &sums {
+            mesh.positions[*vertex as usize] = Point3::from(sum / *count);
+        }
+    }
 }
 
 impl Rim {

@@ -196,6 +196,15 @@ fn an_edge_and_a_boundary_lie_on_segments_and_texture_does_not_count() {
     assert!(share_along(&fused(&poses, &edge, side), [0.0, 2.0], 1e-9) < 0.1);
     let sharp = fused_along(&[vertical(0.0, 2.0)], &poses, &edge, side);
     assert!(share_along(&sharp, [0.0, 2.0], 1e-9) > 0.9);
+    // Nor is the surface beside the edge rounded, wherever the grid lies.
+    for side in [0.043, 0.047] {
+        let sharp = fused_along(&[vertical(0.0, 2.0)], &poses, &edge, side);
+        let inside = sharp.positions.iter().filter(|p| p.y.abs() < 0.5);
+        let near = inside.filter(|p| p.x.abs() < 2.0 * side);
+        let off = near.map(|p| (p.z - 2.0 - p.x.abs()).abs());
+        let worst = off.fold(0.0, f64::max);
+        assert!(worst < 0.02 * side, "{worst}");
+    }
 
     let boundary = depths(|from, ray| board(from, ray, 0.6).filter(|depth| *depth < 2.5));
     let rough = fused(&poses, &boundary, side);

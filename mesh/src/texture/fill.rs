@@ -39,8 +39,8 @@ pub(super) struct Sources<'a> {
 
 /// The texels of each triangle.
 struct Texels {
-    /// Column and row, triangle by triangle.
-    places: Vec<[u32; 2]>,
+    /// Index in the atlas, row by row, triangle by triangle.
+    places: Vec<u32>,
     /// First texel of each triangle, and the end of the last.
     starts: Vec<usize>,
 }
@@ -72,14 +72,7 @@ pub(super) fn fill(sources: &Sources<'_>, layout: &Layout) -> (RgbImage, Vec<boo
             .for_each(|(triangle, sums)| {
                 let places = &texels.places[texels.of(triangle)];
                 for (view, photo) in photos {
-                    sources.add(
-                        triangle,
-                        &layout.corners[triangle],
-                        *view,
-                        photo,
-                        places,
-                        sums,
-                    );
+                    sources.add(triangle, layout, *view, photo, places, sums);
                 }
             });
     });
@@ -89,12 +82,12 @@ pub(super) fn fill(sources: &Sources<'_>, layout: &Layout) -> (RgbImage, Vec<boo
     for triangle in 0..sources.labels.len() {
         let range = texels.of(triangle);
         let area = Flat::new(&layout.corners[triangle]);
-        for (place, sum) in texels.places[range.clone()].iter().zip(&sums[range]) {
-            let barycentric = area.barycentric(*place);
+        for (&place, sum) in texels.places[range.clone()].iter().zip(&sums[range]) {
+            let at = [place % width, place / width];
+            let barycentric = area.barycentric(at);
             if let Some(color) = sources.color(triangle, &barycentric, sum) {
-                let [x, y] = *place;
-                image.put_pixel(x, y, Rgb(color));
-                is_filled[y as usize * width as usize + x as usize] = true;
+                image.put_pixel(at[0], at[1], Rgb(color));
+                is_filled[place as usize] = true;
             }
         }
     }
@@ -124,11 +117,11 @@ impl Texels {
             starts[at] += starts[at - 1];
         }
         let mut next = starts.clone();
-        let mut places = vec![[0; 2]; starts[layout.corners.len()]];
-        for (at, owner) in owners.iter().enumerate() {
+        let mut places = vec![0; starts[layout.corners.len()]];
+        for (at, owner) in (0..).zip(&owners) {
             if *owner != u32::MAX {
                 let next = &mut next[*owner as usize];
-                places[*next] = [at as u32 % width, at as u32 / width];
+                places[*next] = at;
                 *next += 1;
             }
         }
@@ -185,10 +178,10 @@ impl Sources<'_> {
     fn add(
         &self,
         triangle: usize,
-        corners: &[[f32; 2]; 3],
+        layout: &Layout,
         view: usize,
         photo: &Photo,
-        places: &[[u32; 2]],
+        places: &[u32],
         sums: &mut [Sum],
     ) {
         let observations = &self.of_triangle[triangle];
@@ -198,14 +191,15 @@ impl Sources<'_> {
         let (gain, quality) = (self.gains[view], observations[at].quality.sqrt());
         let [a, b, c] = self.mesh.triangles[triangle].map(|c| self.mesh.positions[c as usize]);
         let (along, across): (Vector3<f64>, Vector3<f64>) = (b - a, c - a);
-        let flat = Flat::new(corners);
+        let flat = Flat::new(&layout.corners[triangle]);
+        let width = layout.size[0];
         let whole = [a, b, c].map(|point| photo.projection.project(&point));
         let slope = match whole {
             [Some(a), Some(b), Some(c)] => DepthBuffer::slope(&[a, b, c]),
             _ => None,
         };
         for (place, sum) in places.iter().zip(sums) {
-            let [_, v, w] = flat.barycentric(*place);
+            let [_, v, w] = flat.barycentric([place % width, place / width]);
             let point = a + along * v + across * w;
             let Some(pixel) = photo.projection.project(&point) else {
                 continue;

@@ -42,7 +42,7 @@ pub struct TextureSummary {
 /// The result is the same for any number of threads.
 ///
 /// # Complexity
-/// That of [`align_photos`], and O(views x (triangles + pixels)) time. Memory holds one photograph a thread, at most 16 observations a triangle, and 40 bytes
+/// That of [`align_photos`], and O(views x (triangles + pixels)) time. Memory holds one photograph a thread, at most 16 observations a triangle, and 24 bytes
 /// a texel.
 pub fn texture_mesh(
     mesh: &TriangleMesh,

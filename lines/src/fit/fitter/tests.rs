@@ -285,12 +285,9 @@ fn covariance_is_symmetric_and_positive() {
 
 #[test]
 fn segments_along_the_view_ray_are_not_trusted() {
-    // A line that leads away from the camera, 20 degrees off the view ray.
-    let direction = nalgebra::Vector3::new(
-        20.0_f64.to_radians().sin(),
-        0.0,
-        20.0_f64.to_radians().cos(),
-    );
+    // A line that leads away from the camera, 40 degrees off the axis and 17 off the view ray of its far end.
+    let (sin, cos) = 40.0_f64.to_radians().sin_cos();
+    let direction = nalgebra::Vector3::new(sin, 0.0, cos);
     let a = Point3::new(0.0, 0.3, 1.0);
     let mut scene = Scene::new();
     scene.draw(&[a, a + direction * 1.5], |_| Some(0.0));
@@ -299,10 +296,8 @@ fn segments_along_the_view_ray_are_not_trusted() {
         ..FitOptions::default()
     };
     assert_eq!(scene.fit(trusting).len(), 1);
-    let strict = FitOptions {
-        minimum_view_angle_rad: 40.0_f64.to_radians(),
-        ..trusting
-    };
+    assert_eq!(scene.fit(FitOptions::default()).len(), 1);
+    let strict = FitOptions::default().for_independent_depths();
     assert!(scene.fit(strict).is_empty());
 }
 
