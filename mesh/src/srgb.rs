@@ -1,5 +1,7 @@
 //! The sRGB transfer curve.
 
+use std::sync::LazyLock;
+
 /// Linear intensity, 0 to 1, of an sRGB byte.
 pub fn linear(byte: u8) -> f64 {
     linear_value(f64::from(byte) / 255.0)
@@ -25,14 +27,33 @@ pub fn encoded(value: f64) -> f64 {
     curve * 255.0
 }
 
+/// Linear intensities of the bytes.
+static LINEAR: LazyLock<[f64; 256]> = LazyLock::new(|| std::array::from_fn(|i| linear(i as u8)));
+
+/// The least intensity, positive, that each byte from 1 on stands for.
+static LEAST: LazyLock<[f64; 255]> = LazyLock::new(|| {
+    std::array::from_fn(|index| {
+        let is_reached = |bits: u64| encoded(f64::from_bits(bits)).round() as usize > index;
+        let (mut below, mut above) = (0.0_f64.to_bits(), 1.0_f64.to_bits());
+        while above - below > 1 {
+            let middle = below + (above - below) / 2;
+            match is_reached(middle) {
+                true => above = middle,
+                false => below = middle,
+            }
+        }
+        f64::from_bits(above)
+    })
+});
+
 /// Linear colour of an sRGB colour.
 pub fn linear_color(color: [u8; 3]) -> [f64; 3] {
-    color.map(linear)
+    color.map(|byte| LINEAR[usize::from(byte)])
 }
 
-/// sRGB colour of a linear colour.
+/// sRGB colour of a linear colour; its intensities are rounded.
 pub fn encoded_color(color: [f64; 3]) -> [u8; 3] {
-    color.map(|value| encoded(value).round() as u8)
+    color.map(|value| LEAST.partition_point(|least| *least <= value) as u8)
 }
 
 #[cfg(test)]
@@ -44,6 +65,9 @@ mod tests {
         for byte in 0..=255 {
             assert_eq!(encoded_color([linear(byte); 3]), [byte; 3]);
         }
-        assert_eq!(encoded_color([-1.0, 2.0, f64::NAN])[..2], [0, 255]);
+        assert_eq!(encoded_color([-1.0, 2.0, f64::NAN]), [0, 255, 0]);
+        for value in (0..=10_000).map(|i| f64::from(i) / 10_000.0) {
+            assert_eq!(encoded_color([value; 3])[0], encoded(value).round() as u8);
+        }
     }
 }

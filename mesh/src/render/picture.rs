@@ -58,12 +58,15 @@ struct Geometry<'v> {
 
 /// What the samples of a pixel on one triangle share: they are close to each other.
 #[derive(Clone, Copy)]
-struct Known {
+struct Known<const N: usize> {
     triangle: u32,
     open: f64,
-    /// Linear colour, when a function gives it.
-    paint: Option<[f64; 3]>,
+    /// Linear colours in each picture, where a function gives them.
+    paints: [Option<[f64; 3]>; N],
 }
+
+/// What a picture shows: colours from a function in place of those of the mesh, and segments.
+type Content<'a> = (Option<&'a PointColors<'a>>, Option<&'a LineSet>);
 
 /// A function from points of a surface, many of them neighbours, to their sRGB colours.
 pub type PointColors<'a> = dyn Fn(&[Point3<f64>]) -> Vec<[u8; 3]> + 'a;
@@ -142,8 +145,9 @@ impl<'a> Renderer<'a> {
         options: &RenderOptions,
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<RgbImage, PictureError> {
-        let geometry = self.geometry(1, view, options, progress)?;
-        Ok(geometry.draw(self, None, lines, options))
+        let geometry = self.geometry(view, options, progress)?;
+        let [picture] = geometry.draw(self, [(None, lines)], options);
+        Ok(picture)
     }
 
     /// [`Renderer::draw`] with colours from a function of the surface position instead of vertex colours, so that
@@ -159,8 +163,9 @@ impl<'a> Renderer<'a> {
         options: &RenderOptions,
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<RgbImage, PictureError> {
-        let geometry = self.geometry(1, view, options, progress)?;
-        Ok(geometry.draw(self, Some(paint), lines, options))
+        let geometry = self.geometry(view, options, progress)?;
+        let [picture] = geometry.draw(self, [(Some(paint), lines)], options);
+        Ok(picture)
     }
 
     /// [`Renderer::draw`] and, without segments, [`Renderer::draw_colored`] from one view, in little more time than one of
@@ -175,17 +180,13 @@ impl<'a> Renderer<'a> {
         view: &View,
         options: &RenderOptions,
     ) -> Result<[RgbImage; 2], PictureError> {
-        let geometry = self.geometry(2, view, options, &|_, _| {})?;
-        Ok([
-            geometry.draw(self, None, lines, options),
-            geometry.draw(self, Some(paint), None, options),
-        ])
+        let geometry = self.geometry(view, options, &|_, _| {})?;
+        Ok(geometry.draw(self, [(None, lines), (Some(paint), None)], options))
     }
 
-    /// What `pictures` pictures from one view share.
+    /// What pictures from one view share.
     fn geometry<'v>(
         &self,
-        pictures: usize,
         view: &'v View,
         options: &RenderOptions,
         progress: &'v (dyn Fn(usize, usize) + Sync),
@@ -204,7 +205,7 @@ impl<'a> Renderer<'a> {
         let step = options.supersampling as usize;
         let height = view.height as usize;
         let occluded = options.occlusion_rays > 0;
-        let total = height * step + (usize::from(occluded) + pictures) * height;
+        let total = height * step + (usize::from(occluded) + 1) * height;
         let done = AtomicUsize::new(0);
         let row_done = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
         let buffer = SampleBuffer::draw(self.mesh, view, step, options.back_faces, &row_done);
@@ -223,24 +224,26 @@ impl<'a> Renderer<'a> {
 }
 
 impl Geometry<'_> {
-    /// One picture of it.
-    fn draw(
+    /// Pictures of it.
+    fn draw<const N: usize>(
         &self,
         renderer: &Renderer<'_>,
-        paint: Option<&PointColors<'_>>,
-        lines: Option<&LineSet>,
+        contents: [Content<'_>; N],
         options: &RenderOptions,
-    ) -> RgbImage {
+    ) -> [RgbImage; N] {
         let (view, buffer) = (self.view, &self.buffer);
-        let mut light = self.light(renderer, paint, options);
-        if let Some(lines) = lines {
-            draw_segments(&mut light, lines, view, buffer, options);
-        }
-        let mut picture = RgbImage::new(view.width, view.height);
-        for (pixel, color) in picture.pixels_mut().zip(&light) {
-            *pixel = Rgb(encoded_color(*color));
-        }
-        picture
+        let light = self.light(renderer, contents.map(|(paint, _)| paint), options);
+        std::array::from_fn(|index| {
+            let mut light: Vec<[f64; 3]> = light.iter().map(|pixel| pixel[index]).collect();
+            if let (_, Some(lines)) = contents[index] {
+                draw_segments(&mut light, lines, view, buffer, options);
+            }
+            let mut picture = RgbImage::new(view.width, view.height);
+            for (pixel, color) in picture.pixels_mut().zip(&light) {
+                *pixel = Rgb(encoded_color(*color));
+            }
+            picture
+        })
     }
 
     fn row_done(&self) {
@@ -279,13 +282,13 @@ impl Geometry<'_> {
             .collect()
     }
 
-    /// Linear light of each pixel, without segments.
-    fn light(
+    /// Linear light of each pixel in each picture, without segments.
+    fn light<const N: usize>(
         &self,
         renderer: &Renderer<'_>,
-        paint: Option<&PointColors<'_>>,
+        paints: [Option<&PointColors<'_>>; N],
         options: &RenderOptions,
-    ) -> Vec<[f64; 3]> {
+    ) -> Vec<[[f64; 3]; N]> {
         let mesh = renderer.mesh;
         let (view, buffer, openness) = (self.view, &self.buffer, self.openness.as_ref());
         let step = buffer.supersampling;
@@ -298,52 +301,60 @@ impl Geometry<'_> {
             &(rotation * Vector3::x()),
             &(rotation * Vector3::z()),
         );
-        let painted = paint.map(|paint| self.painted(paint, &rays));
-        let sample_light =
-            |column: usize, row: usize, known: &mut Option<Known>, paints: &mut Paints<'_>| {
-                let sample = buffer.at(column, row)?;
-                let ray = rays.direction(column, row);
-                let Known { open, paint, .. } = match known {
-                    Some(known) if known.triangle == sample.triangle => *known,
-                    _ => *known.insert(Known {
-                        triangle: sample.triangle,
-                        open: openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row))),
-                        paint: paints.next().map(|color| linear_color(*color)),
-                    }),
-                };
-                let toward_viewer = -ray.normalize();
+        let painted = paints.map(|paint| paint.map(|paint| self.painted(paint, &rays)));
+        let sample_light = |column: usize,
+                            row: usize,
+                            known: &mut Option<Known<N>>,
+                            paints: &mut [Paints<'_>; N]| {
+            let sample = buffer.at(column, row)?;
+            let ray = rays.direction(column, row);
+            let Known { open, paints, .. } = match known {
+                Some(known) if known.triangle == sample.triangle => *known,
+                _ => *known.insert(Known {
+                    triangle: sample.triangle,
+                    open: openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row))),
+                    paints: paints
+                        .each_mut()
+                        .map(|paints| paints.next().map(|color| linear_color(*color))),
+                }),
+            };
+            let toward_viewer = -ray.normalize();
+            let lit = lamps.on(sample, &toward_viewer, open, options);
+            let (jump, fold) = outline_at(buffer, sample, (column, row));
+            let kept =
+                (1.0 - options.outline_darkness * jump) * (1.0 - options.crease_darkness * fold);
+            Some(paints.map(|paint| {
                 let surface = paint
                     .unwrap_or_else(|| albedo.at(mesh.triangles[sample.triangle as usize], sample));
-                let color = lamps.shade(surface, sample, &toward_viewer, open, options);
-                let (jump, fold) = outline_at(buffer, sample, (column, row));
-                let kept = (1.0 - options.outline_darkness * jump)
-                    * (1.0 - options.crease_darkness * fold);
-                Some(color.map(|v| v * kept))
-            };
-        let mut light = vec![[0.0; 3]; width * view.height as usize];
+                lit.reflected(surface).map(|v| v * kept)
+            }))
+        };
+        let mut light = vec![[[0.0; 3]; N]; width * view.height as usize];
         light
             .par_chunks_mut(width)
             .enumerate()
             .for_each(|(y, line)| {
-                let behind = background(options.background, y, view.height);
-                let mut paints = match &painted {
+                let behind = [background(options.background, y, view.height); N];
+                let mut paints = painted.each_ref().map(|rows| match rows {
                     Some(rows) => rows[y].iter(),
                     None => Paints::default(),
-                };
+                });
                 for (x, pixel) in line.iter_mut().enumerate() {
                     let mut known = None;
                     for row in y * step..(y + 1) * step {
                         for column in x * step..(x + 1) * step {
-                            let color = sample_light(column, row, &mut known, &mut paints)
+                            let colors = sample_light(column, row, &mut known, &mut paints)
                                 .unwrap_or(behind);
-                            for (sum, part) in pixel.iter_mut().zip(color) {
+                            let sums = pixel.as_flattened_mut().iter_mut();
+                            for (sum, part) in sums.zip(colors.as_flattened()) {
                                 // Clipped before averaging: a bright sample would
                                 // hide an outline.
                                 *sum += part.min(1.0);
                             }
                         }
                     }
-                    *pixel = pixel.map(|sum| sum / (step * step) as f64);
+                    let count = (step * step) as f64;
+                    *pixel = pixel.map(|color| color.map(|sum| sum / count));
                 }
                 self.row_done();
             });

@@ -76,23 +76,20 @@ impl Light {
         }
     }
 
-    /// Linear light reflected to the viewer by a surface of linear `color` that a sample sees; `toward_viewer` has unit
-    /// length.
-    pub(super) fn shade(
+    /// The light on a sample; `toward_viewer` has unit length.
+    pub(super) fn on(
         &self,
-        color: [f64; 3],
         sample: &Sample,
         toward_viewer: &Vector3<f64>,
         openness: f64,
         options: &RenderOptions,
-    ) -> [f64; 3] {
-        let tinted = !sample.is_front_face && options.back_faces == BackFaces::Tinted;
-        let tint = |channel: usize| match tinted {
-            true => 0.3 * color[channel] + 0.7 * BACK_TINT[channel],
-            false => color[channel],
-        };
+    ) -> LitSample {
+        let is_tinted = !sample.is_front_face && options.back_faces == BackFaces::Tinted;
         if !options.is_lit {
-            return std::array::from_fn(tint);
+            return LitSample {
+                is_tinted,
+                light: None,
+            };
         }
         let normal = sample.normal();
         let sky = 0.5 + 0.5 * normal.dot(&self.up);
@@ -101,12 +98,36 @@ impl Light {
         let head = normal.dot(toward_viewer).max(0.0);
         let ambient = openness * (0.34 + 0.16 * sky);
         let direct = (0.4 + 0.6 * openness) * (0.42 * key + 0.16 * head);
-        std::array::from_fn(|channel| {
-            let surface = tint(channel);
+        let light = std::array::from_fn(|channel| {
             // Shade is a little blue and light a little warm, as in a room with a window.
             let cool = [0.96, 1.0, 1.06][channel];
             let warm = [1.04, 1.0, 0.95][channel];
-            surface * (ambient * cool + direct * warm) * 1.12
+            ambient * cool + direct * warm
+        });
+        LitSample {
+            is_tinted,
+            light: Some(light),
+        }
+    }
+}
+
+/// The light on a sample.
+pub(super) struct LitSample {
+    /// Whether it shows a back face with a colour of its own.
+    is_tinted: bool,
+    /// By channel; `None` without lamps.
+    light: Option<[f64; 3]>,
+}
+
+impl LitSample {
+    /// Linear light reflected to the viewer by a surface of linear `color`.
+    pub(super) fn reflected(&self, color: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|channel| {
+            let surface = match self.is_tinted {
+                true => 0.3 * color[channel] + 0.7 * BACK_TINT[channel],
+                false => color[channel],
+            };
+            (self.light).map_or(surface, |light| surface * light[channel] * 1.12)
         })
     }
 }
