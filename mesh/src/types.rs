@@ -117,6 +117,12 @@ impl LineSet {
     }
 }
 
+/// Whether coordinates are finite, in single precision as well.
+pub(super) fn is_storable(point: &Point3<f64>) -> bool {
+    // False for NaN; larger values would overflow `f32`.
+    point.iter().all(|it| it.abs() <= f64::from(f32::MAX))
+}
+
 pub(super) fn validate<const N: usize>(
     points: &[Point3<f64>],
     elements: &[[u32; N]],
@@ -124,9 +130,7 @@ pub(super) fn validate<const N: usize>(
 ) -> Result<(), GeometryError> {
     let count = points.len();
     for (index, point) in points.iter().enumerate() {
-        // False for NaN; larger values would overflow `f32`.
-        let storable = |coordinate: &f64| coordinate.abs() <= f64::from(f32::MAX);
-        if !point.coords.iter().all(storable) {
+        if !is_storable(point) {
             let position = point.coords.into();
             return Err(GeometryError::NotFinite { index, position });
         }

@@ -7,7 +7,6 @@ use linecarve_lines::triangulation::{
     ImageTriangulation, ImageVertex, RefineOptions, SurfaceSample, SurfaceSamples,
 };
 use nalgebra::{Isometry3, Point2, Point3, Unit, Vector2, Vector3};
-
 use rustc_hash::FxHashSet;
 
 use super::landmarks::Measurement;
@@ -304,8 +303,8 @@ impl<'a> KeyframeSurface<'a> {
     ) -> Vec<Measurement> {
         let square = |along: f64| (along / options.minimum_distance_px) as i64;
         let mut taken = FxHashSet::default();
-        let mut thinned = vertices.to_vec();
-        thinned.retain(|vertex| taken.insert(vertex.pixel.coords.map(square)));
+        let is_first = |vertex: &&ImageVertex| taken.insert(vertex.pixel.coords.map(square));
+        let thinned: Vec<ImageVertex> = vertices.iter().filter(is_first).copied().collect();
         let mut triangulation = ImageTriangulation::new(&thinned);
         let options = RefineOptions {
             relative_error: self.disagreement,
@@ -410,7 +409,13 @@ mod tests {
             .iter()
             .map(|m| surface.vertex(&m.point_in_world).unwrap())
             .collect();
-        let again = surface.refine(&known, &options.refine);
-        assert!(again.is_empty());
+        assert!(surface.refine(&known, &options.refine).is_empty());
+        // A second vertex in the same square is left out, even one that is off the surface.
+        let off = known.iter().map(|vertex| ImageVertex {
+            pixel: vertex.pixel + Vector2::new(0.5, 0.5),
+            rho: 1.1 * vertex.rho,
+        });
+        let both: Vec<ImageVertex> = known.iter().copied().chain(off).collect();
+        assert!(surface.refine(&both, &options.refine).is_empty());
     }
 }

@@ -16,7 +16,7 @@ use self::builder::Builder;
 use super::error::MeshFileError;
 use crate::files::{WriteError, write_atomically};
 use crate::texture::EncodedTexture;
-use crate::types::{LineSet, TriangleMesh};
+use crate::types::{GeometryError, LineSet, TriangleMesh, is_storable};
 
 /// Geometry of one node.
 #[derive(Debug, Clone, Copy)]
@@ -71,7 +71,7 @@ pub fn write_glb(
 /// The vertices and the triangles or lines of a mesh, in the order of the file.
 #[derive(Debug)]
 pub struct MeshElements<P, C, E> {
-    /// Finite positions.
+    /// Positions.
     pub positions: P,
     /// sRGB colours of all vertices, or `None`.
     pub colors: Option<C>,
@@ -87,11 +87,11 @@ pub struct GlbWriter {
 
 impl GlbWriter {
     /// Writes a surface as one node, which has the colour unless its vertices have their own: the same file as
-    /// [`write_glb`], of a mesh from whose positions `origin` is already subtracted. `counts` are those of vertices and
-    /// triangles. Positions have to be finite, and indices in range.
+    /// [`write_glb`], of a mesh from whose positions `origin` is already subtracted. The counts are those of vertices and
+    /// triangles. Indices have to be in range.
     ///
     /// # Errors
-    /// When the file would exceed 4 GiB, or cannot be written.
+    /// When a position is not finite in single precision, the file would exceed 4 GiB, or it cannot be written.
     pub fn write_surface<P, C, T>(
         &mut self,
         path: &Path,
@@ -112,7 +112,23 @@ impl GlbWriter {
             self.binary.reserve_exact(bytes + bytes / 8);
         }
         let mut builder = Builder::new(std::mem::take(&mut self.binary));
-        builder.add_surface(name, color, mesh, &Vector3::zeros());
+        let mut fault = None;
+        let check = |(index, position): (usize, Point3<f64>)| {
+            if fault.is_none() && !is_storable(&position) {
+                let position = position.coords.into();
+                fault = Some(GeometryError::NotFinite { index, position });
+            }
+            position
+        };
+        let elements = (triangles > 0).then(|| MeshElements {
+            positions: mesh.positions.enumerate().map(check),
+            colors: mesh.colors,
+            elements: mesh.elements,
+        });
+        builder.add_surface(name, color, elements);
+        if let Some(fault) = fault {
+            return Err(MeshFileError::geometry(path)(fault));
+        }
         let (json, binary) = finish(builder, path, origin)?;
         let outcome = write_chunks(path, &json, &binary);
         self.binary = binary;
@@ -120,6 +136,7 @@ impl GlbWriter {
     }
 }
 
+/// The JSON chunk and the binary chunk.
 fn finish(
     builder: Builder<'_>,
     path: &Path,
@@ -257,6 +274,32 @@ mod tests {
             let [parts, elements] = paths.map(|path| std::fs::read(path).unwrap());
             assert!(parts == elements);
         }
+    }
+
+    #[test]
+    fn a_position_beyond_single_precision_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out.glb");
+        let elements = MeshElements {
+            positions: [0.0, 1.0, 1e39]
+                .into_iter()
+                .map(|x| Point3::new(x, 0.0, 0.0)),
+            colors: None::<std::iter::Empty<_>>,
+            elements: std::iter::once([0, 1, 2]),
+        };
+        let written = GlbWriter::default().write_surface(
+            &path,
+            ("surface", [200; 3]),
+            elements,
+            [3, 1],
+            &Vector3::zeros(),
+        );
+        let message = written.unwrap_err().to_string();
+        assert!(
+            message.contains("out.glb") && message.contains("vertex 2"),
+            "{message}"
+        );
+        assert!(!path.exists());
     }
 
     #[test]

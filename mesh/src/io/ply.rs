@@ -10,7 +10,7 @@ use nalgebra::Point3;
 
 use super::error::MeshFileError;
 use crate::files::write_atomically;
-use crate::types::{LineSet, TriangleMesh, bounds};
+use crate::types::{LineSet, TriangleMesh, bounds, is_storable};
 
 /// Rounding to `float` is visible above this share of the bounding box's diagonal.
 const VISIBLE_ROUNDING: f64 = 1e-6;
@@ -65,9 +65,7 @@ pub fn write_streamed_mesh_ply(
         let mut count = 0;
         for position in mesh.vertices {
             let position = position?;
-            // False for NaN; larger values would overflow `f32`.
-            let is_finite = |x: &f64| x.abs() <= f64::from(f32::MAX);
-            if !position.coords.iter().all(is_finite) {
+            if !is_storable(&position) {
                 return Err(wrong("a vertex is not finite"));
             }
             write_position(out, &position, is_double)?;

@@ -45,16 +45,9 @@ mod tests {
         history.note(&surface.change_to(&[[0, 1, 2]], &positions));
         history.record(0, |v| surface.position(v), 3, Elements::default());
         // The mean of x over the triangle is 1.
-        assert_eq!(
-            triangle_errors(&history, 10.0, |points| points
-                .iter()
-                .map(|it| it.x)
-                .collect()),
-            [26]
-        );
-        assert_eq!(
-            triangle_errors(&history, 10.0, |points| vec![f64::INFINITY; points.len()]),
-            [255]
-        );
+        let along_x = |points: &[Point3<f64>]| points.iter().map(|point| point.x).collect();
+        assert_eq!(triangle_errors(&history, 10.0, along_x), [26]);
+        let far = |points: &[Point3<f64>]| vec![f64::INFINITY; points.len()];
+        assert_eq!(triangle_errors(&history, 10.0, far), [255]);
     }
 }

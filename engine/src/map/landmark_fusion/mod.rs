@@ -214,20 +214,19 @@ impl LandmarkFusion {
         let positions = self.seen.iter().map(|it| self.landmarks.position(*it));
         self.vertices
             .extend(positions.filter_map(|position| surface.vertex(&position)));
-        for (landmark, vertex, sample) in self.looked_up.drain(..) {
+        let looked_up = std::mem::take(&mut self.looked_up);
+        for &(landmark, vertex, ref sample) in &looked_up {
             if self.seen[..on_segments].binary_search(&landmark).is_ok() {
                 continue;
             }
-            match surface.check(vertex, &sample) {
+            match surface.check(vertex, sample) {
                 SurfaceCheck::Unknown => {}
                 SurfaceCheck::Confirmed {
                     vertex,
                     measurement,
                 } => {
                     self.landmarks.add_measurement(landmark, &measurement);
-                    if let Some(measurements) = &mut self.measurements {
-                        measurements.keep(landmark, &measurement);
-                    }
+                    self.keep(landmark, &measurement);
                     self.seen.push(landmark);
                     self.vertices.push(vertex);
                 }
@@ -237,6 +236,7 @@ impl LandmarkFusion {
                 }
             }
         }
+        self.looked_up = looked_up;
         for missing in surface.refine(&self.vertices, &options.refine) {
             self.add_measurement(transaction, &missing)?;
         }

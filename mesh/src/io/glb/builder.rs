@@ -29,22 +29,14 @@ impl<'a> Builder<'a> {
     pub(super) fn add(&mut self, part: &GlbPart<'a>, origin: &Vector3<f64>) {
         let mesh = match part.geometry {
             Geometry::Mesh(mesh) if !mesh.triangles.is_empty() => {
-                let elements = MeshElements {
-                    positions: mesh.positions.iter().copied(),
-                    colors: mesh.colors.as_ref().map(|colors| colors.iter().copied()),
-                    elements: mesh.triangles.iter().copied(),
-                };
+                let elements = elements(&mesh.positions, &mesh.colors, &mesh.triangles);
                 Some(self.add_mesh(part.name, part.color, elements, Mode::Triangles, origin))
             }
             Geometry::Textured(mesh, texture) if !mesh.triangles.is_empty() => {
                 Some(self.add_textured(part.name, mesh, texture, origin))
             }
             Geometry::Lines(lines) if !lines.lines.is_empty() => {
-                let elements = MeshElements {
-                    positions: lines.points.iter().copied(),
-                    colors: lines.colors.as_ref().map(|colors| colors.iter().copied()),
-                    elements: lines.lines.iter().copied(),
-                };
+                let elements = elements(&lines.points, &lines.colors, &lines.lines);
                 Some(self.add_mesh(part.name, part.color, elements, Mode::Lines, origin))
             }
             _ => None,
@@ -52,27 +44,21 @@ impl<'a> Builder<'a> {
         self.add_node(part.name, mesh);
     }
 
-    /// Adds a node of a surface; one without triangles has no mesh.
-    pub(super) fn add_surface<P, C, T>(
+    /// Adds a node of a surface; `None` stands for one without triangles.
+    pub(super) fn add_surface(
         &mut self,
         name: &'a str,
         color: [u8; 3],
-        mesh: MeshElements<P, C, T>,
-        origin: &Vector3<f64>,
-    ) where
-        P: Iterator<Item = Point3<f64>>,
-        C: Iterator<Item = [u8; 3]>,
-        T: Iterator<Item = [u32; 3]>,
-    {
-        let mut triangles = mesh.elements.peekable();
-        let is_empty = triangles.peek().is_none();
-        let elements = MeshElements {
-            positions: mesh.positions,
-            colors: mesh.colors,
-            elements: triangles,
-        };
-        let mesh =
-            (!is_empty).then(|| self.add_mesh(name, color, elements, Mode::Triangles, origin));
+        mesh: Option<
+            MeshElements<
+                impl Iterator<Item = Point3<f64>>,
+                impl Iterator<Item = [u8; 3]>,
+                impl Iterator<Item = [u32; 3]>,
+            >,
+        >,
+    ) {
+        let origin = Vector3::zeros();
+        let mesh = mesh.map(|mesh| self.add_mesh(name, color, mesh, Mode::Triangles, &origin));
         self.add_node(name, mesh);
     }
 
@@ -312,6 +298,23 @@ impl<'a> Builder<'a> {
         let mut json = serde_json::to_vec(&self.root)?;
         json.resize(json.len().next_multiple_of(4), b' ');
         Ok((json, self.binary))
+    }
+}
+
+/// The elements of a mesh or of lines in memory.
+fn elements<'e, const N: usize>(
+    positions: &'e [Point3<f64>],
+    colors: &'e Option<Vec<[u8; 3]>>,
+    elements: &'e [[u32; N]],
+) -> MeshElements<
+    impl Iterator<Item = Point3<f64>> + 'e,
+    impl Iterator<Item = [u8; 3]> + 'e,
+    impl Iterator<Item = [u32; N]> + 'e,
+> {
+    MeshElements {
+        positions: positions.iter().copied(),
+        colors: colors.as_ref().map(|colors| colors.iter().copied()),
+        elements: elements.iter().copied(),
     }
 }
 

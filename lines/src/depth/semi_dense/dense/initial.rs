@@ -59,7 +59,8 @@ impl EdgeTriangles {
         planes
     }
 }
-/// Vertices at edge pixels with a known depth, closer together than to those of most other edges.
+
+/// Vertices along edges, at pixels with a known depth.
 fn known_edges(reference: &MatchView, map: &InverseDepthMap) -> Vec<ImageVertex> {
     let chains = reference.chains();
     let mut vertices = Vec::new();
