@@ -411,11 +411,13 @@ mod tests {
             .collect();
         assert!(surface.refine(&known, &options.refine).is_empty());
         // A second vertex in the same square is left out, even one that is off the surface.
-        let off = known.iter().map(|vertex| ImageVertex {
-            pixel: vertex.pixel + Vector2::new(0.5, 0.5),
-            rho: 1.1 * vertex.rho,
-        });
-        let both: Vec<ImageVertex> = known.iter().copied().chain(off).collect();
+        let beside = |vertex: &ImageVertex, by: f64, rho: f64| ImageVertex {
+            pixel: vertex.pixel.map(|along| along.round() + by),
+            rho,
+        };
+        let first = known.iter().map(|it| beside(it, 0.25, it.rho));
+        let second = known.iter().map(|it| beside(it, 0.5, 1.1 * it.rho));
+        let both: Vec<ImageVertex> = first.chain(second).collect();
         assert!(surface.refine(&both, &options.refine).is_empty());
     }
 }
