@@ -162,10 +162,11 @@ impl NearestPointIndex {
                 // The previous answer is a point of the reference, so its distance bounds the next
                 // one. The bound is widened against rounding.
                 let bound = last.map_or(f64::INFINITY, |last| (last - point).norm() * 1.000_001);
-                let found = self
-                    .within(point, bound.min(end))
-                    .or_else(|| self.within(point, end))
-                    .filter(|found| found.distance <= end);
+                let mut found = self.within(point, bound.min(end));
+                if found.is_none() && bound < end {
+                    found = self.within(point, end);
+                }
+                let found = found.filter(|found| found.distance <= end);
                 last = found.as_ref().map(|found| found.point);
                 *answer = found.map_or(nothing, &wanted);
             }

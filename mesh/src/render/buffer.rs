@@ -39,35 +39,37 @@ impl Sample {
 }
 
 /// Rays of a view; directions have z = 1 in the camera frame.
-pub(super) struct ViewRays<'a> {
-    view: &'a View,
-    supersampling: usize,
+pub(super) struct ViewRays {
+    origin: Point3<f64>,
+    /// Direction, in the world frame, of the ray through the first sample of the first row.
+    first: Vector3<f64>,
+    /// What a step to the next column, and to the next row, adds to it.
+    right: Vector3<f64>,
+    down: Vector3<f64>,
 }
 
-impl<'a> ViewRays<'a> {
-    pub(super) fn new(view: &'a View, supersampling: usize) -> Self {
+impl ViewRays {
+    pub(super) fn new(view: &View, supersampling: usize) -> Self {
+        let camera = &view.camera;
+        let rotation = &view.world_from_camera.rotation;
+        let step = 1.0 / supersampling as f64;
+        let middle = 0.5 * step - 0.5;
+        let (x, y) = (middle - camera.cx(), middle - camera.cy());
         Self {
-            view,
-            supersampling,
+            origin: Point3::from(view.world_from_camera.translation.vector),
+            first: rotation * Vector3::new(x / camera.fx(), y / camera.fy(), 1.0),
+            right: rotation * Vector3::new(step / camera.fx(), 0.0, 0.0),
+            down: rotation * Vector3::new(0.0, step / camera.fy(), 0.0),
         }
     }
 
     pub(super) fn origin(&self) -> Point3<f64> {
-        Point3::from(self.view.world_from_camera.translation.vector)
+        self.origin
     }
 
     /// Direction in the world frame of the ray through sample (column, row).
     pub(super) fn direction(&self, column: usize, row: usize) -> Vector3<f64> {
-        let camera = &self.view.camera;
-        let step = self.supersampling as f64;
-        let x = (column as f64 + 0.5) / step - 0.5;
-        let y = (row as f64 + 0.5) / step - 0.5;
-        self.view.world_from_camera.rotation
-            * Vector3::new(
-                (x - camera.cx()) / camera.fx(),
-                (y - camera.cy()) / camera.fy(),
-                1.0,
-            )
+        self.first + self.right * column as f64 + self.down * row as f64
     }
 }
 

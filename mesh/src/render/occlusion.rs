@@ -113,43 +113,85 @@ impl Openness {
                     row_done();
                 }
             });
-        Self {
+        let measured = Self {
             spacing,
             width,
             height,
             values,
+        };
+        let patch = spacing as f64 / view.camera.fx();
+        measured.averaged(patch)
+    }
+
+    /// Each measured pixel with the mean over the block of measured pixels around it; they are `patch` apart at a depth of one.
+    fn averaged(&self, patch: f64) -> Self {
+        const HALF: usize = PATTERN / 2;
+        let mean = |column: usize, row: usize| {
+            let mut measured = self.values[row * self.width + column]?;
+            let columns = column.saturating_sub(HALF)..column + HALF + 1;
+            let rows = row.saturating_sub(HALF)..row + HALF + 1;
+            let around = rows.flat_map(|y| columns.clone().map(move |x| ((x, y), 1.0)));
+            let openness = self.mean_on(&measured.point, &measured.normal, patch, around);
+            measured.openness = openness as f32;
+            Some(measured)
+        };
+        let pixels = (0..self.values.len()).into_par_iter();
+        Self {
+            values: pixels
+                .map(|index| mean(index % self.width, index / self.width))
+                .collect(),
+            ..*self
         }
     }
 
-    /// Openness at a sample: the mean over the surrounding block of measured pixels on about the same surface.
+    /// Openness at a sample: between those of the four measured pixels around, on about the same surface.
     pub(super) fn at(
         &self,
         buffer: &SampleBuffer,
-        rays: &ViewRays<'_>,
+        rays: &ViewRays,
         sample: &Sample,
         (column, row): (usize, usize),
     ) -> f64 {
         let step = self.spacing * buffer.supersampling;
-        let normal = sample.normal();
-        let depth = f64::from(sample.depth);
-        let point: Vector3<f64> = rays.direction(column, row) * depth;
-        // Approximate distance of measured pixels; points farther from the plane belong to another surface.
-        let patch =
-            (rays.direction(column + step, row) - rays.direction(column, row)).norm() * depth;
-        let half = PATTERN / 2;
-        let (centre_x, centre_y) = (column / step, row / step);
+        let ray = rays.direction(column, row);
+        let patch = (rays.direction(column + step, row) - ray).norm();
+        let (left, top) = (column / step, row / step);
+        let along = |at: usize| (at % step) as f64 / step as f64;
+        let (x, y) = (along(column), along(row));
+        let around = [
+            ((left, top), (1.0 - x) * (1.0 - y)),
+            ((left + 1, top), x * (1.0 - y)),
+            ((left, top + 1), (1.0 - x) * y),
+            ((left + 1, top + 1), x * y),
+        ];
+        let point = ray * f64::from(sample.depth);
+        self.mean_on(&point, &sample.normal(), patch, around)
+    }
+
+    /// Weighted mean of measured pixels, by their columns and rows, as far as they lie on about the surface at a point from the viewer; 1 where there
+    /// are none. Measured pixels are `patch` apart at a depth of one.
+    fn mean_on(
+        &self,
+        point: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        patch: f64,
+        weighted: impl IntoIterator<Item = ((usize, usize), f64)>,
+    ) -> f64 {
+        // Points farther from the plane than their distance from each other belong to another surface.
+        let scale = 0.5 / (patch * point.norm());
         let (mut sum, mut weights) = (0.0, 0.0);
-        for y in centre_y.saturating_sub(half)..(centre_y + half + 1).min(self.height) {
-            for x in centre_x.saturating_sub(half)..(centre_x + half + 1).min(self.width) {
-                let Some(other) = &self.values[y * self.width + x] else {
-                    continue;
-                };
-                let off_plane = normal.dot(&(other.point - point)) / (2.0 * patch);
-                let alike = normal.dot(&other.normal).max(0.0);
-                let weight = alike.powi(4) / (1.0 + off_plane.powi(4)) + 1e-6;
-                sum += weight * f64::from(other.openness);
-                weights += weight;
+        for ((x, y), share) in weighted {
+            if x >= self.width || y >= self.height {
+                continue;
             }
+            let Some(other) = &self.values[y * self.width + x] else {
+                continue;
+            };
+            let off_plane = normal.dot(&(other.point - point)) * scale;
+            let alike = normal.dot(&other.normal).max(0.0);
+            let weight = share * (alike.powi(4) / (1.0 + off_plane.powi(4)) + 1e-6);
+            sum += weight * f64::from(other.openness);
+            weights += weight;
         }
         if weights > 0.0 { sum / weights } else { 1.0 }
     }

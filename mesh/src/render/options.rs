@@ -58,7 +58,7 @@ impl Default for RenderOptions {
             clay: [216, 210, 200],
             background: Background::Gradient([255, 255, 255], [226, 231, 238]),
             back_faces: BackFaces::Tinted,
-            occlusion_rays: 8,
+            occlusion_rays: 6,
             is_lit: true,
             outline_darkness: 0.75,
             crease_darkness: 0.25,

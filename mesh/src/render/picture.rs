@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::buffer::{SampleBuffer, ViewRays};
+use super::buffer::{Sample, SampleBuffer, ViewRays};
 use super::occlusion::Openness;
 use super::options::{Background, RenderOptions, RenderOptionsError};
 use super::outline::outline_at;
@@ -60,9 +60,8 @@ struct Geometry<'v> {
 #[derive(Clone, Copy)]
 struct Known<const N: usize> {
     triangle: u32,
-    open: f64,
-    /// Linear colours in each picture, where a function gives them.
-    paints: [Option<[f64; 3]>; N],
+    /// Linear light towards the viewer in each picture.
+    light: [[f64; 3]; N],
 }
 
 /// What a picture shows: colours from a function in place of those of the mesh, and segments.
@@ -251,7 +250,7 @@ impl Geometry<'_> {
     }
 
     /// Colours of the samples of each row of pixels: of the first in each pixel, and of those on another triangle than the one before.
-    fn painted(&self, paint: &PointColors<'_>, rays: &ViewRays<'_>) -> Vec<Vec<[u8; 3]>> {
+    fn painted(&self, paint: &PointColors<'_>, rays: &ViewRays) -> Vec<Vec<[u8; 3]>> {
         let (view, buffer) = (self.view, &self.buffer);
         let step = buffer.supersampling;
         let points_of = |y: usize| {
@@ -302,33 +301,34 @@ impl Geometry<'_> {
             &(rotation * Vector3::z()),
         );
         let painted = paints.map(|paint| paint.map(|paint| self.painted(paint, &rays)));
-        let sample_light = |column: usize,
-                            row: usize,
-                            known: &mut Option<Known<N>>,
-                            paints: &mut [Paints<'_>; N]| {
-            let sample = buffer.at(column, row)?;
-            let ray = rays.direction(column, row);
-            let Known { open, paints, .. } = match known {
-                Some(known) if known.triangle == sample.triangle => *known,
-                _ => *known.insert(Known {
-                    triangle: sample.triangle,
-                    open: openness.map_or(1.0, |o| o.at(buffer, &rays, sample, (column, row))),
-                    paints: paints
-                        .each_mut()
-                        .map(|paints| paints.next().map(|color| linear_color(*color))),
-                }),
-            };
-            let toward_viewer = -ray.normalize();
+        let light_of = |sample: &Sample, place: (usize, usize), paints: &mut [Paints<'_>; N]| {
+            let toward_viewer = -rays.direction(place.0, place.1).normalize();
+            let open = openness.map_or(1.0, |openness| openness.at(buffer, &rays, sample, place));
             let lit = lamps.on(sample, &toward_viewer, open, options);
-            let (jump, fold) = outline_at(buffer, sample, (column, row));
-            let kept =
-                (1.0 - options.outline_darkness * jump) * (1.0 - options.crease_darkness * fold);
-            Some(paints.map(|paint| {
-                let surface = paint
-                    .unwrap_or_else(|| albedo.at(mesh.triangles[sample.triangle as usize], sample));
-                lit.reflected(surface).map(|v| v * kept)
-            }))
+            paints.each_mut().map(|paints| {
+                let surface = paints.next().map_or_else(
+                    || albedo.at(mesh.triangles[sample.triangle as usize], sample),
+                    |color| linear_color(*color),
+                );
+                lit.reflected(surface)
+            })
         };
+        let sample_light =
+            |place: (usize, usize), known: &mut Option<Known<N>>, paints: &mut [Paints<'_>; N]| {
+                let sample = buffer.at(place.0, place.1)?;
+                let light = match known {
+                    Some(known) if known.triangle == sample.triangle => known.light,
+                    _ => {
+                        let triangle = sample.triangle;
+                        let light = light_of(sample, place, paints);
+                        known.insert(Known { triangle, light }).light
+                    }
+                };
+                let (jump, fold) = outline_at(buffer, sample, place);
+                let kept = (1.0 - options.outline_darkness * jump)
+                    * (1.0 - options.crease_darkness * fold);
+                Some(light.map(|color| color.map(|v| v * kept)))
+            };
         let mut light = vec![[[0.0; 3]; N]; width * view.height as usize];
         light
             .par_chunks_mut(width)
@@ -343,7 +343,7 @@ impl Geometry<'_> {
                     let mut known = None;
                     for row in y * step..(y + 1) * step {
                         for column in x * step..(x + 1) * step {
-                            let colors = sample_light(column, row, &mut known, &mut paints)
+                            let colors = sample_light((column, row), &mut known, &mut paints)
                                 .unwrap_or(behind);
                             let sums = pixel.as_flattened_mut().iter_mut();
                             for (sum, part) in sums.zip(colors.as_flattened()) {
