@@ -158,8 +158,10 @@ impl Residuals {
     #[inline]
     fn low_bits(&self, context: usize) -> u32 {
         let (sum, count) = self.sizes[context];
-        let mean = sum / count;
-        (32 - mean.leading_zeros()).min(WHOLE_BITS - 1)
+        // The number of bits of their quotient, without a division: that of the difference of their bits, or one more.
+        let bits = count.leading_zeros().saturating_sub(sum.leading_zeros());
+        let bits = bits + u32::from(sum >= count << bits);
+        bits.min(WHOLE_BITS - 1)
     }
 
     #[inline]
@@ -317,6 +319,22 @@ mod tests {
                 });
                 assert_comes_back(width, height, &rare.collect::<Vec<_>>());
             }
+        }
+    }
+
+    #[test]
+    fn low_bits_are_those_of_the_mean() {
+        let sums = (0..200).chain((8..22).flat_map(|bits| (1 << bits) - 1..(1 << bits) + 2));
+        for (sum, count) in sums.flat_map(|sum| (1..MEMORY).map(move |count| (sum, count))) {
+            let residuals = Residuals {
+                sizes: [(sum, count); CONTEXTS],
+            };
+            let bits = 32 - (sum / count).leading_zeros();
+            assert_eq!(
+                residuals.low_bits(3),
+                bits.min(WHOLE_BITS - 1),
+                "{sum} / {count}"
+            );
         }
     }
 

@@ -2,9 +2,10 @@
 
 use nalgebra::Point3;
 use rayon::prelude::*;
+use wide::f32x4;
 
 use super::blocks::{Block, CornerBits, CornerSet};
-use super::grid::Corner;
+use super::grid::{Corner, coordinates_below};
 use super::view::View;
 use super::{FusionOptions, PosedDepth};
 
@@ -33,11 +34,12 @@ impl Field {
                 let mut last = None;
                 for point in View::new(view).points() {
                     // Neighbouring pixels mostly lie in one cube.
-                    let cube = Corner::below(&point, side);
-                    if let Some(cube) = cube.filter(|_| cube != last) {
-                        cubes.insert(cube);
+                    let cube = coordinates_below(&point, side);
+                    if cube != last {
+                        let corner = cube.and_then(|it| Corner::new(it.map(i64::from)));
+                        corner.into_iter().for_each(|corner| cubes.insert(corner));
+                        last = cube;
                     }
-                    last = cube;
                 }
                 cubes
             })
@@ -90,8 +92,8 @@ fn mean_distances(
         let views: Vec<View> = views.par_iter().map(View::new).collect();
         chunks
             .par_iter_mut()
-            .for_each_init(Vec::new, |positions, chunk| {
-                chunk.add(&views, side, truncation, positions);
+            .for_each_init(Vec::new, |groups, chunk| {
+                chunk.add(&views, side, truncation, groups);
             });
     }
     drop(chunks);
@@ -116,10 +118,15 @@ impl DistanceSum {
         }
     }
 
+    /// Adds a distance unless it is unknown or the corner lies too far behind the surface. It does not branch: which corners do is irregular.
     #[inline]
-    fn add(&mut self, distance: f64, is_near: bool) {
-        self.sum = (f64::from_ne_bytes(self.sum) + distance).to_ne_bytes();
-        self.count = (self.count + 2) | u32::from(is_near);
+    fn add(&mut self, distance: f64, truncation: f64) {
+        let is_seen = distance >= -truncation;
+        let is_near = distance <= truncation;
+        let clipped = if is_near { distance } else { truncation };
+        let added = if is_seen { clipped } else { 0.0 };
+        self.sum = (f64::from_ne_bytes(self.sum) + added).to_ne_bytes();
+        self.count = (self.count + 2 * u32::from(is_seen)) | u32::from(is_seen & is_near);
     }
 }
 
@@ -148,30 +155,37 @@ impl<'a> Chunk<'a> {
         }
     }
 
-    /// Adds the distances that views measured, in their order. `positions` is reused memory.
-    fn add(
-        &mut self,
-        views: &[View],
-        side: f64,
-        truncation: f64,
-        positions: &mut Vec<Point3<f64>>,
-    ) {
-        positions.clear();
+    /// Adds the distances that views measured, in their order. `groups` is reused memory.
+    fn add(&mut self, views: &[View], side: f64, truncation: f64, groups: &mut Vec<[f32x4; 3]>) {
+        groups.clear();
         for view in views {
-            if !view.may_see(&self.center, self.radius) {
+            let center = view.in_camera(&self.center);
+            if !view.may_see(&center, self.radius) {
                 continue;
             }
-            if positions.is_empty() {
-                positions.extend(positions_of(self.blocks, side));
+            if groups.is_empty() {
+                self.fill(groups, side);
             }
-            for (position, sum) in positions.iter().zip(&mut *self.sums) {
-                let Some(distance) = view.distance(position) else {
-                    continue;
-                };
-                if distance >= -truncation {
-                    sum.add(distance.min(truncation), distance <= truncation);
+            for (offsets, sums) in groups.iter().zip(self.sums.chunks_mut(4)) {
+                let distances = view.distances(&center, offsets).to_array();
+                for (distance, sum) in distances.into_iter().zip(sums) {
+                    sum.add(f64::from(distance), truncation);
                 }
             }
+        }
+    }
+
+    /// Offsets of its corners from its center, four together.
+    fn fill(&self, groups: &mut Vec<[f32x4; 3]>, side: f64) {
+        let mut positions = positions_of(self.blocks, side);
+        for _ in 0..self.sums.len().div_ceil(4) {
+            let mut group = [[0.0; 4]; 3];
+            for (lane, position) in (0..4).zip(&mut positions) {
+                for (axis, along) in (position - self.center).iter().enumerate() {
+                    group[axis][lane] = *along as f32;
+                }
+            }
+            groups.push(group.map(f32x4::new));
         }
     }
 }

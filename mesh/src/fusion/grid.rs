@@ -7,6 +7,20 @@ const BITS: u32 = 21;
 /// What is added to a coordinate so that it is not negative.
 const OFFSET: i64 = 1 << (BITS - 1);
 
+/// Coordinates, in sides, of the lowest corner of the cube around a point; `None` for points too far away and NaN.
+#[inline]
+pub(super) fn coordinates_below(point: &Point3<f64>, side: f64) -> Option<[i32; 3]> {
+    let scaled = point.coords / side;
+    if !scaled.iter().all(|along| along.abs() < OFFSET as f64) {
+        return None;
+    }
+    // Without SSE 4.1 `floor` is a call.
+    Some([scaled.x, scaled.y, scaled.z].map(|along| {
+        let whole = along as i32;
+        whole - i32::from(along < f64::from(whole))
+    }))
+}
+
 /// A corner of the grid. The bits of its coordinates alternate (Morton order), so that corners with near numbers are near.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Corner(u64);
@@ -28,11 +42,7 @@ impl Corner {
 
     /// The lowest corner of the cube around a point; `None` for points too far away and NaN.
     pub(super) fn below(point: &Point3<f64>, side: f64) -> Option<Self> {
-        let scaled = point.coords / side;
-        if !scaled.iter().all(|along| along.abs() < OFFSET as f64) {
-            return None;
-        }
-        Self::new([scaled.x, scaled.y, scaled.z].map(|along| along.floor() as i64))
+        Self::new(coordinates_below(point, side)?.map(i64::from))
     }
 
     /// The corner of a grid of blocks and the place in the block, of so many bits.

@@ -1,15 +1,16 @@
 //! A view whose depth image is unpacked.
 
 use linecarve_lines::depth::DepthImage;
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, IsometryMatrix3, Point3, Vector3};
+use wide::f32x4;
 
 use super::PosedDepth;
 
 /// The pixels of a [`PosedDepth`].
 pub(super) struct View {
     image: DepthImage,
-    world_from_depth: Isometry3<f64>,
-    depth_from_world: Isometry3<f64>,
+    world_from_depth: IsometryMatrix3<f64>,
+    depth_from_world: IsometryMatrix3<f64>,
     sides: [Vector3<f64>; 4],
 }
 
@@ -19,8 +20,8 @@ impl View {
         Self {
             sides: image.sides(),
             image,
-            world_from_depth: posed.world_from_depth,
-            depth_from_world: posed.world_from_depth.inverse(),
+            world_from_depth: with_matrix(&posed.world_from_depth),
+            depth_from_world: with_matrix(&posed.world_from_depth.inverse()),
         }
     }
 
@@ -34,16 +35,25 @@ impl View {
         })
     }
 
-    /// How far a point lies before the surface measured along its ray; `None` where nothing was measured.
+    /// How far points lie before the surface measured along their rays; NaN where nothing was measured. The points are four offsets from a place in
+    /// world coordinates, which is at `place` in the frame of the camera.
     #[inline]
-    pub(super) fn distance(&self, point_in_world: &Point3<f64>) -> Option<f64> {
-        self.image
-            .distance(&(self.depth_from_world * point_in_world))
+    pub(super) fn distances(&self, place: &Point3<f64>, offsets: &[f32x4; 3]) -> f32x4 {
+        let rotation = &self.depth_from_world.rotation;
+        let along = |axis: usize| {
+            let [x, y, z] = [0, 1, 2].map(|other| rotation[(axis, other)] as f32);
+            offsets[0] * x + offsets[1] * y + offsets[2] * z + place[axis] as f32
+        };
+        self.image.distances([along(0), along(1), along(2)])
     }
 
-    /// Whether a sphere may be seen: not behind the camera, and not beside all of its image.
+    /// A point in the frame of the camera.
+    pub(super) fn in_camera(&self, point_in_world: &Point3<f64>) -> Point3<f64> {
+        self.depth_from_world * point_in_world
+    }
+
+    /// Whether a sphere around a point in the frame of the camera may be seen: not behind the camera, and not beside all of its image.
     pub(super) fn may_see(&self, center: &Point3<f64>, radius: f64) -> bool {
-        let center = self.depth_from_world * center;
         if center.z < -radius {
             return false;
         }
@@ -51,4 +61,9 @@ impl View {
             .iter()
             .all(|inward| inward.dot(&center.coords) >= -radius)
     }
+}
+
+/// The same motion; its matrix moves a point in half as many operations as a quaternion.
+fn with_matrix(motion: &Isometry3<f64>) -> IsometryMatrix3<f64> {
+    IsometryMatrix3::from_parts(motion.translation, motion.rotation.to_rotation_matrix())
 }
