@@ -15,6 +15,7 @@
 mod blocks;
 mod field;
 mod grid;
+mod lips;
 mod nets;
 mod segments;
 mod sheets;

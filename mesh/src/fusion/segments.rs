@@ -7,6 +7,7 @@ use nalgebra::{Point3, Vector3};
 use rustc_hash::FxHashMap;
 
 use super::grid::Corner;
+use super::lips::join_lips;
 use crate::TriangleMesh;
 use crate::edge_uses::for_each_edge;
 use crate::flat_vertices;
@@ -19,7 +20,7 @@ const INWARD_REACH_SIDES: f64 = 0.75;
 /// Cubes around that of a vertex in which segments are looked for, on either side.
 const REACH_CUBES: usize = 2;
 /// Least cosine between a boundary and a segment along it: 60 degrees, as boundaries follow the grid in steps.
-const LEAST_COSINE: f64 = 0.5;
+pub(super) const LEAST_COSINE: f64 = 0.5;
 /// Share of the vertices along a segment that lie on an edge or a boundary. Segments with fewer are texture.
 const LEAST_SHARE: f64 = 0.3;
 /// Least doubled area of a triangle with two edges on the boundary over the sum of its squared sides.
@@ -43,7 +44,7 @@ const SAME_LINE_SIDES: f64 = 0.25;
 
 /// Moves vertices of a surface with cubes of this side onto segments: the vertex of each cube that a segment crosses to the middle of the part in
 /// that cube, and vertices of boundaries to the nearest point of a segment along them. Their neighbours follow. Where a boundary leaves a segment and comes back to it soon,
-/// the surface is continued up to the segment. Of several segments in a cube the longest counts. Segments
+/// the surface is continued up to the segment; where two boundaries lie on one segment, they are joined. Of several segments in a cube the longest counts. Segments
 /// on flat surfaces do not count.
 ///
 /// # Complexity
@@ -75,11 +76,17 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
         counts[parts[cube].segment as usize][usize::from(is_plain)] += 1;
     }
     let mut segment_of = FxHashMap::default();
+    // How far vertices of the boundary move along the normals of the surface.
+    let mut away: FxHashMap<u32, f64> = FxHashMap::default();
     for (cube, (_, vertex)) in &vertices {
         let part = parts[cube];
         let [edge, plain] = counts[part.segment as usize].map(f64::from);
         if edge >= LEAST_SHARE * (edge + plain) {
-            mesh.positions[*vertex as usize] = part.middle;
+            let position = &mut mesh.positions[*vertex as usize];
+            if let Some(rim) = boundary.get(vertex) {
+                away.insert(*vertex, rim.normal().dot(&(part.middle - *position)));
+            }
+            *position = part.middle;
             segment_of.insert(*vertex, part.segment);
         }
     }
@@ -89,6 +96,7 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
         }
         let position = &mut mesh.positions[*vertex as usize];
         if let Some((nearest, segment)) = rim.nearest_along(position, segments, &parts, side) {
+            away.insert(*vertex, rim.normal().dot(&(nearest - *position)));
             *position = nearest;
             segment_of.insert(*vertex, segment);
         }
@@ -112,6 +120,7 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
         LARGEST_BAY_EDGES,
         WIDEST_BAY_SIDES * side,
     );
+    join_lips(mesh, segments, &segment_of, &away, side);
 }
 
 /// The part of the longest segment in each cube that segments cross.
@@ -155,15 +164,15 @@ fn parts_by_cube(segments: &[[Point3<f64>; 2]], side: f64) -> FxHashMap<Corner, 
 
 /// The boundary at a vertex.
 #[derive(Default)]
-struct Rim {
+pub(super) struct Rim {
     /// Along the boundary.
-    along: Vector3<f64>,
+    pub(super) along: Vector3<f64>,
     /// Away from the surface.
     outward: Vector3<f64>,
 }
 
 /// The vertices on edges with one triangle.
-fn boundary(mesh: &TriangleMesh) -> FxHashMap<u32, Rim> {
+pub(super) fn boundary(mesh: &TriangleMesh) -> FxHashMap<u32, Rim> {
     let mut boundary: FxHashMap<u32, Rim> = FxHashMap::default();
     for_each_edge(&mesh.triangles, mesh.positions.len(), |uses| {
         let &[(ends, corner)] = uses else {
@@ -243,6 +252,12 @@ fn unround(
 }
 
 impl Rim {
+    /// The unit normal of the surface; zero where it has none.
+    fn normal(&self) -> Vector3<f64> {
+        let normal = self.outward.cross(&self.along);
+        normal.try_normalize(0.0).unwrap_or_default()
+    }
+
     /// The nearest point on segments along the boundary that cross the cubes around a position of it, and its segment; `None` without one in reach.
     fn nearest_along(
         &self,

@@ -4,6 +4,7 @@ use linecarve_lines::image::Plane;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::*;
+use crate::edge_uses::edge_uses;
 use crate::feature_edges::UniquePositions;
 
 fn camera() -> Camera {
@@ -216,6 +217,43 @@ fn an_edge_and_a_boundary_lie_on_segments_and_texture_does_not_count() {
     let texture = vertical(0.21, 2.004);
     let others = [texture, vertical(f64::NAN, 2.0), vertical(1e30, 2.0)];
     assert!(fused_along(&others, &poses, &boundary, side) == rough);
+}
+
+/// Open edges of the mesh within 0.3 of the line x = 0 and 0.5 of the line y = 0.
+fn open_edges_in_the_middle(mesh: &TriangleMesh) -> usize {
+    let is_in_the_middle = |end: &u32| {
+        let position = mesh.positions[*end as usize];
+        position.x.abs() < 0.3 && position.y.abs() < 0.5
+    };
+    edge_uses(&mesh.triangles)
+        .chunk_by(|a, b| a.0 == b.0)
+        .filter(|uses| uses.len() == 1 && uses[0].0.iter().all(is_in_the_middle))
+        .count()
+}
+
+#[test]
+fn lips_of_a_slit_along_a_segment_are_joined_but_not_surfaces_at_two_depths() {
+    let side = 0.05;
+    let segment = [-0.6, 0.6].map(|y| Point3::new(0.0, y, 2.0));
+    let poses: Vec<_> = [-0.1, 0.013, 0.1]
+        .map(|x| Isometry3::translation(x, 0.0, 0.0))
+        .into();
+    // The first is a wall on which a strip has no depth. In the second, what is to its right lies two cubes further away.
+    for (right, start, is_joined) in [(2.0, 0.09, true), (2.1, 0.04, false)] {
+        let hit = |from: &Point3<f64>, ray: &Vector3<f64>| {
+            let depths = [2.0, right].map(|z| (z - from.z) / ray.z);
+            let [left, right] = depths.map(|depth| (depth, from.x + ray.x * depth));
+            let is_left = left.1 < -0.09;
+            (is_left || right.1 > start).then_some(if is_left { left.0 } else { right.0 })
+        };
+        let depths: Vec<_> = poses.iter().map(|pose| depth_of(pose, hit)).collect();
+        let open = open_edges_in_the_middle(&fused(&poses, &depths, side));
+        assert!(open > 30, "{open}");
+        let mesh = fused_along(&[segment], &poses, &depths, side);
+        mesh.validate().unwrap();
+        let open = open_edges_in_the_middle(&mesh);
+        assert_eq!(open < 3, is_joined, "{open}");
+    }
 }
 
 #[test]
