@@ -26,6 +26,12 @@ const MIN_CORNERS: usize = 10;
 /// A weaker corner must be further than this from all others, in rows or in columns.
 const WEAK_CORNER_GAP_PX: usize = 3;
 
+/// Samples along a side of a [`Patch`].
+pub const PATCH_SIDE: usize = 16;
+
+/// Grey values around a feature in its pyramid level, row by row; the feature is at column and row 8.
+pub type Patch = [u8; PATCH_SIDE * PATCH_SIDE];
+
 /// Features of an image, the finest pyramid level first.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Features {
@@ -58,6 +64,8 @@ struct LevelFeatures {
     corners: Vec<Corner>,
     angles_rad: Vec<f32>,
     descriptors: Vec<Descriptor>,
+    /// As many, where they are asked for.
+    patches: Vec<Patch>,
 }
 
 /// Finds ORB features.
@@ -94,20 +102,30 @@ impl FeatureDetector {
 
     /// The features of an image.
     pub fn detect(&self, image: &GrayImage) -> Features {
+        self.detect_levels(image, false).0
+    }
+
+    /// The features of an image, and the patch around each.
+    pub fn detect_with_patches(&self, image: &GrayImage) -> (Features, Vec<Patch>) {
+        self.detect_levels(image, true)
+    }
+
+    fn detect_levels(&self, image: &GrayImage, has_patches: bool) -> (Features, Vec<Patch>) {
         let (width, height) = (image.width(), image.height());
         let levels = self.levels(width, height);
         if levels == 0 {
-            return Features::default();
+            return Default::default();
         }
         let pyramid = self.pyramid(image, levels);
         let wanted = self.features_per_level(levels);
         let described: Vec<LevelFeatures> = pyramid
             .par_iter()
             .zip(wanted)
-            .map(|(level, wanted)| self.describe_level(level, wanted))
+            .map(|(level, wanted)| self.describe_level(level, wanted, has_patches))
             .collect();
 
         let mut features = Features::default();
+        let mut patches = Vec::new();
         for (octave, found) in described.into_iter().enumerate() {
             // Levels are scaled about the corner of the image, at (-0.5, -0.5).
             let in_image = |at: u32, side: usize| {
@@ -123,8 +141,9 @@ impl FeatureDetector {
             }
             features.angles_rad.extend(found.angles_rad);
             features.descriptors.extend(found.descriptors);
+            patches.extend(found.patches);
         }
-        features
+        (features, patches)
     }
 
     /// The image and its reductions, each from the level before.
@@ -158,7 +177,7 @@ impl FeatureDetector {
     }
 
     /// Finds and describes about `wanted` corners of a level.
-    fn describe_level(&self, level: &GrayImage, wanted: usize) -> LevelFeatures {
+    fn describe_level(&self, level: &GrayImage, wanted: usize, has_patches: bool) -> LevelFeatures {
         let (width, height) = (level.width() as u32, level.height() as u32);
         let mut corners = spread(
             &self.corners(level, wanted),
@@ -177,10 +196,16 @@ impl FeatureDetector {
             .map(|corner| direction(level.samples(), stride, *corner))
             .collect();
         let descriptors = describe(&smooth(level), stride, &corners, &angles_rad);
+        let of_patches = if has_patches { &corners[..] } else { &[] };
+        let patches = of_patches
+            .iter()
+            .map(|corner| patch(level, corner))
+            .collect();
         LevelFeatures {
             corners,
             angles_rad,
             descriptors,
+            patches,
         }
     }
 
@@ -229,6 +254,12 @@ impl FeatureDetector {
         let inverse = f64::from(self.options.scale_factor as f32).powi(-(level as i32));
         (side as f64 * inverse).round_ties_even() as usize
     }
+}
+
+/// The samples around a corner, which is no nearer to the border than [`BORDER_PX`].
+fn patch(level: &GrayImage, corner: &Corner) -> Patch {
+    let [left, top] = [corner.column, corner.row].map(|at| at as usize - PATCH_SIDE / 2);
+    std::array::from_fn(|at| level.row(top + at / PATCH_SIDE)[left + at % PATCH_SIDE])
 }
 
 /// Two fifths of a threshold, rounded, at least 1.

@@ -27,7 +27,7 @@ pub use changes::MapChange;
 pub use descriptor::Descriptor;
 pub use epipolar::{FeatureMatch, TwoViewGeometry, match_along_epipolar_lines};
 pub use explanation::HeldBackErrors;
-pub use features::{FeatureDetector, Features};
+pub use features::{FeatureDetector, Features, PATCH_SIDE, Patch};
 pub use grid::FeatureGrid;
 pub use keyframe::MapKeyframe;
 pub use map::{MapQuality, PointCounts, PointMap};

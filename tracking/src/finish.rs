@@ -197,12 +197,20 @@ impl Tracker {
             return;
         }
         self.align_submap(&keyframes);
-        self.adjust(&keyframes, GLOBAL_STEPS);
+        self.adjust_aligned(&keyframes);
         // With depth the points of a place hardly drift apart.
         if self.options.is_monocular {
             self.match_again(submap, &keyframes);
-            self.adjust(&keyframes, GLOBAL_STEPS);
+            self.adjust_aligned(&keyframes);
         }
+    }
+
+    /// Adjusts keyframes with aligned observations.
+    fn adjust_aligned(&mut self, keyframes: &[KeyframeId]) {
+        for id in keyframes {
+            self.align_observations(*id);
+        }
+        self.adjust(keyframes, GLOBAL_STEPS);
     }
 
     /// Looks for all points of a sub-map in all of its keyframes, and triangulates what still has no point.

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
-use linecarve_points::{Descriptor, FeatureDetector, FeatureGrid, Features};
-use nalgebra::Point2;
+use linecarve_points::{Descriptor, FeatureDetector, FeatureGrid, Features, Patch};
+use nalgebra::{Point2, Vector2};
 
 use crate::camera::Measurement;
 use crate::dense::DenseView;
@@ -32,12 +32,28 @@ pub(crate) fn level_scale(octave: u8) -> f64 {
     SCALE_FACTOR.powi(i32::from(octave))
 }
 
+/// Standard deviation of the place of a point that was aligned, relative to that of a feature.
+const ALIGNED_SIGMA_SHARE: f64 = 0.5;
+
+/// Where a feature sees its point.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) enum Alignment {
+    /// At the feature; its patch was not aligned yet.
+    #[default]
+    Pending,
+    /// At the feature; its patch cannot be aligned.
+    Failed,
+    /// At this distance from the feature, in pixels of its level.
+    Found([f32; 2]),
+}
+
 /// Finds the features of images.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameDetector {
     detector: FeatureDetector,
     feature_sigma_px: f64,
     is_dense: bool,
+    has_patches: bool,
 }
 
 impl FrameDetector {
@@ -47,15 +63,17 @@ impl FrameDetector {
             detector: FeatureDetector::new(options.feature_options()).with_only_maxima(),
             feature_sigma_px: options.feature_sigma_px,
             is_dense: options.dense_weight > 0.0,
+            has_patches: options.aligns_matches && options.looks_ahead,
         }
     }
 
     /// The features of a pinhole image and their depths; `depth` has the size of the image, or is absent.
     pub fn detect(&self, image: &GrayImage, depth: Option<&InverseDepthMap>) -> FrameFeatures {
-        let features = self.detector.detect(image);
+        let (features, patches) = self.features(image);
         let depth_at = |pixel: &[f32; 2]| depth.and_then(|map| depth_near(map, pixel));
         let inverse_depths = features.pixels.iter().map(depth_at).collect();
         let mut features = self.with_depths(features, inverse_depths);
+        features.patches = patches;
         features.dense = match depth {
             Some(map) if self.is_dense => Some(Arc::new(DenseView::new(map))),
             _ => None,
@@ -71,7 +89,7 @@ impl FrameDetector {
         right: Option<&GrayImage>,
         focal_baseline: f64,
     ) -> FrameFeatures {
-        let features = self.detector.detect(left);
+        let (features, patches) = self.features(left);
         let inverse_depths = match right {
             None => vec![None; features.len()],
             Some(image) => {
@@ -83,7 +101,19 @@ impl FrameDetector {
                 stereo_depths(left, &features, &right, focal_baseline, widest)
             }
         };
-        self.with_depths(features, inverse_depths)
+        let mut features = self.with_depths(features, inverse_depths);
+        features.patches = patches;
+        features
+    }
+
+    fn features(&self, image: &GrayImage) -> (Features, Arc<[Patch]>) {
+        match self.has_patches {
+            true => {
+                let (features, patches) = self.detector.detect_with_patches(image);
+                (features, patches.into())
+            }
+            false => (self.detector.detect(image), Arc::default()),
+        }
     }
 
     pub(crate) fn with_depths(
@@ -93,9 +123,11 @@ impl FrameDetector {
     ) -> FrameFeatures {
         FrameFeatures {
             grid: FeatureGrid::new(&features.pixels),
+            alignments: vec![Alignment::Pending; features.len()],
             features,
             inverse_depths,
             dense: None,
+            patches: Arc::default(),
             feature_sigma_px: self.feature_sigma_px,
         }
     }
@@ -127,6 +159,9 @@ pub struct FrameFeatures {
     pub(crate) inverse_depths: Vec<Option<[f32; 2]>>,
     /// The depth image, reduced, where there is one.
     pub(crate) dense: Option<Arc<DenseView>>,
+    /// The image around each feature; empty when matches are not aligned.
+    pub(crate) patches: Arc<[Patch]>,
+    alignments: Vec<Alignment>,
     feature_sigma_px: f64,
 }
 
@@ -155,9 +190,27 @@ impl FrameFeatures {
         self.feature_sigma_px = sigma_px;
     }
 
+    /// Where a feature sees its point.
     pub(crate) fn pixel(&self, feature: u32) -> Point2<f64> {
-        let [x, y] = self.features.pixels[feature as usize];
-        Point2::new(f64::from(x), f64::from(y))
+        self.pixel_at(feature, self.alignment(feature))
+    }
+
+    fn pixel_at(&self, feature: u32, alignment: Alignment) -> Point2<f64> {
+        let pixel = Point2::from(self.features.pixels[feature as usize]).cast();
+        match alignment {
+            Alignment::Found(shift) => {
+                pixel + Vector2::from(shift).cast() * level_scale(self.octave(feature))
+            }
+            _ => pixel,
+        }
+    }
+
+    pub(crate) fn alignment(&self, feature: u32) -> Alignment {
+        self.alignments[feature as usize]
+    }
+
+    pub(crate) fn set_alignment(&mut self, feature: u32, alignment: Alignment) {
+        self.alignments[feature as usize] = alignment;
     }
 
     pub(crate) fn octave(&self, feature: u32) -> u8 {
@@ -169,9 +222,18 @@ impl FrameFeatures {
     }
 
     pub(crate) fn measurement(&self, feature: u32) -> Measurement {
+        self.measurement_at(feature, self.alignment(feature))
+    }
+
+    /// The measurement of a feature whose point is where an alignment says.
+    pub(crate) fn measurement_at(&self, feature: u32, alignment: Alignment) -> Measurement {
+        let share = match alignment {
+            Alignment::Found(_) => ALIGNED_SIGMA_SHARE,
+            _ => 1.0,
+        };
         Measurement {
-            pixel: self.pixel(feature),
-            sigma_px: self.feature_sigma_px * level_scale(self.octave(feature)),
+            pixel: self.pixel_at(feature, alignment),
+            sigma_px: share * self.feature_sigma_px * level_scale(self.octave(feature)),
             inverse_depth: self.inverse_depths[feature as usize].map(|pair| pair.map(f64::from)),
         }
     }

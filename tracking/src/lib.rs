@@ -16,6 +16,7 @@ mod mapping;
 mod matching;
 mod noise;
 mod options;
+mod patches;
 mod places;
 mod records;
 mod separation;
@@ -24,6 +25,7 @@ mod snapshot;
 mod solve;
 mod stereo;
 mod submaps;
+mod subpixel;
 mod tracker;
 mod verification;
 

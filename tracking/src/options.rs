@@ -37,6 +37,8 @@ pub struct TrackingOptions {
     /// Weight of the alignment of depth images beside features: information is this share of what pixels would have that err
     /// independently. 0 for none.
     pub dense_weight: f64,
+    /// Whether the last adjustment uses observations aligned to a fraction of a pixel. With depth images pixels would outweigh depth.
+    pub aligns_matches: bool,
     /// Whether loops are looked for.
     pub loops: bool,
     /// Whether poses may use later frames: global adjustment, and all frames tracked again in the final map.
@@ -62,6 +64,7 @@ impl Default for TrackingOptions {
             start_pair: None,
             starts_early: false,
             dense_weight: 0.1,
+            aligns_matches: false,
             loops: true,
             looks_ahead: true,
         }
@@ -87,6 +90,7 @@ impl TrackingOptions {
             features: 1500,
             keyframe_frames: 4,
             is_monocular: true,
+            aligns_matches: true,
             ..Self::default()
         }
     }
@@ -95,6 +99,7 @@ impl TrackingOptions {
     pub fn stereo() -> Self {
         Self {
             features: 1500,
+            aligns_matches: true,
             ..Self::default()
         }
     }

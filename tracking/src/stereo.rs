@@ -283,7 +283,7 @@ fn fit_at(patch: &[f64; SIDE * SIDE], strip: &[f64; SIDE * STRIP], position: f64
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::frame::FrameDetector;
     use crate::options::TrackingOptions;
@@ -292,7 +292,7 @@ mod tests {
     const HEIGHT: usize = 240;
 
     /// Grey values of a wall of smooth random blobs, at any position.
-    fn wall(x: f64, y: f64) -> f64 {
+    pub(crate) fn wall(x: f64, y: f64) -> f64 {
         let corner = |x: i64, y: i64| {
             let mixed = (x.wrapping_mul(7919) ^ y.wrapping_mul(104_729)) as u64;
             let mixed = (mixed ^ (mixed >> 7)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -306,7 +306,7 @@ mod tests {
         row(y0 as i64) * (1.0 - ay) + row(y0 as i64 + 1) * ay
     }
 
-    fn image(shift: f64, gain: f64, offset: f64) -> GrayImage {
+    pub(crate) fn image(shift: f64, gain: f64, offset: f64) -> GrayImage {
         let samples = (0..WIDTH * HEIGHT)
             .map(|at| {
                 let value = wall((at % WIDTH) as f64 + shift, (at / WIDTH) as f64);

@@ -342,20 +342,12 @@ impl Tracker {
     fn record_of(&self, frame: &Frame) -> FrameRecord {
         let reference = self.map.keyframe(self.reference);
         let from_reference = frame.camera_from_world * reference.camera_from_world.inverse();
-        let seen = frame
-            .points
-            .iter()
-            .enumerate()
-            .filter_map(|(feature, point)| {
-                Some(((*point)?, frame.view.measurement(feature as u32)))
-            })
-            .collect();
         FrameRecord::Posed(Box::new(PosedFrame {
             reference: self.reference,
             from_reference,
             live: frame.camera_from_world,
             live_submap: reference.submap,
-            seen,
+            seen: self.seen(frame),
             inliers: frame.inliers,
             is_keyframe: reference.frame == frame.number,
             dense: frame.dense,

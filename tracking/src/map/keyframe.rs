@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3};
 
 use super::point::PointId;
 use crate::dense::DenseMotion;
-use crate::frame::FrameFeatures;
+use crate::frame::{Alignment, FrameFeatures};
 
 /// Number of a keyframe, in the order of insertion; never reused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -43,6 +43,12 @@ impl Keyframe {
     pub(crate) fn center(&self) -> Point3<f64> {
         self.camera_from_world
             .inverse_transform_point(&Point3::origin())
+    }
+
+    /// Takes the point from a feature.
+    pub(crate) fn clear(&mut self, feature: u32) {
+        self.points[feature as usize] = None;
+        self.view.set_alignment(feature, Alignment::Pending);
     }
 
     /// Number of features with a point.

@@ -82,8 +82,10 @@ impl Map {
             replaced_by: None,
         });
         for (feature, point) in points.into_iter().enumerate() {
-            if let Some(point) = point.and_then(|point| self.current(point)) {
-                self.add_observation(point, id, feature as u32);
+            let feature = feature as u32;
+            let point = point.and_then(|point| self.current(point));
+            if !point.is_some_and(|point| self.add_observation(point, id, feature)) {
+                self.keyframe_mut(id).clear(feature);
             }
         }
         id
@@ -139,7 +141,7 @@ impl Map {
         let Some(feature) = self.point(point).feature_in(keyframe) else {
             return;
         };
-        self.keyframe_mut(keyframe).points[feature as usize] = None;
+        self.keyframe_mut(keyframe).clear(feature);
         let point = self.point_mut(point);
         point.observations.retain(|(other, _)| *other != keyframe);
         point.is_alive &= !point.observations.is_empty();
@@ -149,7 +151,7 @@ impl Map {
     pub(crate) fn remove_point(&mut self, id: PointId) {
         let observations = std::mem::take(&mut self.point_mut(id).observations);
         for (keyframe, feature) in observations {
-            self.keyframe_mut(keyframe).points[feature as usize] = None;
+            self.keyframe_mut(keyframe).clear(feature);
         }
         self.point_mut(id).is_alive = false;
     }
@@ -167,7 +169,7 @@ impl Map {
         };
         let observations = std::mem::take(&mut self.point_mut(gone).observations);
         for (keyframe, feature) in observations {
-            self.keyframe_mut(keyframe).points[feature as usize] = None;
+            self.keyframe_mut(keyframe).clear(feature);
             self.add_observation(kept, keyframe, feature);
         }
         let (found, visible) = (self.point(gone).found, self.point(gone).visible);
