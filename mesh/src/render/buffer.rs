@@ -17,6 +17,8 @@ pub(super) struct SampleBuffer {
     pub(super) supersampling: usize,
     /// In row order.
     pub(super) samples: Vec<Option<Sample>>,
+    /// Unit normals of the triangles in the world frame, towards the side from which their corners are counter-clockwise.
+    normals: Vec<Vector3<f32>>,
 }
 
 /// The hit of a sample.
@@ -27,15 +29,7 @@ pub(super) struct Sample {
     pub(super) triangle: u32,
     /// Barycentric coordinates of the second and third corner.
     pub(super) barycentric: [f32; 2],
-    /// Normal of the triangle in the world frame, oriented towards the viewer.
-    pub(super) normal: [f32; 3],
     pub(super) is_front_face: bool,
-}
-
-impl Sample {
-    pub(super) fn normal(&self) -> Vector3<f64> {
-        Vector3::from(self.normal.map(f64::from))
-    }
 }
 
 /// Rays of a view; directions have z = 1 in the camera frame.
@@ -99,16 +93,11 @@ impl SampleBuffer {
                 triangle_normal([a, b, c]).cast()
             })
             .collect();
-        let keep = |seen: &Seen| {
-            let normal = normals[seen.triangle as usize];
-            let facing = if seen.is_front_face { normal } else { -normal };
-            Sample {
-                depth: seen.depth as f32,
-                triangle: seen.triangle,
-                barycentric: seen.barycentric.map(|share| share as f32),
-                normal: facing.into(),
-                is_front_face: seen.is_front_face,
-            }
+        let keep = |seen: &Seen| Sample {
+            depth: seen.depth as f32,
+            triangle: seen.triangle,
+            barycentric: seen.barycentric.map(|share| share as f32),
+            is_front_face: seen.is_front_face,
         };
         let mesh = (mesh.positions.as_slice(), mesh.triangles.as_slice());
         let samples = first_hits(mesh, (view, supersampling), back_faces, keep, row_done);
@@ -117,6 +106,17 @@ impl SampleBuffer {
             height,
             supersampling,
             samples,
+            normals,
+        }
+    }
+
+    /// Unit normal at a sample in the world frame, towards the viewer.
+    pub(super) fn normal(&self, sample: &Sample) -> Vector3<f64> {
+        let normal = self.normals[sample.triangle as usize].cast();
+        if sample.is_front_face {
+            normal
+        } else {
+            -normal
         }
     }
 

@@ -84,7 +84,7 @@ impl Openness {
                         continue;
                     };
                     let depth = f64::from(sample.depth);
-                    let normal = sample.normal();
+                    let normal = buffer.normal(sample);
                     let lift = normal * (depth * 1e-5);
                     let from_viewer = rays.direction(x, y) * depth;
                     let point = rays.origin() + from_viewer + lift;
@@ -165,7 +165,7 @@ impl Openness {
             ((left + 1, top + 1), x * y),
         ];
         let point = ray * f64::from(sample.depth);
-        self.mean_on(&point, &sample.normal(), patch, around)
+        self.mean_on(&point, &buffer.normal(sample), patch, around)
     }
 
     /// Weighted mean of measured pixels, by their columns and rows, as far as they lie on about the surface at a point from the viewer; 1 where there

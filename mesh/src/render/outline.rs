@@ -18,7 +18,7 @@ pub(super) fn outline_at(
 ) -> (f64, f64) {
     let step = (buffer.supersampling / 2).max(1);
     let inverse = 1.0 / f64::from(sample.depth);
-    let normal = sample.normal();
+    let normal = buffer.normal(sample);
     let (mut jump, mut fold) = (0.0_f64, 1.0_f64);
     let pairs = [
         (
@@ -43,7 +43,7 @@ pub(super) fn outline_at(
         // Only the nearer surface carries the outline, else the line is twice as wide.
         jump = jump.max((2.0 * inverse - sum) / inverse);
         for neighbour in neighbours.into_iter().flatten() {
-            fold = fold.min(normal.dot(&neighbour.normal()));
+            fold = fold.min(normal.dot(&buffer.normal(neighbour)));
         }
     }
     (ramp(jump, JUMP), ramp(fold, CREASE))

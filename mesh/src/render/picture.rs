@@ -304,7 +304,12 @@ impl Geometry<'_> {
         let light_of = |sample: &Sample, place: (usize, usize), paints: &mut [Paints<'_>; N]| {
             let toward_viewer = -rays.direction(place.0, place.1).normalize();
             let open = openness.map_or(1.0, |openness| openness.at(buffer, &rays, sample, place));
-            let lit = lamps.on(sample, &toward_viewer, open, options);
+            let lit = lamps.on(
+                (sample, &buffer.normal(sample)),
+                &toward_viewer,
+                open,
+                options,
+            );
             paints.each_mut().map(|paints| {
                 let surface = paints.next().map_or_else(
                     || albedo.at(mesh.triangles[sample.triangle as usize], sample),

@@ -76,10 +76,10 @@ impl Light {
         }
     }
 
-    /// The light on a sample; `toward_viewer` has unit length.
+    /// The light on a sample; its normal and `toward_viewer` have unit length.
     pub(super) fn on(
         &self,
-        sample: &Sample,
+        (sample, normal): (&Sample, &Vector3<f64>),
         toward_viewer: &Vector3<f64>,
         openness: f64,
         options: &RenderOptions,
@@ -91,7 +91,6 @@ impl Light {
                 light: None,
             };
         }
-        let normal = sample.normal();
         let sky = 0.5 + 0.5 * normal.dot(&self.up);
         // An area light also illuminates slightly beyond its horizon.
         let key = ((normal.dot(&self.key) + 0.25) / 1.25).max(0.0);
