@@ -51,9 +51,21 @@ pub fn linear_color(color: [u8; 3]) -> [f64; 3] {
     color.map(|byte| LINEAR[usize::from(byte)])
 }
 
+/// Intensities of one width, and the byte of the least of each; one or two bytes further is that of the largest.
+static FIRST: LazyLock<[u8; 4096]> = LazyLock::new(|| {
+    std::array::from_fn(|i| LEAST.partition_point(|least| *least <= i as f64 / 4096.0) as u8)
+});
+
 /// sRGB colour of a linear colour; its intensities are rounded.
 pub fn encoded_color(color: [f64; 3]) -> [u8; 3] {
-    color.map(|value| LEAST.partition_point(|least| *least <= value) as u8)
+    let (first, least) = (&*FIRST, &*LEAST);
+    color.map(|value| {
+        let mut byte = first[((value * 4096.0) as usize).min(4095)];
+        while byte < 255 && least[usize::from(byte)] <= value {
+            byte += 1;
+        }
+        byte
+    })
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! First hits of all samples of a picture.
 
+use std::num::NonZeroU32;
+
 use linecarve_lines::upper_median;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -21,15 +23,31 @@ pub(super) struct SampleBuffer {
     normals: Vec<Vector3<f32>>,
 }
 
-/// The hit of a sample.
+/// The hit of a sample: eight bytes, also when there is none.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
     /// Depth z in the camera frame.
     pub(super) depth: f32,
-    pub(super) triangle: u32,
-    /// Barycentric coordinates of the second and third corner.
-    pub(super) barycentric: [f32; 2],
-    pub(super) is_front_face: bool,
+    pub(super) face: Face,
+}
+
+/// A side of a triangle: twice its number, and two for the side from which the corners are counter-clockwise or one for the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Face(NonZeroU32);
+
+impl Face {
+    fn new(triangle: u32, is_front: bool) -> Self {
+        let number = NonZeroU32::MIN.saturating_add(2 * triangle + u32::from(is_front));
+        Self(number)
+    }
+
+    pub(super) fn triangle(self) -> u32 {
+        (self.0.get() - 1) / 2
+    }
+
+    pub(super) fn is_front(self) -> bool {
+        self.0.get().is_multiple_of(2)
+    }
 }
 
 /// Rays of a view; directions have z = 1 in the camera frame.
@@ -95,9 +113,7 @@ impl SampleBuffer {
             .collect();
         let keep = |seen: &Seen| Sample {
             depth: seen.depth as f32,
-            triangle: seen.triangle,
-            barycentric: seen.barycentric.map(|share| share as f32),
-            is_front_face: seen.is_front_face,
+            face: Face::new(seen.triangle, seen.is_front_face),
         };
         let mesh = (mesh.positions.as_slice(), mesh.triangles.as_slice());
         let samples = first_hits(mesh, (view, supersampling), back_faces, keep, row_done);
@@ -112,8 +128,8 @@ impl SampleBuffer {
 
     /// Unit normal at a sample in the world frame, towards the viewer.
     pub(super) fn normal(&self, sample: &Sample) -> Vector3<f64> {
-        let normal = self.normals[sample.triangle as usize].cast();
-        if sample.is_front_face {
+        let normal = self.normals[sample.face.triangle() as usize].cast();
+        if sample.face.is_front() {
             normal
         } else {
             -normal

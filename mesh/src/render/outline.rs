@@ -17,6 +17,9 @@ pub(super) fn outline_at(
     (column, row): (usize, usize),
 ) -> (f64, f64) {
     let step = (buffer.supersampling / 2).max(1);
+    if is_within(buffer, sample, (column, row), step) {
+        return (0.0, 0.0);
+    }
     let inverse = 1.0 / f64::from(sample.depth);
     let normal = buffer.normal(sample);
     let (mut jump, mut fold) = (0.0_f64, 1.0_f64);
@@ -47,6 +50,28 @@ pub(super) fn outline_at(
         }
     }
     (ramp(jump, JUMP), ramp(fold, CREASE))
+}
+
+/// Whether the samples around see the same side of the same triangle.
+fn is_within(
+    buffer: &SampleBuffer,
+    sample: &Sample,
+    (column, row): (usize, usize),
+    step: usize,
+) -> bool {
+    if column < step || column + step >= buffer.width || row < step || row + step >= buffer.height {
+        return false;
+    }
+    let around = [
+        (column - step, row),
+        (column + step, row),
+        (column, row - step),
+        (column, row + step),
+    ];
+    let face = Some(sample.face);
+    around
+        .iter()
+        .all(|(column, row)| buffer.at(*column, *row).map(|other| other.face) == face)
 }
 
 /// 0 at `from`, 1 at `to`, smooth between.

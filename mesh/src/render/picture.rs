@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::buffer::{Sample, SampleBuffer, ViewRays};
+use super::buffer::{Face, Sample, SampleBuffer, ViewRays};
 use super::occlusion::Openness;
 use super::options::{Background, RenderOptions, RenderOptionsError};
 use super::outline::outline_at;
@@ -56,10 +56,10 @@ struct Geometry<'v> {
     total: usize,
 }
 
-/// What the samples of a pixel on one triangle share: they are close to each other.
+/// What the samples of a pixel on one side of a triangle share: they are close to each other.
 #[derive(Clone, Copy)]
 struct Known<const N: usize> {
-    triangle: u32,
+    face: Face,
     /// Linear light towards the viewer in each picture.
     light: [[f64; 3]; N],
 }
@@ -262,7 +262,7 @@ impl Geometry<'_> {
                         let Some(sample) = buffer.at(column, row) else {
                             continue;
                         };
-                        if known.replace(sample.triangle) != Some(sample.triangle) {
+                        if known.replace(sample.face) != Some(sample.face) {
                             let ray = rays.direction(column, row);
                             points.push(rays.origin() + ray * f64::from(sample.depth));
                         }
@@ -288,12 +288,11 @@ impl Geometry<'_> {
         paints: [Option<&PointColors<'_>>; N],
         options: &RenderOptions,
     ) -> Vec<[[f64; 3]; N]> {
-        let mesh = renderer.mesh;
         let (view, buffer, openness) = (self.view, &self.buffer, self.openness.as_ref());
         let step = buffer.supersampling;
         let width = view.width as usize;
         let rays = ViewRays::new(view, step);
-        let albedo = Albedo::new(mesh, renderer.texture, options.clay);
+        let albedo = Albedo::new(renderer.mesh, renderer.texture, options.clay);
         let rotation = &view.world_from_camera.rotation;
         let lamps = Light::new(
             &view.up,
@@ -302,17 +301,18 @@ impl Geometry<'_> {
         );
         let painted = paints.map(|paint| paint.map(|paint| self.painted(paint, &rays)));
         let light_of = |sample: &Sample, place: (usize, usize), paints: &mut [Paints<'_>; N]| {
-            let toward_viewer = -rays.direction(place.0, place.1).normalize();
+            let ray = rays.direction(place.0, place.1);
             let open = openness.map_or(1.0, |openness| openness.at(buffer, &rays, sample, place));
             let lit = lamps.on(
                 (sample, &buffer.normal(sample)),
-                &toward_viewer,
+                &-ray.normalize(),
                 open,
                 options,
             );
             paints.each_mut().map(|paints| {
+                let point = || rays.origin() + ray * f64::from(sample.depth);
                 let surface = paints.next().map_or_else(
-                    || albedo.at(mesh.triangles[sample.triangle as usize], sample),
+                    || albedo.at(sample.face.triangle(), &point()),
                     |color| linear_color(*color),
                 );
                 lit.reflected(surface)
@@ -322,11 +322,11 @@ impl Geometry<'_> {
             |place: (usize, usize), known: &mut Option<Known<N>>, paints: &mut [Paints<'_>; N]| {
                 let sample = buffer.at(place.0, place.1)?;
                 let light = match known {
-                    Some(known) if known.triangle == sample.triangle => known.light,
+                    Some(known) if known.face == sample.face => known.light,
                     _ => {
-                        let triangle = sample.triangle;
+                        let face = sample.face;
                         let light = light_of(sample, place, paints);
-                        known.insert(Known { triangle, light }).light
+                        known.insert(Known { face, light }).light
                     }
                 };
                 let (jump, fold) = outline_at(buffer, sample, place);

@@ -26,14 +26,13 @@ pub(super) struct Seen {
     /// Depth z in the camera frame.
     pub(super) depth: f64,
     pub(super) triangle: u32,
-    /// Barycentric coordinates of the second and third corner.
-    pub(super) barycentric: [f64; 2],
     pub(super) is_front_face: bool,
 }
 
 /// A triangle prepared for drawing.
 struct Drawn {
     triangle: u32,
+    is_front_face: bool,
     /// For each corner the edge function of the edge opposite to it: its value is the scalar product with a ray.
     edges: [Vector3<f64>; 3],
     depths: [f64; 3],
@@ -164,6 +163,7 @@ impl Drawn {
         let rows = within(&grid.y, low[1], high[1])?;
         Some(Self {
             triangle,
+            is_front_face: volume > 0.0,
             edges,
             depths: [a.z, b.z, c.z],
             columns,
@@ -192,16 +192,12 @@ impl Drawn {
                 if area == 0.0 {
                     continue;
                 }
-                let barycentric = [u / area, v / area, w / area];
-                let depth = barycentric[0] * self.depths[0]
-                    + barycentric[1] * self.depths[1]
-                    + barycentric[2] * self.depths[2];
+                let depth = (u * self.depths[0] + v * self.depths[1] + w * self.depths[2]) / area;
                 if depth >= 0.0 && sample.is_none_or(|other: Seen| depth < other.depth) {
                     *sample = Some(Seen {
                         depth,
                         triangle: self.triangle,
-                        barycentric: [barycentric[1], barycentric[2]],
-                        is_front_face: area > 0.0,
+                        is_front_face: self.is_front_face,
                     });
                 }
             }
@@ -288,7 +284,6 @@ mod tests {
                 assert_eq!(hit.triangle, expected.triangle, "{index}");
                 assert_eq!(hit.is_front_face, expected.is_front_face);
                 assert!((hit.depth - expected.distance).abs() < 1e-9 * expected.distance);
-                assert!((hit.barycentric[0] - expected.barycentric[1]).abs() < 1e-9);
                 triangles.insert(hit.triangle);
             }
             assert!(triangles.len() > 20, "{}", triangles.len());

@@ -1,10 +1,11 @@
 //! Shading of a sample.
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use super::buffer::Sample;
 use super::options::{BackFaces, RenderOptions};
 use crate::TriangleMesh;
+use crate::raycast::closest_in_triangle;
 use crate::srgb::{linear_color, linear_value};
 use crate::texture::Texture;
 
@@ -13,6 +14,7 @@ const BACK_TINT: [f64; 3] = [0.42, 0.16, 0.15];
 
 /// Colours of a mesh in linear light.
 pub(super) struct Albedo<'a> {
+    mesh: &'a TriangleMesh,
     texture: Option<&'a Texture>,
     /// Of the vertices.
     colors: Option<Vec<[f32; 3]>>,
@@ -21,7 +23,7 @@ pub(super) struct Albedo<'a> {
 
 impl<'a> Albedo<'a> {
     /// Vertex colours are ignored when their number differs from that of the vertices, or there is a texture.
-    pub(super) fn new(mesh: &TriangleMesh, texture: Option<&'a Texture>, clay: [u8; 3]) -> Self {
+    pub(super) fn new(mesh: &'a TriangleMesh, texture: Option<&'a Texture>, clay: [u8; 3]) -> Self {
         let colors = mesh
             .colors
             .as_ref()
@@ -33,28 +35,32 @@ impl<'a> Albedo<'a> {
                     .collect()
             });
         Self {
+            mesh,
             texture,
             colors,
             clay: linear_color(clay),
         }
     }
 
-    /// Linear colour of a sample on the triangle with these corners.
-    pub(super) fn at(&self, corners: [u32; 3], sample: &Sample) -> [f64; 3] {
-        let [v, w] = sample.barycentric;
+    /// Linear colour of a point of a triangle.
+    pub(super) fn at(&self, triangle: u32, point: &Point3<f64>) -> [f64; 3] {
+        if self.texture.is_none() && self.colors.is_none() {
+            return self.clay;
+        }
+        let corners = self.mesh.triangles[triangle as usize];
+        let weights = closest_in_triangle(
+            point,
+            corners.map(|corner| &self.mesh.positions[corner as usize]),
+        );
         if let Some(texture) = self.texture {
-            let weights = [1.0 - v - w, v, w].map(f64::from);
-            let color = texture.color_at(sample.triangle, weights);
+            let color = texture.color_at(triangle, weights);
             return color.map(|value| linear_value(value / 255.0));
         }
-        let Some(colors) = &self.colors else {
-            return self.clay;
-        };
-        let weights = [1.0 - v - w, v, w];
         let mut color = [0.0; 3];
         for (corner, weight) in corners.into_iter().zip(weights) {
-            for (sum, part) in color.iter_mut().zip(colors[corner as usize]) {
-                *sum += f64::from(weight * part);
+            let of_corner = self.colors.as_ref().map(|colors| colors[corner as usize]);
+            for (sum, part) in color.iter_mut().zip(of_corner.unwrap_or_default()) {
+                *sum += weight * f64::from(part);
             }
         }
         color
@@ -84,7 +90,7 @@ impl Light {
         openness: f64,
         options: &RenderOptions,
     ) -> LitSample {
-        let is_tinted = !sample.is_front_face && options.back_faces == BackFaces::Tinted;
+        let is_tinted = !sample.face.is_front() && options.back_faces == BackFaces::Tinted;
         if !options.is_lit {
             return LitSample {
                 is_tinted,
