@@ -1,12 +1,12 @@
 //! Errors with their causes.
 
-/// An error and its causes in one line. A cause that the text before it ends with is not said again: many errors quote theirs.
+/// An error and its causes in one line. A cause that the text before it contains is not said again: many errors quote theirs.
 pub fn error_text(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for part in error.chain().map(ToString::to_string) {
         if text.is_empty() {
             text = part;
-        } else if !text.ends_with(&part) {
+        } else if !text.contains(&part) {
             text.push_str(": ");
             text.push_str(&part);
         }
@@ -19,7 +19,7 @@ mod tests {
     use super::*;
 
     #[derive(Debug, thiserror::Error)]
-    #[error("cannot read a.txt: {source}")]
+    #[error("cannot read a.txt: {source} (copy it again)")]
     struct Quoting {
         source: std::io::Error,
     }
@@ -28,7 +28,7 @@ mod tests {
     fn causes_are_said_once() {
         let source = std::io::Error::other("the disk is gone");
         let error = anyhow::Error::new(Quoting { source }).context("the trajectory");
-        let expected = "the trajectory: cannot read a.txt: the disk is gone";
+        let expected = "the trajectory: cannot read a.txt: the disk is gone (copy it again)";
         assert_eq!(error_text(&error), expected);
     }
 }
