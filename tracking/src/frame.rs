@@ -106,13 +106,14 @@ impl FrameDetector {
         features
     }
 
-    fn features(&self, image: &GrayImage) -> (Features, Arc<[Patch]>) {
+    fn features(&self, image: &GrayImage) -> (Features, Vec<Option<Arc<Patch>>>) {
         match self.has_patches {
             true => {
                 let (features, patches) = self.detector.detect_with_patches(image);
-                (features, patches.into())
+                let patches = patches.into_iter().map(|patch| Some(Arc::new(patch)));
+                (features, patches.collect())
             }
-            false => (self.detector.detect(image), Arc::default()),
+            false => (self.detector.detect(image), Vec::new()),
         }
     }
 
@@ -123,11 +124,11 @@ impl FrameDetector {
     ) -> FrameFeatures {
         FrameFeatures {
             grid: FeatureGrid::new(&features.pixels),
-            alignments: vec![Alignment::Pending; features.len()],
+            alignments: Vec::new(),
             features,
             inverse_depths,
             dense: None,
-            patches: Arc::default(),
+            patches: Vec::new(),
             feature_sigma_px: self.feature_sigma_px,
         }
     }
@@ -159,8 +160,9 @@ pub struct FrameFeatures {
     pub(crate) inverse_depths: Vec<Option<[f32; 2]>>,
     /// The depth image, reduced, where there is one.
     pub(crate) dense: Option<Arc<DenseView>>,
-    /// The image around each feature; empty when matches are not aligned.
-    pub(crate) patches: Arc<[Patch]>,
+    /// The image around each feature that can be aligned; empty when matches are not aligned.
+    pub(crate) patches: Vec<Option<Arc<Patch>>>,
+    /// Empty until the first is known.
     alignments: Vec<Alignment>,
     feature_sigma_px: f64,
 }
@@ -206,11 +208,22 @@ impl FrameFeatures {
     }
 
     pub(crate) fn alignment(&self, feature: u32) -> Alignment {
-        self.alignments[feature as usize]
+        self.alignments
+            .get(feature as usize)
+            .copied()
+            .unwrap_or_default()
     }
 
     pub(crate) fn set_alignment(&mut self, feature: u32, alignment: Alignment) {
-        self.alignments[feature as usize] = alignment;
+        if self.alignment(feature) != alignment {
+            self.alignments.resize(self.len(), Alignment::Pending);
+            self.alignments[feature as usize] = alignment;
+        }
+    }
+
+    /// The image around a feature, when it is known.
+    pub(crate) fn patch(&self, feature: u32) -> Option<&Patch> {
+        self.patches.get(feature as usize)?.as_deref()
     }
 
     pub(crate) fn octave(&self, feature: u32) -> u8 {

@@ -1,4 +1,4 @@
-//! Where features see their points, to a fraction of a pixel: patches are aligned with those of the first keyframe that saw the point.
+//! Where features see their points, to a fraction of a pixel: patches are aligned with that of the first keyframe that saw the point and has one.
 
 use nalgebra::Isometry3;
 
@@ -34,8 +34,9 @@ impl Tracker {
                 continue;
             }
             // The feature that a point is aligned with is where it is.
-            let first = self.map.point(point).observations.first();
-            let is_first = first.is_some_and(|(first, _)| *first == id);
+            let is_first = self
+                .template_of(point)
+                .is_some_and(|(first, _)| first == id);
             let alignment = match is_first {
                 true => Alignment::Found([0.0; 2]),
                 false => {
@@ -67,10 +68,10 @@ impl Tracker {
         camera_from_world: &Isometry3<f64>,
         point: PointId,
     ) -> Option<[f32; 2]> {
+        let (keyframe, first) = self.template_of(point)?;
         let point = self.map.point(point);
-        let (keyframe, first) = *point.observations.first()?;
         let keyframe = self.map.keyframe(keyframe);
-        let patch = keyframe.view.patches.get(first as usize)?;
+        let patch = keyframe.view.patch(first)?;
         let pose = &keyframe.camera_from_world;
         let warp = plane_warp(
             &self.camera,
@@ -83,7 +84,14 @@ impl Tracker {
             Alignment::Found(shift) => shift,
             _ => [0.0; 2],
         };
-        Template::new(patch, known, &step)?.find(&view.patches[feature as usize])
+        Template::new(patch, known, &step)?.find(view.patch(feature)?)
+    }
+
+    /// The first keyframe that sees a point and has the patch around it, and the feature there.
+    fn template_of(&self, point: PointId) -> Option<(KeyframeId, u32)> {
+        let mut seen = self.map.point(point).observations.iter();
+        seen.find(|(keyframe, feature)| self.map.keyframe(*keyframe).view.patch(*feature).is_some())
+            .copied()
     }
 }
 
@@ -97,9 +105,8 @@ mod tests {
     use crate::options::TrackingOptions;
     use crate::stereo::tests::image;
 
-    /// A tracker with two keyframes before a wall that moves by `disparity` pixels, whose points are where the first sees them, and
-    /// the errors of the second.
-    fn errors(options: TrackingOptions, disparity: f64) -> Vec<f64> {
+    /// A tracker with two keyframes before a wall that moves by `disparity` pixels, whose points are where the first sees them.
+    fn two_keyframes(options: TrackingOptions, disparity: f64) -> (Tracker, [KeyframeId; 2]) {
         let camera = Camera::pinhole(300.0, 300.0, 159.5, 119.5).unwrap();
         let mut tracker = Tracker::new(options, &camera, 320, 240).unwrap();
         let detector = FrameDetector::new(&options);
@@ -126,6 +133,12 @@ mod tests {
                 tracker.map.add_observation(point, ids[1], second);
             }
         }
+        (tracker, ids)
+    }
+
+    /// The errors of the second of [`two_keyframes`] once observations are aligned.
+    fn errors(options: TrackingOptions, disparity: f64) -> Vec<f64> {
+        let (mut tracker, ids) = two_keyframes(options, disparity);
         for id in ids {
             tracker.align_observations(id);
         }
@@ -158,5 +171,32 @@ mod tests {
             ..TrackingOptions::monocular()
         });
         assert!(aligned < 0.05 && as_found > 0.15, "{aligned} {as_found}");
+    }
+    #[test]
+    fn dropped_patches_are_not_missed() {
+        let (mut tracker, [first, second]) = two_keyframes(TrackingOptions::monocular(), 7.4);
+        tracker.map.keyframe_mut(second).drop_patches();
+        let keyframe = tracker.map.keyframe(second);
+        for (feature, point) in (0..).zip(&keyframe.points) {
+            assert_eq!(keyframe.view.patch(feature).is_some(), point.is_some());
+        }
+        let dropped = (0..).zip(&keyframe.points).filter(|(_, p)| p.is_none());
+        assert!(dropped.count() > 20);
+        let of_point = |(at, point): (usize, &Option<PointId>)| Some((at, (*point)?));
+        let (feature, point) = (keyframe.points.iter().enumerate())
+            .find_map(of_point)
+            .unwrap();
+        let in_first = tracker.map.point(point).feature_in(first).unwrap();
+        tracker.map.keyframe_mut(first).view.patches[in_first as usize] = None;
+        for id in [first, second] {
+            tracker.align_observations(id);
+        }
+        // The second is the first that has a patch.
+        let alignment = |id, feature| tracker.map.keyframe(id).view.alignment(feature);
+        assert_eq!(alignment(first, in_first), Alignment::Failed);
+        assert_eq!(
+            alignment(second, feature as u32),
+            Alignment::Found([0.0; 2])
+        );
     }
 }

@@ -17,7 +17,7 @@ pub(super) struct SampleBuffer {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) supersampling: usize,
-    /// In row order.
+    /// In row order; empty without triangles.
     pub(super) samples: Vec<Option<Sample>>,
     /// Unit normals of the triangles in the world frame, towards the side from which their corners are counter-clockwise.
     normals: Vec<Vector3<f32>>,
@@ -116,7 +116,13 @@ impl SampleBuffer {
             face: Face::new(seen.triangle, seen.is_front_face),
         };
         let mesh = (mesh.positions.as_slice(), mesh.triangles.as_slice());
-        let samples = first_hits(mesh, (view, supersampling), back_faces, keep, row_done);
+        let samples = match mesh.1.is_empty() {
+            true => {
+                (0..height).for_each(|_| row_done());
+                Vec::new()
+            }
+            false => first_hits(mesh, (view, supersampling), back_faces, keep, row_done),
+        };
         Self {
             width,
             height,
@@ -138,7 +144,7 @@ impl SampleBuffer {
 
     /// The sample at a column and row.
     pub(super) fn at(&self, column: usize, row: usize) -> Option<&Sample> {
-        self.samples[row * self.width + column].as_ref()
+        self.samples.get(row * self.width + column)?.as_ref()
     }
 
     /// Median depth of all samples with a hit.

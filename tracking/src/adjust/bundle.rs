@@ -1,6 +1,6 @@
 //! Bundle adjustment with measured depths.
 
-use nalgebra::{DVector, Isometry3, Matrix3, Matrix6, Matrix6x3, Point3, Vector3};
+use nalgebra::{DVector, Isometry3, Matrix3, Matrix6, Matrix6x3, Point3, Vector3, Vector6};
 
 use super::factor::MotionFactor;
 use super::skyline::{Skyline, block};
@@ -45,8 +45,6 @@ pub(crate) struct Bundle<'a> {
 struct Eliminated {
     inverse: Matrix3<f64>,
     gradient: Vector3<f64>,
-    /// Blocks between poses and the point, by the slot of the pose.
-    blocks: Vec<(usize, Matrix6x3<f64>)>,
 }
 
 impl Bundle<'_> {
@@ -95,7 +93,7 @@ impl Bundle<'_> {
         let mut damping = 1e-4;
         let mut growth = 2.0;
         for _ in 0..steps {
-            let (right, eliminated) = self.linearize(&slots, damping, &mut system);
+            let right = self.linearize(&slots, damping, &mut system);
             let Some(step) = system.solve(&right) else {
                 damping *= 10.0;
                 continue;
@@ -106,7 +104,7 @@ impl Bundle<'_> {
                 .zip(&slots)
                 .map(|(pose, slot)| slot.map_or(*pose, |slot| moved(pose, &block(&step, slot))))
                 .collect();
-            let positions = self.moved_points(&step, &eliminated);
+            let positions = self.moved_points(&slots, damping, &step);
             let next = self.cost(&poses, Some(&positions));
             if next <= cost {
                 let gain = (cost - next) / cost.max(1e-12);
@@ -172,67 +170,34 @@ impl Bundle<'_> {
         sum
     }
 
-    /// Fills the system of the poses; returns its right side and what is needed for the points.
+    /// Fills the system of the poses, and returns its right side.
     fn linearize(
         &self,
         slots: &[Option<usize>],
         damping: f64,
         system: &mut Skyline,
-    ) -> (DVector<f64>, Vec<Eliminated>) {
+    ) -> DVector<f64> {
         system.clear();
         let size = system.size();
         let mut diagonal = vec![Matrix6::<f64>::zeros(); size / 6];
         let mut right = DVector::zeros(size);
-        let mut eliminated = Vec::with_capacity(self.points.len());
+        let mut blocks = Vec::new();
         for point in &self.points {
-            let (mut normal, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
-            let mut blocks: Vec<(usize, Matrix6x3<f64>)> = Vec::new();
-            for observation in point.observations.iter().filter(|o| o.is_used) {
-                let pose = &self.poses[observation.camera as usize];
-                let in_camera = pose * point.position;
-                let Some(at) = observation.measurement.linearize(self.camera, &in_camera) else {
-                    continue;
-                };
-                let (pixel, depth) = squared(&at.residual);
-                let of_pixel = huber(pixel, CHI2_PIXEL).1;
-                let of_depth = cauchy(depth, CHI2_DEPTH).1;
-                let weights = Vector3::new(of_pixel, of_pixel, of_depth);
-                let by_point = at.by_point_in_camera * pose.rotation.to_rotation_matrix().matrix();
-                let weighted_point = Matrix3::from_diagonal(&weights) * by_point;
-                let weighted_residual = weights.component_mul(&at.residual);
-                normal += by_point.tr_mul(&weighted_point);
-                gradient += by_point.tr_mul(&weighted_residual);
-                if let Some(slot) = slots[observation.camera as usize] {
-                    let mut weighted_pose = at.by_pose;
-                    for row in 0..3 {
-                        weighted_pose.row_mut(row).scale_mut(weights[row]);
-                    }
-                    diagonal[slot] += at.by_pose.tr_mul(&weighted_pose);
-                    let mut rows = right.fixed_rows_mut::<6>(6 * slot);
-                    rows -= at.by_pose.tr_mul(&weighted_residual);
-                    blocks.push((slot, at.by_pose.tr_mul(&weighted_point)));
-                }
-            }
-            for axis in 0..3 {
-                normal[(axis, axis)] *= 1.0 + damping;
-            }
-            // An undetermined point stays.
-            let inverse = normal.try_inverse().unwrap_or_else(Matrix3::zeros);
-            for (slot, block) in &blocks {
-                let through = block * inverse;
+            let eliminated = self.eliminate(point, slots, damping, &mut blocks, |slot, sums| {
+                diagonal[slot] += sums.0;
                 let mut rows = right.fixed_rows_mut::<6>(6 * slot);
-                rows += through * gradient;
+                rows -= sums.1;
+            });
+            for (slot, block) in &blocks {
+                let through = block * eliminated.inverse;
+                let mut rows = right.fixed_rows_mut::<6>(6 * slot);
+                rows += through * eliminated.gradient;
                 for (other, other_block) in &blocks {
                     if other <= slot {
                         system.add(*slot, *other, &(-(through * other_block.transpose())));
                     }
                 }
             }
-            eliminated.push(Eliminated {
-                inverse,
-                gradient,
-                blocks,
-            });
         }
         self.add_factors(slots, &mut diagonal, &mut right, system);
         for (slot, mut block) in diagonal.into_iter().enumerate() {
@@ -241,7 +206,54 @@ impl Bundle<'_> {
             }
             system.add(slot, slot, &block);
         }
-        (right, eliminated)
+        right
+    }
+
+    /// Eliminates a point: fills the blocks between it and the poses, by the slot of the pose, and gives the normal matrix and gradient of
+    /// each of these poses to `of_pose`.
+    fn eliminate(
+        &self,
+        point: &BundlePoint,
+        slots: &[Option<usize>],
+        damping: f64,
+        blocks: &mut Vec<(usize, Matrix6x3<f64>)>,
+        mut of_pose: impl FnMut(usize, (Matrix6<f64>, Vector6<f64>)),
+    ) -> Eliminated {
+        blocks.clear();
+        let (mut normal, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+        for observation in point.observations.iter().filter(|o| o.is_used) {
+            let pose = &self.poses[observation.camera as usize];
+            let in_camera = pose * point.position;
+            let Some(at) = observation.measurement.linearize(self.camera, &in_camera) else {
+                continue;
+            };
+            let (pixel, depth) = squared(&at.residual);
+            let of_pixel = huber(pixel, CHI2_PIXEL).1;
+            let of_depth = cauchy(depth, CHI2_DEPTH).1;
+            let weights = Vector3::new(of_pixel, of_pixel, of_depth);
+            let by_point = at.by_point_in_camera * pose.rotation.to_rotation_matrix().matrix();
+            let weighted_point = Matrix3::from_diagonal(&weights) * by_point;
+            let weighted_residual = weights.component_mul(&at.residual);
+            normal += by_point.tr_mul(&weighted_point);
+            gradient += by_point.tr_mul(&weighted_residual);
+            if let Some(slot) = slots[observation.camera as usize] {
+                let mut weighted_pose = at.by_pose;
+                for row in 0..3 {
+                    weighted_pose.row_mut(row).scale_mut(weights[row]);
+                }
+                let sums = at.by_pose.tr_mul(&weighted_pose);
+                of_pose(slot, (sums, at.by_pose.tr_mul(&weighted_residual)));
+                blocks.push((slot, at.by_pose.tr_mul(&weighted_point)));
+            }
+        }
+        for axis in 0..3 {
+            normal[(axis, axis)] *= 1.0 + damping;
+        }
+        Eliminated {
+            // An undetermined point stays.
+            inverse: normal.try_inverse().unwrap_or_else(Matrix3::zeros),
+            gradient,
+        }
     }
 
     /// Adds the measured motions to the system of the poses.
@@ -275,18 +287,24 @@ impl Bundle<'_> {
         }
     }
 
-    fn moved_points(&self, step: &DVector<f64>, eliminated: &[Eliminated]) -> Vec<Point3<f64>> {
-        self.points
-            .iter()
-            .zip(eliminated)
-            .map(|(point, parts)| {
-                let mut right = parts.gradient;
-                for (slot, of_pose) in &parts.blocks {
-                    right += of_pose.tr_mul(&block(step, *slot));
-                }
-                point.position - parts.inverse * right
-            })
-            .collect()
+    /// Positions of the points after a step of the poses. Points are eliminated again: to keep what couples them to the poses would take more
+    /// memory than all the rest.
+    fn moved_points(
+        &self,
+        slots: &[Option<usize>],
+        damping: f64,
+        step: &DVector<f64>,
+    ) -> Vec<Point3<f64>> {
+        let mut blocks = Vec::new();
+        let moved = |point: &BundlePoint| {
+            let eliminated = self.eliminate(point, slots, damping, &mut blocks, |_, _| ());
+            let mut right = eliminated.gradient;
+            for (slot, of_pose) in &blocks {
+                right += of_pose.tr_mul(&block(step, *slot));
+            }
+            point.position - eliminated.inverse * right
+        };
+        self.points.iter().map(moved).collect()
     }
 }
 

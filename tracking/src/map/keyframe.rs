@@ -51,6 +51,13 @@ impl Keyframe {
         self.view.set_alignment(feature, Alignment::Pending);
     }
 
+    /// Keeps patches of features with a point alone.
+    pub(crate) fn drop_patches(&mut self) {
+        for (patch, point) in self.view.patches.iter_mut().zip(&self.points) {
+            *patch = patch.take().filter(|_| point.is_some());
+        }
+    }
+
     /// Number of features with a point.
     pub(crate) fn point_count(&self) -> usize {
         self.points.iter().flatten().count()
