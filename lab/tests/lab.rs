@@ -76,6 +76,11 @@ fn tables_of_the_sample_have_every_method_and_lie_near_the_truth() {
         assert!(explained > 0.2, "{method}: {explained}");
         assert!(row["milliseconds"].as_f64().unwrap() > 0.0);
     }
+    // What was measured at the pixels of the ends is exact, for each of them.
+    let edge_aided = row("edge-aided", Some("sensor"));
+    let [depths, ends] = ["depths", "ends"].map(|name| &edge_aided["surface"][name]);
+    assert_eq!(depths["count"], ends["count"]);
+    assert!(depths["mean"].as_f64().unwrap() < 0.0005, "{depths}");
     let points = row("points", Some("sensor"));
     assert!(points["vertices"].as_u64().unwrap() > 50_000);
     assert!(points["surface"]["ends"]["median"].as_f64().unwrap() < 0.002);

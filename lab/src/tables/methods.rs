@@ -9,7 +9,7 @@ use crate::baselines::{
 use linecarve_lines::cluster::{ClusterOptions, ClusterOptionsError, SegmentClusterer};
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
-use nalgebra::Point3;
+use nalgebra::{Point2, Point3};
 use serde::Serialize;
 
 use linecarve::run::milliseconds;
@@ -37,6 +37,8 @@ pub struct MethodRun {
     pub points: Vec<Point3<f64>>,
     /// Grey levels of the points.
     pub point_grays: Vec<u8>,
+    /// The measured points at the pixels of the ends of its segments, for a method that needs depth.
+    pub depths_at_ends: Vec<Point3<f64>>,
     /// Time of its stages.
     pub stages: Vec<StageTime>,
 }
@@ -44,8 +46,15 @@ pub struct MethodRun {
 /// Runs methods side by side, one keyframe after another.
 pub struct Runs {
     depth: Option<&'static str>,
-    methods: Vec<(Box<dyn LineMethod>, Findings)>,
+    methods: Vec<Running>,
     keyframes: u32,
+}
+
+/// A method with what it has found.
+struct Running {
+    method: Box<dyn LineMethod>,
+    findings: Findings,
+    depths_at_ends: Vec<Point3<f64>>,
 }
 
 impl Runs {
@@ -60,7 +69,13 @@ impl Runs {
     ) -> Result<Self, MethodError> {
         let methods = methods
             .iter()
-            .map(|method| Ok((method.build(options)?, Findings::default())))
+            .map(|method| {
+                Ok(Running {
+                    method: method.build(options)?,
+                    findings: Findings::default(),
+                    depths_at_ends: Vec::new(),
+                })
+            })
             .collect::<Result<_, MethodError>>()?;
         Ok(Self {
             depth,
@@ -88,8 +103,14 @@ impl Runs {
             camera: sequence.color_camera(),
             world_from_camera: sequence.frames()[frame].world_from_camera,
         };
-        for (method, findings) in &mut self.methods {
-            method.add(&keyframe, findings)?;
+        for running in &mut self.methods {
+            let known = running.findings.segments.len();
+            running.method.add(&keyframe, &mut running.findings)?;
+            let ends = running.findings.segments[known..]
+                .iter()
+                .flat_map(|segment| segment.ends_in_world);
+            let measured = ends.filter_map(|end| measured_at(&keyframe, &end));
+            running.depths_at_ends.extend(measured);
         }
         self.keyframes += 1;
         Ok(())
@@ -100,7 +121,8 @@ impl Runs {
         let keyframes = f64::from(self.keyframes.max(1));
         self.methods
             .into_iter()
-            .map(|(mut method, mut findings)| {
+            .map(|running| {
+                let (mut method, mut findings) = (running.method, running.findings);
                 method.finish(&mut findings);
                 let kind = method.method();
                 MethodRun {
@@ -108,6 +130,7 @@ impl Runs {
                     depth: self.depth.filter(|_| kind.needs_depth()),
                     point_grays: findings.points.iter().map(|p| p.gray).collect(),
                     points: findings.points.iter().map(|p| p.point_in_world).collect(),
+                    depths_at_ends: running.depths_at_ends,
                     stages: findings
                         .stages
                         .iter()
@@ -121,6 +144,24 @@ impl Runs {
             })
             .collect()
     }
+}
+
+/// The point that the depth of a keyframe gives at the pixel of a point in the world, or at the nearest pixel beside it with a depth.
+fn measured_at(keyframe: &PosedKeyframe<'_>, point: &Point3<f64>) -> Option<Point3<f64>> {
+    let local = keyframe.world_from_camera.inverse_transform_point(point);
+    let at = keyframe.camera.project(&local)?;
+    let (x, y) = (at.x.round(), at.y.round());
+    let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+    let pixels = around.map(|(dx, dy)| Point2::new(x + f64::from(dx), y + f64::from(dy)));
+    let (pixel, depth) = pixels
+        .filter(|pixel| pixel.x >= 0.0 && pixel.y >= 0.0)
+        .filter_map(|pixel| {
+            let measured = keyframe.depth?.get(pixel.x as usize, pixel.y as usize)?;
+            Some((pixel, measured.depth()))
+        })
+        .min_by(|(p, _), (q, _)| (p - at).norm_squared().total_cmp(&(q - at).norm_squared()))?;
+    let measured = keyframe.camera.point_at_depth(&pixel, depth).ok()?;
+    Some(keyframe.world_from_camera * measured)
 }
 
 /// The lines of the clusters of segments: those of the product, or those of the paper for [`Method::Paper`].
@@ -179,6 +220,42 @@ pub fn clustered(
             .collect(),
         points: Vec::new(),
         point_grays: Vec::new(),
+        depths_at_ends: Vec::new(),
         stages,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use linecarve_lines::camera::Camera;
+    use linecarve_lines::depth::InverseDepth;
+    use nalgebra::Isometry3;
+
+    use super::*;
+
+    #[test]
+    fn what_was_measured_at_a_point_is_at_its_pixel_or_beside_it() {
+        let camera = Camera::pinhole(10.0, 10.0, 4.0, 3.0).unwrap();
+        let image = GrayImage::new(9, 7, vec![0; 63]).unwrap();
+        let mut depth = InverseDepthMap::unknown(9, 7).unwrap();
+        depth.set(4, 3, InverseDepth::new(0.5, 0.01));
+        let keyframe = PosedKeyframe {
+            number: 0,
+            image: &image,
+            depth: Some(&depth),
+            camera: &camera,
+            world_from_camera: Isometry3::translation(5.0, 0.0, 0.0),
+        };
+        let measured = Point3::new(5.0, 0.0, 2.0);
+        // At the pixel with a depth, beside it, and two pixels away; the depth of the point does not matter.
+        for (x, z, expected) in [
+            (0.0, 1.0, Some(measured)),
+            (0.4, 4.0, Some(measured)),
+            (0.8, 4.0, None),
+            (0.0, -1.0, None),
+        ] {
+            let found = measured_at(&keyframe, &Point3::new(5.0 + x, 0.0, z));
+            assert_eq!(found, expected, "{x} at {z}");
+        }
+    }
 }

@@ -14,6 +14,8 @@ pub struct SurfaceMeasure {
     pub ends: Distances,
     /// Distances of evenly spaced samples along whole segments: long segments count more.
     pub along: Distances,
+    /// Distances of the depths measured at the pixels of the end points: what end points have whose depth is as it was measured.
+    pub depths: Distances,
 }
 
 /// Mean and quantiles of a set of distances; zero of an empty one.
@@ -71,7 +73,14 @@ pub fn measure(truth: &Truth, segments: &[FoundSegment], step: f64) -> SurfaceMe
     SurfaceMeasure {
         ends: Distances::new(ends.into_iter().flatten().collect()),
         along: Distances::new(along.into_iter().flatten().collect()),
+        depths: Distances::default(),
     }
+}
+
+/// Distances of points to the ground truth.
+pub fn distances(truth: &Truth, points: &[Point3<f64>]) -> Distances {
+    let points = points.par_iter();
+    Distances::new(points.filter_map(|point| truth.distance(point)).collect())
 }
 
 #[cfg(test)]

@@ -255,18 +255,20 @@ impl Tables {
     fn write_accuracy(&self, out: &mut String) -> std::fmt::Result {
         writeln!(
             out,
-            "\nDistances to the ground truth in thousandths of its unit (mm for metres); edges: distance in \
-             pixels\nfrom the projected line to the nearest image edge of its direction in other keyframes (by chance), and \
-             share of long\nimage edges that a line from another keyframe explains\n"
+            "\nDistances to the ground truth in thousandths of its unit (mm for metres); depth: that of the depths \
+             measured at the\npixels of the ends; edges: distance in pixels from the projected line to the nearest image edge of its \
+             direction in other\nkeyframes (by chance), and share of long image edges that a line from another keyframe explains\n"
         )?;
         writeln!(
             out,
-            "{:<22} {:<11} {:>8} {:>8} | {:>8} {:>7} | {:>8} {:>7} | {:>6} {:>6} {:>8} {:>9}",
+            "{:<22} {:<11} {:>8} {:>8} | {:>8} {:>7} | {:>10} {:>7} | {:>8} {:>7} | {:>6} {:>6} {:>8} {:>9}",
             "method",
             "depth",
             "segments",
             "vertices",
             "ends mean",
+            "median",
+            "depth mean",
             "median",
             "along mean",
             "median",
@@ -289,6 +291,15 @@ impl Tables {
                 ends_mean,
                 ends_median,
             )?;
+            match row.surface.depths {
+                depths if depths.count > 0 => write!(
+                    out,
+                    "{:>10.2} {:>7.2} | ",
+                    1e3 * depths.mean,
+                    1e3 * depths.median
+                )?,
+                _ => write!(out, "{:>10} {:>7} | ", "-", "-")?,
+            }
             match &row.images {
                 Some(images) => writeln!(
                     out,
@@ -397,6 +408,7 @@ mod tests {
             surface: SurfaceMeasure {
                 ends: distances,
                 along: distances,
+                depths: Distances::default(),
             },
             images: Some(ImageMeasure::default()),
             milliseconds: 1.0,

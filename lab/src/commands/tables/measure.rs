@@ -5,7 +5,7 @@ use linecarve::progress::{Progress, Verbosity};
 use linecarve_lab::baselines::{FoundSegment, LineDetector, LineDetectorOptions};
 use linecarve_lab::tables::images::{ImageEdges, ImageMeasure, Tally, tally};
 use linecarve_lab::tables::methods::MethodRun;
-use linecarve_lab::tables::surface::{Distances, SurfaceMeasure, measure};
+use linecarve_lab::tables::surface::{SurfaceMeasure, distances, measure};
 use linecarve_lab::tables::table::Row;
 use linecarve_lab::tables::truth::Truth;
 use linecarve_lines::edges::{EdgeDetector, EdgeOptions};
@@ -50,17 +50,15 @@ pub(super) fn measure_all(
         .zip(by_method)
         .map(|(run, tallies)| {
             if run.points.is_empty() {
-                let surface = measure(truth, &run.segments, step);
+                let surface = SurfaceMeasure {
+                    depths: distances(truth, &run.depths_at_ends),
+                    ..measure(truth, &run.segments, step)
+                };
                 Row::new(run, surface, Some(ImageMeasure::new(tallies)))
             } else {
-                let distances = run
-                    .points
-                    .par_iter()
-                    .filter_map(|point| truth.distance(point))
-                    .collect();
                 let surface = SurfaceMeasure {
-                    ends: Distances::new(distances),
-                    along: Distances::default(),
+                    ends: distances(truth, &run.points),
+                    ..SurfaceMeasure::default()
                 };
                 Row::new(run, surface, None)
             }
