@@ -134,7 +134,7 @@ fn path_picture(tracked: &TrackedSequence) -> anyhow::Result<Option<RgbImage>> {
     }
     drawing.colors = Some(colors);
     let cameras: Vec<Isometry3<f64>> = poses.iter().map(|(_, pose)| *pose).collect();
-    let Some(view) = View::outside(&drawing.points, &cameras, PICTURE_SIZE) else {
+    let Some(view) = View::outside(&corners_of_box(&drawing.points), &cameras, PICTURE_SIZE) else {
         return Ok(None);
     };
     let nothing = TriangleMesh::default();
@@ -145,6 +145,21 @@ fn path_picture(tracked: &TrackedSequence) -> anyhow::Result<Option<RgbImage>> {
         &|_, _| {},
     )?;
     Ok(Some(picture))
+}
+
+/// The corners of the box around points. A view of these has all points in it, however few of them are beside the others.
+fn corners_of_box(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    let Some(first) = points.first() else {
+        return Vec::new();
+    };
+    let (low, high) = (points.iter()).fold((*first, *first), |(low, high), point| {
+        (low.inf(point), high.sup(point))
+    });
+    let corner = |index: usize| {
+        let ends = [low, high];
+        Point3::from([0, 1, 2].map(|axis| ends[index >> axis & 1][axis]))
+    };
+    (0..8).map(corner).collect()
 }
 
 /// Points without the few far ones, which would make all others small.
@@ -180,4 +195,30 @@ fn write_frames(
         })
         .collect();
     write_trajectory(path, format, &posed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_short_path_beside_many_points_is_in_the_picture() {
+        let mut points: Vec<Point3<f64>> = (0..2000)
+            .map(|i| Point3::new(f64::from(i % 40) * 0.05, f64::from(i / 40) * 0.02, 5.0))
+            .collect();
+        points.push(Point3::new(1.0, 0.5, -4.0));
+        let cameras = [Isometry3::identity()];
+        let is_seen = |framed: &[Point3<f64>]| {
+            let view = View::outside(framed, &cameras, PICTURE_SIZE).unwrap();
+            points.iter().all(|point| {
+                let pixel = view
+                    .camera
+                    .project(&(view.world_from_camera.inverse() * point));
+                let (width, height) = (f64::from(view.width), f64::from(view.height));
+                pixel.is_some_and(|at| at.x > 0.0 && at.y > 0.0 && at.x < width && at.y < height)
+            })
+        };
+        assert!(is_seen(&corners_of_box(&points)));
+        assert!(!is_seen(&points));
+    }
 }

@@ -137,6 +137,7 @@ impl Tracker {
     /// Ends the run: adjusts each sub-map as a whole, and finds the pose of every frame in the final map.
     pub fn finish(mut self) -> TrackedRecording {
         let start = Instant::now();
+        let keyframes_ms = self.times.keyframes_ms;
         if !self.options.looks_ahead {
             self.stop_waiting();
         }
@@ -175,6 +176,7 @@ impl Tracker {
             })
             .collect();
         self.times.finish_ms = start.elapsed().as_secs_f64() * 1e3;
+        self.times.total_ms += self.times.keyframes_ms - keyframes_ms;
         self.summarise(found)
     }
 

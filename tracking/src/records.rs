@@ -102,7 +102,7 @@ pub struct LoopReport {
 pub struct StageTimes {
     /// Keyframes made.
     pub keyframes: usize,
-    /// All of tracking, without features.
+    /// Tracking of frames as they come, without features, and all keyframes.
     pub total_ms: f64,
     /// Keyframes: mapping, adjustment, loops.
     pub keyframes_ms: f64,
@@ -110,7 +110,7 @@ pub struct StageTimes {
     pub adjustment_ms: f64,
     /// Of that, search and closing of loops.
     pub loops_ms: f64,
-    /// After the last frame: global adjustment, and tracking again.
+    /// After the last frame: global adjustment, and tracking again, with the keyframes that it makes.
     pub finish_ms: f64,
 }
 

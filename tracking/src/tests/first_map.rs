@@ -66,6 +66,9 @@ fn a_recording_that_ends_before_the_map_starts_ends_as_one_that_was_there_from_t
     }
     let found = live.finish();
     assert_eq!(found.submaps.len(), 1);
+    // Its keyframes are made after the last frame.
+    let times = found.times;
+    assert!(times.keyframes_ms > 0.0 && times.keyframes_ms <= times.total_ms);
     assert_eq!(found.poses, recorded.finish().poses);
     let none = FramePose::Unknown(NoPose::NoStart);
     assert_eq!(causal.finish().poses, [none; 10]);
