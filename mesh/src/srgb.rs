@@ -51,7 +51,7 @@ pub fn linear_color(color: [u8; 3]) -> [f64; 3] {
     color.map(|byte| LINEAR[usize::from(byte)])
 }
 
-/// Intensities of one width, and the byte of the least of each; one or two bytes further is that of the largest.
+/// The byte of the smallest intensity in each of 4096 equal intervals. Within an interval it grows by at most one.
 static FIRST: LazyLock<[u8; 4096]> = LazyLock::new(|| {
     std::array::from_fn(|i| LEAST.partition_point(|least| *least <= i as f64 / 4096.0) as u8)
 });

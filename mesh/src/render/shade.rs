@@ -44,22 +44,21 @@ impl<'a> Albedo<'a> {
 
     /// Linear colour of a point of a triangle.
     pub(super) fn at(&self, triangle: u32, point: &Point3<f64>) -> [f64; 3] {
-        if self.texture.is_none() && self.colors.is_none() {
-            return self.clay;
-        }
         let corners = self.mesh.triangles[triangle as usize];
-        let weights = closest_in_triangle(
-            point,
-            corners.map(|corner| &self.mesh.positions[corner as usize]),
-        );
+        let weights = || {
+            let positions = corners.map(|corner| &self.mesh.positions[corner as usize]);
+            closest_in_triangle(point, positions)
+        };
         if let Some(texture) = self.texture {
-            let color = texture.color_at(triangle, weights);
+            let color = texture.color_at(triangle, weights());
             return color.map(|value| linear_value(value / 255.0));
         }
+        let Some(colors) = &self.colors else {
+            return self.clay;
+        };
         let mut color = [0.0; 3];
-        for (corner, weight) in corners.into_iter().zip(weights) {
-            let of_corner = self.colors.as_ref().map(|colors| colors[corner as usize]);
-            for (sum, part) in color.iter_mut().zip(of_corner.unwrap_or_default()) {
+        for (corner, weight) in corners.into_iter().zip(weights()) {
+            for (sum, part) in color.iter_mut().zip(colors[corner as usize]) {
                 *sum += weight * f64::from(part);
             }
         }
