@@ -83,6 +83,11 @@ impl TriangleMesh {
 }
 
 impl LineSet {
+    /// Smallest and largest coordinates; `None` without points.
+    pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {
+        bounds(&self.points)
+    }
+
     /// A line set of separate segments with two points each.
     pub fn from_segments(segments: impl IntoIterator<Item = [Point3<f64>; 2]>) -> Self {
         let points: Vec<_> = segments.into_iter().flatten().collect();

@@ -134,7 +134,9 @@ fn path_picture(tracked: &TrackedSequence) -> anyhow::Result<Option<RgbImage>> {
     }
     drawing.colors = Some(colors);
     let cameras: Vec<Isometry3<f64>> = poses.iter().map(|(_, pose)| *pose).collect();
-    let Some(view) = View::outside(&corners_of_box(&drawing.points), &cameras, PICTURE_SIZE) else {
+    let framed = drawing.bounds().map(corners);
+    let Some(view) = framed.and_then(|framed| View::outside(&framed, &cameras, PICTURE_SIZE))
+    else {
         return Ok(None);
     };
     let nothing = TriangleMesh::default();
@@ -147,19 +149,10 @@ fn path_picture(tracked: &TrackedSequence) -> anyhow::Result<Option<RgbImage>> {
     Ok(Some(picture))
 }
 
-/// The corners of the box around points. A view of these has all points in it, however few of them are beside the others.
-fn corners_of_box(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
-    let Some(first) = points.first() else {
-        return Vec::new();
-    };
-    let (low, high) = (points.iter()).fold((*first, *first), |(low, high), point| {
-        (low.inf(point), high.sup(point))
-    });
-    let corner = |index: usize| {
-        let ends = [low, high];
-        Point3::from([0, 1, 2].map(|axis| ends[index >> axis & 1][axis]))
-    };
-    (0..8).map(corner).collect()
+/// The corners of a box. A view of these has all that is in the box in it, while a view of many points leaves out a few that lie apart.
+fn corners((low, high): (Point3<f64>, Point3<f64>)) -> [Point3<f64>; 8] {
+    let ends = [low, high];
+    std::array::from_fn(|index| Point3::from([0, 1, 2].map(|axis| ends[index >> axis & 1][axis])))
 }
 
 /// Points without the few far ones, which would make all others small.
@@ -218,7 +211,11 @@ mod tests {
                 pixel.is_some_and(|at| at.x > 0.0 && at.y > 0.0 && at.x < width && at.y < height)
             })
         };
-        assert!(is_seen(&corners_of_box(&points)));
         assert!(!is_seen(&points));
+        let drawing = LineSet {
+            points: points.clone(),
+            ..LineSet::default()
+        };
+        assert!(is_seen(&corners(drawing.bounds().unwrap())));
     }
 }
