@@ -172,6 +172,7 @@ mod tests {
         });
         assert!(aligned < 0.05 && as_found > 0.15, "{aligned} {as_found}");
     }
+
     #[test]
     fn dropped_patches_are_not_missed() {
         let (mut tracker, [first, second]) = two_keyframes(TrackingOptions::monocular(), 7.4);
