@@ -8,7 +8,7 @@ use tiff::decoder::{Decoder, DecodingResult};
 
 use super::FrameError;
 use super::calibration::ImageSize;
-use super::load::{decode_bytes, describe_format, read, size_of, undecodable};
+use super::image_file::{decode_bytes, describe_format, read, size_of, undecodable};
 use super::npy::{self, NpyHeader, NpyType};
 
 /// Values of a depth image as stored, row by row.

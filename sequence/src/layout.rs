@@ -1,33 +1,13 @@
-//! The `Layout` trait, the list of known layouts, and their detection.
+//! What a layout is: the `Layout` trait, the folder that it reads, and what it makes of it.
 
 use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
 
 use super::calibration::{CalibratedCamera, Calibration};
-use super::layouts::orb_slam::{ImagesAndPoses, OrbSlam};
-use super::layouts::{colmap::Colmap, euroc::Euroc, kitti::Kitti, nvm::Nvm, openmvs::OpenMvs};
-use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumRgbd};
-use super::layouts::{stella::Stella, transforms::Transforms};
 use super::pose_convention::QuaternionOrder;
 use super::{SequenceError, Warning};
 use crate::sparse_model::SparseModel;
-
-/// The known layouts in order of preference. Add new layouts here.
-pub(super) static LAYOUTS: [&dyn Layout; 12] = [
-    &SevenScenes,
-    &TumRgbd,
-    &Open3dLog,
-    &Colmap,
-    &Nvm,
-    &OpenMvs,
-    &Transforms,
-    &Stella,
-    &OrbSlam,
-    &Euroc,
-    &Kitti,
-    &ImagesAndPoses,
-];
 
 /// Source of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -178,21 +158,14 @@ impl Folder {
         })
     }
 
-    /// Lists a folder, or the folder of a file that a layout accepts.
-    pub(super) fn of_input(path: &Path) -> Result<Self, SequenceError> {
-        let is_file = std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file());
-        let name = path.file_name().and_then(|name| name.to_str());
-        if let Some(name) = name.filter(|_| is_file)
-            && LAYOUTS.iter().any(|layout| layout.recognises_file(name))
-        {
-            let parent = path
-                .parent()
-                .filter(|parent| !parent.as_os_str().is_empty());
-            let mut folder = Self::list(parent.unwrap_or(Path::new(".")))?;
-            folder.file = Some(name.to_owned());
-            return Ok(folder);
-        }
-        Self::list(path)
+    /// Lists the folder of a file that the user named.
+    pub(super) fn of_file(path: &Path, name: &str) -> Result<Self, SequenceError> {
+        let parent = path
+            .parent()
+            .filter(|parent| !parent.as_os_str().is_empty());
+        let mut folder = Self::list(parent.unwrap_or(Path::new(".")))?;
+        folder.file = Some(name.to_owned());
+        Ok(folder)
     }
 
     /// The file that the user named, if any.
@@ -245,108 +218,4 @@ pub(super) fn image_stem(name: &str) -> Option<&str> {
         .iter()
         .any(|known| known.eq_ignore_ascii_case(extension));
     (is_image && !stem.is_empty()).then_some(stem)
-}
-
-/// Detects the layout of a folder, unless `forced` names it; also returns the other layouts that match.
-pub(super) fn recognise(
-    folder: &Folder,
-    forced: Option<&str>,
-    source: PoseSource,
-) -> Result<(&'static dyn Layout, Vec<&'static str>), SequenceError> {
-    if folder.names().is_empty() {
-        return Err(SequenceError::EmptyFolder {
-            folder: folder.path().to_owned(),
-        });
-    }
-    let fits = |layout: &&dyn Layout| match folder.file() {
-        Some(name) => layout.recognises_file(name),
-        None if source == PoseSource::External => layout.recognises_with_external_poses(folder),
-        None => layout.recognises(folder),
-    };
-    let others = |chosen: &str| {
-        LAYOUTS
-            .iter()
-            .filter(|layout| layout.name() != chosen && fits(layout))
-            .map(|layout| layout.name())
-            .collect()
-    };
-    if let Some(name) = forced {
-        let layout = LAYOUTS
-            .iter()
-            .copied()
-            .find(|layout| layout.name() == name)
-            .ok_or_else(|| SequenceError::UnknownLayoutName {
-                name: name.to_owned(),
-                known: layout_names().join(", "),
-            })?;
-        if source == PoseSource::External && !layout.accepts_external_poses() {
-            return Err(poses_refused(folder, layout));
-        }
-        return Ok((layout, others(name)));
-    }
-    let recognised = || LAYOUTS.iter().copied().filter(fits);
-    let takes =
-        |layout: &&dyn Layout| source == PoseSource::Layout || layout.accepts_external_poses();
-    if let Some(layout) = recognised().find(takes) {
-        return Ok((layout, others(layout.name())));
-    }
-    if let Some(layout) = recognised().next() {
-        return Err(poses_refused(folder, layout));
-    }
-    let looked_for: Vec<String> = LAYOUTS
-        .iter()
-        .map(|layout| format!("{} ({})", layout.expected_files(), layout.name()))
-        .collect();
-    Err(SequenceError::UnknownLayout {
-        folder: folder.path().to_owned(),
-        looked_for: looked_for.join("; "),
-        found: first_names(folder.names()),
-        hint: subfolder_hint(folder),
-    })
-}
-
-/// The names of all layouts, in order of preference.
-pub(super) fn layout_names() -> Vec<&'static str> {
-    LAYOUTS.iter().map(|layout| layout.name()).collect()
-}
-
-fn poses_refused(folder: &Folder, layout: &dyn Layout) -> SequenceError {
-    SequenceError::Content {
-        path: folder.path().to_owned(),
-        problem: format!(
-            "is a {} model, whose poses belong to its points and cameras: omit --poses, or give a folder of images",
-            layout.name()
-        ),
-    }
-}
-
-fn layout_of(folder: &Folder) -> Option<&'static dyn Layout> {
-    LAYOUTS
-        .iter()
-        .copied()
-        .find(|layout| layout.recognises(folder))
-}
-
-/// The first few names and the number of the others.
-fn first_names(names: &[String]) -> String {
-    const SHOWN: usize = 6;
-    let mut text = names[..names.len().min(SHOWN)].join(", ");
-    if names.len() > SHOWN {
-        text += &format!(" and {} more", names.len() - SHOWN);
-    }
-    text
-}
-
-/// Data sets are often folders of sequences: suggests the first that can be opened.
-fn subfolder_hint(folder: &Folder) -> String {
-    const MAX_TRIED: usize = 50;
-    for name in folder.names().iter().take(MAX_TRIED) {
-        let path = folder.path().join(name);
-        if let Ok(inside) = Folder::list(&path)
-            && let Some(layout) = layout_of(&inside)
-        {
-            return format!("; {} is a sequence ({})", path.display(), layout.name());
-        }
-    }
-    String::new()
 }

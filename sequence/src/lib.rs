@@ -7,6 +7,7 @@ mod depth_image;
 mod downsampling;
 mod error;
 pub mod export;
+mod image_file;
 mod inspect;
 mod keyframes;
 mod layout;
@@ -18,6 +19,7 @@ mod npy;
 mod open;
 mod pose_convention;
 mod poses;
+mod recognise;
 pub mod rigid;
 mod sidecar;
 mod sparse_model;
@@ -51,7 +53,6 @@ pub use layouts::DenseCloud;
 pub use live::{LiveCamera, LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
 pub use open::OpenOptions;
-use open::pinhole_of;
 use pose_convention::{Extrinsics, PoseConvention, QuaternionOrder};
 pub use sidecar::SIDECAR_FILE;
 pub use sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
@@ -61,7 +62,7 @@ pub use trajectory_comparison::{
     ComparisonError, PositionError, RelativeError, TimedPoses, TrajectoryAlignment,
     TrajectoryComparison,
 };
-use undistortion::Undistortion;
+use undistortion::{Undistortion, pinhole_of};
 pub use warning::Warning;
 
 /// A posed image of a sequence and its depth image, as paths. Nothing is decoded yet.

@@ -1,16 +1,15 @@
 //! Loading of colour and depth images, one at a time.
 
 use std::borrow::Cow;
-use std::fs::File;
-use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
-use image::{DynamicImage, ImageFormat, ImageReader};
+use image::DynamicImage;
 use linecarve_lines::camera::UndistortionMap;
 use linecarve_lines::image::{GrayImage, Plane};
 
 use super::calibration::ImageSize;
 use super::depth_image::{RawDepth, decode_depth};
+use super::image_file::{decode, gray_of, size_error, undecodable};
 use super::layout::IMAGE_EXTENSIONS;
 use super::undistortion::{Undistortion, undistortion_map};
 use super::{DepthCalibration, FrameError, Sequence};
@@ -20,9 +19,6 @@ pub type DepthImage = Plane<f32>;
 
 /// An interleaved 8-bit sRGB image.
 pub type ColorImage = image::RgbImage;
-
-/// Most headers of images end within so many bytes.
-const HEADER_BYTES: u64 = 1 << 16;
 
 /// Remedy for registered depth of another size than colour.
 const REGISTERED_SIZE: &str = "registered depth must have the size of the colour images; give a separate depth camera in \
@@ -248,31 +244,6 @@ impl Sequence {
     }
 }
 
-pub(super) fn size_error(
-    path: &Path,
-    size: ImageSize,
-    expected: ImageSize,
-    expected_by: String,
-    remedy: &'static str,
-) -> FrameError {
-    FrameError::Size {
-        path: path.to_owned(),
-        width: size.width,
-        height: size.height,
-        expected_width: expected.width,
-        expected_height: expected.height,
-        expected_by,
-        remedy,
-    }
-}
-
-pub(super) fn undecodable(path: &Path, reason: String) -> FrameError {
-    FrameError::Undecodable {
-        path: path.to_owned(),
-        reason,
-    }
-}
-
 /// The cached map of an undistortion.
 fn borrowed_map<'a>(
     undistortion: Option<&'a Undistortion>,
@@ -283,22 +254,6 @@ fn borrowed_map<'a>(
         .transpose()
         .map(|map| map.map(Cow::Borrowed))
         .map_err(|error| undecodable(path, error.to_string()))
-}
-
-/// Converts an image to grey with the luma weights of ITU-R BT.601.
-pub(super) fn gray_of(image: &DynamicImage, path: &Path) -> Result<GrayImage, FrameError> {
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    match image {
-        DynamicImage::ImageLuma8(gray) => Plane::new(width, height, gray.as_raw().clone()),
-        // Of 16 bits the upper eight.
-        DynamicImage::ImageLuma16(gray) => {
-            let samples = gray.as_raw().iter().map(|&v| (v >> 8) as u8).collect();
-            Plane::new(width, height, samples)
-        }
-        DynamicImage::ImageRgb8(color) => Plane::from_rgb8(width, height, color.as_raw()),
-        other => Plane::from_rgb8(width, height, other.to_rgb8().as_raw()),
-    }
-    .map_err(|error| undecodable(path, error.to_string()))
 }
 
 /// Undistorts a colour image channel by channel.
@@ -318,187 +273,4 @@ fn resample_color(
         }
     }
     Ok(color)
-}
-
-/// Opens a regular file. Pipes and devices may never end, and are refused.
-fn open(path: &Path) -> Result<File, FrameError> {
-    let attempt = || {
-        if !std::fs::metadata(path)?.is_file() {
-            return Err(std::io::Error::other("not a regular file"));
-        }
-        File::open(path)
-    };
-    attempt().map_err(|source| FrameError::Unreadable {
-        path: path.to_owned(),
-        source,
-    })
-}
-
-/// The bytes of a regular file.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>, FrameError> {
-    let mut bytes = Vec::new();
-    open(path)?
-        .read_to_end(&mut bytes)
-        .map_err(|source| FrameError::Unreadable {
-            path: path.to_owned(),
-            source,
-        })?;
-    Ok(bytes)
-}
-
-/// Image size, from the header.
-pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
-    let mut start = Vec::new();
-    open(path)?
-        .take(HEADER_BYTES)
-        .read_to_end(&mut start)
-        .map_err(|source| FrameError::Unreadable {
-            path: path.to_owned(),
-            source,
-        })?;
-    // Where the header is longer, or stands elsewhere, as in TIFF files, the whole file is read.
-    let size = match size_of(&start) {
-        Ok(size) => size,
-        Err(_) => size_of(&read(path)?).map_err(|reason| undecodable(path, reason))?,
-    };
-    if size.width == 0 || size.height == 0 {
-        return Err(undecodable(path, "the image has no pixels".to_owned()));
-    }
-    Ok(size)
-}
-
-/// Decodes an image; its bytes decide the format, not its name. The size is checked before memory is allocated, since
-/// corrupt headers can claim any size.
-pub(super) fn decode(
-    path: &Path,
-    check: impl FnOnce(ImageSize) -> Result<(), FrameError>,
-) -> Result<DynamicImage, FrameError> {
-    let bytes = read(path)?;
-    let size = size_of(&bytes).map_err(|reason| undecodable(path, reason))?;
-    check(size)?;
-    decode_bytes(&bytes).map_err(|reason| undecodable(path, reason))
-}
-
-/// Image size of encoded bytes, from their header.
-pub(super) fn size_of(bytes: &[u8]) -> Result<ImageSize, String> {
-    if bytes.is_empty() {
-        return Err("the file is empty".to_owned());
-    }
-    let format = image::guess_format(bytes).map_err(|error| error.to_string())?;
-    let (width, height) = ImageReader::with_format(Cursor::new(bytes), format)
-        .into_dimensions()
-        .map_err(|error| error.to_string())?;
-    Ok(ImageSize { width, height })
-}
-
-pub(super) fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
-    if bytes.is_empty() {
-        return Err("the file is empty".to_owned());
-    }
-    let format = image::guess_format(bytes).map_err(|error| error.to_string())?;
-    if format == ImageFormat::Jpeg && !is_complete_jpeg(bytes) {
-        // The decoder fills the missing part with grey without an error.
-        return Err("the JPEG data are truncated".to_owned());
-    }
-    let image =
-        image::load_from_memory_with_format(bytes, format).map_err(|error| error.to_string())?;
-    if image.width() == 0 || image.height() == 0 {
-        return Err("the image has no pixels".to_owned());
-    }
-    Ok(image)
-}
-
-/// Whether an end-of-image marker follows the last start-of-scan marker. In scan data 0xFF is always followed by 0 or a
-/// restart marker, so neither marker occurs there.
-fn is_complete_jpeg(bytes: &[u8]) -> bool {
-    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xFF, marker]);
-    match (last(0xDA), last(0xD9)) {
-        (Some(scan), Some(end)) => end > scan,
-        _ => false,
-    }
-}
-
-pub(super) fn describe_format(image: &DynamicImage) -> String {
-    let channels = image.color().channel_count();
-    let bits = image.color().bits_per_pixel() / u16::from(channels.max(1));
-    format!("{channels} channel(s) of {bits} bits")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn encode(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        image
-            .write_to(&mut Cursor::new(&mut bytes), format)
-            .unwrap();
-        bytes
-    }
-
-    fn picture() -> DynamicImage {
-        image::RgbImage::from_fn(33, 21, |x, y| {
-            image::Rgb([(x * 7) as u8, (y * 11) as u8, (x * y) as u8])
-        })
-        .into()
-    }
-
-    fn depth() -> DynamicImage {
-        image::ImageBuffer::<image::Luma<u16>, _>::from_fn(33, 21, |x, y| {
-            image::Luma([(x * 1000 + y) as u16])
-        })
-        .into()
-    }
-
-    #[test]
-    fn truncated_images_are_refused() {
-        for format in [
-            ImageFormat::Png,
-            ImageFormat::Jpeg,
-            ImageFormat::Pnm,
-            ImageFormat::Tiff,
-        ] {
-            let bytes = encode(&picture(), format);
-            assert!(decode_bytes(&bytes).is_ok(), "{format:?}");
-            for cut in [0, 1, 10, bytes.len() / 2, bytes.len() * 3 / 4] {
-                assert!(
-                    decode_bytes(&bytes[..cut]).is_err(),
-                    "{format:?} cut to {cut} of {}",
-                    bytes.len()
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn sixteen_bit_images_are_decoded_exactly() {
-        for format in [ImageFormat::Png, ImageFormat::Pnm, ImageFormat::Tiff] {
-            assert_eq!(
-                decode_bytes(&encode(&depth(), format)).unwrap(),
-                depth(),
-                "{format:?}"
-            );
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn damaged_images_are_decoded_or_refused(
-            which in 0_usize..4,
-            flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
-        ) {
-            let mut bytes = match which {
-                0 => encode(&picture(), ImageFormat::Png),
-                1 => encode(&picture(), ImageFormat::Jpeg),
-                2 => encode(&depth(), ImageFormat::Pnm),
-                _ => encode(&depth(), ImageFormat::Tiff),
-            };
-            for (at, value) in flips {
-                let at = at.index(bytes.len());
-                bytes[at] = value;
-            }
-            let _ = decode_bytes(&bytes);
-        }
-    }
 }

@@ -8,13 +8,14 @@ use nalgebra::Isometry3;
 
 use super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
 use super::depth_image::depth_header;
-use super::layout::{Folder, PoseSource, RecordedFrame, Recording, recognise};
-use super::load::{image_size, size_error};
+use super::image_file::{image_size, size_error};
+use super::layout::{PoseSource, RecordedFrame, Recording};
 use super::pose_convention::{Extrinsics, PoseConvention};
 use super::poses::{self, PoseFileFormat};
+use super::recognise::{input_folder, recognise};
 use super::sidecar::{SIDECAR_FILE, Sidecar};
 use super::stereo::StereoPair;
-use super::undistortion::Undistortion;
+use super::undistortion::{Undistortion, pinhole_of};
 use super::warning::WarningCounter;
 use super::{DepthCalibration, Frame, FrameError, Sequence, SequenceError, Warning};
 
@@ -71,7 +72,7 @@ impl Sequence {
         options: &OpenOptions,
         source: PoseSource,
     ) -> Result<Self, SequenceError> {
-        let folder = Folder::of_input(input)?;
+        let folder = input_folder(input)?;
         let sidecar = match &options.calibration {
             Some(path) => Some((path.clone(), Sidecar::read(path)?)),
             None => match folder.entry(SIDECAR_FILE) {
@@ -349,14 +350,6 @@ fn depth_calibration(
         registered: false,
     };
     (depth, map)
-}
-
-/// Camera of the loaded images.
-pub(super) fn pinhole_of(stored: &Camera, undistortion: Option<&Undistortion>) -> Camera {
-    undistortion.map_or_else(
-        || stored.without_distortion(),
-        |undistortion| undistortion.pinhole().clone(),
-    )
 }
 
 fn describe_depth(depth: &DepthCalibration, pose_camera: PoseCamera) -> String {

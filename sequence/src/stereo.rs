@@ -7,7 +7,7 @@ use linecarve_lines::image::{GrayImage, ImageError};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::calibration::{ImageSize, RightCamera};
-use super::load::{decode, gray_of, size_error, undecodable};
+use super::image_file::{decode, gray_of, size_error, undecodable};
 use super::{FrameError, Sequence};
 
 /// Largest angle between the baseline and the rows of the images: cameras side by side, not one above the other.

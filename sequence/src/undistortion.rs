@@ -52,3 +52,11 @@ pub(super) fn undistortion_map(
 ) -> Result<UndistortionMap, ImageError> {
     UndistortionMap::new(stored, pinhole, size.width as usize, size.height as usize)
 }
+
+/// Camera of the loaded images.
+pub(super) fn pinhole_of(stored: &Camera, undistortion: Option<&Undistortion>) -> Camera {
+    undistortion.map_or_else(
+        || stored.without_distortion(),
+        |undistortion| undistortion.pinhole().clone(),
+    )
+}

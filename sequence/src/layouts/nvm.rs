@@ -11,8 +11,8 @@ use linecarve_lines::camera::{Camera, Distortion};
 use nalgebra::{Isometry3, Point3, Translation3};
 
 use super::super::calibration::{CalibratedCamera, ImageSize};
+use super::super::image_file::image_size;
 use super::super::layout::{Folder, Layout, PoseSource, Recording};
-use super::super::load::image_size;
 use super::super::model::{ModelImage, StoredModel};
 use super::super::text::{TextFile, TextLine, parse_number, shorten};
 use super::super::{SequenceError, Warning, rigid};

@@ -10,10 +10,10 @@ use nalgebra::Isometry3;
 use serde::Deserialize;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
+use super::super::image_file::image_size;
 use super::super::layout::{
     Folder, IMAGE_EXTENSIONS, Layout, PoseSource, RecordedFrame, Recording, image_stem,
 };
-use super::super::load::image_size;
 use super::super::pose_convention::half_turn_about_x;
 use super::super::text::TextFile;
 use super::super::warning::WarningCounter;

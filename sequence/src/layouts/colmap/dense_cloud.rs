@@ -41,11 +41,11 @@ impl DenseCloud {
     /// # Errors
     /// When the model beside the cloud cannot be read.
     pub fn open(input: &Path) -> Result<Option<Self>, SequenceError> {
-        let name = input.file_name().map(|name| name.to_string_lossy());
-        if !input.is_file() || !name.is_some_and(|name| fused::is_cloud(&name)) {
+        let name = input.file_name().and_then(|name| name.to_str());
+        let Some(name) = name.filter(|name| fused::is_cloud(name) && input.is_file()) else {
             return Ok(None);
-        }
-        let folder = Folder::of_input(input)?;
+        };
+        let folder = Folder::of_file(input, name)?;
         let (Some(cloud), Some((path, format))) =
             (fused::named_cloud(&folder), find_model(&folder))
         else {
