@@ -18,11 +18,14 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use crate::error::TilesError;
 use crate::record::{Record, decode, encode};
+use crate::stage::Stage;
 
 const MAGIC: u64 = u64::from_le_bytes(*b"LCTILES\n");
 /// Changes with the meaning of any file.
 pub(crate) const FORMAT: u32 = 4;
 const HEADER: usize = 64;
+/// Begins the names of files that are being written.
+pub(crate) const UNFINISHED: &str = ".linecarve-unfinished-";
 
 /// What a file holds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -42,6 +45,21 @@ pub(crate) enum Kind {
     Merge = 12,
 }
 
+impl From<Stage> for Kind {
+    fn from(stage: Stage) -> Self {
+        match stage {
+            Stage::Frame => Kind::Frame,
+            Stage::Carve => Kind::Carve,
+            Stage::Giants => Kind::Giants,
+            Stage::Network => Kind::Network,
+            Stage::Label => Kind::Label,
+            Stage::Settle => Kind::Settle,
+            Stage::Surface => Kind::Surface,
+            Stage::Merge => Kind::Merge,
+        }
+    }
+}
+
 /// Writes a file section by section.
 pub(crate) struct Writer {
     path: PathBuf,
@@ -57,7 +75,7 @@ impl Writer {
         let folder = path.parent().unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder).map_err(TilesError::io(folder))?;
         let file = tempfile::Builder::new()
-            .prefix(crate::work::UNFINISHED)
+            .prefix(UNFINISHED)
             .tempfile_in(folder)
             .map_err(TilesError::io(folder))?;
         let mut writer = Self {
@@ -209,4 +227,23 @@ impl Reader {
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
+}
+
+/// Writes a file under a temporary name and renames it.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), TilesError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let write = || {
+        std::fs::create_dir_all(folder)?;
+        let mut file = tempfile::Builder::new()
+            .prefix(UNFINISHED)
+            .tempfile_in(folder)?;
+        file.write_all(bytes)?;
+        file.persist(path).map(drop).map_err(|error| error.error)
+    };
+    write().map_err(TilesError::io(path))
+}
+
+/// Version of the program and of its files.
+pub(crate) fn program() -> String {
+    format!("{} (files {FORMAT})", env!("CARGO_PKG_VERSION"))
 }

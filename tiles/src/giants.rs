@@ -28,7 +28,7 @@ impl Giants {
 pub(crate) fn list(work: &Work, item: Item) -> Result<Giants, TilesError> {
     let mut keys: Vec<CellKey> = Vec::new();
     let mut vertices: FxHashMap<u64, [f64; 3]> = FxHashMap::default();
-    for needed in Stage::Frame.items(work) {
+    for needed in work.items(Stage::Frame) {
         let frame = work.open_result(needed, item)?;
         let own: Vec<CellKey> = frame.records(2)?;
         let positions: Vec<[[f64; 3]; 4]> = frame.records(3)?;
@@ -48,7 +48,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
     let giants = list(work, item)?;
     let width = work.plan().sums();
     let mut sums = vec![0u64; giants.keys.len() * width];
-    for needed in Stage::Carve.items(work) {
+    for needed in work.items(Stage::Carve) {
         let carved = work.open_result(needed, item)?;
         let partial: Vec<u64> = carved.records(0)?;
         for entry in partial.chunks_exact(1 + width) {

@@ -16,12 +16,12 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use crate::bounds::Bounds;
 use crate::error::TilesError;
-use crate::file::Kind;
+use crate::file::{Kind, UNFINISHED, write_whole};
 use crate::plan::{Plan, PlanOptions, TileSummary};
 use crate::record::{RayRecord, Record};
 use crate::split::{self, Basis, Numbering, Territory};
 use crate::tile::{Vertex, global, traced};
-use crate::work::{UNFINISHED, Work, write_whole};
+use crate::work::Work;
 
 /// A point and the views that see it.
 #[derive(Clone, Copy, Debug)]

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use crate::error::TilesError;
-use crate::stage::{Item, Stage};
+use crate::stage::Item;
 use crate::work::Work;
 
 /// Carries out what is left of a plan, stage by stage, with `jobs` calls of `execute` at a time. Files of items that are done are
@@ -20,9 +20,9 @@ pub fn run<E: From<TilesError> + Send>(
     work.verify_plan()?;
     work.remove_unfinished();
     let mut carried_out = 0;
-    for stage in Stage::of(work) {
+    for stage in work.stages() {
         let mut pending: Vec<Item> = Vec::new();
-        for item in stage.items(work) {
+        for item in work.items(stage) {
             let was_damaged = work.verify(item)?;
             if was_damaged || work.done(item).is_none() {
                 pending.push(item);

@@ -314,9 +314,11 @@ fn network(
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a test ends where anything fails")]
     use super::*;
-    use crate::plan::{PlanOptions, plan};
+    use crate::plan::PlanOptions;
+    use crate::plan_carver::plan;
     use crate::run::run;
-    use crate::stage::{Stage, run_item};
+    use crate::run_item::run_item;
+    use crate::stage::Stage;
     use linecarve_carving::{Carver, CarverOptions, CutOptions, Hull, Labels};
     use nalgebra::Point3;
     use rand::{RngExt, SeedableRng};
@@ -354,10 +356,10 @@ mod tests {
         let export = Default::default();
         let work = plan(folder.path(), &carver, &export, &options, String::new()).unwrap();
         run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
-        let item = Stage::Settle.items(&work).next().unwrap();
+        let item = work.items(Stage::Settle).next().unwrap();
         // Some of the proved labels are forgotten, so that there are many components.
         let mut before: Vec<u8> = Vec::new();
-        for tile in Stage::Label.items(&work) {
+        for tile in work.items(Stage::Label) {
             let mut labels = proved(&work, tile.number, item).unwrap();
             for label in labels.iter_mut().step_by(4) {
                 if *label != UNDECIDED {

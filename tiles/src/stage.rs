@@ -2,12 +2,6 @@
 
 use std::fmt;
 use std::str::FromStr;
-use std::time::Instant;
-
-use crate::error::TilesError;
-use crate::file::{Kind, Writer};
-use crate::work::Work;
-use crate::{carve, frame, giants, label, merge, network, settle, surface};
 
 /// A stage; all items of the stages before it must be done.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -57,35 +51,12 @@ impl Stage {
         }
     }
 
-    pub(crate) fn kind(self) -> Kind {
-        match self {
-            Stage::Frame => Kind::Frame,
-            Stage::Carve => Kind::Carve,
-            Stage::Giants => Kind::Giants,
-            Stage::Network => Kind::Network,
-            Stage::Label => Kind::Label,
-            Stage::Settle => Kind::Settle,
-            Stage::Surface => Kind::Surface,
-            Stage::Merge => Kind::Merge,
-        }
-    }
-
-    /// The stages of a plan.
-    pub fn of(work: &Work) -> Vec<Stage> {
-        Self::of_labels(work.plan().is_cut())
-    }
-
     /// The stages of plans whose labels are those of a minimum cut, or not.
     pub fn of_labels(is_cut: bool) -> Vec<Stage> {
         let needs = |stage: &Stage| {
             is_cut || !matches!(stage, Stage::Network | Stage::Label | Stage::Settle)
         };
         Stage::ALL.into_iter().filter(needs).collect()
-    }
-
-    /// The items of the stage.
-    pub fn items(self, work: &Work) -> impl Iterator<Item = Item> + use<> {
-        self.items_of(work.plan().tiles.len())
     }
 
     /// The items of the stage in plans of so many tiles.
@@ -134,36 +105,4 @@ pub(crate) type Counts = Vec<(String, u64)>;
 pub(crate) fn counts<const N: usize>(counted: [(&str, usize); N]) -> Counts {
     let counted = counted.map(|(name, count)| (name.to_owned(), count as u64));
     counted.to_vec()
-}
-
-/// Carries out an item and writes its file and manifest. Done again, it writes the same bytes.
-///
-/// `peak_mb` is asked for the peak memory of the process at the end.
-///
-/// # Errors
-/// When a file that it needs is missing or damaged, or its own cannot be written.
-pub fn run_item(
-    work: &Work,
-    item: Item,
-    peak_mb: impl FnOnce() -> Option<f64>,
-) -> Result<(), TilesError> {
-    let start = Instant::now();
-    let is_known =
-        Stage::of(work).contains(&item.stage) && item.stage.items(work).any(|other| other == item);
-    if !is_known {
-        let tiles = work.plan().tiles.len();
-        return Err(TilesError::NoItem { item, tiles });
-    }
-    let (writer, counts): (Writer, Counts) = match item.stage {
-        Stage::Frame => frame::run(work, item),
-        Stage::Carve => carve::run(work, item),
-        Stage::Giants => giants::run(work, item),
-        Stage::Network => network::run(work, item),
-        Stage::Label => label::run(work, item),
-        Stage::Settle => settle::run(work, item),
-        Stage::Surface => surface::run(work, item),
-        Stage::Merge => merge::run(work, item),
-    }?;
-    let measured = (counts, start.elapsed().as_secs_f64(), peak_mb());
-    work.finish(item, writer, measured)
 }

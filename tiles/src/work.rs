@@ -6,12 +6,9 @@ use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::error::TilesError;
-use crate::file::{FORMAT, Kind, Reader, Writer};
+use crate::file::{Kind, Reader, UNFINISHED, Writer, program, write_whole};
 use crate::plan::Plan;
 use crate::stage::{Item, Stage};
-
-/// Begins the names of files that are being written.
-pub(crate) const UNFINISHED: &str = ".linecarve-unfinished-";
 
 /// An opened plan.
 #[derive(Debug)]
@@ -80,6 +77,16 @@ impl Work {
         &self.plan
     }
 
+    /// The stages of the plan.
+    pub fn stages(&self) -> Vec<Stage> {
+        Stage::of_labels(self.plan.is_cut())
+    }
+
+    /// The items of a stage.
+    pub fn items(&self, stage: Stage) -> impl Iterator<Item = Item> + use<> {
+        stage.items_of(self.plan.tiles.len())
+    }
+
     /// The folder.
     pub fn folder(&self) -> &Path {
         &self.folder
@@ -122,11 +129,11 @@ impl Work {
         if !self.manifest_path(needed).exists() {
             return Err(TilesError::NotReady { item, needed });
         }
-        Reader::open(&self.path(needed), needed.stage.kind(), self.digest)
+        Reader::open(&self.path(needed), needed.stage.into(), self.digest)
     }
 
     pub(crate) fn create_result(&self, item: Item) -> Result<Writer, TilesError> {
-        Writer::create(&self.path(item), item.stage.kind(), self.digest)
+        Writer::create(&self.path(item), item.stage.into(), self.digest)
     }
 
     /// Completes an item: its file, then its manifest.
@@ -153,7 +160,7 @@ impl Work {
     pub fn done(&self, item: Item) -> Option<Manifest> {
         let bytes = std::fs::read(self.manifest_path(item)).ok()?;
         let manifest: Manifest = serde_json::from_slice(&bytes).ok()?;
-        let reader = Reader::open(&self.path(item), item.stage.kind(), self.digest).ok()?;
+        let reader = Reader::open(&self.path(item), item.stage.into(), self.digest).ok()?;
         let is_same = manifest.plan == format!("{:016x}", self.digest)
             && manifest.file == format!("{:016x}", reader.digest());
         is_same.then_some(manifest)
@@ -170,7 +177,7 @@ impl Work {
             return Ok(false);
         }
         let is_whole = self.done(item).is_some()
-            && Reader::open(&self.path(item), item.stage.kind(), self.digest)
+            && Reader::open(&self.path(item), item.stage.into(), self.digest)
                 .and_then(|reader| reader.verify())
                 .is_ok();
         if !is_whole {
@@ -210,23 +217,4 @@ impl Work {
             }
         }
     }
-}
-
-/// Writes a file under a temporary name and renames it.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), TilesError> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let write = || {
-        std::fs::create_dir_all(folder)?;
-        let mut file = tempfile::Builder::new()
-            .prefix(UNFINISHED)
-            .tempfile_in(folder)?;
-        std::io::Write::write_all(&mut file, bytes)?;
-        file.persist(path).map(drop).map_err(|error| error.error)
-    };
-    write().map_err(TilesError::io(path))
-}
-
-/// Version of the program and of its files.
-pub(crate) fn program() -> String {
-    format!("{} (files {FORMAT})", env!("CARGO_PKG_VERSION"))
 }

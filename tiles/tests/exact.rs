@@ -76,9 +76,7 @@ fn tiled(carver: &Carver, export: &ExportOptions, options: &PlanOptions) -> (Ind
     let folder = tempfile::tempdir().unwrap();
     let work = plan(folder.path(), carver, export, options, String::new()).unwrap();
     run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
-    let counts = Stage::Settle
-        .items(&work)
-        .filter_map(|item| work.done(item));
+    let counts = work.items(Stage::Settle).filter_map(|item| work.done(item));
     let settled = counts.flat_map(|manifest| manifest.counts);
     let settled = settled
         .filter(|(name, _)| name == "settled")
@@ -269,7 +267,7 @@ fn surfaces_that_touch_themselves_across_tiles_are_repaired_alike() {
             run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
             let mesh = merged_mesh(&work).unwrap();
             assert!(mesh == whole, "round {round}, {tiles} tiles");
-            for item in Stage::Surface.items(&work) {
+            for item in work.items(Stage::Surface) {
                 for (name, count) in work.done(item).unwrap().counts {
                     *told.entry(name).or_default() += count;
                 }
@@ -388,7 +386,7 @@ fn damage_is_noticed_and_made_good() {
     let work = Work::open(folder.path()).unwrap();
     assert_eq!(carry_out(&work).unwrap(), 0);
     for (number, stage) in Stage::ALL.into_iter().enumerate() {
-        let item = stage.items(&work).next().unwrap();
+        let item = work.items(stage).next().unwrap();
         let path = work.path(item);
         let bytes = std::fs::read(&path).unwrap();
         let mut flipped = bytes.clone();

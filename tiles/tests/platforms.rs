@@ -65,7 +65,7 @@ fn digests(labels: Labels) -> [u64; 2] {
     run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
     let mut sums = Xxh3::new();
     for stage in [Stage::Carve, Stage::Giants] {
-        for item in stage.items(&work) {
+        for item in work.items(stage) {
             sums.update(&std::fs::read(work.path(item)).unwrap()[HEADER..]);
         }
     }

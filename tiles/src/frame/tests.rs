@@ -7,8 +7,10 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use super::*;
-use crate::plan::{PlanOptions, plan};
-use crate::stage::{Stage, run_item};
+use crate::plan::PlanOptions;
+use crate::plan_carver::plan;
+use crate::run_item::run_item;
+use crate::stage::Stage;
 
 const TILES: usize = 10;
 
@@ -52,7 +54,7 @@ fn assert_cells_are_those_of_the_whole(points: &[[f64; 3]], seed: u64) {
     let work = plan(folder.path(), &carver, &export, &options, String::new()).unwrap();
     let all: Vec<Point3<f64>> = points.iter().copied().map(Point3::from).collect();
     let (whole, _) = Tetrahedralization::from_points(&all).unwrap();
-    for item in Stage::Frame.items(&work) {
+    for item in work.items(Stage::Frame) {
         run_item(&work, item, || None).unwrap();
         let own: BTreeSet<[u64; 3]> = (own_vertices(&work, item.number).unwrap().iter())
             .map(|(_, position)| position.map(f64::to_bits))

@@ -30,7 +30,7 @@ use crate::surface_file::SurfaceFile;
 use crate::work::Work;
 
 pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesError> {
-    let files = Stage::Surface.items(work);
+    let files = work.items(Stage::Surface);
     let files = files.map(|needed| SurfaceFile::new(work.open_result(needed, item)?));
     let files: Vec<SurfaceFile> = files.collect::<Result<_, _>>()?;
     let mut writer = work.create_result(item)?;

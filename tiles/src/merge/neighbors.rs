@@ -31,7 +31,7 @@ pub fn merged_surface(work: &Work) -> Result<RankedSurface, TilesError> {
         triangles: mesh.triangles,
     };
     connect_pairs(&mut surface);
-    for needed in Stage::Surface.items(work) {
+    for needed in work.items(Stage::Surface) {
         let file = SurfaceFile::new(work.open_result(needed, item)?)?;
         for side in file.sides()? {
             let found = number(&surface, &side);
