@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn dropped_patches_are_not_missed() {
         let (mut tracker, [first, second]) = two_keyframes(TrackingOptions::monocular(), 7.4);
-        tracker.map.keyframe_mut(second).drop_patches();
+        tracker.map.keyframe_mut(second).drop_images();
         let keyframe = tracker.map.keyframe(second);
         for (feature, point) in (0..).zip(&keyframe.points) {
             assert_eq!(keyframe.view.patch(feature).is_some(), point.is_some());
