@@ -43,7 +43,7 @@ const MIN_FOUND: usize = 60;
 const MIN_FOUND_SHARE: f64 = 0.6;
 
 /// Largest standard deviation of a motion that is determined: translation as a share of the depth, rotation in radians.
-const MAX_SIGMA: f64 = 0.01;
+const MAX_SIGMA: f64 = 0.003;
 
 /// A point of a straight edge on a surface.
 #[derive(Debug)]
