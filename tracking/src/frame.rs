@@ -74,10 +74,10 @@ impl FrameDetector {
         let inverse_depths = features.pixels.iter().map(depth_at).collect();
         let mut features = self.with_depths(features, inverse_depths);
         features.patches = patches;
-        features.dense = match depth {
-            Some(map) if self.is_dense => Some(Arc::new(DenseView::new(map))),
-            _ => None,
-        };
+        if let Some(map) = depth.filter(|_| self.is_dense) {
+            features.dense = Some(Arc::new(DenseView::new(map)));
+            features.image = Some(Arc::new(image.clone()));
+        }
         features
     }
 
@@ -128,6 +128,7 @@ impl FrameDetector {
             features,
             inverse_depths,
             dense: None,
+            image: None,
             patches: Vec::new(),
             feature_sigma_px: self.feature_sigma_px,
         }
@@ -160,6 +161,8 @@ pub struct FrameFeatures {
     pub(crate) inverse_depths: Vec<Option<[f32; 2]>>,
     /// The depth image, reduced, where there is one.
     pub(crate) dense: Option<Arc<DenseView>>,
+    /// The image, where there is depth, for its lines; old keyframes and frames without a pose lose it.
+    pub(crate) image: Option<Arc<GrayImage>>,
     /// The image around each feature that can be aligned; empty when matches are not aligned.
     pub(crate) patches: Vec<Option<Arc<Patch>>>,
     /// Empty until the first is known.

@@ -35,8 +35,8 @@ const PROBATION: u32 = 2;
 /// A keyframe is redundant when this share of its points is seen by three others.
 const REDUNDANT_SHARE: f64 = 0.9;
 
-/// Keyframes after which features without a point hardly get one: their patches are dropped.
-const PATCH_AGE: u32 = 20;
+/// Keyframes after which features without a point hardly get one: their patches, and the image, are dropped.
+const IMAGE_AGE: u32 = 20;
 
 /// Weight of a new keyframe in the running estimate of feature noise.
 const NOISE_GAIN: f64 = 0.2;
@@ -94,8 +94,8 @@ impl Tracker {
         self.learn_noise(id, NOISE_GAIN);
         self.times.adjustment_ms += start.elapsed().as_secs_f64() * 1e3;
         self.cull_keyframes(id);
-        if let Some(old) = id.0.checked_sub(PATCH_AGE) {
-            self.map.keyframe_mut(KeyframeId(old)).drop_patches();
+        if let Some(old) = id.0.checked_sub(IMAGE_AGE) {
+            self.map.keyframe_mut(KeyframeId(old)).drop_images();
         }
         if self.options.loops {
             let start = Instant::now();

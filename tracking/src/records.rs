@@ -144,7 +144,8 @@ pub(crate) struct PosedFrame {
 }
 
 impl FrameRecord {
-    pub(crate) fn without_pose(view: FrameFeatures, reason: NoPose) -> Self {
+    pub(crate) fn without_pose(mut view: FrameFeatures, reason: NoPose) -> Self {
+        view.image = None;
         Self::Missing {
             reason,
             view: Box::new(view),

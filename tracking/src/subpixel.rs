@@ -16,7 +16,10 @@ impl Tracker {
             let point = (*point)?;
             let alignment = match frame.view.patches.is_empty() {
                 true => Alignment::Pending,
-                false => self.alignment(&frame.view, feature, pose, point),
+                false => {
+                    let template = self.template_of(point);
+                    self.alignment(&frame.view, feature, pose, point, template)
+                }
             };
             Some((point, frame.view.measurement_at(feature, alignment)))
         });
@@ -33,15 +36,12 @@ impl Tracker {
             if keyframe.view.alignment(feature) != Alignment::Pending {
                 continue;
             }
-            // The feature that a point is aligned with is where it is.
-            let is_first = self
-                .template_of(point)
-                .is_some_and(|(first, _)| first == id);
-            let alignment = match is_first {
-                true => Alignment::Found([0.0; 2]),
-                false => {
+            let alignment = match self.template_of(point) {
+                // The feature that a point is aligned with is where it is.
+                Some((first, _)) if first == id => Alignment::Found([0.0; 2]),
+                template => {
                     let pose = &keyframe.camera_from_world;
-                    self.alignment(&keyframe.view, feature, pose, point)
+                    self.alignment(&keyframe.view, feature, pose, point, template)
                 }
             };
             let view = &mut self.map.keyframe_mut(id).view;
@@ -55,8 +55,10 @@ impl Tracker {
         feature: u32,
         camera_from_world: &Isometry3<f64>,
         point: PointId,
+        template: Option<(KeyframeId, u32)>,
     ) -> Alignment {
-        let shift = self.shift(view, feature, camera_from_world, point);
+        let shift = template
+            .and_then(|template| self.shift(view, feature, camera_from_world, point, template));
         shift.map_or(Alignment::Failed, Alignment::Found)
     }
 
@@ -67,8 +69,8 @@ impl Tracker {
         feature: u32,
         camera_from_world: &Isometry3<f64>,
         point: PointId,
+        (keyframe, first): (KeyframeId, u32),
     ) -> Option<[f32; 2]> {
-        let (keyframe, first) = self.template_of(point)?;
         let point = self.map.point(point);
         let keyframe = self.map.keyframe(keyframe);
         let patch = keyframe.view.patch(first)?;
@@ -176,7 +178,7 @@ mod tests {
     #[test]
     fn dropped_patches_are_not_missed() {
         let (mut tracker, [first, second]) = two_keyframes(TrackingOptions::monocular(), 7.4);
-        tracker.map.keyframe_mut(second).drop_patches();
+        tracker.map.keyframe_mut(second).drop_images();
         let keyframe = tracker.map.keyframe(second);
         for (feature, point) in (0..).zip(&keyframe.points) {
             assert_eq!(keyframe.view.patch(feature).is_some(), point.is_some());

@@ -5,8 +5,10 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Matrix6};
 
 use super::align::{Alignment, align};
+use super::lines::{LineView, complete};
 use super::view::DenseSurface;
 use crate::adjust::PosePrior;
+use crate::frame::FrameFeatures;
 use crate::map::KeyframeId;
 use crate::tracker::{Frame, Tracker};
 
@@ -74,7 +76,8 @@ impl Tracker {
         }
     }
 
-    /// Finds the pose of a frame with too few features by the depth images of the last frame and of the reference keyframe.
+    /// Finds the pose of a frame with too few features by the depth images of the last frame and of the reference keyframe, and by lines
+    /// where these leave it open.
     pub(crate) fn follow_densely(&mut self, frame: &mut Frame, last: &Frame) -> bool {
         let (Some(surface), Some(before)) =
             (self.surface_of_frame(frame), self.surface_of_frame(last))
@@ -82,25 +85,55 @@ impl Tracker {
             return false;
         };
         let starts = [self.velocity, Isometry3::identity()];
-        let found = starts
-            .iter()
-            .find_map(|start| sure(align(&before, &surface, before.depth, start)));
+        let found = starts.iter().find_map(|start| {
+            self.sure_motion([&last.view, &frame.view], [&before, &surface], start)
+        });
         let Some(found) = found else {
             return false;
         };
         frame.points.fill(None);
-        frame.camera_from_world = found.target_from_source * last.camera_from_world;
+        frame.camera_from_world = found * last.camera_from_world;
         // Alignment with the keyframe does not drift.
         let pose = self.map.keyframe(self.reference).camera_from_world;
         if let Some(other) = self.surface_of_reference() {
             let start = frame.camera_from_world * pose.inverse();
-            if let Some(found) = sure(align(&other, &surface, other.depth, &start)) {
-                frame.camera_from_world = found.target_from_source * pose;
+            let view = &self.map.keyframe(self.reference).view;
+            let found = self.sure_motion([view, &frame.view], [&other, &surface], &start);
+            if let Some(found) = found {
+                frame.camera_from_world = found * pose;
             }
         }
         frame.inliers = 0;
         frame.agreeing = 0.0;
         true
+    }
+
+    /// The motion between two views, given their surfaces, that is believed without features.
+    fn sure_motion(
+        &self,
+        views: [&FrameFeatures; 2],
+        [from, to]: [&DenseSurface; 2],
+        start: &Isometry3<f64>,
+    ) -> Option<Isometry3<f64>> {
+        let found = align(from, to, from.depth, start)?;
+        if found.agreeing < SURE_AGREEING || found.overlap < SURE_OVERLAP {
+            return None;
+        }
+        if found.determined == 6 {
+            return Some(found.target_from_source);
+        }
+        let [source, target] = views.map(|view| view.image.as_deref());
+        let source = LineView::new(source?, from, &self.camera);
+        let target = LineView::new(target?, to, &self.camera);
+        let information = found.information * self.options.dense_weight;
+        complete(
+            &self.camera,
+            &source,
+            &target,
+            &found,
+            &information,
+            from.depth,
+        )
     }
 
     /// Aligns the depth image of a keyframe with those of its neighbours.
@@ -185,11 +218,4 @@ impl Tracker {
 /// An alignment beside features.
 fn credible(found: Option<Alignment>) -> Option<Alignment> {
     found.filter(|one| one.agreeing >= MIN_AGREEING && one.overlap >= MIN_OVERLAP)
-}
-
-/// An alignment that is believed without features.
-fn sure(found: Option<Alignment>) -> Option<Alignment> {
-    found.filter(|one| {
-        one.determined == 6 && one.agreeing >= SURE_AGREEING && one.overlap >= SURE_OVERLAP
-    })
 }

@@ -51,8 +51,9 @@ impl Keyframe {
         self.view.set_alignment(feature, Alignment::Pending);
     }
 
-    /// Keeps patches of features with a point alone.
-    pub(crate) fn drop_patches(&mut self) {
+    /// Drops the image, and patches of features without a point.
+    pub(crate) fn drop_images(&mut self) {
+        self.view.image = None;
         for (patch, point) in self.view.patches.iter_mut().zip(&self.points) {
             *patch = patch.take().filter(|_| point.is_some());
         }
