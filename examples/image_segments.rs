@@ -18,13 +18,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let sequence = Sequence::open(&folder, &OpenOptions::default())?;
     let calibration = sequence.depth_calibration().ok_or("no depth camera")?;
     let camera = sequence.color_camera();
-    let image = sequence.load_gray(0)?;
+    let (image, color) = sequence.load_gray_and_color(0)?;
     let depth = sequence.load_depth(0)?.ok_or("no depth image")?;
 
     let sensor = calibration.sensor(RELATIVE_NOISE, TYPICAL_DEPTH);
     let inverse_depth = sensor.inverse_depth(&depth, camera, image.width(), image.height())?;
     let mut extractor = SegmentExtractor::new(ExtractOptions::default())?;
-    let extraction = extractor.extract(&image, &inverse_depth, camera, 0)?;
+    let extraction = extractor.extract(&image, Some(color.as_raw()), &inverse_depth, camera, 0)?;
     println!(
         "{} x {} pixels: {} edge chains, {} segments",
         image.width(),

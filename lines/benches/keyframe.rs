@@ -131,7 +131,7 @@ fn stages(criterion: &mut Criterion) {
     group.bench_function("edges", |bencher| {
         bencher.iter(|| {
             for keyframe in &keyframes {
-                detector.detect_into(black_box(&keyframe.image), &mut chains);
+                detector.detect_into(black_box(&keyframe.image), None, &mut chains);
             }
         });
     });

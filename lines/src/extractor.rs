@@ -130,7 +130,7 @@ impl Extraction {
 /// let map = sensor.inverse_depth(&depth, &camera, width, height)?;
 ///
 /// let mut extractor = SegmentExtractor::new(ExtractOptions::default())?;
-/// let extraction = extractor.extract(&image, &map, &camera, 0)?;
+/// let extraction = extractor.extract(&image, None, &map, &camera, 0)?;
 /// assert_eq!(extraction.segments.len(), 4);
 /// assert!(extraction.segments.iter().all(|s| s.ends_in_camera.iter().all(|end| (end.z - 2.0).abs() < 1e-3)));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -164,20 +164,25 @@ impl SegmentExtractor {
         })
     }
 
-    /// Extracts the segments of one keyframe in its camera frame; `keyframe` is stored in each of them.
+    /// Extracts the segments of one keyframe in its camera frame; `keyframe` is stored in each of them. With the interleaved 8-bit colours of
+    /// the image, `rgb`, also along edges between colours of one brightness.
     ///
     /// # Errors
-    /// When the camera has distortion, or image and depth map differ in size.
+    /// When the camera has distortion, or image, colours and depth map differ in size.
     pub fn extract(
         &mut self,
         image: &GrayImage,
+        rgb: Option<&[u8]>,
         depth: &InverseDepthMap,
         camera: &Camera,
         keyframe: u32,
     ) -> Result<Extraction, ExtractError> {
         check(image, depth, camera)?;
+        if let Some(rgb) = rgb {
+            check_samples(image, rgb)?;
+        }
         let start = Instant::now();
-        self.detector.detect_into(image, &mut self.chains);
+        self.detector.detect_into(image, rgb, &mut self.chains);
         let edges = start.elapsed();
         self.depths.compute(depth, &self.chains, &self.edge_depth);
         let edge_depth = start.elapsed() - edges;
@@ -255,6 +260,22 @@ impl SegmentExtractor {
     pub fn chains(&self) -> &EdgeChains {
         &self.chains
     }
+}
+
+/// Checks that there are three samples for each pixel of an image.
+fn check_samples(image: &GrayImage, rgb: &[u8]) -> Result<(), ImageError> {
+    let (width, height) = (image.width(), image.height());
+    let (expected, actual) = (3 * width * height, rgb.len());
+    if expected == actual {
+        return Ok(());
+    }
+    Err(ImageError::SampleCount {
+        width,
+        height,
+        channels: 3,
+        expected,
+        actual,
+    })
 }
 
 /// Checks that the camera is a pinhole and that image and depth map have the same size.

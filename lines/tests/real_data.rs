@@ -36,7 +36,7 @@ fn extract(
     };
     let (width, height) = (image.width(), image.height());
     let map = sensor.inverse_depth(&depth, &sequence.color_camera, width, height)?;
-    Ok(extractor.extract(&image, &map, &sequence.color_camera, 0)?)
+    Ok(extractor.extract(&image, None, &map, &sequence.color_camera, 0)?)
 }
 
 #[test]

@@ -7,6 +7,7 @@ use linecarve_mesh::feature_edges::{
     EdgeKind, FeatureEdges, FeatureLines, FeatureOptions, FeatureOptionsError,
 };
 use linecarve_mesh::{LineSet, TriangleMesh};
+use nalgebra::Point3;
 
 /// Creases of the final mesh, and its edges along the lines that the run knows. Rims are left out: they are where evidence ends.
 ///
@@ -19,12 +20,23 @@ pub(crate) fn final_mesh_edges(
     let tolerance = tolerance.unwrap_or(DEFAULT_TOLERANCE);
     let tolerance = tolerance.length(mesh.diagonal());
     let options = FeatureOptions::with_tolerance(tolerance);
-    let found = FeatureEdges::find(mesh, &line_ends(&lines.points, &lines.lines), &options)?;
+    // Vertices at one position may have moved by sums in another order. Files have single precision: an edge is there once.
+    let stored = TriangleMesh {
+        positions: mesh.positions.iter().map(stored_position).collect(),
+        triangles: mesh.triangles.clone(),
+        colors: None,
+    };
+    let found = FeatureEdges::find(&stored, &line_ends(&lines.points, &lines.lines), &options)?;
     let edges = found.edges().iter().copied();
     Ok(FeatureLines::new(
         mesh,
         edges.filter(|edge| edge.kind != EdgeKind::Boundary),
     ))
+}
+
+/// A position in single precision.
+fn stored_position(position: &Point3<f64>) -> Point3<f64> {
+    position.map(|along| f64::from(along as f32))
 }
 
 /// What the report says of them.

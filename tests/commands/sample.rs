@@ -241,10 +241,12 @@ fn demand_tables(edges: &LineSet) {
     let turned = Isometry3::new(Vector3::new(2.35, 1.88, 0.0), Vector3::z() * 0.06);
     let coffee = found(turned, [0.475, 0.275, 0.42]);
     assert!(coffee.iter().all(|share| *share > 0.85), "{coffee:.3?}");
-    // The back of the desk is as bright as the wall behind it, and so is a quarter of its east side: no edge is found there.
-    let [front, east, _, west] = found(Isometry3::translation(3.35, 3.4, 0.0), [0.75, 0.35, 0.74]);
-    assert!(front.min(west) > 0.85, "{front:.3}, {west:.3}");
-    assert!(east > 0.6, "{east:.3}");
+    // The back of the desk is as bright as the wall close behind it, and seen at a grazing angle; a stack of books hides a part of it.
+    let [front, east, back, west] =
+        found(Isometry3::translation(3.35, 3.4, 0.0), [0.75, 0.35, 0.74]);
+    let least = front.min(east).min(west);
+    assert!(least > 0.92, "{front:.3}, {east:.3}, {west:.3}");
+    assert!(back > 0.7, "{back:.3}");
 }
 
 /// Creases lie where the truth has some, within the noise of the mesh: where the rectangles of the scene end.

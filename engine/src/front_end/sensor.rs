@@ -81,7 +81,7 @@ impl SensorFrontEnd {
         let registered = start.elapsed() - loaded;
         let extraction = self
             .extractor
-            .extract(&image, &map, camera, keyframe)
+            .extract(&image, Some(color.as_raw()), &map, camera, keyframe)
             .map_err(|source| FrontEndError::Extract {
                 frame: name(),
                 source,

@@ -132,7 +132,7 @@ fn main() -> Result<(), AnyError> {
         )?;
         times[3] += start.elapsed();
         let mut extraction =
-            extractor.extract(&image, &map, &sequence.color_camera, index as u32)?;
+            extractor.extract(&image, None, &map, &sequence.color_camera, index as u32)?;
         extraction.segments.retain(|s| {
             s.length_px() >= settings.shortest_px
                 && s.ends_in_camera.iter().all(|e| e.z < settings.farthest)

@@ -277,7 +277,7 @@ impl LineMethod for Decoupled {
         findings: &mut Findings,
     ) -> Result<(), MethodError> {
         let depth = keyframe.require_depth(self.method())?;
-        let segments = self.segments.find(keyframe.image, findings);
+        let segments = self.segments.find(keyframe, findings);
         let start = Instant::now();
         // A stream for each keyframe: its samples do not depend on earlier keyframes.
         let mut rng = ChaCha8Rng::seed_from_u64(self.options.seed);

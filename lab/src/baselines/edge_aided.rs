@@ -32,9 +32,13 @@ impl LineMethod for EdgeAided {
         findings: &mut Findings,
     ) -> Result<(), MethodError> {
         let depth = keyframe.require_depth(self.method())?;
-        let extraction =
-            self.extractor
-                .extract(keyframe.image, depth, keyframe.camera, keyframe.number)?;
+        let extraction = self.extractor.extract(
+            keyframe.image,
+            keyframe.rgb,
+            depth,
+            keyframe.camera,
+            keyframe.number,
+        )?;
         findings.add_time("edges", extraction.durations.edges);
         findings.add_time("edge depth", extraction.durations.edge_depth);
         findings.add_time("fit", extraction.durations.fit);

@@ -3,10 +3,9 @@
 use std::time::Instant;
 
 use super::line_detection::{LineDetector, LineDetectorOptions, LineSegment2d};
-use super::method::{Findings, MethodError};
+use super::method::{Findings, MethodError, PosedKeyframe};
 use linecarve_lines::ExtractError;
 use linecarve_lines::edges::{EdgeChains, EdgeDetector, EdgeOptions};
-use linecarve_lines::image::GrayImage;
 
 /// Edge and segment detection with buffers that are reused from one image to the next.
 #[derive(Debug, Clone)]
@@ -28,16 +27,17 @@ impl ImageSegments {
         })
     }
 
-    /// The segments of an image; the time goes to the stages `edges` and `segments`.
+    /// The segments of a keyframe's image; the time goes to the stages `edges` and `segments`.
     pub(super) fn find(
         &mut self,
-        image: &GrayImage,
+        keyframe: &PosedKeyframe<'_>,
         findings: &mut Findings,
     ) -> Vec<LineSegment2d> {
         let start = Instant::now();
-        self.edges.detect_into(image, &mut self.chains);
+        self.edges
+            .detect_into(keyframe.image, keyframe.rgb, &mut self.chains);
         let edges = start.elapsed();
-        let segments = self.detector.detect(image, &self.chains);
+        let segments = self.detector.detect(keyframe.image, &self.chains);
         findings.add_time("edges", edges);
         findings.add_time("segments", start.elapsed() - edges);
         segments

@@ -24,6 +24,8 @@ pub struct PosedKeyframe<'a> {
     pub number: u32,
     /// The image.
     pub image: &'a GrayImage,
+    /// Its colours, three bytes a pixel, where edges between colours of one brightness count as well.
+    pub rgb: Option<&'a [u8]>,
     /// Depth of its pixels, when there is a source of it.
     pub depth: Option<&'a InverseDepthMap>,
     /// The pinhole camera of the image.

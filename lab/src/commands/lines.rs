@@ -16,6 +16,7 @@ use linecarve_lab::baselines::{
 };
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
+use linecarve_sequence::ColorImage;
 
 use super::lines_output::{Output, nothing};
 use super::start_threads;
@@ -108,6 +109,7 @@ pub(super) fn run(
 /// The input of a method in one keyframe, and the time to read it.
 struct Loaded {
     image: GrayImage,
+    color: Option<ColorImage>,
     depth: Option<InverseDepthMap>,
     load: Duration,
     register: Duration,
@@ -117,9 +119,10 @@ fn load(recording: &Recording, frame: usize, method: Method) -> Result<Loaded, F
     let sequence = &recording.sequence;
     let name = || sequence.frames()[frame].name.clone();
     let start = Instant::now();
-    let image = sequence.load_gray(frame)?;
+    let (image, color) = sequence.load_gray_and_color(frame)?;
     let mut loaded = Loaded {
         image,
+        color: method.needs_depth().then_some(color),
         depth: None,
         load: start.elapsed(),
         register: Duration::ZERO,
@@ -161,6 +164,7 @@ fn add(
     let keyframe = PosedKeyframe {
         number,
         image: &loaded.image,
+        rgb: loaded.color.as_ref().map(|color| color.as_raw().as_slice()),
         depth: loaded.depth.as_ref(),
         camera: recording.sequence.color_camera(),
         world_from_camera,

@@ -94,11 +94,13 @@ impl Runs {
         frame: usize,
         number: u32,
         image: &GrayImage,
+        rgb: Option<&[u8]>,
         depth: Option<&InverseDepthMap>,
     ) -> Result<(), MethodError> {
         let keyframe = PosedKeyframe {
             number,
             image,
+            rgb,
             depth,
             camera: sequence.color_camera(),
             world_from_camera: sequence.frames()[frame].world_from_camera,
@@ -242,6 +244,7 @@ mod tests {
         let keyframe = PosedKeyframe {
             number: 0,
             image: &image,
+            rgb: None,
             depth: Some(&depth),
             camera: &camera,
             world_from_camera: Isometry3::translation(5.0, 0.0, 0.0),

@@ -1,8 +1,6 @@
-//! The near surface in a small window of an inverse depth map, as a plane.
+//! The surface at a point of an inverse depth map: one plane, or one of the sides of a step.
 
-use std::ops::Range;
-
-use super::map::InverseDepthMap;
+use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
 
 /// Rows of a window that is clamped to the image, and the columns of each.
 struct Bounds {
@@ -25,19 +23,14 @@ pub(super) struct Window<'a> {
 pub(super) struct WindowPixel {
     offset: [f32; 2],
     rho: f32,
-    /// Inverse depth minus that of a plane with some slope through 0.
-    rest: f32,
-    /// Rise of the inverse depth per pixel along each axis; NaN where the map is not locally linear.
-    slope: [f32; 2],
 }
 
-/// Smallest gap of inverse depths at a depth jump.
+/// Smallest difference of inverse depths at a depth jump.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct JumpLimits {
     pub(super) radius_px: usize,
     pub(super) sigmas: f32,
     pub(super) relative: f32,
-    pub(super) least_support: usize,
 }
 
 impl Window<'_> {
@@ -51,15 +44,15 @@ impl Window<'_> {
         }
     }
 
-    /// Nearest and farthest inverse depth within a radius, a fast test for windows without a jump; 0 and infinity when all
+    /// Nearest pixel and farthest inverse depth within a radius, a fast test for windows without a jump; unknown and infinity when all
     /// pixels are unknown.
-    fn extremes(&self, radius: usize) -> (f32, f32) {
+    fn extremes(&self, radius: usize) -> (InverseDepth, f32) {
         let bounds = self.bounds(radius);
-        let (mut nearest, mut farthest) = (0.0_f32, f32::INFINITY);
+        let (mut nearest, mut farthest) = (UNKNOWN, f32::INFINITY);
         for row in bounds.top..=bounds.bottom {
             for sample in &self.map.row(row)[bounds.left..=bounds.right] {
                 let rho = sample.rho;
-                nearest = if rho > nearest { rho } else { nearest };
+                nearest = if rho > nearest.rho { *sample } else { nearest };
                 farthest = if (rho < farthest) & (rho > 0.0) {
                     rho
                 } else {
@@ -70,16 +63,7 @@ impl Window<'_> {
         (nearest, farthest)
     }
 
-    /// The noise of the nearest pixel within a radius: sigma varies slowly with inverse depth.
-    fn sigma_of(&self, radius: usize, nearest: f32) -> f32 {
-        let bounds = self.bounds(radius);
-        (bounds.top..=bounds.bottom)
-            .flat_map(|row| &self.map.row(row)[bounds.left..=bounds.right])
-            .find(|sample| sample.rho == nearest)
-            .map_or(0.0, |sample| sample.sigma)
-    }
-
-    /// The known pixels within a radius, without slopes.
+    /// The known pixels within a radius.
     fn collect(&self, radius: usize, pixels: &mut Vec<WindowPixel>) {
         let bounds = self.bounds(radius);
         let (x, y) = (self.center.0 as f32, self.center.1 as f32);
@@ -91,8 +75,6 @@ impl Window<'_> {
                     pixels.push(WindowPixel {
                         offset: [(bounds.left + column) as f32 - x, row as f32 - y],
                         rho: sample.rho,
-                        rest: sample.rho,
-                        slope: [f32::NAN; 2],
                     });
                 }
             }
@@ -113,22 +95,6 @@ impl Window<'_> {
             }
         }
         Surroundings { rho, reach }
-    }
-
-    /// Whether inverse depths within a radius may have a gap; false only when there is none.
-    fn may_have_gap(&self, radius: usize, nearest: f32, gap: f32) -> bool {
-        // One bit for each half gap that has a pixel. The last one has all farther pixels.
-        let (mut occupied, per_gap) = (0_u64, 2.0 / gap);
-        let bounds = self.bounds(radius);
-        for row in bounds.top..=bounds.bottom {
-            for sample in &self.map.row(row)[bounds.left..=bounds.right] {
-                if sample.rho > 0.0 {
-                    occupied |= 1 << (((nearest - sample.rho) * per_gap) as u32).min(63);
-                }
-            }
-        }
-        let is_contiguous = occupied & occupied.wrapping_add(1) == 0;
-        !is_contiguous || occupied >> 63 == 1
     }
 
     /// The inverse depth at the point without a jump: that of the plane through all pixels within a radius. Where one of them lies off
@@ -156,52 +122,52 @@ impl Window<'_> {
         Some(own + dot(slope, self.offset))
     }
 
-    /// The plane of the near side of a depth jump at the point, and its standard deviation; `None` without a jump.
+    /// The inverse depth of the near side of a depth jump at the point, and its standard deviation; `None` without a jump.
     ///
-    /// A surface seen at a grazing angle rises from pixel to pixel as much as a jump does. Gaps are therefore judged after the
-    /// slope of the surface is subtracted, first the usual slope in the window, then that of the near side. Groups of few
-    /// pixels in front of the near side are flying pixels and are ignored.
-    pub(super) fn near_side(
-        &self,
-        limits: &JumpLimits,
-        pixels: &mut Vec<WindowPixel>,
-    ) -> Option<(f32, f32)> {
+    /// In the row and in the column of the pixel, lines through three pixels on either side of two adjacent ones are compared at these two. At a jump
+    /// the same line is nearer at both. The lines of a crease meet in between, and those of one surface are the same, at any angle. Of several
+    /// jumps the largest counts.
+    pub(super) fn near_side(&self, limits: &JumpLimits) -> Option<(f32, f32)> {
         let (nearest, farthest) = self.extremes(limits.radius_px);
-        let relative = limits.relative * nearest;
-        if nearest - farthest <= relative {
+        let difference = nearest.rho - farthest;
+        let relative = limits.relative * nearest.rho;
+        let noise = limits.sigmas * std::f32::consts::SQRT_2 * nearest.sigma;
+        let jump = relative.max(noise);
+        if difference <= jump {
             return None;
         }
-        let sigma = self.sigma_of(limits.radius_px, nearest);
-        let jump = relative.max(limits.sigmas * std::f32::consts::SQRT_2 * sigma);
-        let gap = GAP_SHARE * jump;
-        if nearest - farthest <= jump || !self.may_have_gap(limits.radius_px, nearest, gap) {
-            return None;
-        }
-        self.collect(limits.radius_px, pixels);
         let straight = STRAIGHT_SHARE * jump;
-        let surroundings = self.surroundings(limits.radius_px);
-        for pixel in pixels.iter_mut() {
-            pixel.slope = surroundings.slopes(pixel.offset, straight);
+        let around = self.surroundings(limits.radius_px);
+        let (mut largest, mut near) = (STEP_SHARE * jump, None);
+        for axis in 0..2 {
+            let line = around.line(axis);
+            // The last pixel before the jump, and the first after it.
+            for (last, first) in (2..2 * limits.radius_px + 2).map(|last| (last, last + 1)) {
+                let before = extended(&[line[last - 2], line[last - 1], line[last]], straight);
+                let after = extended(&[line[first + 2], line[first + 1], line[first]], straight);
+                let (Some(before), Some(after)) = (before, after) else {
+                    continue;
+                };
+                let [at_last, at_first] = [before[0] - after[1], before[1] - after[0]];
+                let least = at_last.abs().min(at_first.abs());
+                if at_last * at_first <= 0.0 || least <= largest {
+                    continue;
+                }
+                let (side, rise, at) = match at_last > 0.0 {
+                    true => (before, before[1] - before[0], last),
+                    false => (after, after[0] - after[1], first),
+                };
+                let mut offset = [0.0; 2];
+                offset[axis] = at as f32 - around.reach as f32;
+                let mut slope = around.slopes(offset, straight);
+                slope[axis] = rise;
+                let slope = slope.map(|slope| if slope.is_nan() { 0.0 } else { slope });
+                let to_point = [0, 1].map(|axis| self.offset[axis] - offset[axis]);
+                largest = least;
+                near = Some(side[0] + dot(slope, to_point));
+            }
         }
-        let slope = usual_slope(pixels);
-        detrend(pixels, slope);
-        let seed = first_group(pixels, gap, limits.least_support)?;
-        if seed.end == pixels.len() {
-            return None;
-        }
-        let slope = usual_slope(&pixels[seed.clone()]);
-        let inside = pixels[seed.start + seed.len() / 2].offset;
-        detrend(pixels, slope);
-        let member = pixels.iter().position(|pixel| pixel.offset == inside)?;
-        let near = group_around(pixels, member, gap);
-        if near.end == pixels.len() || near.len() < limits.least_support {
-            return None;
-        }
-        let near = &pixels[near];
-        // Thin objects have no slope across.
-        let plane = Plane::fit(near).and_then(|plane| plane.at(self.offset));
-        let rest = plane.unwrap_or_else(|| mean_rest(near));
-        Some((rest + dot(slope, self.offset), sigma))
+        near.map(|rho| (rho, nearest.sigma))
     }
 }
 
@@ -213,6 +179,14 @@ struct Surroundings {
 }
 
 impl Surroundings {
+    /// The row (axis 0) or the column of the pixel.
+    fn line(&self, axis: usize) -> [f32; SURROUNDINGS] {
+        std::array::from_fn(|k| match axis {
+            0 => self.rho[self.reach][k],
+            _ => self.rho[k][self.reach],
+        })
+    }
+
     /// Slopes of the map at an offset along either axis.
     fn slopes(&self, offset: [f32; 2], tolerance: f32) -> [f32; 2] {
         // Of the first of five pixels whose middle is at the offset.
@@ -238,13 +212,22 @@ fn slope(row: &[f32; 5], tolerance: f32) -> f32 {
     slope
 }
 
+/// The line through three pixels at the last of them and at the pixel after it; `None` unless they are known and collinear within `tolerance`.
+fn extended(pixels: &[f32; 3], tolerance: f32) -> Option<[f32; 2]> {
+    let [a, b, c] = pixels;
+    let is_known = pixels.iter().all(|rho| *rho > 0.0);
+    let rise = 0.5 * (c - a);
+    let last = (a + b + c) / 3.0 + rise;
+    (is_known && (a - 2.0 * b + c).abs() <= tolerance).then_some([last, last + rise])
+}
+
 /// Largest radius of a window.
 pub(super) const LARGEST_RADIUS: usize = 4;
 /// Pixels along a side of the surroundings of the largest window.
 const SURROUNDINGS: usize = 2 * (LARGEST_RADIUS + 2) + 1;
 
-/// Gaps of this share of a jump separate two surfaces. Tuned on the kitchen of 7-Scenes and a synthetic living room.
-const GAP_SHARE: f32 = 0.75;
+/// Lines that differ by more than this share of a jump lie on two surfaces. Tuned on the kitchen of 7-Scenes and a synthetic living room.
+const STEP_SHARE: f32 = 0.75;
 
 /// Share of a step that remains in the middle of three pixels after a plane is fitted to them.
 pub(super) const BEND_SHARE: f64 = 1.0 / 3.0;
@@ -253,7 +236,7 @@ pub(super) const BEND_SHARE: f64 = 1.0 / 3.0;
 /// 15 degrees, half a pixel off either side.
 const FLAT_SHARE: f32 = 0.25;
 
-/// Three pixels that are collinear within this share of a jump give a slope. With more, small steps within a surface pass for slopes,
+/// Three pixels that are collinear within this share of a jump are a line. With more, small steps within a surface pass for slopes,
 /// which hide jumps.
 const STRAIGHT_SHARE: f32 = 0.25;
 
@@ -261,80 +244,12 @@ fn dot(a: [f32; 2], b: [f32; 2]) -> f32 {
     a[0] * b[0] + a[1] * b[1]
 }
 
-/// Subtracts a slope from the inverse depths and sorts the pixels from near to far.
-fn detrend(pixels: &mut [WindowPixel], slope: [f32; 2]) {
-    for pixel in pixels.iter_mut() {
-        pixel.rest = pixel.rho - dot(slope, pixel.offset);
-    }
-    pixels.sort_unstable_by(|a, b| b.rest.total_cmp(&a.rest));
-}
-
-/// The median slope along each axis; 0 where fewer than [`LEAST_SLOPES`] pixels have one.
-fn usual_slope(pixels: &[WindowPixel]) -> [f32; 2] {
-    [0, 1].map(|axis| {
-        let mut slopes = [0.0; MOST_PIXELS];
-        let mut count = 0;
-        let known = pixels.iter().map(|pixel| pixel.slope[axis]);
-        let known = known.filter(|slope| !slope.is_nan());
-        for (slot, slope) in slopes.iter_mut().zip(known) {
-            *slot = slope;
-            count += 1;
-        }
-        if count < LEAST_SLOPES {
-            return 0.0;
-        }
-        *slopes[..count]
-            .select_nth_unstable_by(count / 2, f32::total_cmp)
-            .1
-    })
-}
-
-/// A slope of fewer pixels is that of noise or of a small step.
-const LEAST_SLOPES: usize = 3;
-
-/// A median takes at most so many pixels: those of the largest window.
-const MOST_PIXELS: usize = (2 * LARGEST_RADIUS + 1) * (2 * LARGEST_RADIUS + 1);
-
-/// Whether a gap follows the pixel at `index`, which is not the last one.
-fn is_gap_after(pixels: &[WindowPixel], index: usize, gap: f32) -> bool {
-    pixels[index].rest - pixels[index + 1].rest > gap
-}
-
-/// The first group of at least `least` sorted pixels between gaps.
-fn first_group(pixels: &[WindowPixel], gap: f32, least: usize) -> Option<Range<usize>> {
-    let mut start = 0;
-    while start < pixels.len() {
-        let group = group_around(pixels, start, gap);
-        if group.len() >= least {
-            return Some(group);
-        }
-        start = group.end;
-    }
-    None
-}
-
-/// The sorted pixels around one of them, as far as the next gaps.
-fn group_around(pixels: &[WindowPixel], member: usize, gap: f32) -> Range<usize> {
-    let start = (0..member)
-        .rev()
-        .find(|&index| is_gap_after(pixels, index, gap))
-        .map_or(0, |index| index + 1);
-    let end = (member..pixels.len() - 1)
-        .find(|&index| is_gap_after(pixels, index, gap))
-        .map_or(pixels.len(), |index| index + 1);
-    start..end
-}
-
-fn mean_rest(pixels: &[WindowPixel]) -> f32 {
-    pixels.iter().map(|pixel| pixel.rest).sum::<f32>() / pixels.len() as f32
-}
-
-/// The least-squares plane through `rest` of some pixels.
+/// The least-squares plane through the inverse depths of some pixels.
 struct Plane {
     pixels: f32,
     center: [f32; 2],
     /// Value at the centre.
-    rest: f32,
+    rho: f32,
     slope: [f32; 2],
     /// Sums of squares xx, xy and yy about the centre.
     squares: [f32; 3],
@@ -345,17 +260,17 @@ impl Plane {
     /// `None` when all pixels lie on a line.
     fn fit(pixels: &[WindowPixel]) -> Option<Self> {
         let n = pixels.len() as f32;
-        let (mut x, mut y, mut rest) = (0.0_f32, 0.0_f32, 0.0_f32);
+        let (mut x, mut y, mut rho) = (0.0_f32, 0.0_f32, 0.0_f32);
         for p in pixels {
             x += p.offset[0];
             y += p.offset[1];
-            rest += p.rest;
+            rho += p.rho;
         }
-        let (x, y, rest) = (x / n, y / n, rest / n);
+        let (x, y, rho) = (x / n, y / n, rho / n);
         let (mut xx, mut xy, mut yy) = (0.0_f32, 0.0_f32, 0.0_f32);
         let (mut xr, mut yr) = (0.0_f32, 0.0_f32);
         for p in pixels {
-            let (dx, dy, dr) = (p.offset[0] - x, p.offset[1] - y, p.rest - rest);
+            let (dx, dy, dr) = (p.offset[0] - x, p.offset[1] - y, p.rho - rho);
             xx += dx * dx;
             xy += dx * dy;
             yy += dy * dy;
@@ -366,7 +281,7 @@ impl Plane {
         (determinant > 0.0).then(|| Self {
             pixels: n,
             center: [x, y],
-            rest,
+            rho,
             slope: [
                 (yy * xr - xy * yr) / determinant,
                 (xx * yr - xy * xr) / determinant,
@@ -383,14 +298,14 @@ impl Plane {
         // Variance of the plane in units of one pixel's: 1/n + d' S^-1 d. Offsets of pixels are small whole numbers.
         let lever = yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy;
         let is_far = lever > (2.0 - 1.0 / self.pixels) * self.determinant;
-        (!is_far).then(|| self.rest + self.slope[0] * dx + self.slope[1] * dy)
+        (!is_far).then(|| self.rho + self.slope[0] * dx + self.slope[1] * dy)
     }
 
     /// Whether all pixels lie within `limit` of the plane.
     fn is_within(&self, pixels: &[WindowPixel], limit: f32) -> bool {
         pixels.iter().all(|p| {
             let from_center = [p.offset[0] - self.center[0], p.offset[1] - self.center[1]];
-            (p.rest - self.rest - dot(self.slope, from_center)).abs() <= limit
+            (p.rho - self.rho - dot(self.slope, from_center)).abs() <= limit
         })
     }
 }

@@ -75,6 +75,8 @@ pub struct EdgeDetector {
     options: EdgeOptions,
     smoothed: GrayImage,
     field: GradientField,
+    chroma: GrayImage,
+    chroma_field: GradientField,
     smooth_scratch: SmoothScratch,
     router: Router,
 }
@@ -125,14 +127,28 @@ impl EdgeDetector {
     /// Linear in the number of pixels; allocates only the result after the first image of a size.
     pub fn detect(&mut self, image: &GrayImage) -> EdgeChains {
         let mut chains = EdgeChains::default();
-        self.detect_into(image, &mut chains);
+        self.detect_into(image, None, &mut chains);
         chains
     }
 
     /// [`EdgeDetector::detect`] into existing chains, reusing their memory.
-    pub fn detect_into(&mut self, image: &GrayImage, chains: &mut EdgeChains) {
+    ///
+    /// Edges between colours of one brightness count as well where the interleaved 8-bit colours of the image, `rgb`, are given. At each pixel the
+    /// gradient is then the stronger one of the grey image and of half of red minus blue.
+    ///
+    /// # Panics
+    /// When `rgb` has not three samples for each pixel.
+    pub fn detect_into(&mut self, image: &GrayImage, rgb: Option<&[u8]>, chains: &mut EdgeChains) {
+        let has_chroma = rgb.is_some_and(|rgb| self.chroma.set_red_minus_blue(image, rgb));
+        if has_chroma {
+            smooth_gaussian(&self.chroma, &mut self.smooth_scratch, &mut self.smoothed);
+            self.chroma_field.compute(&self.smoothed);
+        }
         smooth_gaussian(image, &mut self.smooth_scratch, &mut self.smoothed);
         self.field.compute(&self.smoothed);
+        if has_chroma {
+            self.field.strengthen(&self.chroma_field);
+        }
         self.router.route(&self.field, &self.options, chains);
         chains.refine(&self.field);
     }

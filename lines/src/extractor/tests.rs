@@ -10,11 +10,20 @@ fn refusals() {
     let image = GrayImage::new(40, 30, vec![0; 1200]).unwrap();
     let map = InverseDepthMap::unknown(40, 31).unwrap();
     assert!(matches!(
-        extractor.extract(&image, &map, &camera, 0),
+        extractor.extract(&image, None, &map, &camera, 0),
         Err(ExtractError::Size {
             depth_height: 31,
             ..
         })
+    ));
+    let map = InverseDepthMap::unknown(40, 30).unwrap();
+    assert!(matches!(
+        extractor.extract(&image, Some(&[0; 1200]), &map, &camera, 0),
+        Err(ExtractError::Image(ImageError::SampleCount {
+            expected: 3600,
+            actual: 1200,
+            ..
+        }))
     ));
     let distortion = crate::camera::Distortion::KannalaBrandt {
         k1: 0.1,
@@ -23,9 +32,10 @@ fn refusals() {
         k4: 0.0,
     };
     let distorting = Camera::with_distortion(50.0, 50.0, 20.0, 15.0, distortion).unwrap();
-    let map = InverseDepthMap::unknown(40, 30).unwrap();
     assert_eq!(
-        extractor.extract(&image, &map, &distorting, 0).unwrap_err(),
+        extractor
+            .extract(&image, None, &map, &distorting, 0)
+            .unwrap_err(),
         ExtractError::Distorted
     );
 }
@@ -39,7 +49,7 @@ fn no_depth_gives_no_segment() {
         .collect();
     let image = GrayImage::new(40, 30, samples).unwrap();
     let mut map = InverseDepthMap::unknown(40, 30).unwrap();
-    let extraction = extractor.extract(&image, &map, &camera, 0).unwrap();
+    let extraction = extractor.extract(&image, None, &map, &camera, 0).unwrap();
     assert!(extraction.edge_pixels > 20);
     assert_eq!(
         (extraction.segments.len(), extraction.edge_pixels_with_depth),
@@ -52,7 +62,7 @@ fn no_depth_gives_no_segment() {
     }
     assert_eq!(
         extractor
-            .extract(&image, &map, &camera, 0)
+            .extract(&image, None, &map, &camera, 0)
             .unwrap()
             .segments
             .len(),
@@ -128,7 +138,9 @@ fn segments_of_an_exact_room_lie_on_its_surfaces() {
     };
     let (image, map) = room.render();
     let mut extractor = SegmentExtractor::new(ExtractOptions::default()).unwrap();
-    let extraction = extractor.extract(&image, &map, &room.camera, 3).unwrap();
+    let extraction = extractor
+        .extract(&image, None, &map, &room.camera, 3)
+        .unwrap();
     assert_eq!(extractor.chains().check(), Ok(()));
     assert!(
         extraction.explained_share() > 0.85,
@@ -158,7 +170,9 @@ fn the_outline_of_the_panel_belongs_to_the_panel() {
     };
     let (image, map) = room.render();
     let mut extractor = SegmentExtractor::new(ExtractOptions::default()).unwrap();
-    let extraction = extractor.extract(&image, &map, &room.camera, 0).unwrap();
+    let extraction = extractor
+        .extract(&image, None, &map, &room.camera, 0)
+        .unwrap();
     let [left, right] = [-0.25, 0.25].map(|x| {
         room.camera
             .project(&Point3::new(x, 0.0, 1.2 + 0.3 * x))
@@ -189,7 +203,7 @@ fn the_gradient_points_to_the_brighter_side() {
     let (image, map) = room.render();
     let mut extractor = SegmentExtractor::new(ExtractOptions::default()).unwrap();
     for segment in extractor
-        .extract(&image, &map, &room.camera, 0)
+        .extract(&image, None, &map, &room.camera, 0)
         .unwrap()
         .segments
     {

@@ -35,6 +35,14 @@ impl GradientField {
         self.packed.samples()[index] >> 1
     }
 
+    /// At each pixel takes the stronger one of two gradients. Both fields have one size.
+    pub(crate) fn strengthen(&mut self, other: &Self) {
+        // The strength has the upper bits.
+        for (own, other) in self.packed.samples_mut().iter_mut().zip(other.packed()) {
+            *own = (*own).max(*other);
+        }
+    }
+
     /// Computes the field of an image, reusing the memory.
     ///
     /// # Complexity

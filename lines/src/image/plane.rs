@@ -163,6 +163,20 @@ impl Plane<u8> {
         };
         Self::new(width, height, rgb.chunks_exact(3).map(luma).collect())
     }
+
+    /// Becomes half of red minus blue, from 128 on, of an interleaved 8-bit RGB image of the size of `image`, reusing the memory. Whether it is not
+    /// the same everywhere, as that of a grey image is.
+    ///
+    /// # Panics
+    /// When `rgb` has not three samples for each pixel.
+    pub(crate) fn set_red_minus_blue(&mut self, image: &Self, rgb: &[u8]) -> bool {
+        assert_eq!(rgb.len(), 3 * image.samples.len(), "colours of the image");
+        let difference = |p: &[u8]| (128 + (i16::from(p[0]) - i16::from(p[2])) / 2) as u8;
+        (self.width, self.height) = (image.width, image.height);
+        self.samples.clear();
+        self.samples.extend(rgb.chunks_exact(3).map(difference));
+        self.samples.iter().any(|sample| *sample != self.samples[0])
+    }
 }
 
 #[cfg(test)]

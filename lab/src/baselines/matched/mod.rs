@@ -81,7 +81,7 @@ impl LineMethod for Matched {
         keyframe: &PosedKeyframe<'_>,
         findings: &mut Findings,
     ) -> Result<(), MethodError> {
-        let segments = self.segments.find(keyframe.image, findings);
+        let segments = self.segments.find(keyframe, findings);
         self.views
             .push(View::new(keyframe, &segments, &self.options));
         Ok(())

@@ -58,6 +58,7 @@ fn views_of(lines: &[[Point3<f64>; 2]], count: usize, noise_px: f64, scale: f64)
         let keyframe = PosedKeyframe {
             number: number as u32,
             image: &image,
+            rgb: None,
             depth: None,
             camera: &camera,
             world_from_camera,

@@ -48,6 +48,7 @@ fn keyframe<'a>(
     PosedKeyframe {
         number,
         image,
+        rgb: None,
         depth,
         camera,
         world_from_camera: Isometry3::from_parts(

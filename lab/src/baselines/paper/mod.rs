@@ -114,7 +114,8 @@ impl LineMethod for Paper {
     ) -> Result<(), MethodError> {
         let depth = keyframe.require_depth(self.method())?;
         let start = Instant::now();
-        self.detector.detect_into(keyframe.image, &mut self.chains);
+        self.detector
+            .detect_into(keyframe.image, None, &mut self.chains);
         findings.add_time("edges", start.elapsed());
         let start = Instant::now();
         let side = keyframe.image.width().min(keyframe.image.height()) as f64;

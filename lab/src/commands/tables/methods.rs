@@ -63,14 +63,14 @@ pub(super) fn run(recording: &Recording, verbosity: Verbosity) -> anyhow::Result
     for &frame in &recording.keyframes {
         progress.step(|| "methods".to_owned());
         let name = &sequence.frames()[frame].name;
-        let loaded = sequence.load_gray(frame).and_then(|image| {
+        let loaded = sequence.load_gray_and_color(frame).and_then(|images| {
             let depth = match sensor {
                 Some(_) => sequence.load_depth(frame)?,
                 None => None,
             };
-            Ok((image, depth))
+            Ok((images, depth))
         });
-        let (image, depth) = match loaded {
+        let ((image, color), depth) = match loaded {
             Ok((_, None)) if sensor.is_some() => {
                 warnings.push(format!("left out: frame {name} has no depth image"));
                 continue;
@@ -83,7 +83,7 @@ pub(super) fn run(recording: &Recording, verbosity: Verbosity) -> anyhow::Result
             Err(error) => return Err(error.into()),
         };
         let number = frames.len() as u32;
-        matched.push(sequence, frame, number, &image, None)?;
+        matched.push(sequence, frame, number, &image, None, None)?;
         if let Some((sensor, depth)) = sensor.zip(depth) {
             let start = Instant::now();
             let camera = sequence.color_camera();
@@ -91,7 +91,8 @@ pub(super) fn run(recording: &Recording, verbosity: Verbosity) -> anyhow::Result
                 .inverse_depth(&depth, camera, image.width(), image.height())
                 .with_context(|| format!("frame {name}"))?;
             depth_milliseconds += milliseconds(start.elapsed());
-            sensor_runs.push(sequence, frame, number, &image, Some(&map))?;
+            let rgb = Some(color.as_raw().as_slice());
+            sensor_runs.push(sequence, frame, number, &image, rgb, Some(&map))?;
         }
         frames.push(frame);
     }
@@ -207,7 +208,7 @@ pub(super) fn run_semi_dense(
     for ((number, &frame), map) in (0..).zip(&results.frames).zip(&maps) {
         progress.step(|| "methods".to_owned());
         let image = sequence.load_gray(frame)?;
-        runs.push(sequence, frame, number, &image, Some(map))?;
+        runs.push(sequence, frame, number, &image, None, Some(map))?;
     }
     progress.finish();
     results.depth_stages.push(StageTime {

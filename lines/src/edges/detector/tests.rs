@@ -151,3 +151,40 @@ proptest! {
         prop_assert_eq!(chains.check(), Ok(()));
     }
 }
+
+#[test]
+fn colours_of_one_brightness_meet_in_an_edge() {
+    // Brown planks before a green wall.
+    let half = |x: usize| {
+        if x < 30 {
+            [140, 110, 60]
+        } else {
+            [60, 140, 116]
+        }
+    };
+    let rgb: Vec<u8> = (0..64 * 48).flat_map(|i| half(i % 64)).collect();
+    let image = GrayImage::from_rgb8(64, 48, &rgb).unwrap();
+    let mut detector = EdgeDetector::default();
+    let mut chains = detector.detect(&image);
+    assert!(chains.is_empty());
+    detector.detect_into(&image, Some(&rgb), &mut chains);
+    assert_eq!((chains.len(), chains.check()), (1, Ok(())));
+    for [x, _] in chains.positions() {
+        assert!((x - 29.5).abs() < 0.1, "{x}");
+    }
+    assert!(chains.pixels().len() >= 44);
+}
+
+#[test]
+fn grey_edges_stay_where_they_are_in_grey_colours() {
+    let image = image(64, 48, |x, y| {
+        40.0 + 3.0 * y + if x < 30.0 { 0.0 } else { 20.0 }
+    });
+    let rgb: Vec<u8> = image.samples().iter().flat_map(|&v| [v; 3]).collect();
+    let mut detector = EdgeDetector::default();
+    let grey = detector.detect(&image);
+    let mut chains = EdgeChains::default();
+    detector.detect_into(&image, Some(&rgb), &mut chains);
+    assert!(!grey.is_empty());
+    assert_eq!(chains, grey);
+}
