@@ -7,12 +7,11 @@ use nalgebra::{Isometry3, Matrix6, Point3, UnitQuaternion};
 use crate::adjust::PosePrior;
 use crate::camera::Measurement;
 use crate::map::{KeyframeId, Map, PointId};
-use crate::records::{FrameRecord, LoopReport, NoPose, PosedFrame, StageTimes};
+use crate::records::{FrameRecord, LoopReport, MapCheck, NoPose, PosedFrame, StageTimes};
 use crate::smooth::{PathPose, smooth_path};
 use crate::snapshot::points_of;
 use crate::solve::{information_of, refine_pose};
 use crate::tracker::Tracker;
-use crate::verification::MapCheck;
 
 /// Steps of the robust and of the last round of the global adjustment.
 const GLOBAL_STEPS: [usize; 2] = [10, 15];

@@ -32,10 +32,9 @@ mod verification;
 pub use finish::{FramePose, Submap, TrackedRecording};
 pub use frame::{FrameDetector, FrameFeatures};
 pub use options::{TrackingOptions, TrackingOptionsError};
-pub use records::{FrameOutcome, LoopReport, NoPose, StageTimes};
+pub use records::{Contradiction, FrameOutcome, LoopReport, MapCheck, NoPose, StageTimes};
 pub use snapshot::MapSnapshot;
 pub use tracker::Tracker;
-pub use verification::{Contradiction, MapCheck};
 
 #[cfg(test)]
 mod tests;

@@ -4,8 +4,7 @@ use nalgebra::Isometry3;
 
 use crate::adjust::{Bundle, BundleObservation, BundlePoint, MotionFactor};
 use crate::camera::Pinhole;
-use crate::dense::DenseMotion;
-use crate::map::{KeyframeId, PointId};
+use crate::map::{DenseMotion, KeyframeId, PointId};
 use crate::tracker::Tracker;
 
 /// Steps of the robust and of the last round around a keyframe.

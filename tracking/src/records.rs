@@ -4,9 +4,8 @@ use nalgebra::Isometry3;
 use serde::Serialize;
 
 use crate::camera::Measurement;
-use crate::dense::DenseMotion;
 use crate::frame::FrameFeatures;
-use crate::map::{KeyframeId, PointId};
+use crate::map::{DenseMotion, KeyframeId, PointId};
 
 /// Why a frame has no pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -151,4 +150,29 @@ impl FrameRecord {
             view: Box::new(view),
         }
     }
+}
+
+/// How the map of one camera compares with models that were made of matches alone.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct MapCheck {
+    /// Keyframes around which the images determine a model.
+    pub compared: usize,
+    /// Of those, the numbers of the frames around which the map agrees with it.
+    #[serde(skip)]
+    pub(crate) confirmed: Vec<u32>,
+    /// Keyframes around which the map differs from it.
+    pub contradictions: Vec<Contradiction>,
+    /// First and last frame of the stretches where the map was cut, because it contradicted the images.
+    pub cuts: Vec<[u32; 2]>,
+}
+
+/// A keyframe around which the map contradicts the images.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Contradiction {
+    /// Number of its frame.
+    pub frame: u32,
+    /// Angle between the orientations of cameras in the map and in the model, in median.
+    pub turn_degrees: f64,
+    /// Angle between the directions of cameras, in median.
+    pub direction_degrees: f64,
 }

@@ -1,8 +1,8 @@
 //! Separation of the map of one camera where the images contradict it.
 
 use crate::map::{KeyframeId, PointId};
+use crate::records::{Contradiction, MapCheck};
 use crate::tracker::Tracker;
-use crate::verification::{Contradiction, MapCheck};
 
 /// The map is cut where it differs from the images by more than this. Below, drift or an estimated camera may be the cause, and a warning is enough.
 const MIN_TEAR_DEGREES: f64 = 4.0;
@@ -144,7 +144,6 @@ impl Tracker {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verification::Contradiction;
 
     #[test]
     fn contradicted_stretches_take_most_of_what_is_between() {

@@ -7,13 +7,14 @@ use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
 use crate::camera::Pinhole;
-use crate::dense::{DenseMotion, DenseSurface};
+use crate::dense::DenseSurface;
 use crate::frame::FrameFeatures;
-use crate::map::{KeyframeId, Map, PointId};
+use crate::map::{DenseMotion, KeyframeId, Map, PointId};
 use crate::options::{TrackingOptions, TrackingOptionsError};
 use crate::places::Places;
-use crate::records::{FrameOutcome, FrameRecord, LoopReport, NoPose, PosedFrame, StageTimes};
-use crate::verification::MapCheck;
+use crate::records::{
+    FrameOutcome, FrameRecord, LoopReport, MapCheck, NoPose, PosedFrame, StageTimes,
+};
 
 /// Least share of the matches near predicted positions that agree with a pose: of a wrong pose, few matches do.
 const MIN_AGREEING: f64 = 0.3;

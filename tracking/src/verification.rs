@@ -1,11 +1,11 @@
 //! Whether the map of one camera agrees with the images: parts of it are compared with models made of nothing but matches.
 
 use nalgebra::Isometry3;
-use serde::Serialize;
 
 use crate::frame::FrameFeatures;
 use crate::initialise::Candidate;
 use crate::map::KeyframeId;
+use crate::records::{Contradiction, MapCheck};
 use crate::tracker::Tracker;
 
 /// Keyframes around which the map is compared, at most, and keyframes between them at least.
@@ -19,31 +19,6 @@ const MIN_EXPLAINED: f64 = 0.6;
 /// The map contradicts a model when cameras are turned by more than this, in median. Directions do not tell: those of cameras that
 /// hardly move are uncertain.
 const MAX_TURN_DEGREES: f64 = 2.0;
-
-/// How the map of one camera compares with models that were made of matches alone.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct MapCheck {
-    /// Keyframes around which the images determine a model.
-    pub compared: usize,
-    /// Of those, the numbers of the frames around which the map agrees with it.
-    #[serde(skip)]
-    pub(crate) confirmed: Vec<u32>,
-    /// Keyframes around which the map differs from it.
-    pub contradictions: Vec<Contradiction>,
-    /// First and last frame of the stretches where the map was cut, because it contradicted the images.
-    pub cuts: Vec<[u32; 2]>,
-}
-
-/// A keyframe around which the map contradicts the images.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Contradiction {
-    /// Number of its frame.
-    pub frame: u32,
-    /// Angle between the orientations of cameras in the map and in the model, in median.
-    pub turn_degrees: f64,
-    /// Angle between the directions of cameras, in median.
-    pub direction_degrees: f64,
-}
 
 impl Tracker {
     /// Compares the map of a sub-map with models around some of its keyframes.

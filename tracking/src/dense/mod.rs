@@ -8,5 +8,4 @@ mod view;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use tracking::DenseMotion;
 pub(crate) use view::{DenseSurface, DenseView};

@@ -2,14 +2,13 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Matrix6};
+use nalgebra::Isometry3;
 
 use super::align::{Alignment, align};
 use super::lines::{LineView, complete};
 use super::view::DenseSurface;
-use crate::adjust::PosePrior;
 use crate::frame::FrameFeatures;
-use crate::map::KeyframeId;
+use crate::map::{DenseMotion, KeyframeId};
 use crate::tracker::{Frame, Tracker};
 
 /// Neighbours of a new keyframe with which its depth image is aligned.
@@ -25,26 +24,6 @@ const MIN_OVERLAP: f64 = 0.3;
 /// The same for a pose without features.
 const SURE_AGREEING: f64 = 0.7;
 const SURE_OVERLAP: f64 = 0.5;
-
-/// A motion from a keyframe by the alignment of depth images.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct DenseMotion {
-    pub(crate) reference: KeyframeId,
-    /// `camera_from_reference`.
-    pub(crate) from_reference: Isometry3<f64>,
-    /// About small motions of points in the camera.
-    pub(crate) information: Matrix6<f64>,
-}
-
-impl DenseMotion {
-    /// What the motion says about the pose of the camera.
-    pub(crate) fn prior(&self, reference_from_world: &Isometry3<f64>) -> PosePrior {
-        PosePrior {
-            camera_from_world: self.from_reference * reference_from_world,
-            information: self.information,
-        }
-    }
-}
 
 impl Tracker {
     /// Refines the pose of a frame with its features and with the alignment of its depth image with that of the reference

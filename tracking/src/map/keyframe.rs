@@ -2,19 +2,9 @@
 
 use nalgebra::{Isometry3, Point3};
 
-use super::point::PointId;
-use crate::dense::DenseMotion;
+use super::ids::{KeyframeId, PointId};
+use super::motion::DenseMotion;
 use crate::frame::{Alignment, FrameFeatures};
-
-/// Number of a keyframe, in the order of insertion; never reused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) struct KeyframeId(pub(crate) u32);
-
-impl KeyframeId {
-    pub(crate) fn index(self) -> usize {
-        self.0 as usize
-    }
-}
 
 /// A keyframe.
 #[derive(Debug)]

@@ -1,13 +1,17 @@
 //! The map: keyframes, points, and which keyframe observes which point at which feature.
 
 mod covisibility;
+mod ids;
 mod keyframe;
+mod motion;
 mod point;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-pub(crate) use keyframe::{Keyframe, KeyframeId};
-pub(crate) use point::{PointId, TrackedPoint};
+pub(crate) use ids::{KeyframeId, PointId};
+pub(crate) use keyframe::Keyframe;
+pub(crate) use motion::DenseMotion;
+pub(crate) use point::TrackedPoint;
 
 use crate::frame::{FrameFeatures, LEVELS, level_scale};
 use linecarve_points::Descriptor;

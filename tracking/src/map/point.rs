@@ -3,17 +3,7 @@
 use linecarve_points::Descriptor;
 use nalgebra::{Point3, Vector3};
 
-use super::keyframe::KeyframeId;
-
-/// Number of a point, in the order of creation; never reused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) struct PointId(pub(crate) u32);
-
-impl PointId {
-    pub(crate) fn index(self) -> usize {
-        self.0 as usize
-    }
-}
+use super::ids::{KeyframeId, PointId};
 
 /// A point.
 #[derive(Debug)]
