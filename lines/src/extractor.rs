@@ -9,7 +9,7 @@ use crate::depth::semi_dense::SemiDenseOptionsError;
 use crate::depth::{EdgeDepthOptions, EdgeDepths, InverseDepthMap};
 use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions, EdgeOptionsError};
 use crate::fit::{FitInput, FitOptions, FitOptionsError, Segment, SegmentFitter};
-use crate::image::{GrayImage, ImageError};
+use crate::image::{GrayImage, ImageError, check_rgb8};
 use crate::triangulation::{SampleOptions, SurfaceSamples, TriangulationOptionsError};
 
 /// Options of all stages.
@@ -179,7 +179,7 @@ impl SegmentExtractor {
     ) -> Result<Extraction, ExtractError> {
         check(image, depth, camera)?;
         if let Some(rgb) = rgb {
-            check_samples(image, rgb)?;
+            check_rgb8(image.width(), image.height(), rgb)?;
         }
         let start = Instant::now();
         self.detector.detect_into(image, rgb, &mut self.chains);
@@ -260,22 +260,6 @@ impl SegmentExtractor {
     pub fn chains(&self) -> &EdgeChains {
         &self.chains
     }
-}
-
-/// Checks that there are three samples for each pixel of an image.
-fn check_samples(image: &GrayImage, rgb: &[u8]) -> Result<(), ImageError> {
-    let (width, height) = (image.width(), image.height());
-    let (expected, actual) = (3 * width * height, rgb.len());
-    if expected == actual {
-        return Ok(());
-    }
-    Err(ImageError::SampleCount {
-        width,
-        height,
-        channels: 3,
-        expected,
-        actual,
-    })
 }
 
 /// Checks that the camera is a pinhole and that image and depth map have the same size.

@@ -147,15 +147,7 @@ impl Plane<u8> {
                 limit: LARGEST_SIDE,
             });
         }
-        if rgb.len() != 3 * width * height {
-            return Err(ImageError::SampleCount {
-                width,
-                height,
-                channels: 3,
-                expected: 3 * width * height,
-                actual: rgb.len(),
-            });
-        }
+        check_rgb8(width, height, rgb)?;
         // Fixed point with 14 bits; the weights sum to 1 << 14.
         let luma = |p: &[u8]| {
             let sum = 4899 * u32::from(p[0]) + 9617 * u32::from(p[1]) + 1868 * u32::from(p[2]);
@@ -177,6 +169,21 @@ impl Plane<u8> {
         self.samples.extend(rgb.chunks_exact(3).map(difference));
         self.samples.iter().any(|sample| *sample != self.samples[0])
     }
+}
+
+/// Checks that there are three samples for each pixel.
+pub(crate) fn check_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<(), ImageError> {
+    let (expected, actual) = (3 * width * height, rgb.len());
+    if expected == actual {
+        return Ok(());
+    }
+    Err(ImageError::SampleCount {
+        width,
+        height,
+        channels: 3,
+        expected,
+        actual,
+    })
 }
 
 #[cfg(test)]
