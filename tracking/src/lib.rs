@@ -8,6 +8,7 @@ mod first_map;
 mod focal;
 mod frame;
 mod initialise;
+mod interpolation;
 mod local_adjustment;
 mod localise;
 mod loops;

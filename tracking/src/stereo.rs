@@ -4,6 +4,7 @@ use linecarve_lines::image::{GrayImage, block_sums};
 use linecarve_points::Features;
 
 use crate::frame::{MAX_RELATIVE_SIGMA, level_scale};
+use crate::interpolation::sample;
 
 /// Rows of the finest level by which the features of a point may differ: rectification, and the pixels of corners.
 const ROW_REACH_PX: f32 = 2.0;
@@ -125,36 +126,6 @@ impl<'a> Levels<'a> {
             half: half.expect("a sum for each block"),
         }
     }
-}
-
-/// Samples of a patch or strip, row by row, by bilinear interpolation; `None` at the border of the image.
-fn sample<const N: usize>(
-    image: &GrayImage,
-    left: f64,
-    top: f64,
-    columns: usize,
-    out: &mut [f64; N],
-) -> Option<()> {
-    let (width, height) = (image.width() as f64, image.height() as f64);
-    let rows = N / columns;
-    let is_inside = left >= 0.0
-        && top >= 0.0
-        && left + columns as f64 <= width - 1.0
-        && top + rows as f64 <= height - 1.0;
-    if !is_inside {
-        return None;
-    }
-    let (x0, y0) = (left as usize, top as usize);
-    let (ax, ay) = (left - x0 as f64, top - y0 as f64);
-    for (row, out) in out.chunks_exact_mut(columns).enumerate() {
-        let (above, below) = (image.row(y0 + row), image.row(y0 + row + 1));
-        for (column, out) in out.iter_mut().enumerate() {
-            let at = x0 + column;
-            let mix = |row: &[u8]| f64::from(row[at]) * (1.0 - ax) + f64::from(row[at + 1]) * ax;
-            *out = mix(above) * (1.0 - ay) + mix(below) * ay;
-        }
-    }
-    Some(())
 }
 
 /// Columns of the strip of the right image: the patch, the search on either side, and one sample for fractions and slopes.

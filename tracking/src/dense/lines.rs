@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Matrix6, Point2, SymmetricEigen, Vector2, Vector3, Vec
 use super::align::Alignment;
 use super::view::DenseSurface;
 use crate::camera::{Pinhole, cauchy, moved};
+use crate::interpolation::sample;
 
 /// Pixels of a chain between samples.
 const SPACING: usize = 4;
@@ -79,7 +80,12 @@ impl LineView {
             for at in (ARM..length.saturating_sub(ARM)).step_by(SPACING) {
                 let [before, pixel, after] = [at - ARM, at, at + ARM]
                     .map(|at| Vector2::from(positions[start + at]).cast::<f64>());
-                samples.extend(sample(&smoothed, surface, camera, [before, pixel, after]));
+                samples.extend(line_sample(
+                    &smoothed,
+                    surface,
+                    camera,
+                    [before, pixel, after],
+                ));
             }
         }
         Self { smoothed, samples }
@@ -87,7 +93,7 @@ impl LineView {
 }
 
 /// The sample at the middle one of three pixels of a chain.
-fn sample(
+fn line_sample(
     smoothed: &GrayImage,
     surface: &DenseSurface,
     camera: &Pinhole,
@@ -240,7 +246,10 @@ fn nearest_edge(
     for (at, level) in profile.iter_mut().enumerate() {
         let center = pixel + brighter * (at as f64 - first);
         for side in [-1.0, 0.0, 1.0] {
-            *level += grey(image, &(center + along * side))? / 3.0;
+            let mut grey = [0.0];
+            let at = center + along * side;
+            sample(image, at.x, at.y, 1, &mut grey)?;
+            *level += grey[0] / 3.0;
         }
     }
     let slope = |at: usize| 0.5 * (profile[at + 1] - profile[at - 1]);
@@ -251,20 +260,4 @@ fn nearest_edge(
         is_edge.then(|| (at as f64 - first + 0.5 * (before - after) / bend, here))
     });
     edges.min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
-}
-
-/// Grey level between pixels.
-fn grey(image: &GrayImage, at: &Vector2<f64>) -> Option<f64> {
-    let (x, y) = (at.x.floor(), at.y.floor());
-    let is_inside =
-        x >= 0.0 && y >= 0.0 && x + 1.0 < image.width() as f64 && y + 1.0 < image.height() as f64;
-    if !is_inside {
-        return None;
-    }
-    let (right, down) = (at.x - x, at.y - y);
-    let [above, below] = [y as usize, y as usize + 1].map(|row| {
-        let row = &image.row(row)[x as usize..x as usize + 2];
-        f64::from(row[0]) * (1.0 - right) + f64::from(row[1]) * right
-    });
-    Some(above * (1.0 - down) + below * down)
 }
