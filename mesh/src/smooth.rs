@@ -14,7 +14,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::TriangleMesh;
-use crate::edge_uses::edge_uses;
+use crate::edge_uses::for_each_edge;
 use crate::feature_edges::UniquePositions;
 
 /// How a surface is smoothed.
@@ -140,15 +140,11 @@ impl Surface {
 
     /// Sets the limits of vertices to 0 at edges that have not two triangles.
     fn hold_rims(&self, limits: &mut [f64]) {
-        let edges = edge_uses(&self.triangles);
-        for uses in edges
-            .chunk_by(|a, b| a.0 == b.0)
-            .filter(|uses| uses.len() != 2)
-        {
-            for vertex in uses[0].0 {
-                limits[vertex as usize] = 0.0;
+        for_each_edge(&self.triangles, limits.len(), |ends, corners| {
+            if corners.len() != 2 {
+                ends.iter().for_each(|end| limits[*end as usize] = 0.0);
             }
-        }
+        });
     }
 
     /// The centre of a triangle, and its normal with the length of twice its area.

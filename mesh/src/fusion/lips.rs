@@ -4,7 +4,7 @@
 use nalgebra::Point3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use super::segments::{LEAST_COSINE, Rim, boundary};
+use super::segments::{LEAST_COSINE, Rim, boundary, open_corners};
 use super::sheets::separate;
 use crate::TriangleMesh;
 use crate::edge_uses::for_each_edge;
@@ -53,7 +53,10 @@ pub(super) fn join_lips(
             is_forwards: cosine > 0.0,
         })
     };
-    let mut stations: Vec<Station> = boundary(mesh).iter().filter_map(station).collect();
+    let mut stations: Vec<Station> = boundary(mesh, &open_corners(mesh))
+        .iter()
+        .filter_map(station)
+        .collect();
     stations.sort_unstable_by(|a, b| {
         let by_place = a.along.total_cmp(&b.along).then(a.vertex.cmp(&b.vertex));
         a.segment.cmp(&b.segment).then(by_place)
@@ -92,14 +95,14 @@ fn without_overused_edges(mesh: &TriangleMesh, joined: &mut FxHashMap<u32, u32>)
         triangles.retain(|[a, b, c]| a != b && b != c && c != a);
         let from = |corner: u32| triangles[corner as usize / 3][corner as usize % 3];
         let mut overused: FxHashSet<u32> = FxHashSet::default();
-        for_each_edge(&triangles, mesh.positions.len(), |uses| {
+        for_each_edge(&triangles, mesh.positions.len(), |ends, uses| {
             let is_fine = match uses {
                 [_] => true,
-                [(_, a), (_, b)] => from(*a) != from(*b),
+                [a, b] => from(*a) != from(*b),
                 _ => false,
             };
             if !is_fine {
-                overused.extend(uses[0].0);
+                overused.extend(ends);
             }
         });
         let count = joined.len();

@@ -68,7 +68,8 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
             }
         }
     }
-    let boundary = boundary(mesh);
+    let open = open_corners(mesh);
+    let boundary = boundary(mesh, &open);
     let is_flat = flat_vertices(mesh);
     let mut counts = vec![[0_u32; 2]; segments.len()];
     for (cube, (_, vertex)) in &vertices {
@@ -102,7 +103,7 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
         }
     }
     unround(mesh, &segment_of, &boundary);
-    remove_flattened_ears(mesh);
+    remove_flattened_ears(mesh, &open);
     let apart = |mesh: &TriangleMesh, vertex: u32, segment: u32| {
         let [from, to] = segments[segment as usize];
         let along = (to - from).normalize();
@@ -171,38 +172,42 @@ pub(super) struct Rim {
     outward: Vector3<f64>,
 }
 
-/// The vertices on edges with one triangle.
-pub(super) fn boundary(mesh: &TriangleMesh) -> FxHashMap<u32, Rim> {
+/// The corners where edges with one triangle begin.
+pub(super) fn open_corners(mesh: &TriangleMesh) -> Vec<u32> {
+    let mut open = Vec::new();
+    for_each_edge(&mesh.triangles, mesh.positions.len(), |_, corners| {
+        if let &[corner] = corners {
+            open.push(corner);
+        }
+    });
+    open
+}
+
+/// The vertices on edges with one triangle, which begin at `open` corners.
+pub(super) fn boundary(mesh: &TriangleMesh, open: &[u32]) -> FxHashMap<u32, Rim> {
     let mut boundary: FxHashMap<u32, Rim> = FxHashMap::default();
-    for_each_edge(&mesh.triangles, mesh.positions.len(), |uses| {
-        let &[(ends, corner)] = uses else {
-            return;
-        };
+    for &corner in open {
         let corners = mesh.triangles[corner as usize / 3];
         // The triangle from the corner where the edge begins: it lies to the left of the edge.
-        let [from, to, opposite] = [0, 1, 2].map(|step| {
-            let corner = corners[(corner as usize + step) % 3];
-            mesh.positions[corner as usize]
-        });
+        let vertices = [0, 1, 2].map(|step| corners[(corner as usize + step) % 3]);
+        let [from, to, opposite] = vertices.map(|vertex| mesh.positions[vertex as usize]);
         let along = to - from;
         let outward = along.cross(&along.cross(&(opposite - from)));
-        for end in ends {
-            let rim = boundary.entry(end).or_default();
+        for end in &vertices[..2] {
+            let rim = boundary.entry(*end).or_default();
             rim.along += along;
             rim.outward += outward.try_normalize(0.0).unwrap_or_default();
         }
-    });
+    }
     boundary
 }
 
-/// Removes triangles of the boundary that lost their area, with all corners on a segment.
-fn remove_flattened_ears(mesh: &mut TriangleMesh) {
+/// Removes triangles of the boundary that lost their area, with all corners on a segment. Edges with one triangle begin at `open` corners.
+fn remove_flattened_ears(mesh: &mut TriangleMesh, open: &[u32]) {
     let mut open_edges = vec![0_u8; mesh.triangles.len()];
-    for_each_edge(&mesh.triangles, mesh.positions.len(), |uses| {
-        if let &[(_, corner)] = uses {
-            open_edges[corner as usize / 3] += 1;
-        }
-    });
+    for corner in open {
+        open_edges[*corner as usize / 3] += 1;
+    }
     let positions = &mesh.positions;
     let mut open_edges = open_edges.into_iter();
     mesh.triangles.retain(|triangle| {

@@ -19,8 +19,8 @@ pub(super) fn separate(
     let next = |corner: u32| corner - corner % 3 + (corner + 1) % 3;
     let mut fans = DisjointSets::new(3 * triangles.len());
     let mut pieces = DisjointSets::new(triangles.len());
-    for_each_edge(&triangles, positions.len(), |shared| {
-        let &[(_, a), (_, b)] = shared else {
+    for_each_edge(&triangles, positions.len(), |_, shared| {
+        let &[a, b] = shared else {
             return;
         };
         if vertex(a) == vertex(next(b)) {

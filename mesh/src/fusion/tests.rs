@@ -4,7 +4,7 @@ use linecarve_lines::image::Plane;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::edge_uses::edge_uses;
+use crate::edge_uses::for_each_edge;
 use crate::feature_edges::UniquePositions;
 
 fn camera() -> Camera {
@@ -225,10 +225,11 @@ fn open_edges_in_the_middle(mesh: &TriangleMesh) -> usize {
         let position = mesh.positions[*end as usize];
         position.x.abs() < 0.3 && position.y.abs() < 0.5
     };
-    edge_uses(&mesh.triangles)
-        .chunk_by(|a, b| a.0 == b.0)
-        .filter(|uses| uses.len() == 1 && uses[0].0.iter().all(is_in_the_middle))
-        .count()
+    let mut count = 0;
+    for_each_edge(&mesh.triangles, mesh.positions.len(), |ends, corners| {
+        count += usize::from(corners.len() == 1 && ends.iter().all(is_in_the_middle));
+    });
+    count
 }
 
 #[test]

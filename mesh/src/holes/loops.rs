@@ -18,7 +18,7 @@ pub(super) fn boundary_loops(triangles: &[[u32; 3]]) -> Vec<Vec<BoundaryEdge>> {
     // The edge that leaves each boundary vertex; `None` when there are several.
     let mut leaving: BTreeMap<u32, Option<BoundaryEdge>> = BTreeMap::new();
     let vertices = triangles.iter().flatten().max().map_or(0, |last| last + 1);
-    for_each_edge(triangles, vertices as usize, |uses| {
+    for_each_edge(triangles, vertices as usize, |_, uses| {
         let edge = |corner: u32| {
             let triangle = triangles[corner as usize / 3];
             let [from, to, opposite] = [0, 1, 2].map(|next| triangle[(corner as usize + next) % 3]);
@@ -27,11 +27,8 @@ pub(super) fn boundary_loops(triangles: &[[u32; 3]]) -> Vec<Vec<BoundaryEdge>> {
                 opposite,
             }
         };
-        let first = edge(uses[0].1);
-        if uses
-            .iter()
-            .all(|(_, corner)| edge(*corner).ends == first.ends)
-        {
+        let first = edge(uses[0]);
+        if uses.iter().all(|corner| edge(*corner).ends == first.ends) {
             let alone = (uses.len() == 1).then_some(first);
             let known = leaving.entry(first.ends[0]);
             known.and_modify(|edge| *edge = None).or_insert(alone);

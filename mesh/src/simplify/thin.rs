@@ -183,10 +183,9 @@ impl Thinning {
         let mut boundaries: Vec<Planes> = Vec::new();
         let mut boundary_of = vec![NONE; count];
         let mut is_fixed = vec![false; count];
-        for_each_edge(&mesh.triangles, count, |uses| {
-            let (ends, corner) = uses[0];
+        for_each_edge(&mesh.triangles, count, |ends, uses| {
             let ends = ends.map(|end| end as usize);
-            if uses.len() == 1 {
+            if let &[corner] = uses {
                 let corners = mesh.triangles[corner as usize / 3].map(|it| positions[it as usize]);
                 let along = positions[ends[1]] - positions[ends[0]];
                 let across = doubled_area(&corners).cross(&along).try_normalize(0.0);
