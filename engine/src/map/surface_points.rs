@@ -94,7 +94,9 @@ impl<'a> KeyframeSurface<'a> {
 
     /// Standard deviation of the inverse depth of a sample, seen from another keyframe.
     fn sigma(&self, sample: &SurfaceSample) -> f64 {
-        f64::from(sample.sigma).hypot(self.disagreement * f64::from(sample.rho))
+        let own = f64::from(sample.sigma);
+        let shared = self.disagreement * f64::from(sample.rho);
+        (own * own + shared * shared).sqrt()
     }
 
     /// Whether the surface at a sample faces the camera: a tilted one is at another depth when the pose is off across the ray.
