@@ -8,7 +8,6 @@ mod extractor;
 pub mod fit;
 mod growth;
 pub mod image;
-mod large_nodes;
 mod median;
 pub mod triangulation;
 
@@ -22,6 +21,5 @@ pub use edges::{EdgeChains, EdgeDetector, EdgeOptions};
 pub use extractor::{ExtractError, ExtractOptions, Extraction, SegmentExtractor, StageDurations};
 pub use fit::{FitOptions, Segment};
 pub use image::{GrayImage, Plane};
-pub use large_nodes::LargeNodes;
 pub use median::upper_median;
 pub use triangulation::{ImageTriangulation, SurfaceSamples};

@@ -5,13 +5,13 @@
 //! its keyframes. A landmark lies at the mean of its measurements. It is removed when more keyframes contradict than measure
 //! it.
 
-use linecarve_lines::LargeNodes;
 use nalgebra::Point3;
 use rstar::primitives::GeomWithData;
 use rstar::{AABB, RTree, SelectionFunction};
 
 use super::keyframe_measurements::Correction;
 use super::landmark::Landmark;
+use super::large_nodes::LargeNodes;
 use super::view_region::ViewRegion;
 use crate::options::LandmarkOptions;
 

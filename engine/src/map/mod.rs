@@ -14,6 +14,7 @@ mod keyframe_measurements;
 mod landmark;
 mod landmark_fusion;
 mod landmarks;
+mod large_nodes;
 mod lines;
 mod model;
 mod observed;

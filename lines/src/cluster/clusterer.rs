@@ -1,6 +1,6 @@
 //! Incremental clustering: each segment joins the best fitting cluster or starts a new one.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::index::ClusterIndex;
 use super::options::{ClusterOptions, ClusterOptionsError};
@@ -82,8 +82,8 @@ impl Cluster {
     }
 }
 
-/// More than a cosine is off when it is computed in single precision.
-const ROUNDING: f32 = 1e-6;
+/// Share by which a squared distance may be off by rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// Marks a segment without cluster.
 const NONE: u32 = u32::MAX;
@@ -98,8 +98,7 @@ const NONE: u32 = u32::MAX;
 /// depth included, scales or moves the clusters.
 ///
 /// # Complexity
-/// About O(log n) per segment for n clusters of bounded density: an R-tree over bounding boxes and directions yields the candidates,
-/// and running sums avoid a second pass over the members.
+/// O(1) per segment for clusters of bounded density and length: a grid yields those near a segment, and running sums avoid a second pass over the members.
 ///
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
@@ -115,8 +114,6 @@ pub struct SegmentClusterer {
     offset: f64,
     /// `None` where a cluster was merged away.
     clusters: Vec<Option<Cluster>>,
-    /// Direction of each cluster, rounded. Most candidates have another one, and are not looked at any further.
-    directions: Vec<Vector3<f32>>,
     /// How many of them have the minimum size.
     large: usize,
     index: ClusterIndex,
@@ -124,7 +121,6 @@ pub struct SegmentClusterer {
     next_member: Vec<u32>,
     /// The cluster of each segment; [`NONE`] without one.
     cluster_of: Vec<u32>,
-    candidates: Vec<u32>,
 }
 
 impl SegmentClusterer {
@@ -148,7 +144,6 @@ impl SegmentClusterer {
             distance,
             offset,
             clusters: Vec::new(),
-            directions: Vec::new(),
             large: 0,
             index: ClusterIndex::new(
                 reach(distance, offset, options.maximum_angle_rad),
@@ -156,7 +151,6 @@ impl SegmentClusterer {
             ),
             next_member: Vec::new(),
             cluster_of: Vec::new(),
-            candidates: Vec::new(),
         })
     }
 
@@ -227,7 +221,6 @@ impl SegmentClusterer {
             let cluster = self.clusters.len() as u32;
             push(&mut self.clusters, Some(Cluster::new(segment, id)));
             self.cluster_of[id as usize] = cluster;
-            push(&mut self.directions, segment.direction().cast());
             self.count_change(0, 1);
             self.index.insert(cluster, segment);
             events.push(ClusterEvent::Created(ClusterId(cluster)));
@@ -303,7 +296,6 @@ impl SegmentClusterer {
             }
         }
         if let Some(cluster) = &reduced {
-            self.directions[number as usize] = cluster.representative.direction().cast();
             self.index.insert(number, &cluster.representative);
             self.count_change(0, cluster.size);
             events.push(ClusterEvent::Reduced(ClusterId(number)));
@@ -346,7 +338,6 @@ impl SegmentClusterer {
         if before == after {
             return false;
         }
-        self.directions[cluster as usize] = after.direction().cast();
         events.push(ClusterEvent::Moved(ClusterId(cluster)));
         self.index.follow(cluster, after)
     }
@@ -400,49 +391,54 @@ impl SegmentClusterer {
 
     /// The best fitting cluster within an offset limit, other than `except`.
     fn best_cluster(
-        &mut self,
+        &self,
         segment: &WorldSegment,
         except: Option<u32>,
         offset: f64,
     ) -> Option<u32> {
-        let mut candidates = std::mem::take(&mut self.candidates);
-        candidates.clear();
-        let towards: Vector3<f32> = segment.direction().cast();
-        let least = self.minimum_cosine as f32 - ROUNDING;
-        let is_parallel = |id: &u32| self.directions[*id as usize].dot(&towards).abs() >= least;
-        candidates.extend(self.index.near(segment).filter(is_parallel));
-        let best = candidates
-            .iter()
-            .filter(|&&id| Some(id) != except)
-            .filter_map(|&id| {
-                let cluster = self.clusters[id as usize].as_ref()?;
-                let misfit = self.misfit(&cluster.representative, segment)?;
-                (misfit <= offset).then_some((misfit, id))
-            })
-            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
-            .map(|(_, id)| id);
-        self.candidates = candidates;
-        best
+        let mut best: Option<(f64, u32)> = None;
+        self.index.near(segment, |id| {
+            if Some(id) == except {
+                return;
+            }
+            let Some(cluster) = &self.clusters[id as usize] else {
+                return;
+            };
+            if let Some(misfit) = self.misfit(&cluster.representative, segment, offset)
+                && best.is_none_or(|best| (misfit, id) < best)
+            {
+                best = Some((misfit, id));
+            }
+        });
+        best.map(|(_, id)| id)
     }
 
-    /// Largest distance of the ends of the shorter segment from the line of the longer one; `None` when angle or distance exceed the limits.
-    fn misfit(&self, a: &WorldSegment, b: &WorldSegment) -> Option<f64> {
-        let cosine = a.direction().dot(&b.direction()).abs();
-        if cosine < self.minimum_cosine {
+    /// Largest distance of the ends of the shorter segment from the line of the longer one; `None` when it exceeds `offset`, or the angle or
+    /// the distance of the two their limits.
+    fn misfit(&self, a: &WorldSegment, b: &WorldSegment, offset: f64) -> Option<f64> {
+        let along = |it: &WorldSegment| it.ends[1] - it.ends[0];
+        let (long, short) = match along(a).norm_squared() >= along(b).norm_squared() {
+            true => (a, b),
+            false => (b, a),
+        };
+        // Without roots; few pass.
+        let axis = along(long);
+        let bound = offset * offset * axis.norm_squared() * (1.0 + ROUNDING);
+        let is_far = |end: &Point3<f64>| (end - long.ends[0]).cross(&axis).norm_squared() > bound;
+        if short.ends.iter().any(is_far) {
+            return None;
+        }
+        if long.direction().dot(&short.direction()).abs() < self.minimum_cosine {
             return None;
         }
         let detour = |line: &WorldSegment, other: &WorldSegment| {
             line.detour(&other.ends[0]).min(line.detour(&other.ends[1]))
         };
-        if detour(a, b).min(detour(b, a)) > self.distance {
+        if detour(long, short).min(detour(short, long)) > self.distance {
             return None;
         }
-        let (long, short) = if a.length() >= b.length() {
-            (a, b)
-        } else {
-            (b, a)
-        };
-        Some(long.offset(&short.ends[0]).max(long.offset(&short.ends[1])))
+        let misfit = long.offset(&short.ends[0]).max(long.offset(&short.ends[1]));
+        (misfit <= offset).then_some(misfit)
     }
 }
 

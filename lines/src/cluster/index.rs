@@ -1,71 +1,111 @@
 //! Finds the clusters near a segment and nearly parallel to it.
 
-use nalgebra::Point3;
-use rstar::primitives::{GeomWithData, Rectangle};
-use rstar::{AABB, RTree};
+use std::f64::consts::FRAC_PI_2;
 
+use nalgebra::Vector3;
+use rustc_hash::FxHashMap;
+
+use super::cells::{Cell, cells_along};
 use super::representative::WorldSegment;
-use crate::LargeNodes;
 use crate::growth::push;
 
-/// Position and direction: three coordinates, and the sizes of the first two of a unit vector, all in units of what a query reaches. The
-/// sizes do not depend on the sense of the direction, and differ by no more than the directions do.
-type Key = [f32; 5];
-type Entry = GeomWithData<Rectangle<Key>, u32>;
-
-/// How much larger an entry is than its cluster, in units of what a query reaches.
+/// Side of a cell, in units of what a query reaches.
+const SIDE: f64 = 5.0;
+/// How far the ends of a cluster may move along each axis before it is entered anew, in units of what a query reaches, and how far its direction may
+/// turn, in units of the angle of a query.
 const LOOSENESS: f64 = 0.5;
-/// Largest coordinate of a key; beyond, all are equal. Volumes of boxes stay finite.
-const LARGEST: f64 = 1e9;
+/// Length of a rounded direction.
+const STEPS: f64 = 127.0;
 
-/// An R-tree over the boxes and directions of clusters. An entry is larger than its cluster, so that most changes of the cluster leave it
-/// as it is.
+/// A grid of cells with the clusters that are near them. Cells are entered around a cluster as well, so that most changes of the cluster leave its entries as
+/// they are.
 #[derive(Debug, Clone)]
 pub(super) struct ClusterIndex {
     /// How far a segment may be from a cluster that it fits.
     reach: f64,
-    /// Largest distance of their unit vectors.
-    chord: f64,
-    tree: RTree<Entry, LargeNodes>,
-    /// The entry of each cluster in use.
-    entries: Vec<Option<[Key; 2]>>,
+    /// Least product of the rounded direction of a query and that of an entry.
+    least_product: i32,
+    /// Least cosine of the direction of a cluster and that of its entries.
+    least_cosine: f64,
+    cells: FxHashMap<Cell, Vec<Entry>>,
+    /// Clusters that are too long for the grid.
+    long: Vec<Entry>,
+    /// Where each cluster in use was when it was entered.
+    entered: Vec<Option<WorldSegment>>,
+}
+
+/// A cluster near a cell, with its direction, rounded.
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    cluster: u32,
+    direction: [i8; 3],
 }
 
 impl ClusterIndex {
     /// No clusters. A segment may be this far from a cluster that it fits, at this angle.
     pub(super) fn new(reach: f64, angle: f64) -> Self {
+        let angle = angle.min(FRAC_PI_2);
+        let widest = ((1.0 + LOOSENESS) * angle).min(FRAC_PI_2);
+        // Rounding moves the end of a direction by at most the half diagonal of a step.
+        let rounding = 3.0_f64.sqrt() * (STEPS + 1.0);
         Self {
             reach,
-            chord: 2.0 * (0.5 * angle).min(1.0).sin().abs(),
-            tree: RTree::new_with_params(),
-            entries: Vec::new(),
+            least_product: (widest.cos() * STEPS * STEPS - rounding).floor() as i32,
+            least_cosine: (LOOSENESS * angle).cos(),
+            cells: FxHashMap::default(),
+            long: Vec::new(),
+            entered: Vec::new(),
         }
     }
 
-    /// Enters a cluster that has no entry.
+    /// Enters a cluster that has no entries.
     pub(super) fn insert(&mut self, cluster: u32, representative: &WorldSegment) {
-        let corners = self.around(representative, LOOSENESS);
-        while self.entries.len() <= cluster as usize {
-            push(&mut self.entries, None);
+        while self.entered.len() <= cluster as usize {
+            push(&mut self.entered, None);
         }
-        self.entries[cluster as usize] = Some(corners);
-        self.tree.insert(entry(corners, cluster));
+        self.entered[cluster as usize] = Some(*representative);
+        let direction = rounded(&representative.direction());
+        let entry = Entry { cluster, direction };
+        match self.cells_around(representative) {
+            Some(cells) => {
+                for cell in cells {
+                    self.cells.entry(cell).or_default().push(entry);
+                }
+            }
+            None => self.long.push(entry),
+        }
     }
 
-    /// Removes the entry of a cluster, if it has one.
+    /// Removes the entries of a cluster, if it has any.
     pub(super) fn remove(&mut self, cluster: u32) {
-        if let Some(corners) = self.entries[cluster as usize].take() {
-            self.tree.remove(&entry(corners, cluster));
+        let Some(representative) = self.entered[cluster as usize].take() else {
+            return;
+        };
+        let Some(cells) = self.cells_around(&representative) else {
+            self.long.retain(|entry| entry.cluster != cluster);
+            return;
+        };
+        for cell in cells {
+            let Some(entries) = self.cells.get_mut(&cell) else {
+                continue;
+            };
+            entries.retain(|entry| entry.cluster != cluster);
+            if entries.is_empty() {
+                self.cells.remove(&cell);
+            }
         }
     }
 
-    /// Follows a cluster that changed, and returns whether it has left its entry and has a new one.
+    /// Follows a cluster that changed, and returns whether it has left its entries and has new ones.
     pub(super) fn follow(&mut self, cluster: u32, representative: &WorldSegment) -> bool {
-        let [low, high] = self.around(representative, 0.0);
-        let is_within = |[entered_low, entered_high]: [Key; 2]| {
-            (0..5).all(|k| entered_low[k] <= low[k] && high[k] <= entered_high[k])
+        let looseness = LOOSENESS * self.reach;
+        let is_within = |entered: WorldSegment| {
+            let ends = entered.ends.iter().zip(&representative.ends);
+            ends.into_iter()
+                .all(|(before, now)| (now - before).amax() <= looseness)
+                && entered.direction().dot(&representative.direction()) >= self.least_cosine
         };
-        let has_left = !self.entries[cluster as usize].is_some_and(is_within);
+        let has_left = !self.entered[cluster as usize].is_some_and(is_within);
         if has_left {
             self.remove(cluster);
             self.insert(cluster, representative);
@@ -73,40 +113,45 @@ impl ClusterIndex {
         has_left
     }
 
-    /// Number of entries.
+    /// Number of clusters.
     #[cfg(test)]
     pub(super) fn len(&self) -> usize {
-        self.tree.size()
+        self.entered.iter().flatten().count()
     }
 
-    /// All clusters that a segment may fit, and others.
-    pub(super) fn near(&self, segment: &WorldSegment) -> impl Iterator<Item = u32> + '_ {
-        let [low, high] = self.around(segment, 1.0);
-        let query = AABB::from_corners(low, high);
-        let found = self.tree.locate_in_envelope_intersecting(query);
-        found.map(|entry| entry.data)
-    }
-
-    /// The box of a segment and its direction, extended by a share of what a query reaches.
-    fn around(&self, segment: &WorldSegment, share: f64) -> [Key; 2] {
-        let [a, b] = &segment.ends;
-        let (low, high) = (a.inf(b), a.sup(b));
-        let direction = segment.direction();
-        let key = |position: &Point3<f64>, k: usize| {
-            let along = match k {
-                0..3 => position[k] / self.reach,
-                _ => direction[k - 3].abs() / self.chord,
-            };
-            along.clamp(-LARGEST, LARGEST)
+    /// Visits all clusters that a segment may fit, and others, some of them again.
+    pub(super) fn near(&self, segment: &WorldSegment, mut visit: impl FnMut(u32)) {
+        let towards = rounded(&segment.direction()).map(i32::from);
+        let mut visit_parallel = |entries: &[Entry]| {
+            for entry in entries {
+                let [x, y, z] = entry.direction.map(i32::from);
+                let product = x * towards[0] + y * towards[1] + z * towards[2];
+                if product.abs() >= self.least_product {
+                    visit(entry.cluster);
+                }
+            }
         };
-        // Rounded outwards, so that no box becomes smaller.
-        [
-            std::array::from_fn(|k| ((key(&low, k) - share) as f32).next_down()),
-            std::array::from_fn(|k| ((key(&high, k) + share) as f32).next_up()),
-        ]
+        match cells_along(segment, SIDE * self.reach, 0.0) {
+            Some(cells) => cells
+                .filter_map(|cell| self.cells.get(&cell))
+                .for_each(|entries| visit_parallel(entries)),
+            None => self
+                .cells
+                .values()
+                .for_each(|entries| visit_parallel(entries)),
+        }
+        visit_parallel(&self.long);
+    }
+
+    fn cells_around(
+        &self,
+        representative: &WorldSegment,
+    ) -> Option<impl Iterator<Item = Cell> + use<>> {
+        let margin = (1.0 + LOOSENESS) * self.reach;
+        cells_along(representative, SIDE * self.reach, margin)
     }
 }
 
-fn entry([low, high]: [Key; 2], cluster: u32) -> Entry {
-    GeomWithData::new(Rectangle::from_corners(low, high), cluster)
+fn rounded(direction: &Vector3<f64>) -> [i8; 3] {
+    [direction.x, direction.y, direction.z].map(|along| (along * STEPS).round() as i8)
 }

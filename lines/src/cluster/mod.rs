@@ -1,5 +1,6 @@
 //! Incremental clustering of segments from many keyframes.
 
+mod cells;
 mod clusterer;
 mod index;
 mod options;

@@ -197,9 +197,8 @@ fn no_cluster_that_fits_is_missed() {
         let [first, second] = pair.map(|ends| WorldSegment::new(ends).unwrap());
         let mut clusterer = clusterer();
         clusterer.insert(pair[0], &mut Vec::new()).unwrap();
-        let fits = clusterer
-            .misfit(&first, &second)
-            .is_some_and(|misfit| misfit <= clusterer.offset);
+        let fits = clusterer.misfit(&first, &second, clusterer.offset);
+        let fits = fits.is_some();
         let found = clusterer.best_cluster(&second, None, clusterer.offset);
         assert_eq!(found.is_some(), fits, "{pair:?}");
         fitting += usize::from(fits);
@@ -217,6 +216,36 @@ fn no_cluster_that_fits_is_missed() {
         fitting > 10_000 && beyond_half_distance > 10,
         "{fitting} {beyond_half_distance}"
     );
+}
+
+#[test]
+fn clusters_that_moved_are_found() {
+    // Short and long ones, some with more cells than the index holds, near the origin and far from it.
+    for (length, far) in [(1.0, 0.0), (300.0, 0.0), (1.0, 1e6), (0.1, 1e12)] {
+        let mut segments = scattered(7, 40, 12, 0.003);
+        for (ends, _) in &mut segments {
+            ends[1] = ends[0] + (ends[1] - ends[0]) * length;
+            ends.iter_mut().for_each(|end| end.x += far);
+        }
+        let mut clusterer = clusterer();
+        for (ends, _) in &segments {
+            let Some(segment) = WorldSegment::new(*ends) else {
+                continue;
+            };
+            let expected = clusterer
+                .all_clusters()
+                .filter_map(|(id, cluster)| {
+                    let misfit =
+                        clusterer.misfit(&cluster.representative, &segment, clusterer.offset)?;
+                    Some((misfit, id.0))
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let found = clusterer.best_cluster(&segment, None, clusterer.offset);
+            assert_eq!(found, expected.map(|(_, id)| id), "{length} {far}");
+            clusterer.insert(*ends, &mut Vec::new());
+        }
+        check(&clusterer);
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use rstar::{RStarInsertionStrategy, RTreeParams};
 
 /// Nodes of an R-tree twice as large as usual: most of a query is waiting for the memory of nodes. Tuned on the kitchen of 7-Scenes.
 #[derive(Debug, Clone)]
-pub struct LargeNodes;
+pub(super) struct LargeNodes;
 
 impl RTreeParams for LargeNodes {
     const MIN_SIZE: usize = 5;
