@@ -36,7 +36,7 @@ use crate::progress::Verbosity;
 use linecarve_engine::run::MemoryLimit;
 use linecarve_mesh::diff::Tolerance;
 
-/// Turns posed keyframes into a surface by carving free space with 3D line segments.
+/// Turns a recording into a surface while the camera moves: depth images, images or video, with poses or without.
 ///
 /// Exit status: 0 done, 1 ran but the result is empty or negative, 2 bad usage or input.
 #[derive(Debug, Parser)]

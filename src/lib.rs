@@ -1,4 +1,4 @@
-//! Linecarve: from posed keyframes to a surface, while the camera is still moving.
+//! Linecarve: from a recording to a surface, while the camera is still moving.
 //!
 //! ```no_run
 //! use linecarve::{Options, Reconstruction};

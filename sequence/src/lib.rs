@@ -161,6 +161,8 @@ pub struct Sequence {
     recorded_poses: Vec<Isometry3<f64>>,
     /// Poses that fit the images where they differ from those of the frames, by index.
     fitted_poses: BTreeMap<usize, Isometry3<f64>>,
+    /// Whether frames have poses of their own.
+    has_poses: bool,
     /// Whether time stamps are times rather than image numbers.
     has_time: bool,
     pose_convention: PoseConvention,
@@ -188,11 +190,17 @@ impl Sequence {
         &self.frames
     }
 
+    /// Whether frames have poses, read or [set](Self::set_poses); otherwise all have the identity.
+    pub fn has_poses(&self) -> bool {
+        self.has_poses
+    }
+
     /// Replaces the colour camera poses of some frames, given by frame index.
     ///
     /// # Panics
     /// If an index is out of range.
     pub fn set_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
+        self.has_poses = true;
         for (index, world_from_camera) in poses {
             self.frames[index].world_from_camera = world_from_camera;
             self.fitted_poses.remove(&index);

@@ -64,6 +64,7 @@ impl Sequence {
         for frame in &mut sequence.frames {
             frame.world_from_camera = Isometry3::identity();
         }
+        sequence.has_poses = false;
         Ok(sequence)
     }
 
@@ -265,6 +266,7 @@ pub(super) fn assemble(
         depth_undistortion,
         stereo,
         has_assumed_camera,
+        has_poses: true,
         other_cameras: cameras.into_iter().map(|camera| camera.camera).collect(),
         camera_of_frame,
         recorded_poses,

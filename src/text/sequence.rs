@@ -18,20 +18,24 @@ pub(crate) fn sequence_text(facts: &SequenceFacts) -> String {
 fn describe(facts: &SequenceFacts, out: &mut String) -> std::fmt::Result {
     writeln!(out, "layout     {}", facts.layout)?;
     writeln!(out, "frames     {}", facts.frames)?;
-    let motion = &facts.motion;
-    let [x, y, z] = motion.extent;
-    writeln!(
-        out,
-        "motion     path {:.3}, box {x:.3} x {y:.3} x {z:.3}, median step {:.4} and {:.2} degrees, largest step {:.4}{}",
-        motion.path_length,
-        motion.median_step,
-        motion.median_rotation_deg,
-        motion.largest_step,
-        motion
-            .largest_step_to
-            .as_ref()
-            .map_or_else(String::new, |frame| format!(" (to {frame})"))
-    )?;
+    match &facts.motion {
+        None => writeln!(out, "motion     unknown, as there are no poses")?,
+        Some(motion) => {
+            let [x, y, z] = motion.extent;
+            writeln!(
+                out,
+                "motion     path {:.3}, box {x:.3} x {y:.3} x {z:.3}, median step {:.4} and {:.2} degrees, largest step {:.4}{}",
+                motion.path_length,
+                motion.median_step,
+                motion.median_rotation_deg,
+                motion.largest_step,
+                motion
+                    .largest_step_to
+                    .as_ref()
+                    .map_or_else(String::new, |frame| format!(" (to {frame})"))
+            )?;
+        }
+    }
     writeln!(out, "colour     {}", camera(&facts.color))?;
     if let Some(images) = &facts.images {
         let [darkest, brightest] = images.mean_gray;

@@ -217,6 +217,40 @@ fn a_video_without_calibration_is_tracked_and_leaves_a_sequence() {
 }
 
 #[test]
+fn info_tells_what_a_recording_without_poses_holds() {
+    let folder = room_without_poses(3);
+    let input = text(folder.path());
+    let output = expect_status(0, ["info", &input]);
+    let shown = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(shown.contains("motion     unknown"), "{shown}");
+    assert!(shown.contains("depth      3 frames"), "{shown}");
+    assert!(!shown.contains("agreement"), "{shown}");
+    let warned = stderr(&output);
+    assert!(
+        warned.contains("find them from images with depth"),
+        "{warned}"
+    );
+    let output = expect_status(0, ["info", &input, "--json"]);
+    let facts: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(
+        facts["motion"].is_null() && facts["epipolar"].is_null(),
+        "{facts}"
+    );
+    // Images alone, without calibration.
+    std::fs::remove_file(folder.path().join("linecarve.toml")).unwrap();
+    let output = expect_status(0, ["info", &text(folder.path().join("rgb"))]);
+    let warned = stderr(&output);
+    assert!(warned.contains("reconstruct --track"), "{warned}");
+    // Poses that were asked for must be there.
+    let output = expect_status(2, ["info", &input, "--poses", "none.txt"]);
+    assert!(stderr(&output).contains("none.txt"));
+    let video = folder.path().join("room.y4m");
+    std::fs::write(&video, video_of_the_room()).unwrap();
+    let output = expect_status(2, ["info", &text(&video)]);
+    assert!(stderr(&output).contains("is a video"));
+}
+
+#[test]
 fn the_pair_that_starts_the_map_and_further_formats_can_be_given() {
     let folder = room_without_poses(12);
     let out = tempfile::tempdir().unwrap();

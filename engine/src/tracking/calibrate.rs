@@ -10,7 +10,7 @@ use super::error::TrackError;
 use super::mode::TrackingMode;
 
 /// First focal length, as a share of the longer side: that of a telephone is 0.7 to 0.9.
-const FIRST_FOCAL: f64 = 0.85;
+pub(super) const FIRST_FOCAL: f64 = 0.85;
 
 /// Frames at the beginning that decide.
 const FRAMES: usize = 300;

@@ -13,6 +13,7 @@ pub use calibrate::open_unposed;
 pub use error::TrackError;
 pub use mode::TrackingMode;
 pub(crate) use open::open_or_track;
+pub use open::open_with_or_without_poses;
 pub(crate) use preparation::Preparation;
 pub use report::{TrackReport, poses_file};
 pub(crate) use run::times_of;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 
-use super::calibrate::open_unposed;
+use super::calibrate::{FIRST_FOCAL, open_unposed};
 use super::error::TrackError;
 use super::mode::TrackingMode;
 use super::run::track_sequence;
@@ -42,7 +42,9 @@ pub(crate) fn open_or_track(
             }
             Err(error) => {
                 let sequence = without_poses(path, options, &error);
-                let Some(sequence) = sequence else {
+                // One camera alone has no scale: that is asked for.
+                let has_scale = |it: &Sequence| TrackingMode::of(it) != TrackingMode::Mono;
+                let Some(sequence) = sequence.filter(has_scale) else {
                     return Err(error.into());
                 };
                 warnings.push(format!(
@@ -97,7 +99,29 @@ pub(crate) fn open_or_track(
     })
 }
 
-/// The sequence without poses, when an error may mean that it has none, and it has depth images or stereo pairs.
+/// Opens a sequence, without poses when it has none; then with the reason for that. A focal length that no file gives is assumed.
+///
+/// # Errors
+/// As [`Sequence::open`].
+pub fn open_with_or_without_poses(
+    path: &Path,
+    options: &OpenOptions,
+) -> Result<(Sequence, Option<SequenceError>), SequenceError> {
+    let error = match Sequence::open(path, options) {
+        Ok(sequence) => return Ok((sequence, None)),
+        Err(error) => error,
+    };
+    let options = OpenOptions {
+        assumed_focal: Some(FIRST_FOCAL),
+        ..options.clone()
+    };
+    match without_poses(path, &options, &error) {
+        Some(sequence) => Ok((sequence, Some(error))),
+        None => Err(error),
+    }
+}
+
+/// The sequence without poses, when an error may mean that it has none.
 fn without_poses(path: &Path, options: &OpenOptions, error: &SequenceError) -> Option<Sequence> {
     let may_lack_poses = match error {
         SequenceError::NoFrames { .. } | SequenceError::UnknownLayout { .. } => true,
@@ -107,6 +131,5 @@ fn without_poses(path: &Path, options: &OpenOptions, error: &SequenceError) -> O
     if !may_lack_poses || options.poses.is_some() {
         return None;
     }
-    let sequence = Sequence::open_without_poses(path, options).ok()?;
-    (TrackingMode::of(&sequence) != TrackingMode::Mono).then_some(sequence)
+    Sequence::open_without_poses(path, options).ok()
 }

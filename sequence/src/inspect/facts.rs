@@ -20,8 +20,8 @@ pub struct SequenceFacts {
     pub frames: usize,
     /// The colour camera as stored.
     pub color: CameraFacts,
-    /// Camera motion.
-    pub motion: MotionFacts,
+    /// Camera motion; `None` without poses.
+    pub motion: Option<MotionFacts>,
     /// Colour images; `None` if none of the sample can be decoded.
     pub images: Option<ImageFacts>,
     /// Depth images; `None` if there are none.
@@ -224,7 +224,7 @@ pub(super) fn measure(
             Some((size.width, size.height)),
             sequence.color_camera_source().to_owned(),
         ),
-        motion: motion(sequence),
+        motion: sequence.has_poses().then(|| motion(sequence)),
         images: images(sequence, image_samples),
         depth: depth(sequence, samples)?,
         map_points: map_points(sequence),

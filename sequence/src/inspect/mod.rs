@@ -52,7 +52,7 @@ impl Default for InspectOptions {
 /// - Epipolar consistency: matched corners are compared with their epipolar lines.
 /// - Registration: depth discontinuities are compared with colour edges, as read and shifted.
 ///
-/// The first two are repeated under alternative conventions (inverse poses, OpenGL axes, quaternion order, depth scales).
+/// The first two need poses, and are repeated under alternative conventions (inverse poses, OpenGL axes, quaternion order, depth scales).
 /// A warning names the remedy if an alternative fits much better. Undecodable images are counted and skipped.
 ///
 /// # Errors
@@ -60,7 +60,8 @@ impl Default for InspectOptions {
 pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<SequenceFacts, FrameError> {
     let image_samples = ImageSamples::measure(sequence, options)?;
     let mut facts = facts::measure(sequence, &image_samples, options.samples)?;
-    for &gap in &options.gaps {
+    let gaps = options.gaps.iter().filter(|_| sequence.has_poses());
+    for &gap in gaps {
         if let Some(consistency) = consistency::measure(sequence, gap, options.pairs)? {
             if let Some(warning) = consistency.warning() {
                 facts.warnings.push(Warning::statement(warning));
@@ -68,7 +69,9 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
             facts.consistency.push(consistency);
         }
     }
-    facts.epipolar = epipolar::measure(sequence, &image_samples);
+    if sequence.has_poses() {
+        facts.epipolar = epipolar::measure(sequence, &image_samples);
+    }
     // The depth test is sharper: do not report the same fault twice.
     let has_depth_warning = facts.consistency.iter().any(|c| c.warning().is_some());
     if let Some(warning) = facts

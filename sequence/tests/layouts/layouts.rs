@@ -115,7 +115,7 @@ fn one_frame_is_a_sequence() {
         assert_eq!(sequence.frames().len(), 1);
         let facts = inspect(&sequence, &InspectOptions::default()).unwrap();
         assert!(facts.consistency.is_empty());
-        assert_eq!(facts.motion.path_length, 0.0);
+        assert_eq!(facts.motion.unwrap().path_length, 0.0);
     }
 }
 

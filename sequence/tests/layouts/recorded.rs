@@ -348,7 +348,8 @@ fn depth_is_consistent_under_the_poses_and_not_under_their_inverse() {
         let sequence = open("seven-scenes");
         let facts = inspect(&sequence, &InspectOptions::default()).unwrap();
         // 7.4 m over all recorded frames; every third has less jitter.
-        assert!((6.7..7.4).contains(&facts.motion.path_length));
+        let motion = facts.motion.as_ref().unwrap();
+        assert!((6.7..7.4).contains(&motion.path_length));
         let depth = facts.depth.unwrap();
         assert!((depth.mean_coverage - 0.89).abs() < 0.02);
         let far = &facts.consistency[1];
