@@ -240,13 +240,14 @@ fn demand_tables(edges: &LineSet) {
     // Few keyframes see the east and west sides of the coffee table.
     let turned = Isometry3::new(Vector3::new(2.35, 1.88, 0.0), Vector3::z() * 0.06);
     let coffee = found(turned, [0.475, 0.275, 0.42]);
-    assert!(coffee.iter().all(|share| *share > 0.85), "{coffee:.3?}");
-    // The back of the desk is as bright as the wall close behind it, and seen at a grazing angle; a stack of books hides a part of it.
+    assert!(coffee.iter().all(|share| *share > 0.9), "{coffee:.3?}");
+    // The back of the desk is as bright as the wall close behind it, and seen at a grazing angle; a stack of books and the foot of the screen hide a
+    // tenth of it.
     let [front, east, back, west] =
         found(Isometry3::translation(3.35, 3.4, 0.0), [0.75, 0.35, 0.74]);
     let least = front.min(east).min(west);
     assert!(least > 0.92, "{front:.3}, {east:.3}, {west:.3}");
-    assert!(back > 0.7, "{back:.3}");
+    assert!(back > 0.85, "{back:.3}");
 }
 
 /// Creases lie where the truth has some, within the noise of the mesh: where the rectangles of the scene end.

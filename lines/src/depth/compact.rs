@@ -132,7 +132,7 @@ fn distinct(mut values: Vec<u16>) -> (Vec<u16>, Vec<u16>) {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::{Point2, Point3, Vector3};
     use wide::f32x4;
 
     use super::*;
@@ -170,6 +170,17 @@ mod tests {
         let (sensor, color) = sensor(true);
         let image = CompactDepth::new(&depth, &sensor, &color).unpack();
         assert_eq!((image.columns(), image.rows()), (320, 240));
+        // Half of a pixel around the centre of (57, 31), and outside.
+        let center = image.project(&image.point(57, 31).unwrap()).unwrap();
+        assert!((center - Point2::new(57.0, 31.0)).norm() < 1e-9);
+        assert!(image.project(&Point3::new(0.1, 0.1, -1.0)).is_none());
+        for (x, y) in [(56.6, 31.4), (57.4, 30.6)] {
+            let (pixel, rho) = image.sample(&Point2::new(x, y)).unwrap();
+            assert_eq!((pixel, Some(1.0 / rho)), ([57, 31], image.get(57, 31)));
+        }
+        for (x, y) in [(-0.6, 31.0), (57.0, 239.6), (319.6, 0.0), (f64::NAN, 0.0)] {
+            assert!(image.sample(&Point2::new(x, y)).is_none());
+        }
         for (row, column) in (0..240).flat_map(|row| (0..320).map(move |column| (row, column))) {
             let given = f64::from(samples[2 * row * 640 + 2 * column]);
             let found = image.get(column, row).unwrap();
@@ -203,7 +214,7 @@ mod tests {
         let (sensor, color) = sensor(true);
         let image = CompactDepth::new(&depth, &sensor, &color).unpack();
         for (column, expected) in [(1.5, 2.015), (4.4, 2.04), (4.6, 3.0), (-0.4, 2.0)] {
-            let pixel = nalgebra::Point2::new(column, 1.25);
+            let pixel = Point2::new(column, 1.25);
             let point = color.point_at_depth(&pixel, expected).unwrap();
             let distance = distance(&image, &point);
             assert!(distance.abs() < 3e-4, "{column}: {distance}");

@@ -1,6 +1,6 @@
 //! Pixels of a depth image with their camera.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point2, Point3, Vector3};
 use wide::f32x4;
 
 /// Largest difference of neighbouring inverse depths on one surface, as a share of them: an angle of some 80 degrees to the ray.
@@ -84,6 +84,27 @@ impl DepthImage {
         let x = (column as f64 - self.center_px[0]) / self.focal_px[0] * z;
         let y = (row as f64 - self.center_px[1]) / self.focal_px[1] * z;
         Some(Point3::new(x, y, z))
+    }
+
+    /// Column and row at which a point in the frame of the depth camera appears, inside the image or not; `None` unless it lies before the camera.
+    pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
+        let [fx, fy] = self.focal_px;
+        let [cx, cy] = self.center_px;
+        let pixel = || Point2::new(fx * point.x / point.z + cx, fy * point.y / point.z + cy);
+        (point.z > 0.0).then(pixel)
+    }
+
+    /// Column and row of the pixel around a position, and the inverse depth there; `None` outside the image, and where depth is unknown.
+    #[inline]
+    pub fn sample(&self, position: &Point2<f64>) -> Option<([usize; 2], f64)> {
+        let (x, y) = (position.x + 0.5, position.y + 0.5);
+        if !(x >= 0.0 && y >= 0.0) {
+            return None;
+        }
+        let (column, row) = (x as usize, y as usize);
+        let is_inside = column < self.columns && row < self.rows;
+        let rho = is_inside.then(|| self.rho(column, row)).flatten()?;
+        Some(([column, row], rho))
     }
 
     /// How far four points in the frame of the depth camera, given by their coordinates, lie before the surface measured along their rays;

@@ -6,6 +6,7 @@ use wide::f32x4;
 
 use super::blocks::{Block, CornerBits, CornerSet};
 use super::grid::{Corner, coordinates_below};
+use super::outlines::Outlines;
 use super::view::View;
 use super::{FusionOptions, PosedDepth};
 
@@ -26,7 +27,12 @@ pub(super) struct Field {
 }
 
 impl Field {
-    pub(super) fn new(views: &[PosedDepth<'_>], options: &FusionOptions) -> Self {
+    /// The field of all views. The outlines are shown their images as well.
+    pub(super) fn new(
+        views: &[PosedDepth<'_>],
+        options: &FusionOptions,
+        outlines: &mut Outlines,
+    ) -> Self {
         let side = options.side;
         let mut cubes = views
             .par_iter()
@@ -53,7 +59,7 @@ impl Field {
         }
         let corners = CornerSet::new(&cubes);
         let truncation = options.truncation_sides * side;
-        let distances = mean_distances(views, &corners, side, truncation);
+        let distances = mean_distances(views, &corners, side, truncation, outlines);
         Self {
             side,
             cubes: set,
@@ -78,6 +84,7 @@ fn mean_distances(
     corners: &CornerSet,
     side: f64,
     truncation: f64,
+    outlines: &mut Outlines,
 ) -> Vec<f32> {
     let mut sums = vec![DistanceSum::default(); corners.len()];
     let mut chunks: Vec<Chunk<'_>> = Vec::with_capacity(corners.blocks().len() / CHUNK + 1);
@@ -95,6 +102,7 @@ fn mean_distances(
             .for_each_init(Vec::new, |groups, chunk| {
                 chunk.add(&views, side, truncation, groups);
             });
+        outlines.observe(&views);
     }
     drop(chunks);
     sums.iter().map(DistanceSum::mean).collect()

@@ -1,8 +1,8 @@
 //! The surface on which the depth images of several views agree.
 //!
 //! Around measured points, on the corners of a grid of cubes, the distance from the surface that each view measured along the ray is averaged.
-//! The surface lies where the mean changes its sign: one vertex in each cube that it crosses. Along edges and boundaries vertices move onto 3D
-//! line segments.
+//! The surface lies where the mean changes its sign: one vertex in each cube that it crosses. It is cut off behind 3D line segments that are
+//! outlines, and along edges and boundaries vertices move onto them.
 //!
 //! # Reference
 //! The mean distance: B. Curless and M. Levoy, *A volumetric method for building complex models from range images*, SIGGRAPH 1996. The
@@ -13,10 +13,12 @@
 //! Nothing is accumulated view by view, so the result depends neither on the order of the views nor on which of them moved before.
 
 mod blocks;
+mod corners;
 mod field;
 mod grid;
 mod lips;
 mod nets;
+mod outlines;
 mod segments;
 mod sheets;
 mod view;
@@ -26,6 +28,7 @@ use nalgebra::{Isometry3, Point3};
 
 use crate::TriangleMesh;
 use field::Field;
+use outlines::Outlines;
 
 /// The depth image of a view with its pose.
 #[derive(Debug, Clone)]
@@ -67,13 +70,13 @@ impl FusionOptions {
 }
 
 /// The surface on which the depth of all `views` agrees, with normals towards the cameras and without colours. It is manifold; where
-/// sheets touch, vertices have copies. It is open where depth ends. Edges and boundaries lie on `segments` (end points in world coordinates) that
-/// are near them.
+/// sheets touch, vertices have copies. It is open where depth ends, and at segments that views see as outlines. Edges and boundaries lie on `segments`
+/// (end points in world coordinates) that are near them.
 ///
 /// Empty when the side is not a positive, finite length. Points further from the origin than a million sides are left out.
 ///
 /// # Complexity
-/// O(c v) for c corners of cubes near measured points and v views, and O(p log p) for p measured points. Memory of O(c); few images are
+/// O((c + s) v) for c corners of cubes near measured points, s cubes that segments cross and v views, and O(p log p) for p measured points. Memory of O(c); few images are
 /// unpacked at a time.
 pub fn fuse_depth(
     views: &[PosedDepth<'_>],
@@ -83,14 +86,17 @@ pub fn fuse_depth(
     if !(options.side > 0.0 && options.side.is_finite()) {
         return TriangleMesh::default();
     }
-    let (positions, triangles) = nets::extract(&Field::new(views, options));
+    let parts = segments::parts_by_cube(segments, options.side);
+    let mut outlines = Outlines::new(segments, &parts, options.side);
+    let (positions, mut triangles) = nets::extract(&Field::new(views, options, &mut outlines));
+    outlines.cut(&positions, &mut triangles);
     let (positions, triangles) = sheets::separate(positions, triangles, options.least_component);
     let mut mesh = TriangleMesh {
         positions,
         triangles,
         colors: None,
     };
-    segments::snap(&mut mesh, segments, options.side);
+    segments::snap(&mut mesh, segments, &parts, options.side);
     mesh
 }
 

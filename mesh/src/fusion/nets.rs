@@ -21,10 +21,6 @@ const NONE: u32 = u32::MAX;
 /// Marks the number of a cube's [`CubeVertices`].
 const SEVERAL: u32 = 1 << 31;
 
-/// Along a side of a cube the mean distance from a surface changes by one side. Where it changes by more sides than this, of six at most, some views measured
-/// a surface and others looked past it: in between lies the shadow of a rim. Tuned on the sample, the kitchen of 7-Scenes and a synthetic living room.
-const MOST_CHANGE_SIDES: f64 = 4.5;
-
 /// The vertices so far.
 #[derive(Default)]
 struct Vertices {
@@ -79,16 +75,12 @@ pub(super) fn extract(field: &Field) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     }
     let positions = vertices.positions;
     let mut triangles = Vec::new();
-    let most_change = (MOST_CHANGE_SIDES * field.side) as f32;
     for (corner, &distance) in field.corners.iter().zip(&field.distances) {
         if distance.is_nan() {
             continue;
         }
         for axis in 0..3 {
             let other = field.distance(corner.next(axis));
-            if (distance - other).abs() > most_change {
-                continue;
-            }
             let crossing = crossing(distance, other);
             let Some(Crossing {
                 is_first_behind, ..

@@ -6,6 +6,7 @@ use std::iter::successors;
 use nalgebra::{Point3, Vector3};
 use rustc_hash::FxHashMap;
 
+use super::corners::move_to_corners;
 use super::grid::Corner;
 use super::lips::join_lips;
 use crate::TriangleMesh;
@@ -30,9 +31,9 @@ const UNROUNDING_ROUNDS: usize = 3;
 
 /// The part of a segment in a cube.
 #[derive(Clone, Copy)]
-struct Part {
-    segment: u32,
-    middle: Point3<f64>,
+pub(super) struct Part {
+    pub(super) segment: u32,
+    pub(super) middle: Point3<f64>,
 }
 
 /// Bays of the boundary between vertices on one line are closed up to this width, in sides.
@@ -42,15 +43,19 @@ const LARGEST_BAY_EDGES: usize = 12;
 /// Vertices on two segments are on one line if each lies this close to the other's, in sides.
 const SAME_LINE_SIDES: f64 = 0.25;
 
-/// Moves vertices of a surface with cubes of this side onto segments: the vertex of each cube that a segment crosses to the middle of the part in
-/// that cube, and vertices of boundaries to the nearest point of a segment along them. Their neighbours follow. Where a boundary leaves a segment and comes back to it soon,
+/// Moves vertices of a surface with cubes of this side onto segments, whose `parts` are given: the vertex of each cube that a segment crosses to the middle of the part in
+/// that cube, and vertices of boundaries to the nearest point of a segment along them, or to the corner of two. Their neighbours follow. Where a boundary leaves a segment and comes back to it soon,
 /// the surface is continued up to the segment; where two boundaries lie on one segment, they are joined. Of several segments in a cube the longest counts. Segments
 /// on flat surfaces do not count.
 ///
 /// # Complexity
 /// Expected linear in vertices, triangles and crossed cubes, and O(n log n) for the edges.
-pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side: f64) {
-    let parts = parts_by_cube(segments, side);
+pub(super) fn snap(
+    mesh: &mut TriangleMesh,
+    segments: &[[Point3<f64>; 2]],
+    parts: &FxHashMap<Corner, Part>,
+    side: f64,
+) {
     if parts.is_empty() {
         return;
     }
@@ -96,12 +101,13 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
             continue;
         }
         let position = &mut mesh.positions[*vertex as usize];
-        if let Some((nearest, segment)) = rim.nearest_along(position, segments, &parts, side) {
+        if let Some((nearest, segment)) = rim.nearest_along(position, segments, parts, side) {
             away.insert(*vertex, rim.normal().dot(&(nearest - *position)));
             *position = nearest;
             segment_of.insert(*vertex, segment);
         }
     }
+    move_to_corners(mesh, &open, segments, &mut segment_of, side);
     unround(mesh, &segment_of, &boundary);
     remove_flattened_ears(mesh, &open);
     let apart = |mesh: &TriangleMesh, vertex: u32, segment: u32| {
@@ -125,7 +131,7 @@ pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side:
 }
 
 /// The part of the longest segment in each cube that segments cross.
-fn parts_by_cube(segments: &[[Point3<f64>; 2]], side: f64) -> FxHashMap<Corner, Part> {
+pub(super) fn parts_by_cube(segments: &[[Point3<f64>; 2]], side: f64) -> FxHashMap<Corner, Part> {
     let squared_length = |segment: u32| {
         let [from, to] = &segments[segment as usize];
         (to - from).norm_squared()

@@ -257,6 +257,74 @@ fn lips_of_a_slit_along_a_segment_are_joined_but_not_surfaces_at_two_depths() {
     }
 }
 
+/// A table top at y = 0.3 that ends at z = 2, 0.15 before a wall.
+fn table(from: &Point3<f64>, ray: &Vector3<f64>) -> Option<f64> {
+    let to_top = (0.3 - from.y) / ray.y;
+    let is_top = ray.y > 0.0 && from.z + to_top * ray.z <= 2.0;
+    Some(if is_top {
+        to_top
+    } else {
+        (2.15 - from.z) / ray.z
+    })
+}
+
+#[test]
+fn no_surface_leads_through_the_shadow_of_a_rim_that_a_segment_shows() {
+    let side = 0.05;
+    let poses: Vec<_> = [-0.3, -0.22, -0.13, -0.05, 0.04]
+        .map(|y| Isometry3::translation(0.01, y, 0.0))
+        .into();
+    let depths: Vec<_> = poses.iter().map(|pose| depth_of(pose, table)).collect();
+    // Within a cube of the rim.
+    let in_shadow = |mesh: &TriangleMesh| {
+        let is_in = |p: &&Point3<f64>| (2.01..2.05).contains(&p.z) && p.x.abs() < 0.6;
+        mesh.positions.iter().filter(is_in).count()
+    };
+    let rim = [-0.8, 0.8].map(|x| Point3::new(x, 0.3, 2.0));
+    // A line on the top ends nothing.
+    let line = [-0.8, 0.8].map(|x| Point3::new(x, 0.3, 1.7));
+    let rough = fused_along(&[line], &poses, &depths, side);
+    assert!(in_shadow(&rough) > 20, "{}", in_shadow(&rough));
+    let mesh = fused_along(&[line, rim], &poses, &depths, side);
+    mesh.validate().unwrap();
+    assert_eq!(in_shadow(&mesh), 0);
+    let on_rim = |p: &&Point3<f64>| (p.y - 0.3).hypot(p.z - 2.0) < 1e-9 && p.x.abs() < 0.6;
+    let count = mesh.positions.iter().filter(on_rim).count();
+    assert!(count > 20, "{count}");
+    // The wall and the rest of the top stay.
+    let elsewhere = |mesh: &TriangleMesh| {
+        let is_elsewhere = |p: &&Point3<f64>| p.z < 1.9 || p.z > 2.13 && p.y < 0.2;
+        mesh.positions.iter().filter(is_elsewhere).count()
+    };
+    assert_eq!(elsewhere(&mesh), elsewhere(&rough));
+}
+
+#[test]
+fn a_boundary_has_the_corner_at_which_two_segments_would_meet() {
+    let poses: Vec<_> = [-0.2, 0.0, 0.2]
+        .map(|x| Isometry3::translation(x, 0.0, 0.0))
+        .into();
+    let depths: Vec<_> = poses
+        .iter()
+        .map(|pose| depth_of(pose, |from, ray| board(from, ray, 0.6)))
+        .collect();
+    let corner = Point3::new(0.6, 0.6, 2.0);
+    let to_corner = |from: [f64; 3]| [Point3::from(from), corner - Vector3::new(0.05, 0.05, 0.0)];
+    let [mut upright, mut level] = [[0.6, -0.5, 2.0], [-0.5, 0.6, 2.0]].map(to_corner);
+    (upright[1].x, level[1].y) = (0.6, 0.6);
+    let apart = |mesh: &TriangleMesh| {
+        let apart = |p: &Point3<f64>| (p - corner).norm();
+        mesh.positions
+            .iter()
+            .map(apart)
+            .fold(f64::INFINITY, f64::min)
+    };
+    let both = fused_along(&[upright, level], &poses, &depths, 0.05);
+    both.validate().unwrap();
+    assert!(apart(&both) < 1e-9, "{}", apart(&both));
+    assert!(apart(&fused_along(&[upright], &poses, &depths, 0.05)) > 1e-3);
+}
+
 #[test]
 fn sheets_that_touch_are_separate() {
     // Two tetrahedra with a common edge.

@@ -47,6 +47,16 @@ impl View {
         self.image.distances([along(0), along(1), along(2)])
     }
 
+    /// The depth image.
+    pub(super) fn image(&self) -> &DepthImage {
+        &self.image
+    }
+
+    /// A direction in world coordinates, from one in the frame of the camera.
+    pub(super) fn in_world(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+        self.world_from_depth.rotation * direction
+    }
+
     /// A point in the frame of the camera.
     pub(super) fn in_camera(&self, point_in_world: &Point3<f64>) -> Point3<f64> {
         self.depth_from_world * point_in_world
