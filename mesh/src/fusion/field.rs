@@ -31,7 +31,7 @@ impl Field {
     pub(super) fn new(
         views: &[PosedDepth<'_>],
         options: &FusionOptions,
-        outlines: &mut Outlines,
+        outlines: &mut Outlines<'_>,
     ) -> Self {
         let side = options.side;
         let mut cubes = views
@@ -84,7 +84,7 @@ fn mean_distances(
     corners: &CornerSet,
     side: f64,
     truncation: f64,
-    outlines: &mut Outlines,
+    outlines: &mut Outlines<'_>,
 ) -> Vec<f32> {
     let mut sums = vec![DistanceSum::default(); corners.len()];
     let mut chunks: Vec<Chunk<'_>> = Vec::with_capacity(corners.blocks().len() / CHUNK + 1);

@@ -86,8 +86,7 @@ pub fn fuse_depth(
     if !(options.side > 0.0 && options.side.is_finite()) {
         return TriangleMesh::default();
     }
-    let parts = segments::parts_by_cube(segments, options.side);
-    let mut outlines = Outlines::new(segments, &parts, options.side);
+    let mut outlines = Outlines::new(segments, options.side);
     let (positions, mut triangles) = nets::extract(&Field::new(views, options, &mut outlines));
     outlines.cut(&positions, &mut triangles);
     let (positions, triangles) = sheets::separate(positions, triangles, options.least_component);
@@ -96,7 +95,7 @@ pub fn fuse_depth(
         triangles,
         colors: None,
     };
-    segments::snap(&mut mesh, segments, &parts, options.side);
+    segments::snap(&mut mesh, segments, options.side);
     mesh
 }
 

@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::grid::Corner;
-use super::segments::Part;
+use super::segments::{Part, parts_by_cube};
 use super::view::View;
 
 /// Least number of views that see that the surface ends. Single views err: depth is that of the wrong side of an edge, or of neither.
-const LEAST_VIEWS: u32 = 3;
+const LEAST_VIEWS: u16 = 3;
 /// Least length of the sum of the directions in which it ends, a view each, over their number.
 const LEAST_AGREEMENT: f64 = 0.97;
 /// What lies behind a rim is at least so many sides further away. Segments lie as much as one beside creases.
@@ -32,21 +32,20 @@ const MOST_SLOPE: f64 = 0.4;
 const LEAST_COSINE: f64 = 0.9;
 
 /// Parts of segments with what views saw beside them.
-pub(super) struct Outlines {
+pub(super) struct Outlines<'a> {
+    segments: &'a [[Point3<f64>; 2]],
     side: f64,
     parts: Vec<Votes>,
 }
 
-/// What views saw beside a part.
+/// What views saw beside a part, in 32 bytes.
 struct Votes {
-    middle: Point3<f64>,
-    /// Unit vector along the segment.
-    along: Vector3<f64>,
+    part: Part,
     /// Views that saw that the surface ends, and the sum of the directions in which it does.
-    ends: u32,
-    outward: Vector3<f64>,
+    ends: u16,
+    outward: Vector3<f32>,
     /// Views that saw that it goes on.
-    goes_on: u32,
+    goes_on: u16,
 }
 
 /// What a view sees beside a segment.
@@ -64,26 +63,19 @@ struct Outline {
     normal: Vector3<f64>,
 }
 
-impl Outlines {
-    /// None yet, for parts of these segments.
-    pub(super) fn new(
-        segments: &[[Point3<f64>; 2]],
-        parts: &FxHashMap<Corner, Part>,
-        side: f64,
-    ) -> Self {
-        let mut sorted: Vec<_> = parts.iter().collect();
-        sorted.sort_unstable_by_key(|(cube, _)| **cube);
-        let votes = |(_, part): (&Corner, &Part)| {
-            let [from, to] = segments[part.segment as usize];
-            Votes {
-                middle: part.middle,
-                along: (to - from).normalize(),
-                ends: 0,
-                outward: Vector3::zeros(),
-                goes_on: 0,
-            }
+impl<'a> Outlines<'a> {
+    /// None yet, for the parts of segments in cubes with this side.
+    pub(super) fn new(segments: &'a [[Point3<f64>; 2]], side: f64) -> Self {
+        let mut sorted: Vec<(Corner, Part)> = parts_by_cube(segments, side).into_iter().collect();
+        sorted.sort_unstable_by_key(|(cube, _)| *cube);
+        let votes = |(_, part)| Votes {
+            part,
+            ends: 0,
+            outward: Vector3::zeros(),
+            goes_on: 0,
         };
         Self {
+            segments,
             side,
             parts: sorted.into_iter().map(votes).collect(),
         }
@@ -91,15 +83,17 @@ impl Outlines {
 
     /// Adds what views see, in their order.
     pub(super) fn observe(&mut self, views: &[View]) {
-        let side = self.side;
-        self.parts.par_iter_mut().for_each(|part| {
+        let (segments, side) = (self.segments, self.side);
+        self.parts.par_iter_mut().for_each(|votes| {
+            let middle = votes.part.middle(segments);
+            let along = votes.along(segments);
             for view in views {
-                match sight(view, part, side) {
+                match sight(view, &middle, &along, side) {
                     Some(Sight::Ends(outward)) => {
-                        part.ends += 1;
-                        part.outward += outward;
+                        votes.ends = votes.ends.saturating_add(1);
+                        votes.outward += outward.cast::<f32>();
                     }
-                    Some(Sight::GoesOn) => part.goes_on += 1,
+                    Some(Sight::GoesOn) => votes.goes_on = votes.goes_on.saturating_add(1),
                     None => {}
                 }
             }
@@ -112,7 +106,8 @@ impl Outlines {
     /// Expected linear in parts and triangles.
     pub(super) fn cut(&self, positions: &[Point3<f64>], triangles: &mut Vec<[u32; 3]>) {
         let side = self.side;
-        let outlines: Vec<Outline> = self.parts.iter().filter_map(Votes::outline).collect();
+        let outline = |votes: &Votes| votes.outline(self.segments);
+        let outlines: Vec<Outline> = self.parts.iter().filter_map(outline).collect();
         let mut by_cube: FxHashMap<Corner, Vec<u32>> = FxHashMap::default();
         for (number, outline) in (0..).zip(&outlines) {
             // Twice a side, so that no cube is left out.
@@ -150,18 +145,26 @@ impl Outlines {
 }
 
 impl Votes {
+    /// Unit vector along the segment.
+    fn along(&self, segments: &[[Point3<f64>; 2]]) -> Vector3<f64> {
+        let [from, to] = segments[self.part.segment as usize];
+        (to - from).normalize()
+    }
+
     /// The outline; `None` where views do not agree that the surface ends.
-    fn outline(&self) -> Option<Outline> {
-        let is_agreed = self.outward.norm() >= LEAST_AGREEMENT * f64::from(self.ends);
+    fn outline(&self, segments: &[[Point3<f64>; 2]]) -> Option<Outline> {
+        let outward: Vector3<f64> = self.outward.cast();
+        let is_agreed = outward.norm() >= LEAST_AGREEMENT * f64::from(self.ends);
         if self.ends < LEAST_VIEWS || self.ends <= self.goes_on || !is_agreed {
             return None;
         }
-        let outward = self.outward.normalize();
+        let along = self.along(segments);
+        let outward = outward.normalize();
         Some(Outline {
-            middle: self.middle,
-            along: self.along,
+            middle: self.part.middle(segments),
+            along,
             outward,
-            normal: self.along.cross(&outward),
+            normal: along.cross(&outward),
         })
     }
 }
@@ -188,9 +191,9 @@ struct Sample {
 }
 
 /// What a view sees beside a part of a segment; `None` where depth on either side is unknown, or it is neither an outline nor on a surface.
-fn sight(view: &View, part: &Votes, side: f64) -> Option<Sight> {
+fn sight(view: &View, middle: &Point3<f64>, along: &Vector3<f64>, side: f64) -> Option<Sight> {
     let image = view.image();
-    let from = view.in_camera(&part.middle);
+    let from = view.in_camera(middle);
     let pixel = image.project(&from)?;
     let rho = 1.0 / from.z;
     // What a side of a cube along the ray is in inverse depth.
@@ -199,7 +202,7 @@ fn sight(view: &View, part: &Votes, side: f64) -> Option<Sight> {
     if seen > rho + LEAST_JUMP_SIDES * unit {
         return None;
     }
-    let to = view.in_camera(&(part.middle + side * part.along));
+    let to = view.in_camera(&(middle + side * along));
     let along = image.project(&to)? - pixel;
     let length = along.norm();
     if length < LEAST_LENGTH_PX {

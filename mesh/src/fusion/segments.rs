@@ -33,7 +33,15 @@ const UNROUNDING_ROUNDS: usize = 3;
 #[derive(Clone, Copy)]
 pub(super) struct Part {
     pub(super) segment: u32,
-    pub(super) middle: Point3<f64>,
+    /// Share of the segment before the middle of the part.
+    share: f64,
+}
+
+impl Part {
+    pub(super) fn middle(&self, segments: &[[Point3<f64>; 2]]) -> Point3<f64> {
+        let [from, to] = segments[self.segment as usize];
+        from + self.share * (to - from)
+    }
 }
 
 /// Bays of the boundary between vertices on one line are closed up to this width, in sides.
@@ -43,19 +51,15 @@ const LARGEST_BAY_EDGES: usize = 12;
 /// Vertices on two segments are on one line if each lies this close to the other's, in sides.
 const SAME_LINE_SIDES: f64 = 0.25;
 
-/// Moves vertices of a surface with cubes of this side onto segments, whose `parts` are given: the vertex of each cube that a segment crosses to the middle of the part in
+/// Moves vertices of a surface with cubes of this side onto segments: the vertex of each cube that a segment crosses to the middle of the part in
 /// that cube, and vertices of boundaries to the nearest point of a segment along them, or to the corner of two. Their neighbours follow. Where a boundary leaves a segment and comes back to it soon,
 /// the surface is continued up to the segment; where two boundaries lie on one segment, they are joined. Of several segments in a cube the longest counts. Segments
 /// on flat surfaces do not count.
 ///
 /// # Complexity
 /// Expected linear in vertices, triangles and crossed cubes, and O(n log n) for the edges.
-pub(super) fn snap(
-    mesh: &mut TriangleMesh,
-    segments: &[[Point3<f64>; 2]],
-    parts: &FxHashMap<Corner, Part>,
-    side: f64,
-) {
+pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side: f64) {
+    let parts = parts_by_cube(segments, side);
     if parts.is_empty() {
         return;
     }
@@ -66,7 +70,7 @@ pub(super) fn snap(
             continue;
         };
         if let Some(part) = parts.get(&cube) {
-            let found = ((part.middle - position).norm_squared(), vertex);
+            let found = ((part.middle(segments) - position).norm_squared(), vertex);
             let nearest = vertices.entry(cube).or_insert(found);
             if found.0 < nearest.0 {
                 *nearest = found;
@@ -89,10 +93,11 @@ pub(super) fn snap(
         let [edge, plain] = counts[part.segment as usize].map(f64::from);
         if edge >= LEAST_SHARE * (edge + plain) {
             let position = &mut mesh.positions[*vertex as usize];
+            let middle = part.middle(segments);
             if let Some(rim) = boundary.get(vertex) {
-                away.insert(*vertex, rim.normal().dot(&(part.middle - *position)));
+                away.insert(*vertex, rim.normal().dot(&(middle - *position)));
             }
-            *position = part.middle;
+            *position = middle;
             segment_of.insert(*vertex, part.segment);
         }
     }
@@ -101,7 +106,7 @@ pub(super) fn snap(
             continue;
         }
         let position = &mut mesh.positions[*vertex as usize];
-        if let Some((nearest, segment)) = rim.nearest_along(position, segments, parts, side) {
+        if let Some((nearest, segment)) = rim.nearest_along(position, segments, &parts, side) {
             away.insert(*vertex, rim.normal().dot(&(nearest - *position)));
             *position = nearest;
             segment_of.insert(*vertex, segment);
@@ -155,11 +160,11 @@ pub(super) fn parts_by_cube(segments: &[[Point3<f64>; 2]], side: f64) -> FxHashM
         }
         cuts.sort_unstable_by(f64::total_cmp);
         for pair in cuts.windows(2).filter(|pair| pair[0] < pair[1]) {
-            let middle = from + 0.5 * (pair[0] + pair[1]) * along;
-            let Some(cube) = Corner::below(&middle, side) else {
+            let share = 0.5 * (pair[0] + pair[1]);
+            let Some(cube) = Corner::below(&(from + share * along), side) else {
                 continue;
             };
-            let part = Part { segment, middle };
+            let part = Part { segment, share };
             let longest = parts.entry(cube).or_insert(part);
             if squared_length(longest.segment) < squared_length(segment) {
                 *longest = part;
