@@ -9,6 +9,8 @@ use super::grid::Corner;
 use super::segments::{Part, parts_by_cube};
 use super::view::View;
 
+/// Parts that are looked at together: views that see none of them are skipped.
+const CHUNK: usize = 64;
 /// Least number of views that see that the surface ends. Single views err: depth is that of the wrong side of an edge, or of neither.
 const LEAST_VIEWS: u16 = 3;
 /// Least length of the sum of the directions in which it ends, a view each, over their number.
@@ -37,6 +39,9 @@ pub(super) struct Outlines<'a> {
     side: f64,
     parts: Vec<Votes>,
 }
+
+/// The middle of a part, and the unit vector along its segment.
+type Place = (Point3<f64>, Vector3<f64>);
 
 /// What views saw beside a part, in 32 bytes.
 struct Votes {
@@ -84,17 +89,31 @@ impl<'a> Outlines<'a> {
     /// Adds what views see, in their order.
     pub(super) fn observe(&mut self, views: &[View]) {
         let (segments, side) = (self.segments, self.side);
-        self.parts.par_iter_mut().for_each(|votes| {
-            let middle = votes.part.middle(segments);
-            let along = votes.along(segments);
+        let chunks = self.parts.par_chunks_mut(CHUNK);
+        chunks.for_each_init(Vec::new, |places, parts| {
+            places.clear();
+            places.extend(parts.iter().map(|it| it.place(segments)));
+            let [(first, _), ..] = places[..] else {
+                return;
+            };
+            let bounds = |(low, high): (Point3<f64>, Point3<f64>), (middle, _): &Place| {
+                (low.inf(middle), high.sup(middle))
+            };
+            let (low, high) = places.iter().fold((first, first), bounds);
+            let (center, radius) = (nalgebra::center(&low, &high), 0.5 * (high - low).norm());
             for view in views {
-                match sight(view, &middle, &along, side) {
-                    Some(Sight::Ends(outward)) => {
-                        votes.ends = votes.ends.saturating_add(1);
-                        votes.outward += outward.cast::<f32>();
+                if !view.may_see(&view.in_camera(&center), radius) {
+                    continue;
+                }
+                for (votes, place) in parts.iter_mut().zip(&*places) {
+                    match sight(view, place, side) {
+                        Some(Sight::Ends(outward)) => {
+                            votes.ends = votes.ends.saturating_add(1);
+                            votes.outward += outward.cast::<f32>();
+                        }
+                        Some(Sight::GoesOn) => votes.goes_on = votes.goes_on.saturating_add(1),
+                        None => {}
                     }
-                    Some(Sight::GoesOn) => votes.goes_on = votes.goes_on.saturating_add(1),
-                    None => {}
                 }
             }
         });
@@ -145,10 +164,9 @@ impl<'a> Outlines<'a> {
 }
 
 impl Votes {
-    /// Unit vector along the segment.
-    fn along(&self, segments: &[[Point3<f64>; 2]]) -> Vector3<f64> {
+    fn place(&self, segments: &[[Point3<f64>; 2]]) -> Place {
         let [from, to] = segments[self.part.segment as usize];
-        (to - from).normalize()
+        (self.part.middle(segments), (to - from).normalize())
     }
 
     /// The outline; `None` where views do not agree that the surface ends.
@@ -158,10 +176,10 @@ impl Votes {
         if self.ends < LEAST_VIEWS || self.ends <= self.goes_on || !is_agreed {
             return None;
         }
-        let along = self.along(segments);
+        let (middle, along) = self.place(segments);
         let outward = outward.normalize();
         Some(Outline {
-            middle: self.part.middle(segments),
+            middle,
             along,
             outward,
             normal: along.cross(&outward),
@@ -191,7 +209,7 @@ struct Sample {
 }
 
 /// What a view sees beside a part of a segment; `None` where depth on either side is unknown, or it is neither an outline nor on a surface.
-fn sight(view: &View, middle: &Point3<f64>, along: &Vector3<f64>, side: f64) -> Option<Sight> {
+fn sight(view: &View, (middle, along): &Place, side: f64) -> Option<Sight> {
     let image = view.image();
     let from = view.in_camera(middle);
     let pixel = image.project(&from)?;
