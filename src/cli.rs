@@ -216,7 +216,7 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
 
-    /// Find the poses from the images with depth, and do not read those of the recording. Without poses this is done in any case.
+    /// Find the poses from the images, and do not read those of the recording. Without poses this is done in any case.
     #[arg(long, conflicts_with = "poses")]
     pub track: bool,
 

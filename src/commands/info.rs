@@ -22,14 +22,14 @@ pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     );
     let (sequence, without_poses) = open_with_or_without_poses(input, &open_options(&args.input))?;
     let mut facts = inspect(&sequence, &InspectOptions::default())?;
-    if let Some(reason) = without_poses {
-        let (source, flag) = match TrackingMode::of(&sequence) {
-            TrackingMode::Rgbd => ("images with depth", ""),
-            TrackingMode::Stereo => ("stereo pairs", ""),
-            TrackingMode::Mono => ("images of one camera", " --track"),
+    if let Some(statement) = without_poses {
+        let source = match TrackingMode::of(&sequence) {
+            TrackingMode::Rgbd => "images with depth",
+            TrackingMode::Stereo => "stereo pairs",
+            TrackingMode::Mono => "images of one camera",
         };
         facts.warnings.push(Warning::statement(format!(
-            "there are no poses ({reason}): `linecarve track` and `linecarve reconstruct{flag}` find them from {source}"
+            "{statement}: `linecarve track` and `linecarve reconstruct` find them from {source}"
         )));
     }
     if args.json {

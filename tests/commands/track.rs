@@ -160,6 +160,26 @@ fn one_camera_tracks_the_sample_without_its_depth() {
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let rmse = found["position"]["rmse"].as_f64().unwrap();
     assert!(rmse < 0.05, "{found}");
+    // The surface without being asked to track.
+    let surface = out.path().join("surface");
+    let output = expect_status(
+        0,
+        [
+            "reconstruct",
+            &text(folder.path()),
+            "--final-only",
+            "--no-picture",
+            "--out",
+            &text(&surface),
+        ],
+    );
+    let warned = stderr(&output);
+    assert!(
+        warned.contains("they are found from the images"),
+        "{warned}"
+    );
+    assert!(warned.contains("the unit of all lengths"), "{warned}");
+    assert!(surface.join("mesh.ply").exists() && surface.join("trajectory.txt").exists());
 }
 
 /// Grey values of the images of the sample as an uncompressed video.
@@ -240,7 +260,11 @@ fn info_tells_what_a_recording_without_poses_holds() {
     std::fs::remove_file(folder.path().join("linecarve.toml")).unwrap();
     let output = expect_status(0, ["info", &text(folder.path().join("rgb"))]);
     let warned = stderr(&output);
-    assert!(warned.contains("reconstruct --track"), "{warned}");
+    assert!(
+        warned.contains("find them from images of one camera"),
+        "{warned}"
+    );
+    assert!(!warned.contains("layout"), "{warned}");
     // Poses that were asked for must be there.
     let output = expect_status(2, ["info", &input, "--poses", "none.txt"]);
     assert!(stderr(&output).contains("none.txt"));

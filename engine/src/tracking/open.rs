@@ -18,7 +18,7 @@ pub(crate) struct Opened {
     pub(crate) warnings: Vec<String>,
 }
 
-/// Opens a sequence; finds its poses from images with depth, or from stereo pairs, when it has none, or when `track` says so.
+/// Opens a sequence; finds its poses from its images when it has none, or when `track` says so.
 pub(crate) fn open_or_track(
     path: &Path,
     options: &OpenOptions,
@@ -27,34 +27,19 @@ pub(crate) fn open_or_track(
     progress: &ProgressHook,
 ) -> Result<Opened, TrackError> {
     let mut warnings = Vec::new();
-    let sequence = if track {
-        let (sequence, warning) = open_unposed(path, options)?;
-        warnings.extend(warning);
-        sequence
-    } else {
-        match Sequence::open(path, options) {
-            Ok(sequence) => {
-                return Ok(Opened {
-                    sequence,
-                    is_tracked: false,
-                    warnings,
-                });
-            }
-            Err(error) => {
-                let sequence = without_poses(path, options, &error);
-                // One camera alone has no scale: that is asked for.
-                let has_scale = |it: &Sequence| TrackingMode::of(it) != TrackingMode::Mono;
-                let Some(sequence) = sequence.filter(has_scale) else {
-                    return Err(error.into());
-                };
-                warnings.push(format!(
-                    "no poses are read ({error}): they are found from the images"
-                ));
-                sequence
-            }
-        }
-    };
-    let mut sequence = sequence;
+    if !track {
+        let (sequence, without_poses) = open_with_or_without_poses(path, options)?;
+        let Some(statement) = without_poses else {
+            return Ok(Opened {
+                sequence,
+                is_tracked: false,
+                warnings,
+            });
+        };
+        warnings.push(format!("{statement}: they are found from the images"));
+    }
+    let (mut sequence, warning) = open_unposed(path, options)?;
+    warnings.extend(warning);
     let mode = TrackingMode::of(&sequence);
     let tracked = track_sequence(&sequence, mode, mode.options(), relative_noise, progress)?;
     if mode == TrackingMode::Mono {
@@ -99,37 +84,49 @@ pub(crate) fn open_or_track(
     })
 }
 
-/// Opens a sequence, without poses when it has none; then with the reason for that. A focal length that no file gives is assumed.
+/// Opens a sequence, without poses when it has none; then with a text that says so. A focal length that no file gives is assumed.
 ///
 /// # Errors
 /// As [`Sequence::open`].
 pub fn open_with_or_without_poses(
     path: &Path,
     options: &OpenOptions,
-) -> Result<(Sequence, Option<SequenceError>), SequenceError> {
-    let error = match Sequence::open(path, options) {
-        Ok(sequence) => return Ok((sequence, None)),
-        Err(error) => error,
-    };
-    let options = OpenOptions {
-        assumed_focal: Some(FIRST_FOCAL),
-        ..options.clone()
-    };
-    match without_poses(path, &options, &error) {
-        Some(sequence) => Ok((sequence, Some(error))),
-        None => Err(error),
+) -> Result<(Sequence, Option<String>), SequenceError> {
+    match Sequence::open(path, options) {
+        Ok(sequence) => Ok((sequence, None)),
+        Err(error) if may_lack_poses(options, &error) => {
+            match Sequence::open_without_poses(path, &with_assumed_focal(options)) {
+                Ok(sequence) => Ok((sequence, Some(no_poses(&error)))),
+                // Without images either, the first error says more.
+                Err(_) => Err(error),
+            }
+        }
+        Err(error) => Err(error),
     }
 }
 
-/// The sequence without poses, when an error may mean that it has none.
-fn without_poses(path: &Path, options: &OpenOptions, error: &SequenceError) -> Option<Sequence> {
-    let may_lack_poses = match error {
-        SequenceError::NoFrames { .. } | SequenceError::UnknownLayout { .. } => true,
-        SequenceError::Content { path, .. } => !path.exists(),
-        _ => false,
-    };
-    if !may_lack_poses || options.poses.is_some() {
-        return None;
+fn with_assumed_focal(options: &OpenOptions) -> OpenOptions {
+    OpenOptions {
+        assumed_focal: Some(FIRST_FOCAL),
+        ..options.clone()
     }
-    Sequence::open_without_poses(path, options).ok()
+}
+
+/// Says that there are no poses, and why not.
+fn no_poses(error: &SequenceError) -> String {
+    match error {
+        // That lists all layouts with poses.
+        SequenceError::UnknownLayout { .. } => "there are no poses".to_owned(),
+        error => format!("there are no poses ({error})"),
+    }
+}
+
+/// Whether an error may mean that a sequence has no poses, where none were asked for.
+fn may_lack_poses(options: &OpenOptions, error: &SequenceError) -> bool {
+    options.poses.is_none()
+        && match error {
+            SequenceError::NoFrames { .. } | SequenceError::UnknownLayout { .. } => true,
+            SequenceError::Content { path, .. } => !path.exists(),
+            _ => false,
+        }
 }
