@@ -96,6 +96,7 @@ impl<'a> KeyframeSurface<'a> {
     fn sigma(&self, sample: &SurfaceSample) -> f64 {
         let own = f64::from(sample.sigma);
         let shared = self.disagreement * f64::from(sample.rho);
+        // `hypot` is a call, once for each sample of a triangle.
         (own * own + shared * shared).sqrt()
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use linecarve_sequence::{OpenOptions, Sequence};
+use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 use linecarve_tracking::{FrameDetector, FrameFeatures, Tracker};
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use super::error::TrackError;
 use super::mode::TrackingMode;
 
 /// First focal length, as a share of the longer side: that of a telephone is 0.7 to 0.9.
-pub(super) const FIRST_FOCAL: f64 = 0.85;
+const FIRST_FOCAL: f64 = 0.85;
 
 /// Frames at the beginning that decide.
 const FRAMES: usize = 300;
@@ -26,19 +26,40 @@ pub fn open_unposed(
     path: &Path,
     options: &OpenOptions,
 ) -> Result<(Sequence, Option<String>), TrackError> {
-    let with_focal = |share: f64| {
-        let options = OpenOptions {
-            assumed_focal: Some(share),
-            ..options.clone()
-        };
-        Sequence::open_without_poses(path, &options)
+    with_estimated_focal(open_with_assumed_focal(path, options)?, path, options)
+}
+
+/// Opens a sequence without reading poses. A focal length that no file gives is assumed.
+pub(super) fn open_with_assumed_focal(
+    path: &Path,
+    options: &OpenOptions,
+) -> Result<Sequence, SequenceError> {
+    open_with_focal(path, options, FIRST_FOCAL)
+}
+
+fn open_with_focal(
+    path: &Path,
+    options: &OpenOptions,
+    share: f64,
+) -> Result<Sequence, SequenceError> {
+    let options = OpenOptions {
+        assumed_focal: Some(share),
+        ..options.clone()
     };
-    let sequence = with_focal(FIRST_FOCAL)?;
+    Sequence::open_without_poses(path, &options)
+}
+
+/// Replaces an assumed focal length by one that is estimated from the images; a warning says which.
+pub(super) fn with_estimated_focal(
+    sequence: Sequence,
+    path: &Path,
+    options: &OpenOptions,
+) -> Result<(Sequence, Option<String>), TrackError> {
     if !sequence.has_assumed_camera() {
         return Ok((sequence, None));
     }
     let (share, is_determined) = estimate(&sequence)?;
-    let sequence = with_focal(share)?;
+    let sequence = open_with_focal(path, options, share)?;
     let focal = sequence.color_camera().fx();
     let how = match is_determined {
         true => "estimated from the images",

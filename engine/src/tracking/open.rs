@@ -4,7 +4,7 @@ use std::path::Path;
 
 use linecarve_sequence::{OpenOptions, Sequence, SequenceError};
 
-use super::calibrate::{FIRST_FOCAL, open_unposed};
+use super::calibrate::{open_unposed, open_with_assumed_focal, with_estimated_focal};
 use super::error::TrackError;
 use super::mode::TrackingMode;
 use super::run::track_sequence;
@@ -27,7 +27,9 @@ pub(crate) fn open_or_track(
     progress: &ProgressHook,
 ) -> Result<Opened, TrackError> {
     let mut warnings = Vec::new();
-    if !track {
+    let (mut sequence, warning) = if track {
+        open_unposed(path, options)?
+    } else {
         let (sequence, without_poses) = open_with_or_without_poses(path, options)?;
         let Some(statement) = without_poses else {
             return Ok(Opened {
@@ -37,8 +39,8 @@ pub(crate) fn open_or_track(
             });
         };
         warnings.push(format!("{statement}: they are found from the images"));
-    }
-    let (mut sequence, warning) = open_unposed(path, options)?;
+        with_estimated_focal(sequence, path, options)?
+    };
     warnings.extend(warning);
     let mode = TrackingMode::of(&sequence);
     let tracked = track_sequence(&sequence, mode, mode.options(), relative_noise, progress)?;
@@ -95,20 +97,13 @@ pub fn open_with_or_without_poses(
     match Sequence::open(path, options) {
         Ok(sequence) => Ok((sequence, None)),
         Err(error) if may_lack_poses(options, &error) => {
-            match Sequence::open_without_poses(path, &with_assumed_focal(options)) {
+            match open_with_assumed_focal(path, options) {
                 Ok(sequence) => Ok((sequence, Some(no_poses(&error)))),
                 // Without images either, the first error says more.
                 Err(_) => Err(error),
             }
         }
         Err(error) => Err(error),
-    }
-}
-
-fn with_assumed_focal(options: &OpenOptions) -> OpenOptions {
-    OpenOptions {
-        assumed_focal: Some(FIRST_FOCAL),
-        ..options.clone()
     }
 }
 

@@ -17,8 +17,7 @@ const LOOSENESS: f64 = 0.5;
 /// Length of a rounded direction.
 const STEPS: f64 = 127.0;
 
-/// A grid of cells with the clusters that are near them. Cells are entered around a cluster as well, so that most changes of the cluster leave its entries as
-/// they are.
+/// A grid of cells with the clusters near each. A cluster has entries in the cells around it as well, so that most changes of the cluster leave them as they are.
 #[derive(Debug, Clone)]
 pub(super) struct ClusterIndex {
     /// How far a segment may be from a cluster that it fits.
@@ -100,9 +99,8 @@ impl ClusterIndex {
     pub(super) fn follow(&mut self, cluster: u32, representative: &WorldSegment) -> bool {
         let looseness = LOOSENESS * self.reach;
         let is_within = |entered: WorldSegment| {
-            let ends = entered.ends.iter().zip(&representative.ends);
-            ends.into_iter()
-                .all(|(before, now)| (now - before).amax() <= looseness)
+            let mut ends = entered.ends.iter().zip(&representative.ends);
+            ends.all(|(before, now)| (now - before).amax() <= looseness)
                 && entered.direction().dot(&representative.direction()) >= self.least_cosine
         };
         let has_left = !self.entered[cluster as usize].is_some_and(is_within);

@@ -28,10 +28,9 @@ pub(super) fn move_to_corners(
     edges.sort_unstable();
     let mut moved: Vec<(u32, Point3<f64>, u32)> = Vec::new();
     for (from, to) in edges {
-        let after = next.get(&to).copied().unwrap_or(to);
         let (vertices, last) = match segment_of.contains_key(&to) {
             true => ([from, to], to),
-            false => ([to, to], after),
+            false => ([to, to], next.get(&to).copied().unwrap_or(to)),
         };
         let (Some(&first), Some(&second)) = (segment_of.get(&from), segment_of.get(&last)) else {
             continue;
@@ -40,15 +39,11 @@ pub(super) fn move_to_corners(
         let Some(corner) = corner(lines, APART_SIDES * side) else {
             continue;
         };
-        let [(apart, vertex), other] =
-            vertices.map(|vertex| ((mesh.positions[vertex as usize] - corner).norm(), vertex));
-        let (apart, vertex) = if other.0 < apart {
-            other
-        } else {
-            (apart, vertex)
-        };
-        if apart <= REACH_SIDES * side {
-            moved.push((vertex, corner, first));
+        let apart = |vertex: u32| (mesh.positions[vertex as usize] - corner).norm();
+        let [a, b] = vertices;
+        let nearer = if apart(b) < apart(a) { b } else { a };
+        if apart(nearer) <= REACH_SIDES * side {
+            moved.push((nearer, corner, first));
         }
     }
     for (vertex, corner, segment) in moved {

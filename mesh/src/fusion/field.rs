@@ -7,7 +7,7 @@ use wide::f32x4;
 use super::blocks::{Block, CornerBits, CornerSet};
 use super::grid::{Corner, coordinates_below};
 use super::outlines::Outlines;
-use super::view::View;
+use super::view::{View, sphere_around};
 use super::{FusionOptions, PosedDepth};
 
 /// Blocks of corners that are looked at together: views that see none of them are skipped.
@@ -149,17 +149,11 @@ struct Chunk<'a> {
 
 impl<'a> Chunk<'a> {
     fn new(blocks: &'a [Block], side: f64, sums: &'a mut [DistanceSum]) -> Self {
-        let first = blocks[0].corners().next();
-        let first = first.map_or(Point3::origin(), |corner| corner.position(side));
-        let (mut low, mut high) = (first, first);
-        for position in positions_of(blocks, side) {
-            (low, high) = (low.inf(&position), high.sup(&position));
-        }
-        let center = nalgebra::center(&low, &high);
+        let (center, radius) = sphere_around(positions_of(blocks, side));
         Self {
             blocks,
             center,
-            radius: (high - center).norm(),
+            radius,
             sums,
         }
     }

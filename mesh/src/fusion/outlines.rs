@@ -7,7 +7,7 @@ use rustc_hash::FxHashMap;
 
 use super::grid::Corner;
 use super::segments::{Part, parts_by_cube};
-use super::view::View;
+use super::view::{View, sphere_around};
 
 /// Parts that are looked at together: views that see none of them are skipped.
 const CHUNK: usize = 64;
@@ -93,14 +93,7 @@ impl<'a> Outlines<'a> {
         chunks.for_each_init(Vec::new, |places, parts| {
             places.clear();
             places.extend(parts.iter().map(|it| it.place(segments)));
-            let [(first, _), ..] = places[..] else {
-                return;
-            };
-            let bounds = |(low, high): (Point3<f64>, Point3<f64>), (middle, _): &Place| {
-                (low.inf(middle), high.sup(middle))
-            };
-            let (low, high) = places.iter().fold((first, first), bounds);
-            let (center, radius) = (nalgebra::center(&low, &high), 0.5 * (high - low).norm());
+            let (center, radius) = sphere_around(places.iter().map(|(middle, _)| *middle));
             for view in views {
                 if !view.may_see(&view.in_camera(&center), radius) {
                     continue;
@@ -129,7 +122,7 @@ impl<'a> Outlines<'a> {
         let outlines: Vec<Outline> = self.parts.iter().filter_map(outline).collect();
         let mut by_cube: FxHashMap<Corner, Vec<u32>> = FxHashMap::default();
         for (number, outline) in (0..).zip(&outlines) {
-            // Twice a side, so that no cube is left out.
+            // Twice a side, so that hardly a cube is left out.
             for out in 0..=(2.0 * BEYOND_SIDES[1]) as i32 {
                 let most = (MOST_SLOPE * f64::from(out)).ceil() as i32;
                 for up in -most..=most {
@@ -244,21 +237,21 @@ fn sight(view: &View, (middle, along): &Place, side: f64) -> Option<Sight> {
         Some([a?, b?, c?])
     };
     let sides = [samples(-1.0)?, samples(1.0)?];
-    for (near, far) in [(0, 1), (1, 0)] {
-        let (near, far) = (&sides[near], &sides[far]);
-        let slope = slope_through(near);
-        let lies_off = |samples: &[Sample; 3], base: f64, slope: f64| {
-            let off = |it: &Sample| (it.excess - base - slope * it.across).abs();
+    let [left, right] = &sides;
+    for (near, far) in [(left, right), (right, left)] {
+        let rise = slope_through(near);
+        let lies_off = |samples: &[Sample; 3], base: f64, rise: f64| {
+            let off = |it: &Sample| (it.excess - base - rise * it.across).abs();
             samples.iter().any(|it| off(it) > FLAT_SIDES * unit)
         };
-        if lies_off(near, 0.0, slope) {
+        if lies_off(near, 0.0, rise) {
             continue;
         }
-        if !lies_off(far, 0.0, -slope) {
+        if !lies_off(far, 0.0, -rise) {
             return Some(Sight::GoesOn);
         }
-        let (base, slope) = line(far);
-        if base < -LEAST_JUMP_SIDES * unit && !lies_off(far, base, slope) {
+        let (base, rise) = line(far);
+        if base < -LEAST_JUMP_SIDES * unit && !lies_off(far, base, rise) {
             let along = (to - from) / side;
             let points = near.iter().map(|it| image.point(it.pixel[0], it.pixel[1]));
             let away: Vector3<f64> = points.flatten().map(|point| from - point).sum();

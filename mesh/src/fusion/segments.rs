@@ -59,6 +59,7 @@ const SAME_LINE_SIDES: f64 = 0.25;
 /// # Complexity
 /// Expected linear in vertices, triangles and crossed cubes, and O(n log n) for the edges.
 pub(super) fn snap(mesh: &mut TriangleMesh, segments: &[[Point3<f64>; 2]], side: f64) {
+    // Made anew: those of the outlines would be the peak of memory if they were kept up to here.
     let parts = parts_by_cube(segments, side);
     if parts.is_empty() {
         return;

@@ -73,6 +73,17 @@ impl View {
     }
 }
 
+/// A sphere around points: its centre and radius. That of no point has no extent.
+pub(super) fn sphere_around(points: impl IntoIterator<Item = Point3<f64>>) -> (Point3<f64>, f64) {
+    let mut points = points.into_iter();
+    let first = points.next().unwrap_or_default();
+    let (low, high) = points.fold((first, first), |(low, high), point| {
+        (low.inf(&point), high.sup(&point))
+    });
+    let center = nalgebra::center(&low, &high);
+    (center, (high - center).norm())
+}
+
 /// The same motion; its matrix moves a point in half as many operations as a quaternion.
 fn with_matrix(motion: &Isometry3<f64>) -> IsometryMatrix3<f64> {
     IsometryMatrix3::from_parts(motion.translation, motion.rotation.to_rotation_matrix())

@@ -60,7 +60,10 @@ impl Default for InspectOptions {
 pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<SequenceFacts, FrameError> {
     let image_samples = ImageSamples::measure(sequence, options)?;
     let mut facts = facts::measure(sequence, &image_samples, options.samples)?;
-    let gaps = options.gaps.iter().filter(|_| sequence.has_poses());
+    let gaps: &[usize] = match sequence.has_poses() {
+        true => &options.gaps,
+        false => &[],
+    };
     for &gap in gaps {
         if let Some(consistency) = consistency::measure(sequence, gap, options.pairs)? {
             if let Some(warning) = consistency.warning() {

@@ -197,8 +197,9 @@ fn no_cluster_that_fits_is_missed() {
         let [first, second] = pair.map(|ends| WorldSegment::new(ends).unwrap());
         let mut clusterer = clusterer();
         clusterer.insert(pair[0], &mut Vec::new()).unwrap();
-        let fits = clusterer.misfit(&first, &second, clusterer.offset);
-        let fits = fits.is_some();
+        let fits = clusterer
+            .misfit(&first, &second, clusterer.offset)
+            .is_some();
         let found = clusterer.best_cluster(&second, None, clusterer.offset);
         assert_eq!(found.is_some(), fits, "{pair:?}");
         fitting += usize::from(fits);
