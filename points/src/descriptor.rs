@@ -20,9 +20,10 @@ impl Descriptor {
     }
 
     /// Hamming distance: the number of different bits.
+    #[inline]
     pub fn distance(&self, other: &Self) -> u32 {
-        let [a, b, c, d] = [0, 1, 2, 3].map(|word| (self.0[word] ^ other.0[word]).count_ones());
-        a + b + c + d
+        let bits = |word: usize| (self.0[word] ^ other.0[word]).count_ones();
+        bits(0) + bits(1) + bits(2) + bits(3)
     }
 
     /// The descriptor with the smallest median distance to the others, the first of equals; `None` of an empty list.

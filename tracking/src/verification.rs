@@ -1,6 +1,7 @@
 //! Whether the map of one camera agrees with the images: parts of it are compared with models made of nothing but matches.
 
 use nalgebra::Isometry3;
+use rayon::prelude::*;
 
 use crate::frame::FrameFeatures;
 use crate::initialise::Candidate;
@@ -33,8 +34,7 @@ impl Tracker {
             .map(|id| &self.map.keyframe(*id).view)
             .collect();
         let step = keyframes.len().div_ceil(MAX_PLACES).max(MIN_APART);
-        let mut check = MapCheck::default();
-        for anchor in (step / 2..keyframes.len()).step_by(step) {
+        let compare = |&anchor: &usize| {
             let candidate = Candidate::new(&self.camera, &views, anchor, None);
             let of_anchor = self.map.keyframe(keyframes[anchor]).camera_from_world;
             let in_map: Vec<Option<Isometry3<f64>>> = candidate
@@ -45,13 +45,15 @@ impl Tracker {
                     Some(pose * of_anchor.inverse())
                 })
                 .collect();
-            let Some(found) = candidate.compare(in_map) else {
-                continue;
-            };
+            let found = candidate.compare(in_map)?;
+            let counts = found.margin >= MIN_MARGIN && found.explained >= MIN_EXPLAINED;
+            counts.then_some((anchor, found))
+        };
+        let anchors: Vec<usize> = (step / 2..keyframes.len()).step_by(step).collect();
+        let found: Vec<_> = anchors.par_iter().map(compare).collect();
+        let mut check = MapCheck::default();
+        for (anchor, found) in found.into_iter().flatten() {
             let difference = found.difference;
-            if found.margin < MIN_MARGIN || found.explained < MIN_EXPLAINED {
-                continue;
-            }
             check.compared += 1;
             if difference.turn_degrees > MAX_TURN_DEGREES && found.relative_cost > MIN_MARGIN {
                 check.contradictions.push(Contradiction {

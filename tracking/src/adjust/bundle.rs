@@ -2,6 +2,7 @@
 
 use nalgebra::{DVector, Isometry3, Matrix3, Matrix6, Matrix6x3, Point3, Vector3, Vector6};
 
+use super::couplings::Couplings;
 use super::factor::MotionFactor;
 use super::skyline::{Skyline, block};
 use crate::camera::{CHI2_DEPTH, CHI2_PIXEL, Measurement, Pinhole, cauchy, huber, moved, squared};
@@ -88,12 +89,13 @@ impl Bundle<'_> {
             free += usize::from(is_free);
         }
         let mut system = Skyline::new(self.envelope(&slots, free));
+        let mut couplings = Couplings::default();
         let mut cost = self.cost(&self.poses, None);
         let before = cost;
         let mut damping = 1e-4;
         let mut growth = 2.0;
         for _ in 0..steps {
-            let right = self.linearize(&slots, damping, &mut system);
+            let right = self.linearize(&slots, damping, (&mut system, &mut couplings));
             let Some(step) = system.solve(&right) else {
                 damping *= 10.0;
                 continue;
@@ -175,7 +177,7 @@ impl Bundle<'_> {
         &self,
         slots: &[Option<usize>],
         damping: f64,
-        system: &mut Skyline,
+        (system, couplings): (&mut Skyline, &mut Couplings),
     ) -> DVector<f64> {
         system.clear();
         let size = system.size();
@@ -188,17 +190,15 @@ impl Bundle<'_> {
                 let mut rows = right.fixed_rows_mut::<6>(6 * slot);
                 rows -= sums.1;
             });
-            for (slot, block) in &blocks {
-                let through = block * eliminated.inverse;
+            for (slot, through) in couplings.add(&blocks, &eliminated.inverse) {
                 let mut rows = right.fixed_rows_mut::<6>(6 * slot);
                 rows += through * eliminated.gradient;
-                for (other, other_block) in &blocks {
-                    if other <= slot {
-                        system.add(*slot, *other, &(-(through * other_block.transpose())));
-                    }
-                }
+            }
+            if couplings.are_many() {
+                couplings.subtract_from(system);
             }
         }
+        couplings.subtract_from(system);
         self.add_factors(slots, &mut diagonal, &mut right, system);
         for (slot, mut block) in diagonal.into_iter().enumerate() {
             for axis in 0..6 {

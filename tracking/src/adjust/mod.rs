@@ -1,6 +1,7 @@
 //! Least squares over many poses: bundle adjustment and pose graphs.
 
 mod bundle;
+mod couplings;
 mod factor;
 mod graph;
 mod skyline;

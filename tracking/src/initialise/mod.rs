@@ -3,6 +3,8 @@
 mod candidate;
 mod local_model;
 
+use rayon::prelude::*;
+
 use crate::frame::FrameFeatures;
 use crate::map::KeyframeId;
 use crate::tracker::{Frame, Tracker};
@@ -47,18 +49,18 @@ impl Tracker {
                     false => (0, ANCHORS),
                 };
                 let step = (views.len() - oldest).div_ceil(anchors).max(1);
-                let mut candidates: Vec<Candidate> = (oldest..views.len())
-                    .step_by(step)
+                let anchors: Vec<usize> = (oldest..views.len()).step_by(step).collect();
+                let mut candidates: Vec<Candidate> = anchors
+                    .into_par_iter()
                     .map(|anchor| Candidate::new(&camera, &of_views, anchor, None))
                     .collect();
                 candidates.sort_by(|a, b| b.parallax().total_cmp(&a.parallax()));
                 candidates.truncate(MAX_STARTS);
-                let starts: Vec<Start> = candidates
-                    .into_iter()
-                    .filter_map(Candidate::solve)
-                    .collect();
+                let starts: Vec<Option<Start>> =
+                    candidates.into_par_iter().map(Candidate::solve).collect();
                 starts
                     .into_iter()
+                    .flatten()
                     .filter(|start| !is_early || start.is_clear())
                     .max_by(|a, b| a.worth().total_cmp(&b.worth()))?
             }
