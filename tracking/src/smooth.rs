@@ -174,7 +174,7 @@ impl Piece {
     /// The errors of the poses with the strengths that make the changes most likely.
     fn most_likely_errors(&self) -> Option<Vec<Vector6<f64>>> {
         let rows = (0..self.factors.len()).map(|row| row.saturating_sub(2));
-        let mut system = Skyline::new(rows.collect());
+        let mut system = Skyline::new(&rows.collect::<Vec<usize>>());
         let mut best = self.start();
         let (mut cost, _) = self.cost(&best, &mut system)?;
         let [mut step, last] = SEARCH_STEPS;

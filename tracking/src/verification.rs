@@ -34,7 +34,7 @@ impl Tracker {
             .map(|id| &self.map.keyframe(*id).view)
             .collect();
         let step = keyframes.len().div_ceil(MAX_PLACES).max(MIN_APART);
-        let compare = |&anchor: &usize| {
+        let compare = |anchor: usize| {
             let candidate = Candidate::new(&self.camera, &views, anchor, None);
             let of_anchor = self.map.keyframe(keyframes[anchor]).camera_from_world;
             let in_map: Vec<Option<Isometry3<f64>>> = candidate
@@ -50,9 +50,9 @@ impl Tracker {
             counts.then_some((anchor, found))
         };
         let anchors: Vec<usize> = (step / 2..keyframes.len()).step_by(step).collect();
-        let found: Vec<_> = anchors.par_iter().map(compare).collect();
+        let found: Vec<_> = anchors.into_par_iter().filter_map(compare).collect();
         let mut check = MapCheck::default();
-        for (anchor, found) in found.into_iter().flatten() {
+        for (anchor, found) in found {
             let difference = found.difference;
             check.compared += 1;
             if difference.turn_degrees > MAX_TURN_DEGREES && found.relative_cost > MIN_MARGIN {

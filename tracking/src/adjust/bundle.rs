@@ -88,7 +88,7 @@ impl Bundle<'_> {
             slots.push(is_free.then_some(free));
             free += usize::from(is_free);
         }
-        let mut system = Skyline::new(self.envelope(&slots, free));
+        let mut system = Skyline::new(&self.envelope(&slots, free));
         let mut couplings = Couplings::default();
         let mut cost = self.cost(&self.poses, None);
         let before = cost;

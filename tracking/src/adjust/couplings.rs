@@ -8,8 +8,8 @@ use super::skyline::{BlockRow, Skyline};
 /// Observations whose products are computed together: enough for all threads, few enough for the cache.
 const MANY: usize = 8192;
 
-/// Observations of points that were eliminated, until the products of all pairs of them are subtracted from the system of the poses. A row of the
-/// system belongs to one thread, and gets its products in the order of the points.
+/// Observations of eliminated points. The product of each pair of observations of a point is subtracted from the system of the poses, for many
+/// points together: one thread does all of a row of the system, in the order of the points.
 #[derive(Default)]
 pub(super) struct Couplings {
     observations: Vec<Coupling>,
@@ -29,8 +29,8 @@ struct Coupling {
 }
 
 impl Couplings {
-    /// Adds the observations of a point: the blocks between it and its poses, by slot, and the inverse of its own block. Returns for each the
-    /// slot and the product of the two.
+    /// Adds the observations of a point, given by the slots of the poses and the blocks between poses and point, and the inverse of the block of
+    /// the point. Returns for each observation the slot and its block times that inverse.
     pub(super) fn add(
         &mut self,
         blocks: &[(usize, Matrix6x3<f64>)],
@@ -103,7 +103,7 @@ mod tests {
         let mut number = || random.random_range(-1.0..1.0);
         let inverse = Matrix3::new(2.0, 0.1, 0.0, 0.1, 3.0, 0.2, 0.0, 0.2, 1.0);
         let poses = 12;
-        // Half of the points are subtracted together, the others are few.
+        // Two thirds of the points are subtracted together, the others are few.
         let points: Vec<Vec<(usize, Matrix6x3<f64>)>> = (0..3 * MANY / 16)
             .map(|point| {
                 let views = (0..8).map(|view| (point + view * view) % poses);
@@ -113,7 +113,7 @@ mod tests {
             })
             .collect();
         let diagonal = Matrix6::identity() * 1e6;
-        let mut expected = Skyline::new(vec![0; poses]);
+        let mut expected = Skyline::new(&vec![0; poses]);
         for slot in 0..poses {
             expected.add(slot, slot, &diagonal);
         }
@@ -130,7 +130,7 @@ mod tests {
         let found = [1, 3].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
             pool.build().unwrap().install(|| {
-                let mut system = Skyline::new(vec![0; poses]);
+                let mut system = Skyline::new(&vec![0; poses]);
                 for slot in 0..poses {
                     system.add(slot, slot, &diagonal);
                 }

@@ -69,7 +69,7 @@ impl PoseGraph {
                 first[high] = first[high].min(low);
             }
         }
-        let mut system = Skyline::new(first);
+        let mut system = Skyline::new(&first);
         let mut cost = self.cost(&self.poses);
         let mut damping = 1e-6;
         for _ in 0..STEPS {

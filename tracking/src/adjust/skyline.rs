@@ -43,7 +43,7 @@ pub(super) struct BlockRow {
 
 impl Skyline {
     /// A zero matrix; `first[i]` is the first block of row `i`, at most `i`.
-    pub(crate) fn new(first: Vec<usize>) -> Self {
+    pub(crate) fn new(first: &[usize]) -> Self {
         let rows = first.iter().enumerate().map(|(row, &first)| {
             let length = SIDE * (row + 1 - first);
             BlockRow {
@@ -207,8 +207,8 @@ impl BlockRow {
             let (own, others) = (SIDE * (from - self.first), SIDE * (from - other.first));
             let length = SIDE * (column - from);
             let sums = lanes_of_products([self, other], [own, others], length / 4);
-            for (k, sums) in sums.into_iter().enumerate() {
-                for (j, lanes) in sums.into_iter().enumerate() {
+            for (k, of_line) in sums.into_iter().enumerate() {
+                for (j, lanes) in of_line.into_iter().enumerate() {
                     let start = k * self.length + own;
                     let line = &mut self.values_mut()[start..];
                     let other_line = &other.values()[j * other.length + others..];
@@ -224,8 +224,8 @@ impl BlockRow {
     fn factorise_diagonal(&mut self) -> Option<()> {
         let length = self.length - SIDE;
         let sums = lanes_of_products([self, self], [0, 0], length / 4);
-        for (k, sums) in sums.into_iter().enumerate() {
-            for (j, lanes) in sums.into_iter().enumerate().take(k + 1) {
+        for (k, of_line) in sums.into_iter().enumerate() {
+            for (j, lanes) in of_line.into_iter().enumerate().take(k + 1) {
                 let line = &self.values()[k * self.length..];
                 let other = &self.values()[j * self.length..];
                 let at = length + j;
@@ -250,7 +250,7 @@ fn lanes_of_products(
     [from_a, from_b]: [usize; 2],
     chunks: usize,
 ) -> [[Lanes; SIDE]; SIDE] {
-    let line = |row: &'_ BlockRow, k: usize, from: usize| {
+    let line = |row: &BlockRow, k: usize, from: usize| {
         let start = k * row.length + from;
         start..start + 4 * chunks
     };
@@ -316,34 +316,38 @@ mod tests {
     use nalgebra::DMatrix;
     use rand::{RngExt, SeedableRng};
 
-    #[test]
-    fn solutions_agree_with_dense_ones() {
-        let first = vec![0, 0, 1, 0, 3];
-        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-        let mut matrix = Skyline::new(first.clone());
-        let mut dense = DMatrix::<f64>::zeros(30, 30);
+    /// Random values from the first block of each row on, and the same as a dense matrix.
+    fn random_system(first: &[usize], seed: u64, diagonal: f64) -> (Skyline, DMatrix<f64>) {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let size = SIDE * first.len();
+        let (mut matrix, mut dense) = (Skyline::new(first), DMatrix::zeros(size, size));
         for (row, &start) in first.iter().enumerate() {
             for column in start..=row {
                 let mut values = Matrix6::from_fn(|_, _| random.random_range(-1.0..1.0));
                 if row == column {
-                    values = values * values.transpose() + Matrix6::identity() * 20.0;
+                    values = values * values.transpose() + Matrix6::identity() * diagonal;
                 }
                 matrix.add(row, column, &values);
-                dense
-                    .view_mut((6 * row, 6 * column), (6, 6))
-                    .copy_from(&values);
-                dense
-                    .view_mut((6 * column, 6 * row), (6, 6))
-                    .copy_from(&values.transpose());
+                let [row, column] = [row, column].map(|at| SIDE * at);
+                let mut part = dense.view_mut((row, column), (SIDE, SIDE));
+                part.copy_from(&values);
+                let mut part = dense.view_mut((column, row), (SIDE, SIDE));
+                part.copy_from(&values.transpose());
             }
         }
+        (matrix, dense)
+    }
+
+    #[test]
+    fn solutions_agree_with_dense_ones() {
+        let (mut matrix, dense) = random_system(&[0, 0, 1, 0, 3], 5, 20.0);
         let right = DVector::from_fn(30, |row, _| row as f64 - 14.5);
         let determinant: f64 = dense.determinant();
         let expected = dense.cholesky().unwrap().solve(&right);
         let found = matrix.solve(&right).unwrap();
         assert!((found - expected).norm() < 1e-10);
         assert!((matrix.log_determinant() - determinant.ln()).abs() < 1e-8);
-        let mut zero = Skyline::new(vec![0]);
+        let mut zero = Skyline::new(&[0]);
         assert!(zero.solve(&DVector::zeros(6)).is_none());
     }
 
@@ -354,23 +358,7 @@ mod tests {
         let first: Vec<usize> = (0..count)
             .map(|row| random.random_range(0..=row.min(row / 2 + 5)))
             .collect();
-        let mut matrix = Skyline::new(first.clone());
-        let mut dense = DMatrix::<f64>::zeros(SIDE * count, SIDE * count);
-        for (row, &start) in first.iter().enumerate() {
-            for column in start..=row {
-                let mut values = Matrix6::from_fn(|_, _| random.random_range(-1.0..1.0));
-                if row == column {
-                    values = values * values.transpose() + Matrix6::identity() * 400.0;
-                }
-                matrix.add(row, column, &values);
-                let (row, column) = (SIDE * row, SIDE * column);
-                let of = |matrix: &mut DMatrix<f64>, at: (usize, usize), block: &Matrix6<f64>| {
-                    matrix.view_mut(at, (SIDE, SIDE)).copy_from(block);
-                };
-                of(&mut dense, (row, column), &values);
-                of(&mut dense, (column, row), &values.transpose());
-            }
-        }
+        let (matrix, dense) = random_system(&first, 8, 400.0);
         let right = DVector::from_fn(SIDE * count, |row, _| (row % 11) as f64 - 5.0);
         let solutions = [1, 3].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);

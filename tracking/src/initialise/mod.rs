@@ -56,11 +56,12 @@ impl Tracker {
                     .collect();
                 candidates.sort_by(|a, b| b.parallax().total_cmp(&a.parallax()));
                 candidates.truncate(MAX_STARTS);
-                let starts: Vec<Option<Start>> =
-                    candidates.into_par_iter().map(Candidate::solve).collect();
+                let starts: Vec<Start> = candidates
+                    .into_par_iter()
+                    .filter_map(Candidate::solve)
+                    .collect();
                 starts
                     .into_iter()
-                    .flatten()
                     .filter(|start| !is_early || start.is_clear())
                     .max_by(|a, b| a.worth().total_cmp(&b.worth()))?
             }
