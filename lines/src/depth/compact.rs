@@ -109,7 +109,7 @@ impl CompactDepth {
         let numbers = self.pixels.unpack().into_iter();
         let pixels = numbers.map(|number| rhos[number as usize]);
         let camera = [self.focal_px, self.center_px];
-        DepthImage::new(camera, self.columns(), pixels.collect())
+        DepthImage::new(camera, [self.columns(), self.rows()], pixels)
     }
 }
 

@@ -1,5 +1,7 @@
 //! Pixels of a depth image with their camera.
 
+use std::array::from_fn;
+
 use nalgebra::{Point2, Point3, Vector3};
 use wide::f32x4;
 
@@ -20,22 +22,34 @@ pub struct DepthImage {
     center_px: [f64; 2],
     columns: usize,
     rows: usize,
-    /// Inverse depths row by row; 0 where unknown.
+    /// Inverse depths row by row, with a margin on all sides; 0 there and where unknown.
     rhos: Vec<f32>,
 }
+
+/// Pixels beside the image, before and behind it, so that every pixel has one before and two behind.
+const MARGIN: [usize; 2] = [1, 2];
 
 impl DepthImage {
     /// Inverse depths row by row, of a camera with these focal lengths and this principal point in pixels; 0 where unknown.
     pub(super) fn new(
         [focal_px, center_px]: [[f64; 2]; 2],
-        columns: usize,
-        rhos: Vec<f32>,
+        [columns, rows]: [usize; 2],
+        pixels: impl Iterator<Item = f32>,
     ) -> Self {
+        let [before, behind] = MARGIN;
+        let stride = columns + before + behind;
+        let mut rhos = vec![0.0; stride * (rows + before + behind)];
+        let mut pixels = pixels.fuse();
+        for row in rhos.chunks_exact_mut(stride).skip(before).take(rows) {
+            for (place, rho) in row[before..before + columns].iter_mut().zip(&mut pixels) {
+                *place = rho;
+            }
+        }
         Self {
             focal_px,
             center_px,
             columns,
-            rows: rhos.len() / columns.max(1),
+            rows,
             rhos,
         }
     }
@@ -146,17 +160,14 @@ impl DepthImage {
             column - f32x4::from_i32x4(left),
             row - f32x4::from_i32x4(top),
         );
-        let mut around = [[0.0; 4]; 8];
-        let places = left.to_array().into_iter().zip(top.to_array());
-        for (lane, (left, top)) in places.enumerate() {
-            for (values, rho) in around
-                .iter_mut()
-                .zip(self.around(left as usize, top as usize))
-            {
-                values[lane] = rho;
-            }
-        }
-        let [a, b, c, d, before, behind, above, below] = around.map(f32x4::new);
+        let [left, top] = [left.to_array(), top.to_array()];
+        let places: [[usize; 2]; 4] = from_fn(|lane| [left[lane] as usize, top[lane] as usize]);
+        let row = |step| places.map(|[column, row]| self.four(column, row + step));
+        let [above, _, lower, below] = [0, 1, 2, 3].map(row);
+        let [before, a, b, behind] = f32x4::transpose(row(1).map(f32x4::new));
+        let second = |row: [[f32; 4]; 4]| f32x4::new(row.map(|four| four[1]));
+        let (above, c, below) = (second(above), second(lower), second(below));
+        let d = f32x4::new(lower.map(|four| four[2]));
         let low = a.fast_min(b).fast_min(c.fast_min(d));
         let high = a.fast_max(b).fast_max(c.fast_max(d));
         let is_surface = low.simd_gt(f32x4::ZERO)
@@ -177,29 +188,24 @@ impl DepthImage {
         }
     }
 
-    /// Inverse depths of a pixel, of those to the right, below, and to the right below, then of those to the left, two to the right, above, and two
-    /// below; 0 outside the image.
+    /// Inverse depths of the pixel before a column, of that in it and of the next two, in a row counted from one before the image.
     #[inline]
-    fn around(&self, column: usize, row: usize) -> [f32; 8] {
-        let at = |column: usize, row: usize| match column < self.columns && row < self.rows {
-            true => self.rhos[row * self.columns + column],
-            false => 0.0,
-        };
-        [
-            at(column, row),
-            at(column + 1, row),
-            at(column, row + 1),
-            at(column + 1, row + 1),
-            at(column.wrapping_sub(1), row),
-            at(column + 2, row),
-            at(column, row.wrapping_sub(1)),
-            at(column, row + 2),
-        ]
+    fn four(&self, column: usize, row: usize) -> [f32; 4] {
+        let start = row * self.stride() + column;
+        let four = self.rhos[start..].first_chunk();
+        four.copied().unwrap_or_default()
+    }
+
+    #[inline]
+    fn stride(&self) -> usize {
+        self.columns + MARGIN[0] + MARGIN[1]
     }
 
     #[inline]
     fn rho(&self, column: usize, row: usize) -> Option<f64> {
-        let rho = self.rhos[row * self.columns + column];
+        assert!(column < self.columns && row < self.rows);
+        let [margin, _] = MARGIN;
+        let rho = self.rhos[(row + margin) * self.stride() + column + margin];
         (rho > 0.0).then_some(f64::from(rho))
     }
 }

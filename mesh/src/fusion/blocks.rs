@@ -102,6 +102,13 @@ impl Block {
         self.bits.count_ones() as usize
     }
 
+    /// The number in the set of the corner at a place.
+    #[inline]
+    fn number(&self, place: u32) -> Option<usize> {
+        let before = self.bits & ((1 << place) - 1);
+        (self.bits >> place & 1 == 1).then(|| (self.first + before.count_ones()) as usize)
+    }
+
     /// Its corners, ascending.
     pub(super) fn corners(self) -> impl Iterator<Item = Corner> {
         let set = move |bits: &u64| Some(bits & (bits - 1)).filter(|rest| *rest != 0);
@@ -154,24 +161,52 @@ impl CornerSet {
         &self.blocks
     }
 
-    /// All corners, ascending.
-    pub(super) fn iter(&self) -> impl Iterator<Item = Corner> + '_ {
-        self.blocks.iter().flat_map(|block| block.corners())
+    #[inline]
+    fn block(&self, number: Corner) -> Option<&Block> {
+        self.index.get(&number).map(|at| &self.blocks[*at as usize])
+    }
+}
+
+/// The blocks of a set at a block and beside it in one direction along each axis, so that they need not be searched for each corner.
+pub(super) struct Nearby<'a> {
+    own: Corner,
+    /// Bit `axis` of a number tells that the block is beside along that axis.
+    blocks: [Option<&'a Block>; 8],
+}
+
+impl<'a> Nearby<'a> {
+    /// At a block and after it.
+    pub(super) fn after(block: &Block, set: &'a CornerSet) -> Self {
+        Self::new(block.number, set, Corner::next)
     }
 
-    /// The number of a corner.
+    /// At a block and before it.
+    pub(super) fn before(block: &Block, set: &'a CornerSet) -> Self {
+        Self::new(block.number, set, Corner::previous)
+    }
+
+    fn new(own: Corner, set: &'a CornerSet, step: impl Fn(Corner, usize) -> Corner) -> Self {
+        let block = |number: usize| {
+            let axes = (0..3).filter(|axis| number >> axis & 1 == 1);
+            set.block(axes.fold(own, &step))
+        };
+        Self {
+            own,
+            blocks: std::array::from_fn(block),
+        }
+    }
+
+    /// The number in the set of a corner, which lies in one of the blocks.
     #[inline]
     pub(super) fn number(&self, corner: Corner) -> Option<usize> {
         let (block, place) = corner.split(PLACE_BITS);
-        let block = &self.blocks[*self.index.get(&block)? as usize];
-        let before = block.bits & ((1 << place) - 1);
-        (block.bits >> place & 1 == 1).then(|| (block.first + before.count_ones()) as usize)
+        self.blocks[block.differing_axes(self.own)]?.number(place)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
+    use std::collections::{BTreeMap, BTreeSet};
 
     use super::*;
 
@@ -195,13 +230,19 @@ mod tests {
         }
         let set = CornerSet::new(&collected);
         assert_eq!(set.len(), expected.len());
-        assert!(set.iter().eq(expected.iter().copied()));
-        for (number, corner) in expected.iter().enumerate() {
-            assert_eq!(set.number(*corner), Some(number));
+        let all = set.blocks().iter().flat_map(|block| block.corners());
+        assert!(all.eq(expected.iter().copied()));
+        let numbers: BTreeMap<Corner, usize> = expected.iter().copied().zip(0..).collect();
+        for block in set.blocks() {
+            let (after, before) = (Nearby::after(block, &set), Nearby::before(block, &set));
+            for (corner, beside) in block.corners().flat_map(|it| (0..8).map(move |k| (it, k))) {
+                let axes = || (0..3).filter(|axis| beside >> axis & 1 == 1);
+                let next = axes().fold(corner, Corner::next);
+                assert_eq!(after.number(next), numbers.get(&next).copied());
+                let previous = axes().fold(corner, Corner::previous);
+                assert_eq!(before.number(previous), numbers.get(&previous).copied());
+            }
         }
-        for corner in [[99, 0, 0], [-9, -11, 30], [-13, 0, 0]] {
-            assert_eq!(set.number(Corner::new(corner).unwrap()), None);
-        }
-        assert_eq!(CornerSet::new(&CornerBits::default()).iter().count(), 0);
+        assert_eq!(CornerSet::new(&CornerBits::default()).len(), 0);
     }
 }

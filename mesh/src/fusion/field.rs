@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use wide::f32x4;
 
-use super::blocks::{Block, CornerBits, CornerSet};
+use super::blocks::{Block, CornerBits, CornerSet, Nearby};
 use super::grid::{Corner, coordinates_below};
 use super::outlines::Outlines;
 use super::view::{View, sphere_around};
@@ -68,10 +68,10 @@ impl Field {
         }
     }
 
-    /// The distance at a corner; NaN where it is unknown.
+    /// The distance at a corner of some blocks of the corners; NaN where it is unknown.
     #[inline]
-    pub(super) fn distance(&self, corner: Corner) -> f32 {
-        let number = self.corners.number(corner);
+    pub(super) fn distance(&self, corners: &Nearby<'_>, corner: Corner) -> f32 {
+        let number = corners.number(corner);
         number.map_or(f32::NAN, |number| self.distances[number])
     }
 }

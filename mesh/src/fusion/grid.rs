@@ -74,6 +74,14 @@ impl Corner {
         Self(self.0 & others | moved)
     }
 
+    /// The axes along which two corners differ: bit `axis` is set for each.
+    #[inline]
+    pub(super) fn differing_axes(self, other: Self) -> usize {
+        let bits = self.0 ^ other.0;
+        let differs = |axis: usize| usize::from(bits & MASK << axis != 0) << axis;
+        differs(0) | differs(1) | differs(2)
+    }
+
     /// The corner before along an axis.
     pub(super) fn previous(self, axis: usize) -> Self {
         let others = !(MASK << axis);

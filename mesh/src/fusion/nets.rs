@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use rustc_hash::FxHashMap;
 
+use super::blocks::Nearby;
 use super::field::Field;
 use super::grid::Corner;
 
@@ -56,74 +57,109 @@ struct Crossings {
 
 /// Positions and triangles of the surface where the distance is zero, with normals to where it is positive.
 pub(super) fn extract(field: &Field) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
-    let mut vertices = Vertices::default();
-    // The vertex of each cube, or where its vertices are.
-    let mut vertex_of = Vec::with_capacity(field.cubes.len());
-    let mut several: Vec<CubeVertices> = Vec::new();
-    for cube in field.cubes.iter() {
-        let found = place_vertices(field, cube, &mut vertices);
-        vertex_of.push(found.map_or(NONE, |found| {
-            let mut used = found.vertex.into_iter().filter(|vertex| *vertex != NONE);
-            match (used.next(), used.next()) {
-                (Some(vertex), None) => vertex,
-                _ => {
-                    several.push(found);
-                    SEVERAL | (several.len() - 1) as u32
+    let nets = Nets::new(field);
+    let mut triangles = Vec::new();
+    let mut distances = field.distances.iter();
+    for block in field.corners.blocks() {
+        let corners = Nearby::after(block, &field.corners);
+        let cubes = Nearby::before(block, &field.cubes);
+        for (corner, &distance) in block.corners().zip(&mut distances) {
+            if distance.is_nan() {
+                continue;
+            }
+            for axis in 0..3 {
+                let other = field.distance(&corners, corner.next(axis));
+                let Some(crossing) = crossing(distance, other) else {
+                    continue;
+                };
+                if let Some(ring) = nets.ring(&cubes, corner, axis, crossing.is_first_behind) {
+                    triangles.extend(nets.halves(ring));
                 }
             }
-        }));
-    }
-    let positions = vertices.positions;
-    let mut triangles = Vec::new();
-    for (corner, &distance) in field.corners.iter().zip(&field.distances) {
-        if distance.is_nan() {
-            continue;
         }
-        for axis in 0..3 {
-            let other = field.distance(corner.next(axis));
-            let crossing = crossing(distance, other);
-            let Some(Crossing {
-                is_first_behind, ..
-            }) = crossing
-            else {
-                continue;
-            };
-            // The four cubes around the edge, anticlockwise seen from its end.
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            let left = corner.previous(u);
-            let around = [corner, left, left.previous(v), corner.previous(v)];
-            // The number of the edge's first corner in each of them.
-            let first = [0, 1 << u, 1 << u | 1 << v, 1 << v];
-            let mut ring = [NONE; 4];
-            for k in 0..4 {
-                let behind = first[k] | usize::from(!is_first_behind) << axis;
-                let vertex = field.cubes.number(around[k]).map(|cube| vertex_of[cube]);
-                ring[k] = match vertex {
-                    None | Some(NONE) => NONE,
-                    Some(vertex) if vertex & SEVERAL == 0 => vertex,
-                    Some(several_at) => {
-                        let found = &several[(several_at & !SEVERAL) as usize];
-                        found.vertex[found.group[behind] as usize]
+    }
+    (nets.positions, triangles)
+}
+
+/// The vertices of all cubes.
+struct Nets {
+    positions: Vec<Point3<f64>>,
+    /// The vertex of each cube, or [`SEVERAL`] and the place of its vertices among `several`.
+    vertex_of: Vec<u32>,
+    several: Vec<CubeVertices>,
+}
+
+impl Nets {
+    fn new(field: &Field) -> Self {
+        let mut vertices = Vertices::default();
+        let mut vertex_of = Vec::with_capacity(field.cubes.len());
+        let mut several: Vec<CubeVertices> = Vec::new();
+        for block in field.cubes.blocks() {
+            let corners = Nearby::after(block, &field.corners);
+            for cube in block.corners() {
+                let found = place_vertices(field, &corners, cube, &mut vertices);
+                vertex_of.push(found.map_or(NONE, |found| {
+                    let mut used = found.vertex.into_iter().filter(|vertex| *vertex != NONE);
+                    match (used.next(), used.next()) {
+                        (Some(vertex), None) => vertex,
+                        _ => {
+                            several.push(found);
+                            SEVERAL | (several.len() - 1) as u32
+                        }
                     }
-                };
+                }));
             }
-            if ring.contains(&NONE) {
-                continue;
-            }
-            if !is_first_behind {
-                ring.reverse();
-            }
-            let [a, b, c, d] = ring;
-            let length =
-                |p: u32, q: u32| (positions[p as usize] - positions[q as usize]).norm_squared();
-            let halves = match length(a, c) <= length(b, d) {
-                true => [[a, b, c], [a, c, d]],
-                false => [[a, b, d], [b, c, d]],
-            };
-            triangles.extend(halves);
+        }
+        Self {
+            positions: vertices.positions,
+            vertex_of,
+            several,
         }
     }
-    (positions, triangles)
+
+    /// The vertices of the four cubes around the edge of the grid from a corner along an axis, which the surface crosses: anticlockwise seen from
+    /// where the distance is positive. `None` when one is missing. `cubes` are those near the corner.
+    fn ring(
+        &self,
+        cubes: &Nearby<'_>,
+        corner: Corner,
+        axis: usize,
+        is_first_behind: bool,
+    ) -> Option<[u32; 4]> {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let left = corner.previous(u);
+        let around = [corner, left, left.previous(v), corner.previous(v)];
+        // The number of the edge's first corner in each of them.
+        let first = [0, 1 << u, 1 << u | 1 << v, 1 << v];
+        let mut ring = [NONE; 4];
+        for k in 0..4 {
+            let vertex = self.vertex_of[cubes.number(around[k])?];
+            ring[k] = match vertex {
+                NONE => return None,
+                vertex if vertex & SEVERAL == 0 => vertex,
+                several_at => {
+                    let found = &self.several[(several_at & !SEVERAL) as usize];
+                    let behind = first[k] | usize::from(!is_first_behind) << axis;
+                    found.vertex[found.group[behind] as usize]
+                }
+            };
+        }
+        if !is_first_behind {
+            ring.reverse();
+        }
+        (!ring.contains(&NONE)).then_some(ring)
+    }
+
+    /// The triangles of a quadrilateral, parted along its shorter diagonal.
+    fn halves(&self, [a, b, c, d]: [u32; 4]) -> [[u32; 3]; 2] {
+        let length = |p: u32, q: u32| {
+            (self.positions[p as usize] - self.positions[q as usize]).norm_squared()
+        };
+        match length(a, c) <= length(b, d) {
+            true => [[a, b, c], [a, c, d]],
+            false => [[a, b, d], [b, c, d]],
+        }
+    }
 }
 
 /// Where the distance changes its sign along an edge of the grid.
@@ -144,21 +180,26 @@ fn crossing(first: f32, second: f32) -> Option<Crossing> {
 }
 
 /// Places the vertices of a cube: the mean of the crossings around each group of corners behind the surface. `None` without one.
-fn place_vertices(field: &Field, cube: Corner, vertices: &mut Vertices) -> Option<CubeVertices> {
+fn place_vertices(
+    field: &Field,
+    near: &Nearby<'_>,
+    cube: Corner,
+    vertices: &mut Vertices,
+) -> Option<CubeVertices> {
     let mut corners = [cube; CORNERS];
     for number in 1..CORNERS {
         let axis = number.ilog2() as usize;
         corners[number] = corners[number ^ 1 << axis].next(axis);
     }
-    let distances = corners.map(|corner| field.distance(corner));
+    let distances = corners.map(|corner| field.distance(near, corner));
     let is_behind = distances.map(|distance| distance < 0.0);
     let is_before = distances.map(|distance| distance >= 0.0);
     if !is_behind.contains(&true) || !is_before.contains(&true) {
         return None;
     }
     let mut group: [u8; CORNERS] = std::array::from_fn(|number| number as u8);
-    // A chain of corners has at most eight.
-    for _ in 0..CORNERS {
+    loop {
+        let before = group;
         for number in 0..CORNERS {
             for axis in 0..3 {
                 let other = number ^ 1 << axis;
@@ -166,6 +207,9 @@ fn place_vertices(field: &Field, cube: Corner, vertices: &mut Vertices) -> Optio
                     group[number] = group[number].min(group[other]);
                 }
             }
+        }
+        if group == before {
+            break;
         }
     }
     let mut crossings = [Crossings {
