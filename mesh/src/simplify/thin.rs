@@ -46,14 +46,19 @@ pub fn thin(mesh: &mut TriangleMesh, options: &ThinOptions) {
         let edges = state.edges();
         is_used.fill(false);
         let mut collapsed = 0;
-        for &[a, b] in &edges {
-            if is_used[a as usize] || is_used[b as usize] {
+        for &corner in &edges {
+            let [a, b] = state.edge(corner);
+            if is_used[a as usize] || is_used[b as usize] || state.is_beyond(corner, bound) {
                 continue;
             }
-            let position = state.collapsed(a, b, bound);
-            if position.is_some_and(|position| state.collapse(a, b, &position)) {
-                is_used[a as usize] = true;
-                collapsed += 1;
+            let (position, error) = state.collapsed(a, b);
+            if error <= bound {
+                if state.collapse(a, b, &position) {
+                    is_used[a as usize] = true;
+                    collapsed += 1;
+                }
+            } else {
+                state.note_error(corner, error);
             }
         }
         if bound >= 1.0 && LAST_ROUND * collapsed <= edges.len() {
@@ -154,6 +159,8 @@ struct Thinning {
     colors: Option<Vec<[u8; 3]>>,
     triangles: Vec<[u32; 3]>,
     is_removed: Vec<bool>,
+    /// The error of the edge from each corner, rounded down; 0 where it is not known.
+    errors: Vec<f32>,
     at_vertex: CornerLists,
     surface: Vec<Planes>,
     /// Planes across the boundary, and which a vertex has; [`NONE`] inside.
@@ -163,10 +170,6 @@ struct Thinning {
     /// What [`common_neighbours`](Self::common_neighbours) last said of each vertex, and the largest number so far.
     marks: Vec<u64>,
     last_mark: u64,
-}
-
-fn edges_of(&[a, b, c]: &[u32; 3]) -> [[u32; 2]; 3] {
-    [[a, b], [b, c], [c, a]]
 }
 
 impl Thinning {
@@ -222,6 +225,7 @@ impl Thinning {
             positions,
             colors: mesh.colors,
             is_removed: vec![false; mesh.triangles.len()],
+            errors: vec![0.0; 3 * mesh.triangles.len()],
             triangles: mesh.triangles,
             at_vertex,
             surface,
@@ -233,15 +237,57 @@ impl Thinning {
         }
     }
 
-    /// All edges in the order of triangles, some of them twice.
-    fn edges(&self) -> Vec<[u32; 2]> {
-        let triangles = self.triangles.iter().zip(&self.is_removed);
-        let left = triangles.filter(|(_, is_removed)| !**is_removed);
+    /// The corners where edges begin, ascending; of some edges both.
+    fn edges(&self) -> Vec<u32> {
+        let corners = (0..3 * self.triangles.len() as u32).zip(self.triangles.as_flattened());
+        let left = corners.filter(|(corner, _)| !self.is_removed[*corner as usize / 3]);
         // Two triangles have an edge in opposite directions, except at boundaries.
-        left.flat_map(|(triangle, _)| edges_of(triangle))
-            .filter(|[a, b]| a < b || (self.is_on_boundary(*a) && self.is_on_boundary(*b)))
-            .map(|[a, b]| [a.min(b), a.max(b)])
-            .collect()
+        left.filter(|(corner, a)| {
+            let b = self.next(*corner);
+            **a < b || (self.is_on_boundary(**a) && self.is_on_boundary(b))
+        })
+        .map(|(corner, _)| corner)
+        .collect()
+    }
+
+    /// The vertex at the next corner of a triangle.
+    fn next(&self, corner: u32) -> u32 {
+        let (number, own) = (corner as usize / 3, corner as usize % 3);
+        self.triangles[number][(own + 1) % 3]
+    }
+
+    /// The ends of the edge that begins at a corner, the smaller first.
+    fn edge(&self, corner: u32) -> [u32; 2] {
+        let (a, b) = (
+            self.triangles.as_flattened()[corner as usize],
+            self.next(corner),
+        );
+        [a.min(b), a.max(b)]
+    }
+
+    /// Whether the edge from a corner is gone, or known to have a larger error.
+    fn is_beyond(&self, corner: u32, bound: f64) -> bool {
+        let corner = corner as usize;
+        self.is_removed[corner / 3] || f64::from(self.errors[corner]) > bound
+    }
+
+    /// Notes the error of the edge from a corner, which stays as it is as long as the ends do.
+    fn note_error(&mut self, corner: u32, error: f64) {
+        self.errors[corner as usize] = (error as f32).next_down();
+    }
+
+    /// Forgets the errors of the edges at a vertex.
+    fn forget_errors(&mut self, vertex: u32) {
+        let mut errors = std::mem::take(&mut self.errors);
+        for (number, corners) in self.around(vertex) {
+            let own = corners.iter().position(|corner| *corner == vertex);
+            let own = own.unwrap_or(0);
+            // The edge to it and the edge from it.
+            for corner in [own, (own + 2) % 3] {
+                errors[3 * number as usize + corner] = 0.0;
+            }
+        }
+        self.errors = errors;
     }
 
     /// The triangles at a vertex with their numbers.
@@ -283,11 +329,11 @@ impl Thinning {
         planes.copied().unwrap_or(Planes::NONE)
     }
 
-    /// Where the vertex of a collapsed edge would lie, when its error is at most `bound`.
-    fn collapsed(&self, a: u32, b: u32, bound: f64) -> Option<Point3<f64>> {
+    /// Where the vertex of a collapsed edge would lie, and its error; infinite for edges that stay.
+    fn collapsed(&self, a: u32, b: u32) -> (Point3<f64>, f64) {
         let ends = [a, b].map(|end| end as usize);
         if ends.iter().any(|end| self.is_fixed[*end]) {
-            return None;
+            return (self.positions[ends[0]], f64::INFINITY);
         }
         let relative =
             |planes: [Planes; 2], tolerance: f64| planes[0].plus(&planes[1]).relative_to(tolerance);
@@ -296,7 +342,7 @@ impl Thinning {
         let errors = surface.plus(&relative(boundary, self.options.boundary_tolerance));
         let middle = nalgebra::center(&self.positions[ends[0]], &self.positions[ends[1]]);
         let position = errors.minimizer(&middle.coords).unwrap_or(middle);
-        (errors.at(&position.coords) <= bound).then_some(position)
+        (position, errors.at(&position.coords))
     }
 
     /// Collapses an edge into its first end, unless that would change the topology or turn a triangle over.
@@ -350,6 +396,7 @@ impl Thinning {
             }
             self.boundaries[self.boundary_of[first] as usize] = boundary;
         }
+        self.forget_errors(a);
         true
     }
 
