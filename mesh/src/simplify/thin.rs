@@ -276,18 +276,12 @@ impl Thinning {
         self.errors[corner as usize] = (error as f32).next_down();
     }
 
-    /// Forgets the errors of the edges at a vertex.
+    /// Forgets the errors of the edges of the triangles at a vertex.
     fn forget_errors(&mut self, vertex: u32) {
-        let mut errors = std::mem::take(&mut self.errors);
-        for (number, corners) in self.around(vertex) {
-            let own = corners.iter().position(|corner| *corner == vertex);
-            let own = own.unwrap_or(0);
-            // The edge to it and the edge from it.
-            for corner in [own, (own + 2) % 3] {
-                errors[3 * number as usize + corner] = 0.0;
-            }
+        for corner in self.at_vertex.get(vertex) {
+            let first = corner as usize / 3 * 3;
+            self.errors[first..first + 3].fill(0.0);
         }
-        self.errors = errors;
     }
 
     /// The triangles at a vertex with their numbers.
