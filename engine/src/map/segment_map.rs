@@ -8,6 +8,9 @@ use nalgebra::{Isometry3, Point3};
 use crate::front_end::LineKeyframe;
 use linecarve_mesh::LineSet;
 
+/// After this many further keyframes a segment alone in its cluster stays alone.
+const OPEN_KEYFRAMES: usize = 50;
+
 /// Segments of all keyframes in world coordinates, and their clusters.
 pub struct SegmentMap {
     /// By number, in single precision, which is finer than they are measured; those of removed keyframes keep their place.
@@ -65,6 +68,9 @@ impl SegmentMap {
                 self.is_removed.push(false);
             }
         }
+        if let Some(old) = (self.first_of.len() - 1).checked_sub(OPEN_KEYFRAMES) {
+            clusterer.close_single(of_keyframe(old, &self.first_of, self.segments.len()));
+        }
     }
 
     /// Moves the segments of keyframes by these transforms of the world, or removes them.
@@ -77,20 +83,18 @@ impl SegmentMap {
         };
         let mut changed = Vec::new();
         for (keyframe, transform) in keyframes {
-            let first = self.first_of[*keyframe] as usize;
-            let next = self.first_of.get(keyframe + 1);
-            let end = next.map_or(self.segments.len(), |next| *next as usize);
-            for index in first..end {
+            for id in of_keyframe(*keyframe, &self.first_of, self.segments.len()) {
+                let index = id.0 as usize;
                 match transform {
                     Some(transform) => {
                         let ends = self.segments[index].map(|end| transform * end.cast::<f64>());
                         self.segments[index] = ends.map(|end| end.cast());
-                        changed.push((SegmentId(index as u32), Some(ends)));
+                        changed.push((id, Some(ends)));
                     }
                     None => {
                         self.removed += usize::from(!self.is_removed[index]);
                         self.is_removed[index] = true;
-                        changed.push((SegmentId(index as u32), None));
+                        changed.push((id, None));
                     }
                 }
             }
@@ -98,6 +102,14 @@ impl SegmentMap {
         self.events.clear();
         let ends = |id: SegmentId| self.segments[id.0 as usize].map(|end| end.cast());
         clusterer.change(&changed, ends, &mut self.events);
+        let is_old = |keyframe: &usize| keyframe + OPEN_KEYFRAMES < self.first_of.len();
+        for keyframe in keyframes
+            .iter()
+            .map(|(keyframe, _)| *keyframe)
+            .filter(is_old)
+        {
+            clusterer.close_single(of_keyframe(keyframe, &self.first_of, self.segments.len()));
+        }
     }
 
     /// Makes the clusters final, and frees what is needed to change them.
@@ -147,4 +159,14 @@ impl SegmentMap {
             .map(|(_, cluster)| cluster.representative.ends)
             .chain(last.into_iter().flatten().copied())
     }
+}
+
+/// The segments of a keyframe, where those of each begin at `first_of`, and all are `count`.
+fn of_keyframe(
+    keyframe: usize,
+    first_of: &[u32],
+    count: usize,
+) -> impl Iterator<Item = SegmentId> + use<> {
+    let end = first_of.get(keyframe + 1).copied().unwrap_or(count as u32);
+    (first_of[keyframe]..end).map(SegmentId)
 }

@@ -98,7 +98,8 @@ const NONE: u32 = u32::MAX;
 /// depth included, scales or moves the clusters.
 ///
 /// # Complexity
-/// O(1) per segment for clusters of bounded density and length: a grid yields those near a segment, and running sums avoid a second pass over the members.
+/// O(1) per segment for open clusters of bounded density and length: a grid yields those near a segment, and running sums avoid a second pass
+/// over the members. [`close_single`](Self::close_single) bounds their density.
 ///
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
@@ -121,6 +122,8 @@ pub struct SegmentClusterer {
     next_member: Vec<u32>,
     /// The cluster of each segment; [`NONE`] without one.
     cluster_of: Vec<u32>,
+    /// Reused buffer of a search.
+    candidates: Vec<u32>,
 }
 
 impl SegmentClusterer {
@@ -151,6 +154,7 @@ impl SegmentClusterer {
             ),
             next_member: Vec::new(),
             cluster_of: Vec::new(),
+            candidates: Vec::new(),
         })
     }
 
@@ -262,6 +266,21 @@ impl SegmentClusterer {
         for (id, ends) in moved {
             if let Some(segment) = ends.and_then(WorldSegment::new) {
                 self.place(id.0, &segment, events);
+            }
+        }
+    }
+
+    /// Closes the clusters whose only member is one of these segments: no other joins them from then on. Most of them are noise, and
+    /// while they are open, the cost of an insertion grows for as long as a recording lasts.
+    pub fn close_single(&mut self, segments: impl IntoIterator<Item = SegmentId>) {
+        for id in segments {
+            let number = self.cluster_of[id.0 as usize];
+            if number == NONE {
+                continue;
+            }
+            let cluster = &self.clusters[number as usize];
+            if cluster.as_ref().is_some_and(|cluster| cluster.size == 1) {
+                self.index.remove(number);
             }
         }
     }
@@ -391,25 +410,26 @@ impl SegmentClusterer {
 
     /// The best fitting cluster within an offset limit, other than `except`.
     fn best_cluster(
-        &self,
+        &mut self,
         segment: &WorldSegment,
         except: Option<u32>,
         offset: f64,
     ) -> Option<u32> {
         let mut best: Option<(f64, u32)> = None;
-        self.index.near(segment, |id| {
-            if Some(id) == except {
-                return;
-            }
+        let mut candidates = std::mem::take(&mut self.candidates);
+        self.index.near(segment, offset, &mut candidates);
+        for id in candidates.iter().copied().filter(|id| Some(*id) != except) {
             let Some(cluster) = &self.clusters[id as usize] else {
-                return;
+                continue;
             };
+            let offset = best.map_or(offset, |(misfit, _)| misfit);
             if let Some(misfit) = self.misfit(&cluster.representative, segment, offset)
                 && best.is_none_or(|best| (misfit, id) < best)
             {
                 best = Some((misfit, id));
             }
-        });
+        }
+        self.candidates = candidates;
         best.map(|(_, id)| id)
     }
 

@@ -14,6 +14,8 @@ const SIDE: f64 = 5.0;
 /// How far the ends of a cluster may move along each axis before it is entered anew, in units of what a query reaches, and how far its direction may
 /// turn, in units of the angle of a query.
 const LOOSENESS: f64 = 0.5;
+/// Share by which the square of a distance may be off.
+const ROUNDING: f64 = 1e-3;
 /// Length of a rounded direction.
 const STEPS: f64 = 127.0;
 
@@ -31,6 +33,8 @@ pub(super) struct ClusterIndex {
     long: Vec<Entry>,
     /// Where each cluster in use was when it was entered.
     entered: Vec<Option<WorldSegment>>,
+    /// Where each is now.
+    lines: Vec<Line>,
 }
 
 /// A cluster near a cell, with its direction, rounded.
@@ -38,6 +42,23 @@ pub(super) struct ClusterIndex {
 struct Entry {
     cluster: u32,
     direction: [i8; 3],
+}
+
+/// The middle of a segment and its direction.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    middle: Vector3<f64>,
+    direction: Vector3<f64>,
+}
+
+impl Line {
+    fn of(segment: &WorldSegment) -> Self {
+        let [from, to] = segment.ends.map(|end| end.coords);
+        Self {
+            middle: 0.5 * (from + to),
+            direction: segment.direction(),
+        }
+    }
 }
 
 impl ClusterIndex {
@@ -54,6 +75,7 @@ impl ClusterIndex {
             cells: FxHashMap::default(),
             long: Vec::new(),
             entered: Vec::new(),
+            lines: Vec::new(),
         }
     }
 
@@ -61,8 +83,10 @@ impl ClusterIndex {
     pub(super) fn insert(&mut self, cluster: u32, representative: &WorldSegment) {
         while self.entered.len() <= cluster as usize {
             push(&mut self.entered, None);
+            push(&mut self.lines, Line::of(representative));
         }
         self.entered[cluster as usize] = Some(*representative);
+        self.lines[cluster as usize] = Line::of(representative);
         let direction = rounded(&representative.direction());
         let entry = Entry { cluster, direction };
         match self.cells_around(representative) {
@@ -88,7 +112,10 @@ impl ClusterIndex {
             let Some(entries) = self.cells.get_mut(&cell) else {
                 continue;
             };
-            entries.retain(|entry| entry.cluster != cluster);
+            let at = entries.iter().position(|entry| entry.cluster == cluster);
+            if let Some(at) = at {
+                entries.swap_remove(at);
+            }
             if entries.is_empty() {
                 self.cells.remove(&cell);
             }
@@ -97,6 +124,7 @@ impl ClusterIndex {
 
     /// Follows a cluster that changed, and returns whether it has left its entries and has new ones.
     pub(super) fn follow(&mut self, cluster: u32, representative: &WorldSegment) -> bool {
+        self.lines[cluster as usize] = Line::of(representative);
         let looseness = LOOSENESS * self.reach;
         let is_within = |entered: WorldSegment| {
             let mut ends = entered.ends.iter().zip(&representative.ends);
@@ -117,28 +145,52 @@ impl ClusterIndex {
         self.entered.iter().flatten().count()
     }
 
-    /// Visits all clusters that a segment may fit, and others, some of them again.
-    pub(super) fn near(&self, segment: &WorldSegment, mut visit: impl FnMut(u32)) {
+    /// Lists all clusters that a segment may fit, and others, some of them again. The ends of the shorter of the two are at most `offset`
+    /// from the line of the longer one.
+    ///
+    /// Both passes write every candidate and move on when it is kept: a jump that depends on it is mispredicted one time in three.
+    pub(super) fn near(&self, segment: &WorldSegment, offset: f64, found: &mut Vec<u32>) {
+        found.clear();
         let towards = rounded(&segment.direction()).map(i32::from);
-        let mut visit_parallel = |entries: &[Entry]| {
+        let mut add_parallel = |entries: &[Entry]| {
+            let mut kept = found.len();
+            found.resize(kept + entries.len(), 0);
             for entry in entries {
                 let [x, y, z] = entry.direction.map(i32::from);
                 let product = x * towards[0] + y * towards[1] + z * towards[2];
-                if product.abs() >= self.least_product {
-                    visit(entry.cluster);
-                }
+                found[kept] = entry.cluster;
+                kept += usize::from(product.abs() >= self.least_product);
             }
+            found.truncate(kept);
         };
         match cells_along(segment, SIDE * self.reach, 0.0) {
             Some(cells) => cells
                 .filter_map(|cell| self.cells.get(&cell))
-                .for_each(|entries| visit_parallel(entries)),
+                .for_each(|entries| add_parallel(entries)),
             None => self
                 .cells
                 .values()
-                .for_each(|entries| visit_parallel(entries)),
+                .for_each(|entries| add_parallel(entries)),
         }
-        visit_parallel(&self.long);
+        add_parallel(&self.long);
+        self.keep_close(&Line::of(segment), offset, found);
+    }
+
+    /// Keeps the clusters whose middle is near this line, or which pass its middle closely: that of the shorter segment is as near to the
+    /// longer one as its ends.
+    fn keep_close(&self, line: &Line, offset: f64, found: &mut Vec<u32>) {
+        let most = (1.0 + ROUNDING) * offset * offset;
+        let mut kept = 0;
+        for at in 0..found.len() {
+            let cluster = found[at];
+            let other = &self.lines[cluster as usize];
+            let between = other.middle - line.middle;
+            let along = between.dot(&line.direction).abs();
+            let along = along.max(between.dot(&other.direction).abs());
+            found[kept] = cluster;
+            kept += usize::from(between.norm_squared() - along * along <= most);
+        }
+        found.truncate(kept);
     }
 
     fn cells_around(

@@ -342,3 +342,43 @@ fn removed_segments_leave_no_cluster() {
     assert_eq!(clusterer.all_clusters().count(), 0);
     assert!(events.iter().any(|e| matches!(e, ClusterEvent::Removed(_))));
 }
+
+#[test]
+fn closed_clusters_take_no_more_segments() {
+    let segments = scattered(11, 12, 3, 0.0005);
+    let mut clusterer = clusterer();
+    let mut events = Vec::new();
+    for (ends, _) in &segments {
+        clusterer.insert(*ends, &mut events).unwrap();
+    }
+    // One alone, and one far away that has a companion.
+    let shifted = |ends: &[Point3<f64>; 2], by| ends.map(|end| end + Vector3::new(by, 0.0, 0.0));
+    let [alone, paired] = [20.0, 40.0].map(|by| shifted(&segments[0].0, by));
+    let mut insert = |clusterer: &mut SegmentClusterer, ends| {
+        let (id, cluster) = clusterer.insert(ends, &mut events).unwrap();
+        let members = clusterer.cluster(cluster).unwrap().size;
+        (id, members)
+    };
+    let (first_alone, _) = insert(&mut clusterer, alone);
+    let (first_paired, _) = insert(&mut clusterer, paired);
+    assert_eq!(insert(&mut clusterer, paired).1, 2);
+    clusterer.close_single([first_alone, first_paired]);
+    assert_eq!(insert(&mut clusterer, paired).1, 3);
+    // A new cluster in the same place, open, beside the closed one.
+    assert_eq!(insert(&mut clusterer, alone).1, 1);
+    assert_eq!(insert(&mut clusterer, alone).1, 2);
+    assert_eq!(
+        clusterer.index.len() + 1,
+        clusterer.all_clusters().count(),
+        "the closed cluster is still there"
+    );
+    // A closed cluster whose segment moves is open again.
+    let moved = shifted(&alone, 40.0);
+    clusterer.change(&[(first_alone, Some(moved))], |_| alone, &mut Vec::new());
+    check(&clusterer);
+    assert_eq!(insert(&mut clusterer, moved).1, 2);
+    // Segments without a cluster have none to close.
+    clusterer.change(&[(first_alone, None)], |_| moved, &mut Vec::new());
+    clusterer.close_single([first_alone]);
+    check(&clusterer);
+}
