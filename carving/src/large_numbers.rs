@@ -14,9 +14,15 @@ impl LargeNumbers {
     #[inline]
     pub(crate) fn get(&self, stored: u32, key: u64) -> u64 {
         match stored {
-            IS_LARGE => self.0[&key],
+            IS_LARGE => self.get_large(key),
             small => small.into(),
         }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn get_large(&self, key: u64) -> u64 {
+        self.0[&key]
     }
 
     /// Replaces the number that is stored in `stored`.
@@ -30,6 +36,7 @@ impl LargeNumbers {
     }
 
     #[cold]
+    #[inline(never)]
     fn set_large(&mut self, stored: &mut u32, key: u64, number: u64) {
         if number < IS_LARGE.into() {
             *stored = number as u32;

@@ -1,5 +1,7 @@
 //! Changes that take effect together.
 
+use std::collections::hash_map::Entry;
+
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
@@ -39,35 +41,37 @@ pub(super) struct Plan {
 /// The net effect of a transaction on the observations of one kind, each by one view of `N` points.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PlannedWeights<const N: usize> {
-    /// Final weight of each observation mentioned, `None` if it is removed. It is removed as well when its view or one of
-    /// its points is.
-    weights: FxHashMap<(u32, [u32; N]), Option<u32>>,
-    /// The observations mentioned, in order.
-    order: Vec<(u32, [u32; N])>,
+    /// The observations mentioned, in order, with their final weights: `None` if one is removed. It is removed as well when
+    /// its view or one of its points is.
+    entries: Vec<(u32, [u32; N], Option<u32>)>,
+    /// Where each is among them.
+    indices: FxHashMap<(u32, [u32; N]), u32>,
 }
 
 impl<const N: usize> PlannedWeights<N> {
     fn set(&mut self, view: u32, points: [u32; N], weight: Option<u32>) {
-        let key = (view, points);
-        if self.weights.insert(key, weight).is_none() {
-            self.order.push(key);
+        match self.indices.entry((view, points)) {
+            Entry::Occupied(entry) => self.entries[*entry.get() as usize].2 = weight,
+            Entry::Vacant(entry) => {
+                entry.insert(self.entries.len() as u32);
+                self.entries.push((view, points, weight));
+            }
         }
     }
 
     /// Final weight of an observation that is mentioned.
     pub(super) fn get(&self, view: u32, points: [u32; N]) -> Option<Option<u32>> {
-        self.weights.get(&(view, points)).copied()
+        let index = self.indices.get(&(view, points))?;
+        Some(self.entries[*index as usize].2)
     }
 
     /// The observations mentioned with their final weights, in order of first mention.
     pub(super) fn iter(&self) -> impl Iterator<Item = (u32, [u32; N], Option<u32>)> + '_ {
-        let weighted =
-            |&(view, points): &(u32, [u32; N])| (view, points, self.weights[&(view, points)]);
-        self.order.iter().map(weighted)
+        self.entries.iter().copied()
     }
 
     fn len(&self) -> usize {
-        self.order.len()
+        self.entries.len()
     }
 }
 

@@ -204,11 +204,15 @@ impl Network {
     /// # Panics
     ///
     /// For nodes and slots that do not exist.
+    #[inline]
     pub fn cut_joint(&mut self, node: NodeId, slot: usize) {
         let node = node.0 as usize;
-        let Some((other, back)) = self.nodes[node].across(slot) else {
-            return;
-        };
+        if let Some(across) = self.nodes[node].across(slot) {
+            self.cut(node, slot, across);
+        }
+    }
+
+    fn cut(&mut self, node: usize, slot: usize, (other, back): (usize, usize)) {
         let flow = self.capacity_of(node, slot) - self.residual(node, slot);
         self.nodes[node].excess += flow;
         self.nodes[other].excess -= flow;

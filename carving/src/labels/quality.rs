@@ -2,7 +2,7 @@
 
 use super::cut_options::CutOptions;
 use crate::vectors::{cross, dot, minus};
-use crate::visibility::UNIT;
+use crate::visibility::{UNIT, precedes};
 
 /// What the shape of a facet costs.
 #[derive(Clone, Copy, Debug)]
@@ -32,14 +32,19 @@ impl FacetShape {
 ///
 /// The result depends on positions alone, not on the order of the corners.
 pub fn cosines(corners: [&[f64; 3]; 4]) -> [i16; 4] {
-    let mut order = [0, 1, 2, 3];
-    order.sort_unstable_by(|&i, &j| {
-        let pairs = corners[i].iter().zip(corners[j]);
-        pairs
-            .map(|(a, b)| a.total_cmp(b))
-            .fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
-    });
-    let p = order.map(|i| corners[i]);
+    // For each corner the number of corners before it in lexicographic order.
+    let mut rank = [0; 4];
+    for j in 1..4 {
+        for i in 0..j {
+            let is_before = usize::from(precedes(corners[i], corners[j]));
+            rank[j] += is_before;
+            rank[i] += 1 - is_before;
+        }
+    }
+    let mut p = corners;
+    for (corner, rank) in corners.into_iter().zip(rank) {
+        p[rank] = corner;
+    }
     // The circumcentre relative to the first corner.
     let edges = [1, 2, 3].map(|k| minus(p[k], p[0]));
     let normals = [
@@ -53,8 +58,7 @@ pub fn cosines(corners: [&[f64; 3]; 4]) -> [i16; 4] {
         (0..3).map(|i| squares[i] * normals[i][k]).sum::<f64>() / twice_determinant
     });
     let radius = dot(&center, &center).sqrt();
-    let mut cosines = [0; 4];
-    for opposite in 0..4 {
+    let ordered: [i16; 4] = std::array::from_fn(|opposite| {
         let [a, b, c] = match opposite {
             0 => [1, 2, 3],
             1 => [0, 2, 3],
@@ -66,9 +70,9 @@ pub fn cosines(corners: [&[f64; 3]; 4]) -> [i16; 4] {
         let from_corner = minus(&center, &minus(p[a], p[0]));
         let cosine = inwards * dot(&normal, &from_corner) / (dot(&normal, &normal).sqrt() * radius);
         // A cast takes NaN to 0.
-        cosines[order[opposite]] = (cosine.clamp(-1.0, 1.0) * UNIT as f64).round() as i16;
-    }
-    cosines
+        (cosine.clamp(-1.0, 1.0) * UNIT as f64).round() as i16
+    });
+    rank.map(|rank| ordered[rank])
 }
 
 #[cfg(test)]

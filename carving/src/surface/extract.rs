@@ -83,18 +83,24 @@ pub(crate) fn extract(
         rank[vertex.index()] = index;
     }
     let rank = |v: VertexId| rank[v.index()];
-    let mut keyed: Vec<(RankedTriangle, Chosen)> = facets_in_use
-        .into_iter()
-        .map(|chosen| (rotate_smallest_first(chosen.0.map(rank)), chosen))
-        .collect();
-    keyed.sort_unstable_by_key(|(key, _)| *key);
-    let (triangles, chosen): (Vec<RankedTriangle>, Vec<Chosen>) = keyed.into_iter().unzip();
-    let is_wanted: Vec<bool> = chosen
+    let mut keyed: Vec<(RankedTriangle, u32)> = facets_in_use
         .iter()
-        .map(|(corners, _)| is_wanted(*corners))
+        .map(|(corners, _)| rotate_smallest_first(corners.map(rank)))
+        .zip(0..)
+        .collect();
+    keyed.sort_unstable();
+    let (triangles, order): (Vec<RankedTriangle>, Vec<u32>) = keyed.into_iter().unzip();
+    let is_wanted: Vec<bool> = (order.iter())
+        .map(|&index| is_wanted(facets_in_use[index as usize].0))
         .collect();
     let neighbors = match options.needs_neighbors() {
-        true => neighbors(tetrahedra, facets, &chosen, &rank, &triangles),
+        true => neighbors(
+            tetrahedra,
+            facets,
+            (&facets_in_use, &order),
+            &rank,
+            &triangles,
+        ),
         false => Vec::new(),
     };
     let ranked = RankedSurface {
@@ -115,24 +121,27 @@ pub(crate) fn extract(
 /// A surface triangle with its free cell and facet.
 type Chosen = (Triangle, (CellId, usize));
 
-/// For each edge of each ranked triangle the neighbour across it; `chosen` has the same triangles in the same order.
+/// For each edge of each ranked triangle the neighbour across it. `chosen` has the same triangles by increasing cell, and their
+/// indices in the order of `triangles`.
 fn neighbors(
     tetrahedra: &Tetrahedralization,
     facets: &Facets,
-    chosen: &[Chosen],
+    (chosen, order): (&[Chosen], &[u32]),
     rank: &impl Fn(VertexId) -> u32,
     triangles: &[RankedTriangle],
 ) -> Vec<[u32; 3]> {
-    let mut indices: Vec<((CellId, usize), u32)> =
-        chosen.iter().map(|(_, at)| *at).zip(0..).collect();
-    indices.sort_unstable();
+    let mut ranked = vec![0; order.len()];
+    for (index, &chosen) in (0..).zip(order) {
+        ranked[chosen as usize] = index;
+    }
     let neighbor = |at: (CellId, usize), a: VertexId, b: VertexId| {
         let partner = across(tetrahedra, facets, at, a, b)?;
         // The partner may have been filtered out.
-        let found = indices.binary_search_by_key(&partner, |(at, _)| *at);
-        found.ok().map(|found| indices[found].1)
+        let found = chosen.binary_search_by_key(&partner, |(_, at)| *at);
+        found.ok().map(|found| ranked[found])
     };
-    let of_triangle = |(triangle, (corners, at)): (&RankedTriangle, &Chosen)| {
+    let of_triangle = |(triangle, &index): (&RankedTriangle, &u32)| {
+        let (corners, at) = &chosen[index as usize];
         // Corners begin with the smallest id, ranked triangles with the smallest rank.
         let first = (0..3).find(|&k| rank(corners[k]) == triangle[0]);
         let first = first.unwrap_or(0);
@@ -141,7 +150,7 @@ fn neighbors(
             neighbor(*at, a, b).unwrap_or(NO_NEIGHBOR)
         })
     };
-    triangles.iter().zip(chosen).map(of_triangle).collect()
+    triangles.iter().zip(order).map(of_triangle).collect()
 }
 
 /// Whether no edge of a triangle is longer than `longest`.

@@ -190,9 +190,12 @@ impl Crossings {
     #[inline]
     pub(crate) fn add(&mut self, cell: CellId, id: ObservationId, entrance: Entrance) {
         self.total += 1;
-        if !self.has_lists {
-            return;
+        if self.has_lists {
+            self.list(cell, id, entrance);
         }
+    }
+
+    fn list(&mut self, cell: CellId, id: ObservationId, entrance: Entrance) {
         let entry = Entry::new(id, entrance).0;
         let List { first, len } = self.lists[cell.index()];
         let first = match len as usize {

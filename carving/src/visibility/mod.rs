@@ -42,7 +42,7 @@ pub use segment_cell::{crosses_cell, crosses_ghost};
 pub(crate) use segments::SegmentVisibility;
 #[cfg(feature = "internals")]
 pub use segments::triangle_meets_cell;
-pub(crate) use softness::{Softness, UNIT};
+pub(crate) use softness::{Softness, UNIT, precedes};
 pub(crate) use views::Views;
 
 use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};

@@ -21,23 +21,23 @@ pub(crate) const MAX_WEIGHT: u32 = (1 << 16) - 1;
 /// Least distance of an anchor behind its point, as a share of the length of the ray.
 pub(super) const LEAST_BEHIND: f64 = 1.0 / (1 << 20) as f64;
 
-/// Lexicographic order of positions.
-pub(super) fn precedes(a: &[f64; 3], b: &[f64; 3]) -> bool {
-    (a[0], a[1], a[2]) < (b[0], b[1], b[2])
+/// Lexicographic order of positions, which are not NaN. Without branches: they would be taken half of the time.
+#[inline]
+pub(crate) fn precedes(a: &[f64; 3], b: &[f64; 3]) -> bool {
+    let less = |k: usize| a[k] < b[k];
+    let equal = |k: usize| a[k] == b[k];
+    less(0) | (equal(0) & (less(1) | (equal(1) & less(2))))
 }
 
 /// The corners of a facet in lexicographic order, so that rounding does not depend on ids.
-pub(super) fn in_order([mut a, mut b, mut c]: [&[f64; 3]; 3]) -> [&[f64; 3]; 3] {
-    if precedes(b, a) {
-        std::mem::swap(&mut a, &mut b);
-    }
-    if precedes(c, b) {
-        std::mem::swap(&mut b, &mut c);
-        if precedes(b, a) {
-            std::mem::swap(&mut a, &mut b);
-        }
-    }
-    [a, b, c]
+pub(super) fn in_order(corners: [&[f64; 3]; 3]) -> [&[f64; 3]; 3] {
+    let [a, b, c] = corners;
+    let [ab, ac, bc] = [precedes(a, b), precedes(a, c), precedes(b, c)].map(usize::from);
+    let mut ordered = corners;
+    ordered[2 - ab - ac] = a;
+    ordered[1 + ab - bc] = b;
+    ordered[ac + bc] = c;
+    ordered
 }
 
 /// Number of deviations from which on the evidence is rounded to its full amount.

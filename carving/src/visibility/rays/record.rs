@@ -105,7 +105,7 @@ impl RayVisibility {
             return;
         }
         if !self.crossings.has_lists() {
-            rays.sort_unstable_by_key(|&ray| (self.table.vertex(ray), self.table.view(ray), ray));
+            self.sort_by_vertex(tetrahedra.vertex_capacity(), rays);
         } else {
             self.sort_by_direction(space, rays);
         }
@@ -120,6 +120,26 @@ impl RayVisibility {
             for block in rays.chunks(PARALLEL_BLOCK) {
                 self.add_block(space, block);
             }
+        }
+    }
+
+    /// Sorts rays by their vertices, of which there are `vertices` at most; those of one vertex keep their order.
+    fn sort_by_vertex(&self, vertices: usize, rays: &mut [ObservationId]) {
+        // For each vertex where its next ray goes.
+        let mut places = vec![0_u32; vertices + 1];
+        for &ray in &*rays {
+            places[self.table.vertex(ray) as usize + 1] += 1;
+        }
+        let mut before = 0;
+        for place in &mut places {
+            before += *place;
+            *place = before;
+        }
+        let unsorted = rays.to_vec();
+        for ray in unsorted {
+            let place = &mut places[self.table.vertex(ray) as usize];
+            rays[*place as usize] = ray;
+            *place += 1;
         }
     }
 
