@@ -27,7 +27,8 @@ impl UniquePositions {
             by_axis[0].then(by_axis[1]).then(by_axis[2])
         };
         let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-        order.sort_unstable_by(|a, b| compare(*a, *b));
+        // Vertices of most meshes are almost in this order, and a stable sort merges ascending runs.
+        order.sort_by(|a, b| compare(*a, *b));
         let mut of_vertex = vec![0; positions.len()];
         let mut counts = Vec::new();
         for group in order.chunk_by(|a, b| compare(*a, *b).is_eq()) {
