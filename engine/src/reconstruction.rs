@@ -415,11 +415,8 @@ fn empty_map(recording: &Recording, is_at_once: bool) -> Result<Map, Error> {
         }
         Source::MapPoints => Map::of_features(options, sequence, recording.median_depth)?,
         Source::Model => {
-            let model = recording.model.as_ref();
-            Map::of_model(
-                options,
-                model.ok_or_else(|| not_prepared("a model"))?.clone(),
-            )?
+            let model = recording.model.clone();
+            Map::of_model(options, model.ok_or_else(|| not_prepared("a model"))?)?
         }
     };
     if is_at_once {

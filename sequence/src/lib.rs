@@ -364,6 +364,11 @@ impl Sequence {
         self.sparse_model.as_ref()
     }
 
+    /// Moves the sparse model out; the sequence has none afterwards.
+    pub fn take_sparse_model(&mut self) -> Option<SparseModel> {
+        self.sparse_model.take()
+    }
+
     /// Non-fatal problems found while reading, for the user.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings

@@ -13,16 +13,14 @@ pub struct SparseModel {
 }
 
 impl SparseModel {
-    /// A copy translated by `by`.
-    pub fn translated(&self, by: &Vector3<f64>) -> Self {
-        let mut moved = self.clone();
-        for view in &mut moved.views {
+    /// Translates views and points by `by`.
+    pub fn translate(&mut self, by: &Vector3<f64>) {
+        for view in &mut self.views {
             view.world_from_camera.translation.vector += by;
         }
-        for point in &mut moved.points {
+        for point in &mut self.points {
             point.point_in_world += by;
         }
-        moved
     }
 }
 

@@ -6,7 +6,7 @@ use anyhow::Context;
 use linecarve_mesh::render::write_png;
 use linecarve_mesh::texture::{EncodedTexture, TextureFormat};
 use linecarve_mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
-use linecarve_sequence::SparseModel;
+use linecarve_sequence::ModelPoint;
 
 use super::feature_edges;
 use super::output::{Format, OutputFolder, write_poses};
@@ -164,25 +164,22 @@ fn encoded_texture(
 /// The carved points with their colours, in the frame of computation; `None` when the map is made of lines.
 fn cloud(run: &Reconstruction) -> Option<LineSet> {
     let map = run.map();
-    let model = match map.feature_points() {
-        Some(points) => {
-            let recording = run.recording();
-            points.model(|number| recording.keyframe_name(run.numbers()[number]).to_owned())
-        }
-        None => map.carved_model()?,
+    let Some(points) = map.feature_points() else {
+        return map.carved_points().map(cloud_of);
     };
-    Some(cloud_of(&model))
+    let recording = run.recording();
+    let model = points.model(|number| recording.keyframe_name(run.numbers()[number]).to_owned());
+    Some(cloud_of(model.points.iter()))
 }
 
-/// The points of a model with their colours, which are left out unless all have one.
-fn cloud_of(model: &SparseModel) -> LineSet {
+/// Points with their colours, which are left out unless all have one.
+fn cloud_of<'a>(points: impl Iterator<Item = &'a ModelPoint>) -> LineSet {
+    let (points, colors): (Vec<_>, Vec<_>) = points
+        .map(|point| (point.point_in_world, point.color))
+        .unzip();
     LineSet {
-        points: model
-            .points
-            .iter()
-            .map(|point| point.point_in_world)
-            .collect(),
+        points,
         lines: Vec::new(),
-        colors: model.points.iter().map(|point| point.color).collect(),
+        colors: colors.into_iter().collect(),
     }
 }

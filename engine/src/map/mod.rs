@@ -37,7 +37,7 @@ use std::time::{Duration, Instant};
 
 use linecarve_carving::{Carver, Triangle, TriangleRole};
 use linecarve_points::PointMap;
-use linecarve_sequence::SparseModel;
+use linecarve_sequence::{ModelPoint, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
 use crate::front_end::Keyframe;
@@ -323,7 +323,7 @@ impl Map {
     }
 
     /// The model's points carved so far; `None` for other maps.
-    pub fn carved_model(&self) -> Option<SparseModel> {
+    pub fn carved_points(&self) -> Option<impl Iterator<Item = &ModelPoint>> {
         match &self.contents {
             Contents::Model(model) => Some(model.carved()),
             _ => None,

@@ -1,6 +1,7 @@
 //! A map of the points of a sparse model, which bring their observations. No image is read.
 
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Instant;
 
 use linecarve_carving::{Carver, CommitReport, PointId, Transaction};
@@ -30,7 +31,7 @@ pub struct ModelCounts {
 
 /// A model and the state of its points.
 pub(super) struct ModelMap {
-    model: SparseModel,
+    model: Arc<SparseModel>,
     counts: ModelCounts,
     /// Points that each view observes, ascending.
     points_of_view: Vec<Vec<u32>>,
@@ -47,7 +48,7 @@ impl ModelMap {
     /// # Errors
     /// When an observation names a view that does not exist.
     pub(super) fn new(
-        model: SparseModel,
+        model: Arc<SparseModel>,
         options: &PointModelOptions,
         sigma_factor: f64,
     ) -> Result<Self, MapError> {
@@ -172,16 +173,12 @@ impl ModelMap {
         self.median_depth
     }
 
-    /// The points carved so far, without views.
-    pub(super) fn carved(&self) -> SparseModel {
+    /// The points carved so far.
+    pub(super) fn carved(&self) -> impl Iterator<Item = &ModelPoint> {
         let points = self.points.iter().zip(&self.model.points);
-        SparseModel {
-            views: Vec::new(),
-            points: points
-                .filter(|(id, _)| id.is_some())
-                .map(|(_, point)| point.clone())
-                .collect(),
-        }
+        points
+            .filter(|(id, _)| id.is_some())
+            .map(|(_, point)| point)
     }
 }
 

@@ -1,5 +1,7 @@
 //! Empty maps for each source of points.
 
+use std::sync::Arc;
+
 use linecarve_carving::{Carver, CarverOptions, Hull};
 use linecarve_lines::camera::Camera;
 use linecarve_sequence::{Sequence, SparseModel};
@@ -104,9 +106,12 @@ impl Map {
     ///
     /// # Errors
     /// When an observation names a view that does not exist.
-    pub fn of_model(options: &Options, model: SparseModel) -> Result<Self, MapError> {
+    pub fn of_model(
+        options: &Options,
+        model: impl Into<Arc<SparseModel>>,
+    ) -> Result<Self, MapError> {
         let factor = options.carving.cut.sigma_factor;
-        let model = ModelMap::new(model, &options.point_model, factor)?;
+        let model = ModelMap::new(model.into(), &options.point_model, factor)?;
         let median_depth = model.median_depth();
         Ok(Self::new(options, Contents::Model(model), median_depth))
     }

@@ -5,6 +5,8 @@ mod input;
 mod origin;
 mod prepared;
 
+use std::sync::Arc;
+
 use linecarve_sequence::{Sequence, SparseModel, every_nth, read_keyframe_list, select_keyframes};
 use nalgebra::{Isometry3, Vector3};
 
@@ -39,8 +41,8 @@ pub struct Recording {
     pub origin: Vector3<f64>,
     /// How far poses and images disagree, when depth comes from the images.
     pub poses: Option<PoseSummary>,
-    /// The model that is carved, in the frame of computation.
-    pub model: Option<SparseModel>,
+    /// The model that is carved, in the frame of computation. It is moved here from the sequence, and the map shares it.
+    pub model: Option<Arc<SparseModel>>,
     /// Whether poses were found from the images; frames without one are left out.
     pub is_tracked: bool,
     /// What was left out or assumed.
@@ -84,11 +86,8 @@ impl Recording {
         };
         match input.source {
             Source::Lines | Source::Segments => recording.prepare_lines(input)?,
-            Source::MapPoints | Source::Model => match recording.sequence.sparse_model() {
-                Some(model) => {
-                    let model = model.clone();
-                    recording.prepare_model(input, model)?;
-                }
+            Source::MapPoints | Source::Model => match recording.sequence.take_sparse_model() {
+                Some(model) => recording.prepare_model(input, model)?,
                 None => recording.prepare_features(input)?,
             },
         }
@@ -186,7 +185,11 @@ impl Recording {
         Ok(())
     }
 
-    fn prepare_model(&mut self, input: &Input, model: SparseModel) -> Result<(), RecordingError> {
+    fn prepare_model(
+        &mut self,
+        input: &Input,
+        mut model: SparseModel,
+    ) -> Result<(), RecordingError> {
         self.source = Source::Model;
         if let Some(option) = input.selection.given.first() {
             return Err(RecordingError::Missing(format!(
@@ -200,7 +203,8 @@ impl Recording {
         }
         self.shift_to(model_origin(&model.views, &extent));
         self.keyframes = (0..model.views.len()).collect();
-        self.model = Some(model.translated(&-self.origin));
+        model.translate(&-self.origin);
+        self.model = Some(Arc::new(model));
         Ok(())
     }
 

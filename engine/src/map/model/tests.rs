@@ -65,7 +65,7 @@ fn view_by_view_and_all_at_once_end_the_same() {
     let mut other = map_of(&model);
     other.push(&Keyframe::Views(0..5)).unwrap();
     assert_eq!(triangles(&one.surface()), triangles(&other.surface()));
-    assert_eq!(one.carved_model().unwrap().points.len(), model.points.len());
+    assert_eq!(one.carved_points().unwrap().count(), model.points.len());
     assert_eq!(one.median_depth().map(|depth| depth.round()), Some(4.0));
 }
 
