@@ -43,7 +43,9 @@ pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Resul
         }
         watch_process(args.memory_limit.filter(|_| !is_model_at_once))
     };
-    let (outcome, ..) = reconstruct(args, Some(&args.out), verbosity, watch)?;
+    let (outcome, run, _) = reconstruct(args, Some(&args.out), verbosity, watch)?;
+    // The process ends: freeing the map block by block takes longer than leaving it to the system.
+    std::mem::forget(run);
     Ok(outcome)
 }
 
