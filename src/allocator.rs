@@ -1,30 +1,58 @@
-//! How the allocator of the system treats large blocks.
+//! Settings of the system's allocator.
 
 #![cfg_attr(
-    all(target_os = "linux", target_env = "gnu"),
+    all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"),
     expect(
         unsafe_code,
         reason = "settings of the allocator have no safe interface"
     )
 )]
 
-/// Blocks from this size on, in bytes, are mappings of their own: the arrays of a map, which grow in place and go back to the system at
-/// once.
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-const OWN_MAPPING: i32 = 1 << 20;
-/// Free memory at the end of a heap, in bytes, that is kept for the next keyframe.
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-const KEPT: i32 = 4 << 20;
+/// Keeps large blocks apart from small ones, and asks for huge pages for the small ones. Does nothing with other allocators.
+///
+/// Without the first, glibc raises the size of blocks that get a mapping of their own up to 32 MiB, and the gaps that grown arrays leave
+/// stay resident. Without the second, each of the many places of a map that a keyframe reads costs an address translation of its own, the
+/// more the larger the map.
+pub fn set_up() {
+    #[cfg(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"))]
+    glibc::set_up();
+}
 
-/// Keeps large blocks apart from small ones. Otherwise glibc raises the size of blocks that get a mapping of their own up to 32 MiB, and
-/// the gaps that grown arrays leave stay resident. Does nothing with other allocators.
-pub fn keep_large_blocks_apart() {
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    for (parameter, bytes) in [
-        (libc::M_MMAP_THRESHOLD, OWN_MAPPING),
-        (libc::M_TRIM_THRESHOLD, KEPT),
-    ] {
-        // SAFETY: `mallopt` sets a number under the lock of the allocator; it may be called at any time. A refused value changes nothing.
-        unsafe { libc::mallopt(parameter, bytes) };
+#[cfg(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"))]
+mod glibc {
+    /// Blocks from this size on, in bytes, are mappings of their own: the arrays of a map, which grow in place and go back to the system
+    /// at once.
+    const OWN_MAPPING: i32 = 1 << 20;
+    /// Addresses that the heap takes at a time, in bytes; only what is used takes memory.
+    const RESERVED: i32 = 1 << 30;
+
+    pub(super) fn set_up() {
+        for (parameter, value) in [
+            (libc::M_MMAP_THRESHOLD, OWN_MAPPING),
+            // One heap for all threads, which is the one that is reserved.
+            (libc::M_ARENA_MAX, 1),
+            (libc::M_TOP_PAD, RESERVED),
+        ] {
+            // SAFETY: `mallopt` sets a number under the lock of the allocator; it may be called at any time. A refused value changes nothing.
+            unsafe { libc::mallopt(parameter, value) };
+        }
+        ask_for_huge_pages();
+    }
+
+    /// Asks for huge pages for the addresses of the heap, where the system gives them to those who ask.
+    fn ask_for_huge_pages() {
+        // SAFETY: the block is in the heap, or null, and is freed once. `sbrk(0)` reads the end of the heap. The advice concerns whole pages
+        // between the two, and does not change what they hold; a system that refuses it changes nothing.
+        unsafe {
+            // Larger than what the heap has at first, so that it takes its addresses now.
+            let block = libc::malloc(OWN_MAPPING as usize / 2);
+            let page = libc::sysconf(libc::_SC_PAGESIZE).max(1) as usize;
+            let start = (block as usize).next_multiple_of(page);
+            let end = libc::sbrk(0) as usize / page * page;
+            if !block.is_null() && start < end {
+                libc::madvise(start as *mut _, end - start, libc::MADV_HUGEPAGE);
+            }
+            libc::free(block);
+        }
     }
 }

@@ -3,13 +3,13 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use linecarve::allocator::keep_large_blocks_apart;
+use linecarve::allocator;
 use linecarve::cli::Cli;
 use linecarve::commands::{self, Outcome};
 use linecarve::error_text;
 
 fn main() -> ExitCode {
-    keep_large_blocks_apart();
+    allocator::set_up();
     // clap ends the process itself on bad usage, with status 2, and on --help and --version, with status 0.
     let cli = Cli::parse();
     match commands::run(&cli) {
