@@ -23,20 +23,24 @@ mod glibc {
     /// Blocks from this size on, in bytes, are mappings of their own: the arrays of a map, which grow in place and go back to the system
     /// at once.
     const OWN_MAPPING: i32 = 1 << 20;
-    /// Addresses that the heap takes at a time, in bytes; only what is used takes memory.
+    /// Addresses that the heap takes at the start, in bytes; only what is used takes memory. It has less where a limit forbids as many.
     const RESERVED: i32 = 1 << 30;
+    /// Addresses that it takes at a time when these are used up, in bytes.
+    const GROWTH: i32 = 1 << 20;
 
     pub(super) fn set_up() {
-        for (parameter, value) in [
-            (libc::M_MMAP_THRESHOLD, OWN_MAPPING),
-            // One heap for all threads, which is the one that is reserved.
-            (libc::M_ARENA_MAX, 1),
-            (libc::M_TOP_PAD, RESERVED),
-        ] {
-            // SAFETY: `mallopt` sets a number under the lock of the allocator; it may be called at any time. A refused value changes nothing.
-            unsafe { libc::mallopt(parameter, value) };
-        }
+        set(libc::M_MMAP_THRESHOLD, OWN_MAPPING);
+        // One heap for all threads, which is the one that is reserved, and keeps its addresses.
+        set(libc::M_ARENA_MAX, 1);
+        set(libc::M_TRIM_THRESHOLD, i32::MAX);
+        set(libc::M_TOP_PAD, RESERVED);
         ask_for_huge_pages();
+        set(libc::M_TOP_PAD, GROWTH);
+    }
+
+    fn set(parameter: i32, value: i32) {
+        // SAFETY: `mallopt` sets a number under the lock of the allocator; it may be called at any time. A refused value changes nothing.
+        unsafe { libc::mallopt(parameter, value) };
     }
 
     /// Asks for huge pages for the addresses of the heap, where the system gives them to those who ask.
