@@ -59,11 +59,14 @@ impl Tetrahedralization {
                 .find(p)
                 .map_or(Location::NoCells, |v| Location::OnVertex(VertexId(v))));
         }
-        let raw = self.walk(p, self.start_of_walk(hint));
+        let (raw, is_inside) = self.walk_inside(p, self.start_of_walk(hint));
         let cell = self.storage.cell(raw);
         let id = CellId::from_raw(raw);
         if cell.is_ghost() {
             return Ok(Location::Outside(id));
+        }
+        if is_inside {
+            return Ok(Location::InCell(id));
         }
         let v = cell.vertices;
         let at = v.map(|vertex| self.storage.position(vertex));
@@ -115,6 +118,12 @@ impl Tetrahedralization {
     /// (H. Edelsbrunner, "An acyclicity theorem for cell complexes in d dimensions", Combinatorica 10, 1990), so no
     /// random choice is needed and the way taken depends on nothing but the input.
     pub(super) fn walk(&self, p: &[f64; 3], start: u32) -> u32 {
+        self.walk_inside(p, start).0
+    }
+
+    /// The same, and whether `p` is in the open interior of the cell, if it is finite.
+    #[inline]
+    fn walk_inside(&self, p: &[f64; 3], start: u32) -> (u32, bool) {
         let storage = &self.storage;
         let mut current = start;
         let mut entered = 4;
@@ -125,8 +134,10 @@ impl Tetrahedralization {
         'cells: loop {
             let cell = storage.cell(current);
             if cell.is_ghost() {
-                return current;
+                return (current, false);
             }
+            // The facet by which the cell was entered has `p` strictly inside.
+            let mut is_inside = true;
             let at = cell.vertices.map(|v| storage.position(v));
             let to = at.map(|v| [v[0] - p[0], v[1] - p[1], v[2] - p[2]]);
             for (facet, &[a, b, c]) in FACET.iter().enumerate() {
@@ -141,8 +152,9 @@ impl Tetrahedralization {
                     entered = (packed & 3) as usize;
                     continue 'cells;
                 }
+                is_inside &= side > 0.0;
             }
-            return current;
+            return (current, is_inside);
         }
     }
 }
