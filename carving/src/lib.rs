@@ -8,6 +8,7 @@
     )
 )]
 
+mod buckets;
 mod carver;
 mod flow;
 mod growth;

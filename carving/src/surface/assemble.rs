@@ -11,6 +11,7 @@ use rustc_hash::FxHashMap;
 
 use super::delta::rotate_smallest_first;
 use super::extract::{ExportOptions, IndexedMesh};
+use crate::buckets::Buckets;
 
 /// No neighbour across an edge.
 pub const NO_NEIGHBOR: u32 = u32::MAX;
@@ -86,32 +87,26 @@ pub fn assemble(
     options: &ExportOptions,
 ) -> (IndexedMesh, Vec<Option<u32>>) {
     let mut patch = split_into_manifold(surface, is_wanted, options);
-    // Sorted in place and shortened: surfaces may take a good part of the memory.
-    let mut corners: Vec<(u32, u32)> = Vec::with_capacity(3 * patch.triangles.len());
-    for (triangle, copies) in patch.triangles.iter().zip(&patch.copies) {
-        corners.extend((0..3).map(|k| (triangle[k], copies[k])));
-    }
-    corners.sort_unstable();
-    corners.dedup();
-    corners.shrink_to_fit();
+    let ranks = patch.triangles.iter().flatten().copied();
+    let corners = ranks.zip(patch.copies.iter().flatten().copied());
+    let corners = Buckets::new(surface.positions.len(), corners);
     let mut mesh = IndexedMesh {
         vertices: corners
             .iter()
-            .map(|&(rank, _)| Point3::from(surface.positions[rank as usize]))
+            .map(|(rank, _)| Point3::from(surface.positions[rank as usize]))
             .collect(),
         triangles: Vec::with_capacity(patch.triangles.len()),
     };
-    let index = |corner: &(u32, u32)| {
-        corners
-            .binary_search(corner)
-            .expect("every corner has been listed") as u32
+    let index = |rank: u32, copy: u32| {
+        let number = corners.number(rank, copy);
+        number.expect("every corner has been listed")
     };
     let triangles = patch.triangles.iter().zip(&patch.copies);
     mesh.triangles.extend(
-        triangles.map(|(triangle, copies)| [0, 1, 2].map(|k| index(&(triangle[k], copies[k])))),
+        triangles.map(|(triangle, copies)| [0, 1, 2].map(|k| index(triangle[k], copies[k]))),
     );
     (patch.triangles, patch.copies) = (Vec::new(), Vec::new());
-    let mut ranks: Vec<Option<u32>> = corners.iter().map(|&(rank, _)| Some(rank)).collect();
+    let mut ranks: Vec<Option<u32>> = corners.iter().map(|(rank, _)| Some(rank)).collect();
     if options.manifold {
         split_repeated_edges(&mut mesh, &patch.edges);
         ranks.resize(mesh.vertices.len(), None);
@@ -217,22 +212,23 @@ pub fn connect(surface: &RankedSurface, is_wanted: impl Fn(u32) -> bool) -> Conn
 
 /// Splits edges at their midpoints where several of different number have the same ends, all but the first.
 fn split_repeated_edges(mesh: &mut IndexedMesh, edges: &[[u32; 3]]) {
-    let mut ends: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * edges.len());
-    for (triangle, numbers) in mesh.triangles.iter().zip(edges) {
-        for k in 0..3 {
+    let ends = (mesh.triangles.iter().zip(edges)).flat_map(|(triangle, numbers)| {
+        [0, 1, 2].map(|k| {
             let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-            ends.push((a.min(b), a.max(b), numbers[k]));
-        }
-    }
-    ends.sort_unstable();
-    ends.dedup();
+            (a.min(b), (a.max(b), numbers[k]))
+        })
+    });
+    let ends = Buckets::new(mesh.vertices.len(), ends);
     let mut midpoints: FxHashMap<u32, u32> = FxHashMap::default();
-    for pair in ends.windows(2) {
-        let ((a, b, _), (c, d, number)) = (pair[0], pair[1]);
-        if (a, b) == (c, d) {
-            let middle = nalgebra::center(&mesh.vertices[a as usize], &mesh.vertices[b as usize]);
-            midpoints.insert(number, mesh.vertices.len() as u32);
-            mesh.vertices.push(middle);
+    for a in 0..mesh.vertices.len() as u32 {
+        for pair in ends.of(a).windows(2) {
+            let ((b, _), (c, number)) = (pair[0], pair[1]);
+            if b == c {
+                let middle =
+                    nalgebra::center(&mesh.vertices[a as usize], &mesh.vertices[b as usize]);
+                midpoints.insert(number, mesh.vertices.len() as u32);
+                mesh.vertices.push(middle);
+            }
         }
     }
     if midpoints.is_empty() {

@@ -8,6 +8,7 @@ use super::assemble::{NO_NEIGHBOR, RankedSurface, RankedTriangle, assemble};
 use super::delta::{Triangle, rotate_smallest_first};
 use super::facets::{Facets, triangle};
 use super::repair::across;
+use crate::buckets::Buckets;
 
 /// Filters and repair of an exported surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -83,13 +84,14 @@ pub(crate) fn extract(
         rank[vertex.index()] = index;
     }
     let rank = |v: VertexId| rank[v.index()];
-    let mut keyed: Vec<(RankedTriangle, u32)> = facets_in_use
+    let keyed = facets_in_use.iter().zip(0..).map(|((corners, _), index)| {
+        let [a, b, c] = rotate_smallest_first(corners.map(rank));
+        (a, ([b, c], index))
+    });
+    let (triangles, order): (Vec<RankedTriangle>, Vec<u32>) = Buckets::new(vertices.len(), keyed)
         .iter()
-        .map(|(corners, _)| rotate_smallest_first(corners.map(rank)))
-        .zip(0..)
-        .collect();
-    keyed.sort_unstable();
-    let (triangles, order): (Vec<RankedTriangle>, Vec<u32>) = keyed.into_iter().unzip();
+        .map(|(a, ([b, c], index))| ([a, b, c], index))
+        .unzip();
     let is_wanted: Vec<bool> = (order.iter())
         .map(|&index| is_wanted(facets_in_use[index as usize].0))
         .collect();

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::buckets::Buckets;
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId, hilbert_rank};
 
 use super::super::crossings::{Crossings, Entrance};
@@ -123,23 +124,12 @@ impl RayVisibility {
         }
     }
 
-    /// Sorts rays by their vertices, of which there are `vertices` at most; those of one vertex keep their order.
+    /// Sorts rays by their vertices, which are less than `vertices`.
     fn sort_by_vertex(&self, vertices: usize, rays: &mut [ObservationId]) {
-        // For each vertex where its next ray goes.
-        let mut places = vec![0_u32; vertices + 1];
-        for &ray in &*rays {
-            places[self.table.vertex(ray) as usize + 1] += 1;
-        }
-        let mut before = 0;
-        for place in &mut places {
-            before += *place;
-            *place = before;
-        }
-        let unsorted = rays.to_vec();
-        for ray in unsorted {
-            let place = &mut places[self.table.vertex(ray) as usize];
-            rays[*place as usize] = ray;
-            *place += 1;
+        let keyed = rays.iter().map(|&ray| (self.table.vertex(ray), ray));
+        let sorted = Buckets::new(vertices, keyed);
+        for (ray, (_, sorted)) in rays.iter_mut().zip(sorted.iter()) {
+            *ray = sorted;
         }
     }
 
