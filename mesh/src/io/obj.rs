@@ -104,13 +104,17 @@ fn write_vertices(
     colors: Option<&[[u8; 3]]>,
 ) -> std::io::Result<()> {
     let decimals = decimals(points);
+    // Rounding to digits takes longer than anything else here, and there are few values of a channel.
+    let channels: Vec<String> = (0..=255)
+        .map(|channel| format!("{:.4}", f64::from(channel) / 255.0))
+        .collect();
     for (index, point) in points.iter().enumerate() {
         // Adding zero turns -0 into 0, which would print its sign.
         let [x, y, z] = [point.x + 0.0, point.y + 0.0, point.z + 0.0];
         write!(out, "v {x:.decimals$} {y:.decimals$} {z:.decimals$}")?;
         if let Some(colors) = colors {
-            let [r, g, b] = colors[index].map(|channel| f64::from(channel) / 255.0);
-            write!(out, " {r:.4} {g:.4} {b:.4}")?;
+            let [r, g, b] = colors[index].map(|channel| &channels[usize::from(channel)]);
+            write!(out, " {r} {g} {b}")?;
         }
         writeln!(out)?;
     }
