@@ -1,6 +1,6 @@
 //! Classification of mesh edges.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::dihedral::{Side, dihedral_angle};
 use super::known_lines::KnownLines;
@@ -38,13 +38,12 @@ pub struct FeatureEdges {
 }
 
 /// A triangle at an edge between two positions.
-#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Use {
-    /// The higher position; uses are listed by the lower one.
-    high: u32,
+    /// Positions in ascending order.
+    ends: [u32; 2],
     triangle: u32,
-    /// The corner from which the edge runs in the triangle.
-    from: u32,
+    vertices: [u32; 2],
+    side: Side,
 }
 
 impl FeatureEdges {
@@ -67,40 +66,28 @@ impl FeatureEdges {
         options.validate()?;
         let unique = UniquePositions::new(&mesh.positions);
         let known = KnownLines::new(lines, options.line_distance);
-        let (begins, mut uses) = uses(mesh, &unique);
-        let mut ends_by_position = Vec::new();
-        let mut edges = Vec::new();
+        let mut uses = uses(mesh, &unique);
+        uses.sort_unstable_by_key(|at| (at.ends, at.triangle));
+        let mut found = Self {
+            unique,
+            ends_by_position: Vec::new(),
+            edges: Vec::new(),
+        };
         let mut sides = Vec::new();
-        for (low, bounds) in (0_u32..).zip(begins.windows(2)) {
-            let at_low = &mut uses[bounds[0] as usize..bounds[1] as usize];
-            at_low.sort_unstable();
-            for at_edge in at_low.chunk_by(|a, b| a.high == b.high) {
-                sides.clear();
-                sides.extend(at_edge.iter().filter_map(|at| {
-                    let corners = &mesh.triangles[at.triangle as usize];
-                    Some(Side {
-                        doubled_area: doubled_area(mesh, corners)?,
-                        is_forward: unique.of(corners[at.from as usize]) == low,
-                    })
-                }));
-                let first = &at_edge[0];
-                let corners = mesh.triangles[first.triangle as usize];
-                let mut ends = [0, 1].map(|k| corners[(first.from as usize + k) % 3]);
-                if unique.of(ends[0]) != low {
-                    ends.reverse();
-                }
-                let [p, q] = ends.map(|vertex| mesh.positions[vertex as usize]);
-                if let Some(kind) = kind(&mut sides, [&p, &q], &known, options) {
-                    ends_by_position.push([low, first.high]);
-                    edges.push(FeatureEdge { ends, kind });
-                }
+        for at_edge in uses.chunk_by(|a, b| a.ends == b.ends) {
+            sides.clear();
+            sides.extend(at_edge.iter().map(|at| at.side));
+            let vertices = at_edge[0].vertices;
+            let [p, q] = vertices.map(|vertex| mesh.positions[vertex as usize]);
+            if let Some(kind) = kind(&mut sides, [&p, &q], &known, options) {
+                found.ends_by_position.push(at_edge[0].ends);
+                found.edges.push(FeatureEdge {
+                    ends: vertices,
+                    kind,
+                });
             }
         }
-        Ok(Self {
-            unique,
-            ends_by_position,
-            edges,
-        })
+        Ok(found)
     }
 
     /// All feature edges, ordered by the positions of their ends: the lower end first, by x, then y, then z.
@@ -119,51 +106,33 @@ impl FeatureEdges {
     }
 }
 
-/// All triangles at all edges: for each position where its uses begin, and the uses by their lower position.
-fn uses(mesh: &TriangleMesh, unique: &UniquePositions) -> (Vec<u32>, Vec<Use>) {
-    let valid = || {
-        (0_u32..)
-            .zip(&mesh.triangles)
-            .filter_map(|(triangle, corners)| {
-                let doubled_area = doubled_area(mesh, corners)?;
-                let at = corners.map(|corner| unique.of(corner));
-                let is_valid = doubled_area.iter().all(|v| v.is_finite())
-                    && (0..3).all(|k| at[k] != at[(k + 1) % 3]);
-                is_valid.then_some((triangle, at))
-            })
-    };
-    let mut begins = vec![0; unique.len() + 1];
-    for (_, at) in valid() {
-        for k in 0..3 {
-            begins[at[k].min(at[(k + 1) % 3]) as usize + 1] += 1;
+/// All triangles at all edges.
+fn uses(mesh: &TriangleMesh, unique: &UniquePositions) -> Vec<Use> {
+    let mut uses = Vec::with_capacity(3 * mesh.triangles.len());
+    for (triangle, corners) in mesh.triangles.iter().enumerate() {
+        let [Some(a), Some(b), Some(c)] = corners.map(|c| mesh.positions.get(c as usize)) else {
+            continue;
+        };
+        let doubled_area = (b - a).cross(&(c - a));
+        let at = corners.map(|corner| unique.of(corner));
+        if !doubled_area.iter().all(|v| v.is_finite()) || (0..3).any(|k| at[k] == at[(k + 1) % 3]) {
+            continue;
+        }
+        for (from, to) in [(0, 1), (1, 2), (2, 0)] {
+            let is_forward = at[from] < at[to];
+            let (low, high) = if is_forward { (from, to) } else { (to, from) };
+            uses.push(Use {
+                ends: [at[low], at[high]],
+                triangle: triangle as u32,
+                vertices: [corners[low], corners[high]],
+                side: Side {
+                    doubled_area,
+                    is_forward,
+                },
+            });
         }
     }
-    for position in 1..begins.len() {
-        begins[position] += begins[position - 1];
-    }
-    let mut places = begins.clone();
-    let total = begins.last().copied().unwrap_or(0);
-    let mut uses = vec![Use::default(); total as usize];
-    for (triangle, at) in valid() {
-        for k in 0..3 {
-            let (p, q) = (at[k], at[(k + 1) % 3]);
-            let place = &mut places[p.min(q) as usize];
-            uses[*place as usize] = Use {
-                high: p.max(q),
-                triangle,
-                from: k as u32,
-            };
-            *place += 1;
-        }
-    }
-    (begins, uses)
-}
-
-/// Twice the area of a triangle along its normal; `None` for corners that do not exist.
-fn doubled_area(mesh: &TriangleMesh, corners: &[u32; 3]) -> Option<Vector3<f64>> {
-    let [a, b, c] = corners.map(|corner| mesh.positions.get(corner as usize));
-    let (a, b, c) = (a?, b?, c?);
-    Some((b - a).cross(&(c - a)))
+    uses
 }
 
 fn kind(

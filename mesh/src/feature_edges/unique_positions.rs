@@ -45,11 +45,6 @@ impl UniquePositions {
         self.of_vertex[vertex as usize]
     }
 
-    /// Number of positions.
-    pub(crate) fn len(&self) -> usize {
-        self.counts.len()
-    }
-
     /// Whether another vertex has the same position.
     pub(crate) fn is_shared(&self, vertex: u32) -> bool {
         self.counts[self.of(vertex) as usize] > 1
