@@ -59,12 +59,7 @@ pub(super) fn cells_along(
 
 /// The cells between two places along an axis, extended by a margin.
 fn range(a: f64, b: f64, margin: f64) -> [i32; 2] {
-    // Faster than `floor`, which is a call without SSE 4.1.
-    [a.min(b) - margin, a.max(b) + margin].map(|at| {
-        let at = at.clamp(-LARGEST, LARGEST);
-        let towards_zero = at as i32;
-        towards_zero - i32::from(f64::from(towards_zero) > at)
-    })
+    [a.min(b) - margin, a.max(b) + margin].map(|at| at.floor().clamp(-LARGEST, LARGEST) as i32)
 }
 
 #[cfg(test)]
