@@ -21,8 +21,8 @@ mod vectors;
 mod visibility;
 
 pub use carver::{
-    Carver, CarverOptions, CarverViolation, CommitReport, CommitTimes, PointId, Transaction,
-    TransactionError, ViewId,
+    Carver, CarverOptions, CarverViolation, CommitReport, CommitTimes, PointId, SampleId,
+    Transaction, TransactionError, ViewId,
 };
 pub use flow::FlowViolation;
 pub use labels::{CutOptions, CutOptionsError, Labels, Votes};

@@ -2,12 +2,12 @@
 
 use thiserror::Error;
 
-use super::ids::{PointId, ViewId};
+use super::ids::{PointId, SampleId, ViewId};
 use super::{Carver, Labeling};
 use crate::flow::FlowViolation;
 use crate::surface::SurfaceViolation;
 use crate::tetrahedralization::{CellId, TetrahedralizationViolation};
-use crate::visibility::{Contribution, ListError, ObservationTable, Visibility};
+use crate::visibility::{Contribution, ListError, Misplaced, ObservationTable, Visibility};
 
 /// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -39,7 +39,7 @@ pub enum CarverViolation {
     /// The flow behind the labels is broken.
     #[error(transparent)]
     Flow(#[from] FlowViolation),
-    /// The evidence of a cell on record, or the capacities of the flow network, differ from that of the observations.
+    /// The evidence of a cell on record, or the capacities of the flow network, differ from that of observations and samples.
     #[error("the evidence or the capacities of {cell:?} are wrong")]
     Evidence {
         /// The cell.
@@ -59,6 +59,12 @@ pub enum CarverViolation {
         /// The point.
         point: PointId,
     },
+    /// A sample is not listed once, by the cell that holds it.
+    #[error("sample {} is in a wrong cell", sample.0)]
+    Sample {
+        /// The sample.
+        sample: SampleId,
+    },
     /// The weight of a cell is not the sum over its observations.
     #[error("{cell:?} has weight {recorded} on record, its observations have {found}")]
     Weight {
@@ -72,7 +78,7 @@ pub enum CarverViolation {
 }
 
 impl Carver {
-    /// Verifies tetrahedra, crossing lists, labels and surface; meant for tests.
+    /// Verifies tetrahedra, crossing lists, samples, labels and surface; meant for tests.
     ///
     /// Every observation is tested against every cell, exactly and without any walk.
     ///
@@ -93,6 +99,11 @@ impl Carver {
         }
         self.check_ends(self.rays.table())?;
         self.check_ends(self.segments.table())?;
+        self.samples
+            .check(&self.tetrahedra)
+            .map_err(|Misplaced(sample)| CarverViolation::Sample {
+                sample: SampleId(sample),
+            })?;
         for cell in self.tetrahedra.cells() {
             self.check_cell(cell)?;
         }
@@ -146,6 +157,7 @@ impl Carver {
             });
         }
         evidence.add(&segments.evidence);
+        evidence.add(&self.samples.of(cell));
         let sums = &self.cells.evidence;
         if sums.is_on() && !self.tetrahedra.is_ghost(cell) && sums.of(cell) != evidence {
             return Err(CarverViolation::Evidence { cell });

@@ -217,6 +217,7 @@ impl Carver {
         space.cells.end_update(&changes);
         rays.add(&mut space, &mut changed_rays);
         segments.add(&mut space, &mut changed_segments);
+        self.update_samples(plan, &changes, is_rebuilt);
         report.times.carving += start.elapsed();
         self.update_surface(changes, is_rebuilt, &mut report);
         report

@@ -1,7 +1,7 @@
 //! A carver that carves once: sums in place of lists.
 //!
-//! While changes of points, views and observations come in, nothing but their tables follows. [`Carver::carve`] then inserts all
-//! points, walks each ray and searches for each segment once, and adds what they say to the sums of the cells. Sums are integers,
+//! While changes of points, views, observations and samples come in, nothing but their tables follows. [`Carver::carve`] then inserts all
+//! points, walks each ray, searches for each segment and locates each sample once, and adds what they say to the sums of the cells. Sums are integers,
 //! so they are those that the lists of an incremental carver lead to; labels and surface follow from them by the same functions.
 
 use std::time::Instant;
@@ -20,9 +20,9 @@ use crate::visibility::{ObservationId, ObservationTable, Visibility};
 
 impl Carver {
     /// An empty carver whose cells, labels and surface are made by [`carve`](Self::carve) and by nothing else. Transactions change
-    /// points, views and observations, and cost no more than that.
+    /// points, views, observations and samples, and cost no more than that.
     ///
-    /// The state after [`carve`](Self::carve) is that of any other carver with the same points, views and observations. Without
+    /// The state after [`carve`](Self::carve) is that of any other carver with the same points, views, observations and samples. Without
     /// lists of rays it takes a fraction of the memory and, where only the last state is of interest, of the time.
     pub fn deferred(options: CarverOptions) -> Self {
         Self::with_lists(options, false)
@@ -33,14 +33,15 @@ impl Carver {
         self.is_deferred
     }
 
-    /// Makes cells, labels and surface of a [deferred](Self::deferred) carver from its points, views and observations. They stay as
+    /// Makes cells, labels and surface of a [deferred](Self::deferred) carver from its points, views, observations and samples. They stay as
     /// they are until the next call, which begins anew. Does nothing in other carvers.
     ///
     /// The report is that of a change from the empty state; ids of cells and vertices are new.
     ///
     /// # Complexity
     ///
-    /// That of the tetrahedralisation of all points, and per observation the cells that it passes through.
+    /// That of the tetrahedralisation of all points, per observation the cells that it passes through, and the sort of all
+    /// samples along a curve.
     pub fn carve(&mut self) -> CommitReport {
         let mut report = CommitReport::default();
         if !self.is_deferred {
@@ -66,6 +67,8 @@ impl Carver {
         let (mut space, ray_visibility, segment_visibility) = self.visibility();
         ray_visibility.add(&mut space, &mut rays);
         segment_visibility.add(&mut space, &mut segments);
+        self.samples
+            .locate(&self.tetrahedra, &mut self.cells.evidence, false);
         self.cells.evidence.list_changes(true);
         report.times.carving += start.elapsed();
         self.update_surface(changes, false, &mut report);
@@ -79,6 +82,7 @@ impl Carver {
         self.points.forget_vertices();
         self.rays.clear();
         self.segments.clear();
+        self.samples.forget_cells();
         self.cells.forget();
         self.facets = Facets::new(self.facets.hull());
         if let Labeling::Cut(cut) = &mut self.labels {
@@ -101,7 +105,7 @@ impl Carver {
         self.tetrahedra = tetrahedra;
     }
 
-    /// Changes points, views and observations, and nothing that follows from them.
+    /// Changes points, views, observations and samples, and nothing that follows from them.
     pub(super) fn make_deferred(&mut self, plan: &Plan, affected: Affected) -> CommitReport {
         let first_new_view = self.views.capacity() as u32;
         let (mut space, rays, segments) = self.visibility();
@@ -131,6 +135,7 @@ impl Carver {
         let table = self.segments.table_mut();
         plan.segments
             .enter(table, ends, first_new_view, &mut segments);
+        self.enter_samples(plan, true);
         CommitReport::default()
     }
 }

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::ids::{PointId, ViewId};
+use super::ids::{PointId, SampleId, ViewId};
 use crate::tetrahedralization::PointError;
 
 /// Why a transaction, or a change that was to be part of it, is refused. The carver is unchanged.
@@ -19,6 +19,12 @@ pub enum TransactionError {
     UnknownView {
         /// The id given.
         view: ViewId,
+    },
+    /// The sample was removed or never added.
+    #[error("there is no sample {}; it was removed or never added", sample.0)]
+    UnknownSample {
+        /// The id given.
+        sample: SampleId,
     },
     /// The view does not see the point.
     #[error("view {} does not see point {}; it never did or the observation was removed", view.0, point.0)]
@@ -86,6 +92,6 @@ pub enum TransactionError {
         point: PointId,
     },
     /// Ids are 32 bits wide and none is left.
-    #[error("no room for more points, views or observations")]
+    #[error("no room for more points, views, observations or samples")]
     Full,
 }

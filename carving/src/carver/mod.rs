@@ -7,6 +7,7 @@ mod deferred;
 mod error;
 mod ids;
 mod points;
+mod samples;
 #[cfg(any(test, feature = "internals"))]
 mod snapshot;
 mod transaction;
@@ -14,7 +15,7 @@ mod transaction;
 pub use check::CarverViolation;
 pub use commit::{CommitReport, CommitTimes};
 pub use error::TransactionError;
-pub use ids::{PointId, ViewId};
+pub use ids::{PointId, SampleId, ViewId};
 #[cfg(any(test, feature = "internals"))]
 pub use snapshot::{CarvedCell, Snapshot};
 pub use transaction::Transaction;
@@ -27,7 +28,7 @@ use crate::surface::{
 };
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
 use crate::visibility::{
-    Cells, ObservationTable, RayVisibility, SegmentVisibility, Views, Visibility,
+    Cells, ObservationTable, RayVisibility, Samples, SegmentVisibility, Views, Visibility,
 };
 
 use points::{NO_VERTEX, Points};
@@ -55,8 +56,8 @@ enum Labeling {
 
 /// A tetrahedralisation carved by rays and segments; the [crate](crate) page has an example.
 ///
-/// The state consists of points with positions, views with centres, observations (a view and a point) and segments (a view
-/// and two points), the last two with integer weights. A [`Transaction`] changes it. After any sequence of changes
+/// The state consists of points with positions, views with centres, observations (a view and a point), segments (a view
+/// and two points) and samples with positions, the last three with integer weights. A [`Transaction`] changes it. After any sequence of changes
 /// tetrahedra, labels and surface are identical to those built from scratch from the final state in any order.
 ///
 /// Ids of points and views are never given out twice. Points at equal positions share a vertex and keep rays of their own.
@@ -73,6 +74,7 @@ pub struct Carver {
     views: Views,
     rays: RayVisibility,
     segments: SegmentVisibility,
+    samples: Samples,
     cells: Cells,
     facets: Facets,
     changes: Changes,
@@ -106,6 +108,7 @@ impl Carver {
             views: Views::default(),
             rays: RayVisibility::new(softness, has_lists),
             segments: SegmentVisibility::new(softness, has_lists),
+            samples: Samples::new(softness.is_some()),
             cells: Cells::new(threshold, softness.is_some()),
             facets: Facets::new(options.hull),
             changes: Changes::new(),

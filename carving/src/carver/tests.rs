@@ -66,12 +66,35 @@ fn center(rng: &mut ChaCha8Rng, space: Space) -> Point3<f64> {
     }
 }
 
+/// Weights of either sign, few of them beyond 32 bits in sum.
+fn sample_weight(rng: &mut ChaCha8Rng) -> i32 {
+    match rng.random_range(0..8) {
+        0 => i32::MAX,
+        1 => i32::MIN,
+        2 => 0,
+        _ => rng.random_range(-1000..1000) * 256,
+    }
+}
+
 /// A random event, not necessarily valid.
 fn event(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Event {
     let view = ViewId(rng.random_range(0..carver.next_view().0.max(1)));
     let point = PointId(rng.random_range(0..carver.next_point().0.max(1)));
     let other = PointId(rng.random_range(0..carver.next_point().0.max(1)));
-    match rng.random_range(0..27) {
+    let sample = SampleId(rng.random_range(0..carver.sample_count() as u32 + 2));
+    match rng.random_range(0..35) {
+        27..31 => Event::AddSample {
+            position: match rng.random() {
+                true => position(rng, space),
+                false => center(rng, space),
+            },
+            weight: sample_weight(rng),
+        },
+        31..33 => Event::ChangeSample {
+            sample,
+            by: sample_weight(rng),
+        },
+        33..35 => Event::RemoveSample { sample },
         22..25 => Event::AddSegment {
             view,
             ends: [point, other],
@@ -140,6 +163,12 @@ fn keyframe(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Vec<Event> {
                 weight: rng.random_range(1..1000),
             });
         }
+    }
+    for _ in 0..rng.random_range(0..8) {
+        events.push(Event::AddSample {
+            position: center(rng, space),
+            weight: sample_weight(rng),
+        });
     }
     for _ in 0..rng.random_range(0..4) {
         let mut end = || PointId(rng.random_range(0..(first + count).max(1)));
@@ -389,8 +418,18 @@ fn take_apart(rng: &mut ChaCha8Rng, mut carver: Carver, mut follower: Follower) 
     assert_eq!(carver.segment_count(), 0);
     let points: Vec<PointId> = carver.points().collect();
     for point in points {
-        let report = apply(&mut carver, &[Event::RemovePoint { point }]).unwrap();
+        let mut events = vec![Event::RemovePoint { point }];
+        // Some samples are left without any cell.
+        if rng.random() {
+            let sample = carver.samples().last();
+            events.extend(sample.map(|sample| Event::RemoveSample { sample }));
+        }
+        let report = apply(&mut carver, &events).unwrap();
         follower.follow(&carver, &report.surface);
+        if carver.point_count().is_multiple_of(8) {
+            carver.check().unwrap();
+            assert_eq!(carver.rebuilt(true).snapshot(), carver.snapshot());
+        }
     }
     assert_eq!((carver.ray_count(), carver.crossing_count()), (0, 0));
     assert_eq!(
@@ -398,6 +437,12 @@ fn take_apart(rng: &mut ChaCha8Rng, mut carver: Carver, mut follower: Follower) 
         (0, 0)
     );
     assert_eq!(carver.triangle_count(), 0);
+    let samples: Vec<SampleId> = carver.samples().collect();
+    for sample in samples {
+        apply(&mut carver, &[Event::RemoveSample { sample }]).unwrap();
+    }
+    assert_eq!(carver.sample_count(), 0);
+    carver.check().unwrap();
 }
 
 /// The long mode is asked for by `LINECARVE_LONG_TESTS=1`.

@@ -8,6 +8,7 @@ use rustc_hash::FxHashMap;
 use super::commit::CommitReport;
 use super::error::TransactionError;
 use super::ids::{PointId, ViewId};
+use super::samples::PlannedSamples;
 use super::{Carver, ordered};
 use crate::tetrahedralization::accept_position;
 use crate::visibility::rays::Rays;
@@ -36,6 +37,7 @@ pub(super) struct Plan {
     pub(super) sigmas: FxHashMap<u32, Option<f64>>,
     pub(super) rays: PlannedWeights<1>,
     pub(super) segments: PlannedWeights<2>,
+    pub(super) samples: PlannedSamples,
 }
 
 /// The net effect of a transaction on the observations of one kind, each by one view of `N` points.
@@ -378,7 +380,7 @@ impl<'a> Transaction<'a> {
     /// # Complexity
     ///
     /// Per ray that is new, or whose point or view moved: the cells that it crosses. Per cell replaced: the rays across
-    /// it. Independent of the rest of the map, apart from one test per view.
+    /// it and the samples in it. Independent of the rest of the map, apart from one test per view.
     pub fn commit(self) -> Result<CommitReport, TransactionError> {
         super::commit::commit(self)
     }

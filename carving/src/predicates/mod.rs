@@ -27,8 +27,8 @@ mod orient;
 pub use insphere::in_sphere;
 pub use insphere::in_sphere_perturbed;
 pub(crate) use neighbor_spheres::{FacetNormals, determinant_error, lifted_row, widen};
-pub(crate) use orient::orient3d_from_differences;
 pub use orient::{are_collinear, orient3d};
+pub(crate) use orient::{normal_sign, orient3d_from_differences};
 
 #[cfg(test)]
 mod tests;

@@ -55,6 +55,21 @@ fn orient3d_adaptive(a: &[f64; 3], b: &[f64; 3], c: &[f64; 3], d: &[f64; 3]) -> 
     -robust::orient3d(coord(a), coord(b), coord(c), coord(d))
 }
 
+/// Sign of the first component of the normal of a triangle that is not zero; exact, and zero only for collinear corners.
+///
+/// It is the side of the triangle to which the direction (1, e, e²) leads, e infinitely small.
+#[cold]
+pub(crate) fn normal_sign([a, b, c]: [&[f64; 3]; 3]) -> f64 {
+    [(1, 2), (2, 0), (0, 1)]
+        .into_iter()
+        .map(|(i, j)| {
+            let flat = |p: &[f64; 3]| robust::Coord { x: p[i], y: p[j] };
+            robust::orient2d(flat(a), flat(b), flat(c))
+        })
+        .find(|&component| component != 0.0)
+        .unwrap_or(0.0)
+}
+
 /// Whether three points lie exactly on one line (or coincide): all three axis projections do.
 pub fn are_collinear(a: &[f64; 3], b: &[f64; 3], c: &[f64; 3]) -> bool {
     let flat = |p: &[f64; 3], i: usize, j: usize| robust::Coord { x: p[i], y: p[j] };

@@ -6,7 +6,7 @@ use super::Tetrahedralization;
 use super::ids::{CellId, GHOST, NO_CELL, VertexId};
 use super::point::{PointError, accept_position};
 use super::storage::FACET;
-use crate::predicates::{orient3d, orient3d_from_differences};
+use crate::predicates::{normal_sign, orient3d, orient3d_from_differences};
 
 /// Where a point lies; exact.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -59,7 +59,7 @@ impl Tetrahedralization {
                 .find(p)
                 .map_or(Location::NoCells, |v| Location::OnVertex(VertexId(v))));
         }
-        let (raw, is_inside) = self.walk_inside(p, self.start_of_walk(hint));
+        let (raw, is_inside) = self.walk_inside(p, self.start_of_walk(hint), |_| 0.0);
         let cell = self.storage.cell(raw);
         let id = CellId::from_raw(raw);
         if cell.is_ghost() {
@@ -118,12 +118,47 @@ impl Tetrahedralization {
     /// (H. Edelsbrunner, "An acyclicity theorem for cell complexes in d dimensions", Combinatorica 10, 1990), so no
     /// random choice is needed and the way taken depends on nothing but the input.
     pub(super) fn walk(&self, p: &[f64; 3], start: u32) -> u32 {
-        self.walk_inside(p, start).0
+        self.walk_inside(p, start, |_| 0.0).0
     }
 
-    /// The same, and whether `p` is in the open interior of the cell, if it is finite.
+    /// The cell that holds a position moved by an infinitely small amount in the direction (1, e, e²), e infinitely small;
+    /// `None` where there are no cells. A finite cell is the only one. Outside the hull, it is the ghost cell of one of the
+    /// hull facets that the moved position is outside of.
+    ///
+    /// The position is in range; the walk starts at `hint` as that of [`locate`](Self::locate).
     #[inline]
-    fn walk_inside(&self, p: &[f64; 3], start: u32) -> (u32, bool) {
+    pub(crate) fn locate_perturbed(&self, p: &[f64; 3], hint: Option<CellId>) -> Option<CellId> {
+        if self.recent_cell == NO_CELL {
+            return None;
+        }
+        let (raw, _) = self.walk_inside(p, self.start_of_walk(hint), normal_sign);
+        Some(CellId::from_raw(raw))
+    }
+
+    /// Whether a cell holds a position as [`locate_perturbed`](Self::locate_perturbed) moves it; a ghost cell what is outside
+    /// its hull facet. Computed from the rule alone.
+    pub(crate) fn holds_perturbed(&self, cell: CellId, p: &[f64; 3]) -> bool {
+        let cell = self.storage.cell(cell.raw());
+        let is_beyond = |facet: [usize; 3]| {
+            let [a, b, c] = facet.map(|k| self.storage.position(cell.vertices[k]));
+            let side = orient3d(a, b, c, p);
+            side > 0.0 || side == 0.0 && normal_sign([a, b, c]) > 0.0
+        };
+        match cell.is_ghost() {
+            true => is_beyond([0, 1, 2]),
+            false => FACET.into_iter().all(is_beyond),
+        }
+    }
+
+    /// The same as [`walk`](Self::walk), and whether `p` is in the open interior of the cell, if it is finite. `in_plane`
+    /// decides the side of facets in whose plane `p` lies.
+    #[inline]
+    fn walk_inside(
+        &self,
+        p: &[f64; 3],
+        start: u32,
+        in_plane: impl Fn([&[f64; 3]; 3]) -> f64,
+    ) -> (u32, bool) {
         let storage = &self.storage;
         let mut current = start;
         let mut entered = 4;
@@ -144,8 +179,14 @@ impl Tetrahedralization {
                 if facet == entered {
                     continue;
                 }
-                let side = orient3d_from_differences(&to[a], &to[b], &to[c])
-                    .unwrap_or_else(|| orient3d(at[a], at[b], at[c], p));
+                let side = orient3d_from_differences(&to[a], &to[b], &to[c]).unwrap_or_else(|| {
+                    let side = orient3d(at[a], at[b], at[c], p);
+                    if side == 0.0 {
+                        in_plane([at[a], at[b], at[c]])
+                    } else {
+                        side
+                    }
+                });
                 if side < 0.0 {
                     let packed = cell.neighbors[facet];
                     current = packed >> 2;

@@ -34,7 +34,7 @@ pub use move_vertex::{Move, MoveError};
 pub use point::{MAX_COORDINATE, MIN_COORDINATE, PointError, accept_position};
 
 pub use remove::UnknownVertex;
-pub(crate) use spatial_order::{hilbert_rank, spatial_order};
+pub(crate) use spatial_order::{curve_order, hilbert_rank, spatial_order};
 
 use nalgebra::Point3;
 

@@ -99,6 +99,17 @@ fn scramble(index: u64) -> u64 {
 ///
 /// `n log n` for the sort; eight bytes a point.
 pub(crate) fn spatial_order(points: &[Point3<f64>]) -> Vec<u64> {
+    let rounds = (points.len() / SMALLEST_ROUND).max(1).ilog2() / ROUND_BITS;
+    in_rounds(points, rounds)
+}
+
+/// Indices of `points` along one Hilbert curve, an order good for location. Points must be finite.
+pub(crate) fn curve_order(points: &[Point3<f64>]) -> Vec<u64> {
+    in_rounds(points, 0)
+}
+
+/// Indices of `points` in order of their rounds, the last of which is `rounds`.
+fn in_rounds(points: &[Point3<f64>], rounds: u32) -> Vec<u64> {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for point in points {
@@ -107,7 +118,6 @@ pub(crate) fn spatial_order(points: &[Point3<f64>]) -> Vec<u64> {
             high[axis] = high[axis].max(point[axis]);
         }
     }
-    let rounds = (points.len() / SMALLEST_ROUND).max(1).ilog2() / ROUND_BITS;
     let index_bits = points.len().next_power_of_two().ilog2();
     let round_bits = u32::BITS - rounds.leading_zeros();
     let levels = ((u64::BITS - index_bits - round_bits) / 3).min(MOST_LEVELS);

@@ -89,3 +89,36 @@ fn removal_restores_the_cells_of_a_grid() {
     dimensions.dedup();
     assert_eq!(dimensions, [3, 2, 1, 0, -1]);
 }
+
+/// On small grids a move by (1, e, e²) times 1e-4 with e = 1e-4 is as good as an infinitely small one.
+#[test]
+fn ties_of_a_position_are_broken_as_if_it_moved() {
+    let t = build(&grid(4));
+    let mut hint = None;
+    for i in -1..=13 {
+        for j in -1..=13 {
+            for k in -1..=13 {
+                let position = [i, j, k].map(|c| f64::from(c) / 4.0);
+                let [x, y, z] = position;
+                let moved = Point3::new(x + 1e-4, y + 1e-8, z + 1e-12);
+                let cell = t.locate_perturbed(&position, hint).unwrap();
+                hint = Some(cell);
+                match t.locate(&moved, None).unwrap() {
+                    Location::InCell(expected) => {
+                        assert_eq!(cell, expected);
+                        // No other cell holds it.
+                        let holders = t.cells().filter(|&c| t.holds_perturbed(c, &position));
+                        assert_eq!(holders.collect::<Vec<_>>(), [cell]);
+                    }
+                    Location::Outside(_) => assert!(t.is_ghost(cell), "{position:?}"),
+                    other => panic!("{moved} is at {other:?}"),
+                }
+                assert!(t.holds_perturbed(cell, &position));
+            }
+        }
+    }
+    assert_eq!(
+        Tetrahedralization::new().locate_perturbed(&[0.0; 3], None),
+        None
+    );
+}

@@ -14,7 +14,8 @@
 //! * `cells`: for each cell the total weight and, for cut labels, the `evidence`;
 //! * `softness`, `anchors`: how evidence falls off near a point, and the positions behind it that are expected to be
 //!   occupied;
-//! * `rays`, `segments`: the two kinds.
+//! * `rays`, `segments`: the two kinds;
+//! * `samples`: positions measured to be free or occupied, which add to the evidence of the cells that hold them.
 //!
 //! # Reference
 //!
@@ -28,6 +29,7 @@ mod cells;
 mod crossings;
 mod evidence;
 pub(crate) mod rays;
+mod samples;
 mod segment_cell;
 pub(crate) mod segments;
 mod softness;
@@ -37,6 +39,7 @@ pub(crate) use cells::Cells;
 use evidence::Sum;
 pub(crate) use evidence::{CellEvidence, Evidence};
 pub(crate) use rays::RayVisibility;
+pub(crate) use samples::{Misplaced, Samples};
 #[cfg(feature = "internals")]
 pub use segment_cell::{crosses_cell, crosses_ghost};
 pub(crate) use segments::SegmentVisibility;

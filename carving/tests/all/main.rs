@@ -8,6 +8,7 @@ mod cut;
 mod helpers;
 mod incremental;
 mod mesh;
+mod samples;
 #[cfg(feature = "serde")]
 mod serialization;
 mod tetrahedralization;

@@ -2,7 +2,9 @@
 
 use nalgebra::Point3;
 
-use super::super::{Carver, CommitReport, PointId, Transaction, TransactionError, ViewId};
+use super::super::{
+    Carver, CommitReport, PointId, SampleId, Transaction, TransactionError, ViewId,
+};
 
 /// One change of the state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,6 +51,17 @@ pub(super) enum Event {
         view: ViewId,
         ends: [PointId; 2],
     },
+    AddSample {
+        position: Point3<f64>,
+        weight: i32,
+    },
+    ChangeSample {
+        sample: SampleId,
+        by: i32,
+    },
+    RemoveSample {
+        sample: SampleId,
+    },
 }
 
 impl Event {
@@ -70,6 +83,11 @@ impl Event {
             Event::MovePoint { point, position } => transaction.move_point(point, position),
             Event::AddSegment { view, ends, weight } => transaction.add_segment(view, ends, weight),
             Event::RemoveSegment { view, ends } => transaction.remove_segment(view, ends),
+            Event::AddSample { position, weight } => {
+                transaction.add_sample(position, weight).map(|_| ())
+            }
+            Event::ChangeSample { sample, by } => transaction.change_sample(sample, by),
+            Event::RemoveSample { sample } => transaction.remove_sample(sample),
         }
     }
 }
