@@ -1,8 +1,9 @@
 //! A carver that carves once: sums in place of lists.
 //!
-//! While changes of points, views, observations and samples come in, nothing but their tables follows. [`Carver::carve`] then inserts all
-//! points, walks each ray, searches for each segment and locates each sample once, and adds what they say to the sums of the cells. Sums are integers,
-//! so they are those that the lists of an incremental carver lead to; labels and surface follow from them by the same functions.
+//! While changes of points, views, observations and samples come in, nothing but their tables follows. [`Carver::carve`] then
+//! inserts all points, walks each ray, searches for each segment and locates each sample once, and adds what they say to the sums
+//! of the cells. Sums are integers, so they are those that the lists of an incremental carver lead to; labels and surface follow
+//! from them by the same functions.
 
 use std::time::Instant;
 
@@ -22,8 +23,8 @@ impl Carver {
     /// An empty carver whose cells, labels and surface are made by [`carve`](Self::carve) and by nothing else. Transactions change
     /// points, views, observations and samples, and cost no more than that.
     ///
-    /// The state after [`carve`](Self::carve) is that of any other carver with the same points, views, observations and samples. Without
-    /// lists of rays it takes a fraction of the memory and, where only the last state is of interest, of the time.
+    /// The state after [`carve`](Self::carve) is that of any other carver with the same points, views, observations and samples.
+    /// Without lists of rays it takes a fraction of the memory and, where only the last state is of interest, of the time.
     pub fn deferred(options: CarverOptions) -> Self {
         Self::with_lists(options, false)
     }
@@ -33,8 +34,8 @@ impl Carver {
         self.is_deferred
     }
 
-    /// Makes cells, labels and surface of a [deferred](Self::deferred) carver from its points, views, observations and samples. They stay as
-    /// they are until the next call, which begins anew. Does nothing in other carvers.
+    /// Makes cells, labels and surface of a [deferred](Self::deferred) carver from its points, views, observations and samples. They
+    /// stay as they are until the next call, which begins anew. Does nothing in other carvers.
     ///
     /// The report is that of a change from the empty state; ids of cells and vertices are new.
     ///

@@ -57,8 +57,8 @@ enum Labeling {
 /// A tetrahedralisation carved by rays and segments; the [crate](crate) page has an example.
 ///
 /// The state consists of points with positions, views with centres, observations (a view and a point), segments (a view
-/// and two points) and samples with positions, the last three with integer weights. A [`Transaction`] changes it. After any sequence of changes
-/// tetrahedra, labels and surface are identical to those built from scratch from the final state in any order.
+/// and two points) and samples with positions, the last three with integer weights. A [`Transaction`] changes it. After any
+/// sequence of changes tetrahedra, labels and surface are identical to those built from scratch from the final state in any order.
 ///
 /// Ids of points and views are never given out twice. Points at equal positions share a vertex and keep rays of their own.
 ///

@@ -65,8 +65,8 @@ impl Carver {
         }
     }
 
-    /// A carver in the same state, built from scratch: views, points, observations, segments and samples are added in one transaction
-    /// in the order of ids, or in reverse. Its ids are new.
+    /// A carver in the same state, built from scratch: views, points, observations, segments and samples are added in one
+    /// transaction in the order of ids, or in reverse. Its ids are new.
     pub fn rebuilt(&self, reverse: bool) -> Carver {
         let mut carver = Carver::new(self.options());
         self.rebuild(&mut carver, reverse);

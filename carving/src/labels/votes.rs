@@ -4,7 +4,7 @@ use std::num::NonZeroU64;
 
 /// A finite cell is free when the weights of the rays across it add up to a threshold.
 ///
-/// Space outside the hull (ghost cells) is never free.
+/// Space outside the hull (ghost cells) is never free. Samples do not count.
 ///
 /// # Reference
 ///
