@@ -27,7 +27,8 @@ pub use synth::{NoiseModel, SynthArgs};
 pub use tiles::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 pub use track::{TrackArgs, TrackFormat, TrackMode};
 pub use values::{
-    CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice, TextureChoice,
+    CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice,
+    SurfaceMethodChoice, TextureChoice,
 };
 pub use view::ViewArgs;
 
@@ -231,6 +232,10 @@ pub struct ReconstructArgs {
     /// How tetrahedra are labelled; default: what the configuration says, a minimum cut when it says nothing.
     #[arg(long, value_enum)]
     pub labels: Option<LabelChoice>,
+
+    /// What the final surface is made of; default: what the configuration says, the carved free space when it says nothing.
+    #[arg(long, value_enum)]
+    pub surface: Option<SurfaceMethodChoice>,
 
     /// What the surface is made from.
     #[arg(long, value_enum, default_value_t = SurfaceSource::Lines)]

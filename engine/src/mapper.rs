@@ -195,9 +195,9 @@ impl Mapper {
         self.map.observe(change)
     }
 
-    /// See [`Map::adjusted_surface_of`].
-    pub(crate) fn adjusted_surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
-        self.map.adjusted_surface_of(ranked)
+    /// See [`Map::surface_of`].
+    pub(crate) fn surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
+        self.map.surface_of(ranked)
     }
 
     /// Leaves the carving to others, see [`Map::leave_carving`].

@@ -52,7 +52,17 @@ pub trait Sink: Send {
     ) -> Result<(), SinkError>;
 
     /// The map is finished, which may have changed the exported surface once more. The change is there when a sink wants the surface.
-    fn finished(&mut self, _recording: &Recording, _map: &Map, _change: Option<&SurfaceChange>) {}
+    ///
+    /// # Errors
+    /// As [`update`](Self::update).
+    fn finished(
+        &mut self,
+        _recording: &Recording,
+        _map: &Map,
+        _change: Option<&SurfaceChange>,
+    ) -> Result<(), SinkError> {
+        Ok(())
+    }
 
     /// A keyframe is left out, as its own images cannot be used.
     fn skipped(&mut self, _number: usize, _fault: &FrontEndError) {}
@@ -137,7 +147,7 @@ impl Reconstruction {
     /// The surface in the frame of the poses that others carved from the points of this run, see
     /// [`leave_carving`](Self::leave_carving); `None` for maps of points, whose surface is that which was carved.
     pub(crate) fn surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
-        let mut surface = self.mapper.adjusted_surface_of(ranked)?;
+        let mut surface = self.mapper.surface_of(ranked)?;
         surface.translate(&self.recording.origin);
         Some(surface)
     }
@@ -257,7 +267,9 @@ impl Reconstruction {
         let change = wants_surface.then(|| self.mapper.take_surface_change());
         let change = change.flatten();
         for sink in sinks {
-            sink.finished(&self.recording, self.mapper.map(), change.as_ref());
+            let (recording, map) = (&self.recording, self.mapper.map());
+            sink.finished(recording, map, change.as_ref())
+                .map_err(Error::Sink)?;
         }
         Ok(cancelled)
     }
@@ -311,7 +323,7 @@ impl Reconstruction {
 
     /// The surface in the frame of the poses, its vertices adjusted to all dense depth.
     pub fn surface(&self) -> TriangleMesh {
-        let mut surface = self.mapper.map().adjusted_surface();
+        let mut surface = self.mapper.map().final_surface();
         surface.translate(&self.recording.origin);
         surface
     }

@@ -31,5 +31,5 @@ pub use io::{
     write_mesh_ply, write_points_ply, write_streamed_mesh_ply, write_textured_obj,
 };
 pub use shape::{Shape, ShapeKind};
-pub use smooth::{SmoothOptions, smooth_piecewise_flat};
+pub use smooth::{SmoothOptions, smooth_part, smooth_piecewise_flat};
 pub use types::{GeometryError, LineSet, TriangleMesh};

@@ -29,12 +29,20 @@ pub struct SmoothOptions {
 }
 
 impl Default for SmoothOptions {
+    /// More rounds change a surface from depth images by less than its noise. Each adds a triangle to how far a change reaches.
     fn default() -> Self {
         Self {
             normal_sigma: 0.25,
-            normal_rounds: 20,
-            vertex_rounds: 20,
+            normal_rounds: 2,
+            vertex_rounds: 2,
         }
+    }
+}
+
+impl SmoothOptions {
+    /// How many triangles away a vertex may be and still have an influence on the position of another one.
+    pub fn reach(&self) -> usize {
+        self.normal_rounds + self.vertex_rounds + 1
     }
 }
 
@@ -51,7 +59,7 @@ impl Default for SmoothOptions {
 pub fn smooth_piecewise_flat(mesh: &mut TriangleMesh, bounds: &[f64], options: &SmoothOptions) {
     assert_eq!(bounds.len(), mesh.positions.len(), "one bound a vertex");
     let unique = UniquePositions::new(&mesh.positions);
-    let surface = Surface::new(mesh, &unique);
+    let surface = Surface::merged(mesh, &unique);
     let mut limits = vec![f64::INFINITY; surface.positions.len()];
     for (vertex, bound) in bounds.iter().enumerate() {
         let limit = &mut limits[unique.of(vertex as u32) as usize];
@@ -67,6 +75,32 @@ pub fn smooth_piecewise_flat(mesh: &mut TriangleMesh, bounds: &[f64], options: &
             *position = smooth[index];
         }
     }
+}
+
+/// The positions of the vertices of a part of a surface after smoothing it as [`smooth_piecewise_flat`] does. Vertices at one position do
+/// not move together.
+///
+/// A position depends on the triangles within [`SmoothOptions::reach`] of its vertex alone: of a part that is cut out of a surface, vertices that
+/// are further from the cut have the positions that they have in the whole, if the order of the triangles is the same.
+///
+/// # Complexity
+/// Linear in the triangles, where few of them meet at a vertex.
+///
+/// # Panics
+/// When there are not as many bounds as positions.
+pub fn smooth_part(
+    positions: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+    bounds: &[f64],
+    options: &SmoothOptions,
+) -> Vec<Point3<f64>> {
+    assert_eq!(bounds.len(), positions.len(), "one bound a vertex");
+    let surface = Surface::new(positions.to_vec(), triangles.to_vec());
+    let limit = |bound: &f64| if *bound > 0.0 { *bound } else { 0.0 };
+    let mut limits: Vec<f64> = bounds.iter().map(limit).collect();
+    surface.hold_rims(&mut limits);
+    let normals = surface.filtered_normals(options);
+    surface.fitted(&normals, &limits, options.vertex_rounds)
 }
 
 /// Lists of numbers, one after the other.
@@ -101,14 +135,18 @@ struct Surface {
 }
 
 impl Surface {
-    fn new(mesh: &TriangleMesh, unique: &UniquePositions) -> Self {
+    /// The surface of a mesh, with one vertex for each position.
+    fn merged(mesh: &TriangleMesh, unique: &UniquePositions) -> Self {
         let count = (0..mesh.positions.len() as u32).map(|vertex| unique.of(vertex) + 1);
         let mut positions = vec![Point3::origin(); count.max().unwrap_or(0) as usize];
         for (vertex, position) in mesh.positions.iter().enumerate() {
             positions[unique.of(vertex as u32) as usize] = *position;
         }
         let corners = |triangle: &[u32; 3]| triangle.map(|vertex| unique.of(vertex));
-        let triangles: Vec<[u32; 3]> = mesh.triangles.iter().map(corners).collect();
+        Self::new(positions, mesh.triangles.iter().map(corners).collect())
+    }
+
+    fn new(positions: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Self {
         let mut uses: Vec<[u32; 2]> = (0..)
             .zip(&triangles)
             .flat_map(|(index, triangle)| triangle.map(|vertex| [vertex, index]))
@@ -161,12 +199,14 @@ impl Surface {
         let areas: Vec<f64> = scaled.iter().map(Vector3::norm).collect();
         let squared =
             |index: usize, other: u32| (centers[index] - centers[other as usize]).norm_squared();
-        let sum: f64 = (0..count)
-            .flat_map(|index| self.around.get(index).iter().map(move |it| (index, *it)))
-            .map(|(index, other)| squared(index, other).sqrt())
-            .sum();
-        let mean = sum / self.around.items.len().max(1) as f64;
-        let by_distance = 0.5 / mean.powi(2).max(f64::MIN_POSITIVE);
+        // The mean distance of the triangles around each.
+        let by_distance = |index: usize| {
+            let around = self.around.get(index);
+            let sum: f64 = around.iter().map(|it| squared(index, *it).sqrt()).sum();
+            let mean = sum / around.len().max(1) as f64;
+            0.5 / mean.powi(2).max(f64::MIN_POSITIVE)
+        };
+        let by_distance: Vec<f64> = (0..count).map(by_distance).collect();
         let by_normal = 0.5 / options.normal_sigma.powi(2);
         let mut normals: Vec<Vector3<f64>> = scaled.iter().map(unit).collect();
         for _ in 0..options.normal_rounds {
@@ -177,7 +217,7 @@ impl Surface {
                     let around = self.around.get(index).iter();
                     let weighted = around.map(|&other| {
                         let normal = normals[other as usize];
-                        let exponent = by_distance * squared(index, other)
+                        let exponent = by_distance[index] * squared(index, other)
                             + by_normal * (normal - own).norm_squared();
                         areas[other as usize] * (-exponent).exp() * normal
                     });

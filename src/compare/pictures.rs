@@ -135,6 +135,7 @@ impl<'a> Gallery<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use linecarve_engine::map::CarvedCounts;
     use linecarve_mesh::{LineSet, Shape};
 
     fn wall(z: f64) -> TriangleMesh {
@@ -157,6 +158,7 @@ mod tests {
             label,
             elements_name: "points",
             elements: 0,
+            carved: CarvedCounts::default(),
             mesh,
             marks: LineSet::default(),
             keyframes: Vec::new(),

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::report::{KeyframeReport, StageTimes};
+use linecarve_engine::map::CarvedCounts;
 use linecarve_mesh::evaluate::{Evaluation, ShapeSummary};
 use linecarve_mesh::{LineSet, TriangleMesh};
 
@@ -17,6 +18,8 @@ pub struct ComparedSurface {
     pub elements_name: &'static str,
     /// How many of them there are.
     pub elements: usize,
+    /// What was carved.
+    pub carved: CarvedCounts,
     /// The surface.
     pub mesh: TriangleMesh,
     /// Drawn over it.
@@ -68,6 +71,12 @@ pub struct SurfaceSummary {
     pub made_from: &'static str,
     /// How many of them there are.
     pub elements: usize,
+    /// Number of points in the tetrahedralisation.
+    pub points: usize,
+    /// Visibility rays.
+    pub rays: usize,
+    /// Tetrahedra.
+    pub cells: usize,
     /// Vertices of the mesh.
     pub vertices: usize,
     /// Triangles of the mesh.
@@ -98,6 +107,9 @@ impl SurfaceSummary {
             name: surface.name,
             made_from: surface.elements_name,
             elements: surface.elements,
+            points: surface.carved.points,
+            rays: surface.carved.rays,
+            cells: surface.carved.cells,
             vertices: surface.mesh.positions.len(),
             triangles: surface.mesh.triangles.len(),
             keyframes: surface.keyframes.len(),

@@ -63,7 +63,7 @@ pub(crate) fn compared_run(
         .and_then(|points| points.lens().correction());
     let given = run.recording().sequence.stored_color_camera();
     warnings.extend(correction.and_then(|found| camera_warning(given, &found)));
-    let mesh = map.adjusted_surface();
+    let mesh = map.final_surface();
     recorder.finish(&run, &mesh);
     let lines = map
         .segments()
@@ -88,6 +88,7 @@ pub(crate) fn compared_run(
             label,
             elements_name,
             elements,
+            carved: map.carved_counts(),
             mesh,
             marks,
             keyframes: keyframes.reports,

@@ -96,6 +96,7 @@ impl ScoreTable {
 mod tests {
     use super::*;
     use crate::compare::ComparedSurface;
+    use linecarve_engine::map::CarvedCounts;
     use linecarve_mesh::evaluate::{EvaluationOptions, evaluate};
     use linecarve_mesh::{LineSet, Shape, TriangleMesh};
     use nalgebra::Point3;
@@ -118,6 +119,7 @@ mod tests {
             label: "3D lines",
             elements_name: "segments",
             elements: 3,
+            carved: CarvedCounts::default(),
             mesh,
             marks: LineSet::default(),
             keyframes: Vec::new(),

@@ -132,6 +132,8 @@ pub struct MapPointReport {
 /// The result.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct ResultSummary {
+    /// What the final surface is made of: `carved` or `fused`.
+    pub surface: &'static str,
     /// Number of 3D segments.
     pub segments: usize,
     /// Number of clusters of sufficient size.

@@ -3,11 +3,12 @@
 use std::time::Instant;
 
 use linecarve_mesh::files::write_atomically;
-use linecarve_mesh::{GlbWriter, MeshFileError};
+use linecarve_mesh::{GlbWriter, MeshElements, MeshFileError};
+use nalgebra::Vector3;
 
 use super::output::{OutputFolder, SURFACE};
 use crate::report::growth_delta::encode;
-use linecarve_engine::map::Map;
+use linecarve_engine::map::{Map, MapSurface, SurfaceChange};
 use linecarve_engine::run::milliseconds;
 use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError};
 
@@ -27,6 +28,8 @@ pub enum Growth {
 pub(crate) struct GrowthFiles<'a> {
     output: &'a mut OutputFolder,
     growth: Growth,
+    /// The last keyframe.
+    last: Option<usize>,
     /// Reused memory: getting it anew from the system for each keyframe takes longer than the file itself.
     bytes: Vec<u8>,
     index: Vec<u32>,
@@ -43,6 +46,7 @@ impl<'a> GrowthFiles<'a> {
         Ok(Self {
             output,
             growth,
+            last: None,
             bytes: Vec::new(),
             index: Vec::new(),
             writer: GlbWriter::default(),
@@ -65,6 +69,7 @@ impl Sink for GrowthFiles<'_> {
             return Ok(());
         };
         let start = Instant::now();
+        self.last = Some(update.order);
         let name = format!("{FOLDER}/{:06}", update.order);
         match self.growth {
             Growth::Whole => {
@@ -75,13 +80,59 @@ impl Sink for GrowthFiles<'_> {
                     .write_surface(&path, SURFACE, elements, counts, &recording.origin)?;
             }
             Growth::Delta => {
-                let path = self.output.file(&format!("{name}.delta"));
-                encode(surface, change, &recording.origin, &mut self.bytes);
-                write_atomically(&path, |out| out.write_all(&self.bytes))
-                    .map_err(MeshFileError::from)?;
+                let name = format!("{name}.delta");
+                self.write_change(&name, surface, change, &recording.origin)?;
             }
         }
         update.times.write = milliseconds(start.elapsed());
+        Ok(())
+    }
+
+    /// The surface after the last keyframe is the final one: in the same order, its file has the same geometry byte for byte.
+    fn finished(
+        &mut self,
+        recording: &Recording,
+        map: &Map,
+        change: Option<&SurfaceChange>,
+    ) -> Result<(), SinkError> {
+        let (Some(surface), Some(change), Some(last)) = (map.followed_surface(), change, self.last)
+        else {
+            return Ok(());
+        };
+        match self.growth {
+            Growth::Whole => {
+                let path = self.output.file(&format!("{FOLDER}/{last:06}.glb"));
+                let mesh = surface.to_mesh();
+                let counts = [mesh.positions.len(), mesh.triangles.len()];
+                let elements = MeshElements {
+                    positions: mesh.positions.iter().copied(),
+                    colors: mesh.colors.as_ref().map(|colors| colors.iter().copied()),
+                    elements: mesh.triangles.iter().copied(),
+                };
+                self.writer
+                    .write_surface(&path, SURFACE, elements, counts, &recording.origin)?;
+            }
+            Growth::Delta => {
+                // One more than keyframes: what the end of the map changed.
+                let name = format!("{FOLDER}/{:06}.delta", last + 1);
+                self.write_change(&name, surface, change, &recording.origin)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl GrowthFiles<'_> {
+    fn write_change(
+        &mut self,
+        name: &str,
+        surface: &MapSurface,
+        change: &SurfaceChange,
+        origin: &Vector3<f64>,
+    ) -> Result<(), SinkError> {
+        let path = self.output.file(name);
+        encode(surface, change, origin, &mut self.bytes);
+        write_atomically(&path, |out| out.write_all(&self.bytes)).map_err(MeshFileError::from)?;
         Ok(())
     }
 }

@@ -48,10 +48,16 @@ impl Sink for KeyframeReports {
         self.skipped.push(fault.to_string());
     }
 
-    fn finished(&mut self, _recording: &Recording, _map: &Map, _change: Option<&SurfaceChange>) {
+    fn finished(
+        &mut self,
+        _recording: &Recording,
+        _map: &Map,
+        _change: Option<&SurfaceChange>,
+    ) -> Result<(), SinkError> {
         if let Some(progress) = self.progress.take() {
             progress.finish();
         }
+        Ok(())
     }
 }
 

@@ -97,7 +97,12 @@ impl Sink for LiveSink {
     }
 
     /// Shows the end of the map, and the image of its last keyframe.
-    fn finished(&mut self, recording: &Recording, map: &Map, change: Option<&SurfaceChange>) {
+    fn finished(
+        &mut self,
+        recording: &Recording,
+        map: &Map,
+        change: Option<&SurfaceChange>,
+    ) -> Result<(), SinkError> {
         let image = self.image(recording);
         let surface = map.followed_surface().zip(change);
         let surface = surface.map(|(surface, change)| (surface as &dyn NumberedSurface, change));
@@ -109,5 +114,6 @@ impl Sink for LiveSink {
                 ..LiveUpdate::default()
             });
         });
+        Ok(())
     }
 }

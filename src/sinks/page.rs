@@ -65,10 +65,16 @@ impl Sink for PageRecorder {
         Ok(())
     }
 
-    fn finished(&mut self, _recording: &Recording, _map: &Map, change: Option<&SurfaceChange>) {
+    fn finished(
+        &mut self,
+        _recording: &Recording,
+        _map: &Map,
+        change: Option<&SurfaceChange>,
+    ) -> Result<(), SinkError> {
         if let Some(change) = change {
             self.history.note(change);
         }
+        Ok(())
     }
 }
 

@@ -39,8 +39,13 @@ impl Sink for RunLog {
         self.keyframes.skipped(number, fault);
     }
 
-    fn finished(&mut self, recording: &Recording, map: &Map, change: Option<&SurfaceChange>) {
-        self.keyframes.finished(recording, map, change);
+    fn finished(
+        &mut self,
+        recording: &Recording,
+        map: &Map,
+        change: Option<&SurfaceChange>,
+    ) -> Result<(), SinkError> {
+        self.keyframes.finished(recording, map, change)
     }
 }
 

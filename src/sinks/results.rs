@@ -54,7 +54,7 @@ pub(crate) fn write_results(
     let simplification = recording.options.simplify;
     let start = Instant::now();
     // In a worker thread, as the map before: it can use the memory that the carver gave back.
-    let adjusted = rayon::scope(|_| map.adjusted_surface());
+    let adjusted = rayon::scope(|_| map.final_surface());
     let mesh = simplified(adjusted, clusters, simplification)?;
     let extracted = milliseconds(start.elapsed());
     let edges = feature_edges::final_mesh_edges(&mesh, clusters, simplification.tolerance)?;
@@ -72,6 +72,7 @@ pub(crate) fn write_results(
         result.segments = segments.segment_count();
         result.clusters = segments.cluster_count();
     }
+    result.surface = if map.is_fused() { "fused" } else { "carved" };
     let carved = map.carved_counts();
     result.points = carved.points;
     result.rays = carved.rays;

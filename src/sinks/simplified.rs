@@ -24,7 +24,7 @@ pub(crate) fn final_mesh(run: &Reconstruction) -> anyhow::Result<TriangleMesh> {
     let clusters = map.segments().map(|segments| segments.clusters());
     let recording = run.recording();
     let lines = clusters.unwrap_or_default();
-    let mut mesh = simplified(map.adjusted_surface(), &lines, recording.options.simplify)?;
+    let mut mesh = simplified(map.final_surface(), &lines, recording.options.simplify)?;
     mesh.translate(&recording.origin);
     Ok(mesh)
 }

@@ -37,7 +37,7 @@ fn the_sample_gives_its_golden_mesh() {
             "--final-only",
             "--no-picture",
             "--every",
-            "4",
+            "20",
             "--quiet",
             "--out",
             text(out.path()),

@@ -44,7 +44,7 @@ fn samples(lines: &LineSet) -> Vec<Point3<f64>> {
     samples
 }
 
-fn run_on_sample(command: &str, out: &Path) {
+fn run_on_sample(command: &str, more: &[&str], out: &Path) {
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
     let mut arguments = vec![
         command,
@@ -55,16 +55,14 @@ fn run_on_sample(command: &str, out: &Path) {
         "--out",
         out.to_str().expect("temporary paths are UTF-8"),
     ];
-    if command == "reconstruct" {
-        arguments.extend(["--final-only", "--no-picture"]);
-    }
+    arguments.extend(more);
     expect_status(0, arguments);
 }
 
 #[test]
 fn segments_and_clusters_lie_on_the_surface() {
     let out = tempfile::tempdir().unwrap();
-    run_on_sample("lines", out.path());
+    run_on_sample("lines", &[], out.path());
     for (name, least_count) in [("segments.ply", 5000), ("clusters.ply", 500)] {
         let lines = read_geometry(&out.path().join(name)).unwrap().into_lines();
         assert!(
@@ -90,7 +88,7 @@ fn segments_and_clusters_lie_on_the_surface() {
 #[test]
 fn the_surface_follows_the_room() {
     let out = tempfile::tempdir().unwrap();
-    run_on_sample("reconstruct", out.path());
+    run_on_sample("reconstruct", &["--final-only", "--no-picture"], out.path());
     let mesh = read_geometry(&out.path().join("mesh.ply"))
         .unwrap()
         .into_mesh();
@@ -126,7 +124,7 @@ fn the_surface_follows_the_room() {
     let mean = error / area;
     assert!(mean < 0.006, "triangles lie {mean:.5} m off on average");
 
-    demand_complete(&mesh);
+    demand_scores(&mesh);
 
     // The ceiling is measured without error, so that it lies on the convex hull of all points.
     let ceiling: f64 = mesh
@@ -160,7 +158,6 @@ fn the_surface_follows_the_room() {
         .unwrap()
         .into_lines();
     demand_edges_of(&mesh, &edges);
-    demand_tables(&edges);
     let colors = edges.colors.clone().expect("kinds are told by colours");
     let mut creases = edges;
     creases
@@ -169,17 +166,113 @@ fn the_surface_follows_the_room() {
     demand_creases(&creases);
 }
 
-/// 95 % of what keyframes observed lies within 2 cm of the mesh.
-fn demand_complete(mesh: &TriangleMesh) {
+/// F against what the keyframes of the sample observed is 0.970 at 2 cm and 0.990 at 5 cm; what is missing may grow by a tenth.
+fn demand_scores(mesh: &TriangleMesh) {
     let truth = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room/ground-truth-observed.ply");
-    let truth = read_geometry(&truth).unwrap();
+    let [near, far] = scores(mesh, &truth);
+    assert!(near > 0.967 && far > 0.989, "{near:.4} {far:.4}");
+    assert!(mesh.positions.len() < 20_900, "{}", mesh.positions.len());
+}
+
+/// F of a mesh at 2 and 5 cm.
+fn scores(mesh: &TriangleMesh, truth: &Path) -> [f64; 2] {
+    let truth = read_geometry(truth).unwrap();
     let options = EvaluationOptions {
         samples: 50_000,
         ..EvaluationOptions::default()
     };
     let score = evaluate(&Shape::from(mesh.clone()), &truth, &options).unwrap();
-    let recall = score.at[0].recall.expect("the truth is a mesh");
-    assert!(recall > 0.95, "{recall:.4}");
+    [0, 1].map(|at| score.at[at].f.expect("the truth is a mesh"))
+}
+
+#[test]
+fn the_last_keyframe_has_the_final_surface() {
+    let [each, once] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    run_on_sample(
+        "reconstruct",
+        &["--every", "6", "--format", "glb", "--no-picture"],
+        each.path(),
+    );
+    run_on_sample(
+        "reconstruct",
+        &[
+            "--every",
+            "6",
+            "--format",
+            "glb",
+            "--no-picture",
+            "--final-only",
+        ],
+        once.path(),
+    );
+    let bytes = |path: &Path| std::fs::read(path).unwrap();
+    let mesh = bytes(&each.path().join("mesh.glb"));
+    assert!(mesh == bytes(&once.path().join("mesh.glb")));
+    let mut keyframes: Vec<_> = std::fs::read_dir(each.path().join("keyframes"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    keyframes.sort();
+    assert!(keyframes.len() >= 5);
+    let [mesh, last] = [each.path().join("mesh.glb"), keyframes.pop().unwrap()]
+        .map(|path| read_geometry(&path).unwrap().into_mesh());
+    assert!(mesh.positions == last.positions && mesh.triangles == last.triangles);
+    assert!(mesh.colors == last.colors);
+}
+
+#[test]
+fn a_noisy_room_is_carved_within_bounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let room = folder.path().join("room");
+    let text = |path: &Path| path.to_str().expect("temporary paths are UTF-8").to_owned();
+    expect_status(
+        0,
+        [
+            "synth",
+            "room",
+            "--frames",
+            "20",
+            "--size",
+            "320x240",
+            "--noise",
+            "kinect",
+            "--quiet",
+            "--out",
+            &text(&room),
+        ],
+    );
+    let out = folder.path().join("out");
+    expect_status(
+        0,
+        [
+            "reconstruct",
+            &text(&room),
+            "--out",
+            &text(&out),
+            "--format",
+            "ply",
+            "--final-only",
+            "--no-picture",
+            "--quiet",
+        ],
+    );
+    let mesh = read_geometry(&out.join("mesh.ply")).unwrap().into_mesh();
+    // 0.911 at 2 cm and 0.974 at 5 cm; what is missing may grow by a tenth.
+    let [near, far] = scores(&mesh, &room.join("ground-truth-observed.ply"));
+    assert!(near > 0.902 && far > 0.971, "{near:.4} {far:.4}");
+    assert!(mesh.positions.len() < 10_600, "{}", mesh.positions.len());
+}
+
+#[test]
+fn a_fused_surface_ends_at_the_sides_of_tables() {
+    let out = tempfile::tempdir().unwrap();
+    let fused = ["--surface", "fused", "--final-only", "--no-picture"];
+    run_on_sample("reconstruct", &fused, out.path());
+    let edges = read_geometry(&out.path().join("feature-edges.ply")).unwrap();
+    demand_tables(&edges.into_lines());
+    let report = std::fs::read_to_string(out.path().join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["result"]["surface"], "fused");
 }
 
 /// Every line joins two vertices that a triangle joins, and none is there twice.

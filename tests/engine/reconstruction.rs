@@ -51,18 +51,14 @@ fn a_run_goes_on_where_single_steps_ended() {
 fn carving_once_gives_the_same_surface() {
     let folder = small_sequence(FRAMES, "tum");
     let path = folder.path().join("sequence");
-    for (source, least_measured_share, fuse_depth, is_deferred) in [
-        (Source::MapPoints, 0.3, true, true),
-        (Source::Lines, 0.0, true, true),
-        // Depth images are compared with the surface of each keyframe.
-        (Source::Lines, 0.3, false, false),
-        // Nothing is carved.
-        (Source::Lines, 0.3, true, false),
+    for (source, least_measured_share) in [
+        (Source::MapPoints, 0.3),
+        (Source::Lines, 0.0),
+        (Source::Lines, 0.3),
     ] {
         let finished = |is_at_once| {
             let mut recording = recording(&path, source);
             recording.options.surface.least_measured_share = least_measured_share;
-            recording.options.surface.fuse_depth = fuse_depth;
             let run = RunOptions {
                 is_at_once,
                 ..RunOptions::default()
@@ -74,11 +70,10 @@ fn carving_once_gives_the_same_surface() {
         let [each, once] = [false, true].map(finished);
         assert!(!each.surface().is_empty());
         assert!(each.surface() == once.surface(), "{source:?}");
-        assert_eq!(once.map().carver().is_deferred(), is_deferred);
-        assert_eq!(once.map().final_carving().is_some(), is_deferred);
-        let is_fused_only = source == Source::Lines && fuse_depth && least_measured_share > 0.0;
+        assert!(once.map().carver().is_deferred());
+        assert!(once.map().final_carving().is_some());
         let points = [&each, &once].map(|run| run.map().carver().point_count());
-        assert_eq!(points[1], if is_fused_only { 0 } else { points[0] });
+        assert_eq!(points[1], points[0]);
     }
 }
 

@@ -36,15 +36,14 @@ impl Map {
         }
     }
 
-    /// Frees points and cells of a finished map whose [final surface](Self::adjusted_surface) is fused from depth images, which needs memory of
+    /// Frees points and cells of a finished map whose [final surface](Self::final_surface) is fused from depth images, which needs memory of
     /// its own. That surface, segments and counts stay, and the [followed](Self::followed_surface) surface if asked for. Other maps stay as
     /// they are.
     pub(crate) fn release_carving(&mut self, is_surface_kept: bool) {
         let counts = self.carved_counts();
-        let is_fused = self.has_depth_images && self.options.surface.fuse_depth;
+        let is_fused = self.is_fused();
         if let Contents::Lines(lines) = &mut self.contents
             && is_fused
-            && lines.has_depth_images()
         {
             lines.release_landmarks(&self.options);
             self.carver = Carver::new(carver_options(&self.options));

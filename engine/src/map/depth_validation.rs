@@ -8,19 +8,17 @@
 
 mod samples;
 
-use std::collections::BTreeMap;
-
 use linecarve_carving::IncidentCells;
 use linecarve_carving::{SurfaceDelta, Triangle, VertexId, ViewId};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::CompactDepth;
 use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_mesh::fusion::PosedDepth;
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
-use self::samples::{DepthConflict, Samples};
+use self::samples::Samples;
 use super::surface_points::KeyframeSurface;
 use super::vertex_landmarks::VertexViews;
 use crate::front_end::PackedColors;
@@ -31,9 +29,6 @@ const SUBDIVISIONS: u32 = 6;
 /// Number of samples of a triangle; each has one bit in [`FacetEvidence`].
 const SAMPLE_COUNT: u32 = SUBDIVISIONS * (SUBDIVISIONS + 1) / 2;
 const ALL_SAMPLES: u32 = (1 << SAMPLE_COUNT) - 1;
-/// Depth is dense when at least this share of its samples is known. Depth along edges alone does not cover the area between
-/// them.
-const DENSE_SHARE: f64 = 0.2;
 /// Most earlier keyframes that a keyframe is compared with, to find what they disagree about.
 const COMPARED: usize = 8;
 
@@ -148,12 +143,6 @@ impl DepthValidation {
         std::mem::take(&mut self.changed)
     }
 
-    /// Whether depth covers enough of a keyframe's image to be compared with triangles.
-    pub(super) fn is_dense(surface: &SurfaceSamples) -> bool {
-        let total = (surface.columns() * surface.rows()) as f64;
-        total > 0.0 && surface.known_count() as f64 >= DENSE_SHARE * total
-    }
-
     /// Adds a view with depth `surface`, and the image that it comes from; its landmarks follow with [`update`](Self::update), or all with
     /// [`validate_anew`](Self::validate_anew).
     pub(super) fn add_view(
@@ -172,10 +161,7 @@ impl DepthValidation {
         }
         let identity = Isometry3::identity();
         let in_camera = KeyframeSurface::new(surface, &self.camera, &identity, &self.options, 0.0);
-        let middle = Self::is_dense(surface)
-            .then(|| in_camera.middle())
-            .flatten();
-        self.dense_views[index] = middle.map(|middle| DenseView {
+        self.dense_views[index] = in_camera.middle().map(|middle| DenseView {
             world_from_camera: *world_from_camera,
             surface: surface.thinned(),
             middle,
@@ -184,23 +170,16 @@ impl DepthValidation {
         self.newest = Some(view);
     }
 
-    /// Updates the evidence after a commit in which the last view gained the landmarks `seen`. Returns the pixels of that view
-    /// where its depth lies well behind a triangle: at most one per image cell of side
-    /// [`minimum_distance_px`](linecarve_lines::triangulation::RefineOptions::minimum_distance_px), in the order of the cells.
+    /// Updates the evidence after a commit in which the last view gained the landmarks `seen`.
     ///
     /// # Complexity
     /// The new triangles, and those around observed landmarks with an incomplete one, times the views that observe them.
-    pub(super) fn update(
-        &mut self,
-        map: VertexViews<'_>,
-        delta: &SurfaceDelta,
-        seen: &[u32],
-    ) -> Vec<Point2<f64>> {
+    pub(super) fn update(&mut self, map: VertexViews<'_>, delta: &SurfaceDelta, seen: &[u32]) {
         let Some(newest) = self.newest else {
             for triangle in &delta.added {
                 self.open_vertices.insert_corners(triangle);
             }
-            return Vec::new();
+            return;
         };
         for triangle in &delta.removed {
             self.triangles.remove(triangle);
@@ -230,7 +209,7 @@ impl DepthValidation {
             .map(|triangle| (triangle, self.triangles.get(&triangle).copied()))
             .filter(|(_, known)| known.is_none_or(|known| !known.is_complete()))
             .collect();
-        self.update_evidence(map, incomplete, newest.0)
+        self.update_evidence(map, incomplete, newest.0);
     }
 
     /// Makes the evidence of all triangles anew, so that it does not depend on what was known when each of them came.
@@ -333,10 +312,20 @@ impl DepthValidation {
             .collect()
     }
 
-    /// The dense surfaces of all keyframes that have one.
+    /// The surfaces of all keyframes that have one.
     pub(super) fn dense_surfaces(&self) -> Vec<KeyframeSurface<'_>> {
+        self.surfaces().collect()
+    }
+
+    /// The surfaces of all keyframes that have one, in their order.
+    pub(super) fn surfaces(&self) -> impl Iterator<Item = KeyframeSurface<'_>> {
         let views = 0..self.dense_views.len() as u32;
-        views.filter_map(|view| self.dense_view(view)).collect()
+        views.filter_map(|view| self.dense_view(view))
+    }
+
+    /// The surface of the view added last.
+    pub(super) fn newest(&self) -> Option<KeyframeSurface<'_>> {
+        self.surface_of(self.newest?)
     }
 
     /// Dense surfaces with their middle in the view of another: at most [`COMPARED`], evenly from the first to the last.
@@ -359,7 +348,12 @@ impl DepthValidation {
         chosen.filter_map(|view| self.dense_view(view))
     }
 
-    /// The dense depth of a view; `None` when its depth is not dense.
+    /// The depth of a view; `None` when it has none between edges.
+    pub(super) fn surface_of(&self, view: ViewId) -> Option<KeyframeSurface<'_>> {
+        self.dense_view(view.0)
+    }
+
+    /// The depth of the view with this number.
     fn dense_view(&self, view: u32) -> Option<KeyframeSurface<'_>> {
         let dense_view = self.dense_views.get(view as usize)?.as_ref()?;
         Some(KeyframeSurface::new(
@@ -371,17 +365,14 @@ impl DepthValidation {
         ))
     }
 
-    /// Updates the evidence of triangles: from all views where there is none yet, else from the last view alone. Returns the
-    /// pixels where the last view conflicts with triangles that are not measured.
+    /// Updates the evidence of triangles: from all views where there is none yet, else from the last view alone.
     fn update_evidence(
         &mut self,
         map: VertexViews<'_>,
         triangles: Vec<(Triangle, Option<FacetEvidence>)>,
         last: u32,
-    ) -> Vec<Point2<f64>> {
-        let newest = self.dense_view(last);
+    ) {
         let least_share = self.least_share;
-        let bound = self.options.correction_sigmas;
         let updated: Vec<(Triangle, UpdatedEvidence)> = triangles
             .into_par_iter()
             .map_init(Vec::new, |views, (triangle, known)| {
@@ -403,24 +394,15 @@ impl DepthValidation {
                         break;
                     }
                 }
-                let conflict = match &newest {
-                    Some(dense_view) if !evidence.is_measured(least_share) => {
-                        samples.conflict(dense_view, bound)
-                    }
-                    _ => None,
-                };
                 let status = evidence.status(least_share);
                 let is_changed = known.is_none_or(|known| known.status(least_share) != status);
                 let updated = UpdatedEvidence {
                     evidence,
                     is_changed,
-                    conflict,
                 };
                 (triangle, updated)
             })
             .collect();
-        let mut largest: BTreeMap<[i64; 2], DepthConflict> = BTreeMap::new();
-        let side = self.options.refine.minimum_distance_px;
         for (triangle, updated) in updated {
             self.triangles.insert(triangle, updated.evidence);
             if !updated.evidence.is_complete() {
@@ -429,20 +411,7 @@ impl DepthValidation {
             if updated.is_changed {
                 self.changed.push(triangle);
             }
-            let Some(conflict) = updated.conflict else {
-                continue;
-            };
-            let cell =
-                [conflict.pixel.x, conflict.pixel.y].map(|along| (along / side).floor() as i64);
-            let kept = largest.entry(cell).or_insert(conflict);
-            if conflict.is_larger_than(kept) {
-                *kept = conflict;
-            }
         }
-        largest
-            .into_values()
-            .map(|conflict| conflict.pixel)
-            .collect()
     }
 }
 
@@ -472,8 +441,6 @@ struct UpdatedEvidence {
     evidence: FacetEvidence,
     /// Whether its status may be another one than before.
     is_changed: bool,
-    /// Where the last view conflicts with it.
-    conflict: Option<DepthConflict>,
 }
 
 #[cfg(test)]

@@ -1,97 +1,87 @@
 //! The surface of a map as it is exported.
 
 use linecarve_carving::internals::RankedSurface;
-use linecarve_carving::{ExportOptions, Triangle, TriangleRole, VertexId};
+use linecarve_carving::{ExportOptions, VertexId};
 use linecarve_mesh::{TriangleMesh, close_holes};
 
 use super::lines::VertexColors;
 use super::surface::DEFAULT_COLOR;
 use super::{Contents, Map};
-use crate::options::{HoleFilling, Options};
+use crate::options::{HoleFilling, Options, SurfaceMethod};
 
 /// Most edges of a hole that can be closed; the cost is cubic in them.
 const LARGEST_HOLE_EDGES: usize = 400;
 
 impl Map {
-    /// The current surface as an estimate from the depth of all keyframes. With depth images it is fused from their pixels, thinned where it is
-    /// flat; otherwise it has the triangles of [`surface`](Self::surface). Holes are closed as `options.surface.holes` says, and planes flattened within
-    /// what measurements allow.
+    /// The current surface: what is written after the last keyframe. It is the carved [`surface`](Self::surface) or, where
+    /// `options.surface.method` says so and there are depth images, fused from them. `options.surface.holes` may close all holes.
     ///
     /// # Complexity
-    /// That of [`fuse_depth`](linecarve_mesh::fusion::fuse_depth), and the vertices times the keyframes.
-    pub fn adjusted_surface(&self) -> TriangleMesh {
-        self.adjusted(|| self.surface())
-    }
-
-    /// The same of a map whose carving was [left](Self::leave_carving) to others, from all triangles that they carved; `None` for maps
-    /// of points, whose surface needs nothing more.
-    pub(crate) fn adjusted_surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
-        let export = self.export_options();
-        let Contents::Lines(lines) = &mut self.contents else {
-            return None;
-        };
-        let mesh = lines.surface_of(&self.carver, ranked, &export);
-        Some(self.adjusted(|| mesh))
-    }
-
-    fn adjusted(&self, carved: impl FnOnce() -> TriangleMesh) -> TriangleMesh {
-        let mut mesh = match (&self.contents, self.median_depth()) {
-            (Contents::Lines(lines), Some(median_depth)) => {
-                let options = &self.options.surface;
-                let surface = lines.final_surface(options, median_depth, self.has_depth_images);
-                surface.estimate(carved)
-            }
-            _ => carved(),
-        };
+    /// That of [`surface`](Self::surface) or of [`fuse_depth`](linecarve_mesh::fusion::fuse_depth).
+    pub fn final_surface(&self) -> TriangleMesh {
+        let mut mesh = self.fused_surface().unwrap_or_else(|| self.surface());
         if self.options.surface.holes == HoleFilling::All {
             close_all_holes(&mut mesh);
         }
         mesh
     }
 
-    /// The current surface as it is carved, filtered by `options.surface`.
+    /// The surface that is fused from depth images; `None` where it is carved.
+    fn fused_surface(&self) -> Option<TriangleMesh> {
+        match (&self.contents, self.median_depth()) {
+            (Contents::Lines(lines), Some(median_depth)) if self.is_fused() => {
+                let surface = lines.fused_surface(&self.options.surface, median_depth);
+                surface.make()
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether the final surface is fused from depth images, and not carved.
+    pub fn is_fused(&self) -> bool {
+        self.has_depth_images && self.options.surface.method == SurfaceMethod::Fused
+    }
+
+    /// The surface of a map whose carving was [left](Self::leave_carving) to others, from all triangles that they carved; `None` for
+    /// maps of points, whose surface needs nothing more.
+    pub(crate) fn surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
+        let export = self.export_options();
+        let Contents::Lines(lines) = &mut self.contents else {
+            return None;
+        };
+        let mut mesh = lines.surface_of(&self.carver, ranked, &export);
+        if self.options.surface.holes == HoleFilling::All {
+            close_all_holes(&mut mesh);
+        }
+        Some(mesh)
+    }
+
+    /// The current surface as it is carved, filtered by `options.surface`; with depth its vertices lie where it was measured. After each
+    /// keyframe it is the surface that is [followed](Self::followed_surface).
     ///
     /// # Complexity
     /// Linear in the size of the surface, plus sorting of its vertices.
     pub fn surface(&self) -> TriangleMesh {
-        match self.followed_surface() {
-            Some(surface) if surface.is_current(self.export_options().longest_edge) => {
+        let longest = self.export_options().longest_edge;
+        match (self.followed_surface(), &self.contents) {
+            (Some(surface), _) if surface.is_current(longest) => surface.to_mesh(),
+            (_, Contents::Lines(_)) => {
+                let mut surface = self.new_surface();
+                self.update_surface(&mut surface);
                 surface.to_mesh()
             }
             _ => self.extract_surface(),
         }
     }
 
-    /// The current surface, made anew from the carver.
+    /// The current surface of a map of points, made anew from the carver.
     fn extract_surface(&self) -> TriangleMesh {
-        let export = self.export_options();
-        let (mesh, origins) = match &self.contents {
-            Contents::Lines(lines) => {
-                let longest = export.longest_edge;
-                let is_exported = |triangle: Triangle| {
-                    lines.role(&self.carver, &triangle, longest) == TriangleRole::Exported
-                };
-                let all = ExportOptions {
-                    longest_edge: None,
-                    ..export
-                };
-                self.carver.mesh_where(&all, is_exported)
-            }
-            _ => self.carver.mesh_where(&export, |_| true),
-        };
+        let (mesh, _) = self.carver.mesh_where(&self.export_options(), |_| true);
         TriangleMesh {
             positions: mesh.vertices,
             triangles: mesh.triangles,
-            colors: self.colors_of(&origins),
+            colors: None,
         }
-    }
-
-    /// Colours of exported vertices, by their vertices in the triangulation; `None` when none has a colour.
-    fn colors_of(&self, origins: &[Option<VertexId>]) -> Option<Vec<[u8; 3]>> {
-        let Contents::Lines(lines) = &self.contents else {
-            return None;
-        };
-        observed_colors(&lines.colors(&self.carver), origins.iter().copied())
     }
 
     /// Filters and repair of the exported surface.

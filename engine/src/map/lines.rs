@@ -12,19 +12,21 @@ use linecarve_lines::depth::SensorNoise;
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
+use super::depth_evidence::{Change, DepthEvidence};
 use super::depth_noise::DepthNoise;
 use super::depth_validation::{DepthValidation, FacetStatus};
 use super::error::MapError;
-use super::final_surface::FinalSurface;
+use super::fused_surface::FusedSurface;
 use super::landmark_fusion::LandmarkFusion;
 use super::provisional::{ProvisionalContext, ProvisionalKeyframes};
 use super::segment_map::SegmentMap;
 use super::segment_points::{edge_measurements, measurements};
 use super::surface_points::KeyframeSurface;
 use super::update::MapUpdate;
+use super::vertex_fit::FittedVertices;
 use super::vertex_landmarks::{CarvedSurface, VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
-use crate::options::{Options, SurfaceOptions};
+use crate::options::{Options, SurfaceMethod, SurfaceOptions};
 
 impl MapUpdate {
     /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
@@ -46,8 +48,12 @@ pub(super) struct LineMap {
     provisional: ProvisionalKeyframes,
     vertices: VertexLandmarks,
     validation: DepthValidation,
-    /// Whether there are no landmarks, and nothing is carved: the final surface is fused from depth images.
-    is_fused_only: bool,
+    /// Whether depth comes from depth images.
+    is_measured: bool,
+    /// Depth as evidence for free and occupied cells, where it comes from depth images.
+    evidence: Option<DepthEvidence>,
+    /// Whether depth images are kept, for a surface that is fused from them.
+    keeps_images: bool,
 }
 
 impl LineMap {
@@ -60,7 +66,13 @@ impl LineMap {
         camera: &Camera,
         noise: SensorNoise,
         median_depth: f64,
+        is_measured: bool,
     ) -> Result<Self, MapError> {
+        // The spacing of the samples that are kept of a keyframe, at the median scene depth.
+        let spacing_px = f64::from(2 * options.surface_points.samples.step_px);
+        let spacing = spacing_px * median_depth / camera.mean_focal_px();
+        let evidence = DepthEvidence::new(spacing);
+        let method = options.surface.method;
         Ok(Self {
             camera: camera.clone(),
             noise: DepthNoise::new(noise),
@@ -74,13 +86,10 @@ impl LineMap {
                 camera,
                 &options.surface_points,
             ),
-            is_fused_only: false,
+            evidence: (is_measured && options.surface_points.enabled).then_some(evidence),
+            is_measured,
+            keeps_images: is_measured && method == SurfaceMethod::Fused,
         })
-    }
-
-    /// Keeps only what the final surface is fused from, when the first keyframe has dense depth.
-    pub(super) fn fuse_only(&mut self) {
-        self.is_fused_only = true;
     }
 
     /// Adds a provisional keyframe.
@@ -199,23 +208,12 @@ impl LineMap {
         self.segments.push(keyframe);
         let mut update = MapUpdate::default();
         update.times.clustering = start.elapsed();
-        if self.views.is_empty() {
-            self.is_fused_only &= DepthValidation::is_dense(&keyframe.surface);
-        }
-        let added = match self.is_fused_only {
-            true => self.add_depth(carver, options, keyframe),
-            false => self.add(carver, options, keyframe, &mut update),
-        };
+        let added = self.add(carver, options, keyframe, &mut update);
         added.map_err(|source| MapError::Keyframe {
             keyframe: number,
             source,
         })?;
         Ok(update)
-    }
-
-    /// Whether any keyframe has a dense depth image.
-    pub(super) fn has_depth_images(&self) -> bool {
-        self.validation.depth_images().next().is_some()
     }
 
     /// Frees landmarks and what depends on them.
@@ -224,34 +222,12 @@ impl LineMap {
         self.vertices = VertexLandmarks::default();
         self.segments.release_clusterer();
         self.validation.release_triangles();
+        self.evidence = None;
     }
 
     /// Moves the depth of keyframes, see [`DepthValidation::compact`].
     pub(super) fn compact(&mut self) {
         self.validation.compact();
-    }
-
-    /// Adds the view of a keyframe with its depth.
-    fn add_depth(
-        &mut self,
-        carver: &mut Carver,
-        options: &Options,
-        keyframe: &LineKeyframe,
-    ) -> Result<(), TransactionError> {
-        let center = Point3::from(keyframe.world_from_camera.translation.vector);
-        let mut transaction = carver.transaction();
-        let view = transaction.add_view(center)?;
-        transaction.commit()?;
-        self.views.push(view);
-        let (noise, validation) = (&mut self.noise, &mut self.validation);
-        observed_surface(keyframe, &self.camera, options, noise, validation);
-        self.validation.add_view(
-            view,
-            &keyframe.world_from_camera,
-            &keyframe.surface,
-            keyframe.colored_depth(),
-        );
-        Ok(())
     }
 
     fn add(
@@ -301,17 +277,19 @@ impl LineMap {
             options.carving.segment_weight,
         )?;
         update.count_points(landmarks, known);
+        let image = self.keeps_images.then(|| keyframe.colored_depth());
+        self.validation
+            .add_view(view, pose, &keyframe.surface, image.flatten());
+        if let (Some(evidence), Some(surface)) =
+            (&mut self.evidence, self.validation.surface_of(view))
+        {
+            evidence.change(&mut transaction, &surface, Change::Add)?;
+        }
         update.times.matching = start.elapsed();
         let report = transaction.commit()?;
         let carved = start.elapsed();
         update.times.carving = carved - update.times.matching;
 
-        self.validation.add_view(
-            view,
-            &keyframe.world_from_camera,
-            &keyframe.surface,
-            keyframe.colored_depth(),
-        );
         let affected = landmarks.contradicted().iter().chain(landmarks.seen());
         if carver.is_deferred() {
             self.vertices.postpone(affected.copied());
@@ -321,30 +299,11 @@ impl LineMap {
         let (points, affected) = (landmarks.points(), affected.copied());
         self.vertices.update(carver, points, affected, recolored);
         let views = VertexViews::new(carver, landmarks.points(), &self.vertices);
-        let conflicts = self
-            .validation
+        self.validation
             .update(views, &report.surface, landmarks.observed());
+        let looked_up = landmarks.looked_up();
+        (update.in_view).extend(looked_up.filter_map(|landmark| views.vertex(landmark)));
         update.deltas.push(report.surface);
-        if !conflicts.is_empty() {
-            // Measurements behind the carved surface become points.
-            let known = landmarks.points().len();
-            let mut transaction = carver.transaction();
-            let measured = conflicts
-                .iter()
-                .filter_map(|pixel| surface.measurement_at(pixel));
-            landmarks.add_corrections(&mut transaction, measured)?;
-            landmarks.add_colors(keyframe, &surface);
-            landmarks.add_observations(&mut transaction, view, &center)?;
-            update.count_points(landmarks, known);
-            let report = transaction.commit()?;
-            let recolored = &mut update.recolored;
-            let (points, affected) = (landmarks.points(), landmarks.seen().iter().copied());
-            self.vertices.update(carver, points, affected, recolored);
-            let views = VertexViews::new(carver, landmarks.points(), &self.vertices);
-            self.validation
-                .update(views, &report.surface, landmarks.observed());
-            update.deltas.push(report.surface);
-        }
         update.revalidated.extend(self.validation.take_changed());
         update.times.validation = start.elapsed() - carved;
         Ok(())
@@ -371,21 +330,28 @@ impl LineMap {
         }
     }
 
-    /// What the final surface is made from; `is_measured` where depth comes from depth images.
-    pub(super) fn final_surface<'a>(
+    /// What a surface that is fused from depth images is made from.
+    pub(super) fn fused_surface<'a>(
         &'a self,
         options: &'a SurfaceOptions,
         median_depth: f64,
-        is_measured: bool,
-    ) -> FinalSurface<'a> {
-        FinalSurface {
+    ) -> FusedSurface<'a> {
+        FusedSurface {
             validation: &self.validation,
             noise: &self.noise,
             focal_px: self.camera.mean_focal_px(),
             median_depth,
             options,
             segments: self.segments.cluster_ends().collect(),
-            is_measured,
+        }
+    }
+
+    /// Where the vertices of the surface lie, and their colours.
+    pub(super) fn fitted_vertices<'a>(&'a self, carver: &'a Carver) -> FittedVertices<'a> {
+        FittedVertices {
+            colors: self.colors(carver),
+            validation: &self.validation,
+            is_measured: self.is_measured,
         }
     }
 
@@ -437,12 +403,19 @@ impl VertexColors<'_> {
         if let Some(color) = self.provisional.get(&vertex) {
             return Some(*color);
         }
+        self.landmarks.landmarks().color(self.landmark(vertex)?)
+    }
+
+    /// Where a vertex was carved.
+    pub(super) fn position(&self, vertex: VertexId) -> Point3<f64> {
+        self.surface.position(vertex)
+    }
+
+    /// The landmark at a vertex.
+    pub(super) fn landmark(&self, vertex: VertexId) -> Option<u32> {
         let landmark = self.vertices.landmark(vertex)?;
         // Vertex ids are reused: this one may have belonged to a landmark.
         let point = self.landmarks.points()[landmark as usize];
-        let is_there = self.surface.vertex_of(point) == Some(vertex);
-        is_there
-            .then(|| self.landmarks.landmarks().color(landmark))
-            .flatten()
+        (self.surface.vertex_of(point) == Some(vertex)).then_some(landmark)
     }
 }

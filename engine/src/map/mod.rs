@@ -5,11 +5,12 @@
 
 mod carved;
 mod corrections;
+mod depth_evidence;
 mod depth_noise;
 mod depth_validation;
 mod error;
 mod export;
-mod final_surface;
+mod fused_surface;
 mod keyframe_measurements;
 mod landmark;
 mod landmark_fusion;
@@ -30,6 +31,7 @@ mod surface_points;
 mod update;
 mod vertex_adjustment;
 mod vertex_colors;
+mod vertex_fit;
 mod vertex_landmarks;
 mod view_region;
 
@@ -55,6 +57,7 @@ pub(crate) use model::PointSelector;
 pub use observed::{ObservationChange, ObservedPoint, PointKind};
 pub use segment_map::SegmentMap;
 pub(crate) use sources::carver_options;
+use surface::CarvedVertices;
 pub use surface::{MapSurface, SurfaceChange};
 pub use update::{MapTimes, MapUpdate};
 
@@ -67,10 +70,7 @@ pub struct Map {
     contents: Contents,
     /// Median scene depth, where it does not come from feature points.
     median_depth: Option<f64>,
-    /// Whether points depend on the surfaces of earlier keyframes, which then have to be carved.
-    needs_every_surface: bool,
-    /// Whether depth comes from depth images, of which the final surface is made. Depth from images is off by more than its
-    /// deviations where poses are.
+    /// Whether depth comes from depth images.
     has_depth_images: bool,
     /// Whether the carver stays as it is after the last keyframe, without cells.
     leaves_carving: bool,
@@ -95,29 +95,18 @@ enum Contents {
 }
 
 impl Map {
-    /// Does only what the [final surface](Self::adjusted_surface) needs, in an empty map; it is the same, sooner and in less memory. Until
-    /// [`finish`](Self::finish) there is no surface.
-    ///
-    /// Where that surface is fused from depth images, nothing is carved and there are no points. Otherwise the map is carved once: that of a
-    /// model with every [`push`](Self::push), others with [`finish`](Self::finish). Changes nothing where sparse or unfused depth is compared
-    /// with the surface of each keyframe.
+    /// Carves an empty map once, in [`finish`](Self::finish), or with every [`push`](Self::push) of a model: the final surface is the same,
+    /// sooner and in less memory. Until then there is no surface.
     pub fn defer_carving(&mut self) {
-        if self.keyframes > 0 {
-            return;
-        }
-        if !self.needs_every_surface {
+        if self.keyframes == 0 {
             self.carver = Carver::deferred(carver_options(&self.options));
-        } else if let Contents::Lines(lines) = &mut self.contents
-            && self.options.surface.fuse_depth
-        {
-            lines.fuse_only();
         }
     }
 
     /// [Defers](Self::defer_carving) the carving of an empty map and leaves it to others, who take points, views and observations from the
-    /// [carver](Self::carver) after [`finish`](Self::finish). Returns whether the map can do without surfaces.
+    /// [carver](Self::carver) after [`finish`](Self::finish). Returns whether they can: not with depth images, which are evidence for cells, too.
     pub(crate) fn leave_carving(&mut self) -> bool {
-        if !self.needs_every_surface {
+        if !self.has_depth_images {
             self.defer_carving();
         }
         self.leaves_carving = self.carver.is_deferred();
@@ -221,10 +210,9 @@ impl Map {
             }
             self.final_carving = Some(start.elapsed());
         }
-        if let Contents::Lines(lines) = &mut self.contents
-            && !self.needs_every_surface
-        {
+        if let Contents::Lines(lines) = &mut self.contents {
             lines.validate_anew(&self.carver, &mut update.revalidated);
+            update.is_all_refitted = true;
         }
         self.note(&update);
         Ok(())
@@ -239,9 +227,14 @@ impl Map {
     /// Keeps the exported surface up to date from now on, for [`take_surface_change`](Self::take_surface_change).
     pub fn follow_surface(&mut self) {
         if self.surface.is_none() {
-            let surface = MapSurface::new(&self.carver, &self.export_options());
-            self.surface = Some(Box::new(surface));
+            self.surface = Some(Box::new(self.new_surface()));
         }
+    }
+
+    /// An exported surface that has not followed anything yet.
+    fn new_surface(&self) -> MapSurface {
+        let is_fitted = matches!(self.contents, Contents::Lines(_));
+        MapSurface::new(&self.carver, &self.export_options(), is_fitted)
     }
 
     /// Brings the followed surface up to date, and returns its change since the last call; `None` when it is not followed.
@@ -250,17 +243,22 @@ impl Map {
     /// That of the change.
     pub fn take_surface_change(&mut self) -> Option<SurfaceChange> {
         let mut surface = self.surface.take()?;
-        let longest = self.export_options().longest_edge;
-        let role = |triangle: &Triangle| self.role(triangle, longest);
-        let change = match &self.contents {
-            Contents::Lines(lines) => {
-                let colors = lines.colors(&self.carver);
-                surface.update(&self.carver, longest, role, |vertex| colors.get(vertex))
-            }
-            _ => surface.update(&self.carver, longest, role, |_| None),
-        };
+        let change = self.update_surface(&mut surface);
         self.surface = Some(surface);
         Some(change)
+    }
+
+    /// Brings a surface of this map up to date.
+    fn update_surface(&self, surface: &mut MapSurface) -> SurfaceChange {
+        let longest = self.export_options().longest_edge;
+        let role = |triangle: &Triangle| self.role(triangle, longest);
+        match &self.contents {
+            Contents::Lines(lines) => {
+                let vertices = lines.fitted_vertices(&self.carver);
+                surface.update(&self.carver, longest, role, &vertices)
+            }
+            _ => surface.update(&self.carver, longest, role, &CarvedVertices(&self.carver)),
+        }
     }
 
     /// The followed surface as of the last [`take_surface_change`](Self::take_surface_change).

@@ -62,10 +62,9 @@ impl Map {
                     ..options.landmarks
                 };
             }
-            // The surface at that time depends on provisional keyframes.
-            options.surface_points.correction_sigmas = f64::INFINITY;
         }
-        let lines = LineMap::new(&options, camera, depth.noise(), median_depth)?;
+        let is_sensor = matches!(depth, DepthSource::Sensor(_));
+        let lines = LineMap::new(&options, camera, depth.noise(), median_depth, is_sensor)?;
         match depth {
             DepthSource::Sensor(_) => options.surface.keep_hull = true,
             DepthSource::SemiDense(source) if source.options.is_dense => {
@@ -77,9 +76,6 @@ impl Map {
         }
         let contents = Contents::Lines(Box::new(lines));
         let mut map = Self::new(&options, contents, Some(median_depth));
-        let is_sensor = matches!(depth, DepthSource::Sensor(_));
-        // Depth images behind the surface become points.
-        map.needs_every_surface = is_sensor && options.surface.least_measured_share > 0.0;
         map.has_depth_images = is_sensor;
         Ok(map)
     }
@@ -133,7 +129,6 @@ impl Map {
             options: options.clone(),
             contents,
             median_depth,
-            needs_every_surface: false,
             has_depth_images: false,
             leaves_carving: false,
             released: None,

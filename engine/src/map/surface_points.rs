@@ -38,6 +38,11 @@ pub(super) struct MeasuredPlane {
 /// Least cosine between the normal of a surface and the direction to the camera. Depth at a grazing angle says little about it.
 const LEAST_COSINE: f64 = 0.2;
 
+/// Samples next to each other further apart than this, in standard deviations, lie on either side of a depth step.
+const STEP_SIGMAS: f64 = 4.0;
+/// Samples this many columns or rows from a depth step are near an outline: as far as points lie apart.
+const OUTLINE_SAMPLES: usize = 2;
+
 /// Tangent of the largest angle between the normal of a surface and the ray with which it faces the camera.
 const LARGEST_TILT: f64 = 0.6;
 
@@ -114,13 +119,64 @@ impl<'a> KeyframeSurface<'a> {
         let columns = (stride / 2..self.samples.columns()).step_by(stride);
         let rows = (stride / 2..self.samples.rows()).step_by(stride);
         let places = rows.flat_map(move |row| columns.clone().map(move |column| (column, row)));
-        places.filter_map(|(column, row)| {
-            let sample = self.samples.get(column, row)?;
-            let pixel = self.samples.pixel(column, row);
-            let depth = 1.0 / f64::from(sample.rho);
-            let point = self.camera.point_at_depth(&pixel, depth).ok()?;
-            Some((self.world_from_camera * point, sample))
-        })
+        places.filter_map(|(column, row)| self.point(column, row))
+    }
+
+    /// A sample with its world point.
+    fn point(&self, column: usize, row: usize) -> Option<(Point3<f64>, SurfaceSample)> {
+        let sample = self.samples.get(column, row)?;
+        let pixel = self.samples.pixel(column, row);
+        let depth = 1.0 / f64::from(sample.rho);
+        let point = self.camera.point_at_depth(&pixel, depth).ok()?;
+        Some((self.world_from_camera * point, sample))
+    }
+
+    /// Standard deviation of a sample's inverse depth, seen from another keyframe, as a share of it.
+    pub(super) fn relative_sigma(&self, sample: &SurfaceSample) -> f64 {
+        self.sigma(sample) / f64::from(sample.rho)
+    }
+
+    /// The samples near outlines, with their world points: within [`OUTLINE_SAMPLES`] of a depth step or of unknown depth along columns and
+    /// rows.
+    pub(super) fn points_at_outlines(
+        &self,
+    ) -> impl Iterator<Item = (Point3<f64>, SurfaceSample)> + '_ {
+        let (columns, rows) = (self.samples.columns(), self.samples.rows());
+        let mut is_near = self.steps();
+        for _ in 0..OUTLINE_SAMPLES {
+            is_near = dilated(&is_near, columns, rows);
+        }
+        let places = (0..rows).flat_map(move |row| (0..columns).map(move |column| (column, row)));
+        let near = places.zip(is_near).filter(|(_, is_near)| *is_near);
+        near.filter_map(|((column, row), _)| self.point(column, row))
+    }
+
+    /// Whether there is a depth step or unknown depth beside each place of the grid, to the right or below, on either side.
+    fn steps(&self) -> Vec<bool> {
+        let (columns, rows) = (self.samples.columns(), self.samples.rows());
+        let mut is_step = vec![false; columns * rows];
+        let step_px = f64::from(self.samples.step_px());
+        let is_apart = |from: Option<SurfaceSample>, to: Option<SurfaceSample>, axis: usize| {
+            let (Some(from), Some(to)) = (from, to) else {
+                return from.is_some() || to.is_some();
+            };
+            let slope = 0.5 * (f64::from(from.slope[axis]) + f64::from(to.slope[axis]));
+            let expected = f64::from(from.rho) + step_px * slope;
+            (expected - f64::from(to.rho)).abs() > STEP_SIGMAS * self.sigma(&from)
+        };
+        for row in 0..rows {
+            for column in 0..columns {
+                let here = self.samples.get(column, row);
+                for (axis, [right, below]) in [[1, 0], [0, 1]].into_iter().enumerate() {
+                    let (x, y) = (column + right, row + below);
+                    if x < columns && y < rows && is_apart(here, self.samples.get(x, y), axis) {
+                        is_step[row * columns + column] = true;
+                        is_step[y * columns + x] = true;
+                    }
+                }
+            }
+        }
+        is_step
     }
 
     /// Mean of some of the measured points, in world coordinates; `None` without any.
@@ -277,12 +333,6 @@ impl<'a> KeyframeSurface<'a> {
         self.world_from_camera.translation.vector.into()
     }
 
-    /// The measured surface at a pixel.
-    pub(super) fn measurement_at(&self, pixel: &Point2<f64>) -> Option<Measurement> {
-        let sample = self.samples.near(pixel)?;
-        self.measurement(pixel, &sample)
-    }
-
     fn measurement(&self, pixel: &Point2<f64>, sample: &SurfaceSample) -> Option<Measurement> {
         let (rho, sigma) = (f64::from(sample.rho), self.sigma(sample));
         let point_in_camera = self.camera.point_at_depth(pixel, 1.0 / rho).ok()?;
@@ -320,6 +370,27 @@ impl<'a> KeyframeSurface<'a> {
         });
         added.collect()
     }
+}
+
+/// Places of a grid with their neighbours along columns and rows.
+fn dilated(is_in: &[bool], columns: usize, rows: usize) -> Vec<bool> {
+    let mut dilated = is_in.to_vec();
+    for (place, _) in is_in.iter().enumerate().filter(|(_, is_in)| **is_in) {
+        let (column, row) = (place % columns, place / columns);
+        if column > 0 {
+            dilated[place - 1] = true;
+        }
+        if column + 1 < columns {
+            dilated[place + 1] = true;
+        }
+        if row > 0 {
+            dilated[place - columns] = true;
+        }
+        if row + 1 < rows {
+            dilated[place + columns] = true;
+        }
+    }
+    dilated
 }
 
 #[cfg(test)]

@@ -24,6 +24,10 @@ pub struct MapUpdate {
     pub deltas: Vec<SurfaceDelta>,
     /// Triangles of the carved surface that depth may confirm or contradict now and did not before, or the reverse.
     pub revalidated: Vec<Triangle>,
+    /// Vertices where the keyframe measured a surface along the same ray.
+    pub in_view: Vec<VertexId>,
+    /// Whether all vertices have other measurements than before.
+    pub is_all_refitted: bool,
     /// Vertices whose colour may have changed.
     pub recolored: Vec<VertexId>,
     /// Processor time of the stages.

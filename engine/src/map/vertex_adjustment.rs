@@ -23,8 +23,6 @@ const TUKEY_SIGMAS: f64 = 3.0;
 const PRIOR_SHARE: f64 = 0.05;
 /// Iterations of the weights.
 const ITERATIONS: usize = 4;
-/// Rounds. In the second the planes are those around the adjusted vertex.
-const ROUNDS: usize = 2;
 
 /// Moves the vertices of `mesh` that `may_move` to where the dense depth of all `views` says that they are: planes within `gate` standard deviations of
 /// a vertex count. Vertices that no view measured stay.
@@ -44,40 +42,36 @@ pub(super) fn adjust_vertices(
         .par_iter_mut()
         .filter(|position| may_move(position))
         .for_each_init(Vec::new, |planes, position| {
-            for _ in 0..ROUNDS {
-                planes.clear();
-                let measured = views.iter();
-                planes.extend(measured.filter_map(|view| view.plane_near(position, gate)));
-                *position = adjusted(position, planes);
-            }
+            planes.clear();
+            let measured = views.iter();
+            planes.extend(measured.filter_map(|view| view.plane_near(position, gate)));
+            *position = adjusted(position, planes);
         });
 }
 
-/// Standard deviation with which one view measured each position along its normal: the root of the mean variance of the planes
-/// around it; 0 where no view measured one.
-///
-/// # Complexity
-/// O(positions x views).
-pub(super) fn deviations(positions: &[Point3<f64>], views: &[KeyframeSurface<'_>]) -> Vec<f64> {
-    each(positions, views, |planes| {
-        let sum: f64 = planes.iter().map(|plane| plane.variance).sum();
-        (sum / planes.len().max(1) as f64).sqrt()
-    })
+/// Standard deviation with which one view measured a position along its normal: the root of the mean variance of the planes around it; 0
+/// without planes.
+pub(super) fn spread_of(planes: &[MeasuredPlane]) -> f64 {
+    let sum: f64 = planes.iter().map(|plane| plane.variance).sum();
+    (sum / planes.len().max(1) as f64).sqrt()
 }
 
-/// How far the planes that views measured around each position lie apart: the lower quartile of their distances from it, which
-/// planes of other surfaces hardly change; 0 with fewer than two.
+/// How far planes around a position lie apart: the lower quartile of their distances from it, which planes of other surfaces hardly change;
+/// 0 with fewer than two.
+pub(super) fn scatter_of(planes: &mut [MeasuredPlane]) -> f64 {
+    if planes.len() < 2 {
+        return 0.0;
+    }
+    planes.sort_unstable_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()));
+    planes[planes.len() / 4].distance.abs()
+}
+
+/// How far the planes that views measured around each position lie apart, see [`scatter_of`].
 ///
 /// # Complexity
 /// O(positions x views).
 pub(super) fn scatter(positions: &[Point3<f64>], views: &[KeyframeSurface<'_>]) -> Vec<f64> {
-    each(positions, views, |planes| {
-        if planes.len() < 2 {
-            return 0.0;
-        }
-        planes.sort_unstable_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()));
-        planes[planes.len() / 4].distance.abs()
-    })
+    each(positions, views, |planes| scatter_of(planes))
 }
 
 /// A value of the planes around each position.
@@ -98,7 +92,7 @@ fn each(
 }
 
 /// The robust least-squares point of planes near `position`.
-fn adjusted(position: &Point3<f64>, planes: &[MeasuredPlane]) -> Point3<f64> {
+pub(super) fn adjusted(position: &Point3<f64>, planes: &[MeasuredPlane]) -> Point3<f64> {
     let mut offset = Vector3::zeros();
     for _ in 0..ITERATIONS {
         let mut information = Matrix3::zeros();

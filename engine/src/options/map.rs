@@ -21,7 +21,7 @@ impl Default for LandmarkOptions {
     fn default() -> Self {
         Self {
             join: true,
-            lateral_px: 8.0,
+            lateral_px: 6.0,
             depth_sigmas: 2.5,
             settling_share: 1.0,
         }
@@ -51,9 +51,6 @@ pub struct SurfacePointOptions {
     /// Tolerance in standard deviations within which a keyframe's surface agrees with a landmark. A surface further behind
     /// contradicts it.
     pub agreement_sigmas: f64,
-    /// Measurements that lie behind the carved surface by more than this many standard deviations become points, whose rays
-    /// carve it away. Infinite: never.
-    pub correction_sigmas: f64,
     /// Sampling of the depth.
     pub samples: SampleOptions,
     /// Refinement of the keyframe's triangulation towards the samples.
@@ -65,7 +62,6 @@ impl Default for SurfacePointOptions {
         Self {
             enabled: true,
             agreement_sigmas: 2.0,
-            correction_sigmas: 4.0,
             samples: SampleOptions::default(),
             refine: RefineOptions::default(),
         }

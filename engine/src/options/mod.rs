@@ -145,8 +145,8 @@ pub struct SurfaceOptions {
     pub least_measured_share: f64,
     /// Connected components with fewer triangles are dropped.
     pub minimum_component: usize,
-    /// Whether the final surface is fused from depth images, where there are any. Otherwise it has the carved triangles.
-    pub fuse_depth: bool,
+    /// What the final surface is made of.
+    pub method: SurfaceMethod,
     /// Which holes of the final surface are closed.
     pub holes: HoleFilling,
     /// Whether facets on the convex hull are kept.
@@ -161,12 +161,23 @@ impl Default for SurfaceOptions {
             longest_edge_share: Some(0.5),
             least_measured_share: 0.3,
             minimum_component: 8,
-            fuse_depth: true,
+            method: SurfaceMethod::default(),
             holes: HoleFilling::default(),
             keep_hull: false,
             manifold: true,
         }
     }
+}
+
+/// What the final surface is made of.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SurfaceMethod {
+    /// The boundary of the carved free space: the surface after the last keyframe.
+    #[default]
+    Carved,
+    /// The pixels of all depth images, fused on a grid; without depth images the surface is carved.
+    Fused,
 }
 
 /// Which holes of the final surface are closed.
@@ -257,12 +268,6 @@ impl Options {
         positive("landmarks.depth_sigmas", landmarks.depth_sigmas)?;
         let points = &self.surface_points;
         positive("surface_points.agreement_sigmas", points.agreement_sigmas)?;
-        check(
-            points.correction_sigmas > 0.0,
-            "surface_points.correction_sigmas",
-            &points.correction_sigmas,
-            "a positive number is needed, or inf for no corrections",
-        )?;
         positive("landmarks.settling_share", landmarks.settling_share)?;
         points
             .samples

@@ -359,7 +359,7 @@ impl Session {
         };
         summary.segments = map.lines().unwrap_or_default();
         if let Some(map) = map.map() {
-            summary.mesh = map.adjusted_surface();
+            summary.mesh = map.final_surface();
             if let Some(segments) = map.segments() {
                 summary.segments = segments.segments();
                 summary.clusters = segments.clusters();

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use anyhow::ensure;
 use linecarve::Options;
 use linecarve::commands::Outcome;
-use linecarve::options::LabelKind;
+use linecarve::options::{LabelKind, SurfaceMethod};
 use linecarve::progress::{Progress, Verbosity};
 use linecarve_mesh::{Shape, read_geometry};
 use serde::Serialize;
@@ -22,15 +22,14 @@ const CUT: Switch = |options| options.carving.labels = LabelKind::Cut;
 const NOT_JOINED: Switch = |options| options.landmarks.join = false;
 const ENDS: Switch = |options| options.segment_points.spacing_px = Some(10_000.0);
 const NO_PLANES: Switch = |options| options.surface_points.enabled = false;
-const NO_CORRECTIONS: Switch = |options| options.surface_points.correction_sigmas = f64::INFINITY;
 const UNMEASURED: Switch = |options| options.surface.least_measured_share = 0.0;
-const CARVED: Switch = |options| options.surface.fuse_depth = false;
+const FUSED: Switch = |options| options.surface.method = SurfaceMethod::Fused;
 const SEGMENTS: Switch = |options| options.carving.segment_weight = 1;
 /// Points of segments alone leave large cells, which need more weight on their shape than the default.
 const SHAPE: Switch = |options| options.carving.cut.quality_weight = 0.2;
 
 /// Name of a row, and its switches. The first row is the paper: two points a segment, not joined.
-const SWITCHES: [(&str, &[Switch]); 18] = [
+const SWITCHES: [(&str, &[Switch]); 17] = [
     (
         "ends of segments, not joined; votes",
         &[VOTES, NOT_JOINED, ENDS, NO_PLANES, UNMEASURED],
@@ -77,17 +76,13 @@ const SWITCHES: [(&str, &[Switch]); 18] = [
         "points on planes and whole segments; cut",
         &[CUT, SEGMENTS, UNMEASURED],
     ),
-    ("measured triangles; votes", &[VOTES, CARVED]),
-    (
-        "measured triangles; cut, no corrections",
-        &[CUT, NO_CORRECTIONS, CARVED],
-    ),
-    ("measured triangles; cut", &[CUT, CARVED]),
+    ("measured triangles; votes", &[VOTES]),
+    ("measured triangles; cut: the default", &[CUT]),
     (
         "measured triangles and whole segments; cut",
-        &[CUT, SEGMENTS, CARVED],
+        &[CUT, SEGMENTS],
     ),
-    ("fused from depth images; cut: the default", &[CUT]),
+    ("fused from depth images", &[CUT, FUSED]),
 ];
 
 /// One row: a sequence with switches. Lengths are in units of the poses.

@@ -76,7 +76,7 @@ pub(super) fn run(args: &TextureArgs) -> anyhow::Result<Outcome> {
 fn measure(folder: &Path, args: &TextureArgs) -> anyhow::Result<Row> {
     let started = Instant::now();
     let run = reconstruct(folder, args)?;
-    let mesh = run.map().adjusted_surface();
+    let mesh = run.map().final_surface();
     let reconstructed = started.elapsed().as_secs_f64();
     let (texture, summary) = texture(&run, &mesh)
         .with_context(|| format!("{}: there is no texture", folder.display()))?;

@@ -21,10 +21,10 @@ pub struct SampleOptions {
 impl Default for SampleOptions {
     fn default() -> Self {
         Self {
-            step_px: 3,
-            window_radius_px: 2,
+            step_px: 2,
+            window_radius_px: 3,
             gate_sigmas: 3.0,
-            minimum_share: 0.6,
+            minimum_share: 0.35,
         }
     }
 }
@@ -80,9 +80,9 @@ pub struct RefineOptions {
 impl Default for RefineOptions {
     fn default() -> Self {
         Self {
-            bound_sigmas: 3.0,
-            minimum_distance_px: 5.0,
-            largest_gap_px: 20.0,
+            bound_sigmas: 2.0,
+            minimum_distance_px: 3.0,
+            largest_gap_px: 24.0,
             relative_error: 0.0,
         }
     }

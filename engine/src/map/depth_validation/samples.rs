@@ -2,29 +2,10 @@
 
 use std::cmp::Ordering;
 
-use nalgebra::{Point2, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use super::{FacetEvidence, SAMPLE_COUNT, SUBDIVISIONS};
 use crate::map::surface_points::KeyframeSurface;
-
-/// Depth behind a triangle.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct DepthConflict {
-    /// Distance behind the triangle, in standard deviations.
-    pub(super) sigmas: f64,
-    pub(super) pixel: Point2<f64>,
-}
-
-impl DepthConflict {
-    /// A total order: the largest does not depend on the order of triangles.
-    pub(super) fn is_larger_than(&self, other: &Self) -> bool {
-        self.sigmas
-            .total_cmp(&other.sigmas)
-            .then(other.pixel.x.total_cmp(&self.pixel.x))
-            .then(other.pixel.y.total_cmp(&self.pixel.y))
-            .is_gt()
-    }
-}
 
 /// Least cosine between the normal of a triangle and the direction to a camera that measured it. Where a surface ends, triangles
 /// connect it with what lies behind; cameras see their free side at a grazing angle or not at all. Tuned on two indoor sequences with
@@ -81,26 +62,5 @@ impl Samples {
                 Some(Ordering::Greater | Ordering::Equal) | None => {}
             }
         }
-    }
-
-    /// The largest depth conflict above `bound` standard deviations.
-    pub(super) fn conflict(
-        &self,
-        dense_view: &KeyframeSurface<'_>,
-        bound: f64,
-    ) -> Option<DepthConflict> {
-        self.points
-            .iter()
-            .filter_map(|sample| {
-                let (pixel, sigmas) = dense_view.depth_deviation(sample)?;
-                (sigmas > bound).then_some(DepthConflict { sigmas, pixel })
-            })
-            .reduce(|kept, conflict| {
-                if conflict.is_larger_than(&kept) {
-                    conflict
-                } else {
-                    kept
-                }
-            })
     }
 }

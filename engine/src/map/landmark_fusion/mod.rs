@@ -85,6 +85,11 @@ impl LandmarkFusion {
         &self.observed
     }
 
+    /// Landmarks of earlier keyframes along whose rays the keyframe measured its surface, ascending.
+    pub(super) fn looked_up(&self) -> impl Iterator<Item = u32> + '_ {
+        self.looked_up.iter().map(|(landmark, ..)| *landmark)
+    }
+
     /// Landmarks that the keyframe contradicts.
     pub(super) fn contradicted(&self) -> &[u32] {
         &self.contradicted
@@ -167,22 +172,6 @@ impl LandmarkFusion {
         for measurement in measurements {
             self.add_measurement(transaction, &measurement)?;
         }
-        Ok(())
-    }
-
-    /// Adds points after the landmarks were updated. Afterwards [`seen`](Self::seen) lists only landmarks that were not
-    /// observed before.
-    pub(super) fn add_corrections(
-        &mut self,
-        transaction: &mut Transaction<'_>,
-        measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), TransactionError> {
-        let before = std::mem::take(&mut self.seen);
-        self.add_points(transaction, measurements)?;
-        let landmarks = &self.landmarks;
-        self.seen.retain(|landmark| {
-            before.binary_search(landmark).is_err() && landmarks.is_in_use(*landmark)
-        });
         Ok(())
     }
 

@@ -6,6 +6,7 @@ use linecarve_carving::{Carver, TransactionError};
 use nalgebra::{Isometry3, Point3};
 
 use super::LineMap;
+use crate::map::depth_evidence::Change;
 use crate::map::update::MapUpdate;
 use crate::map::vertex_landmarks::VertexViews;
 use crate::options::Options;
@@ -70,7 +71,17 @@ impl LineMap {
                 Some(pose) => transaction.move_view(*view, pose.translation.vector.into())?,
                 None => transaction.remove_view(*view)?,
             }
+            if let (Some(evidence), Some(surface)) =
+                (&mut self.evidence, self.validation.surface_of(*view))
+            {
+                evidence.change(&mut transaction, &surface, Change::Remove)?;
+            }
             self.validation.correct(*view, pose.as_ref());
+            if let (Some(evidence), Some(surface)) =
+                (&mut self.evidence, self.validation.surface_of(*view))
+            {
+                evidence.change(&mut transaction, &surface, Change::Add)?;
+            }
         }
         self.landmarks.correct(&mut transaction, &viewed)?;
         let matched = start.elapsed();
@@ -84,6 +95,7 @@ impl LineMap {
             .update(carver, points, seen.iter().copied(), recolored);
         let views = VertexViews::new(carver, points, &self.vertices);
         self.validation.look_again(views, &report.surface, seen);
+        update.is_all_refitted = true;
         update.revalidated.extend(self.validation.take_changed());
         update.deltas.push(report.surface);
         update.times.validation = start.elapsed() - carved;

@@ -8,6 +8,8 @@ use rustc_hash::FxHashMap;
 
 use super::{LineMap, VertexColors};
 use crate::map::export::observed_colors;
+use crate::map::surface::{VertexSource, fitted_positions};
+use crate::map::vertex_fit::FittedVertices;
 use crate::map::vertex_landmarks::{CarvedSurface, VertexViews};
 
 /// A surface of the points of a carver without cells; the ranks of positions number its vertices.
@@ -71,12 +73,21 @@ impl LineMap {
             vertices: &self.vertices,
             landmarks: &self.landmarks,
         };
-        let origins = ranks.into_iter();
-        let origins = origins.map(|rank| rank.map(|rank| VertexId::from_index(rank as usize)));
+        let of_rank = |rank: Option<u32>| rank.map(|rank| VertexId::from_index(rank as usize));
+        let origins: Vec<Option<VertexId>> = ranks.into_iter().map(of_rank).collect();
+        let observed = observed_colors(&colors, origins.iter().copied());
+        let vertices = FittedVertices {
+            colors,
+            validation: &self.validation,
+            is_measured: self.is_measured,
+        };
+        let positions = fitted_positions(&mesh.vertices, &mesh.triangles, &origins, |vertex| {
+            vertices.fit(vertex)
+        });
         TriangleMesh {
-            positions: mesh.vertices,
+            positions,
             triangles: mesh.triangles,
-            colors: observed_colors(&colors, origins),
+            colors: observed,
         }
     }
 }

@@ -1,4 +1,9 @@
-//! The exported surface of a map, kept up to date.
+//! The exported surface of a map, kept up to date: the one surface that files, page, stream and comparison show.
+//!
+//! carved triangles → without those that depth contradicts → vertices where depth measured them → flattened within what the
+//! measurements allow → colours
+
+mod fitted;
 
 use linecarve_carving::{
     Carver, ExportOptions, IncrementalMesh, MeshChange, SurfaceDelta, Triangle, TriangleRole,
@@ -8,6 +13,9 @@ use linecarve_mesh::{MeshElements, TriangleMesh};
 use nalgebra::Point3;
 
 use super::update::MapUpdate;
+use fitted::{FittedPositions, Seen};
+
+pub(super) use fitted::{FittedVertex, fitted_positions, used_views};
 
 /// Colour of vertices without an observed colour: middle grey.
 pub(super) const DEFAULT_COLOR: [u8; 3] = [128; 3];
@@ -29,6 +37,8 @@ pub struct SurfaceChange {
 #[derive(Debug, Clone)]
 pub struct MapSurface {
     mesh: IncrementalMesh,
+    /// Where depth measured the vertices; `None` where they stay as they are carved.
+    fitted: Option<FittedPositions>,
     /// Observed colours by vertex.
     colors: Vec<Option<[u8; 3]>>,
     /// Number of vertices with an observed colour.
@@ -44,12 +54,49 @@ pub struct MapSurface {
 struct Pending {
     deltas: Vec<SurfaceDelta>,
     revalidated: Vec<Triangle>,
+    in_view: Vec<VertexId>,
     recolored: Vec<VertexId>,
+    /// Whether all vertices have new measurements.
+    is_all_refitted: bool,
+}
+
+/// What the vertices of a surface are made of.
+pub(super) trait VertexSource: Sync {
+    /// Where depth measured a vertex.
+    fn fit(&self, vertex: VertexId) -> FittedVertex;
+
+    /// Whether the newest keyframe measured a surface at a vertex.
+    fn is_measured_by_newest(&self, vertex: VertexId) -> bool;
+
+    /// The observed colour of a vertex.
+    fn color(&self, vertex: VertexId) -> Option<[u8; 3]>;
+}
+
+/// Vertices as they are carved, without colours.
+pub(super) struct CarvedVertices<'a>(pub(super) &'a Carver);
+
+impl VertexSource for CarvedVertices<'_> {
+    fn fit(&self, vertex: VertexId) -> FittedVertex {
+        FittedVertex {
+            position: self.0.tetrahedra().position(vertex),
+            bound: 0.0,
+            views: 0,
+        }
+    }
+
+    fn is_measured_by_newest(&self, _vertex: VertexId) -> bool {
+        false
+    }
+
+    fn color(&self, _vertex: VertexId) -> Option<[u8; 3]> {
+        None
+    }
 }
 
 impl MapSurface {
-    /// The surface of a carver; it is made at the first [update](Self::update).
-    pub(super) fn new(carver: &Carver, export: &ExportOptions) -> Self {
+    /// The surface of a carver; it is made at the first [update](Self::update). With `is_fitted` its vertices lie where depth measured
+    /// them.
+    pub(super) fn new(carver: &Carver, export: &ExportOptions, is_fitted: bool) -> Self {
         let mut added: Vec<Triangle> = carver.triangles().collect();
         added.sort_unstable();
         let whole = SurfaceDelta {
@@ -58,6 +105,7 @@ impl MapSurface {
         };
         Self {
             mesh: IncrementalMesh::new(export),
+            fitted: is_fitted.then(FittedPositions::default),
             colors: Vec::new(),
             colored: 0,
             longest_edge: export.longest_edge,
@@ -79,6 +127,8 @@ impl MapSurface {
                 .cloned(),
         );
         pending.revalidated.extend(&update.revalidated);
+        pending.in_view.extend(&update.in_view);
+        pending.is_all_refitted |= update.is_all_refitted;
         pending.recolored.extend(&update.recolored);
     }
 
@@ -87,14 +137,20 @@ impl MapSurface {
         let Pending {
             deltas,
             revalidated,
+            in_view,
             recolored,
+            is_all_refitted,
         } = &self.pending;
-        let is_pending = !(deltas.is_empty() && revalidated.is_empty() && recolored.is_empty());
+        let is_pending = *is_all_refitted
+            || !(deltas.is_empty()
+                && revalidated.is_empty()
+                && in_view.is_empty()
+                && recolored.is_empty());
         !is_pending && self.longest_edge == longest_edge
     }
 
-    /// Follows the changes noted, and returns that of the exported surface. `role` says how a triangle is exported, `color` gives
-    /// the observed colours.
+    /// Follows the changes noted, and returns that of the exported surface. `role` says how a triangle is exported, `vertices` where its
+    /// corners are and what colours they have.
     ///
     /// # Complexity
     /// Linear in the change; in the size of the surface when the longest edge is another one than before.
@@ -103,7 +159,7 @@ impl MapSurface {
         carver: &Carver,
         longest_edge: Option<f64>,
         role: impl Fn(&Triangle) -> TriangleRole,
-        color: impl Fn(VertexId) -> Option<[u8; 3]>,
+        vertices: &impl VertexSource,
     ) -> SurfaceChange {
         let mut pending = std::mem::take(&mut self.pending);
         if std::mem::replace(&mut self.longest_edge, longest_edge) != longest_edge {
@@ -111,8 +167,15 @@ impl MapSurface {
         }
         let (deltas, touched) = (&pending.deltas, &pending.revalidated);
         carver.update_mesh(&mut self.mesh, deltas, touched, role);
-        let mesh = self.mesh.take_change();
-        let recolored = self.recolor(&mesh, pending.recolored, color);
+        let mut mesh = self.mesh.take_change();
+        let recolored = self.recolor(&mesh, pending.recolored, |vertex| vertices.color(vertex));
+        if let Some(fitted) = &mut self.fitted {
+            let seen = match pending.is_all_refitted {
+                true => Seen::All,
+                false => Seen::InView(&pending.in_view),
+            };
+            fitted.follow(&self.mesh, &mut mesh, seen, vertices);
+        }
         SurfaceChange {
             mesh,
             recolored,
@@ -181,7 +244,10 @@ impl MapSurface {
     /// # Panics
     /// For numbers that were never given out.
     pub fn position(&self, number: u32) -> Point3<f64> {
-        self.mesh.position(number)
+        match &self.fitted {
+            Some(fitted) => fitted.position(number),
+            None => self.mesh.position(number),
+        }
     }
 
     /// Observed colour of a vertex.
@@ -221,7 +287,7 @@ impl MapSurface {
         let (mesh, numbers) = self.mesh.to_mesh();
         let color = |number: &u32| self.color(*number).unwrap_or(DEFAULT_COLOR);
         TriangleMesh {
-            positions: mesh.vertices,
+            positions: numbers.iter().map(|it| self.position(*it)).collect(),
             triangles: mesh.triangles,
             colors: (self.colored > 0).then(|| numbers.iter().map(color).collect()),
         }

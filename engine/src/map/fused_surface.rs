@@ -1,9 +1,7 @@
-//! The final surface: an estimate from the depth of all keyframes.
+//! The surface that is fused from the pixels of all depth images, in place of the carved one: `[surface] method = "fused"`.
 //!
-//! The carved surface is that of the moment, and its vertices are single measurements. With depth images the final one is fused from their
-//! pixels: carving takes away what is thinner than its points lie apart, and along outlines rays of other keyframes pass closely behind. It is
-//! thinned where it is flat. Otherwise the carved triangles stay. In either case small holes are closed where depth was measured, and planes
-//! are flattened within what the measurements allow.
+//! It is thinned where it is flat, small holes are closed where depth was measured, and planes are flattened within what the measurements
+//! allow.
 
 use linecarve_mesh::fusion::{FusionOptions, fuse_depth};
 use linecarve_mesh::simplify::{ThinOptions, thin};
@@ -16,7 +14,7 @@ use rustc_hash::FxHashSet;
 use super::depth_noise::DepthNoise;
 use super::depth_validation::DepthValidation;
 use super::surface_points::KeyframeSurface;
-use super::vertex_adjustment::{GATE_SIGMAS, adjust_vertices, deviations, scatter};
+use super::vertex_adjustment::{adjust_vertices, scatter};
 use super::vertex_colors::vertex_colors;
 use crate::options::{HoleFilling, SurfaceOptions};
 
@@ -33,17 +31,17 @@ const THINNING_BOUNDARY_SIDES: f64 = 0.35;
 const LONGEST_EDGE_SIDES: f64 = 8.0;
 /// Planes further than this from a fused vertex, in deviations, are those of another surface.
 const FUSED_GATE_SIGMAS: f64 = 1.0;
-/// How far a vertex is smoothed, as a share of how far its measurements lie apart or, with depth from images, in their deviations.
-const SMOOTHING_BOUND: f64 = 1.0;
-/// The same for vertices of a fused surface, which is smooth already.
-const FUSED_SMOOTHING_BOUND: f64 = 0.5;
+/// How far a vertex is smoothed, as a share of how far its measurements lie apart.
+const SMOOTHING_BOUND: f64 = 0.5;
+/// Rounds of smoothing.
+const SMOOTHING_ROUNDS: usize = 20;
 /// Least doubled area of a triangle over the sum of its squared sides; 0.29 for an equilateral one.
 const LEAST_SHAPE: f64 = 0.01;
 /// Most edges of a hole that is closed where depth measured a surface. Larger ones are shadows of objects.
 const MEASURED_HOLE_EDGES: usize = 24;
 
-/// What the final surface is made from.
-pub(super) struct FinalSurface<'a> {
+/// What the surface is made from.
+pub(super) struct FusedSurface<'a> {
     pub(super) validation: &'a DepthValidation,
     pub(super) noise: &'a DepthNoise,
     pub(super) focal_px: f64,
@@ -51,63 +49,40 @@ pub(super) struct FinalSurface<'a> {
     /// End points of segments along which edges and boundaries lie, in world coordinates.
     pub(super) segments: Vec<[Point3<f64>; 2]>,
     pub(super) options: &'a SurfaceOptions,
-    /// Whether depth comes from depth images.
-    pub(super) is_measured: bool,
 }
 
-impl FinalSurface<'_> {
-    /// The final surface instead of the carved one, which is asked for only where it is needed.
+impl FusedSurface<'_> {
+    /// The surface; `None` without depth images.
     ///
     /// # Complexity
-    /// That of fusing all depth images, see [`fuse_depth`], or linear in vertices times keyframes.
-    pub(super) fn estimate(&self, carved: impl FnOnce() -> TriangleMesh) -> TriangleMesh {
+    /// That of [`fuse_depth`], and the vertices times the keyframes.
+    pub(super) fn make(&self) -> Option<TriangleMesh> {
         let surfaces = self.validation.dense_surfaces();
-        if surfaces.is_empty() {
-            return carved();
-        }
-        let fused = self
-            .options
-            .fuse_depth
-            .then(|| self.fused(&surfaces))
-            .flatten();
-        let is_fused = fused.is_some();
-        let mut mesh = fused.unwrap_or_else(|| self.adjusted(carved(), &surfaces));
+        let mut mesh = self.fused(&surfaces)?;
         if self.options.holes == HoleFilling::Measured {
             close_holes(&mut mesh, MEASURED_HOLE_EDGES, |triangle| {
                 self.validation.is_along(&surfaces, triangle)
             });
         }
-        let mut bounds = match self.is_measured {
-            true => scatter(&mesh.positions, &surfaces),
-            false => deviations(&mesh.positions, &surfaces),
-        };
-        let share = match is_fused {
-            true => FUSED_SMOOTHING_BOUND,
-            false => SMOOTHING_BOUND,
-        };
+        let mut bounds = scatter(&mesh.positions, &surfaces);
         for bound in &mut bounds {
-            *bound *= share;
+            *bound *= SMOOTHING_BOUND;
         }
         let rough = mesh.positions.clone();
-        smooth_piecewise_flat(&mut mesh, &bounds, &SmoothOptions::default());
-        if is_fused {
-            restore_folded(&mut mesh, &rough);
-        }
-        mesh
-    }
-
-    /// The carved surface with its vertices where depth images say that they are.
-    fn adjusted(&self, mut mesh: TriangleMesh, surfaces: &[KeyframeSurface<'_>]) -> TriangleMesh {
-        if self.is_measured {
-            adjust_vertices(&mut mesh, surfaces, GATE_SIGMAS, |_| true);
-        }
-        mesh
+        let smoothing = SmoothOptions {
+            normal_rounds: SMOOTHING_ROUNDS,
+            vertex_rounds: SMOOTHING_ROUNDS,
+            ..SmoothOptions::default()
+        };
+        smooth_piecewise_flat(&mut mesh, &bounds, &smoothing);
+        restore_folded(&mut mesh, &rough);
+        Some(mesh)
     }
 
     /// The surface fused from depth images; `None` where there are none.
     fn fused(&self, surfaces: &[KeyframeSurface<'_>]) -> Option<TriangleMesh> {
         let images: Vec<_> = self.validation.depth_images().collect();
-        if !self.is_measured || images.is_empty() {
+        if images.is_empty() {
             return None;
         }
         let rho = 1.0 / self.median_depth;
