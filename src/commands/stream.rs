@@ -9,6 +9,7 @@ use crate::progress::Verbosity;
 use crate::report::page::write_page;
 use crate::sinks::{OutputFolder, SessionPage, SurfaceFiles, final_mesh_edges, last_page};
 use linecarve_engine::configuration::Configuration;
+use linecarve_engine::front_end::unmeasurable_warning;
 use linecarve_engine::options::Options;
 use linecarve_engine::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
 use linecarve_sequence::export::{TrajectoryFormat, write_trajectory};
@@ -62,7 +63,10 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let corrected_poses = summary.corrected_poses.clone();
     let camera_correction = summary.camera_correction;
     let tracking = summary.tracking.clone();
-    for warning in tracking.iter().flat_map(|tracking| &tracking.warnings) {
+    let unmeasurable = state.as_ref().map_or(0, |it| it.unmeasurable_depths());
+    let warnings: Vec<String> = unmeasurable_warning(unmeasurable).into_iter().collect();
+    let of_tracking = tracking.iter().flat_map(|tracking| &tracking.warnings);
+    for warning in of_tracking.chain(&warnings) {
         if verbosity > Verbosity::Quiet {
             eprintln!("warning: {warning}");
         }
@@ -82,6 +86,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         corrected_poses,
         camera_correction,
         tracking,
+        warnings,
     })?;
     Ok(if triangles == 0 {
         Outcome::Negative(format!("the mesh is empty after {keyframes} keyframe(s)"))

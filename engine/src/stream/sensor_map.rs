@@ -58,6 +58,14 @@ impl SessionState for SensorMap {
             .collect()
     }
 
+    fn unmeasurable_depths(&self) -> usize {
+        let estimates = self.keyframes.list().iter();
+        let estimates = estimates.filter_map(|keyframe| keyframe.estimate.as_ref());
+        estimates
+            .map(|estimate| estimate.keyframe().unmeasurable_depths())
+            .sum()
+    }
+
     fn newest(&self) -> Option<NewestKeyframe> {
         let mut newest = self.keyframes.newest()?;
         newest.times = self.newest_times;
