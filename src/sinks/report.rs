@@ -88,6 +88,7 @@ impl RunLog {
                     origin: recording.origin.into(),
                     poses: recording.poses,
                 },
+                preset: recording.options.preset(),
                 parameters: Configuration::of(&recording.options),
                 keyframes: Vec::new(),
                 result: ResultSummary::default(),

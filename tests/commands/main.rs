@@ -17,6 +17,7 @@ mod image_size;
 mod invariance;
 mod live;
 mod map_points;
+mod paper;
 mod reconstruct;
 mod render;
 mod report_page;

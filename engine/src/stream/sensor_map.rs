@@ -173,7 +173,7 @@ impl SensorMap {
         let mut map = Map::of_lines(options, camera, &depth, median_depth)?;
         map.keep_measurements();
         let mut session_map = Self {
-            front_end: SensorFrontEnd::new(sensor.clone(), options.extract())?,
+            front_end: SensorFrontEnd::new(sensor.clone(), options.extract(median_depth))?,
             live,
             sensor,
             median_depth,
