@@ -181,6 +181,13 @@ impl StageArgs {
     }
 }
 
+/// A published system as a set of parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PresetArg {
+    /// The paper that this program grew out of, as printed: its segments and clusters, end points with their rays, votes (docs/paper.md).
+    Paper,
+}
+
 /// Options that both `reconstruct` and `lines` have.
 #[derive(Debug, Args)]
 pub struct StageArgs {
@@ -191,6 +198,10 @@ pub struct StageArgs {
     /// TOML file with parameters (docs/configuration.md); flags override it. `report.json` of a run has them as `parameters`.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+
+    /// All parameters as a published system has them, in place of the defaults.
+    #[arg(long, value_enum, conflicts_with = "config")]
+    pub preset: Option<PresetArg>,
 
     /// Images with a longer side are computed on at a whole fraction of their size; 0: as they are. Sequences with depth images
     /// are left alone. Default: what the configuration says, 1600 when it says nothing.

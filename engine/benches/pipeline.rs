@@ -30,7 +30,7 @@ fn pipeline(criterion: &mut Criterion) {
     let sensor = DepthSensor::registered(sequence.color_camera(), noise);
     let depth = DepthSource::Sensor(sensor.clone());
     let mut front_end =
-        SensorFrontEnd::new(sensor, options.extract()).expect("default options hold");
+        SensorFrontEnd::new(sensor, options.extract(median_depth)).expect("default options hold");
     let keyframes: Vec<Keyframe> = frames
         .iter()
         .map(|frame| {

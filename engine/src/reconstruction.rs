@@ -402,7 +402,8 @@ pub(crate) fn front_end(
                 source.options.is_dense = false;
             }
             let count = recording.keyframes.len();
-            let extract = options.extract();
+            let median_depth = recording.median_depth.unwrap_or(1.0);
+            let extract = options.extract(median_depth);
             FrontEnd::lines(&depth, count, extract, checkpoint, is_provisional)?
         }
         Source::MapPoints => FrontEnd::Features(FeatureFrontEnd::new(options.map_points)),

@@ -333,6 +333,7 @@ fn lines_keyframe() -> LineKeyframe {
         }],
         surface: SurfaceSamples::default(),
         depth: None,
+        unmeasurable_depths: 0,
         colors: KeyframeColors::of(&image::RgbImage::new(8, 8)),
         edge_chains: 1,
         edge_pixels: 29,

@@ -23,6 +23,7 @@ use linecarve_lines::depth::{
 use linecarve_lines::edges::{EdgeChains, EdgeDetector, EdgeOptions};
 use linecarve_lines::fit::{FitInput, FitOptions, SegmentFitter};
 use linecarve_lines::image::{GrayImage, Plane};
+use linecarve_lines::paper::{PaperFitter, PaperInput, PaperOptions};
 use nalgebra::Isometry3;
 
 pub(crate) type AnyError = Box<dyn std::error::Error>;
@@ -162,28 +163,38 @@ fn stages(criterion: &mut Criterion) {
             depths
         })
         .collect();
-    for (name, options) in [
-        ("fit", FitOptions::default()),
-        ("fit_paper", FitOptions::paper()),
-    ] {
-        let fitter = SegmentFitter::new(options).expect("the options are valid");
-        let mut segments = Vec::new();
-        group.bench_function(name, |bencher| {
-            bencher.iter(|| {
-                for ((keyframe, chains), depths) in keyframes.iter().zip(&edges).zip(&all_depths) {
-                    segments.clear();
-                    let input = FitInput {
-                        chains,
-                        depths,
-                        image: &keyframe.image,
-                        camera: &camera,
-                        keyframe: 0,
-                    };
-                    fitter.fit_into(black_box(&input), &mut segments);
-                }
-            });
+    let fitter = SegmentFitter::new(FitOptions::default()).expect("the options are valid");
+    let mut segments = Vec::new();
+    group.bench_function("fit", |bencher| {
+        bencher.iter(|| {
+            for ((keyframe, chains), depths) in keyframes.iter().zip(&edges).zip(&all_depths) {
+                segments.clear();
+                let input = FitInput {
+                    chains,
+                    depths,
+                    image: &keyframe.image,
+                    camera: &camera,
+                    keyframe: 0,
+                };
+                fitter.fit_into(black_box(&input), &mut segments);
+            }
         });
-    }
+    });
+    let fitter = PaperFitter::new(PaperOptions::with_unit(1.0)).expect("the options are valid");
+    group.bench_function("fit_paper", |bencher| {
+        bencher.iter(|| {
+            for (keyframe, chains) in keyframes.iter().zip(&edges) {
+                let input = PaperInput {
+                    chains,
+                    depth: &keyframe.map,
+                    image: &keyframe.image,
+                    camera: &camera,
+                    keyframe: 0,
+                };
+                black_box(fitter.fit(black_box(&input)));
+            }
+        });
+    });
 
     group.bench_function("sensor_registration", |bencher| {
         bencher.iter(|| {

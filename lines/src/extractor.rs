@@ -10,6 +10,7 @@ use crate::depth::{EdgeDepthOptions, EdgeDepths, InverseDepthMap};
 use crate::edges::{EdgeChains, EdgeDetector, EdgeOptions, EdgeOptionsError};
 use crate::fit::{FitInput, FitOptions, FitOptionsError, Segment, SegmentFitter};
 use crate::image::{GrayImage, ImageError, check_rgb8};
+use crate::paper::{PaperFitter, PaperInput, PaperOptions};
 use crate::triangulation::{SampleOptions, SurfaceSamples, TriangulationOptionsError};
 
 /// Options of all stages.
@@ -21,6 +22,8 @@ pub struct ExtractOptions {
     pub edge_depth: EdgeDepthOptions,
     /// Segment fitting.
     pub fit: FitOptions,
+    /// Algorithm 1 of the paper to the letter, in place of `fit`: depth as it is at each pixel, edges of the grey image alone.
+    pub paper: Option<PaperOptions>,
     /// Surface samples on a pixel grid; `None` disables them.
     pub samples: Option<SampleOptions>,
 }
@@ -143,6 +146,7 @@ pub struct SegmentExtractor {
     chains: EdgeChains,
     depths: EdgeDepths,
     fitter: SegmentFitter,
+    paper: Option<PaperFitter>,
 }
 
 impl SegmentExtractor {
@@ -161,6 +165,7 @@ impl SegmentExtractor {
             chains: EdgeChains::default(),
             depths: EdgeDepths::default(),
             fitter: SegmentFitter::new(options.fit)?,
+            paper: options.paper.map(PaperFitter::new).transpose()?,
         })
     }
 
@@ -181,19 +186,20 @@ impl SegmentExtractor {
         if let Some(rgb) = rgb {
             check_rgb8(image.width(), image.height(), rgb)?;
         }
+        let rgb = rgb.filter(|_| self.paper.is_none());
         let start = Instant::now();
         self.detector.detect_into(image, rgb, &mut self.chains);
         let edges = start.elapsed();
         self.depths.compute(depth, &self.chains, &self.edge_depth);
         let edge_depth = start.elapsed() - edges;
-        let input = FitInput {
+        let input = PaperInput {
             chains: &self.chains,
-            depths: &self.depths,
+            depth,
             image: self.detector.smoothed(),
             camera,
             keyframe,
         };
-        let segments = self.fitter.fit(&input);
+        let segments = fit(self.paper.as_ref(), &mut self.fitter, &input, &self.depths);
         let fit = start.elapsed() - edges - edge_depth;
         let surface = self
             .samples
@@ -234,13 +240,14 @@ impl SegmentExtractor {
         let start = Instant::now();
         self.depths.compute(depth, chains, &self.edge_depth);
         let edge_depth = start.elapsed();
-        let segments = self.fitter.fit(&FitInput {
+        let input = PaperInput {
             chains,
-            depths: &self.depths,
+            depth,
             image: smoothed,
             camera,
             keyframe,
-        });
+        };
+        let segments = fit(self.paper.as_ref(), &mut self.fitter, &input, &self.depths);
         Ok(Extraction {
             segments,
             surface: SurfaceSamples::default(),
@@ -259,6 +266,25 @@ impl SegmentExtractor {
     /// The edge chains of the last [`SegmentExtractor::extract`].
     pub fn chains(&self) -> &EdgeChains {
         &self.chains
+    }
+}
+
+/// Fits the segments of a keyframe, as the paper does when there is a fitter for that.
+fn fit(
+    paper: Option<&PaperFitter>,
+    fitter: &mut SegmentFitter,
+    input: &PaperInput<'_>,
+    depths: &EdgeDepths,
+) -> Vec<Segment> {
+    match paper {
+        Some(paper) => paper.fit(input),
+        None => fitter.fit(&FitInput {
+            chains: input.chains,
+            depths,
+            image: input.image,
+            camera: input.camera,
+            keyframe: input.keyframe,
+        }),
     }
 }
 

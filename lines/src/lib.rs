@@ -9,6 +9,7 @@ pub mod fit;
 mod growth;
 pub mod image;
 mod median;
+pub mod paper;
 pub mod triangulation;
 
 pub use camera::{Camera, Distortion, UndistortionMap};
@@ -22,4 +23,5 @@ pub use extractor::{ExtractError, ExtractOptions, Extraction, SegmentExtractor, 
 pub use fit::{FitOptions, Segment};
 pub use image::{GrayImage, Plane};
 pub use median::upper_median;
+pub use paper::{PaperClusterer, PaperFitter, PaperOptions};
 pub use triangulation::{ImageTriangulation, SurfaceSamples};

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use image::DynamicImage;
 use linecarve_lines::camera::UndistortionMap;
+use linecarve_lines::depth::remove_unmeasurable;
 use linecarve_lines::image::{GrayImage, Plane};
 
 use super::calibration::ImageSize;
@@ -111,8 +112,9 @@ impl Sequence {
         Ok(self.reduced_color(color))
     }
 
-    /// Loads the depth image of a frame, undistorted; `None` if it has none. Unknown are the integers 0 and 65535, and the
-    /// floating-point values 0, negative and not finite. Its camera is
+    /// Loads the depth image of a frame, undistorted; `None` if it has none. Unknown are the integers 0 and 65535, the
+    /// floating-point values 0, negative and not finite, and values that the camera of the others cannot
+    /// [have measured](linecarve_lines::depth::measurable_range). Its camera is
     /// [`DepthCalibration::camera`](super::DepthCalibration::camera).
     ///
     /// # Errors
@@ -121,10 +123,28 @@ impl Sequence {
     /// # Panics
     /// If the index is out of range.
     pub fn load_depth(&self, index: usize) -> Result<Option<DepthImage>, FrameError> {
+        let loaded = self.load_depth_counted(index)?;
+        Ok(loaded.map(|(depth, _)| depth))
+    }
+
+    /// As [`load_depth`](Self::load_depth), with the number of values that the camera cannot have measured.
+    ///
+    /// # Errors
+    /// As [`Sequence::load_depth`].
+    ///
+    /// # Panics
+    /// If the index is out of range.
+    pub fn load_depth_counted(
+        &self,
+        index: usize,
+    ) -> Result<Option<(DepthImage, usize)>, FrameError> {
         let (Some(path), Some(calibration)) = (&self.frames[index].depth, &self.depth) else {
             return Ok(None);
         };
-        self.depth_values(index, path, calibration).map(Some)
+        let mut depth = self.depth_values(path, calibration)?;
+        let removed = remove_unmeasurable(depth.samples_mut());
+        let depth = self.undistorted_depth(index, path, calibration, depth)?;
+        Ok(Some((depth, removed)))
     }
 
     /// Loads the standard deviation of each depth of a frame, in pose units, like its depth image; `None` if the frame has no
@@ -157,13 +177,14 @@ impl Sequence {
                 depth: depth.clone(),
                 stem: stem.clone(),
             })?;
-        self.depth_values(index, &path, calibration).map(Some)
+        let sigma = self.depth_values(&path, calibration)?;
+        self.undistorted_depth(index, &path, calibration, sigma)
+            .map(Some)
     }
 
     /// Reads depths, or standard deviations of them, in pose units.
     fn depth_values(
         &self,
-        index: usize,
         path: &Path,
         calibration: &DepthCalibration,
     ) -> Result<DepthImage, FrameError> {
@@ -197,8 +218,17 @@ impl Sequence {
                 });
             }
         };
-        let depth = Plane::new(size.width as usize, size.height as usize, samples)
-            .map_err(|error| undecodable(path, error.to_string()))?;
+        Plane::new(size.width as usize, size.height as usize, samples)
+            .map_err(|error| undecodable(path, error.to_string()))
+    }
+
+    fn undistorted_depth(
+        &self,
+        index: usize,
+        path: &Path,
+        calibration: &DepthCalibration,
+        depth: DepthImage,
+    ) -> Result<DepthImage, FrameError> {
         let map = if calibration.registered {
             self.map_of_frame(index, path)?
         } else {

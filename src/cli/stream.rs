@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{FormatChoice, LiveArgs};
+use super::{FormatChoice, LiveArgs, PresetArg};
 
 /// Arguments of `stream`.
 #[derive(Debug, Args)]
@@ -16,6 +16,10 @@ pub struct StreamArgs {
     /// TOML file with parameters (docs/configuration.md).
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+
+    /// All parameters as a published system has them, in place of the defaults.
+    #[arg(long, value_enum, conflicts_with = "config")]
+    pub preset: Option<PresetArg>,
 
     /// Formats of meshes and lines in the output folder.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [FormatChoice::Glb, FormatChoice::Obj, FormatChoice::Ply])]

@@ -86,6 +86,7 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
     let count = recording.keyframes.len();
     let comparison = Comparison {
         generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")).to_owned(),
+        preset: recording.options.preset(),
         sequence: name.to_string_lossy().into_owned(),
         layout: recording.sequence.layout().to_owned(),
         frames: recording.sequence.frames().len(),

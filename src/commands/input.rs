@@ -1,8 +1,10 @@
 //! What the options of the command line ask for.
 
+use std::path::Path;
+
 use anyhow::bail;
 
-use crate::cli::{DepthArg, KeyframeArgs, SequenceArgs, StageArgs};
+use crate::cli::{DepthArg, KeyframeArgs, PresetArg, SequenceArgs, StageArgs};
 use crate::progress::Verbosity;
 use crate::sinks::OutputFolder;
 use linecarve_engine::configuration::Configuration;
@@ -80,15 +82,27 @@ pub(super) fn unpack_video(
     Ok(())
 }
 
-/// The parameters of all stages: those of the configuration, with the flags on top.
+/// The parameters that a preset or a configuration file gives; the defaults without either.
+///
+/// # Errors
+/// When the configuration cannot be read; the text names file and key.
+pub(super) fn base_options(
+    preset: Option<PresetArg>,
+    config: Option<&Path>,
+) -> anyhow::Result<Options> {
+    Ok(match (preset, config) {
+        (Some(PresetArg::Paper), _) => Options::paper(),
+        (None, Some(path)) => Configuration::read(path)?.options(),
+        (None, None) => Options::default(),
+    })
+}
+
+/// The parameters of all stages: those of the preset or of the configuration, with the flags on top.
 ///
 /// # Errors
 /// When the configuration cannot be read; the text names file and key.
 pub fn parameters(stages: &StageArgs, selection: &KeyframeArgs) -> anyhow::Result<Options> {
-    let mut options = match &stages.config {
-        Some(path) => Configuration::read(path)?.options(),
-        None => Options::default(),
-    };
+    let mut options = base_options(stages.preset, stages.config.as_deref())?;
     let size = &mut options.images.longest_side_px;
     *size = stages.max_image_size.unwrap_or(*size);
     keyframe_options(selection, &mut options);

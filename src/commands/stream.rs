@@ -4,20 +4,17 @@ use anyhow::Context;
 
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
+use crate::commands::input::base_options;
 use crate::commands::stream_lines::{Line, Replies, next};
 use crate::progress::Verbosity;
 use crate::report::page::write_page;
 use crate::sinks::{OutputFolder, SessionPage, SurfaceFiles, final_mesh_edges, last_page};
-use linecarve_engine::configuration::Configuration;
-use linecarve_engine::options::Options;
+use linecarve_engine::front_end::unmeasurable_warning;
 use linecarve_engine::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
 use linecarve_sequence::export::{TrajectoryFormat, write_trajectory};
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let options = match &args.config {
-        Some(path) => Configuration::read(path)?.options(),
-        None => Options::default(),
-    };
+    let options = base_options(args.preset, args.config.as_deref())?;
     let mut output = args.out.as_deref().map(OutputFolder::create).transpose()?;
     let mut session = Session::new(options).context("cannot make a folder for temporary files")?;
     if let Some(view) = args.live.start(verbosity)? {
@@ -62,7 +59,10 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let corrected_poses = summary.corrected_poses.clone();
     let camera_correction = summary.camera_correction;
     let tracking = summary.tracking.clone();
-    for warning in tracking.iter().flat_map(|tracking| &tracking.warnings) {
+    let unmeasurable = state.as_ref().map_or(0, |it| it.unmeasurable_depths());
+    let warnings: Vec<String> = unmeasurable_warning(unmeasurable).into_iter().collect();
+    let of_tracking = tracking.iter().flat_map(|tracking| &tracking.warnings);
+    for warning in of_tracking.chain(&warnings) {
         if verbosity > Verbosity::Quiet {
             eprintln!("warning: {warning}");
         }
@@ -82,6 +82,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         corrected_poses,
         camera_correction,
         tracking,
+        warnings,
     })?;
     Ok(if triangles == 0 {
         Outcome::Negative(format!("the mesh is empty after {keyframes} keyframe(s)"))

@@ -33,6 +33,9 @@ pub struct ComparedSurface {
 pub struct Comparison {
     /// `linecarve <version>`.
     pub generator: String,
+    /// The published system whose parameters the runs have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<&'static str>,
     /// Name of the sequence's folder.
     pub sequence: String,
     /// Its layout.

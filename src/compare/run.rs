@@ -7,6 +7,7 @@ use nalgebra::Point3;
 use super::result::ComparedSurface;
 use crate::progress::Verbosity;
 use crate::sinks::{KeyframeReports, PageRecorder, crosses};
+use linecarve_engine::front_end::unmeasurable_warning;
 use linecarve_engine::run::CancelToken;
 use linecarve_engine::{Reconstruction, Recording, RunOptions, Sink, Source, camera_warning};
 
@@ -57,6 +58,7 @@ pub(crate) fn compared_run(
             "{label}: {skipped} of {count} keyframes were left out; first: {first}"
         ));
     }
+    warnings.extend(unmeasurable_warning(keyframes.unmeasurable_depths));
     let map = run.map();
     let correction = map
         .feature_points()

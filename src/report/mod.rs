@@ -25,6 +25,9 @@ pub struct Report<P: Serialize> {
     pub from: &'static str,
     /// The input.
     pub sequence: SequenceSummary,
+    /// The published system whose parameters the run has; the configuration does not tell all of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<&'static str>,
     /// The configuration of the run; as TOML it is a `--config` that repeats the run.
     pub parameters: P,
     /// One entry per keyframe, in the order of processing.

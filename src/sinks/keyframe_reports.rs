@@ -12,6 +12,8 @@ pub(crate) struct KeyframeReports {
     pub(crate) reports: Vec<KeyframeReport>,
     /// What is wrong with keyframes that were left out.
     pub(crate) skipped: Vec<String>,
+    /// Number of depth values that the camera cannot have measured.
+    pub(crate) unmeasurable_depths: usize,
     progress: Option<Progress>,
 }
 
@@ -21,6 +23,7 @@ impl KeyframeReports {
         Self {
             reports: Vec::with_capacity(count),
             skipped: Vec::new(),
+            unmeasurable_depths: 0,
             progress: Some(Progress::start(label, count, verbosity)),
         }
     }
@@ -36,6 +39,7 @@ impl Sink for KeyframeReports {
         if let Some(progress) = &mut self.progress {
             progress.step(|| progress_message(map, update));
         }
+        self.unmeasurable_depths += update.keyframe.unmeasurable_depths();
         self.reports.push(keyframe_report(recording, map, update));
         Ok(())
     }

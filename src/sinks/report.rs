@@ -12,7 +12,7 @@ use crate::report::{
 };
 use crate::sinks::output::OutputFolder;
 use linecarve_engine::configuration::Configuration;
-use linecarve_engine::front_end::FrontEndError;
+use linecarve_engine::front_end::{FrontEndError, unmeasurable_warning};
 use linecarve_engine::map::{Map, SurfaceChange};
 use linecarve_engine::run::{Cancelled, peak_mb};
 use linecarve_engine::{KeyframeUpdate, Recording, Sink, SinkError, Source};
@@ -93,6 +93,7 @@ impl RunLog {
                     origin: recording.origin.into(),
                     poses: recording.poses,
                 },
+                preset: recording.options.preset(),
                 parameters: Configuration::of(&recording.options),
                 keyframes: Vec::new(),
                 result: ResultSummary::default(),
@@ -171,6 +172,9 @@ impl RunLog {
             self.warn(format!(
                 "{count} of {chosen} keyframes were left out; first left out: {first}"
             ));
+        }
+        if let Some(warning) = unmeasurable_warning(self.keyframes.unmeasurable_depths) {
+            self.warn(warning);
         }
         self.report.keyframes = std::mem::take(&mut self.keyframes.reports);
         let path = output.file("report.json");

@@ -24,7 +24,7 @@ fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
     }));
     let frames: Vec<usize> = (0..FRAMES).collect();
     let mut arrivals = Vec::new();
-    let extract = Options::default().extract();
+    let extract = Options::default().extract(1.0);
     let mut front_end = FrontEnd::lines(&source, frames.len(), extract, None, is_with_first)
         .expect("default options are in range");
     let collect = |number, arrival| {

@@ -39,6 +39,8 @@ pub struct LineKeyframe {
     pub surface: SurfaceSamples,
     /// The depth image, where there is one.
     pub depth: Option<CompactDepth>,
+    /// Number of values of the depth image that its camera cannot have measured; they are unknown.
+    pub unmeasurable_depths: usize,
     /// Colours of its image.
     pub colors: KeyframeColors,
     /// Number of edge chains in its image.
@@ -65,6 +67,16 @@ impl LineKeyframe {
             .map(|segment| segment.ends_px.map(|end| [end.x, end.y]))
             .collect()
     }
+}
+
+/// What is said of depth values that a camera cannot have measured; `None` when there are none.
+pub fn unmeasurable_warning(count: usize) -> Option<String> {
+    (count > 0).then(|| {
+        format!(
+            "{count} depth value(s) of the keyframes are taken as unknown: next to the others they are too large or too small to be measured by \
+             the same camera (write 0 where nothing was measured)"
+        )
+    })
 }
 
 /// Features of one keyframe.
@@ -114,6 +126,14 @@ impl Keyframe {
             for segment in &mut keyframe.segments {
                 segment.keyframe = number as u32;
             }
+        }
+    }
+
+    /// Number of depth values that the camera cannot have measured.
+    pub fn unmeasurable_depths(&self) -> usize {
+        match self {
+            Self::Lines(keyframe) => keyframe.unmeasurable_depths,
+            Self::Features(_) | Self::Views(_) => 0,
         }
     }
 

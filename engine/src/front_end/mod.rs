@@ -38,7 +38,7 @@ pub use features::FeatureFrontEnd;
 pub(crate) use image_poses::empty_point_map;
 pub use image_poses::{ImagePoses, ImagePosesError, PoseSummary, correct_poses};
 pub use image_scale::{ScaleError, median_depth_from_images};
-pub use keyframe::{FeatureKeyframe, Keyframe, LineKeyframe};
+pub use keyframe::{FeatureKeyframe, Keyframe, LineKeyframe, unmeasurable_warning};
 pub use scale::{far_origin, median_scene_depth};
 pub use semi_dense::SemiDenseFrontEnd;
 pub use sensor::SensorFrontEnd;

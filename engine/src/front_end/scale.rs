@@ -1,5 +1,6 @@
 //! Median scene depth, the length scale for all thresholds, and the origin of coordinates.
 
+use linecarve_lines::depth::measurable_range;
 use linecarve_lines::upper_median;
 use nalgebra::{Point3, Vector3};
 
@@ -39,6 +40,13 @@ pub fn median_scene_depth(
             Err(error) => return Err(error),
         }
     }
+    // Images of nothing but the background have its number as their median.
+    let range = measurable_range(medians.iter().map(|median| *median as f32));
+    medians.retain(|median| {
+        range
+            .as_ref()
+            .is_some_and(|range| range.contains(&(*median as f32)))
+    });
     medians.sort_by(f64::total_cmp);
     Ok(medians.get(medians.len() / 2).copied())
 }

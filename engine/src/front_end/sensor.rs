@@ -60,11 +60,13 @@ impl SensorFrontEnd {
         let start = Instant::now();
         let (image, color) = sequence.load_gray_and_color(frame)?;
         let colors = KeyframeColors::of(&color);
-        let depth = sequence
-            .load_depth(frame)?
+        let (depth, mut unmeasurable) = sequence
+            .load_depth_counted(frame)?
             .ok_or_else(|| FrontEndError::WithoutDepth { frame: name() })?;
         let sigma = sequence.load_depth_sigma(frame)?;
         let loaded = start.elapsed();
+        let far = |depth: &&f32| **depth > 0.0 && !self.sensor.noise.can_measure(**depth);
+        unmeasurable += depth.samples().iter().filter(far).count();
         let camera = sequence.color_camera();
         let (width, height) = (image.width(), image.height());
         let map = match &sigma {
@@ -93,6 +95,7 @@ impl SensorFrontEnd {
             edge_points: Vec::new(),
             surface: extraction.surface,
             depth: Some(compact),
+            unmeasurable_depths: unmeasurable,
             colors,
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,

@@ -76,7 +76,7 @@ impl LineMap {
         Ok(Self {
             camera: camera.clone(),
             noise: DepthNoise::new(noise),
-            segments: SegmentMap::new(options.cluster, median_depth)?,
+            segments: SegmentMap::new(options, median_depth)?,
             landmarks: LandmarkFusion::new(options),
             views: Vec::new(),
             provisional: ProvisionalKeyframes::default(),

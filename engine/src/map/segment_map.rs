@@ -1,11 +1,11 @@
 //! Segments of all keyframes in world coordinates, and their clusters.
 
-use linecarve_lines::cluster::{
-    ClusterEvent, ClusterOptions, ClusterOptionsError, SegmentClusterer, SegmentId,
-};
+use linecarve_lines::cluster::{ClusterEvent, ClusterOptionsError, SegmentClusterer, SegmentId};
+use linecarve_lines::paper::{PaperClusterOptions, PaperClusterer};
 use nalgebra::{Isometry3, Point3};
 
 use crate::front_end::LineKeyframe;
+use crate::options::{LineMethod, Options};
 use linecarve_mesh::LineSet;
 
 /// After this many further keyframes a segment alone in its cluster stays alone.
@@ -27,6 +27,8 @@ pub struct SegmentMap {
 /// The clusters of segments.
 enum Clusters {
     Growing(Box<SegmentClusterer>),
+    /// By first come, as in the paper.
+    FirstCome(Box<PaperClusterer>),
     /// Representatives of those of sufficient size, oldest first.
     Final(Vec<[Point3<f64>; 2]>),
 }
@@ -36,22 +38,24 @@ impl SegmentMap {
     ///
     /// # Errors
     /// When an option is out of range.
-    pub fn new(options: ClusterOptions, median_depth: f64) -> Result<Self, ClusterOptionsError> {
+    pub fn new(options: &Options, median_depth: f64) -> Result<Self, ClusterOptionsError> {
+        let clusterer = SegmentClusterer::new(options.cluster, median_depth)?;
+        let first_come = PaperClusterOptions::with_unit(median_depth);
         Ok(Self {
             segments: Vec::new(),
             first_of: Vec::new(),
             is_removed: Vec::new(),
             removed: 0,
-            clusters: Clusters::Growing(Box::new(SegmentClusterer::new(options, median_depth)?)),
+            clusters: match options.lines {
+                LineMethod::EdgeAided => Clusters::Growing(Box::new(clusterer)),
+                LineMethod::Paper => Clusters::FirstCome(Box::new(PaperClusterer::new(first_come))),
+            },
             events: Vec::new(),
         })
     }
 
     /// Adds the segments of a keyframe. Degenerate ones, with equal or non-finite ends, are left out.
     pub fn push(&mut self, keyframe: &LineKeyframe) {
-        let Clusters::Growing(clusterer) = &mut self.clusters else {
-            unreachable!("a map with final clusters takes no keyframes");
-        };
         self.events.clear();
         self.first_of.push(self.segments.len() as u32);
         let more = keyframe.segments.len();
@@ -62,13 +66,21 @@ impl SegmentMap {
         }
         for segment in &keyframe.segments {
             let ends_in_world = segment.ends_in_world(&keyframe.world_from_camera);
-            let inserted = clusterer.insert(ends_in_world, &mut self.events);
-            if inserted.is_some() {
+            let is_inserted = match &mut self.clusters {
+                Clusters::Growing(clusterer) => {
+                    clusterer.insert(ends_in_world, &mut self.events).is_some()
+                }
+                Clusters::FirstCome(clusterer) => clusterer.insert(ends_in_world),
+                Clusters::Final(_) => unreachable!("a map with final clusters takes no keyframes"),
+            };
+            if is_inserted {
                 self.segments.push(ends_in_world.map(|end| end.cast()));
                 self.is_removed.push(false);
             }
         }
-        if let Some(old) = (self.first_of.len() - 1).checked_sub(OPEN_KEYFRAMES) {
+        if let Clusters::Growing(clusterer) = &mut self.clusters
+            && let Some(old) = (self.first_of.len() - 1).checked_sub(OPEN_KEYFRAMES)
+        {
             clusterer.close_single(of_keyframe(old, &self.first_of, self.segments.len()));
         }
     }
@@ -76,11 +88,8 @@ impl SegmentMap {
     /// Moves the segments of keyframes by these transforms of the world, or removes them.
     ///
     /// # Complexity
-    /// The segments of these keyframes, and those that share a cluster with them.
+    /// The segments of these keyframes, and those that share a cluster with them; of clusters by first come, all segments.
     pub(super) fn change(&mut self, keyframes: &[(usize, Option<Isometry3<f64>>)]) {
-        let Clusters::Growing(clusterer) = &mut self.clusters else {
-            unreachable!("a map with final clusters takes no keyframes");
-        };
         let mut changed = Vec::new();
         for (keyframe, transform) in keyframes {
             for id in of_keyframe(*keyframe, &self.first_of, self.segments.len()) {
@@ -99,6 +108,18 @@ impl SegmentMap {
                 }
             }
         }
+        let clusterer = match &mut self.clusters {
+            Clusters::Growing(clusterer) => clusterer,
+            Clusters::FirstCome(clusterer) => {
+                clusterer.clear();
+                let all = self.segments.iter().zip(&self.is_removed);
+                for (ends, _) in all.filter(|(_, is_removed)| !**is_removed) {
+                    clusterer.insert(ends.map(|end| end.cast()));
+                }
+                return;
+            }
+            Clusters::Final(_) => unreachable!("a map with final clusters takes no keyframes"),
+        };
         self.events.clear();
         let ends = |id: SegmentId| self.segments[id.0 as usize].map(|end| end.cast());
         clusterer.change(&changed, ends, &mut self.events);
@@ -134,6 +155,7 @@ impl SegmentMap {
     pub fn cluster_count(&self) -> usize {
         match &self.clusters {
             Clusters::Growing(clusterer) => clusterer.cluster_count(),
+            Clusters::FirstCome(clusterer) => clusterer.line_count(),
             Clusters::Final(ends) => ends.len(),
         }
     }
@@ -150,13 +172,15 @@ impl SegmentMap {
 
     /// Their end points.
     pub(super) fn cluster_ends(&self) -> impl Iterator<Item = [Point3<f64>; 2]> {
-        let (growing, last) = match &self.clusters {
-            Clusters::Growing(clusterer) => (Some(clusterer.clusters()), None),
-            Clusters::Final(ends) => (None, Some(ends)),
+        let (growing, first_come, last) = match &self.clusters {
+            Clusters::Growing(clusterer) => (Some(clusterer.clusters()), None, None),
+            Clusters::FirstCome(clusterer) => (None, Some(clusterer.lines()), None),
+            Clusters::Final(ends) => (None, None, Some(ends)),
         };
         let growing = growing.into_iter().flatten();
         growing
             .map(|(_, cluster)| cluster.representative.ends)
+            .chain(first_come.into_iter().flatten())
             .chain(last.into_iter().flatten().copied())
     }
 }

@@ -21,7 +21,7 @@ impl Map {
     /// # Errors
     /// When a clustering option is out of range.
     pub fn of_segments(options: &Options, median_depth: f64) -> Result<Self, MapError> {
-        let segments = SegmentMap::new(options.cluster, median_depth)?;
+        let segments = SegmentMap::new(options, median_depth)?;
         Ok(Self::new(
             options,
             Contents::Segments(Box::new(segments)),
@@ -32,7 +32,7 @@ impl Map {
     /// An empty map of segments observed by `camera` with depth of this source; `median_depth` is in units of the poses.
     ///
     /// Depth images confirm or reject each triangle, those on the convex hull of all points too: a wall that is measured
-    /// without error lies on it. Without them nothing says that there is a surface on the hull, and none is exported.
+    /// without error lies on it. Without them, or when nothing is compared with them, nothing says that there is a surface on the hull, and none is exported.
     ///
     /// # Errors
     /// When an option is out of range.
@@ -66,7 +66,9 @@ impl Map {
         let is_sensor = matches!(depth, DepthSource::Sensor(_));
         let lines = LineMap::new(&options, camera, depth.noise(), median_depth, is_sensor)?;
         match depth {
-            DepthSource::Sensor(_) => options.surface.keep_hull = true,
+            DepthSource::Sensor(_) => {
+                options.surface.keep_hull |= options.surface.least_measured_share > 0.0;
+            }
             DepthSource::SemiDense(source) if source.options.is_dense => {
                 let largest = source.options.longest_edge_share;
                 let longest = &mut options.surface.longest_edge_share;

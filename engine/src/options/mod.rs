@@ -2,6 +2,7 @@
 
 mod labels;
 mod map;
+mod paper;
 mod semi_dense;
 
 use std::fmt::Display;
@@ -13,6 +14,7 @@ use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
 use linecarve_lines::depth::{EdgeDepthOptions, SensorNoise};
 use linecarve_lines::edges::EdgeOptions;
 use linecarve_lines::fit::FitOptions;
+use linecarve_lines::paper::PaperOptions;
 
 use linecarve_mesh::diff::Tolerance;
 use linecarve_points::{MapPointOptions, PointOptionsError, PoseCorrectionOptions};
@@ -33,6 +35,8 @@ pub struct Options {
     pub sensor: SensorOptions,
     /// Depth from neighbouring keyframes.
     pub semi_dense: SemiDenseStage,
+    /// How segments are found and clustered.
+    pub lines: LineMethod,
     /// Edge chains.
     pub edges: EdgeOptions,
     /// Depth of edge pixels.
@@ -59,6 +63,16 @@ pub struct Options {
     pub surface: SurfaceOptions,
     /// Simplification of the final mesh.
     pub simplify: SimplifySettings,
+}
+
+/// How segments are found and clustered.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum LineMethod {
+    /// As `fit` and `cluster` say.
+    #[default]
+    EdgeAided,
+    /// As the paper says, to the letter: see [`linecarve_lines::paper`].
+    Paper,
 }
 
 /// Image loading.
@@ -228,12 +242,16 @@ pub enum OptionsError {
 }
 
 impl Options {
-    /// Options of the segment extraction.
-    pub fn extract(&self) -> ExtractOptions {
+    /// Options of the segment extraction in a scene of this median depth.
+    pub fn extract(&self, median_depth: f64) -> ExtractOptions {
         ExtractOptions {
             edges: self.edges,
             edge_depth: self.edge_depth,
             fit: self.fit,
+            paper: match self.lines {
+                LineMethod::EdgeAided => None,
+                LineMethod::Paper => Some(PaperOptions::with_unit(median_depth)),
+            },
             samples: self
                 .surface_points
                 .enabled

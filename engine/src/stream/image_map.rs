@@ -416,7 +416,7 @@ impl ImageMap {
         let mut mapper = Mapper::new(map, origin);
         let keyframes = self.keyframes.list();
         let depth = DepthSource::SemiDense(Box::new(source));
-        let extract = options.extract();
+        let extract = options.extract(median_depth);
         let mut front_end = FrontEnd::lines(&depth, frames.len(), extract, None, false)?;
         let add_arrival = |number: usize, arrival: Arrival| -> Result<(), SessionError> {
             match arrival {

@@ -271,6 +271,9 @@ pub enum Reply {
         /// What tracking came to, in a session that tracks.
         #[serde(skip_serializing_if = "Option::is_none")]
         tracking: Option<TrackingSummary>,
+        /// What was left out of the keyframes.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        warnings: Vec<String>,
     },
 }
 

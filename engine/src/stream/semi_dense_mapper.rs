@@ -35,7 +35,10 @@ impl SemiDenseMapper {
         let mut mapper = Mapper::new(map, origin);
         mapper.follow_surface();
         Ok(Self {
-            front_end: Some(SemiDenseFrontEnd::live(&source, options.extract())?),
+            front_end: Some(SemiDenseFrontEnd::live(
+                &source,
+                options.extract(median_depth),
+            )?),
             mapper,
             source,
         })

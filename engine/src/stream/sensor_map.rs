@@ -58,6 +58,14 @@ impl SessionState for SensorMap {
             .collect()
     }
 
+    fn unmeasurable_depths(&self) -> usize {
+        let estimates = self.keyframes.list().iter();
+        let estimates = estimates.filter_map(|keyframe| keyframe.estimate.as_ref());
+        estimates
+            .map(|estimate| estimate.keyframe().unmeasurable_depths())
+            .sum()
+    }
+
     fn newest(&self) -> Option<NewestKeyframe> {
         let mut newest = self.keyframes.newest()?;
         newest.times = self.newest_times;
@@ -165,7 +173,7 @@ impl SensorMap {
         let mut map = Map::of_lines(options, camera, &depth, median_depth)?;
         map.keep_measurements();
         let mut session_map = Self {
-            front_end: SensorFrontEnd::new(sensor.clone(), options.extract())?,
+            front_end: SensorFrontEnd::new(sensor.clone(), options.extract(median_depth))?,
             live,
             sensor,
             median_depth,

@@ -81,6 +81,11 @@ pub trait SessionState: Send {
     /// Ids of the keyframes and poses of their colour cameras, in the frame of computation.
     fn poses(&self) -> Vec<(u64, Isometry3<f64>)>;
 
+    /// Number of depth values of the keyframes that the camera cannot have measured.
+    fn unmeasurable_depths(&self) -> usize {
+        0
+    }
+
     /// The newest keyframe whose segments are known, or that messages are about.
     fn newest(&self) -> Option<NewestKeyframe>;
 }

@@ -15,9 +15,10 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use linecarve_lines::PaperOptions;
 use linecarve_lines::cluster::{ClusterOptions, SegmentClusterer};
 use linecarve_lines::depth::{DepthSensor, EdgeDepthOptions, SensorNoise};
-use linecarve_lines::fit::{DepthModel, FitOptions, Segment};
+use linecarve_lines::fit::{DepthModel, Segment};
 use linecarve_lines::image::GrayImage;
 use linecarve_lines::{ExtractOptions, SegmentExtractor};
 use sequence::{Sequence, View};
@@ -55,7 +56,7 @@ fn settings() -> Result<Settings, AnyError> {
         let fit = &mut settings.options.fit;
         let edge_depth = &mut settings.options.edge_depth;
         if argument == "--paper" {
-            *fit = FitOptions::paper();
+            settings.options.paper = Some(PaperOptions::with_unit(1.0));
         } else if argument == "--raw" {
             *edge_depth = EdgeDepthOptions::raw();
         } else if let Some((key, value)) = argument.split_once('=') {
@@ -72,7 +73,6 @@ fn settings() -> Result<Settings, AnyError> {
                         DepthModel::InverseDepth
                     }
                 }
-                "refit" => fit.refit_while_growing = value == "1",
                 "share" => fit.minimum_inlier_share = number()?,
                 "angle" => fit.minimum_view_angle_rad = number()?.to_radians(),
                 "radius" => edge_depth.radius_px = value.parse()?,

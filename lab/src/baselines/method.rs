@@ -9,12 +9,13 @@ use super::decoupled::{Decoupled, DecoupledOptions};
 use super::edge_aided::EdgeAided;
 use super::line_detection::{LineDetectorOptions, LineDetectorOptionsError};
 use super::matched::{Matched, MatchedOptions};
-use super::paper::{Paper, PaperOptions};
+use super::paper::Paper;
 use super::points::{PointCloud, PointCloudOptions};
 use super::ransac::{Ransac, RansacOptions};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
+use linecarve_lines::paper::PaperOptions;
 use linecarve_lines::{ExtractError, ExtractOptions};
 
 /// A keyframe, the input of every method.
@@ -177,7 +178,7 @@ impl std::fmt::Display for Method {
 }
 
 /// Settings of all methods.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MethodOptions {
     /// Edge chains, depth of edge pixels, fitting.
     pub extract: ExtractOptions,
@@ -193,6 +194,21 @@ pub struct MethodOptions {
     pub matched: MatchedOptions,
     /// The point cloud.
     pub points: PointCloudOptions,
+}
+
+impl Default for MethodOptions {
+    /// The defaults of each method, in a map whose unit is the median depth.
+    fn default() -> Self {
+        Self {
+            extract: ExtractOptions::default(),
+            detector: LineDetectorOptions::default(),
+            decoupled: DecoupledOptions::default(),
+            ransac: RansacOptions::default(),
+            paper: PaperOptions::with_unit(1.0),
+            matched: MatchedOptions::default(),
+            points: PointCloudOptions::default(),
+        }
+    }
 }
 
 impl Method {

@@ -33,6 +33,6 @@ pub use method::{
     Findings, FoundPoint, FoundSegment, LineMethod, Method, MethodError, MethodOptions,
     PosedKeyframe,
 };
-pub use paper::{Paper, PaperClusterOptions, PaperClusterer, PaperOptions};
+pub use paper::Paper;
 pub use points::{PointCloud, PointCloudOptions};
 pub use ransac::{Ransac, RansacOptions};

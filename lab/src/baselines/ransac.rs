@@ -10,9 +10,9 @@ use super::decoupled::inverse_depth;
 use super::image_segments::ImageSegments;
 use super::line_detection::{LineDetectorOptions, LineSegment2d};
 use super::method::{Findings, FoundSegment, LineMethod, Method, MethodError, PosedKeyframe};
-use super::paper::line_of;
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::edges::EdgeOptions;
+use linecarve_lines::paper::line_of;
 
 /// Settings of [`Ransac`].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -100,7 +100,9 @@ fn measure(folder: &Path, args: &DepthArgs) -> anyhow::Result<Row> {
 /// The final keyframes of a recording.
 fn surfaces(recording: &Recording) -> anyhow::Result<Vec<LineKeyframe>> {
     let source = recording.depth.as_ref().context("depth was not prepared")?;
-    let extract = recording.options.extract();
+    let extract = recording
+        .options
+        .extract(recording.median_depth.unwrap_or(1.0));
     let frames = &recording.keyframes;
     let mut front_end = FrontEnd::lines(source, frames.len(), extract, None, false)?;
     let mut keyframes = Vec::new();

@@ -11,9 +11,7 @@ use linecarve::progress::{Progress, Verbosity};
 use linecarve::report::KeyframeReport;
 use linecarve::run::{StageTimes, milliseconds};
 use linecarve::{Recording, Source};
-use linecarve_lab::baselines::{
-    Findings, LineMethod, Method, MethodOptions, PaperOptions, PosedKeyframe,
-};
+use linecarve_lab::baselines::{Findings, LineMethod, Method, MethodOptions, PosedKeyframe};
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
 use linecarve_sequence::ColorImage;
@@ -56,12 +54,10 @@ pub(super) fn run(
         "the method {method} works on depth images, which {} does not have or which --depth leaves out",
         args.input.sequence.display()
     );
+    let unit = recording.median_depth.unwrap_or(1.0);
     let mut runner = method.build(&MethodOptions {
-        extract: recording.options.extract(),
-        paper: PaperOptions {
-            unit: recording.median_depth.unwrap_or(1.0),
-            ..PaperOptions::default()
-        },
+        extract: recording.options.extract(unit),
+        paper: PaperOptions::with_unit(unit),
         ..MethodOptions::default()
     })?;
     let mut findings = Findings::default();

@@ -109,6 +109,7 @@ impl<'a> Output<'a> {
                 origin: recording.origin.into(),
                 poses: recording.poses,
             },
+            preset: recording.options.preset(),
             parameters: Configuration::of(&recording.options),
             result: self.result,
             warnings,

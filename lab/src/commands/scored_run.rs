@@ -71,6 +71,7 @@ pub(super) fn open_with(
     let stages = StageArgs {
         depth,
         config: None,
+        preset: None,
         max_image_size: None,
         format: Vec::new(),
         json: false,

@@ -3,12 +3,12 @@
 use std::time::Instant;
 
 use crate::baselines::{
-    Findings, FoundSegment, LineMethod, Method, MethodError, MethodOptions, PaperClusterOptions,
-    PaperClusterer, PosedKeyframe,
+    Findings, FoundSegment, LineMethod, Method, MethodError, MethodOptions, PosedKeyframe,
 };
 use linecarve_lines::cluster::{ClusterOptions, ClusterOptionsError, SegmentClusterer};
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
+use linecarve_lines::paper::{PaperClusterOptions, PaperClusterer};
 use nalgebra::{Point2, Point3};
 use serde::Serialize;
 
@@ -178,7 +178,9 @@ pub fn cluster_lines(
 ) -> Result<Vec<[Point3<f64>; 2]>, ClusterOptionsError> {
     if method == Method::Paper {
         let mut clusterer = PaperClusterer::new(PaperClusterOptions::with_unit(median_depth));
-        segments.for_each(|ends| clusterer.insert(ends));
+        for ends in segments {
+            clusterer.insert(ends);
+        }
         return Ok(clusterer.lines().collect());
     }
     let mut clusterer = SegmentClusterer::new(options, median_depth)?;

@@ -41,7 +41,8 @@ pub struct CompactDepth {
 }
 
 impl CompactDepth {
-    /// The depth image of a sensor, in units of the poses; 0, negative and non-finite depths are unknown. Images with a side of more
+    /// The depth image of a sensor, in units of the poses; depths that it [cannot
+    /// measure](super::SensorNoise::can_measure) are unknown. Images with a side of more
     /// than 400 pixels are thinned by a whole number. `color` is the camera of the colour image, for sensors that are registered to it.
     pub fn new(depth: &Plane<f32>, sensor: &DepthSensor, color: &Camera) -> Self {
         let step = depth
@@ -55,7 +56,7 @@ impl CompactDepth {
             false => &sensor.camera,
         };
         let step_px = step as f64;
-        let is_known = |depth: f32| depth > 0.0 && depth.is_finite();
+        let is_known = |depth: f32| sensor.noise.can_measure(depth);
         let code = |depth: f32| (depth.to_bits() + (1 << (OMITTED_BITS - 1))) >> OMITTED_BITS;
         let thinned =
             || (0..rows).flat_map(|row| depth.row(row * step).iter().step_by(step).copied());

@@ -112,11 +112,16 @@ fn find_splats(row: &ProjectedRow, surface: &NearestSurface, splats: &mut Vec<Ne
 }
 
 impl SensorNoise {
-    /// Measurements of the given inverse depths; 0, and what has no finite standard deviation, is unknown.
+    /// Measurements of the given inverse depths; 0, what is not above the standard deviation, and what has none
+    /// that is finite, is unknown.
     fn samples(&self, rho: &[f32]) -> Vec<InverseDepth> {
         let sigma = self.in_single_precision();
+        let least = self.inverse_depth_sigma as f32;
         rho.iter()
-            .map(|&rho| InverseDepth::new(rho, sigma(rho)).unwrap_or(UNKNOWN))
+            .map(|&rho| {
+                let measurement = InverseDepth::new(rho, sigma(rho));
+                measurement.filter(|it| it.rho > least).unwrap_or(UNKNOWN)
+            })
             .collect()
     }
 }

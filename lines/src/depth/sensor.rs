@@ -53,6 +53,13 @@ impl SensorNoise {
         }
     }
 
+    /// Whether a depth can be measured: it is positive and finite, and its inverse is larger than the standard deviation, so that it differs
+    /// from infinity.
+    pub fn can_measure(&self, depth: f32) -> bool {
+        let rho = 1.0 / f64::from(depth);
+        depth > 0.0 && depth.is_normal() && rho > self.inverse_depth_sigma
+    }
+
     /// Standard deviation of an inverse depth.
     pub fn sigma(&self, rho: f64) -> f64 {
         // d rho = rho^2 d z
@@ -133,8 +140,8 @@ impl DepthSensor {
         }
     }
 
-    /// Inverse depth of each pixel of the colour image, from a depth image in units of the poses; 0, negative and non-finite depths are
-    /// unknown.
+    /// Inverse depth of each pixel of the colour image, from a depth image in units of the poses. Depths that the sensor [cannot
+    /// measure](SensorNoise::can_measure) are unknown.
     ///
     /// An unregistered depth image is projected forward as a surface: cells of 2 x 2 depth pixels on one surface are filled with linear
     /// inverse depth, and the nearest surface wins. A finer colour image therefore shows no holes.
@@ -171,7 +178,8 @@ impl DepthSensor {
     }
 
     /// [`inverse_depth`](Self::inverse_depth) of a registered depth image with the standard deviation of each depth, in units of the
-    /// poses, in place of that of the sensor. Where it is 0, negative or not finite, the depth is unknown.
+    /// poses, in place of that of the sensor. Where it is 0, negative, not finite or as large as the depth, the depth is
+    /// unknown.
     ///
     /// # Errors
     /// As [`inverse_depth`](Self::inverse_depth), and when depth is not registered or the two images differ in size.
@@ -194,7 +202,10 @@ impl DepthSensor {
             .map(|(&z, &sigma)| {
                 // d rho = rho^2 d z
                 let rho = 1.0 / z;
-                InverseDepth::new(rho, sigma * rho * rho).unwrap_or(UNKNOWN)
+                let measurement = InverseDepth::new(rho, sigma * rho * rho);
+                measurement
+                    .filter(|it| it.sigma < it.rho)
+                    .unwrap_or(UNKNOWN)
             })
             .collect();
         Ok(InverseDepthMap::new(width, height, samples)?)
@@ -242,6 +253,9 @@ impl DepthSensor {
     /// The measurement of a depth, or [`UNKNOWN`].
     #[inline]
     fn measurement(&self, depth: f32) -> InverseDepth {
+        if !self.noise.can_measure(depth) {
+            return UNKNOWN;
+        }
         let rho = 1.0 / f64::from(depth);
         let (rho, sigma) = (rho as f32, self.noise.sigma(rho) as f32);
         InverseDepth::new(rho, sigma).unwrap_or(UNKNOWN)
@@ -273,6 +287,23 @@ mod tests {
         let sigma_depth = f64::from(far.sigma) * 16.0;
         assert!((sigma_depth - 0.024).abs() < 1e-4);
         assert_eq!(map.median_depth(), Some(2.0));
+    }
+
+    #[test]
+    fn depths_like_infinity_are_unknown() {
+        // The standard deviation is as large as the depth at 2 / 0.003.
+        let noise = SensorNoise::relative_at(0.003, 2.0, 0.0);
+        assert!(noise.can_measure(600.0) && noise.can_measure(1e-3));
+        for depth in [700.0, 1e10, f32::MAX, 1e-40, f32::NAN] {
+            assert!(!noise.can_measure(depth), "{depth}");
+        }
+        for is_registered in [true, false] {
+            let mut sensor = DepthSensor::registered(&camera(), noise);
+            sensor.is_registered = is_registered;
+            let depth = Plane::new(40, 30, vec![1e10_f32; 1200]).unwrap();
+            let map = sensor.inverse_depth(&depth, &camera(), 40, 30).unwrap();
+            assert_eq!(map.known_count(), 0);
+        }
     }
 
     #[test]

@@ -174,13 +174,8 @@ impl Chain<'_> {
     }
 
     pub(super) fn pixel(&self, position: usize) -> Vector2<f64> {
-        if self.options.subpixel {
-            let [x, y] = self.positions[position];
-            Vector2::new(f64::from(x), f64::from(y))
-        } else {
-            let [x, y] = self.pixels[position];
-            Vector2::new(f64::from(x), f64::from(y))
-        }
+        let [x, y] = self.positions[position];
+        Vector2::new(f64::from(x), f64::from(y))
     }
 
     fn depth(&self, position: usize) -> Option<InverseDepth> {
@@ -345,7 +340,7 @@ impl Chain<'_> {
             };
             self.add_inlier(position, depth, &mut sums);
             last = position;
-            if self.options.refit_while_growing && sums.image.n >= refit_at {
+            if sums.image.n >= refit_at {
                 if let Some(refitted) = self.lines(&sums, lines.image.direction) {
                     lines = refitted;
                 }

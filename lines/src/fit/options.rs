@@ -37,10 +37,6 @@ pub struct FitOptions {
     pub depth_gate_sigmas: f64,
     /// The fitted depth quantity.
     pub depth_model: DepthModel,
-    /// Use the sub-pixel gradient maximum instead of the pixel centre.
-    pub subpixel: bool,
-    /// Refit both lines while the segment grows; `false` keeps the initial fit, as in the paper.
-    pub refit_while_growing: bool,
     /// Least share of inliers between the first and the last inlier, 0 to 1.
     pub minimum_inlier_share: f64,
     /// Least angle between a segment and the view rays of its ends.
@@ -63,8 +59,6 @@ impl Default for FitOptions {
             depth_tolerance_share: 0.003,
             depth_gate_sigmas: 1.0,
             depth_model: DepthModel::InverseDepth,
-            subpixel: true,
-            refit_while_growing: true,
             minimum_inlier_share: 0.5,
             minimum_view_angle_rad: 15.0_f64.to_radians(),
             pixel_sigma_px: 0.5,
@@ -75,18 +69,6 @@ impl Default for FitOptions {
 }
 
 impl FitOptions {
-    /// The published algorithm: whole pixels, depth by total least squares, no refit while growing, no sigma gate.
-    pub fn paper() -> Self {
-        Self {
-            depth_gate_sigmas: 0.0,
-            depth_model: DepthModel::Depth,
-            subpixel: false,
-            refit_while_growing: false,
-            minimum_inlier_share: 0.0,
-            ..Self::default()
-        }
-    }
-
     /// The same settings for depths whose errors are independent, as those that are measured in images pixel by pixel. Along lines that lead away
     /// from the camera they are less exact than those of a sensor.
     pub fn for_independent_depths(self) -> Self {
@@ -179,6 +161,6 @@ mod tests {
             ..FitOptions::default()
         };
         assert_eq!(options.validate().unwrap_err().name, "window_share");
-        assert!(FitOptions::paper().validate().is_ok());
+        assert!(FitOptions::default().validate().is_ok());
     }
 }

@@ -6,17 +6,23 @@
 //! shade their triangles flat.
 
 mod builder;
-mod document;
 
 use std::path::Path;
 
-use nalgebra::{Point3, Vector3};
+use gltf::binary::{Glb, Header};
+use nalgebra::{Point3, Rotation3, Vector3};
 
 use self::builder::Builder;
 use super::error::MeshFileError;
 use crate::files::{WriteError, write_atomically};
 use crate::texture::EncodedTexture;
 use crate::types::{GeometryError, LineSet, TriangleMesh, is_storable};
+
+/// From the program's frames to those of glTF: x, -y, -z.
+fn gltf_from_original() -> Rotation3<f64> {
+    let diagonal = Vector3::new(1.0, -1.0, -1.0);
+    Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_diagonal(&diagonal))
+}
 
 /// Geometry of one node.
 #[derive(Debug, Clone, Copy)]
@@ -49,7 +55,7 @@ pub fn write_glb(
     parts: &[GlbPart<'_>],
     origin: &Vector3<f64>,
 ) -> Result<(), MeshFileError> {
-    let mut builder = Builder::new(Vec::new());
+    let mut builder = Builder::new(Vec::new(), gltf_from_original());
     for part in parts {
         match part.geometry {
             Geometry::Mesh(mesh) => mesh.validate(),
@@ -111,7 +117,7 @@ impl GlbWriter {
         if self.binary.capacity() < bytes {
             self.binary.reserve_exact(bytes + bytes / 8);
         }
-        let mut builder = Builder::new(std::mem::take(&mut self.binary));
+        let mut builder = Builder::new(std::mem::take(&mut self.binary), gltf_from_original());
         let mut fault = None;
         let check = |(index, position): (usize, Point3<f64>)| {
             if fault.is_none() && !is_storable(&position) {
@@ -138,7 +144,7 @@ impl GlbWriter {
 
 /// The JSON chunk and the binary chunk.
 fn finish(
-    builder: Builder<'_>,
+    builder: Builder,
     path: &Path,
     origin: &Vector3<f64>,
 ) -> Result<(Vec<u8>, Vec<u8>), WriteError> {
@@ -150,31 +156,29 @@ fn finish(
 
 /// Writes the two chunks of a file.
 fn write_chunks(path: &Path, json: &[u8], binary: &[u8]) -> Result<(), MeshFileError> {
-    let binary_chunk = if binary.is_empty() {
-        0
-    } else {
-        8 + binary.len()
-    };
-    let total = 12 + 8 + json.len() + binary_chunk;
-    let Ok(total) = u32::try_from(total) else {
+    let chunk = |bytes: &[u8]| 8 + bytes.len().next_multiple_of(4);
+    let has_binary = !binary.is_empty();
+    let total = 12 + chunk(json) + if has_binary { chunk(binary) } else { 0 };
+    let Ok(length) = u32::try_from(total) else {
         return Err(MeshFileError::TooLarge {
             path: path.to_owned(),
             bytes: total,
         });
     };
+    let file = Glb {
+        header: Header {
+            magic: *b"glTF",
+            version: 2,
+            length,
+        },
+        json: json.into(),
+        bin: has_binary.then(|| binary.into()),
+    };
     write_atomically(path, |out| {
-        out.write_all(b"glTF")?;
-        out.write_all(&2u32.to_le_bytes())?;
-        out.write_all(&total.to_le_bytes())?;
-        out.write_all(&(json.len() as u32).to_le_bytes())?;
-        out.write_all(b"JSON")?;
-        out.write_all(json)?;
-        if !binary.is_empty() {
-            out.write_all(&(binary.len() as u32).to_le_bytes())?;
-            out.write_all(b"BIN\0")?;
-            out.write_all(binary)?;
-        }
-        Ok(())
+        file.to_writer(out).map_err(|error| match error {
+            gltf::Error::Io(error) => error,
+            other => std::io::Error::other(other),
+        })
     })?;
     Ok(())
 }

@@ -117,8 +117,20 @@ pub struct DepthFacts {
     pub mean_coverage: f64,
     /// Smallest share in an image.
     pub least_coverage: f64,
+    /// Number of values of the decoded images that the camera cannot have measured; they are unknown.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub unmeasurable: usize,
     /// The 1st, 50th and 99th percentile of known depths; `None` if no depth is known.
     pub percentiles: Option<[f64; 3]>,
+}
+
+/// Whether a count is omitted.
+#[allow(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde hands over references"
+)]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// Points of the sparse model.
@@ -324,8 +336,8 @@ fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, Fram
     let measured = evenly_spaced(with_depth.len(), samples)
         .par_iter()
         .map(|&at| {
-            let depth = skip_unreadable(sequence.load_depth(with_depth[at]))?.flatten();
-            Ok(depth.map(|depth| {
+            let depth = skip_unreadable(sequence.load_depth_counted(with_depth[at]))?.flatten();
+            Ok(depth.map(|(depth, unmeasurable)| {
                 let all = depth.samples();
                 let known = all.iter().filter(|&&z| z > 0.0).count();
                 let few: Vec<f64> = all
@@ -338,6 +350,7 @@ fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, Fram
                     known as f64 / all.len().max(1) as f64,
                     few,
                     (depth.width(), depth.height()),
+                    unmeasurable,
                 )
             }))
         })
@@ -372,6 +385,7 @@ fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, Fram
         undecodable: measured.len() - sampled,
         mean_coverage: coverage().sum::<f64>() / sampled.max(1) as f64,
         least_coverage: coverage().fold(1.0, f64::min) * f64::from(u8::from(sampled > 0)),
+        unmeasurable: measured.iter().flatten().map(|row| row.3).sum(),
         percentiles,
     }))
 }

@@ -85,6 +85,13 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
     {
         facts.warnings.push(Warning::statement(warning));
     }
+    if let Some(depth) = facts.depth.as_ref().filter(|it| it.unmeasurable > 0) {
+        facts.warnings.push(Warning::statement(format!(
+            "{} depth value(s) of the {} images looked at are taken as unknown: next to the others they are too large or too small to \
+             be measured by the same camera (write 0 where nothing was measured)",
+            depth.unmeasurable, depth.sampled
+        )));
+    }
     facts.registration = registration::measure(sequence, options.registrations)?;
     if let Some(warning) = facts
         .registration

@@ -186,6 +186,7 @@ impl SemiDenseFrontEnd {
             edge_points,
             surface: SurfaceSamples::default(),
             depth: None,
+            unmeasurable_depths: 0,
             colors: self.entry(task.keyframe).colors.clone(),
             edge_chains: extraction.chains,
             edge_pixels: extraction.edge_pixels,

@@ -53,6 +53,7 @@ pub(in crate::commands) fn run(args: &FigureArgs, verbosity: Verbosity) -> anyho
     let stages = StageArgs {
         depth: args.depth,
         config: args.config.clone(),
+        preset: None,
         max_image_size: None,
         format: Vec::new(),
         json: false,

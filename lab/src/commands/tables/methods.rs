@@ -7,7 +7,7 @@ use linecarve::front_end::{DepthSource, SemiDenseSource, median_depth_from_image
 use linecarve::progress::{Progress, Verbosity};
 use linecarve::run::milliseconds;
 use linecarve::{DepthChoice, Input, Recording, Selection};
-use linecarve_lab::baselines::{Method, MethodOptions, PaperOptions};
+use linecarve_lab::baselines::{Method, MethodOptions};
 use linecarve_lab::tables::methods::{MethodRun, Runs, StageTime, clustered};
 
 use super::semi_dense;
@@ -37,11 +37,8 @@ pub(super) fn median_depth(recording: &Recording) -> f64 {
 
 fn method_options(recording: &Recording) -> MethodOptions {
     MethodOptions {
-        extract: recording.options.extract(),
-        paper: PaperOptions {
-            unit: median_depth(recording),
-            ..PaperOptions::default()
-        },
+        extract: recording.options.extract(median_depth(recording)),
+        paper: PaperOptions::with_unit(median_depth(recording)),
         ..MethodOptions::default()
     }
 }

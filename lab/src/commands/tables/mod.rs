@@ -31,6 +31,7 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let stages = StageArgs {
         depth: args.depth,
         config: args.config.clone(),
+        preset: None,
         max_image_size: None,
         format: Vec::new(),
         json: args.json,

@@ -65,7 +65,7 @@ pub(super) fn calibrate_pairs(
         if known.len() < MIN_DEPTHS {
             break;
         }
-        calibration = depth_range(&known, &calibration.range);
+        calibration = depth_range(&known, &calibration.range, options.range_sigmas);
         for (index, pair) in pairs.iter_mut().enumerate() {
             calibrate_pair(reference, pair, index as u32, &known, options);
             if pass + 1 < PASSES {
@@ -103,19 +103,41 @@ fn match_samples(
     })
 }
 
-/// Range of the fused inverse depths (2nd to 98th percentile with a margin, within `bounds`), and their median.
-fn depth_range(known: &[MatchedPixel], bounds: &InverseDepthRange) -> PairCalibration {
+/// Range of the fused inverse depths within `bounds`, and their median: so many standard deviations around their mean, or their 2nd to 98th
+/// percentile with a margin.
+fn depth_range(
+    known: &[MatchedPixel],
+    bounds: &InverseDepthRange,
+    sigmas: Option<f64>,
+) -> PairCalibration {
     let mut rhos: Vec<f32> = known.iter().map(|k| k.fused.rho).collect();
     rhos.sort_by(f32::total_cmp);
     let at = |share: f64| f64::from(rhos[(share * (rhos.len() - 1) as f64) as usize]);
     // Near surfaces are seen by few neighbours: the range must not exclude them.
     let median = at(0.5);
-    let lower = (0.6 * at(0.02)).min(0.25 * median).max(bounds.lower());
-    let upper = (1.6 * at(0.98)).max(3.0 * median).min(bounds.upper());
+    let [lower, upper] = match sigmas {
+        Some(sigmas) => around_mean(&rhos, sigmas),
+        None => [
+            (0.6 * at(0.02)).min(0.25 * median),
+            (1.6 * at(0.98)).max(3.0 * median),
+        ],
+    };
+    let (lower, upper) = (lower.max(bounds.lower()), upper.min(bounds.upper()));
     PairCalibration {
         range: InverseDepthRange::new(lower, upper).unwrap_or(*bounds),
         median_rho: Some(median),
     }
+}
+
+/// So many standard deviations below and above the mean.
+fn around_mean(values: &[f32], sigmas: f64) -> [f64; 2] {
+    let count = values.len() as f64;
+    let mean = values.iter().map(|value| f64::from(*value)).sum::<f64>() / count;
+    let squares = values
+        .iter()
+        .map(|value| (f64::from(*value) - mean).powi(2));
+    let margin = sigmas * (squares.sum::<f64>() / count).sqrt();
+    [mean - margin, mean + margin]
 }
 
 /// Calibrates one pair from the pixels whose depth it supports.

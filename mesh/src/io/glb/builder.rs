@@ -1,32 +1,68 @@
 //! The JSON tree and the binary chunk of a file under construction.
 
-use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
 
-use super::document::{
-    Accessor, Attributes, Buffer, BufferView, ComponentType, ElementType, Image, Material, Mesh,
-    Mode, Node, Primitive, Root, Sampler, Target, TextureSource, UNLIT,
+use gltf::json::accessor::{ComponentType, GenericComponentType, Type};
+use gltf::json::buffer::{Target, View};
+use gltf::json::extensions::material::{Material as MaterialExtensions, Unlit};
+use gltf::json::extras::RawValue;
+use gltf::json::image::MimeType;
+use gltf::json::material::{
+    EmissiveFactor, PbrBaseColorFactor, PbrMetallicRoughness, StrengthFactor,
 };
+use gltf::json::mesh::{Mode, Primitive, Semantic};
+use gltf::json::texture::{Info, MagFilter, MinFilter, Sampler, WrappingMode};
+use gltf::json::validation::Checked::Valid;
+use gltf::json::{
+    Accessor, Asset, Buffer, Image, Index, Material, Mesh, Node, Root, Scene, Texture, Value,
+};
+use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
+use serde::Serialize;
+
 use super::{Geometry, GlbPart, MeshElements};
 use crate::texture::EncodedTexture;
 use crate::types::TriangleMesh;
 
+/// Name of the extension for materials without shading.
+const UNLIT: &str = "KHR_materials_unlit";
+
+/// What the program stores of a scene beside the format.
+#[derive(Serialize)]
+struct SceneExtras {
+    /// 4 x 4 matrix, by rows.
+    original_from_gltf: [[f64; 4]; 4],
+}
+
 /// The document under construction: JSON tree and binary chunk.
-pub(super) struct Builder<'a> {
-    root: Root<'a>,
+pub(super) struct Builder {
+    root: Root,
+    /// Nodes of the scene.
+    nodes: Vec<Index<Node>>,
+    gltf_from_original: Rotation3<f64>,
     binary: Vec<u8>,
 }
 
-impl<'a> Builder<'a> {
-    /// An empty document, whose binary chunk takes the memory of `binary`.
-    pub(super) fn new(binary: Vec<u8>) -> Self {
+impl Builder {
+    /// An empty document with this rotation of positions, whose binary chunk takes the memory of `binary`.
+    pub(super) fn new(binary: Vec<u8>, gltf_from_original: Rotation3<f64>) -> Self {
+        let generator = concat!("linecarve ", env!("CARGO_PKG_VERSION"));
+        let asset = Asset {
+            generator: Some(generator.to_owned()),
+            ..Asset::default()
+        };
         Self {
-            root: Root::default(),
+            root: Root {
+                asset,
+                ..Root::default()
+            },
+            nodes: Vec::new(),
+            gltf_from_original,
             binary,
         }
     }
 
     /// Adds a node, from whose positions `origin` is subtracted.
-    pub(super) fn add(&mut self, part: &GlbPart<'a>, origin: &Vector3<f64>) {
+    pub(super) fn add(&mut self, part: &GlbPart<'_>, origin: &Vector3<f64>) {
         let mesh = match part.geometry {
             Geometry::Mesh(mesh) if !mesh.triangles.is_empty() => {
                 let elements = elements(&mesh.positions, &mesh.colors, &mesh.triangles);
@@ -47,7 +83,7 @@ impl<'a> Builder<'a> {
     /// Adds a node of a surface; `None` stands for one without triangles.
     pub(super) fn add_surface(
         &mut self,
-        name: &'a str,
+        name: &str,
         color: [u8; 3],
         mesh: Option<
             MeshElements<
@@ -62,15 +98,19 @@ impl<'a> Builder<'a> {
         self.add_node(name, mesh);
     }
 
-    fn add_node(&mut self, name: &'a str, mesh: Option<usize>) {
-        let node = push(&mut self.root.nodes, Node { mesh, name });
-        self.root.scenes[0].nodes.push(node);
+    fn add_node(&mut self, name: &str, mesh: Option<Index<Mesh>>) {
+        let node = self.root.push(Node {
+            mesh,
+            name: Some(name.to_owned()),
+            ..Node::default()
+        });
+        self.nodes.push(node);
     }
 
     /// Adds a mesh, which has the colour unless its vertices have their own.
     fn add_mesh<const N: usize>(
         &mut self,
-        name: &'a str,
+        name: &str,
         color: [u8; 3],
         mesh: MeshElements<
             impl Iterator<Item = Point3<f64>>,
@@ -79,70 +119,107 @@ impl<'a> Builder<'a> {
         >,
         mode: Mode,
         origin: &Vector3<f64>,
-    ) -> usize {
+    ) -> Index<Mesh> {
         let has_colors = mesh.colors.is_some();
-        let attributes = Attributes {
-            position: self.add_positions(mesh.positions, origin),
-            color: mesh.colors.map(|colors| self.add_colors(colors)),
-            coordinates: None,
-        };
+        let positions = self.add_positions(mesh.positions, origin);
+        let mut attributes = BTreeMap::from([(Valid(Semantic::Positions), positions)]);
+        if let Some(colors) = mesh.colors {
+            attributes.insert(Valid(Semantic::Colors(0)), self.add_colors(colors));
+        }
         let indices = self.add_indices(mesh.elements);
         let color = if has_colors { [255; 3] } else { color };
-        let primitive = Primitive {
-            attributes,
-            indices,
-            material: self.add_material(color, mode == Mode::Lines),
-            mode,
-        };
-        push(
-            &mut self.root.meshes,
-            Mesh {
-                name,
-                primitives: [primitive],
-            },
-        )
+        let is_unlit = mode == Mode::Lines;
+        let material = self.add_material(color.map(linear_from_srgb), None, is_unlit);
+        self.add_primitive(name, attributes, indices, material, mode)
     }
 
     fn add_textured(
         &mut self,
-        name: &'a str,
+        name: &str,
         mesh: &TriangleMesh,
         texture: &EncodedTexture,
         origin: &Vector3<f64>,
-    ) -> usize {
+    ) -> Index<Mesh> {
         let split = texture.split(mesh);
         let vertices = split.vertices.iter();
         let positions = vertices.map(|v| mesh.positions[*v as usize]);
-        let attributes = Attributes {
-            position: self.add_positions(positions, origin),
-            color: None,
-            coordinates: Some(self.add_coordinates(&split.coordinates)),
-        };
+        let attributes = BTreeMap::from([
+            (
+                Valid(Semantic::Positions),
+                self.add_positions(positions, origin),
+            ),
+            (
+                Valid(Semantic::TexCoords(0)),
+                self.add_coordinates(&split.coordinates),
+            ),
+        ]);
         let indices = self.add_indices(split.triangles.iter().copied());
-        let primitive = Primitive {
-            attributes,
-            indices,
-            material: self.add_texture(texture),
-            mode: Mode::Triangles,
-        };
-        let primitives = [primitive];
-        push(&mut self.root.meshes, Mesh { name, primitives })
+        let material = self.add_texture(texture);
+        self.add_primitive(name, attributes, indices, material, Mode::Triangles)
     }
 
-    /// The image and the material that shows it.
-    fn add_texture(&mut self, texture: &EncodedTexture) -> usize {
+    fn add_primitive(
+        &mut self,
+        name: &str,
+        attributes: BTreeMap<gltf::json::validation::Checked<Semantic>, Index<Accessor>>,
+        indices: Index<Accessor>,
+        material: Index<Material>,
+        mode: Mode,
+    ) -> Index<Mesh> {
+        let primitive = Primitive {
+            attributes,
+            extensions: None,
+            extras: None,
+            indices: Some(indices),
+            material: Some(material),
+            mode: Valid(mode),
+            targets: None,
+        };
+        self.root.push(Mesh {
+            extensions: None,
+            extras: None,
+            name: Some(name.to_owned()),
+            primitives: vec![primitive],
+            weights: None,
+        })
+    }
+
+    /// The image and the material that shows it, without shading, because the light is in the photographs. The image is read between its
+    /// texels smoothly, with smaller versions, and not repeated.
+    fn add_texture(&mut self, texture: &EncodedTexture) -> Index<Material> {
         let start = self.binary.len();
         self.binary.extend_from_slice(&texture.image);
-        let image = Image {
-            buffer_view: self.add_view(start, None),
-            mime_type: texture.format.media_type(),
-        };
+        let view = self.add_view(start, None);
         self.binary.resize(self.binary.len().next_multiple_of(4), 0);
-        let source = push(&mut self.root.images, image);
-        let sampler = push(&mut self.root.samplers, Sampler::default());
-        let index = push(&mut self.root.textures, TextureSource { sampler, source });
-        self.use_unlit();
-        push(&mut self.root.materials, Material::textured(index))
+        let source = self.root.push(Image {
+            buffer_view: Some(view),
+            mime_type: Some(MimeType(texture.format.media_type().to_owned())),
+            name: None,
+            uri: None,
+            extensions: None,
+            extras: None,
+        });
+        let sampler = self.root.push(Sampler {
+            mag_filter: Some(Valid(MagFilter::Linear)),
+            min_filter: Some(Valid(MinFilter::LinearMipmapLinear)),
+            wrap_s: Valid(WrappingMode::ClampToEdge),
+            wrap_t: Valid(WrappingMode::ClampToEdge),
+            ..Sampler::default()
+        });
+        let index = self.root.push(Texture {
+            name: None,
+            sampler: Some(sampler),
+            source,
+            extensions: None,
+            extras: None,
+        });
+        let info = Info {
+            index,
+            tex_coord: 0,
+            extensions: None,
+            extras: None,
+        };
+        self.add_material([1.0; 3], Some(info), true)
     }
 
     /// Numbers that fill the buffer from `start` on, without bounds.
@@ -151,21 +228,30 @@ impl<'a> Builder<'a> {
         start: usize,
         target: Target,
         count: usize,
-        (component_type, kind): (ComponentType, ElementType),
-    ) -> usize {
-        let accessor = Accessor {
-            buffer_view: self.add_view(start, Some(target)),
-            count,
-            component_type,
-            kind,
+        (component_type, type_): (ComponentType, Type),
+    ) -> Index<Accessor> {
+        let view = self.add_view(start, Some(target));
+        self.root.push(Accessor {
+            buffer_view: Some(view),
+            byte_offset: None,
+            count: count.into(),
+            component_type: Valid(GenericComponentType(component_type)),
+            extensions: None,
+            extras: None,
+            type_: Valid(type_),
             min: None,
             max: None,
+            name: None,
             normalized: false,
-        };
-        push(&mut self.root.accessors, accessor)
+            sparse: None,
+        })
     }
 
-    fn add_coordinates(&mut self, coordinates: &[[f32; 2]]) -> usize {
+    fn accessor_mut(&mut self, index: Index<Accessor>) -> &mut Accessor {
+        &mut self.root.accessors[index.value()]
+    }
+
+    fn add_coordinates(&mut self, coordinates: &[[f32; 2]]) -> Index<Accessor> {
         let start = self.binary.len();
         for pair in coordinates {
             let bytes = pair.map(f32::to_le_bytes);
@@ -175,7 +261,7 @@ impl<'a> Builder<'a> {
             start,
             Target::ArrayBuffer,
             coordinates.len(),
-            (ComponentType::F32, ElementType::Vec2),
+            (ComponentType::F32, Type::Vec2),
         )
     }
 
@@ -184,15 +270,15 @@ impl<'a> Builder<'a> {
         &mut self,
         points: impl Iterator<Item = Point3<f64>>,
         origin: &Vector3<f64>,
-    ) -> usize {
+    ) -> Index<Accessor> {
         let start = self.binary.len();
         let mut count = 0;
         let mut low = [f32::INFINITY; 3];
         let mut high = [f32::NEG_INFINITY; 3];
         for point in points {
-            let local = point - origin;
+            let turned: [f64; 3] = (self.gltf_from_original * (point - origin)).coords.into();
             // Adding zero turns -0 into 0.
-            let stored = [local.x, -local.y, -local.z].map(|value| (value + 0.0) as f32);
+            let stored = turned.map(|value| (value + 0.0) as f32);
             for axis in 0..3 {
                 low[axis] = low[axis].min(stored[axis]);
                 high[axis] = high[axis].max(stored[axis]);
@@ -205,16 +291,17 @@ impl<'a> Builder<'a> {
             start,
             Target::ArrayBuffer,
             count,
-            (ComponentType::F32, ElementType::Vec3),
+            (ComponentType::F32, Type::Vec3),
         );
-        let accessor = &mut self.root.accessors[index];
-        accessor.min = Some(low.map(f64::from));
-        accessor.max = Some(high.map(f64::from));
+        // Written as `f64`: the exact value of the stored `f32`.
+        let bound = |corner: [f32; 3]| Some(Value::from(corner.map(f64::from).to_vec()));
+        let accessor = self.accessor_mut(index);
+        (accessor.min, accessor.max) = (bound(low), bound(high));
         index
     }
 
     /// Colours as 16-bit linear RGBA: vertex colours of the format are linear, and 8 bits would show bands in the dark.
-    fn add_colors(&mut self, colors: impl Iterator<Item = [u8; 3]>) -> usize {
+    fn add_colors(&mut self, colors: impl Iterator<Item = [u8; 3]>) -> Index<Accessor> {
         let start = self.binary.len();
         let mut count = 0;
         let linear: [u16; 256] =
@@ -230,13 +317,16 @@ impl<'a> Builder<'a> {
             start,
             Target::ArrayBuffer,
             count,
-            (ComponentType::U16, ElementType::Vec4),
+            (ComponentType::U16, Type::Vec4),
         );
-        self.root.accessors[index].normalized = true;
+        self.accessor_mut(index).normalized = true;
         index
     }
 
-    fn add_indices<const N: usize>(&mut self, elements: impl Iterator<Item = [u32; N]>) -> usize {
+    fn add_indices<const N: usize>(
+        &mut self,
+        elements: impl Iterator<Item = [u32; N]>,
+    ) -> Index<Accessor> {
         let start = self.binary.len();
         let mut count = 0;
         for element in elements {
@@ -248,57 +338,87 @@ impl<'a> Builder<'a> {
             start,
             Target::ElementArrayBuffer,
             count,
-            (ComponentType::U32, ElementType::Scalar),
+            (ComponentType::U32, Type::Scalar),
         )
     }
 
     /// A view of the bytes from `start` to the end. All elements are multiples of 4 bytes long, and images are padded, so
     /// views are aligned.
-    fn add_view(&mut self, start: usize, target: Option<Target>) -> usize {
-        push(
-            &mut self.root.buffer_views,
-            BufferView {
-                buffer: 0,
-                byte_length: self.binary.len() - start,
-                byte_offset: start,
-                target,
+    fn add_view(&mut self, start: usize, target: Option<Target>) -> Index<View> {
+        self.root.push(View {
+            buffer: Index::new(0),
+            byte_length: (self.binary.len() - start).into(),
+            byte_offset: Some(start.into()),
+            byte_stride: None,
+            name: None,
+            target: target.map(Valid),
+            extensions: None,
+            extras: None,
+        })
+    }
+
+    /// An opaque, rough, two-sided material of a linear colour, or with a texture.
+    fn add_material(
+        &mut self,
+        [red, green, blue]: [f32; 3],
+        base_color_texture: Option<Info>,
+        is_unlit: bool,
+    ) -> Index<Material> {
+        if is_unlit && self.root.extensions_used.is_empty() {
+            self.root.extensions_used.push(UNLIT.to_owned());
+        }
+        self.root.push(Material {
+            double_sided: true,
+            pbr_metallic_roughness: PbrMetallicRoughness {
+                base_color_factor: PbrBaseColorFactor([red, green, blue, 1.0]),
+                base_color_texture,
+                metallic_factor: StrengthFactor(0.0),
+                roughness_factor: StrengthFactor(1.0),
+                ..PbrMetallicRoughness::default()
             },
-        )
+            emissive_factor: EmissiveFactor([0.0; 3]),
+            extensions: is_unlit.then(|| MaterialExtensions {
+                unlit: Some(Unlit {}),
+            }),
+            ..Material::default()
+        })
     }
 
-    fn add_material(&mut self, color: [u8; 3], is_unlit: bool) -> usize {
-        if is_unlit {
-            self.use_unlit();
-        }
-        let material = Material::new(color.map(linear_from_srgb), is_unlit);
-        push(&mut self.root.materials, material)
-    }
-
-    fn use_unlit(&mut self) {
-        if self.root.extensions_used.is_empty() {
-            self.root.extensions_used.push(UNLIT);
-        }
-    }
-
-    /// The JSON chunk, padded to 4 bytes, and the binary chunk.
+    /// The JSON chunk and the binary chunk.
     pub(super) fn finish(
         mut self,
         origin: &Vector3<f64>,
     ) -> serde_json::Result<(Vec<u8>, Vec<u8>)> {
         if !self.binary.is_empty() {
-            let byte_length = self.binary.len();
-            self.root.buffers.push(Buffer { byte_length });
+            self.root.buffers.push(Buffer {
+                byte_length: self.binary.len().into(),
+                name: None,
+                uri: None,
+                extensions: None,
+                extras: None,
+            });
         }
-        self.root.scenes[0].extras.original_from_gltf = [
-            [1.0, 0.0, 0.0, origin.x],
-            [0.0, -1.0, 0.0, origin.y],
-            [0.0, 0.0, -1.0, origin.z],
-            [0.0, 0.0, 0.0, 1.0],
-        ];
-        let mut json = serde_json::to_vec(&self.root)?;
-        json.resize(json.len().next_multiple_of(4), b' ');
-        Ok((json, self.binary))
+        let mut original_from_gltf = self.gltf_from_original.inverse().to_homogeneous();
+        original_from_gltf
+            .fixed_view_mut::<3, 1>(0, 3)
+            .copy_from(origin);
+        let extras = SceneExtras {
+            original_from_gltf: rows(&original_from_gltf),
+        };
+        let scene = self.root.push(Scene {
+            extensions: None,
+            extras: Some(RawValue::from_string(serde_json::to_string(&extras)?)?),
+            name: None,
+            nodes: self.nodes,
+        });
+        self.root.scene = Some(scene);
+        Ok((self.root.to_vec()?, self.binary))
     }
+}
+
+/// Rows of a matrix; adding zero turns -0 into 0.
+fn rows(matrix: &Matrix4<f64>) -> [[f64; 4]; 4] {
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)] + 0.0))
 }
 
 /// The elements of a mesh or of lines in memory.
@@ -316,12 +436,6 @@ fn elements<'e, const N: usize>(
         colors: colors.as_ref().map(|colors| colors.iter().copied()),
         elements: elements.iter().copied(),
     }
-}
-
-/// Appends a value and returns its index.
-fn push<T>(values: &mut Vec<T>, value: T) -> usize {
-    values.push(value);
-    values.len() - 1
 }
 
 /// Linear intensity, 0 to 1, of an sRGB channel (IEC 61966-2-1), in single precision.

@@ -1,15 +1,24 @@
-//! The numbers behind a glTF accessor. Files may state wrong lengths, so every access is checked.
+//! The numbers behind a glTF accessor. Files may state wrong lengths, so every access is checked; the crate's own reader panics on some.
 
-use super::gltf::{Accessor, ComponentType, Data, ElementType};
+use gltf::json::accessor::{Accessor, ComponentType, Type};
+use gltf::json::buffer::Stride;
+use gltf::json::validation::{Checked, USize64};
+
+use super::gltf::Data;
 
 /// Maximum elements of an accessor without bytes of its own, per byte of the file's buffers.
 const MAX_EXPANSION: usize = 64;
 
 /// Components of all elements of an accessor, one element after the other. Normalised integers become 0 to 1, or -1 to 1.
 pub(super) fn components(accessor: &Accessor, data: &Data<'_>) -> Result<Vec<f64>, String> {
-    let width = width(accessor.kind)?;
-    let size = width * accessor.component_type.size();
-    let count = accessor.count;
+    let (Checked::Valid(kind), Checked::Valid(component)) =
+        (&accessor.type_, &accessor.component_type)
+    else {
+        return Err("an accessor of unknown type".to_owned());
+    };
+    let (width, component) = (width(*kind)?, component.0);
+    let size = width * component.size();
+    let count = whole(accessor.count)?;
     let total = count
         .checked_mul(width)
         .ok_or("an accessor of impossible size")?;
@@ -18,9 +27,9 @@ pub(super) fn components(accessor: &Accessor, data: &Data<'_>) -> Result<Vec<f64
             let view = data.view(view);
             let elements = Elements {
                 bytes: data.bytes(view)?,
-                start: accessor.byte_offset.unwrap_or(0),
-                stride: view.byte_stride.unwrap_or(size),
-                kind: accessor.component_type,
+                start: whole(accessor.byte_offset.unwrap_or_default())?,
+                stride: view.byte_stride.map_or(size, |Stride(stride)| stride),
+                kind: component,
                 width,
                 is_normalized: accessor.normalized,
             };
@@ -35,24 +44,28 @@ pub(super) fn components(accessor: &Accessor, data: &Data<'_>) -> Result<Vec<f64
         }
     };
     if let Some(sparse) = &accessor.sparse {
+        let Checked::Valid(index) = &sparse.indices.component_type else {
+            return Err("sparse indices of unknown type".to_owned());
+        };
+        let replaced = whole(sparse.count)?;
         let indices = Elements {
             bytes: data.bytes(data.view(sparse.indices.buffer_view))?,
-            start: sparse.indices.byte_offset,
-            stride: sparse.indices.component_type.size(),
-            kind: sparse.indices.component_type,
+            start: whole(sparse.indices.byte_offset)?,
+            stride: index.0.size(),
+            kind: index.0,
             width: 1,
             is_normalized: false,
         }
-        .read(sparse.count)?;
+        .read(replaced)?;
         let replacements = Elements {
             bytes: data.bytes(data.view(sparse.values.buffer_view))?,
-            start: sparse.values.byte_offset,
+            start: whole(sparse.values.byte_offset)?,
             stride: size,
-            kind: accessor.component_type,
+            kind: component,
             width,
             is_normalized: accessor.normalized,
         }
-        .read(sparse.count)?;
+        .read(replaced)?;
         for (index, replacement) in indices.iter().zip(replacements.chunks_exact(width)) {
             let start = *index as usize * width;
             values
@@ -64,13 +77,18 @@ pub(super) fn components(accessor: &Accessor, data: &Data<'_>) -> Result<Vec<f64
     Ok(values)
 }
 
+/// A number of bytes or elements of this machine.
+fn whole(number: USize64) -> Result<usize, String> {
+    usize::try_from(number.0).map_err(|_| "an accessor of impossible size".to_owned())
+}
+
 /// Components per element.
-fn width(kind: ElementType) -> Result<usize, String> {
+fn width(kind: Type) -> Result<usize, String> {
     match kind {
-        ElementType::Scalar => Ok(1),
-        ElementType::Vec2 => Ok(2),
-        ElementType::Vec3 => Ok(3),
-        ElementType::Vec4 => Ok(4),
+        Type::Scalar => Ok(1),
+        Type::Vec2 => Ok(2),
+        Type::Vec3 => Ok(3),
+        Type::Vec4 => Ok(4),
         other => Err(format!("{other:?} where numbers or vectors are expected")),
     }
 }

@@ -12,11 +12,14 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use base64::Engine;
+use gltf::json::accessor::Type;
+use gltf::json::buffer::View;
+use gltf::json::mesh::{Mode, Primitive, Semantic};
+use gltf::json::validation::Checked;
+use gltf::json::{Accessor, Index, Mesh, Node, Root, extras::RawValue};
 use nalgebra::{Matrix4, Point3};
 use serde::Deserialize;
 
-pub(super) use self::document::{Accessor, BufferView, ComponentType, ElementType};
-use self::document::{Document, Mesh, Mode, Node, Primitive};
 use super::accessor::components;
 use crate::shape::Shape;
 use crate::srgb::encoded_color;
@@ -28,7 +31,7 @@ const MAX_DEPTH: usize = 256;
 
 /// A document with the bytes of its buffers.
 pub(super) struct Data<'a> {
-    document: Document,
+    document: Root,
     buffers: Vec<Cow<'a, [u8]>>,
 }
 
@@ -39,20 +42,23 @@ impl Data<'_> {
     }
 
     /// A buffer view, which the document has checked to exist.
-    pub(super) fn view(&self, index: usize) -> &BufferView {
-        &self.document.buffer_views[index]
+    pub(super) fn view(&self, index: Index<View>) -> &View {
+        &self.document.buffer_views[index.value()]
     }
 
     /// Bytes of a view.
-    pub(super) fn bytes(&self, view: &BufferView) -> Result<&[u8], String> {
-        let start = view.byte_offset.unwrap_or(0);
-        start
-            .checked_add(view.byte_length)
-            .and_then(|end| self.buffers[view.buffer].get(start..end))
+    pub(super) fn bytes(&self, view: &View) -> Result<&[u8], String> {
+        let start = view.byte_offset.map_or(0, |offset| offset.0);
+        let end = start.checked_add(view.byte_length.0);
+        let range = usize::try_from(start)
+            .ok()
+            .zip(end.and_then(|end| usize::try_from(end).ok()));
+        range
+            .and_then(|(start, end)| self.buffers[view.buffer.value()].get(start..end))
             .ok_or_else(|| {
                 format!(
                     "bytes {start}..+{} of buffer {} are not there: the file is cut short or damaged",
-                    view.byte_length, view.buffer
+                    view.byte_length.0, view.buffer
                 )
             })
     }
@@ -65,17 +71,17 @@ pub(super) fn parse(
     is_textured: bool,
 ) -> Result<(Shape, Option<Texture>), String> {
     let (json, binary) = container::split(bytes)?;
-    let document = Document::parse(json)?;
-    let buffers = load_buffers(&document, binary, path)?;
+    let document = document::parse(&json)?;
+    let buffers = load_buffers(&document, binary.as_deref(), path)?;
     let data = Data { document, buffers };
     let document = &data.document;
     let mut shape = Shape::default();
     let mut textures = is_textured.then(Textures::default);
-    let Some(scene) = document.default_scene() else {
+    let Some(scene) = document::default_scene(document) else {
         // Without a scene, every mesh is read in its own frame.
-        for index in 0..document.meshes.len() {
+        for index in 0..document.meshes.len() as u32 {
             add_mesh(
-                index,
+                Index::new(index),
                 &Matrix4::identity(),
                 &data,
                 &mut shape,
@@ -89,11 +95,11 @@ pub(super) fn parse(
         Some(extras) => original_from_gltf(extras)?,
         None => Matrix4::identity(),
     };
-    let children = |nodes: &[usize], original_from_parent: Matrix4<f64>, depth: usize| {
+    let children = |nodes: &[Index<Node>], original_from_parent: Matrix4<f64>, depth: usize| {
         // The stack is emptied from its end: reversed, nodes come in the order of the file.
         let nodes = nodes.iter().rev();
         nodes
-            .map(|node| (&document.nodes[*node], original_from_parent, depth))
+            .map(|node| (&document.nodes[node.value()], original_from_parent, depth))
             .collect::<Vec<(&Node, Matrix4<f64>, usize)>>()
     };
     let mut open = children(&scene.nodes, original_from_gltf, 0);
@@ -101,7 +107,8 @@ pub(super) fn parse(
         if depth > MAX_DEPTH {
             return Err("its nodes contain themselves".to_owned());
         }
-        let original_from_node = original_from_parent * node.parent_from_node().cast::<f64>();
+        let original_from_node =
+            original_from_parent * document::parent_from_node(node).cast::<f64>();
         if let Some(mesh) = node.mesh {
             add_mesh(mesh, &original_from_node, &data, &mut shape, &mut textures)?;
         }
@@ -113,7 +120,9 @@ pub(super) fn parse(
 }
 
 /// The matrix in the extras of a scene, or the identity when they have none.
-fn original_from_gltf(extras: &serde_json::Value) -> Result<Matrix4<f64>, String> {
+fn original_from_gltf(extras: &RawValue) -> Result<Matrix4<f64>, String> {
+    // What others store there may be anything.
+    let extras: serde_json::Value = serde_json::from_str(extras.get()).unwrap_or_default();
     let Some(rows) = extras.get("original_from_gltf") else {
         return Ok(Matrix4::identity());
     };
@@ -127,7 +136,7 @@ fn original_from_gltf(extras: &serde_json::Value) -> Result<Matrix4<f64>, String
 }
 
 fn load_buffers<'a>(
-    document: &Document,
+    document: &Root,
     binary: Option<&'a [u8]>,
     path: &Path,
 ) -> Result<Vec<Cow<'a, [u8]>>, String> {
@@ -139,11 +148,11 @@ fn load_buffers<'a>(
                 .into(),
             Some(uri) => resource(uri, path, "buffer")?.into(),
         };
-        if bytes.len() < buffer.byte_length {
+        if (bytes.len() as u64) < buffer.byte_length.0 {
             return Err(format!(
                 "buffer {index} has {} of its {} bytes: the file is cut short",
                 bytes.len(),
-                buffer.byte_length
+                buffer.byte_length.0
             ));
         }
         buffers.push(bytes);
@@ -187,14 +196,14 @@ fn unescaped(uri: &str) -> String {
 }
 
 fn add_mesh(
-    index: usize,
+    index: Index<Mesh>,
     original_from_mesh: &Matrix4<f64>,
     data: &Data<'_>,
     shape: &mut Shape,
     textures: &mut Option<Textures>,
 ) -> Result<(), String> {
-    let Mesh { primitives } = &data.document.meshes[index];
-    for (number, primitive) in primitives.iter().enumerate() {
+    let mesh = &data.document.meshes[index.value()];
+    for (number, primitive) in mesh.primitives.iter().enumerate() {
         let part = read_primitive(primitive, original_from_mesh, data)
             .map_err(|message| format!("mesh {index}, primitive {number}: {message}"))?;
         if shape.positions.len() + part.positions.len() > u32::MAX as usize {
@@ -215,26 +224,28 @@ fn read_primitive(
     original_from_mesh: &Matrix4<f64>,
     data: &Data<'_>,
 ) -> Result<Shape, String> {
-    let attribute = |semantic: &str| {
-        let accessor = primitive.attributes.get(semantic)?;
-        Some(&data.document.accessors[*accessor])
+    let accessor_at = |index: Index<Accessor>| &data.document.accessors[index.value()];
+    let attribute = |semantic: Semantic| {
+        let accessor = primitive.attributes.get(&Checked::Valid(semantic))?;
+        Some(accessor_at(*accessor))
     };
-    let Some(accessor) = attribute("POSITION") else {
+    let Some(accessor) = attribute(Semantic::Positions) else {
         return Ok(Shape::default());
     };
     let coordinates = components(accessor, data)?;
-    if accessor.kind != ElementType::Vec3 {
+    if accessor.type_ != Checked::Valid(Type::Vec3) {
         return Err("positions are not vectors of three".to_owned());
     }
     let positions: Vec<Point3<f64>> = coordinates
         .chunks_exact(3)
         .map(|p| original_from_mesh.transform_point(&Point3::new(p[0], p[1], p[2])))
         .collect();
-    let colors = match attribute("COLOR_0") {
+    let colors = match attribute(Semantic::Colors(0)) {
         Some(accessor) => {
             let channels = components(accessor, data)?;
-            let width = channels.len() / accessor.count.max(1);
-            (accessor.count == positions.len() && width >= 3).then(|| {
+            let count = accessor.count.0 as usize;
+            let width = channels.len() / count.max(1);
+            (count == positions.len() && width >= 3).then(|| {
                 // Vertex colours of the format are linear.
                 let linear = |c: &[f64]| encoded_color([c[0], c[1], c[2]]);
                 channels.chunks_exact(width).map(linear).collect()
@@ -245,7 +256,7 @@ fn read_primitive(
     let order: Vec<u32> = match primitive.indices {
         Some(accessor) => {
             let count = positions.len();
-            let given = components(&data.document.accessors[accessor], data)?;
+            let given = components(accessor_at(accessor), data)?;
             if let Some(index) = given.iter().find(|index| **index >= count as f64) {
                 return Err(format!(
                     "it refers to vertex {index}, but there are {count}"
@@ -261,7 +272,12 @@ fn read_primitive(
         ..Shape::default()
     };
     let corners = order.as_slice();
-    match primitive.mode {
+    // The document has checked the mode.
+    let mode = match primitive.mode {
+        Checked::Valid(mode) => mode,
+        Checked::Invalid => return Ok(part),
+    };
+    match mode {
         Mode::Points => {}
         Mode::Lines => part
             .lines

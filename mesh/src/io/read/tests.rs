@@ -188,7 +188,7 @@ fn every_index_of_gltf_is_checked() {
         ("\"POSITION\": 0", "\"POSITION\": 2", "accessor 2"),
         ("\"indices\": 1", "\"indices\": 9", "accessor 9"),
         ("\"mode\": 4", "\"mode\": 4, \"material\": 0", "material 0"),
-        ("\"mode\": 4", "\"mode\": 7", "7 is not a mode"),
+        ("\"mode\": 4", "\"mode\": 7", "its mode"),
         (
             "\"buffer\": 0, \"byteOffset\"",
             "\"buffer\": 1, \"byteOffset\"",
@@ -206,7 +206,7 @@ fn every_index_of_gltf_is_checked() {
         ("\"scene\": 0", "\"scene\": 4", "scene 4"),
         ("\"min\": [0, 0, 0], ", "", "min and max"),
         ("\"POSITION\"", "\"NORMAL\"", "no positions"),
-        ("\"type\": \"VEC3\"", "\"type\": \"VEC5\"", "VEC5"),
+        ("\"type\": \"VEC3\"", "\"type\": \"VEC5\"", "its type"),
         ("\"asset\"", "\"assets\"", "asset"),
         (
             "\"scene\": 0",
@@ -329,6 +329,39 @@ fn libraries_read_the_same_from_obj() {
         .flat_map(|i| flat[3 * *i as usize..][..3].to_vec())
         .collect();
     assert_eq!(ours, theirs);
+}
+
+/// Why OBJ is parsed here; when this fails, `tobj` may take over.
+#[test]
+fn libraries_lose_polylines_and_clouds() {
+    let theirs = |text: &str| {
+        let no_materials = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
+        let options = tobj::LoadOptions::default();
+        tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials)
+    };
+    let points = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+    let (models, _) = theirs(points).unwrap();
+    assert!(models.iter().all(|model| model.mesh.positions.is_empty()));
+    assert_eq!(
+        read_bytes("a.obj", points.as_bytes())
+            .unwrap()
+            .positions
+            .len(),
+        4
+    );
+
+    let polyline = format!("{points}l 1 2 3\n");
+    let (models, _) = theirs(&polyline).unwrap();
+    assert_eq!(models[0].mesh.indices.len(), 3);
+    assert!(models[0].mesh.face_arities.is_empty(), "a triangle");
+    let shape = read_bytes("a.obj", polyline.as_bytes()).unwrap();
+    assert_eq!((shape.lines.len(), shape.triangles.len()), (2, 0));
+
+    let reversed = format!("{points}f 3 2 1\n");
+    let (models, _) = theirs(&reversed).unwrap();
+    assert_eq!(models[0].mesh.positions[..3], [1.0, 1.0, 0.0]);
+    let shape = read_bytes("a.obj", reversed.as_bytes()).unwrap();
+    assert_eq!(shape.triangles, [[2, 1, 0]]);
 }
 
 /// One good file of each kind.

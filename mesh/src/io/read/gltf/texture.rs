@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use super::document::{Mode, Primitive};
+use gltf::json::mesh::{Mode, Primitive, Semantic};
+use gltf::json::validation::Checked;
+use gltf::json::{Accessor, Image, Index};
+
 use super::{Data, resource};
 use crate::io::read::accessor::components;
 use crate::io::read::texture::{Coordinates, decoded};
@@ -12,7 +15,7 @@ use crate::texture::Texture;
 #[derive(Default)]
 pub(super) struct Textures {
     /// The image of all triangles so far.
-    image: Option<usize>,
+    image: Option<Index<Image>>,
     coordinates: Coordinates,
     /// Whether triangles have no texture, or another one.
     has_other: bool,
@@ -28,7 +31,7 @@ impl Textures {
     ) -> Result<(), String> {
         let is_of_triangles = matches!(
             primitive.mode,
-            Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan
+            Checked::Valid(Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)
         );
         if !is_of_triangles || triangles.is_empty() || self.has_other {
             return Ok(());
@@ -41,7 +44,7 @@ impl Textures {
             self.has_other = true;
             return Ok(());
         }
-        let numbers = components(&data.document.accessors[accessor], data)?;
+        let numbers = components(&data.document.accessors[accessor.value()], data)?;
         let coordinate = |corner: u32| {
             let start = 2 * corner as usize;
             let pair = numbers.get(start..start + 2);
@@ -61,7 +64,7 @@ impl Textures {
         let Some(image) = self.image.filter(|_| !self.has_other) else {
             return Ok(None);
         };
-        let Some(image) = data.document.images.get(image) else {
+        let Some(image) = data.document.images.get(image.value()) else {
             return Err(format!("it refers to image {image}, which is not there"));
         };
         match (&image.uri, image.buffer_view) {
@@ -69,7 +72,7 @@ impl Textures {
                 decoded(&resource(uri, path, "texture")?, &self.coordinates).map(Some)
             }
             (None, Some(view)) => {
-                let view = data.document.buffer_views.get(view);
+                let view = data.document.buffer_views.get(view.value());
                 let view = view.ok_or("its image refers to a buffer view that is not there")?;
                 decoded(data.bytes(view)?, &self.coordinates).map(Some)
             }
@@ -79,14 +82,18 @@ impl Textures {
 }
 
 /// Image and accessor of the texture coordinates of a primitive.
-fn source(primitive: &Primitive, data: &Data<'_>) -> Option<(usize, usize)> {
+fn source(primitive: &Primitive, data: &Data<'_>) -> Option<(Index<Image>, Index<Accessor>)> {
     let document = &data.document;
-    let material = document.materials.get(primitive.material?)?;
+    let material = document.materials.get(primitive.material?.value())?;
     let info = material
         .pbr_metallic_roughness
         .base_color_texture
         .as_ref()?;
-    let image = document.textures.get(info.index)?.source?;
-    let name = format!("TEXCOORD_{}", info.tex_coord);
-    Some((image, *primitive.attributes.get(&name)?))
+    let image = document.textures.get(info.index.value())?.source;
+    // What the crate gives a texture that only an extension has an image for.
+    if image.value() == u32::MAX as usize {
+        return None;
+    }
+    let semantic = Checked::Valid(Semantic::TexCoords(info.tex_coord));
+    Some((image, *primitive.attributes.get(&semantic)?))
 }

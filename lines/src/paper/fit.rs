@@ -3,9 +3,9 @@
 use nalgebra::{Point2, Point3, Vector2};
 
 use super::PaperOptions;
-use linecarve_lines::camera::Camera;
-use linecarve_lines::depth::InverseDepthMap;
-use linecarve_lines::fit::{ImageLine, ImageMoments};
+use crate::camera::Camera;
+use crate::depth::InverseDepthMap;
+use crate::fit::{ImageLine, ImageMoments};
 
 /// Fewer depths determine no line that could be wrong.
 const LEAST_DEPTHS: usize = 3;
@@ -39,10 +39,23 @@ impl Limits {
 
 /// A pixel with its scaled depth.
 #[derive(Debug, Clone, Copy)]
-struct Pixel {
-    position: Vector2<f64>,
+pub(super) struct Pixel {
+    /// Place in its chain.
+    pub(super) index: usize,
+    pub(super) position: Vector2<f64>,
     /// Depth times focal length.
     z: f64,
+}
+
+/// A segment of a chain.
+pub(super) struct Found<'a> {
+    /// The ends in the frame of the camera.
+    pub(super) ends: [Point3<f64>; 2],
+    /// The pixels of the segment.
+    pub(super) pixels: &'a [Pixel],
+    pub(super) image_rms_px: f64,
+    /// Depth times focal length, as distances are.
+    pub(super) depth_rms_px: f64,
 }
 
 /// The two lines, and the axis on which distances D are measured.
@@ -103,12 +116,13 @@ pub(super) fn segments(
     depth: &InverseDepthMap,
     camera: &Camera,
     limits: &Limits,
-    mut found: impl FnMut([Point3<f64>; 2]),
+    mut found: impl FnMut(Found<'_>),
 ) {
     let pixel = |index: usize| -> Option<Pixel> {
         let [x, y] = chain[index];
         let measurement = depth.get(usize::from(x), usize::from(y))?;
         Some(Pixel {
+            index,
             position: Vector2::new(f64::from(x), f64::from(y)),
             z: limits.scale * measurement.depth(),
         })
@@ -139,17 +153,23 @@ pub(super) fn segments(
         }
         let ends = Lines::fit(&pixels).and_then(|lines| {
             let end = |pixel: &Pixel| lines.end(pixel, camera, limits.scale);
-            Some([end(pixels.first()?)?, end(pixels.last()?)?])
+            let ends = [end(pixels.first()?)?, end(pixels.last()?)?];
+            Some((ends, lines.image.rms_px, lines.depth.rms_px))
         });
-        if let Some(ends) = ends {
-            found(ends);
+        if let Some((ends, image_rms_px, depth_rms_px)) = ends {
+            found(Found {
+                ends,
+                pixels: &pixels,
+                image_rms_px,
+                depth_rms_px,
+            });
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use linecarve_lines::depth::InverseDepth;
+    use crate::depth::InverseDepth;
 
     use super::*;
 
@@ -178,7 +198,7 @@ mod tests {
         }
         let chain: Vec<[u16; 2]> = (0..WIDTH as u16).map(|x| [x, ROW as u16]).collect();
         let mut all = Vec::new();
-        segments(&chain, &depth, &camera(), &limits(), |ends| all.push(ends));
+        segments(&chain, &depth, &camera(), &limits(), |it| all.push(it.ends));
         all
     }
 

@@ -24,6 +24,7 @@ impl PaperClusterOptions {
     }
 }
 
+#[derive(Debug, Clone)]
 struct Cluster {
     ends: Vec<Point3<f64>>,
     representative: [Point3<f64>; 2],
@@ -41,9 +42,12 @@ struct Cluster {
 /// # Reference
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
 /// section III-C.
+#[derive(Debug, Clone)]
 pub struct PaperClusterer {
     options: PaperClusterOptions,
     clusters: Vec<Cluster>,
+    /// How many of them have the minimum size.
+    large: usize,
 }
 
 impl PaperClusterer {
@@ -52,14 +56,16 @@ impl PaperClusterer {
         Self {
             options,
             clusters: Vec::new(),
+            large: 0,
         }
     }
 
-    /// Adds a segment to the first cluster that accepts it, or begins a new one.
-    pub fn insert(&mut self, ends: [Point3<f64>; 2]) {
+    /// Adds a segment to the first cluster that accepts it, or begins a new one. Returns whether the segment has a direction; others are
+    /// left out.
+    pub fn insert(&mut self, ends: [Point3<f64>; 2]) -> bool {
         let least_cosine = self.options.maximum_angle_rad.cos();
         let Some(direction) = (ends[1] - ends[0]).try_normalize(0.0) else {
-            return;
+            return false;
         };
         let accepts = |cluster: &Cluster| {
             let [a, b] = cluster.representative;
@@ -72,6 +78,7 @@ impl PaperClusterer {
             Some(index) => {
                 let cluster = &mut self.clusters[index];
                 cluster.ends.extend(ends);
+                self.large += usize::from(cluster.ends.len() == 2 * self.options.minimum_size);
                 if let Some(line) = line_of(&cluster.ends) {
                     cluster.representative = line;
                 }
@@ -81,6 +88,18 @@ impl PaperClusterer {
                 representative: ends,
             }),
         }
+        true
+    }
+
+    /// Number of clusters with enough segments. Constant time.
+    pub fn line_count(&self) -> usize {
+        self.large
+    }
+
+    /// Removes all clusters.
+    pub fn clear(&mut self) {
+        self.clusters.clear();
+        self.large = 0;
     }
 
     /// The lines of the clusters with enough segments.
@@ -93,7 +112,7 @@ impl PaperClusterer {
 }
 
 /// The line of largest spread between the outermost projections; `None` when all points are the same.
-pub(in crate::baselines) fn line_of(points: &[Point3<f64>]) -> Option<[Point3<f64>; 2]> {
+pub fn line_of(points: &[Point3<f64>]) -> Option<[Point3<f64>; 2]> {
     let sum: Vector3<f64> = points.iter().map(|point| point.coords).sum();
     let center = Point3::from(sum / points.len().max(1) as f64);
     let mut spread = Matrix3::zeros();
