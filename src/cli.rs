@@ -110,6 +110,11 @@ pub struct SequenceArgs {
     /// Calibration in place of what the layout says; default: `linecarve.toml` in the folder, when there is one.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
+
+    /// Go on although the images contradict poses, depth scale or intrinsics, or files that look like poses, depth or calibration are
+    /// not read.
+    #[arg(long)]
+    pub accept_as_is: bool,
 }
 
 /// The page of a run that goes on.

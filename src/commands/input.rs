@@ -35,6 +35,7 @@ pub fn input(
             DepthArg::SemiDense => DepthChoice::SemiDense,
         },
         track: false,
+        accept_as_is: args.accept_as_is,
         progress: verbosity.hook(),
     }
 }

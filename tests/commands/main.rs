@@ -11,6 +11,7 @@ mod compare;
 mod convert;
 mod diff;
 mod evaluate;
+mod folders;
 mod growth;
 mod image_size;
 mod invariance;

@@ -15,6 +15,7 @@ use crate::front_end::{
     median_scene_depth,
 };
 use crate::options::Options;
+use crate::questions::{ROLES_OF_SURFACE, ask};
 use crate::tracking::open_or_track;
 
 pub use fit::camera_warning;
@@ -61,6 +62,7 @@ impl Recording {
             &input.path,
             &input.open,
             input.track,
+            input.accept_as_is,
             noise,
             &input.progress,
         )?;
@@ -71,6 +73,10 @@ impl Recording {
             .map(ToString::to_string)
             .collect();
         warnings.extend(opened.warnings);
+        if !opened.is_tracked {
+            let asked = ask(&opened.sequence, &ROLES_OF_SURFACE, input.accept_as_is)?;
+            warnings.extend(asked);
+        }
         let mut recording = Self {
             warnings,
             is_tracked: opened.is_tracked,
