@@ -36,6 +36,7 @@ pub fn input(
         },
         track: false,
         accept_as_is: args.accept_as_is,
+        up: None,
         progress: verbosity.hook(),
     }
 }

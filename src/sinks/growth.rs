@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use linecarve_mesh::files::write_atomically;
-use linecarve_mesh::{GlbWriter, MeshFileError};
+use linecarve_mesh::{GlbWriter, GltfFrame, MeshFileError};
 
 use super::output::{OutputFolder, SURFACE};
 use crate::report::growth_delta::encode;
@@ -31,6 +31,8 @@ pub(crate) struct GrowthFiles<'a> {
     bytes: Vec<u8>,
     index: Vec<u32>,
     writer: GlbWriter,
+    /// Of all files: poses do not change during a run.
+    frame: Option<GltfFrame>,
 }
 
 impl<'a> GrowthFiles<'a> {
@@ -46,6 +48,7 @@ impl<'a> GrowthFiles<'a> {
             bytes: Vec::new(),
             index: Vec::new(),
             writer: GlbWriter::default(),
+            frame: None,
         })
     }
 }
@@ -71,8 +74,9 @@ impl Sink for GrowthFiles<'_> {
                 let path = self.output.file(&format!("{name}.glb"));
                 let counts = [surface.vertex_count(), surface.triangle_count()];
                 let elements = surface.elements(&mut self.index);
+                let frame = *self.frame.get_or_insert_with(|| recording.gltf_frame());
                 self.writer
-                    .write_surface(&path, SURFACE, elements, counts, &recording.origin)?;
+                    .write_surface(&path, SURFACE, elements, counts, frame)?;
             }
             Growth::Delta => {
                 let path = self.output.file(&format!("{name}.delta"));

@@ -86,6 +86,7 @@ impl RunLog {
                     depth: recording.depth_name(),
                     median_depth: recording.median_depth.unwrap_or(0.0),
                     origin: recording.origin.into(),
+                    up: recording.gltf_frame().up().into(),
                     poses: recording.poses,
                 },
                 parameters: Configuration::of(&recording.options),

@@ -29,3 +29,4 @@ mod stream_frames;
 mod texture;
 mod tiles;
 mod track;
+mod upright;

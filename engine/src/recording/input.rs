@@ -70,6 +70,8 @@ pub struct Input {
     pub track: bool,
     /// Whether what contradicts the images, and files that look like poses, depth or calibration and are not read, are only warned of.
     pub accept_as_is: bool,
+    /// Up in the frame of the poses; `None` takes the mean up direction of the cameras.
+    pub up: Option<[f64; 3]>,
     /// Hears how far the preparation of the recording is.
     pub progress: ProgressHook,
 }
@@ -85,6 +87,7 @@ impl<P: AsRef<Path>> From<P> for Input {
             depth: DepthChoice::Auto,
             track: false,
             accept_as_is: false,
+            up: None,
             progress: ProgressHook::default(),
         }
     }

@@ -1,6 +1,6 @@
 //! The JSON tree and the binary chunk of a file under construction.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::document::{
     Accessor, Attributes, Buffer, BufferView, ComponentType, ElementType, Image, Material, Mesh,
@@ -14,14 +14,16 @@ use crate::types::TriangleMesh;
 pub(super) struct Builder<'a> {
     root: Root<'a>,
     binary: Vec<u8>,
+    gltf_from_original: Rotation3<f64>,
 }
 
 impl<'a> Builder<'a> {
     /// An empty document, whose binary chunk takes the memory of `binary`.
-    pub(super) fn new(binary: Vec<u8>) -> Self {
+    pub(super) fn new(binary: Vec<u8>, gltf_from_original: Rotation3<f64>) -> Self {
         Self {
             root: Root::default(),
             binary,
+            gltf_from_original,
         }
     }
 
@@ -190,9 +192,9 @@ impl<'a> Builder<'a> {
         let mut low = [f32::INFINITY; 3];
         let mut high = [f32::NEG_INFINITY; 3];
         for point in points {
-            let local = point - origin;
+            let turned: [f64; 3] = (self.gltf_from_original * (point - origin)).coords.into();
             // Adding zero turns -0 into 0.
-            let stored = [local.x, -local.y, -local.z].map(|value| (value + 0.0) as f32);
+            let stored = turned.map(|value| (value + 0.0) as f32);
             for axis in 0..3 {
                 low[axis] = low[axis].min(stored[axis]);
                 high[axis] = high[axis].max(stored[axis]);
@@ -289,12 +291,11 @@ impl<'a> Builder<'a> {
             let byte_length = self.binary.len();
             self.root.buffers.push(Buffer { byte_length });
         }
-        self.root.scenes[0].extras.original_from_gltf = [
-            [1.0, 0.0, 0.0, origin.x],
-            [0.0, -1.0, 0.0, origin.y],
-            [0.0, 0.0, -1.0, origin.z],
-            [0.0, 0.0, 0.0, 1.0],
-        ];
+        // Transposed, the rotation is inverted; adding zero turns -0 into 0.
+        let axes = self.gltf_from_original.matrix().map(|value| value + 0.0);
+        let row = |k: usize| [axes[(0, k)], axes[(1, k)], axes[(2, k)], origin[k]];
+        self.root.scenes[0].extras.original_from_gltf =
+            [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]];
         let mut json = serde_json::to_vec(&self.root)?;
         json.resize(json.len().next_multiple_of(4), b' ');
         Ok((json, self.binary))
