@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use linecarve_sequence::{FileRole, FrameError, Sequence, contradiction};
 
 /// The files that a surface needs.
-pub const ROLES_OF_SURFACE: [FileRole; 3] =
+pub(crate) const ROLES_OF_SURFACE: [FileRole; 3] =
     [FileRole::Poses, FileRole::Depth, FileRole::Calibration];
 
 /// The files that tracking needs.
-pub const ROLES_OF_TRACKING: [FileRole; 2] = [FileRole::Depth, FileRole::Calibration];
+pub(crate) const ROLES_OF_TRACKING: [FileRole; 2] = [FileRole::Depth, FileRole::Calibration];
 
 /// What would make the result wrong in silence, and the remedy.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -36,7 +36,7 @@ pub enum QuestionError {
 ///
 /// # Errors
 /// The first doubt, and if an image makes the whole sequence unusable.
-pub fn ask(
+pub(crate) fn ask(
     sequence: &Sequence,
     roles: &[FileRole],
     accept_as_is: bool,
