@@ -111,6 +111,11 @@ pub struct SequenceArgs {
     /// Calibration in place of what the layout says; default: `linecarve.toml` in the folder, when there is one.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
+
+    /// Go on although the images contradict poses, depth scale or intrinsics, or files that look like poses, depth or calibration are
+    /// not read.
+    #[arg(long)]
+    pub accept_as_is: bool,
 }
 
 /// The page of a run that goes on.
@@ -211,6 +216,11 @@ pub struct StageArgs {
     /// Formats of meshes and lines.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [FormatChoice::Glb, FormatChoice::Obj, FormatChoice::Ply])]
     pub format: Vec<FormatChoice>,
+
+    /// Up in the frame of the poses, for GLB files, which have y up; default: the mean up direction of the cameras, or the axis of the
+    /// poses that is within 25 degrees of it. OBJ and PLY files stay in the frame of the poses.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
+    pub up: Option<[f64; 3]>,
 
     /// One JSON object about the run on standard output.
     #[arg(long)]
@@ -397,9 +407,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "eye")]
     pub target: Option<[f64; 3]>,
 
-    /// Which way is up, for views that no sequence gives.
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, default_value = "0,-1,0")]
-    pub up: [f64; 3],
+    /// Which way is up, for views that no sequence gives; default: what `report.json` beside the mesh says, else
+    /// 0,-1,0.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
+    pub up: Option<[f64; 3]>,
 
     /// Vertical field of view of --eye.
     #[arg(long, value_name = "DEGREES", default_value_t = 60.0)]
@@ -411,6 +422,15 @@ pub struct RenderArgs {
 }
 
 /// `1,2.5,-3` as a point.
+/// A direction: three numbers that are not all zero.
+fn parse_up(text: &str) -> Result<[f64; 3], String> {
+    let up = parse_point(text)?;
+    match up.iter().any(|value| *value != 0.0) {
+        true => Ok(up),
+        false => Err("give a direction that is not zero, such as 0,0,1".to_owned()),
+    }
+}
+
 fn parse_point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Vec<f64> = text
         .split(',')

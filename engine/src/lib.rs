@@ -6,6 +6,7 @@ pub mod front_end;
 pub mod map;
 mod mapper;
 pub mod options;
+mod questions;
 mod reconstruction;
 mod recording;
 pub mod run;
@@ -20,6 +21,7 @@ pub mod video;
 pub use error::{Error, SinkError};
 pub use mapper::KeyframeUpdate;
 pub use options::Options;
+pub use questions::{Doubt, QuestionError};
 pub use reconstruction::{Reconstruction, RunOptions, Sink};
 pub use recording::{
     DepthChoice, Input, Recording, RecordingError, Selection, Source, camera_warning,

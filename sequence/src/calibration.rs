@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use linecarve_lines::camera::Camera;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use serde::Deserialize;
 
 use super::Warning;
@@ -42,6 +42,36 @@ impl CalibratedCamera {
             source: source.into(),
             default_warning: None,
         }
+    }
+
+    /// Whether its images show what another camera sees, but for a narrow border. Without sizes they do not.
+    pub(super) fn covers(&self, other: &Self) -> bool {
+        /// Largest border as a share of the side, which resampling fills with the pixels beside it.
+        const MAX_BORDER: f64 = 0.03;
+        let (Some(own_size), Some(size)) = (self.size, other.size) else {
+            return false;
+        };
+        let ends = |side: u32| {
+            let last = f64::from(side.saturating_sub(1));
+            [0.0, 0.5 * last, last]
+        };
+        let is_inside = |at: f64, side: u32| {
+            let side = f64::from(side);
+            at >= -MAX_BORDER * side && at <= (1.0 + MAX_BORDER) * side
+        };
+        let camera = &other.camera;
+        ends(size.width).iter().all(|x| {
+            ends(size.height).iter().all(|y| {
+                let ray = Point3::new(
+                    (x - camera.cx()) / camera.fx(),
+                    (y - camera.cy()) / camera.fy(),
+                    1.0,
+                );
+                self.camera.project(&ray).is_some_and(|pixel| {
+                    is_inside(pixel.x, own_size.width) && is_inside(pixel.y, own_size.height)
+                })
+            })
+        })
     }
 
     /// A default camera for images of 640 x 480, with its warning.

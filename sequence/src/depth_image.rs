@@ -3,6 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use half::f16;
 use image::DynamicImage;
 use tiff::decoder::{Decoder, DecodingResult};
 
@@ -159,6 +160,10 @@ fn npy_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
             let narrowed = |bytes| f64::from_le_bytes(bytes) as f32;
             RawDepth::Float(header.values(bytes, narrowed))
         }
+        Some(NpyType::F16) => {
+            let widened = |bytes| f16::from_le_bytes(bytes).to_f32();
+            RawDepth::Float(header.values(bytes, widened))
+        }
         Some(NpyType::U16) => RawDepth::Integer(header.values(bytes, u16::from_le_bytes)),
         None => {
             let found = format!("values of type {}", header.descr);
@@ -167,10 +172,12 @@ fn npy_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
     })
 }
 
-/// Size of an array of rows.
+/// Size of an array of rows; a first or last axis of length 1, as of a batch or of channels, is none.
 fn npy_size(header: &NpyHeader) -> Result<ImageSize, String> {
     match header.shape[..] {
-        [height, width] => size(width, height),
+        [height, width] | [1, height, width] | [height, width, 1] | [1, height, width, 1] => {
+            size(width, height)
+        }
         ref other => Err(format!(
             "an array of shape {other:?}, not of rows and columns"
         )),

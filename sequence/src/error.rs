@@ -18,6 +18,16 @@ pub enum SequenceError {
         /// The path as given.
         path: PathBuf,
     },
+    /// The path is a file of another program.
+    #[error("{} is {what}, which is not read: {remedy}", path.display())]
+    ForeignFile {
+        /// The path as given.
+        path: PathBuf,
+        /// What it is.
+        what: &'static str,
+        /// How to bring it in.
+        remedy: String,
+    },
     /// The folder has no entries.
     #[error("folder {} is empty: give the folder with the images and poses of a sequence", folder.display())]
     EmptyFolder {

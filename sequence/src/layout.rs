@@ -1,12 +1,15 @@
 //! What a layout is: the `Layout` trait, the folder that it reads, and what it makes of it.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
 
 use super::calibration::{CalibratedCamera, Calibration};
+use super::join::OtherJoin;
 use super::pose_convention::QuaternionOrder;
-use super::{SequenceError, Warning};
+use super::{SequenceError, Warning, foreign};
 use crate::sparse_model::SparseModel;
 
 /// Source of the poses.
@@ -60,6 +63,8 @@ pub(super) struct Recording {
     pub(super) has_time: bool,
     /// Another quaternion order to test in `inspect`; `None` if poses are matrices or the order is certain.
     pub(super) other_quaternion: Option<QuaternionOrder>,
+    /// Another way to join poses and images, between which the images decide.
+    pub(super) other_join: Option<OtherJoin>,
     /// Points with their observations, if the layout has any.
     pub(super) sparse_model: Option<SparseModel>,
     pub(super) warnings: Vec<Warning>,
@@ -76,6 +81,7 @@ impl Recording {
             cameras: Vec::new(),
             has_time: true,
             other_quaternion: None,
+            other_join: None,
             sparse_model: None,
             warnings: Vec::new(),
             conventions: Vec::new(),
@@ -119,6 +125,8 @@ pub(super) struct Folder {
     names: Vec<String>,
     /// The file that the user named, if any.
     file: Option<String>,
+    /// Names of the entries that a reader asked for.
+    claimed: RefCell<BTreeSet<String>>,
 }
 
 impl Folder {
@@ -131,9 +139,7 @@ impl Folder {
                 });
             }
             Ok(metadata) if !metadata.is_dir() => {
-                return Err(SequenceError::NotAFolder {
-                    path: path.to_owned(),
-                });
+                return Err(not_a_folder(path));
             }
             _ => {}
         }
@@ -155,6 +161,7 @@ impl Folder {
             path: path.to_owned(),
             names,
             file: None,
+            claimed: RefCell::default(),
         })
     }
 
@@ -183,12 +190,30 @@ impl Folder {
         &self.names
     }
 
-    /// Path of an entry, if it exists.
+    /// Path of an entry, if it exists. The entry counts as used.
     pub(super) fn entry(&self, name: &str) -> Option<PathBuf> {
         let found = self
             .names
             .binary_search_by(|probe| probe.as_str().cmp(name));
-        found.is_ok().then(|| self.path.join(name))
+        found.is_ok().then(|| {
+            self.claim(name);
+            self.path.join(name)
+        })
+    }
+
+    /// Notes that an entry is used.
+    pub(super) fn claim(&self, name: &str) {
+        self.claimed.borrow_mut().insert(name.to_owned());
+    }
+
+    /// Forgets which entries are used, as after looking for the layout.
+    pub(super) fn forget_claims(&self) {
+        self.claimed.borrow_mut().clear();
+    }
+
+    /// Whether a reader used an entry.
+    pub(super) fn is_claimed(&self, name: &str) -> bool {
+        self.claimed.borrow().contains(name)
     }
 
     /// Path of the first name that exists.
@@ -204,6 +229,20 @@ impl Folder {
             .file_name()
             .map(|name| name.to_string_lossy().into_owned())
             .unwrap_or_default()
+    }
+}
+
+/// Says what a file is that is no folder.
+fn not_a_folder(path: &Path) -> SequenceError {
+    match foreign::kind_of(path) {
+        Some(kind) => SequenceError::ForeignFile {
+            path: path.to_owned(),
+            what: kind.what,
+            remedy: kind.remedy_for(path),
+        },
+        None => SequenceError::NotAFolder {
+            path: path.to_owned(),
+        },
     }
 }
 

@@ -7,8 +7,10 @@ mod depth_image;
 mod downsampling;
 mod error;
 pub mod export;
+mod foreign;
 mod image_file;
 mod inspect;
+mod join;
 mod keyframes;
 mod layout;
 mod layouts;
@@ -27,6 +29,7 @@ mod stereo;
 mod text;
 mod trajectory_comparison;
 mod undistortion;
+mod unread;
 mod warning;
 mod yaml;
 
@@ -43,7 +46,7 @@ pub use error::{FrameError, SequenceError};
 pub use inspect::{
     CameraFacts, DepthConsistency, DepthFacts, DepthHypothesis, EpipolarFacts, EpipolarHypothesis,
     ImageFacts, InspectOptions, MapPointFacts, MotionFacts, RegistrationFacts, SequenceFacts,
-    inspect,
+    contradiction, inspect,
 };
 pub use keyframes::{
     KeyframeListError, KeyframeOptions, KeyframeOptionsError, OnlineKeyframes, every_nth,
@@ -63,6 +66,7 @@ pub use trajectory_comparison::{
     TrajectoryComparison,
 };
 use undistortion::{Undistortion, pinhole_of};
+pub use unread::{FileRole, UnreadFile};
 pub use warning::Warning;
 
 /// A posed image of a sequence and its depth image, as paths. Nothing is decoded yet.
@@ -153,8 +157,12 @@ pub struct Sequence {
     stereo: Option<StereoPair>,
     /// Whether no file calibrates the camera.
     has_assumed_camera: bool,
-    /// Additional cameras; all have the same image size.
+    /// Whether the camera is a default of the layout.
+    has_default_camera: bool,
+    /// Additional cameras; their images are resampled to the main camera.
     other_cameras: Vec<Camera>,
+    /// Image sizes of the additional cameras.
+    other_sizes: Vec<ImageSize>,
     /// Index into `other_cameras` for each frame; `None` for the main camera.
     camera_of_frame: Vec<Option<u32>>,
     /// Poses as stored in the files; `pose_convention` says how they are interpreted.
@@ -170,6 +178,7 @@ pub struct Sequence {
     extrinsics: Extrinsics,
     other_quaternion: Option<QuaternionOrder>,
     sparse_model: Option<SparseModel>,
+    unread: Vec<UnreadFile>,
     warnings: Vec<Warning>,
     conventions: Vec<String>,
 }
@@ -322,6 +331,18 @@ impl Sequence {
         self.camera_of_frame[index]
             .and_then(|at| self.other_cameras.get(at as usize))
             .unwrap_or(&self.stored_color_camera)
+    }
+
+    /// Size of one frame's stored image. It differs from the main camera's only in models with a size for each image, such as those of
+    /// COLMAP's `image_undistorter`, whose images are resampled to the main camera when loaded.
+    ///
+    /// # Panics
+    /// If the index is out of range.
+    pub fn stored_size(&self, index: usize) -> ImageSize {
+        self.camera_of_frame[index]
+            .and_then(|at| self.other_sizes.get(at as usize))
+            .copied()
+            .unwrap_or(self.color_size)
     }
 
     /// Whether no file calibrates the camera, and [`OpenOptions::assumed_focal`] gives its focal length.

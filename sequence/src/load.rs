@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use image::DynamicImage;
-use linecarve_lines::camera::UndistortionMap;
+use linecarve_lines::camera::{Camera, UndistortionMap};
 use linecarve_lines::depth::remove_unmeasurable;
 use linecarve_lines::image::{GrayImage, Plane};
 
@@ -36,7 +36,7 @@ impl Sequence {
     /// If the index is out of range.
     pub fn load_gray(&self, index: usize) -> Result<GrayImage, FrameError> {
         let path = &self.frames[index].color;
-        let gray = gray_of(&self.decode_color(path)?, path)?;
+        let gray = gray_of(&self.decode_color(index)?, path)?;
         let gray = match self.map_of_frame(index, path)? {
             Some(map) => map.resample(&gray),
             None => gray,
@@ -53,7 +53,7 @@ impl Sequence {
     /// If the index is out of range.
     pub fn load_gray_and_color(&self, index: usize) -> Result<(GrayImage, ColorImage), FrameError> {
         let path = &self.frames[index].color;
-        let image = self.decode_color(path)?;
+        let image = self.decode_color(index)?;
         let gray = gray_of(&image, path)?;
         let color = image.into_rgb8();
         let (gray, color) = match self.map_of_frame(index, path)? {
@@ -87,7 +87,10 @@ impl Sequence {
         path: &Path,
     ) -> Result<Option<Cow<'_, UndistortionMap>>, FrameError> {
         let own = self.camera_of_frame[index].and_then(|at| self.other_cameras.get(at as usize));
-        let Some(camera) = own.filter(|camera| **camera != self.stored_color_camera) else {
+        let is_other = |camera: &&Camera| {
+            **camera != self.stored_color_camera || self.stored_size(index) != self.color_size
+        };
+        let Some(camera) = own.filter(is_other) else {
             return borrowed_map(self.color_undistortion.as_ref(), path);
         };
         undistortion_map(camera, &self.color_camera, self.color_size)
@@ -104,7 +107,7 @@ impl Sequence {
     /// If the index is out of range.
     pub fn load_color(&self, index: usize) -> Result<ColorImage, FrameError> {
         let path = &self.frames[index].color;
-        let color = self.decode_color(path)?.into_rgb8();
+        let color = self.decode_color(index)?.into_rgb8();
         let color = match self.map_of_frame(index, path)? {
             Some(map) => resample_color(&map, color, path)?,
             None => color,
@@ -240,15 +243,16 @@ impl Sequence {
         })
     }
 
-    pub(super) fn decode_color(&self, path: &Path) -> Result<DynamicImage, FrameError> {
+    pub(super) fn decode_color(&self, index: usize) -> Result<DynamicImage, FrameError> {
+        let (path, expected) = (&self.frames[index].color, self.stored_size(index));
         let check = |size| {
-            if size == self.color_size {
+            if size == expected {
                 return Ok(());
             }
             Err(size_error(
                 path,
                 size,
-                self.color_size,
+                expected,
                 self.color_size_source.clone(),
                 "all images of a sequence must have one size and one camera",
             ))

@@ -172,7 +172,7 @@ impl StoredModel {
             image.timestamp_ns.is_some()
                 || parse_stamp(file_stem(&image.name)).is_some_and(|stamp| stamp.is_nanoseconds)
         });
-        let main = most_used_camera(&self.images, self.cameras.len());
+        let main = main_camera(&self.images, &self.cameras);
         let mut missing = WarningCounter::default();
         let mut frames = Vec::new();
         for ((number, image), name) in (0_i64..).zip(&self.images).zip(names) {
@@ -230,6 +230,40 @@ impl StoredModel {
         }
         Ok(recording)
     }
+}
+
+/// The camera used by most images. Where most images have another size: the camera whose view the most images show; of equal ones that with
+/// the smallest field of view, then the first.
+fn main_camera(images: &[ModelImage], cameras: &[CalibratedCamera]) -> u32 {
+    /// Candidates, as each is compared with all images.
+    const MAX_CANDIDATES: usize = 100;
+    let most_used = most_used_camera(images, cameras.len());
+    let size = |number: u32| cameras.get(number as usize).and_then(|camera| camera.size);
+    let of_main_size = images
+        .iter()
+        .filter(|image| size(image.camera) == size(most_used));
+    if 2 * of_main_size.count() > images.len() {
+        return most_used;
+    }
+    let shown = |candidate: &CalibratedCamera| {
+        let own = images
+            .iter()
+            .filter_map(|image| cameras.get(image.camera as usize));
+        own.filter(|own| own.covers(candidate)).count()
+    };
+    let field = |camera: &CalibratedCamera| {
+        let side = |side: u32, focal: f64| f64::from(side) / focal;
+        camera.size.map_or(f64::INFINITY, |size| {
+            side(size.width, camera.camera.fx()) * side(size.height, camera.camera.fy())
+        })
+    };
+    let step = images.len().div_ceil(MAX_CANDIDATES).max(1);
+    let candidates = images.iter().step_by(step).map(|image| image.camera);
+    candidates
+        .filter_map(|number| Some((number, cameras.get(number as usize)?)))
+        .map(|(number, camera)| (shown(camera), field(camera), number))
+        .max_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)).then(b.2.cmp(&a.2)))
+        .map_or(most_used, |(_, _, number)| number)
 }
 
 /// The camera used by most images; the first of equal ones.

@@ -1,4 +1,4 @@
-//! Arrays in files of numpy: the header, and values of three types.
+//! Arrays in files of numpy: the header, and values of four types.
 //!
 //! # Reference
 //! numpy.lib.format, versions 1 to 3.
@@ -22,6 +22,7 @@ pub(super) struct NpyHeader {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NpyType {
     U16,
+    F16,
     F32,
     F64,
 }
@@ -66,6 +67,7 @@ impl NpyHeader {
     pub(super) fn npy_type(&self) -> Option<NpyType> {
         match self.descr.trim_matches(['\'', '"']).get(1..)? {
             "u2" => Some(NpyType::U16),
+            "f2" => Some(NpyType::F16),
             "f4" => Some(NpyType::F32),
             "f8" => Some(NpyType::F64),
             _ => None,

@@ -9,6 +9,7 @@ use nalgebra::Isometry3;
 use super::calibration::{CalibratedCamera, Calibration, ImageSize, PoseCamera};
 use super::depth_image::depth_header;
 use super::image_file::{image_size, size_error};
+use super::join;
 use super::layout::{PoseSource, RecordedFrame, Recording};
 use super::pose_convention::{Extrinsics, PoseConvention};
 use super::poses::{self, PoseFileFormat};
@@ -16,6 +17,7 @@ use super::recognise::{input_folder, recognise};
 use super::sidecar::{SIDECAR_FILE, Sidecar};
 use super::stereo::StereoPair;
 use super::undistortion::{Undistortion, pinhole_of};
+use super::unread::{self, GivenRoles};
 use super::warning::WarningCounter;
 use super::{DepthCalibration, Frame, FrameError, Sequence, SequenceError, Warning};
 
@@ -64,7 +66,6 @@ impl Sequence {
         for frame in &mut sequence.frames {
             frame.world_from_camera = Isometry3::identity();
         }
-        sequence.has_poses = false;
         Ok(sequence)
     }
 
@@ -85,6 +86,7 @@ impl Sequence {
             },
         };
         let (layout, others) = recognise(&folder, options.layout.as_deref(), source)?;
+        folder.forget_claims();
         let mut recording = layout.read(&folder, source)?;
         if !others.is_empty() {
             recording.conventions.insert(
@@ -100,7 +102,12 @@ impl Sequence {
             attach_poses(&mut recording, path)?;
         }
         let mut sidecar_pose_convention = None;
+        let mut given = GivenRoles {
+            poses: options.poses.is_some(),
+            calibration: options.calibration.is_some(),
+        };
         if let Some((path, sidecar)) = sidecar {
+            given.calibration |= sidecar.color.is_some();
             let format_convention = recording.calibration.pose_convention;
             recording
                 .conventions
@@ -117,7 +124,7 @@ impl Sequence {
             sidecar_pose_convention =
                 (convention != format_convention).then(|| convention.to_string());
         }
-        Ok(Sequence {
+        let mut sequence = Sequence {
             sidecar_pose_convention,
             ..assemble(
                 folder.path(),
@@ -125,7 +132,11 @@ impl Sequence {
                 recording,
                 options.assumed_focal,
             )?
-        })
+        };
+        sequence.has_poses = source == PoseSource::Layout || options.poses.is_some();
+        sequence.unread = unread::find(&folder, &sequence, given);
+        sequence.warnings.extend(unread::warning(&sequence.unread));
+        Ok(sequence)
     }
 }
 
@@ -161,6 +172,7 @@ pub(super) fn assemble(
         cameras,
         has_time,
         other_quaternion,
+        other_join,
         sparse_model,
         mut warnings,
         mut conventions,
@@ -179,12 +191,30 @@ pub(super) fn assemble(
             ),
         });
     };
+    let has_default_camera = color.default_warning.is_some();
     warnings.extend(color.default_warning.take());
     let frames = frames_of_size(frames, &color, &cameras, &mut warnings);
     let extrinsics = extrinsics(&calibration);
     let camera_of_frame: Vec<Option<u32>> = frames.iter().map(|frame| frame.camera).collect();
     let (frames, recorded_poses) = posed(frames, &calibration.pose_convention, &extrinsics);
-    let color_size = match first_size(folder, frames.iter().map(|frame| frame.color.as_path())) {
+    let of_main_size = |frame: Option<u32>| {
+        let own = frame.and_then(|camera| cameras.get(camera as usize));
+        own.is_none_or(|own| own.size.is_none() || own.size == color.size)
+    };
+    let of_main: Vec<&Path> = frames
+        .iter()
+        .zip(&camera_of_frame)
+        .filter(|(_, camera)| of_main_size(**camera))
+        .map(|(frame, _)| frame.color.as_path())
+        .collect();
+    let first = match (frames.first(), color.size) {
+        (Some(frame), Some(size)) if of_main.is_empty() => Ok(FirstSize {
+            path: frame.color.clone(),
+            size,
+        }),
+        _ => first_size(folder, of_main.into_iter()),
+    };
+    let color_size = match first {
         Ok(found) => found,
         // A sparse model needs no images; the size is then irrelevant.
         Err(_) if frames.is_empty() && sparse_model.is_some() => FirstSize {
@@ -242,7 +272,7 @@ pub(super) fn assemble(
     if calibration.pose_convention != PoseConvention::default() {
         conventions.push(format!("pose convention: {}", calibration.pose_convention));
     }
-    let sequence = Sequence {
+    let mut sequence = Sequence {
         folder: folder.to_owned(),
         layout,
         frames,
@@ -266,7 +296,12 @@ pub(super) fn assemble(
         depth_undistortion,
         stereo,
         has_assumed_camera,
+        has_default_camera,
         has_poses: true,
+        other_sizes: cameras
+            .iter()
+            .map(|camera| camera.size.unwrap_or(color_size.size))
+            .collect(),
         other_cameras: cameras.into_iter().map(|camera| camera.camera).collect(),
         camera_of_frame,
         recorded_poses,
@@ -277,11 +312,15 @@ pub(super) fn assemble(
         extrinsics,
         other_quaternion,
         sparse_model,
+        unread: Vec::new(),
         warnings,
         conventions,
     };
     if let Some((path, size)) = depth_size {
         sequence.check_depth_size(&path, size)?;
+    }
+    if let Some(other) = other_join {
+        join::decide(&mut sequence, other)?;
     }
     Ok(sequence)
 }
@@ -297,31 +336,52 @@ pub(super) fn extrinsics(calibration: &Calibration) -> Extrinsics {
     }
 }
 
-/// Skips frames whose camera has another image size than the main camera.
+/// Skips frames whose images have another size than those of the main camera and do not show what it sees.
 fn frames_of_size(
     frames: Vec<RecordedFrame>,
     color: &CalibratedCamera,
     cameras: &[CalibratedCamera],
     warnings: &mut Vec<Warning>,
 ) -> Vec<RecordedFrame> {
+    let Some(main_size) = color.size else {
+        return frames;
+    };
     let total = frames.len();
-    let mut others = WarningCounter::default();
-    let kept = frames
+    let (mut resampled, mut others) = (WarningCounter::default(), WarningCounter::default());
+    let named = |frame: &RecordedFrame, size: ImageSize| {
+        format!("{} of {} x {}", frame.name, size.width, size.height)
+    };
+    let kept: Vec<RecordedFrame> = frames
         .into_iter()
         .filter(|frame| {
-            let own = frame
-                .camera
-                .and_then(|camera| cameras.get(camera as usize))
-                .map_or(color.size, |camera| camera.size);
-            let fits = own.is_none() || color.size.is_none() || own == color.size;
-            if !fits {
-                others.add(frame.name.clone());
+            let own = frame.camera.and_then(|camera| cameras.get(camera as usize));
+            let Some((own, size)) = own.and_then(|own| Some((own, own.size?))) else {
+                return true;
+            };
+            if size == main_size {
+                return true;
             }
+            // Depth has the pixels of its own image.
+            let fits = frame.depth.is_none() && own.covers(color);
+            let counter = if fits { &mut resampled } else { &mut others };
+            counter.add(named(frame, size));
             fits
         })
         .collect();
-    warnings
-        .extend(others.into_warning(total, "images have another size than most and were skipped"));
+    let ImageSize { width, height } = main_size;
+    warnings.extend(resampled.into_warning(
+        total,
+        &format!(
+            "images have another size and are resampled to the camera of {width} x {height} pixels, which blurs them by up to half a pixel"
+        ),
+    ));
+    warnings.extend(others.into_warning(
+        total,
+        &format!(
+            "images have another size than {width} x {height} and show another field of view, and were skipped: give a model for each size \
+             (COLMAP's image_undistorter keeps one size with --min_scale 1 --max_scale 1)"
+        ),
+    ));
     kept
 }
 

@@ -2,15 +2,18 @@
 
 use std::path::Path;
 
-use super::SequenceError;
 use super::layout::{Folder, Layout, PoseSource};
 use super::layouts::orb_slam::{ImagesAndPoses, OrbSlam};
 use super::layouts::{colmap::Colmap, euroc::Euroc, kitti::Kitti, nvm::Nvm, openmvs::OpenMvs};
 use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumRgbd};
-use super::layouts::{stella::Stella, transforms::Transforms};
+use super::layouts::{
+    pose_folder::PoseFolder, replica::Replica, stella::Stella, stray_scanner::StrayScanner,
+    transforms::Transforms,
+};
+use super::{SequenceError, foreign};
 
 /// The known layouts in order of preference. Add new layouts here.
-static LAYOUTS: [&dyn Layout; 12] = [
+static LAYOUTS: [&dyn Layout; 15] = [
     &SevenScenes,
     &TumRgbd,
     &Open3dLog,
@@ -22,6 +25,9 @@ static LAYOUTS: [&dyn Layout; 12] = [
     &OrbSlam,
     &Euroc,
     &Kitti,
+    &StrayScanner,
+    &Replica,
+    &PoseFolder,
     &ImagesAndPoses,
 ];
 
@@ -127,7 +133,7 @@ fn first_names(names: &[String]) -> String {
     text
 }
 
-/// Data sets are often folders of sequences: suggests the first that can be opened.
+/// Data sets are often folders of sequences: suggests the first that can be opened. Else says what a file of another program is.
 fn subfolder_hint(folder: &Folder) -> String {
     const MAX_TRIED: usize = 50;
     for name in folder.names().iter().take(MAX_TRIED) {
@@ -136,6 +142,17 @@ fn subfolder_hint(folder: &Folder) -> String {
             && let Some(layout) = layout_of(&inside)
         {
             return format!("; {} is a sequence ({})", path.display(), layout.name());
+        }
+    }
+    for name in folder.names().iter().take(MAX_TRIED) {
+        let path = folder.path().join(name);
+        if let Some(kind) = foreign::kind_of(&path).filter(|kind| kind.is_source()) {
+            return format!(
+                "; {} is {}, which is not read: {}",
+                path.display(),
+                kind.what,
+                kind.remedy_for(&path)
+            );
         }
     }
     String::new()

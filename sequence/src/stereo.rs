@@ -168,7 +168,7 @@ impl Sequence {
     pub fn load_stereo(&self, index: usize) -> Result<(GrayImage, Option<GrayImage>), FrameError> {
         let pair = self.stereo().expect("the sequence is stereo");
         let frame = &self.frames[index];
-        let left = gray_of(&self.decode_color(&frame.color)?, &frame.color)?;
+        let left = gray_of(&self.decode_color(index)?, &frame.color)?;
         let rectified = |side: usize, image, path| {
             pair.resampling[side]
                 .apply(image, &pair.camera, pair.size)

@@ -1,5 +1,6 @@
 //! Errors of an estimated trajectory against a reference.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use linecarve_mesh::evaluate::fit_similarity;
@@ -8,14 +9,14 @@ use serde::Serialize;
 
 use crate::export::posed_images;
 use crate::parse_stamp_ns;
-use crate::poses::{Poses, read_stamped_quaternions};
+use crate::poses::{Poses, read_pose_file};
 use crate::{OpenOptions, Sequence, SequenceError};
 
 /// Largest time difference of associated poses, as in the tools of the TUM benchmark.
 const MAX_DIFFERENCE_NS: u64 = 20_000_000;
 
-/// Largest time difference between a pose and its own frame.
-const SAME_FRAME_NS: u64 = 1_000_000;
+/// Time between poses that are only counted.
+const SECOND_NS: i64 = 1_000_000_000;
 
 /// Poses over time, ascending: `point_in_world = world_from_camera * point_in_camera`.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -24,6 +25,8 @@ pub struct TimedPoses {
     pub poses: Vec<(i64, Isometry3<f64>)>,
     /// Times of the frames that should have a pose, if known.
     pub frames: Option<Vec<i64>>,
+    /// Whether the poses have no times and are counted instead, a second apart.
+    pub is_counted: bool,
 }
 
 /// How an estimate is brought into the frame of the reference.
@@ -104,6 +107,17 @@ pub enum ComparisonError {
         /// Poses of the reference.
         reference: usize,
     },
+    /// One of both has times, the other has none.
+    #[error(
+        "one trajectory has times, the other, such as KITTI's, has none, and their numbers differ ({estimated} estimated and {reference} reference \
+         poses): put the times beside it as times.txt, one a line"
+    )]
+    NoTimes {
+        /// Poses of the estimate.
+        estimated: usize,
+        /// Poses of the reference.
+        reference: usize,
+    },
     /// The positions do not determine the rotation.
     #[error(
         "the positions lie on a line or in a point, which determines no alignment: use --align none, or icp or sim3 for shapes"
@@ -112,8 +126,9 @@ pub enum ComparisonError {
 }
 
 impl TimedPoses {
-    /// Reads a trajectory in TUM format, or the poses of the sequence in a folder, whose frames then count for coverage. An image
-    /// list `rgb.txt` beside a file is the list of frames.
+    /// Reads a trajectory of any format that `--poses` takes, or the poses of the sequence in a folder, whose frames then count for coverage.
+    /// An image list `rgb.txt` beside a file is the list of frames. Poses without times have those of `times.txt` beside the file, if it
+    /// has as many.
     ///
     /// # Errors
     /// If the file or folder cannot be read; the text names file and line.
@@ -121,13 +136,36 @@ impl TimedPoses {
         if path.is_dir() {
             return Self::of_sequence(path);
         }
-        let Poses::Stamped(rows) = read_stamped_quaternions(path)?.poses else {
-            return Ok(Self::default());
+        let mut is_counted = false;
+        let mut poses: Vec<(i64, Isometry3<f64>)> = match read_pose_file(path)?.poses {
+            Poses::Stamped(rows) => rows
+                .into_iter()
+                .filter_map(|(stamp, pose)| Some((stamp.as_written_ns()?, pose)))
+                .collect(),
+            Poses::Numbered(rows) => {
+                is_counted = true;
+                let second = |number: u64| i64::try_from(number).ok()?.checked_mul(SECOND_NS);
+                rows.into_iter()
+                    .filter_map(|(number, pose)| Some((second(number)?, pose?)))
+                    .collect()
+            }
+            Poses::InOrder(rows) => {
+                let times = times_beside(path).filter(|times| times.len() == rows.len());
+                is_counted = times.is_none();
+                let times = times
+                    .unwrap_or_else(|| (0..rows.len() as i64).map(|k| k * SECOND_NS).collect());
+                let both = times.into_iter().zip(rows);
+                both.filter_map(|(time, pose)| Some((time, pose?)))
+                    .collect()
+            }
+            Poses::Named(_) => {
+                return Err(SequenceError::Content {
+                    path: path.to_owned(),
+                    problem: "has image names and no times: give a trajectory with times, or the folder of the sequence"
+                        .to_owned(),
+                });
+            }
         };
-        let mut poses: Vec<(i64, Isometry3<f64>)> = rows
-            .into_iter()
-            .filter_map(|(stamp, pose)| Some((stamp.as_written_ns()?, pose)))
-            .collect();
         poses.sort_by_key(|(stamp, _)| *stamp);
         poses.dedup_by_key(|(stamp, _)| *stamp);
         let list = path.with_file_name("rgb.txt");
@@ -141,7 +179,11 @@ impl TimedPoses {
             frames.sort_unstable();
             frames
         });
-        Ok(Self { poses, frames })
+        Ok(Self {
+            poses,
+            frames,
+            is_counted,
+        })
     }
 
     fn of_sequence(folder: &Path) -> Result<Self, SequenceError> {
@@ -154,6 +196,7 @@ impl TimedPoses {
         Ok(Self {
             poses,
             frames: Some(frames),
+            is_counted: false,
         })
     }
 
@@ -169,6 +212,21 @@ impl TimedPoses {
 
     /// Poses and those of a reference nearest in time, at least three.
     fn pairs(&self, reference: &Self) -> Result<Vec<Pair>, ComparisonError> {
+        if self.is_counted != reference.is_counted {
+            if self.poses.len() == reference.poses.len() && self.poses.len() >= 3 {
+                let both = self.poses.iter().zip(&reference.poses).enumerate();
+                let pair = |(frame, (estimated, truth)): (usize, (&Timed, &Timed))| Pair {
+                    frame,
+                    estimated: estimated.1,
+                    truth: truth.1,
+                };
+                return Ok(both.map(pair).collect());
+            }
+            return Err(ComparisonError::NoTimes {
+                estimated: self.poses.len(),
+                reference: reference.poses.len(),
+            });
+        }
         let reference_stamps = stamps(&reference.poses);
         let frames = reference.frames.as_ref().unwrap_or(&reference_stamps);
         let pairs: Vec<Pair> = self
@@ -216,18 +274,14 @@ impl TimedPoses {
             .zip(&to)
             .map(|(from, to)| (truth_from_estimate * from - to).norm());
         let scale = truth_from_estimate.scaling();
-        let stamps = stamps(&self.poses);
-        let covered = frames
-            .iter()
-            .filter(|frame| nearest(&stamps, **frame, SAME_FRAME_NS).is_some())
-            .count();
+        let covered: BTreeSet<usize> = pairs.iter().map(|pair| pair.frame).collect();
         let mean = to.iter().map(|p| p.coords).sum::<nalgebra::Vector3<f64>>() / to.len() as f64;
         Ok(TrajectoryComparison {
             alignment,
             scale,
             pairs: pairs.len(),
             frames: frames.len(),
-            coverage: covered as f64 / frames.len() as f64,
+            coverage: covered.len() as f64 / frames.len() as f64,
             path: to.windows(2).map(|ends| (ends[1] - ends[0]).norm()).sum(),
             spread: root_mean_square(to.iter().map(|p| (p.coords - mean).norm())),
             position: position_error(errors.collect()),
@@ -239,11 +293,26 @@ impl TimedPoses {
     }
 }
 
+/// A time in nanoseconds, and the pose then.
+type Timed = (i64, Isometry3<f64>);
+
 /// An estimated pose, that of the reference, and the number of the frame.
 struct Pair {
     frame: usize,
     estimated: Isometry3<f64>,
     truth: Isometry3<f64>,
+}
+
+/// The times of `times.txt` beside a file, one a line.
+fn times_beside(path: &Path) -> Option<Vec<i64>> {
+    let text = std::fs::read_to_string(path.with_file_name("times.txt")).ok()?;
+    let lines = text
+        .lines()
+        .map(str::trim)
+        .filter(|line| !line.is_empty() && !line.starts_with('#'));
+    lines
+        .map(|line| parse_stamp_ns(line.split_whitespace().next()?))
+        .collect()
 }
 
 fn stamps(poses: &[(i64, Isometry3<f64>)]) -> Vec<i64> {
@@ -332,6 +401,7 @@ mod tests {
         TimedPoses {
             poses: (0..count).map(pose).collect(),
             frames: None,
+            is_counted: false,
         }
     }
 
@@ -354,7 +424,7 @@ mod tests {
         let [moved, true_one] = [&estimate, &truth].map(|path| path.poses[7].1.translation.vector);
         let error = similarity * Point3::from(moved) - Point3::from(true_one);
         assert!(error.norm() < 1e-9, "{error}");
-        assert_eq!((found.pairs, found.frames, found.coverage), (30, 30, 0.0));
+        assert_eq!((found.pairs, found.frames, found.coverage), (30, 30, 1.0));
         assert!(
             found
                 .relative

@@ -31,6 +31,10 @@ pub struct TrackArgs {
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
 
+    /// Go on although files that look like depth or calibration are not read.
+    #[arg(long)]
+    pub accept_as_is: bool,
+
     /// Further formats of the poses, beside `poses.txt`.
     #[arg(long, value_enum, value_delimiter = ',', value_name = "FORMAT")]
     pub format: Vec<TrackFormat>,

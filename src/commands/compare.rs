@@ -29,13 +29,14 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         Some(path) => Some(GroundTruth::read(path, options, args.error_end)?),
         None => None,
     };
-    let input = input(
+    let mut input = input(
         &args.input,
         &args.selection,
         args.stages.depth,
         Source::Lines,
         verbosity,
     );
+    input.up = args.stages.up;
     let recording = Recording::open(&input, parameters(&args.stages, &args.selection)?)?;
     let mut warnings = Warnings::new(verbosity);
     warnings.extend(recording.warnings.iter().cloned());
@@ -60,7 +61,7 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         summaries.push(summary);
     }
     let formats = args.stages.formats();
-    write_surfaces(&formats, &runs, &recording.origin, &mut output)?;
+    write_surfaces(&formats, &runs, &recording.gltf_frame(), &mut output)?;
     let surfaces = runs.each_ref().map(|run| run.surface.clone());
     write_pictures(
         args.views,

@@ -28,6 +28,7 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         layout: args.layout.clone(),
         poses: args.poses.clone(),
         calibration: args.calibration.clone(),
+        accept_as_is: true,
     })
     .with_context(|| format!("{target:?} is written from a sequence"))?;
     if verbosity > Verbosity::Quiet {

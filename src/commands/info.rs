@@ -1,5 +1,7 @@
 //! `linecarve info`: what a sequence holds and whether it agrees with itself.
 
+use std::path::Path;
+
 use anyhow::ensure;
 
 use crate::cli::InfoArgs;
@@ -7,21 +9,22 @@ use crate::commands::Outcome;
 use crate::commands::input::open_options;
 use crate::progress::Verbosity;
 use crate::sinks::{print_object, print_text};
-use crate::text::sequence_text;
+use crate::text::{sequence_text, video_text};
 use linecarve_engine::tracking::{TrackingMode, open_with_or_without_poses};
-use linecarve_engine::video::is_video;
+use linecarve_engine::video::{describe, is_video};
 use linecarve_sequence::{InspectOptions, Warning, inspect};
 
 pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let input = &args.input.sequence;
-    ensure!(
-        !is_video(input),
-        "{} is a video: `linecarve reconstruct` takes it as it is; `linecarve track` writes its images, poses and calibration to a \
-         folder that `linecarve info` reads",
-        input.display()
-    );
+    if is_video(input) {
+        return describe_video(input, args.json, verbosity);
+    }
     let (sequence, without_poses) = open_with_or_without_poses(input, &open_options(&args.input))?;
     let mut facts = inspect(&sequence, &InspectOptions::default())?;
+    let missed = sequence.unread_files().iter().filter(|file| file.is_missed);
+    facts
+        .warnings
+        .extend(missed.map(|file| Warning::statement(file.problem(sequence.folder()))));
     if let Some(statement) = without_poses {
         let source = match TrackingMode::of(&sequence) {
             TrackingMode::Rgbd => "images with depth",
@@ -41,6 +44,26 @@ pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outco
         for warning in &facts.warnings {
             eprintln!("warning: {warning}");
         }
+    }
+    Ok(Outcome::Done)
+}
+
+/// Says what a video holds.
+fn describe_video(path: &Path, as_json: bool, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    ensure!(
+        path != Path::new("-"),
+        "standard input cannot be described: give the file of the video"
+    );
+    let facts = describe(path)?;
+    if as_json {
+        print_object(&facts)?;
+    } else {
+        print_text(&video_text(&facts))?;
+    }
+    if verbosity > Verbosity::Quiet
+        && let Some(damage) = &facts.damage
+    {
+        eprintln!("warning: {damage}");
     }
     Ok(Outcome::Done)
 }

@@ -37,6 +37,8 @@ pub fn input(
             DepthArg::SemiDense => DepthChoice::SemiDense,
         },
         track: false,
+        accept_as_is: args.accept_as_is,
+        up: None,
         progress: verbosity.hook(),
     }
 }

@@ -17,13 +17,14 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let started = Instant::now();
     let mut output = OutputFolder::create(&args.out)?;
     let options = parameters(&args.stages, &args.selection)?;
-    let input = input(
+    let mut input = input(
         &args.input,
         &args.selection,
         args.stages.depth,
         Source::Segments,
         verbosity,
     );
+    input.up = args.stages.up;
     let recording = Recording::open(&input, options)?;
     let mut log = RunLog::begin("lines", &recording, verbosity);
     let mut run = Reconstruction::new(recording, RunOptions::default())?;
@@ -40,9 +41,9 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     if let Some(poses) = run.corrected_poses() {
         write_poses(&mut output, &recording.sequence, poses.into_iter())?;
     }
-    let (formats, origin) = (args.stages.formats(), &recording.origin);
+    let (formats, frame) = (args.stages.formats(), recording.gltf_frame());
     for part in [segments_part(&segments), clusters_part(&clusters)] {
-        write_geometry(&mut output, part.name, part, &formats, origin)?;
+        write_geometry(&mut output, part.name, part, &formats, &frame)?;
     }
     log.result().segments = segments.lines.len();
     log.result().clusters = clusters.lines.len();

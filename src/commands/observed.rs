@@ -25,6 +25,8 @@ pub(super) fn observe(
         calibration: args.calibration.clone(),
         layout: None,
         poses: None,
+        // Only what the frames saw is asked for.
+        accept_as_is: true,
     };
     let selection = &args.selection;
     let input = input(

@@ -77,6 +77,7 @@ pub fn reconstruct(
     simplification.tolerance = args.simplify.or(simplification.tolerance);
     let (depth, source) = (args.stages.depth, args.from.into());
     let mut input = input(&args.input, &args.selection, depth, source, verbosity);
+    input.up = args.stages.up;
     input.track = args.track;
     if is_video(&input.path) {
         unpack_video(&mut input, output.as_mut(), verbosity)?;

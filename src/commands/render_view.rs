@@ -60,11 +60,22 @@ fn view_from(eye: [f64; 3], target: [f64; 3], args: &RenderArgs) -> anyhow::Resu
     let view = View::look_at(
         &Point3::from(eye),
         &Point3::from(target),
-        &Vector3::from(args.up),
+        &up_of(args),
         args.size,
         args.field_of_view.to_radians(),
     )?;
     Ok(view)
+}
+
+/// What the command line says is up, else the report of the run that made the mesh.
+fn up_of(args: &RenderArgs) -> Vector3<f64> {
+    let reported = || {
+        let text = std::fs::read(args.mesh.with_file_name("report.json")).ok()?;
+        let report: serde_json::Value = serde_json::from_slice(&text).ok()?;
+        let up = report.pointer("/sequence/up")?;
+        serde_json::from_value::<[f64; 3]>(up.clone()).ok()
+    };
+    Vector3::from(args.up.or_else(reported).unwrap_or([0.0, -1.0, 0.0]))
 }
 
 /// From outside and above, where "above" is what `--up` says: as seen by cameras that were held so.
@@ -73,7 +84,7 @@ pub(super) fn outside_view(
     lines: Option<&LineSet>,
     args: &RenderArgs,
 ) -> Option<View> {
-    let upright = UnitQuaternion::rotation_between(&-Vector3::y(), &Vector3::from(args.up))
+    let upright = UnitQuaternion::rotation_between(&-Vector3::y(), &up_of(args))
         .unwrap_or_else(|| UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::PI));
     let pose = Isometry3::from_parts(Vector3::zeros().into(), upright);
     if !mesh.triangles.is_empty() {

@@ -13,10 +13,10 @@ use crate::sinks::{
 };
 use linecarve_mesh::diff::Tolerance;
 use linecarve_mesh::feature_edges::FeatureLines;
-use linecarve_mesh::read_geometry;
 use linecarve_mesh::simplify::{
     SimplifyOptions, SimplifyOptionsError, default_boundary_tolerance, simplify,
 };
+use linecarve_mesh::{GltfFrame, read_geometry};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
 pub(super) fn check_tolerance(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsError> {
@@ -73,11 +73,11 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         ..SimplifyOptions::with_tolerance(tolerance)
     };
     let simplified = simplify(&mesh, &lines, &options)?;
-    let origin = origin_of(&simplified.mesh.positions);
-    write_part(&args.out, surface_part(&simplified.mesh), format, &origin)?;
+    let frame = GltfFrame::from(&origin_of(&simplified.mesh.positions));
+    write_part(&args.out, surface_part(&simplified.mesh), format, &frame)?;
     if let Some((path, format)) = edges_format {
         let edges = FeatureLines::new(&simplified.mesh, simplified.features.iter().copied());
-        write_part(path, feature_edges_part(&edges.lines), format, &origin)?;
+        write_part(path, feature_edges_part(&edges.lines), format, &frame)?;
     }
     let summary = Summary {
         tolerance: options.tolerance,

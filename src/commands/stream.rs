@@ -11,7 +11,9 @@ use crate::report::page::write_page;
 use crate::sinks::{OutputFolder, SessionPage, SurfaceFiles, final_mesh_edges, last_page};
 use linecarve_engine::front_end::unmeasurable_warning;
 use linecarve_engine::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
+use linecarve_mesh::GltfFrame;
 use linecarve_sequence::export::{TrajectoryFormat, write_trajectory};
+use nalgebra::Vector3;
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let options = base_options(args.preset, args.config.as_deref())?;
@@ -69,7 +71,8 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     }
     if let Some(output) = &mut output {
         let page = state.map(|state| last_page(state.as_ref(), &summary.mesh));
-        write_results(args, summary, output)?;
+        let up = page.as_ref().map(|page| page.up);
+        write_results(args, summary, output, up)?;
         if let Some(page) = page {
             write_page(&output.file("report.html"), &page)?;
         }
@@ -96,6 +99,7 @@ fn write_results(
     args: &StreamArgs,
     summary: SessionSummary,
     output: &mut OutputFolder,
+    up: Option<Vector3<f64>>,
 ) -> anyhow::Result<()> {
     if !summary.trajectory.is_empty() {
         let path = output.file("trajectory.txt");
@@ -110,5 +114,9 @@ fn write_results(
     };
     surface.translate(&summary.origin);
     let formats: Vec<_> = args.format.iter().map(|&format| format.into()).collect();
-    surface.write(output, "", &formats, &summary.origin)
+    let frame = match up {
+        Some(up) => GltfFrame::upright(summary.origin, &up),
+        None => GltfFrame::from(&summary.origin),
+    };
+    surface.write(output, "", &formats, &frame)
 }

@@ -22,13 +22,13 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         assumed_focal: None,
     };
     let mut warnings = Vec::new();
-    let (sequence, warning) = if is_video(&args.input) {
+    let (sequence, said) = if is_video(&args.input) {
         warnings.extend(unpack(&args.input, &args.out, &verbosity.hook())?);
-        open_unposed(&args.out, &of_video(open))?
+        open_unposed(&args.out, &of_video(open), args.accept_as_is)?
     } else {
-        open_unposed(&args.input, &open)?
+        open_unposed(&args.input, &open, args.accept_as_is)?
     };
-    warnings.extend(warning);
+    warnings.extend(said);
     warnings.extend(sequence.warnings().iter().map(ToString::to_string));
     let mode = args
         .mode

@@ -1,7 +1,6 @@
 //! Files of compared surfaces.
 
-use linecarve_mesh::LineSet;
-use nalgebra::Vector3;
+use linecarve_mesh::{GltfFrame, LineSet};
 
 use super::run::ComparedRun;
 use crate::sinks::{Format, OutputFolder, SurfaceFiles, final_mesh_edges};
@@ -13,9 +12,10 @@ use crate::sinks::{Format, OutputFolder, SurfaceFiles, final_mesh_edges};
 pub(crate) fn write_surfaces(
     formats: &[Format],
     runs: &[ComparedRun],
-    origin: &Vector3<f64>,
+    frame: &GltfFrame,
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
+    let origin = &frame.origin;
     let no_lines = LineSet::default();
     for run in runs {
         let name = run.surface.name;
@@ -32,7 +32,7 @@ pub(crate) fn write_surfaces(
             edges: edges.lines,
         };
         surface.translate(origin);
-        surface.write(output, &format!("{name}/"), formats, origin)?;
+        surface.write(output, &format!("{name}/"), formats, frame)?;
         if let Some(points) = &run.points {
             let path = output.file(&format!("{name}/points.ply"));
             let points: Vec<_> = points.iter().map(|point| point + origin).collect();

@@ -59,6 +59,8 @@ pub struct SequenceSummary {
     pub median_depth: f64,
     /// Origin subtracted from coordinates during the computation; outputs have it added again.
     pub origin: [f64; 3],
+    /// Up in the frame of the poses; GLB files have it as y.
+    pub up: [f64; 3],
     /// Difference of poses and images, when it was estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub poses: Option<PoseSummary>,

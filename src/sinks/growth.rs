@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use linecarve_mesh::files::write_atomically;
-use linecarve_mesh::{GlbWriter, MeshElements, MeshFileError};
+use linecarve_mesh::{GlbWriter, GltfFrame, MeshElements, MeshFileError};
 use nalgebra::Vector3;
 
 use super::output::{OutputFolder, SURFACE};
@@ -34,6 +34,8 @@ pub(crate) struct GrowthFiles<'a> {
     bytes: Vec<u8>,
     index: Vec<u32>,
     writer: GlbWriter,
+    /// Of all files: poses do not change during a run.
+    frame: Option<GltfFrame>,
 }
 
 impl<'a> GrowthFiles<'a> {
@@ -50,6 +52,7 @@ impl<'a> GrowthFiles<'a> {
             bytes: Vec::new(),
             index: Vec::new(),
             writer: GlbWriter::default(),
+            frame: None,
         })
     }
 }
@@ -76,8 +79,9 @@ impl Sink for GrowthFiles<'_> {
                 let path = self.output.file(&format!("{name}.glb"));
                 let counts = [surface.vertex_count(), surface.triangle_count()];
                 let elements = surface.elements(&mut self.index);
+                let frame = *self.frame.get_or_insert_with(|| recording.gltf_frame());
                 self.writer
-                    .write_surface(&path, SURFACE, elements, counts, &recording.origin)?;
+                    .write_surface(&path, SURFACE, elements, counts, frame)?;
             }
             Growth::Delta => {
                 let name = format!("{name}.delta");
@@ -109,8 +113,9 @@ impl Sink for GrowthFiles<'_> {
                     colors: mesh.colors.as_ref().map(|colors| colors.iter().copied()),
                     elements: mesh.triangles.iter().copied(),
                 };
+                let frame = *self.frame.get_or_insert_with(|| recording.gltf_frame());
                 self.writer
-                    .write_surface(&path, SURFACE, elements, counts, &recording.origin)?;
+                    .write_surface(&path, SURFACE, elements, counts, frame)?;
             }
             Growth::Delta => {
                 // One more than keyframes: what the end of the map changed.

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 
 use linecarve_mesh::feature_edges::CREASE_COLOR;
 use linecarve_mesh::files::remove_unfinished;
 use linecarve_mesh::texture::EncodedTexture;
 use linecarve_mesh::{
-    Geometry, GlbPart, LineSet, MeshFileError, TriangleMesh, write_glb, write_lines_obj,
+    Geometry, GlbPart, GltfFrame, LineSet, MeshFileError, TriangleMesh, write_glb, write_lines_obj,
     write_lines_ply, write_mesh_obj, write_mesh_ply, write_textured_obj,
 };
 use linecarve_sequence::Sequence;
@@ -114,11 +114,11 @@ pub(crate) fn write_geometry(
     name: &str,
     part: GlbPart<'_>,
     formats: &[Format],
-    origin: &Vector3<f64>,
+    frame: &GltfFrame,
 ) -> anyhow::Result<()> {
     for format in distinct(formats) {
         let path = output.file(&format!("{name}.{}", extension(format)));
-        for beside in write_part(&path, part, format, origin)? {
+        for beside in write_part(&path, part, format, frame)? {
             let beside = beside.strip_prefix(output.root()).unwrap_or(&beside);
             let beside = beside.display().to_string();
             output.file(&beside);
@@ -132,10 +132,10 @@ pub(crate) fn write_part(
     path: &Path,
     part: GlbPart<'_>,
     format: Format,
-    origin: &Vector3<f64>,
+    frame: &GltfFrame,
 ) -> Result<Vec<PathBuf>, MeshFileError> {
     match (format, part.geometry) {
-        (Format::Glb, _) => write_glb(path, &[part], origin)?,
+        (Format::Glb, _) => write_glb(path, &[part], *frame)?,
         (Format::Obj, Geometry::Mesh(mesh)) => write_mesh_obj(path, mesh)?,
         (Format::Obj, Geometry::Textured(mesh, texture)) => {
             return write_textured_obj(path, mesh, texture).map(Vec::from);

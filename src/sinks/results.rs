@@ -131,10 +131,11 @@ pub(crate) fn write_results(
         edges: edges.lines,
     };
     surface.translate(origin);
-    surface.write(output, "", settings.formats, origin)?;
+    let frame = recording.gltf_frame();
+    surface.write(output, "", settings.formats, &frame)?;
     if surface.lines.is_some() && settings.formats.contains(&Format::Glb) {
         let parts = surface.parts();
-        write_glb(&output.file("scene.glb"), &parts, origin)?;
+        write_glb(&output.file("scene.glb"), &parts, frame)?;
     }
     Ok(surface.mesh)
 }

@@ -7,7 +7,7 @@ use super::output::{
     surface_part, textured_part, write_geometry,
 };
 use linecarve_mesh::texture::EncodedTexture;
-use linecarve_mesh::{GlbPart, LineSet, TriangleMesh};
+use linecarve_mesh::{GlbPart, GltfFrame, LineSet, TriangleMesh};
 
 /// A surface and its lines.
 #[derive(Debug)]
@@ -41,10 +41,10 @@ impl SurfaceFiles {
         output: &mut OutputFolder,
         folder: &str,
         formats: &[Format],
-        origin: &Vector3<f64>,
+        frame: &GltfFrame,
     ) -> anyhow::Result<()> {
         for (name, part) in self.named() {
-            write_geometry(output, &format!("{folder}{name}"), part, formats, origin)?;
+            write_geometry(output, &format!("{folder}{name}"), part, formats, frame)?;
         }
         Ok(())
     }

@@ -4,8 +4,10 @@ mod error;
 mod evaluation;
 mod sequence;
 mod trajectory;
+mod video;
 
 pub use error::error_text;
 pub(crate) use evaluation::evaluation_text;
 pub(crate) use sequence::sequence_text;
 pub(crate) use trajectory::trajectory_text;
+pub(crate) use video::video_text;

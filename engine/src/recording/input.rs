@@ -10,6 +10,7 @@ use linecarve_sequence::{
 
 use crate::front_end::{ImagePosesError, ScaleError};
 use crate::options::OptionsError;
+use crate::questions::QuestionError;
 use crate::run::ProgressHook;
 use crate::tracking::TrackError;
 
@@ -67,6 +68,10 @@ pub struct Input {
     /// Whether poses are found from the images although the recording may have some. Without poses they are in any case, where
     /// there is depth.
     pub track: bool,
+    /// Whether what contradicts the images, and files that look like poses, depth or calibration and are not read, are only warned of.
+    pub accept_as_is: bool,
+    /// Up in the frame of the poses; `None` takes the mean up direction of the cameras.
+    pub up: Option<[f64; 3]>,
     /// Hears how far the preparation of the recording is.
     pub progress: ProgressHook,
 }
@@ -81,6 +86,8 @@ impl<P: AsRef<Path>> From<P> for Input {
             source: Source::Lines,
             depth: DepthChoice::Auto,
             track: false,
+            accept_as_is: false,
+            up: None,
             progress: ProgressHook::default(),
         }
     }
@@ -122,6 +129,9 @@ pub enum RecordingError {
     /// Poses cannot be found from the images.
     #[error(transparent)]
     Track(#[from] TrackError),
+    /// The images contradict the files of the sequence, or some files are not read.
+    #[error(transparent)]
+    Question(#[from] QuestionError),
     /// The recording lacks what was asked for; the text says what, and the remedy.
     #[error("{0}")]
     Missing(String),

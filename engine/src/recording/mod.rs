@@ -7,6 +7,8 @@ mod prepared;
 
 use std::sync::Arc;
 
+use linecarve_mesh::GltfFrame;
+use linecarve_mesh::render::up_direction;
 use linecarve_sequence::{Sequence, SparseModel, every_nth, read_keyframe_list, select_keyframes};
 use nalgebra::{Isometry3, Vector3};
 
@@ -15,6 +17,7 @@ use crate::front_end::{
     median_scene_depth,
 };
 use crate::options::Options;
+use crate::questions::{ROLES_OF_SURFACE, ask};
 use crate::tracking::open_or_track;
 
 pub use fit::camera_warning;
@@ -43,6 +46,8 @@ pub struct Recording {
     pub poses: Option<PoseSummary>,
     /// The model that is carved, in the frame of computation. It is moved here from the sequence, and the map shares it.
     pub model: Option<Arc<SparseModel>>,
+    /// Up in the frame of the poses, if it was given.
+    pub up: Option<Vector3<f64>>,
     /// Whether poses were found from the images; frames without one are left out.
     pub is_tracked: bool,
     /// What was left out or assumed.
@@ -61,6 +66,7 @@ impl Recording {
             &input.path,
             &input.open,
             input.track,
+            input.accept_as_is,
             noise,
             &input.progress,
         )?;
@@ -71,6 +77,10 @@ impl Recording {
             .map(ToString::to_string)
             .collect();
         warnings.extend(opened.warnings);
+        if !opened.is_tracked {
+            let asked = ask(&opened.sequence, &ROLES_OF_SURFACE, input.accept_as_is)?;
+            warnings.extend(asked);
+        }
         let mut recording = Self {
             warnings,
             is_tracked: opened.is_tracked,
@@ -83,6 +93,7 @@ impl Recording {
             origin: Vector3::zeros(),
             poses: None,
             model: None,
+            up: input.up.map(Vector3::from),
         };
         match input.source {
             Source::Lines | Source::Segments => recording.prepare_lines(input)?,
@@ -307,6 +318,15 @@ impl Recording {
             }
         };
         self.keyframes.iter().map(pose).collect()
+    }
+
+    /// The frame of glTF files: upright, with the origin of the frame of computation. Up is what was given, else the mean up direction of the
+    /// cameras, or the axis of the poses that is within 25 degrees of it.
+    pub fn gltf_frame(&self) -> GltfFrame {
+        let up = self
+            .up
+            .unwrap_or_else(|| up_direction(&self.keyframe_poses()));
+        GltfFrame::upright(self.origin, &up)
     }
 
     /// Name of the depth source in reports.

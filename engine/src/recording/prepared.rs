@@ -160,6 +160,7 @@ impl PreparedRecording {
             origin: Vector3::from(self.origin),
             poses: None,
             model: None,
+            up: None,
             is_tracked: false,
             warnings: Vec::new(),
         })

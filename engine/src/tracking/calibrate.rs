@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::error::TrackError;
 use super::mode::TrackingMode;
+use crate::questions::{ROLES_OF_TRACKING, ask};
 
 /// First focal length, as a share of the longer side: that of a telephone is 0.7 to 0.9.
 const FIRST_FOCAL: f64 = 0.85;
@@ -22,11 +23,20 @@ const MAX_ROUNDS: usize = 5;
 const LAST_CHANGE: f64 = 0.01;
 
 /// Opens a sequence without reading poses. A focal length that no file gives is estimated from the images; a warning says which.
+/// With `accept_as_is`, files that look like depth or calibration and are not read are warnings, too.
+///
+/// # Errors
+/// If the sequence cannot be read, or such files are not read.
 pub fn open_unposed(
     path: &Path,
     options: &OpenOptions,
-) -> Result<(Sequence, Option<String>), TrackError> {
-    with_estimated_focal(open_with_assumed_focal(path, options)?, path, options)
+    accept_as_is: bool,
+) -> Result<(Sequence, Vec<String>), TrackError> {
+    let sequence = open_with_assumed_focal(path, options)?;
+    let mut warnings = ask(&sequence, &ROLES_OF_TRACKING, accept_as_is)?;
+    let (sequence, warning) = with_estimated_focal(sequence, path, options)?;
+    warnings.extend(warning);
+    Ok((sequence, warnings))
 }
 
 /// Opens a sequence without reading poses. A focal length that no file gives is assumed.

@@ -4,6 +4,8 @@ use linecarve_lines::depth::SensorError;
 use linecarve_sequence::{FrameError, SequenceError};
 use linecarve_tracking::TrackingOptionsError;
 
+use crate::questions::QuestionError;
+
 /// Why a sequence cannot be tracked.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
@@ -24,6 +26,9 @@ pub enum TrackError {
     /// A parameter is out of range.
     #[error(transparent)]
     Options(#[from] TrackingOptionsError),
+    /// Files that matter are not read.
+    #[error(transparent)]
+    Question(#[from] QuestionError),
     /// The sequence lacks what is needed; the text says what, and the remedy.
     #[error("{0}")]
     Missing(String),

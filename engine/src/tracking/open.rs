@@ -8,6 +8,7 @@ use super::calibrate::{open_unposed, open_with_assumed_focal, with_estimated_foc
 use super::error::TrackError;
 use super::mode::TrackingMode;
 use super::run::track_sequence;
+use crate::questions::{ROLES_OF_SURFACE, ask};
 use crate::run::ProgressHook;
 
 /// A sequence with poses.
@@ -23,25 +24,28 @@ pub(crate) fn open_or_track(
     path: &Path,
     options: &OpenOptions,
     track: bool,
+    accept_as_is: bool,
     relative_noise: f64,
     progress: &ProgressHook,
 ) -> Result<Opened, TrackError> {
-    let mut warnings = Vec::new();
-    let (mut sequence, warning) = if track {
-        open_unposed(path, options)?
+    let (mut sequence, mut warnings) = if track {
+        open_unposed(path, options, accept_as_is)?
     } else {
         let (sequence, without_poses) = open_with_or_without_poses(path, options)?;
         let Some(statement) = without_poses else {
             return Ok(Opened {
                 sequence,
                 is_tracked: false,
-                warnings,
+                warnings: Vec::new(),
             });
         };
-        warnings.push(format!("{statement}: they are found from the images"));
-        with_estimated_focal(sequence, path, options)?
+        // Before a minute of tracking: the poses may lie there.
+        let mut said = ask(&sequence, &ROLES_OF_SURFACE, accept_as_is)?;
+        said.push(format!("{statement}: they are found from the images"));
+        let (sequence, warning) = with_estimated_focal(sequence, path, options)?;
+        said.extend(warning);
+        (sequence, said)
     };
-    warnings.extend(warning);
     let mode = TrackingMode::of(&sequence);
     let tracked = track_sequence(&sequence, mode, mode.options(), relative_noise, progress)?;
     if mode == TrackingMode::Mono {

@@ -1,6 +1,7 @@
 //! Video files: pictures out of MP4 and MOV (H.264, H.265) and of uncompressed Y4M, written as images that a sequence is read from.
 
 mod codec;
+mod facts;
 mod h264;
 mod h265;
 mod mp4;
@@ -9,6 +10,7 @@ mod samples;
 mod unpack;
 mod y4m;
 
+pub use facts::{VideoFacts, describe};
 pub use unpack::{is_video, of_video, unpack};
 
 use std::path::{Path, PathBuf};

@@ -42,7 +42,7 @@ pub fn of_video(options: OpenOptions) -> OpenOptions {
     }
 }
 
-fn is_mp4(start: &[u8]) -> bool {
+pub(super) fn is_mp4(start: &[u8]) -> bool {
     let first = start.get(4..8).unwrap_or_default();
     [b"ftyp", b"moov", b"mdat", b"wide", b"free"]
         .iter()

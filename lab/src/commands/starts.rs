@@ -124,6 +124,7 @@ fn one_start(
             .map(|(at, frame)| (stamp(at), frame.world_from_camera))
             .collect(),
         frames: None,
+        is_counted: false,
     };
     let estimate = TimedPoses {
         poses: tracked
@@ -131,6 +132,7 @@ fn one_start(
             .map(|(at, pose)| (stamp(at), pose))
             .collect(),
         frames: None,
+        is_counted: false,
     };
     let alignment = match mode {
         TrackingMode::Rgbd | TrackingMode::Stereo => TrajectoryAlignment::Se3,

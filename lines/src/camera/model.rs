@@ -35,11 +35,20 @@ pub struct Camera {
     limit: f64,
 }
 
+/// What a negative focal length means, and the remedy.
+fn mirrored(focal: f64) -> &'static str {
+    if focal < 0.0 && focal.is_finite() {
+        ": a negative one means y up in a mirrored world, as in ICL-NUIM; make it positive, and change the sign of ty, qx and qz of all poses"
+    } else {
+        ""
+    }
+}
+
 /// A camera parameter is invalid.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum CameraError {
     /// A focal length is zero, negative or not finite.
-    #[error("focal length {name} = {value} px must be positive and finite")]
+    #[error("focal length {name} = {value} px must be positive and finite{}", mirrored(*value))]
     FocalLength {
         /// `fx` or `fy`.
         name: &'static str,

@@ -1,7 +1,6 @@
 //! Binary glTF 2.0 (GLB), written.
 //!
-//! glTF is +Y up and looks along -Z; the program's frames have y down and z forward. Positions are stored as `f32`
-//! (x, -y, -z) after subtraction of `origin`. The scene's `extras.original_from_gltf` holds the 4 x 4 matrix (rows) that
+//! glTF is +Y up. Positions are stored as `f32` in a [`GltfFrame`], after subtraction of its origin. The scene's `extras.original_from_gltf` holds the 4 x 4 matrix (rows) that
 //! maps them back. A texture lies in the binary chunk as an image file. The unit is that of the poses; glTF viewers read it as metres. Meshes have no normals, so viewers
 //! shade their triangles flat.
 
@@ -14,6 +13,7 @@ use nalgebra::{Point3, Rotation3, Vector3};
 
 use self::builder::Builder;
 use super::error::MeshFileError;
+use super::gltf_frame::GltfFrame;
 use crate::files::{WriteError, write_atomically};
 use crate::texture::EncodedTexture;
 use crate::types::{GeometryError, LineSet, TriangleMesh, is_storable};
@@ -53,9 +53,14 @@ pub struct GlbPart<'a> {
 pub fn write_glb(
     path: &Path,
     parts: &[GlbPart<'_>],
-    origin: &Vector3<f64>,
+    frame: impl Into<GltfFrame>,
 ) -> Result<(), MeshFileError> {
-    let mut builder = Builder::new(Vec::new(), gltf_from_original());
+    let GltfFrame {
+        origin,
+        gltf_from_original,
+    } = frame.into();
+    let origin = &origin;
+    let mut builder = Builder::new(Vec::new(), gltf_from_original);
     for part in parts {
         match part.geometry {
             Geometry::Mesh(mesh) => mesh.validate(),
@@ -93,7 +98,7 @@ pub struct GlbWriter {
 
 impl GlbWriter {
     /// Writes a surface as one node, which has the colour unless its vertices have their own: the same file as
-    /// [`write_glb`], of a mesh from whose positions `origin` is already subtracted. The counts are those of vertices and
+    /// [`write_glb`], of a mesh from whose positions the origin is already subtracted. The counts are those of vertices and
     /// triangles. Indices have to be in range.
     ///
     /// # Errors
@@ -104,20 +109,24 @@ impl GlbWriter {
         (name, color): (&str, [u8; 3]),
         mesh: MeshElements<P, C, T>,
         [vertices, triangles]: [usize; 2],
-        origin: &Vector3<f64>,
+        frame: impl Into<GltfFrame>,
     ) -> Result<(), MeshFileError>
     where
         P: Iterator<Item = Point3<f64>>,
         C: Iterator<Item = [u8; 3]>,
         T: Iterator<Item = [u32; 3]>,
     {
+        let GltfFrame {
+            origin,
+            gltf_from_original,
+        } = frame.into();
         self.binary.clear();
         // Bytes of a position, of a colour and of three indices.
         let bytes = 20 * vertices + 12 * triangles;
         if self.binary.capacity() < bytes {
             self.binary.reserve_exact(bytes + bytes / 8);
         }
-        let mut builder = Builder::new(std::mem::take(&mut self.binary), gltf_from_original());
+        let mut builder = Builder::new(std::mem::take(&mut self.binary), gltf_from_original);
         let mut fault = None;
         let check = |(index, position): (usize, Point3<f64>)| {
             if fault.is_none() && !is_storable(&position) {
@@ -135,7 +144,7 @@ impl GlbWriter {
         if let Some(fault) = fault {
             return Err(MeshFileError::geometry(path)(fault));
         }
-        let (json, binary) = finish(builder, path, origin)?;
+        let (json, binary) = finish(builder, path, &origin)?;
         let outcome = write_chunks(path, &json, &binary);
         self.binary = binary;
         outcome

@@ -74,9 +74,10 @@ pub fn write_colmap(folder: &Path, sequence: &Sequence) -> Result<(), ColmapErro
             model.points.as_slice()
         }
         None => {
-            for image in posed_images(sequence) {
+            for (index, image) in posed_images(sequence).into_iter().enumerate() {
+                let size = sequence.stored_size(index);
                 images.push(Image {
-                    camera: camera_index(&image.camera, color_size),
+                    camera: camera_index(&image.camera, [size.width, size.height]),
                     name: image.file,
                     world_from_camera: image.world_from_camera,
                     observations: Vec::new(),

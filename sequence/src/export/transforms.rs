@@ -52,7 +52,7 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
     // Converts axes y down, z forward to y up, z backward.
     let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
     let mut frames = Vec::with_capacity(images.len());
-    for (image, frame) in images.iter().zip(sequence.frames()) {
+    for (index, (image, frame)) in images.iter().zip(sequence.frames()).enumerate() {
         let mut pose = image.world_from_camera;
         pose.rotation *= half_turn;
         let matrix = pose.to_homogeneous();
@@ -73,6 +73,11 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
         entry.insert("transform_matrix".to_owned(), json!(rows));
         if image.camera != *shared {
             entry.extend(intrinsics(&image.camera));
+        }
+        let own_size = sequence.stored_size(index);
+        if own_size != size {
+            entry.insert("w".to_owned(), json!(own_size.width));
+            entry.insert("h".to_owned(), json!(own_size.height));
         }
         if let Some(depth_file) = frame.depth.as_ref().filter(|_| depth.is_some()) {
             entry.insert(

@@ -5,9 +5,10 @@ use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::pose_hypotheses::{AS_READ, PoseHypothesis, pose_hypotheses, simplest_of_best};
-use super::{evenly_spaced, quantile, skip_unreadable};
-use crate::{DepthImage, FrameError, Sequence};
+use super::depth_alternatives::{DepthConvention, alternatives, as_read, search};
+use super::pose_hypotheses::simplest_of_best;
+use super::{evenly_spaced, quantile, remedy_text, skip_unreadable};
+use crate::{DepthCalibration, DepthImage, FrameError, Sequence};
 
 /// Compared pixels across an image; the spacing is the same in both directions.
 const SAMPLES_ACROSS: usize = 80;
@@ -23,8 +24,14 @@ const CLEARLY_BETTER: f64 = 0.5;
 /// convention fits.
 const GOOD: f64 = 0.01;
 
-/// Common depth scales: millimetres, TUM RGB-D, RealSense L515, and a power of two.
-const SCALES: [f64; 4] = [1000.0, 5000.0, 4000.0, 256.0];
+/// Smallest number of compared pixels of a few pairs that prove something.
+const MIN_PIXELS: usize = 300;
+
+/// An alternative that contradicts the files fits at least this well.
+const FITS: f64 = 0.05;
+
+/// Pairs that a search for unknown numbers compares: it keeps them in memory.
+const SEARCHED_PAIRS: usize = 4;
 
 /// Depth consistency between frames a fixed gap apart.
 #[derive(Debug, Clone, Serialize)]
@@ -61,67 +68,45 @@ pub struct DepthHypothesis {
 impl DepthConsistency {
     /// A warning if an alternative fits much better.
     pub(super) fn warning(&self) -> Option<String> {
-        let best = simplest_of_best(&self.others, |other| {
-            (other.median_relative, other.differences)
-        })?;
-        if self.as_read.median_relative < GOOD {
-            return None;
-        }
-        // With little overlap a good fit proves nothing.
-        let is_comparable = best.pixels * 4 >= self.as_read.pixels;
-        (is_comparable && best.median_relative < CLEARLY_BETTER * self.as_read.median_relative).then(|| {
-            format!(
-                "depth images {} frames apart agree better with {} (median difference {:.2} % of depth) than as read \
-                 ({:.2} %): check the pose convention and depth scale{}",
-                self.gap,
-                best.reading,
-                100.0 * best.median_relative,
-                100.0 * self.as_read.median_relative,
-                best.remedy
-                    .as_ref()
-                    .map_or_else(String::new, |remedy| format!(" (in linecarve.toml: {remedy})"))
-            )
-        })
+        let best = better(&self.as_read, &self.others)?;
+        Some(format!(
+            "depth images {} frames apart {}",
+            self.gap,
+            agree_better(&self.as_read, best)
+        ))
     }
 }
 
-/// A convention of poses and depth scale to test.
-struct DepthConvention {
-    description: String,
-    /// The sidecar entry that selects it.
-    remedy: Option<String>,
-    differences: usize,
-    poses: PoseHypothesis,
-    /// Factor on depth as read.
-    factor: f64,
+/// Says that an alternative fits better, and the remedy.
+fn agree_better(as_read: &DepthHypothesis, best: &DepthHypothesis) -> String {
+    format!(
+        "agree better with {} (median difference {:.2} % of depth) than as read ({:.2} %): check the pose convention and \
+         depth scale{}",
+        best.reading,
+        100.0 * best.median_relative,
+        100.0 * as_read.median_relative,
+        remedy_text(best.remedy.as_deref())
+    )
 }
 
-/// The convention as read, then alternative pose conventions, then alternative depth scales.
-fn conventions(sequence: &Sequence, scale: f64) -> Vec<DepthConvention> {
-    let mut all: Vec<DepthConvention> = pose_hypotheses(sequence)
-        .into_iter()
-        .map(|poses| DepthConvention {
-            description: poses.description.clone(),
-            remedy: poses.remedy.clone(),
-            differences: poses.differences,
-            poses,
-            factor: 1.0,
-        })
+/// The simplest of the best alternatives, if it fits much better than as read.
+fn better<'a>(
+    as_read: &DepthHypothesis,
+    others: &'a [DepthHypothesis],
+) -> Option<&'a DepthHypothesis> {
+    if as_read.median_relative < GOOD {
+        return None;
+    }
+    // With little overlap a good fit proves nothing.
+    let comparable: Vec<&DepthHypothesis> = others
+        .iter()
+        .filter(|other| other.pixels * 4 >= as_read.pixels)
         .collect();
-    for other in SCALES
-        .into_iter()
-        .filter(|other| (other / scale - 1.0).abs() > 1e-3)
-    {
-        let as_read = pose_hypotheses(sequence).into_iter().next();
-        all.extend(as_read.map(|poses| DepthConvention {
-            description: format!("a depth scale of {other} instead of {scale}"),
-            remedy: Some(format!("[depth] scale = {other:?}")),
-            differences: 1,
-            poses,
-            factor: scale / other,
-        }));
-    }
-    all
+    simplest_of_best(&comparable, |other| {
+        (other.median_relative, other.differences)
+    })
+    .copied()
+    .filter(|best| best.median_relative < CLEARLY_BETTER * as_read.median_relative)
 }
 
 /// Compares pairs of depth images `gap` frames apart; `None` if no pair is comparable.
@@ -130,75 +115,196 @@ pub(super) fn measure(
     gap: usize,
     pairs: usize,
 ) -> Result<Option<DepthConsistency>, FrameError> {
-    let Some(calibration) = sequence.depth_calibration() else {
-        return Ok(None);
-    };
     let frames = sequence.frames();
     let candidates: Vec<usize> = (0..frames.len().saturating_sub(gap))
         .filter(|&i| gap > 0 && frames[i].depth.is_some() && frames[i + gap].depth.is_some())
         .collect();
-    let conventions = conventions(sequence, calibration.scale);
-    let measured = evenly_spaced(candidates.len(), pairs)
-        .par_iter()
-        .map(|&at| {
-            let (i, j) = (candidates[at], candidates[at] + gap);
-            let (Some(a), Some(b)) = (
-                skip_unreadable(sequence.load_depth(i))?.flatten(),
-                skip_unreadable(sequence.load_depth(j))?.flatten(),
-            ) else {
-                return Ok(None);
-            };
-            let residuals: Vec<_> = conventions
-                .iter()
-                .map(|convention| {
-                    let pose = |index: usize| {
-                        convention.poses.world_from_color(sequence, index)
-                            * calibration.color_from_depth
-                    };
-                    let b_from_a = pose(j).inverse() * pose(i);
-                    compare(&a, &b, &b_from_a, convention.factor, &calibration.camera)
-                })
-                .collect();
-            Ok(Some(residuals))
-        })
-        .collect::<Result<Vec<_>, FrameError>>()?;
-    let pairs = measured.iter().flatten().count();
-    let mut hypotheses: Vec<DepthHypothesis> = conventions
+    let pairs: Vec<[usize; 2]> = evenly_spaced(candidates.len(), pairs)
         .into_iter()
-        .enumerate()
-        .filter_map(|(index, convention)| {
-            let all = || {
-                measured
-                    .iter()
-                    .flatten()
-                    .flat_map(|residuals| &residuals[index])
-            };
-            let mut absolute: Vec<f64> = all().map(|residual| residual.0).collect();
-            let mut relative: Vec<f64> = all().map(|residual| residual.1).collect();
-            let within = relative.iter().filter(|&&value| value < AGREEMENT).count();
-            Some(DepthHypothesis {
-                reading: convention.description,
-                remedy: convention.remedy,
-                differences: convention.differences,
-                pixels: relative.len(),
-                median_difference: quantile(&mut absolute, 0.5)?,
-                median_relative: quantile(&mut relative, 0.5)?,
-                share_within_1_percent: within as f64 / relative.len() as f64,
-            })
-        })
+        .map(|at| [candidates[at], candidates[at] + gap])
         .collect();
-    let is_as_read = |hypothesis: &DepthHypothesis| hypothesis.reading == AS_READ;
-    let Some(at) = hypotheses.iter().position(is_as_read) else {
+    let Some(calibration) = sequence.depth_calibration() else {
         return Ok(None);
     };
-    let as_read = hypotheses.remove(at);
-    hypotheses.sort_by(|a, b| a.median_relative.total_cmp(&b.median_relative));
+    let mut conventions = vec![as_read(sequence)];
+    conventions.extend(alternatives(sequence, calibration));
+    let Some((pairs_compared, as_read, mut others)) =
+        measure_pairs(sequence, calibration, &pairs, &conventions)?
+    else {
+        return Ok(None);
+    };
+    if as_read.median_relative >= GOOD {
+        others.extend(searched(sequence, calibration, &pairs, &others)?);
+        others.sort_by(|a, b| a.median_relative.total_cmp(&b.median_relative));
+    }
     Ok(Some(DepthConsistency {
         gap,
-        pairs,
+        pairs: pairs_compared,
         as_read,
-        others: hypotheses,
+        others,
     }))
+}
+
+/// What a few pairs of depth images say about the convention as read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum DepthVerdict {
+    /// They agree.
+    Agrees,
+    /// An alternative agrees much better; it is given in words.
+    Contradicts(String),
+    /// They do not tell.
+    Unknown,
+}
+
+/// Compares a few pairs. Alternatives are only tried if the depth does not agree as read.
+pub(super) fn verdict(
+    sequence: &Sequence,
+    pairs: &[[usize; 2]],
+) -> Result<DepthVerdict, FrameError> {
+    let Some(calibration) = sequence.depth_calibration() else {
+        return Ok(DepthVerdict::Unknown);
+    };
+    let first = as_read(sequence);
+    let found = measure_pairs(sequence, calibration, pairs, std::slice::from_ref(&first))?;
+    // Nothing to compare as read is no agreement: a wrong scale may leave no overlap.
+    if found
+        .as_ref()
+        .is_some_and(|(_, found, _)| found.median_relative < GOOD && found.pixels >= MIN_PIXELS)
+    {
+        return Ok(DepthVerdict::Agrees);
+    }
+    let mut conventions = vec![first];
+    conventions.extend(alternatives(sequence, calibration));
+    let measured = measure_pairs(sequence, calibration, pairs, &conventions)?;
+    let Some((_, as_read, mut others)) = measured else {
+        return Ok(DepthVerdict::Unknown);
+    };
+    others.extend(searched(sequence, calibration, pairs, &others)?);
+    others.retain(|other| other.pixels >= MIN_PIXELS);
+    let best = better(&as_read, &others).filter(|best| best.median_relative < FITS);
+    Ok(best.map_or(DepthVerdict::Unknown, |best| {
+        DepthVerdict::Contradicts(format!("depth images {}", agree_better(&as_read, best)))
+    }))
+}
+
+/// Scales and focal lengths that a search finds.
+fn searched(
+    sequence: &Sequence,
+    calibration: &DepthCalibration,
+    pairs: &[[usize; 2]],
+    others: &[DepthHypothesis],
+) -> Result<Vec<DepthHypothesis>, FrameError> {
+    let few: Vec<[usize; 2]> = evenly_spaced(pairs.len(), SEARCHED_PAIRS)
+        .into_iter()
+        .map(|at| pairs[at])
+        .collect();
+    let loaded: Vec<DepthPair> = few
+        .into_par_iter()
+        .map(|frames| DepthPair::load(sequence, frames))
+        .collect::<Result<Vec<_>, FrameError>>()?
+        .into_iter()
+        .flatten()
+        .collect();
+    let is_explained = others.iter().any(|other| other.median_relative < GOOD);
+    let mut conventions = vec![as_read(sequence)];
+    conventions.extend(search(sequence, calibration, &loaded, is_explained));
+    let measured = measure_pairs(sequence, calibration, pairs, &conventions)?;
+    Ok(measured.map_or_else(Vec::new, |(_, _, others)| others))
+}
+
+type Measured = (usize, DepthHypothesis, Vec<DepthHypothesis>);
+
+/// Measures all conventions, of which the first is that as read; the others are sorted, the best first.
+fn measure_pairs(
+    sequence: &Sequence,
+    calibration: &DepthCalibration,
+    pairs: &[[usize; 2]],
+    conventions: &[DepthConvention],
+) -> Result<Option<Measured>, FrameError> {
+    let measured = pairs
+        .par_iter()
+        .map(|&frames| {
+            let pair = DepthPair::load(sequence, frames)?;
+            Ok(pair.map(|pair| {
+                let residuals = conventions
+                    .iter()
+                    .map(|convention| pair.residuals(sequence, calibration, convention, 1));
+                residuals.collect::<Vec<_>>()
+            }))
+        })
+        .collect::<Result<Vec<_>, FrameError>>()?;
+    let compared = measured.iter().flatten().count();
+    if compared == 0 {
+        return Ok(None);
+    }
+    let mut hypotheses = conventions.iter().enumerate().map(|(index, convention)| {
+        let all = || {
+            measured
+                .iter()
+                .flatten()
+                .flat_map(|residuals| &residuals[index])
+        };
+        let mut absolute: Vec<f64> = all().map(|residual| residual.0).collect();
+        let mut relative: Vec<f64> = all().map(|residual| residual.1).collect();
+        let within = relative.iter().filter(|&&value| value < AGREEMENT).count();
+        DepthHypothesis {
+            reading: convention.description.clone(),
+            remedy: convention.remedy.clone(),
+            differences: convention.differences,
+            pixels: relative.len(),
+            // Without any overlap nothing agrees.
+            median_difference: quantile(&mut absolute, 0.5).unwrap_or(f64::INFINITY),
+            median_relative: quantile(&mut relative, 0.5).unwrap_or(f64::INFINITY),
+            share_within_1_percent: within as f64 / relative.len().max(1) as f64,
+        }
+    });
+    let Some(as_read) = hypotheses.next() else {
+        return Ok(None);
+    };
+    let mut others: Vec<DepthHypothesis> = hypotheses.filter(|other| other.pixels > 0).collect();
+    others.sort_by(|a, b| a.median_relative.total_cmp(&b.median_relative));
+    Ok(Some((compared, as_read, others)))
+}
+
+/// Two depth images.
+pub(super) struct DepthPair {
+    frames: [usize; 2],
+    depths: [DepthImage; 2],
+}
+
+impl DepthPair {
+    /// `None` if one of them is missing or cannot be decoded.
+    fn load(sequence: &Sequence, frames: [usize; 2]) -> Result<Option<Self>, FrameError> {
+        let [i, j] = frames;
+        let (Some(a), Some(b)) = (
+            skip_unreadable(sequence.load_depth(i))?.flatten(),
+            skip_unreadable(sequence.load_depth(j))?.flatten(),
+        ) else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            frames,
+            depths: [a, b],
+        }))
+    }
+
+    /// Absolute and relative differences under a convention; of the pixels that are compared, every `every`-th in either direction.
+    pub(super) fn residuals(
+        &self,
+        sequence: &Sequence,
+        calibration: &DepthCalibration,
+        convention: &DepthConvention,
+        every: usize,
+    ) -> Vec<(f64, f64)> {
+        let color_from_depth = &calibration.color_from_depth;
+        let Some(b_from_a) = convention.poses.b_from_a(sequence, self.frames) else {
+            return Vec::new();
+        };
+        let b_from_a = color_from_depth.inverse() * b_from_a * color_from_depth;
+        let camera = convention.camera.as_ref().unwrap_or(&calibration.camera);
+        let [a, b] = &self.depths;
+        compare(a, b, &b_from_a, convention.factor, camera, every)
+    }
 }
 
 /// Absolute and relative differences between depth of `a` transformed into `b` and depth of `b`.
@@ -208,9 +314,10 @@ fn compare(
     b_from_a: &Isometry3<f64>,
     factor: f64,
     camera: &Camera,
+    every: usize,
 ) -> Vec<(f64, f64)> {
     let mut out = Vec::new();
-    let stride = (a.width() / SAMPLES_ACROSS).max(1);
+    let stride = (a.width() / SAMPLES_ACROSS).max(1) * every;
     for y in (stride / 2..a.height()).step_by(stride) {
         for x in (stride / 2..a.width()).step_by(stride) {
             let Some(&z) = a.get(x, y).filter(|&&z| z > 0.0) else {
@@ -291,7 +398,7 @@ mod tests {
             };
             let pose = |recorded| reading.world_from_color(recorded, &extrinsics);
             let b_from_a = pose(&b).inverse() * pose(&a);
-            let residuals = compare(&depth_a, &depth_b, &b_from_a, factor, &camera);
+            let residuals = compare(&depth_a, &depth_b, &b_from_a, factor, &camera, 1);
             // A wrong convention may leave no overlap at all.
             if residuals.len() < 10 {
                 return f64::INFINITY;

@@ -6,9 +6,10 @@ use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::image_samples::ImageSamples;
+use super::image_samples::{CornerPair, ImageSamples};
+use super::intrinsics_hypotheses::{FOCAL_STEP, description, focal_hypotheses, refined, section};
 use super::pose_hypotheses::{PoseHypothesis, pose_hypotheses, simplest_of_best};
-use super::{corners, quantile};
+use super::{corners, quantile, remedy_text};
 use crate::Sequence;
 
 /// Smallest median corner motion of a pair, as a share of the image width: with less motion every convention fits.
@@ -29,6 +30,9 @@ const GOOD: f64 = 0.003;
 /// A median above this share of the width is reported even if no alternative is better: poses are too poor to
 /// triangulate.
 const BAD: f64 = 0.006;
+
+/// Changes of the focal length up to this share are corrected from the images, where depth comes from them.
+const CORRECTED_FOCAL: f64 = 0.08;
 
 /// Distances of matched corners to their epipolar lines.
 #[derive(Debug, Clone, Serialize)]
@@ -61,121 +65,213 @@ pub struct EpipolarHypothesis {
 }
 
 impl EpipolarFacts {
-    /// A warning if an alternative fits much better, or no convention fits.
-    pub(super) fn warning(&self) -> Option<String> {
-        let width = self.width as f64;
-        if self.as_read.median_px < GOOD * width {
+    /// The simplest of the best alternatives, if it fits much better than as read.
+    fn better(&self) -> Option<&EpipolarHypothesis> {
+        if self.as_read.median_px < GOOD * self.width as f64 {
             return None;
         }
-        let poor = format!(
+        simplest_of_best(&self.others, |other| (other.median_px, other.differences))
+            .filter(|best| best.median_px < CLEARLY_BETTER * self.as_read.median_px)
+    }
+
+    /// How far corners are off as read.
+    fn poor(&self) -> String {
+        format!(
             "matched corners lie {:.1} px from their epipolar lines (median of {} in {} pairs)",
             self.as_read.median_px, self.matches, self.pairs
-        );
-        let best = simplest_of_best(&self.others, |other| (other.median_px, other.differences))?;
-        if best.median_px < CLEARLY_BETTER * self.as_read.median_px {
-            let remedy = best.remedy.as_ref().map_or_else(String::new, |remedy| {
-                format!(" (in linecarve.toml: {remedy})")
-            });
-            let rest = if best.median_px > GOOD * width {
-                "; this is still too far: the poses themselves are inaccurate"
-            } else {
-                ""
-            };
-            return Some(format!(
-                "{poor}, but {:.1} px with {}: check the pose convention{remedy}{rest}",
-                best.median_px, best.reading
-            ));
-        }
-        (self.as_read.median_px > BAD * width).then(|| {
-            format!(
-                "{poor}, and no other pose convention is much better: check intrinsics, time stamps and poses"
-            )
+        )
+    }
+
+    /// What contradicts the images, if an alternative fits.
+    fn contradiction(&self) -> Option<String> {
+        let best = self.better()?;
+        let remedy = remedy_text(best.remedy.as_deref());
+        let rest = if best.median_px > GOOD * self.width as f64 {
+            "; this is still too far: the poses themselves are inaccurate"
+        } else {
+            ""
+        };
+        Some(format!(
+            "{}, but {:.1} px with {}: check the pose convention and the intrinsics{rest}{remedy}",
+            self.poor(),
+            best.median_px,
+            best.reading
+        ))
+    }
+
+    /// A warning if an alternative fits much better, or no convention fits.
+    pub(super) fn warning(&self) -> Option<String> {
+        self.contradiction().or_else(|| {
+            (self.as_read.median_px > BAD * self.width as f64).then(|| {
+                format!(
+                    "{}, and no other pose convention is much better: check intrinsics, time stamps and poses",
+                    self.poor()
+                )
+            })
         })
     }
+}
+
+/// What contradicts the matched corners of a few pairs of images: the simplest of the best alternatives, in words. Alternatives are only
+/// tried if the poses as read do not fit.
+pub(super) fn contradiction(sequence: &Sequence, pairs: &[CornerPair<'_>]) -> Option<String> {
+    let matched = Matched::of(sequence, pairs)?;
+    if matched.fits_as_read() {
+        return None;
+    }
+    matched.facts()?.contradiction()
 }
 
 /// Compares matched corners of image pairs; `None` if there are too few matches.
 pub(super) fn measure(sequence: &Sequence, image_samples: &ImageSamples) -> Option<EpipolarFacts> {
-    let width = sequence.color_size().width as usize;
-    let hypotheses = pose_hypotheses(sequence);
-    let camera = sequence.color_camera();
-    let pairs = image_samples.pairs();
-    let measured: Vec<Option<(usize, Vec<Vec<f64>>)>> = pairs
-        .par_iter()
-        .map(|pair| {
-            let ([i, j], [a, b]) = (pair.frames, pair.corners);
-            let found = corners::matches(a, b);
-            if found.len() < MIN_PAIR_MATCHES {
-                return None;
-            }
-            let mut motions: Vec<f64> = found
-                .iter()
-                .map(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1]))
-                .collect();
-            if quantile(&mut motions, 0.5).is_none_or(|median| median < MIN_MOTION * width as f64) {
-                return None;
-            }
-            let distances: Vec<Vec<f64>> = hypotheses
-                .iter()
-                .map(|hypothesis| {
-                    let b_from_a = relative(hypothesis, sequence, i, j);
-                    found
-                        .iter()
-                        .filter_map(|(p, q)| distance(camera, &b_from_a, *p, *q))
-                        .collect()
-                })
-                .collect();
-            Some((found.len(), distances))
-        })
-        .collect();
-    let used: Vec<_> = measured.into_iter().flatten().collect();
-    let matches: usize = used.iter().map(|pair| pair.0).sum();
-    if matches < MIN_MATCHES {
-        return None;
-    }
-    let mut all: Vec<EpipolarHypothesis> = hypotheses
-        .into_iter()
-        .enumerate()
-        .filter_map(|(h, hypothesis)| {
-            let mut distances: Vec<f64> = used
-                .iter()
-                .flat_map(|pair| pair.1[h].iter().copied())
-                .collect();
-            let near = distances.iter().filter(|d| **d < 2.0).count();
-            // A convention that leaves most matches without a line proves nothing.
-            if 2 * distances.len() < matches {
-                return None;
-            }
-            Some(EpipolarHypothesis {
-                reading: hypothesis.description,
-                share_within_2_px: near as f64 / distances.len() as f64,
-                median_px: quantile(&mut distances, 0.5)?,
-                remedy: hypothesis.remedy,
-                differences: hypothesis.differences,
-            })
-        })
-        .collect();
-    if all.first().is_none_or(|first| first.remedy.is_some()) {
-        return None;
-    }
-    let as_read = all.remove(0);
-    all.sort_by(|a, b| a.median_px.total_cmp(&b.median_px));
-    Some(EpipolarFacts {
-        pairs: used.len(),
-        matches,
-        as_read,
-        others: all,
-        width,
-    })
+    Matched::of(sequence, &image_samples.pairs())?.facts()
 }
 
-fn relative(
-    hypothesis: &PoseHypothesis,
+/// Median distance of matched corners to their epipolar lines, of poses given by frame; `None` if there are too few matches.
+pub(super) fn median_of_poses(
     sequence: &Sequence,
-    i: usize,
-    j: usize,
-) -> Isometry3<f64> {
-    hypothesis.world_from_color(sequence, j).inverse() * hypothesis.world_from_color(sequence, i)
+    pairs: &[CornerPair<'_>],
+    pose: impl Fn(usize) -> Option<Isometry3<f64>>,
+) -> Option<f64> {
+    let matched = Matched::of(sequence, pairs)?;
+    let b_from_a = |[a, b]: [usize; 2]| Some(pose(b)?.inverse() * pose(a)?);
+    matched
+        .median(sequence.color_camera(), b_from_a)
+        .map(|found| found.0)
+}
+
+/// Pairs of images with enough matches and motion.
+struct Matched<'a> {
+    sequence: &'a Sequence,
+    /// The frames of each pair, and the matching pixels.
+    pairs: Vec<([usize; 2], Vec<Match>)>,
+    matches: usize,
+}
+
+/// A pixel of either image.
+type Match = ([f64; 2], [f64; 2]);
+
+impl<'a> Matched<'a> {
+    fn of(sequence: &'a Sequence, pairs: &[CornerPair<'_>]) -> Option<Self> {
+        let width = f64::from(sequence.color_size().width);
+        let pairs: Vec<([usize; 2], Vec<Match>)> = pairs
+            .par_iter()
+            .filter_map(|pair| {
+                let found = corners::matches(pair.corners[0], pair.corners[1]);
+                if found.len() < MIN_PAIR_MATCHES {
+                    return None;
+                }
+                let mut motions: Vec<f64> = found
+                    .iter()
+                    .map(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1]))
+                    .collect();
+                let median = quantile(&mut motions, 0.5)?;
+                (median >= MIN_MOTION * width).then_some((pair.frames, found))
+            })
+            .collect();
+        let matches: usize = pairs.iter().map(|pair| pair.1.len()).sum();
+        (matches >= MIN_MATCHES).then_some(Self {
+            sequence,
+            pairs,
+            matches,
+        })
+    }
+
+    /// Median distance, and the share within 2 px. `None` if most matches have no line, which proves nothing.
+    fn median(
+        &self,
+        camera: &Camera,
+        b_from_a: impl Fn([usize; 2]) -> Option<Isometry3<f64>>,
+    ) -> Option<(f64, f64)> {
+        let mut distances: Vec<f64> = Vec::with_capacity(self.matches);
+        for (frames, matches) in &self.pairs {
+            let Some(motion) = b_from_a(*frames) else {
+                continue;
+            };
+            let found = matches
+                .iter()
+                .filter_map(|(p, q)| distance(camera, &motion, *p, *q));
+            distances.extend(found);
+        }
+        if 2 * distances.len() < self.matches {
+            return None;
+        }
+        let near = distances.iter().filter(|d| **d < 2.0).count();
+        let share = near as f64 / distances.len() as f64;
+        Some((quantile(&mut distances, 0.5)?, share))
+    }
+
+    fn hypothesis(&self, poses: &PoseHypothesis, camera: &Camera) -> Option<EpipolarHypothesis> {
+        let motion = |frames| poses.b_from_a(self.sequence, frames);
+        let (median_px, share_within_2_px) = self.median(camera, motion)?;
+        Some(EpipolarHypothesis {
+            reading: poses.description.clone(),
+            median_px,
+            share_within_2_px,
+            remedy: poses.remedy.clone(),
+            differences: poses.differences,
+        })
+    }
+
+    fn as_read(&self) -> Option<EpipolarHypothesis> {
+        let poses = PoseHypothesis::as_read(self.sequence);
+        self.hypothesis(&poses, self.sequence.color_camera())
+    }
+
+    fn fits_as_read(&self) -> bool {
+        let good = GOOD * f64::from(self.sequence.color_size().width);
+        self.as_read()
+            .is_some_and(|as_read| as_read.median_px < good)
+    }
+
+    /// The distances as read and under all alternatives.
+    fn facts(&self) -> Option<EpipolarFacts> {
+        let camera = self.sequence.color_camera();
+        let as_read = self.as_read()?;
+        let mut others: Vec<EpipolarHypothesis> = pose_hypotheses(self.sequence)
+            .par_iter()
+            .filter(|poses| poses.differences > 0)
+            .filter_map(|poses| self.hypothesis(poses, camera))
+            .collect();
+        if !self.fits_as_read() {
+            others.extend(self.best_focal(camera));
+        }
+        others.sort_by(|a, b| a.median_px.total_cmp(&b.median_px));
+        Some(EpipolarFacts {
+            pairs: self.pairs.len(),
+            matches: self.matches,
+            as_read,
+            others,
+            width: self.sequence.color_size().width as usize,
+        })
+    }
+
+    /// The focal length that fits best.
+    fn best_focal(&self, camera: &Camera) -> Option<EpipolarHypothesis> {
+        let poses = PoseHypothesis::as_read(self.sequence);
+        let size = self.sequence.color_size();
+        let best = |cameras: Vec<Camera>| {
+            cameras
+                .into_par_iter()
+                .filter_map(|camera| Some((self.hypothesis(&poses, &camera)?, camera)))
+                .collect::<Vec<_>>()
+                .into_iter()
+                .min_by(|a, b| a.0.median_px.total_cmp(&b.0.median_px))
+        };
+        let (_, coarse) = best(focal_hypotheses(camera, [size.width, size.height]))?;
+        let (fit, found) = best(refined(&coarse, FOCAL_STEP))?;
+        let change = found.mean_focal_px() / camera.mean_focal_px();
+        if (change - 1.0).abs() < CORRECTED_FOCAL {
+            return None;
+        }
+        let stored = self.sequence.stored_color_camera();
+        Some(EpipolarHypothesis {
+            reading: description(camera, &found),
+            remedy: Some(section("color", &found, camera, stored)),
+            differences: 1,
+            ..fit
+        })
+    }
 }
 
 /// The larger of the distances, in pixels, of `q` to the epipolar line of `p` and of `p` to that of `q`; `None` if a line

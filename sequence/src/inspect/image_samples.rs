@@ -1,6 +1,6 @@
 //! Samples of the colour images. Each image is decoded only once, since decoding dominates the run time.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
@@ -90,6 +90,41 @@ impl ImageSamples {
                 Some(CornerPair {
                     frames: [a, b],
                     corners: [corners(a)?, corners(b)?],
+                })
+            })
+            .collect()
+    }
+}
+
+/// The corners of some images.
+pub(super) struct FrameCorners(BTreeMap<usize, Corners>);
+
+impl FrameCorners {
+    /// Decodes the images of some pairs; those that cannot be decoded are left out.
+    ///
+    /// # Errors
+    /// If an image makes the whole sequence unusable.
+    pub(super) fn find(sequence: &Sequence, pairs: &[[usize; 2]]) -> Result<Self, FrameError> {
+        let frames: BTreeSet<usize> = pairs.iter().flatten().copied().collect();
+        let found = frames
+            .into_par_iter()
+            .map(|frame| {
+                let image = skip_unreadable(sequence.load_gray(frame))?;
+                Ok(image.map(|image| (frame, corners::find(&image))))
+            })
+            .collect::<Result<Vec<_>, FrameError>>()?;
+        Ok(Self(found.into_iter().flatten().collect()))
+    }
+
+    /// The pairs whose images are decoded.
+    pub(super) fn pairs(&self, pairs: &[[usize; 2]]) -> Vec<CornerPair<'_>> {
+        pairs
+            .iter()
+            .filter_map(|&frames| {
+                let [a, b] = frames.map(|frame| self.0.get(&frame));
+                Some(CornerPair {
+                    frames,
+                    corners: [a?, b?],
                 })
             })
             .collect()

@@ -1,13 +1,18 @@
 //! Inspection of a sequence: facts measured on a sample of its images, and tests of its conventions.
 
+mod check;
 mod consistency;
 mod corners;
+mod depth_alternatives;
 mod epipolar;
 mod facts;
 mod image_samples;
+mod intrinsics_hypotheses;
 mod pose_hypotheses;
 mod registration;
 
+pub use check::contradiction;
+pub(super) use check::epipolar_median;
 pub use consistency::{DepthConsistency, DepthHypothesis};
 pub use epipolar::{EpipolarFacts, EpipolarHypothesis};
 pub use facts::{CameraFacts, DepthFacts, ImageFacts, MapPointFacts, MotionFacts, SequenceFacts};
@@ -120,6 +125,14 @@ fn skip_unreadable<T>(outcome: Result<T, FrameError>) -> Result<Option<T>, Frame
         Err(error) if error.is_limited_to_frame() => Ok(None),
         Err(error) => Err(error),
     }
+}
+
+/// The lines of `linecarve.toml` that are the remedy, after a message.
+fn remedy_text(remedy: Option<&str>) -> String {
+    remedy.map_or_else(String::new, |remedy| {
+        let lines = remedy.replace('\n', "\n    ");
+        format!("; the lines for linecarve.toml:\n    {lines}")
+    })
 }
 
 /// The quantile at `share` by rank; `None` of an empty slice.

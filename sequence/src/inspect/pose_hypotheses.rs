@@ -10,6 +10,7 @@ use crate::Sequence;
 pub(super) const AS_READ: &str = "the files as read";
 
 /// A pose convention to test.
+#[derive(Clone)]
 pub(super) struct PoseHypothesis {
     /// Description for messages.
     pub(super) description: String,
@@ -18,6 +19,8 @@ pub(super) struct PoseHypothesis {
     /// Number of differences from the convention as read.
     pub(super) differences: usize,
     convention: PoseConvention,
+    /// The pose of a frame is that of the frame so many further.
+    offset: isize,
 }
 
 /// Hypotheses whose misfit is within this factor of the best count as equally good.
@@ -39,10 +42,40 @@ pub(super) fn simplest_of_best<T>(
 }
 
 impl PoseHypothesis {
-    /// The pose of the colour camera of a frame.
-    pub(super) fn world_from_color(&self, sequence: &Sequence, frame: usize) -> Isometry3<f64> {
-        self.convention
-            .world_from_color(&sequence.recorded_poses[frame], &sequence.extrinsics)
+    /// The convention as read.
+    pub(super) fn as_read(sequence: &Sequence) -> Self {
+        Self {
+            description: AS_READ.to_owned(),
+            remedy: None,
+            differences: 0,
+            convention: sequence.pose_convention,
+            offset: 0,
+        }
+    }
+
+    /// The pose of the colour camera of a frame; `None` where there is no neighbour to take it from.
+    pub(super) fn world_from_color(
+        &self,
+        sequence: &Sequence,
+        frame: usize,
+    ) -> Option<Isometry3<f64>> {
+        let recorded = sequence
+            .recorded_poses
+            .get(frame.checked_add_signed(self.offset)?)?;
+        Some(
+            self.convention
+                .world_from_color(recorded, &sequence.extrinsics),
+        )
+    }
+
+    /// The pose of the second frame seen from the first: `point_in_b = b_from_a * point_in_a`.
+    pub(super) fn b_from_a(
+        &self,
+        sequence: &Sequence,
+        [a, b]: [usize; 2],
+    ) -> Option<Isometry3<f64>> {
+        let [a, b] = [a, b].map(|frame| self.world_from_color(sequence, frame));
+        Some(b?.inverse() * a?)
     }
 }
 
@@ -96,18 +129,36 @@ pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
     }
     // Fewer differences first: of equal fits the simpler one is reported.
     all.sort_by_key(|(words, _)| words.len());
-    all.into_iter()
+    let mut all: Vec<PoseHypothesis> = all
+        .into_iter()
         .map(|(words, convention)| PoseHypothesis {
             differences: words.len(),
-            remedy: (!words.is_empty()).then(|| format!("[poses] {convention}")),
+            remedy: (!words.is_empty()).then(|| sidecar_section(&convention)),
             description: if words.is_empty() {
                 AS_READ.to_owned()
             } else {
                 words.join(", ")
             },
             convention,
+            offset: 0,
         })
-        .collect()
+        .collect();
+    all.extend([-1, 1].map(|offset| PoseHypothesis {
+        description: format!(
+            "the pose of the {} image for each image: number the poses as the images",
+            if offset < 0 { "previous" } else { "next" }
+        ),
+        remedy: None,
+        differences: 1,
+        convention: base,
+        offset,
+    }));
+    all
+}
+
+/// The lines of a sidecar that set a convention.
+fn sidecar_section(convention: &PoseConvention) -> String {
+    format!("[poses]\n{}", convention.to_string().replace(", ", "\n"))
 }
 
 fn differences(base: &PoseConvention, other: &PoseConvention) -> Vec<&'static str> {

@@ -67,6 +67,9 @@ impl Layout for Euroc {
             path: folder.path().to_owned(),
             problem: "has no mav0/cam0: give the folder that contains mav0".to_owned(),
         })?;
+        for name in ["mav0", "cam0", "cam1"] {
+            folder.claim(name);
+        }
         let mut warnings = Vec::new();
         let frames = images(&folders.camera, &mut warnings)?;
         if frames.is_empty() {

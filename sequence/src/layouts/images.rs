@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use super::super::calibration::ImageSize;
+use super::super::image_file::image_size;
 use super::super::layout::{Folder, RecordedFrame, image_stem};
 use super::super::model::compare_names;
 use super::super::text::{TextFile, parse_stamp, parse_stamp_ns, shorten};
@@ -61,12 +63,20 @@ fn has_images(folder: &Folder) -> bool {
     folder.names().iter().any(|name| image_stem(name).is_some())
 }
 
-/// The sub-folder of any name that has images, if there is exactly one beside folders of depth.
+/// Parts of the names of folders whose images are not of the colour camera.
+const NOT_COLOR: [&str; 9] = [
+    "depth", "conf", "mask", "normal", "semantic", "label", "instance", "sigma", "segment",
+];
+
+/// The sub-folder of any name that has images, if there is exactly one beside folders of depth, confidence, masks and the like.
 fn only_folder_with_images(folder: &Folder) -> Option<PathBuf> {
     let mut found = folder
         .names()
         .iter()
-        .filter(|name| !DEPTH_FOLDERS.contains(&name.as_str()))
+        .filter(|name| {
+            let name = name.to_ascii_lowercase();
+            !NOT_COLOR.iter().any(|part| name.contains(part))
+        })
         .map(|name| folder.path().join(name))
         .filter(|path| path.is_dir())
         .filter(|path| Folder::list(path).is_ok_and(|inside| has_images(&inside)));
@@ -176,10 +186,22 @@ fn images_in(path: &Path) -> Result<Vec<NamedImage>, SequenceError> {
     Ok(images)
 }
 
-/// The number at the end of a name.
-fn number_of(stem: &str) -> Option<u64> {
+/// The number of an image: at the end of its name, or before the time in `NNNNNNN-TIME`, as in Redwood's scans.
+pub(super) fn number_of(stem: &str) -> Option<u64> {
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    if let Some((number, time)) = stem.split_once('-')
+        && is_number(number)
+        && is_number(time)
+    {
+        return number.parse().ok();
+    }
     let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
     stem[stem.len() - digits..].parse().ok()
+}
+
+/// Size of the first image whose header can be read.
+pub(super) fn first_size<'a>(mut images: impl Iterator<Item = &'a PathBuf>) -> Option<ImageSize> {
+    images.find_map(|path| image_size(path).ok())
 }
 
 /// The time in nanoseconds that a name encodes as decimal seconds or nanoseconds.

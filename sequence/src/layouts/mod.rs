@@ -3,6 +3,7 @@
 pub(super) mod colmap;
 pub(super) mod euroc;
 mod images;
+mod intrinsics_file;
 pub(super) mod kitti;
 pub(super) mod nvm;
 pub(super) mod open3d_log;
@@ -10,8 +11,11 @@ pub(super) mod openmvs;
 pub(super) mod orb_slam;
 mod orb_trajectory;
 mod point_dump;
+pub(super) mod pose_folder;
+pub(super) mod replica;
 pub(super) mod seven_scenes;
 pub(super) mod stella;
+pub(super) mod stray_scanner;
 pub(super) mod transforms;
 pub(super) mod tum;
 

@@ -31,7 +31,7 @@ fn model_path(folder: &Folder) -> Option<PathBuf> {
     }
     let mut models = folder.names().iter().filter(|name| is_model(name));
     let only = models.next().filter(|_| models.next().is_none());
-    only.map(|name| folder.path().join(name))
+    only.and_then(|name| folder.entry(name))
 }
 
 impl Layout for Nvm {

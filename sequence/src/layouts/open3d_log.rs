@@ -7,11 +7,13 @@ use linecarve_lines::camera::Camera;
 use serde::Deserialize;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
+use super::super::join::OtherJoin;
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
 use super::super::poses::{LogEntry, read_log};
 use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid};
+use super::images::number_of;
 
 /// Reader of Open3D and Redwood.
 pub(in super::super) struct Open3dLog;
@@ -52,7 +54,7 @@ impl Layout for Open3dLog {
             Some(path) => numbered_images(&path)?,
             None => BTreeMap::new(),
         };
-        let frames = join(
+        let (frames, other_join) = join(
             folder,
             images,
             &depths,
@@ -62,6 +64,7 @@ impl Layout for Open3dLog {
         let color = intrinsics(folder, &mut warnings)?;
         let mut recording = Recording::new(frames, Calibration::of_color(Some(color)));
         recording.warnings = warnings;
+        recording.other_join = other_join;
         recording.note_numbers_and_matrices(source);
         Ok(recording)
     }
@@ -78,7 +81,9 @@ fn trajectory_path(folder: &Folder) -> Result<PathBuf, SequenceError> {
     }
     let all: Vec<&String> = logs(folder).collect();
     match all.as_slice() {
-        [name] => Ok(folder.path().join(name)),
+        [name] => Ok(folder
+            .entry(name)
+            .unwrap_or_else(|| folder.path().join(name))),
         _ => Err(SequenceError::Content {
             path: folder.path().join(TRAJECTORY),
             problem: format!(
@@ -89,7 +94,7 @@ fn trajectory_path(folder: &Folder) -> Result<PathBuf, SequenceError> {
     }
 }
 
-/// Images by the number at the end of their name.
+/// Images by their number.
 pub(super) fn numbered_images(
     path: &Path,
 ) -> Result<BTreeMap<u64, (String, PathBuf)>, SequenceError> {
@@ -99,8 +104,7 @@ pub(super) fn numbered_images(
         let Some(stem) = image_stem(name) else {
             continue;
         };
-        let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-        if let Ok(number) = stem[stem.len() - digits..].parse() {
+        if let Some(number) = number_of(stem) {
             images
                 .entry(number)
                 .or_insert_with(|| (stem.to_owned(), path.join(name)));
@@ -117,7 +121,7 @@ fn join(
     depths: &BTreeMap<u64, (String, PathBuf)>,
     trajectory: Option<&[LogEntry]>,
     warnings: &mut Vec<Warning>,
-) -> Result<Vec<RecordedFrame>, SequenceError> {
+) -> Result<(Vec<RecordedFrame>, Option<OtherJoin>), SequenceError> {
     let entries = trajectory.unwrap_or_default();
     let mut by_number: BTreeMap<u64, usize> = BTreeMap::new();
     for (at, entry) in entries.iter().enumerate() {
@@ -132,11 +136,6 @@ fn join(
     }
     let fits = images.keys().all(|number| by_number.contains_key(number));
     let is_by_order = !fits && trajectory.is_some() && images.len() == entries.len();
-    if is_by_order {
-        warnings.push(Warning::statement(
-            "the numbers of images and trajectory differ, but their counts agree: they are joined in order",
-        ));
-    }
     let (mut without_pose, mut not_finite, mut not_rigid, mut without_depth) = (
         WarningCounter::default(),
         WarningCounter::default(),
@@ -145,6 +144,7 @@ fn join(
     );
     let total = images.len();
     let mut frames = Vec::new();
+    let mut by_number_of_kept = Vec::new();
     for (order, (number, (name, color))) in images.into_iter().enumerate() {
         let at = if is_by_order {
             Some(order)
@@ -167,6 +167,10 @@ fn join(
                 continue;
             }
         };
+        if is_by_order {
+            let entry = by_number.get(&number).and_then(|&at| entries.get(at));
+            by_number_of_kept.push(entry.and_then(|entry| entry.pose.ok()));
+        }
         let depth = depths.get(&number).map(|(_, path)| path.clone());
         if depth.is_none() && !depths.is_empty() {
             without_depth.add(name.clone());
@@ -205,7 +209,10 @@ fn join(
     warnings.extend(
         without_depth.into_warning(frames.len(), "frames have no depth image with their number"),
     );
-    Ok(frames)
+    let other = is_by_order.then_some(OtherJoin {
+        poses: by_number_of_kept,
+    });
+    Ok((frames, other))
 }
 
 /// Open3D's PinholeCameraIntrinsic.
@@ -226,7 +233,10 @@ fn intrinsics(
         let path = folder.path().join(name);
         let file = TextFile::read(&path)?;
         match serde_json::from_str::<IntrinsicFile>(file.text()) {
-            Ok(intrinsic) => found.push((path, intrinsic)),
+            Ok(intrinsic) => {
+                folder.claim(name);
+                found.push((path, intrinsic));
+            }
             Err(error)
                 if file.text().contains("intrinsic_matrix")
                     || name.contains("camera")

@@ -37,7 +37,7 @@ fn scene_path(folder: &Folder) -> Option<PathBuf> {
     folder.entry(DEFAULT_NAME).or_else(|| {
         let mut scenes = folder.names().iter().filter(|name| is_scene(name));
         let only = scenes.next().filter(|_| scenes.next().is_none());
-        only.map(|name| folder.path().join(name))
+        only.and_then(|name| folder.entry(name))
     })
 }
 

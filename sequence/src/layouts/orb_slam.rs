@@ -12,7 +12,7 @@ use super::super::poses::{self, PoseFileFormat};
 use super::super::text::TextFile;
 use super::super::{SequenceError, rigid, yaml};
 use super::orb_trajectory::{ORB_TRAJECTORIES, orb_trajectory};
-use super::{euroc, images, point_dump};
+use super::{euroc, images, intrinsics_file, point_dump};
 
 /// Reader of ORB-SLAM's files.
 pub(in super::super) struct OrbSlam;
@@ -70,7 +70,7 @@ impl Layout for ImagesAndPoses {
     }
 
     fn recognises(&self, folder: &Folder) -> bool {
-        folder.first_entry(&TRAJECTORIES).is_some() && images::color_folder(folder).is_some()
+        trajectory(folder).is_some() && images::color_folder(folder).is_some()
     }
 
     fn recognises_with_external_poses(&self, folder: &Folder) -> bool {
@@ -79,19 +79,31 @@ impl Layout for ImagesAndPoses {
 
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         let path = match source {
-            PoseSource::Layout => Some(folder.first_entry(&TRAJECTORIES).ok_or_else(|| {
-                SequenceError::Content {
+            PoseSource::Layout => {
+                Some(trajectory(folder).ok_or_else(|| SequenceError::Content {
                     path: folder.path().to_owned(),
                     problem: format!(
                         "has no trajectory: name it one of {}, or give it with --poses FILE",
                         TRAJECTORIES.join(", ")
                     ),
-                }
-            })?),
+                })?)
+            }
             PoseSource::External => None,
         };
         read(folder, path)
     }
+}
+
+/// The trajectory of a folder: of a usual name, or ICL-NUIM's `NAME.gt.freiburg`.
+fn trajectory(folder: &Folder) -> Option<PathBuf> {
+    folder.first_entry(&TRAJECTORIES).or_else(|| {
+        let mut others = folder
+            .names()
+            .iter()
+            .filter(|name| [".freiburg", ".traj"].iter().any(|end| name.ends_with(end)));
+        let only = others.next().filter(|_| others.next().is_none())?;
+        folder.entry(only)
+    })
 }
 
 fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, SequenceError> {
@@ -186,6 +198,7 @@ fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
             });
         }
         let settings = yaml::parse(&file, &path)?;
+        folder.claim(name);
         found = Some((path, settings));
     }
     let Some((path, settings)) = found else {
@@ -194,7 +207,7 @@ fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
         return if sensor.is_file() {
             euroc::calibration(&sensor)
         } else {
-            Ok(Calibration::of_color(None))
+            Ok(Calibration::of_color(intrinsics_file::of_folder(folder)?))
         };
     };
     calibration(&path, &settings).map_err(|problem| SequenceError::Content { path, problem })

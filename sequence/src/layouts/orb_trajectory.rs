@@ -20,7 +20,7 @@ pub(super) fn orb_trajectory(folder: &Folder) -> Option<PathBuf> {
                 .names()
                 .iter()
                 .find(|name| name.starts_with(start) && name.ends_with(".txt"))
-                .map(|name| folder.path().join(name))
+                .and_then(|name| folder.entry(name))
         })
     })
 }

@@ -45,6 +45,7 @@ impl Layout for SevenScenes {
             let Some((frame, number, part)) = part_of(name) else {
                 continue;
             };
+            folder.claim(name);
             let files = by_number.entry((number, frame)).or_default();
             let slot = match part {
                 FilePart::Color => &mut files.color,
@@ -196,7 +197,7 @@ fn part_of(name: &str) -> Option<(&str, u64, FilePart)> {
 }
 
 /// Reads a 4x4 matrix. The inner error is an invalid pose, which is skipped.
-fn read_pose(
+pub(super) fn read_pose(
     path: &Path,
 ) -> Result<Result<Isometry3<f64>, rigid::RigidTransformError>, SequenceError> {
     let matrix = read_matrix::<4>(path)?;

@@ -31,7 +31,7 @@ fn map_path(folder: &Folder) -> Option<PathBuf> {
     }
     let mut maps = folder.names().iter().filter(|name| is_map(name));
     let only = maps.next().filter(|_| maps.next().is_none());
-    only.map(|name| folder.path().join(name))
+    only.and_then(|name| folder.entry(name))
 }
 
 impl Layout for Stella {

@@ -50,6 +50,8 @@ struct File {
     frames: Vec<FrameEntry>,
     /// Pose units per raw depth unit.
     depth_unit_scale_factor: Option<f64>,
+    /// The same in files of instant-ngp.
+    integer_depth_scale: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -175,11 +177,16 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
     let most = uses.iter().copied().max().unwrap_or(0);
     let main = uses.iter().position(|&count| count == most).unwrap_or(0);
     let mut calibration = Calibration::of_color(cameras.get(main).cloned());
-    if let Some(factor) = file.depth_unit_scale_factor {
+    let factors = [
+        ("depth_unit_scale_factor", file.depth_unit_scale_factor),
+        ("integer_depth_scale", file.integer_depth_scale),
+    ];
+    let given = factors
+        .into_iter()
+        .find_map(|(key, factor)| Some((key, factor?)));
+    if let Some((key, factor)) = given {
         if !(factor.is_finite() && factor > 0.0) {
-            return Err(content(format!(
-                "depth_unit_scale_factor {factor} must be positive"
-            )));
+            return Err(content(format!("{key} {factor} must be positive")));
         }
         calibration.depth_scale = 1.0 / factor;
         calibration.float_depth_scale = 1.0 / factor;

@@ -1,11 +1,12 @@
 //! Association of a trajectory with the images of a sequence, by time, number or order.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use nalgebra::Isometry3;
 
-use super::super::layout::{RecordedFrame, Recording};
+use super::super::join::OtherJoin;
+use super::super::layout::{RecordedFrame, Recording, image_stem};
 use super::super::text::{Stamp, TimeUnit};
 use super::super::warning::{WarningCounter, stamp_text};
 use super::super::{SequenceError, Warning, associate};
@@ -58,7 +59,9 @@ pub(in super::super) fn attach_file(
     recording.other_quaternion = format.other_quaternion_order();
     let frames = std::mem::take(&mut recording.frames);
     let warnings = &mut recording.warnings;
-    recording.frames = attach(frames, recording.has_time, trajectory, path, warnings)?;
+    let (frames, other) = attach(frames, recording.has_time, trajectory, path, warnings)?;
+    recording.frames = frames;
+    recording.other_join = other;
     Ok(format)
 }
 
@@ -66,7 +69,8 @@ pub(in super::super) fn attach_file(
 ///
 /// Stamped poses are associated one-to-one with the nearest frames within 0.02 s. If that leaves most frames without a
 /// pose, other units of the stamps are tried, and the unit that associates the most is used. If frames have numbers but
-/// no times, integer stamps count as numbers; otherwise poses are assigned in order.
+/// no times, integer stamps count as numbers; otherwise poses are assigned in order. If some images have no pose of their number, but
+/// there are as many poses as images, they are assigned in order and the join by number is returned as well.
 ///
 /// # Errors
 /// If no frame gets a pose, or poses assigned in order and frames differ in number.
@@ -76,12 +80,13 @@ fn attach(
     trajectory: PoseFile,
     path: &Path,
     warnings: &mut Vec<Warning>,
-) -> Result<Vec<RecordedFrame>, SequenceError> {
+) -> Result<(Vec<RecordedFrame>, Option<OtherJoin>), SequenceError> {
     let file = path
         .file_name()
         .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     warnings.extend(trajectory.warnings);
     let total = frames.len();
+    let mut other = None;
     let posed = match trajectory.poses {
         Poses::Stamped(rows) if has_time => by_time(&frames, &rows, &file, warnings),
         Poses::Stamped(rows) => {
@@ -90,9 +95,14 @@ fn attach(
                 .map(|(stamp, pose)| Some((stamp.whole_number()?, Some(*pose))))
                 .collect();
             let by_number = numbered.map(|rows| by_number(&frames, &rows));
-            match by_number.filter(|posed| posed.iter().flatten().count() == total) {
-                Some(posed) => posed,
-                None => in_order(rows.iter().map(|row| Some(row.1)).collect(), &frames, path)?,
+            match by_number {
+                Some(posed) if posed.iter().all(Option::is_some) => posed,
+                by_number => {
+                    let posed =
+                        in_order(rows.iter().map(|row| Some(row.1)).collect(), &frames, path)?;
+                    other = by_number.filter(|posed| has_any(posed));
+                    posed
+                }
             }
         }
         Poses::Numbered(rows) if has_time => {
@@ -100,21 +110,35 @@ fn attach(
         }
         Poses::Numbered(rows) => {
             let posed = by_number(&frames, &rows);
-            if posed.iter().flatten().next().is_none() {
+            let numbers: BTreeSet<u64> = rows.iter().map(|row| row.0).collect();
+            let is_numbered = |frame: &RecordedFrame| {
+                u64::try_from(frame.timestamp_ns).is_ok_and(|number| numbers.contains(&number))
+            };
+            if !has_any(&posed) {
+                in_order(rows.into_iter().map(|row| row.1).collect(), &frames, path)?
+            } else if rows.len() == total && !frames.iter().all(is_numbered) {
+                other = Some(posed);
                 in_order(rows.into_iter().map(|row| row.1).collect(), &frames, path)?
             } else {
                 posed
             }
         }
+        Poses::Named(rows) => by_name(&frames, &rows),
         Poses::InOrder(rows) => in_order(rows, &frames, path)?,
     };
     let mut without_pose = WarningCounter::default();
     let mut kept = Vec::new();
+    let mut other = other.map(IntoIterator::into_iter);
+    let mut other_of_kept = other.is_some().then(Vec::new);
     for (mut frame, pose) in frames.into_iter().zip(posed) {
+        let other_pose = other.as_mut().and_then(Iterator::next).flatten();
         match pose {
             Some(pose) => {
                 frame.pose = Some(pose);
                 kept.push(frame);
+                if let Some(poses) = &mut other_of_kept {
+                    poses.push(other_pose);
+                }
             }
             None => without_pose.add(frame.name),
         }
@@ -123,8 +147,8 @@ fn attach(
         return Err(SequenceError::Content {
             path: path.to_owned(),
             problem: format!(
-                "none of the {total} images has a pose within 0.02 s, in any unit of time: check that images and poses \
-                 have the same clock{}",
+                "none of the {total} images has a pose within 0.02 s, in any unit of time, or of its name: check that images \
+                 and poses have the same clock or names{}",
                 without_pose
                     .first()
                     .map_or_else(String::new, |name| format!(" (first image: {name})"))
@@ -135,7 +159,11 @@ fn attach(
         total,
         &format!("images have no pose in {file} and were skipped"),
     ));
-    Ok(kept)
+    Ok((kept, other_of_kept.map(|poses| OtherJoin { poses })))
+}
+
+fn has_any(posed: &[Option<Isometry3<f64>>]) -> bool {
+    posed.iter().any(Option::is_some)
 }
 
 type Posed = Vec<Option<Isometry3<f64>>>;
@@ -185,6 +213,25 @@ fn by_time(
     }
     warnings.extend(notes);
     posed
+}
+
+/// Names may have a folder and an extension, in the file as well as in the sequence.
+fn by_name(frames: &[RecordedFrame], rows: &[(String, Isometry3<f64>)]) -> Posed {
+    let stem = |name: &str| {
+        let file = name.rsplit(['/', '\\']).next().unwrap_or(name);
+        image_stem(file).unwrap_or(file).to_owned()
+    };
+    let poses: BTreeMap<String, Isometry3<f64>> = rows
+        .iter()
+        .map(|(name, pose)| (stem(name), *pose))
+        .collect();
+    frames
+        .iter()
+        .map(|frame| {
+            let file = frame.color.file_name()?.to_str()?;
+            poses.get(&stem(file)).copied()
+        })
+        .collect()
 }
 
 fn by_number(frames: &[RecordedFrame], rows: &[(u64, Option<Isometry3<f64>>)]) -> Posed {

@@ -1,13 +1,13 @@
 //! Trajectory files in the usual formats, and their association with images.
 
 mod attach;
+mod columns;
 mod log;
 mod read;
 
 pub(super) use attach::{attach_file, sort_and_dedup};
 pub(super) use log::{LogEntry, read_log};
-use read::read_pose_file;
-pub(super) use read::{candidates, read_stamped_quaternions};
+pub(super) use read::{candidates, is_trajectory, read_pose_file, read_stamped_quaternions};
 
 use nalgebra::Isometry3;
 
@@ -28,6 +28,8 @@ pub(super) enum PoseFileFormat {
     Matrices,
     /// `tx ty tz qx qy qz qw`; no stamps.
     Unstamped,
+    /// `stamp`, rotation vector and translation of the world in the camera: ARKitScenes.
+    RotationVectors,
     /// Entries of five lines, `i i i+1` and a 4x4 matrix: Open3D and Redwood.
     Open3dLog,
 }
@@ -37,9 +39,12 @@ impl PoseFileFormat {
         match self {
             Self::Tum => "TUM (stamp tx ty tz qx qy qz qw)",
             Self::EurocCsv => "EuRoC (stamp, px, py, pz, qw, qx, qy, qz, ...)",
-            Self::Kitti => "KITTI (3x4 matrices, no stamps)",
-            Self::Matrices => "4x4 matrices, no stamps",
+            Self::Kitti => "KITTI (3x4 matrices)",
+            Self::Matrices => "4x4 matrices",
             Self::Unstamped => "tx ty tz qx qy qz qw, no stamps",
+            Self::RotationVectors => {
+                "stamp, rotation vector, translation (camera from world, inverted)"
+            }
             Self::Open3dLog => "Open3D .log (i i i+1, 4x4 matrix)",
         }
     }
@@ -49,7 +54,7 @@ impl PoseFileFormat {
         match self {
             Self::Tum | Self::Unstamped => Some(QuaternionOrder::WFirst),
             Self::EurocCsv => Some(QuaternionOrder::WLast),
-            Self::Kitti | Self::Matrices | Self::Open3dLog => None,
+            Self::Kitti | Self::Matrices | Self::RotationVectors | Self::Open3dLog => None,
         }
     }
 }
@@ -69,14 +74,27 @@ pub(super) enum Poses {
     Stamped(Vec<(Stamp, Isometry3<f64>)>),
     /// By image number, in file order. `None` for invalid poses.
     Numbered(Vec<(u64, Option<Isometry3<f64>>)>),
+    /// By image name, in file order.
+    Named(Vec<(String, Isometry3<f64>)>),
     /// The k-th pose belongs to the k-th image. `None` for invalid poses.
     InOrder(Vec<Option<Isometry3<f64>>>),
 }
 
 impl Poses {
+    /// Number of valid poses.
+    fn valid(&self) -> usize {
+        match self {
+            Self::Stamped(rows) => rows.len(),
+            Self::Named(rows) => rows.len(),
+            Self::Numbered(rows) => rows.iter().filter(|row| row.1.is_some()).count(),
+            Self::InOrder(rows) => rows.iter().flatten().count(),
+        }
+    }
+
     fn len(&self) -> usize {
         match self {
             Self::Stamped(rows) => rows.len(),
+            Self::Named(rows) => rows.len(),
             Self::Numbered(rows) => rows.len(),
             Self::InOrder(rows) => rows.len(),
         }

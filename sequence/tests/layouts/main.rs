@@ -6,6 +6,7 @@ mod damage;
 mod export;
 mod faults;
 mod float_depth;
+mod folders;
 mod geometry_files;
 mod layouts;
 mod models;
@@ -14,6 +15,7 @@ mod recorded;
 mod recorded_export;
 mod stereo;
 mod support;
+mod trajectories;
 mod writers;
 
 use std::path::Path;

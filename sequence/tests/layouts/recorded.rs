@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use linecarve_sequence::{
-    InspectOptions, KeyframeOptions, OpenOptions, Sequence, SequenceFacts, inspect,
+    InspectOptions, KeyframeOptions, OpenOptions, Sequence, SequenceFacts, contradiction, inspect,
     select_keyframes,
 };
 use nalgebra::Matrix4;
@@ -406,4 +406,26 @@ fn depth_that_is_not_registered_is_reported() {
             .any(|warning| warning.what.contains("not registered"));
         assert_eq!(is_reported, !is_right, "{name}: {:?}", facts.registration);
     }
+}
+
+#[test]
+#[ignore = "needs LINECARVE_DATA"]
+fn recorded_sequences_contradict_nothing_and_miss_no_file() {
+    let mut faults = String::new();
+    for name in [
+        "seven-scenes",
+        "livingroom-synthetic",
+        "tum-fr1-rpy",
+        "euroc-v101",
+        "line3dpp",
+        "sceaux-castle",
+    ] {
+        let sequence = open(name);
+        if let Some(text) = contradiction(&sequence).unwrap() {
+            faults += &format!("{name}: {text}\n");
+        }
+        let missed = sequence.unread_files().iter().filter(|file| file.is_missed);
+        faults.extend(missed.map(|file| format!("{name}: {}\n", file.name)));
+    }
+    assert!(faults.is_empty(), "{faults}");
 }

@@ -37,6 +37,8 @@ pub(super) enum Configuration {
 pub(super) struct VideoTrack {
     pub(super) configuration: Configuration,
     pub(super) samples: Vec<Sample>,
+    /// Width and height of the pictures as stored.
+    pub(super) size: [u32; 2],
     /// Quarter turns to the right that pictures need to be upright.
     pub(super) quarter_turns: u8,
     /// Whether samples of pictures are said to use all values.
@@ -196,15 +198,21 @@ fn read_index(index: Part<'_>) -> Result<(VideoTrack, Option<Fragments>), VideoE
             .map(TimeScale)
             .ok_or_else(|| header.error(0, "the time scale is zero (damaged file?)"))?;
         let table = media.need(b"minf")?.need(b"stbl")?;
+        // First, as the tables of a codec that is not read may be unusual, too.
+        let Description {
+            configuration,
+            is_full_range,
+            size,
+        } = description(&table.need(b"stsd")?)?;
         let (samples, end) = samples(&table, scale)?;
         let head = track.need(b"tkhd")?;
         let number = head.u32(if head.is_long()? { 20 } else { 12 })?;
         let fragments = extends.map(|(_, part)| Fragments::new(part, number, scale, end));
-        let (configuration, is_full_range) = description(&table.need(b"stsd")?)?;
         let track = VideoTrack {
             configuration,
             is_full_range,
             samples,
+            size,
             quarter_turns: quarter_turns(&head)?,
             damage: None,
         };
@@ -213,8 +221,16 @@ fn read_index(index: Part<'_>) -> Result<(VideoTrack, Option<Fragments>), VideoE
     Err(index.error(0, "the file has no video track"))
 }
 
-/// The configuration of the decoder, and whether pictures use all values, from the description of the samples.
-fn description(description: &Part<'_>) -> Result<(Configuration, bool), VideoError> {
+/// The description of the samples.
+struct Description {
+    configuration: Configuration,
+    /// Whether pictures use all values.
+    is_full_range: bool,
+    /// Width and height.
+    size: [u32; 2],
+}
+
+fn description(description: &Part<'_>) -> Result<Description, VideoError> {
     /// Bytes of a visual sample entry before its boxes.
     const VISUAL_ENTRY: usize = 78;
     let entries = description
@@ -242,7 +258,12 @@ fn description(description: &Part<'_>) -> Result<(Configuration, bool), VideoErr
         [b'n', b'c', b'l', b'x', _, _, _, _, _, _, range, ..] => range >> 7 == 1,
         _ => false,
     });
-    Ok((configuration, is_full_range))
+    let size = entry.u32(24)?;
+    Ok(Description {
+        configuration,
+        is_full_range,
+        size: [size >> 16, size & 0xFFFF],
+    })
 }
 
 /// Quarter turns to the right, from the matrix of a track head.

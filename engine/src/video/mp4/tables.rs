@@ -4,6 +4,9 @@ use super::part::Part;
 use super::sample::{Sample, TimeScale};
 use crate::video::VideoError;
 
+/// Largest number of samples that may have one size: a damaged number takes any amount of memory.
+const MAX_EQUAL_SAMPLES: u32 = 1 << 16;
+
 /// The samples of the table `stbl`, and when the next one after them is decoded. There are none in a file that has only fragments.
 pub(super) fn samples(
     table: &Part<'_>,
@@ -15,7 +18,14 @@ pub(super) fn samples(
             .rows(8, 4)?
             .map(|row| row.u32(0))
             .collect::<Result<_, _>>()?,
-        _ => return Err(sizes.error(4, "all samples have one size, which no encoded video has")),
+        size => {
+            let count = sizes.u32(8)?;
+            // A file of one picture, as a rule.
+            if count > MAX_EQUAL_SAMPLES {
+                return Err(sizes.error(4, "all samples have one size (damaged file?)"));
+            }
+            vec![size; count as usize]
+        }
     };
     let offsets: Vec<u64> = match table.find(b"stco")? {
         Some(part) => part

@@ -58,6 +58,7 @@ impl Builder {
             nodes: Vec::new(),
             gltf_from_original,
             binary,
+            gltf_from_original,
         }
     }
 

@@ -8,7 +8,7 @@ use nalgebra::Point3;
 
 use super::super::super::SequenceError;
 use super::super::super::layout::Folder;
-use super::{find_model, fused, read_images_only};
+use super::{FoundModel, find_model, fused, read_images_only};
 use crate::sparse_model::{ModelObservation, ModelPoint, ModelView};
 
 /// `fused.ply` with `fused.ply.vis`, of which only the views of the model are in memory.
@@ -46,7 +46,7 @@ impl DenseCloud {
             return Ok(None);
         };
         let folder = Folder::of_file(input, name)?;
-        let (Some(cloud), Some((path, format))) =
+        let (Some(cloud), Some(FoundModel { path, format, .. })) =
             (fused::named_cloud(&folder), find_model(&folder))
         else {
             return Ok(None);

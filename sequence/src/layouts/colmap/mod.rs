@@ -1,5 +1,7 @@
 //! COLMAP: `cameras`, `images` and `points3D` as text or binary, in the folder itself, in `colmap/` or in `sparse/`.
 //!
+//! Of several models in numbered folders the one with the most images is read.
+//!
 //! With `fused.ply` as input, the points are those of the dense cloud.
 //!
 //! `rigs` and `frames` of newer versions are redundant to `images` and are not read.
@@ -9,14 +11,16 @@ mod builder;
 mod camera;
 mod dense_cloud;
 mod fused;
+mod numbered;
 mod text;
 
 use std::path::{Path, PathBuf};
 
-use super::super::SequenceError;
 use super::super::layout::{Folder, Layout, PoseSource, Recording};
 use super::super::model::StoredModel;
+use super::super::{SequenceError, Warning};
 use builder::ModelBuilder;
+use numbered::{models_in, others_left_out};
 
 pub use dense_cloud::DenseCloud;
 
@@ -117,14 +121,35 @@ fn format_of(folder: &Path) -> Option<ModelFormat> {
         })
 }
 
-fn find_model(folder: &Folder) -> Option<(PathBuf, ModelFormat)> {
+/// A model, and a warning that names others.
+struct FoundModel {
+    path: PathBuf,
+    format: ModelFormat,
+    others: Option<Warning>,
+}
+
+fn find_model(folder: &Folder) -> Option<FoundModel> {
     MODEL_FOLDERS.iter().find_map(|name| {
+        if let Some(parent) = name.strip_suffix("0") {
+            let models = models_in(&folder.path().join(parent));
+            let others = others_left_out(&models);
+            let largest = models.into_iter().next()?;
+            return Some(FoundModel {
+                path: largest.path,
+                format: largest.format,
+                others,
+            });
+        }
         let path = if name.is_empty() {
             folder.path().to_owned()
         } else {
             folder.path().join(name)
         };
-        format_of(&path).map(|format| (path, format))
+        format_of(&path).map(|format| FoundModel {
+            path,
+            format,
+            others: None,
+        })
     })
 }
 
@@ -150,14 +175,28 @@ impl Layout for Colmap {
     }
 
     fn read(&self, folder: &Folder, _origin: PoseSource) -> Result<Recording, SequenceError> {
-        let (path, format) = find_model(folder).ok_or_else(|| SequenceError::Content {
+        let FoundModel {
+            path,
+            format,
+            others,
+        } = find_model(folder).ok_or_else(|| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: "has no COLMAP model: put cameras and images, as .txt or .bin, into this folder, colmap/ or sparse/0/"
                 .to_owned(),
         })?;
+        for name in [
+            MODEL_FOLDERS[1],
+            "sparse",
+            "dense",
+            "cameras.txt",
+            "images.txt",
+        ] {
+            folder.claim(name);
+        }
         let cloud = fused::named_cloud(folder);
         let model = read_model(&path, format, cloud.as_deref())?;
         let mut recording = into_recording(model, folder, &path)?;
+        recording.warnings.extend(others);
         recording.conventions.push(format!(
             "poses: COLMAP {} in {}, camera from world, inverted; pixels are shifted by half a pixel, since COLMAP's first \
              pixel centre is (0.5, 0.5)",

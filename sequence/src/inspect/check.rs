@@ -1,0 +1,113 @@
+//! The questions that a run asks first: whether a few images contradict how the files are read.
+//!
+//! They are those of [`inspect`](super::inspect) on a few pairs of frames. Alternatives are only tried if the pairs do not agree as read,
+//! so that a sequence without faults costs the decoding of eight images.
+
+use nalgebra::Isometry3;
+
+use super::consistency::DepthVerdict;
+use super::image_samples::FrameCorners;
+use super::{consistency, epipolar, evenly_spaced};
+use crate::{FrameError, Sequence};
+
+/// Number of compared pairs.
+const PAIRS: usize = 4;
+
+/// Frames on either side of a frame that may be its partner.
+const REACH: usize = 60;
+
+/// Largest rotation between the frames of a pair: with more, corners do not match and depth does not overlap.
+const MAX_ROTATION_DEG: f64 = 15.0;
+
+/// Largest distance between the frames of a pair, as a share of the extent of the path.
+const MAX_DISTANCE: f64 = 0.15;
+
+/// What in the files of a sequence with poses contradicts its images, with the remedy: a depth scale, a pose convention or intrinsics that
+/// fit much better than those read. `None` if a few pairs of frames agree, or do not tell.
+///
+/// # Errors
+/// If an image makes the whole sequence unusable (image size, depth format).
+pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> {
+    if !sequence.has_poses() {
+        return Ok(None);
+    }
+    let of_depth = pairs(sequence, |frame| sequence.frames()[frame].depth.is_some());
+    match consistency::verdict(sequence, &of_depth)? {
+        DepthVerdict::Contradicts(text) => return Ok(Some(text)),
+        // Registered depth has the camera of the images.
+        DepthVerdict::Agrees if is_registered(sequence) => return Ok(None),
+        DepthVerdict::Agrees | DepthVerdict::Unknown => {}
+    }
+    let pairs = pairs(sequence, |_| true);
+    let corners = FrameCorners::find(sequence, &pairs)?;
+    Ok(epipolar::contradiction(sequence, &corners.pairs(&pairs)))
+}
+
+fn is_registered(sequence: &Sequence) -> bool {
+    let calibration = sequence.depth_calibration();
+    calibration.is_some_and(|calibration| calibration.registered)
+}
+
+/// Median distance of matched corners to their epipolar lines in pixels, if the frames had these recorded poses; `None` if a few pairs have
+/// too few matches.
+///
+/// # Errors
+/// If an image makes the whole sequence unusable.
+pub(crate) fn epipolar_median(
+    sequence: &Sequence,
+    recorded: &[Option<Isometry3<f64>>],
+) -> Result<Option<f64>, FrameError> {
+    let pairs = pairs(sequence, |_| true);
+    let corners = FrameCorners::find(sequence, &pairs)?;
+    let pose = |frame: usize| {
+        let recorded = recorded.get(frame)?.as_ref()?;
+        let convention = &sequence.pose_convention;
+        Some(convention.world_from_color(recorded, &sequence.extrinsics))
+    };
+    Ok(epipolar::median_of_poses(
+        sequence,
+        &corners.pairs(&pairs),
+        pose,
+    ))
+}
+
+/// Pairs of frames that see the same, as far apart as that allows. Rotations between frames do not depend on the pose convention.
+pub(super) fn pairs(sequence: &Sequence, is_usable: impl Fn(usize) -> bool) -> Vec<[usize; 2]> {
+    let frames = sequence.frames();
+    let usable: Vec<usize> = (0..frames.len()).filter(|&at| is_usable(at)).collect();
+    let position = |at: usize| frames[usable[at]].world_from_camera.translation.vector;
+    let Some(first) = usable.first().map(|_| position(0)) else {
+        return Vec::new();
+    };
+    let (mut low, mut high) = (first, first);
+    for at in 0..usable.len() {
+        low = low.inf(&position(at));
+        high = high.sup(&position(at));
+    }
+    let reach = MAX_DISTANCE * (high - low).norm();
+    let mut pairs: Vec<[usize; 2]> = evenly_spaced(usable.len(), PAIRS)
+        .into_iter()
+        .filter_map(|at| {
+            let rotation = |other: usize| {
+                let [a, b] = [at, other].map(|at| frames[usable[at]].world_from_camera.rotation);
+                a.angle_to(&b).to_degrees()
+            };
+            let distance = |other: usize| (position(other) - position(at)).norm();
+            let around = at.saturating_sub(REACH)..(at + REACH + 1).min(usable.len());
+            let others = || around.clone().filter(|other| *other != at);
+            let best = others()
+                .filter(|&other| rotation(other) <= MAX_ROTATION_DEG && distance(other) <= reach)
+                .max_by(|&a, &b| distance(a).total_cmp(&distance(b)))
+                // Frames that are far apart: the one that is turned the least of the nearest.
+                .or_else(|| {
+                    others()
+                        .filter(|other| other.abs_diff(at) <= 2)
+                        .min_by(|&a, &b| rotation(a).total_cmp(&rotation(b)))
+                })?;
+            Some([usable[at.min(best)], usable[at.max(best)]])
+        })
+        .collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
+}

@@ -1,0 +1,262 @@
+//! Files that look like poses, depth or calibration and that no reader used: none is passed over in silence.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::layout::{Folder, image_stem};
+use super::poses;
+use super::sidecar::SIDECAR_FILE;
+use super::{Sequence, Warning, foreign};
+
+/// What a file says about a sequence.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FileRole {
+    /// Camera poses.
+    Poses,
+    /// Depth of the images.
+    Depth,
+    /// Intrinsics.
+    Calibration,
+}
+
+/// A file or folder that looks like poses, depth or calibration, and that no reader used.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct UnreadFile {
+    /// What it looks like.
+    pub role: FileRole,
+    /// Its name in the folder of the sequence.
+    pub name: String,
+    /// Whether a trajectory of a known format, which `--poses` takes.
+    is_trajectory: bool,
+    /// Whether the sequence has nothing else of this role.
+    pub is_missed: bool,
+}
+
+impl UnreadFile {
+    /// Says what was not read, and the remedy, to stop with.
+    pub fn problem(&self, folder: &Path) -> String {
+        let full = folder.join(&self.name);
+        let path = full.display();
+        if let Some(kind) = foreign::kind_of(&full).filter(|kind| kind.is_source()) {
+            return format!(
+                "{path} is {}, which is not read: {}",
+                kind.what,
+                kind.remedy_for(&full)
+            );
+        }
+        match self.role {
+            FileRole::Poses if self.is_trajectory => {
+                format!("the sequence has no poses, but {path} is a trajectory: --poses {path}")
+            }
+            FileRole::Poses => format!(
+                "the sequence has no poses that can be read, but {path} looks like poses: write them as lines 'stamp tx ty tz qx qy qz \
+                 qw', world from camera, and give that file with --poses FILE"
+            ),
+            FileRole::Depth => format!(
+                "the sequence has no depth that can be read, but {path} looks like depth: depth/ must hold an image of one channel of \
+                 16 bits, or of floating-point values in TIFF or NPY, with the name or number of each colour image (beside rgb.txt: listed in \
+                 depth.txt)"
+            ),
+            FileRole::Calibration => format!(
+                "no camera could be read, but {path} looks like a calibration: write [color] fx, fy, cx, cy to {SIDECAR_FILE} in this \
+                 folder, or give --calibration FILE"
+            ),
+        }
+    }
+}
+
+/// A warning that names the unread files of a sequence, which has others of their kind.
+pub(super) fn warning(files: &[UnreadFile]) -> Option<Warning> {
+    let names: Vec<String> = files
+        .iter()
+        .filter(|file| !file.is_missed)
+        .map(|file| {
+            let what = match file.role {
+                FileRole::Poses => "poses",
+                FileRole::Depth => "depth",
+                FileRole::Calibration => "calibration",
+            };
+            format!("{} ({what})", file.name)
+        })
+        .collect();
+    (!names.is_empty()).then(|| {
+        Warning::statement(format!(
+            "not read, since the layout has others of its own: {}",
+            names.join(", ")
+        ))
+    })
+}
+
+/// The roles that the user filled with an option.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct GivenRoles {
+    pub(super) poses: bool,
+    pub(super) calibration: bool,
+}
+
+/// The entries of a folder that no reader used and that look like poses, depth or calibration.
+pub(super) fn find(folder: &Folder, sequence: &Sequence, given: GivenRoles) -> Vec<UnreadFile> {
+    // Who names a file wants that file.
+    if folder.file().is_some() {
+        return Vec::new();
+    }
+    let used = image_folders(folder, sequence);
+    let has = |role: FileRole| match role {
+        FileRole::Poses => sequence.has_poses(),
+        FileRole::Depth => sequence.depth_calibration().is_some() || sequence.stereo().is_some(),
+        FileRole::Calibration => !sequence.has_assumed_camera() && !sequence.has_default_camera,
+    };
+    folder
+        .names()
+        .iter()
+        .filter(|name| !folder.is_claimed(name) && !used.contains(name.as_str()))
+        .filter_map(|name| {
+            let (role, is_trajectory) = role_of(folder, name)?;
+            let is_given = match role {
+                FileRole::Poses => given.poses,
+                FileRole::Calibration => given.calibration,
+                FileRole::Depth => false,
+            };
+            (!is_given).then(|| UnreadFile {
+                role,
+                name: name.clone(),
+                is_trajectory,
+                is_missed: !has(role),
+            })
+        })
+        .collect()
+}
+
+/// The entries of the folder that hold images of the frames.
+fn image_folders(folder: &Folder, sequence: &Sequence) -> BTreeSet<String> {
+    let paths = sequence.frames().iter().flat_map(|frame| {
+        let others = [&frame.depth, &frame.right].into_iter().flatten();
+        std::iter::once(&frame.color).chain(others)
+    });
+    paths
+        .filter_map(|path| {
+            let inside = path.strip_prefix(folder.path()).ok()?;
+            let first = inside.components().next()?;
+            Some(first.as_os_str().to_str()?.to_owned())
+        })
+        .collect()
+}
+
+/// What an entry looks like, and whether `--poses` takes it.
+fn role_of(folder: &Folder, name: &str) -> Option<(FileRole, bool)> {
+    let path = folder.path().join(name);
+    let lower = name.to_ascii_lowercase();
+    let role = if path.is_dir() {
+        role_of_folder(&path, &lower)
+    } else {
+        role_of_file(&lower)
+    };
+    if let Some(role @ (FileRole::Depth | FileRole::Calibration)) = role {
+        return Some((role, false));
+    }
+    let is_trajectory = path.is_file() && poses::is_trajectory(&path);
+    (role.is_some() || is_trajectory).then_some((FileRole::Poses, is_trajectory))
+}
+
+/// Names of folders with a file of poses for each image.
+const POSE_FOLDERS: [&str; 7] = [
+    "pose",
+    "poses",
+    "cams",
+    "cameras",
+    "corrected_cameras",
+    "extrinsics",
+    "camera_poses",
+];
+
+/// Names of folders with intrinsics.
+const CALIBRATION_FOLDERS: [&str; 5] = [
+    "intrinsic",
+    "intrinsics",
+    "lowres_wide_intrinsics",
+    "calib",
+    "calibration",
+];
+
+fn role_of_folder(path: &Path, lower: &str) -> Option<FileRole> {
+    let inside = Folder::list(path).ok()?;
+    let has_files = |is_wanted: &dyn Fn(&str) -> bool| inside.names().iter().any(|n| is_wanted(n));
+    let is_text = |name: &str| {
+        [".txt", ".json", ".csv", ".pincam", ".npy", ".yaml"]
+            .iter()
+            .any(|end| name.ends_with(end))
+    };
+    if POSE_FOLDERS.contains(&lower) && has_files(&is_text) {
+        return Some(FileRole::Poses);
+    }
+    if CALIBRATION_FOLDERS.contains(&lower) && has_files(&is_text) {
+        return Some(FileRole::Calibration);
+    }
+    let is_depth_image = |name: &str| {
+        image_stem(name).is_some()
+            || [".exr", ".pfm", ".npz", ".depth", ".bin", ".dpt", ".raw"]
+                .iter()
+                .any(|end| name.ends_with(end))
+    };
+    if lower.contains("depth") && has_files(&is_depth_image) {
+        return Some(FileRole::Depth);
+    }
+    None
+}
+
+fn role_of_file(lower: &str) -> Option<FileRole> {
+    let ends = |all: &[&str]| all.iter().any(|end| lower.ends_with(end));
+    let starts = |all: &[&str]| all.iter().any(|start| lower.starts_with(start));
+    // Models and trajectories of other tools.
+    if ends(&[".nvm", ".mvs", ".freiburg", ".traj", ".sfm", ".r3d"])
+        || (starts(&["transforms"]) && ends(&[".json"]))
+        || [
+            "reconstruction.json",
+            "sfm_data.json",
+            "sfm_data.bin",
+            "bundle.out",
+            "cameras.xml",
+            "odometry.csv",
+            "traj.txt",
+        ]
+        .contains(&lower)
+    {
+        return Some(FileRole::Poses);
+    }
+    if ends(&[".npz"]) {
+        return Some(FileRole::Depth);
+    }
+    let is_settings = ends(&[
+        ".txt", ".json", ".csv", ".yaml", ".yml", ".xml", ".toml", ".pincam", ".ini",
+    ]);
+    let is_calibration = is_settings
+        && ([
+            "intrinsic",
+            "calib",
+            "camera_matrix",
+            "cam_params",
+            "camera_info",
+        ]
+        .iter()
+        .any(|part| lower.contains(part))
+            || [
+                "k.txt",
+                "camera.txt",
+                "camera.json",
+                "camera.yaml",
+                "info.txt",
+                "_info.txt",
+            ]
+            .contains(&lower));
+    is_calibration.then_some(FileRole::Calibration)
+}
+
+impl Sequence {
+    /// Files of the folder that look like poses, depth or calibration, and that no reader used.
+    pub fn unread_files(&self) -> &[UnreadFile] {
+        &self.unread
+    }
+}
