@@ -8,13 +8,14 @@
 mod builder;
 mod document;
 
+use std::io::Write;
 use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 
 use self::builder::Builder;
 use super::error::MeshFileError;
-use crate::files::{WriteError, write_atomically};
+use crate::files::{WriteError, write_atomically, write_unsynced};
 use crate::texture::EncodedTexture;
 use crate::types::{GeometryError, LineSet, TriangleMesh, is_storable};
 
@@ -65,7 +66,7 @@ pub fn write_glb(
         builder.add(part, origin);
     }
     let (json, binary) = finish(builder, path, origin)?;
-    write_chunks(path, &json, &binary)
+    write_chunks(path, &json, &binary, true)
 }
 
 /// The vertices and the triangles or lines of a mesh, in the order of the file.
@@ -79,7 +80,7 @@ pub struct MeshElements<P, C, E> {
     pub elements: E,
 }
 
-/// Writes files of similar size one after another: it keeps its memory.
+/// Writes files of similar size one after another: it keeps its memory, and does not wait until they are on the disk.
 #[derive(Debug, Default)]
 pub struct GlbWriter {
     binary: Vec<u8>,
@@ -130,7 +131,7 @@ impl GlbWriter {
             return Err(MeshFileError::geometry(path)(fault));
         }
         let (json, binary) = finish(builder, path, origin)?;
-        let outcome = write_chunks(path, &json, &binary);
+        let outcome = write_chunks(path, &json, &binary, false);
         self.binary = binary;
         outcome
     }
@@ -149,7 +150,12 @@ fn finish(
 }
 
 /// Writes the two chunks of a file.
-fn write_chunks(path: &Path, json: &[u8], binary: &[u8]) -> Result<(), MeshFileError> {
+fn write_chunks(
+    path: &Path,
+    json: &[u8],
+    binary: &[u8],
+    is_synced: bool,
+) -> Result<(), MeshFileError> {
     let binary_chunk = if binary.is_empty() {
         0
     } else {
@@ -162,7 +168,7 @@ fn write_chunks(path: &Path, json: &[u8], binary: &[u8]) -> Result<(), MeshFileE
             bytes: total,
         });
     };
-    write_atomically(path, |out| {
+    let fill = |out: &mut dyn Write| {
         out.write_all(b"glTF")?;
         out.write_all(&2u32.to_le_bytes())?;
         out.write_all(&total.to_le_bytes())?;
@@ -175,7 +181,11 @@ fn write_chunks(path: &Path, json: &[u8], binary: &[u8]) -> Result<(), MeshFileE
             out.write_all(binary)?;
         }
         Ok(())
-    })?;
+    };
+    match is_synced {
+        true => write_atomically(path, fill)?,
+        false => write_unsynced(path, fill)?,
+    }
     Ok(())
 }
 
