@@ -7,6 +7,7 @@ use crate::commands::Outcome;
 use crate::commands::input::open_options;
 use crate::progress::Verbosity;
 use crate::sinks::{print_object, print_text};
+use crate::standard_error::say;
 use crate::text::sequence_text;
 use linecarve_engine::tracking::{TrackingMode, open_with_or_without_poses};
 use linecarve_engine::video::is_video;
@@ -39,7 +40,7 @@ pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     }
     if verbosity > Verbosity::Quiet {
         for warning in &facts.warnings {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
     }
     Ok(Outcome::Done)

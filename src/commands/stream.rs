@@ -4,10 +4,12 @@ use anyhow::Context;
 
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
-use crate::commands::stream_lines::{Line, Replies, next};
+use crate::commands::stream_lines::{Line, Lines, Replies};
+use crate::process::is_signalled;
 use crate::progress::Verbosity;
 use crate::report::page::write_page;
 use crate::sinks::{OutputFolder, SessionPage, SurfaceFiles, final_mesh_edges, last_page};
+use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
@@ -18,17 +20,21 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         Some(path) => Configuration::read(path)?.options(),
         None => Options::default(),
     };
-    let mut output = args.out.as_deref().map(OutputFolder::create).transpose()?;
+    let mut output = args
+        .out
+        .as_deref()
+        .map(|out| OutputFolder::create(out, &[]))
+        .transpose()?;
     let mut session = Session::new(options).context("cannot make a folder for temporary files")?;
     if let Some(view) = args.live.start(verbosity)? {
         session.set_observer(Box::new(SessionPage::new(view)));
     }
     let mut replies = Replies::default();
-    let mut input = std::io::stdin().lock();
+    let lines = Lines::begin()?;
     let mut number = 0;
     loop {
         number += 1;
-        let answer = match next(&mut input)? {
+        let answer = match lines.next()? {
             Line::End => break,
             Line::Unusable(problem) => Err(problem),
             Line::Text(text) if text.trim().is_empty() => continue,
@@ -64,14 +70,14 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let tracking = summary.tracking.clone();
     for warning in tracking.iter().flat_map(|tracking| &tracking.warnings) {
         if verbosity > Verbosity::Quiet {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
     }
     if let Some(output) = &mut output {
         let page = state.map(|state| last_page(state.as_ref(), &summary.mesh));
         write_results(args, summary, output)?;
         if let Some(page) = page {
-            write_page(&output.file("report.html"), &page)?;
+            write_page(&output.file("report.html")?, &page)?;
         }
     }
     replies.send(&Reply::End {
@@ -83,7 +89,9 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         camera_correction,
         tracking,
     })?;
-    Ok(if triangles == 0 {
+    Ok(if is_signalled() {
+        Outcome::Negative(format!("stopped by a signal after {keyframes} keyframe(s)"))
+    } else if triangles == 0 {
         Outcome::Negative(format!("the mesh is empty after {keyframes} keyframe(s)"))
     } else {
         Outcome::Done
@@ -97,7 +105,7 @@ fn write_results(
     output: &mut OutputFolder,
 ) -> anyhow::Result<()> {
     if !summary.trajectory.is_empty() {
-        let path = output.file("trajectory.txt");
+        let path = output.file("trajectory.txt")?;
         write_trajectory(&path, TrajectoryFormat::Tum, &summary.trajectory)?;
     }
     let edges = final_mesh_edges(&summary.mesh, &summary.clusters, None)?;

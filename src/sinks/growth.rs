@@ -2,10 +2,11 @@
 
 use std::time::Instant;
 
-use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::files::write_unsynced;
 use linecarve_mesh::{GlbWriter, MeshFileError};
 
-use super::output::{OutputFolder, SURFACE};
+use super::output::SURFACE;
+use super::output_folder::OutputFolder;
 use crate::report::growth_delta::encode;
 use linecarve_engine::map::Map;
 use linecarve_engine::run::milliseconds;
@@ -39,7 +40,7 @@ impl<'a> GrowthFiles<'a> {
     /// # Errors
     /// When the folder cannot be made or cleared.
     pub(crate) fn new(output: &'a mut OutputFolder, growth: Growth) -> anyhow::Result<Self> {
-        output.numbered(FOLDER)?;
+        output.numbered(FOLDER, &["glb", "delta"])?;
         Ok(Self {
             output,
             growth,
@@ -68,16 +69,16 @@ impl Sink for GrowthFiles<'_> {
         let name = format!("{FOLDER}/{:06}", update.order);
         match self.growth {
             Growth::Whole => {
-                let path = self.output.file(&format!("{name}.glb"));
+                let path = self.output.file(&format!("{name}.glb"))?;
                 let counts = [surface.vertex_count(), surface.triangle_count()];
                 let elements = surface.elements(&mut self.index);
                 self.writer
                     .write_surface(&path, SURFACE, elements, counts, &recording.origin)?;
             }
             Growth::Delta => {
-                let path = self.output.file(&format!("{name}.delta"));
+                let path = self.output.file(&format!("{name}.delta"))?;
                 encode(surface, change, &recording.origin, &mut self.bytes);
-                write_atomically(&path, |out| out.write_all(&self.bytes))
+                write_unsynced(&path, |out| out.write_all(&self.bytes))
                     .map_err(MeshFileError::from)?;
             }
         }

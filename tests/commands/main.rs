@@ -28,3 +28,4 @@ mod stream_frames;
 mod texture;
 mod tiles;
 mod track;
+mod users_files;
