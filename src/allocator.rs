@@ -12,10 +12,13 @@
 ///
 /// Without the first, glibc raises the size of blocks that get a mapping of their own up to 32 MiB, and the gaps that grown arrays leave
 /// stay resident. Without the second, each of the many places of a map that a keyframe reads costs an address translation of its own, the
-/// more the larger the map.
-pub fn set_up() {
+/// more the larger the map. For that the addresses of a large heap are taken at once, which a process with a limit of its addresses
+/// `is_limited` must not do: what they hold would not count.
+pub fn set_up(is_limited: bool) {
     #[cfg(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"))]
-    glibc::set_up();
+    glibc::set_up(is_limited);
+    #[cfg(not(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64")))]
+    let _ = is_limited;
 }
 
 #[cfg(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"))]
@@ -23,18 +26,20 @@ mod glibc {
     /// Blocks from this size on, in bytes, are mappings of their own: the arrays of a map, which grow in place and go back to the system
     /// at once.
     const OWN_MAPPING: i32 = 1 << 20;
-    /// Addresses that the heap takes at the start, in bytes; only what is used takes memory. It has less where a limit forbids as many.
+    /// Addresses that the heap takes at the start, in bytes; only what is used takes memory.
     const RESERVED: i32 = 1 << 30;
     /// Addresses that it takes at a time when these are used up, in bytes.
     const GROWTH: i32 = 1 << 20;
 
-    pub(super) fn set_up() {
+    pub(super) fn set_up(is_limited: bool) {
         set(libc::M_MMAP_THRESHOLD, OWN_MAPPING);
         // One heap for all threads, which is the one that is reserved, and keeps its addresses.
         set(libc::M_ARENA_MAX, 1);
-        set(libc::M_TRIM_THRESHOLD, i32::MAX);
-        set(libc::M_TOP_PAD, RESERVED);
-        ask_for_huge_pages();
+        if !is_limited {
+            set(libc::M_TRIM_THRESHOLD, i32::MAX);
+            set(libc::M_TOP_PAD, RESERVED);
+            ask_for_huge_pages();
+        }
         set(libc::M_TOP_PAD, GROWTH);
     }
 

@@ -4,6 +4,7 @@ mod compare;
 mod convert;
 mod diff;
 mod evaluate;
+mod ranges;
 mod simplify;
 mod stream;
 mod synth;
@@ -36,6 +37,7 @@ use crate::live::LiveView;
 use crate::progress::Verbosity;
 use linecarve_engine::run::MemoryLimit;
 use linecarve_mesh::diff::Tolerance;
+use ranges::{MOST_FRAMES, MOST_WORKERS, coordinate, length, number, whole};
 
 /// Turns a recording into a surface while the camera moves: depth images, images or video, with poses or without.
 ///
@@ -56,8 +58,18 @@ pub struct Cli {
     pub quiet: bool,
 
     /// Worker threads; the results do not depend on it. Default: one per core.
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", value_parser = whole::<usize>(1..=MOST_WORKERS))]
     pub threads: Option<usize>,
+}
+
+impl Cli {
+    /// Whether the command limits the addresses of its own process.
+    pub fn has_limited_addresses(&self) -> bool {
+        let Command::Tiles(tiles) = &self.command else {
+            return false;
+        };
+        matches!(&tiles.command, TilesCommand::Item(task) if task.memory_limit.is_some())
+    }
 }
 
 /// The commands.
@@ -139,7 +151,7 @@ impl LiveArgs {
 #[derive(Debug, Args)]
 pub struct KeyframeArgs {
     /// Take every N-th frame in place of choosing by motion.
-    #[arg(long, value_name = "N", conflicts_with_all = ["keyframes", "min_translation", "min_rotation"])]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=MOST_FRAMES), conflicts_with_all = ["keyframes", "min_translation", "min_rotation"])]
     pub every: Option<usize>,
 
     /// Take the frames that this file names, one name or index a line.
@@ -147,19 +159,19 @@ pub struct KeyframeArgs {
     pub keyframes: Option<PathBuf>,
 
     /// A new keyframe after this much motion, in units of the poses; default: a share of the median scene depth.
-    #[arg(long, value_name = "LENGTH")]
+    #[arg(long, value_name = "LENGTH", value_parser = number(0.0..=1e9))]
     pub min_translation: Option<f64>,
 
     /// A new keyframe after this much rotation.
-    #[arg(long, value_name = "DEGREES")]
+    #[arg(long, value_name = "DEGREES", value_parser = number(0.0..=360.0))]
     pub min_rotation: Option<f64>,
 
     /// Among this many frames the sharpest becomes the keyframe; 1 takes the first that has moved enough.
-    #[arg(long, value_name = "N", conflicts_with_all = ["every", "keyframes"])]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=1000), conflicts_with_all = ["every", "keyframes"])]
     pub sharpness_window: Option<usize>,
 
     /// Stop after this many keyframes.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=MOST_FRAMES))]
     pub max_keyframes: Option<usize>,
 }
 
@@ -210,7 +222,7 @@ pub struct StageArgs {
 
     /// Images with a longer side are computed on at a whole fraction of their size; 0: as they are. Sequences with depth images
     /// are left alone. Default: what the configuration says, 1600 when it says nothing.
-    #[arg(long, value_name = "PIXELS")]
+    #[arg(long, value_name = "PIXELS", value_parser = whole::<u32>(0..=65536))]
     pub max_image_size: Option<u32>,
 
     /// Formats of meshes and lines.
@@ -383,7 +395,7 @@ pub struct RenderArgs {
     pub errors: Option<PathBuf>,
 
     /// Distance at which those colours end; default: about a hundredth of the ground truth's diagonal.
-    #[arg(long, value_name = "LENGTH", requires = "errors")]
+    #[arg(long, value_name = "LENGTH", value_parser = length(), requires = "errors")]
     pub errors_end: Option<f64>,
 
     /// Draw what a frame of this sequence saw. Without a sequence and without --eye: the mesh from outside and above,
@@ -413,7 +425,7 @@ pub struct RenderArgs {
     pub up: Option<[f64; 3]>,
 
     /// Vertical field of view of --eye.
-    #[arg(long, value_name = "DEGREES", default_value_t = 60.0)]
+    #[arg(long, value_name = "DEGREES", value_parser = number(0.1..=179.0), default_value_t = 60.0)]
     pub field_of_view: f64,
 
     /// Size of the picture, for views that no sequence gives.
@@ -434,12 +446,9 @@ fn parse_up(text: &str) -> Result<[f64; 3], String> {
 fn parse_point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Vec<f64> = text
         .split(',')
-        .map(|part| part.trim().parse().unwrap_or(f64::NAN))
-        .collect();
-    match <[f64; 3]>::try_from(numbers) {
-        Ok(point) if point.iter().all(|number| number.is_finite()) => Ok(point),
-        _ => Err("write it as X,Y,Z, for example 0,-1.5,2".to_owned()),
-    }
+        .map(coordinate())
+        .collect::<Result<_, _>>()?;
+    <[f64; 3]>::try_from(numbers).map_err(|_| "write it as X,Y,Z, for example 0,-1.5,2".to_owned())
 }
 
 /// `640x480` as width and height.

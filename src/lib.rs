@@ -15,6 +15,9 @@
 //! This crate is the program: arguments, commands, files, the page. What it computes is the library `linecarve-engine`, whose
 //! items it passes on. Programs that need no command line depend on `linecarve-engine` alone.
 
+// It panics where standard error cannot be written.
+#![warn(clippy::print_stderr)]
+
 pub mod allocator;
 pub mod cli;
 pub mod commands;
@@ -25,6 +28,7 @@ pub mod progress;
 pub mod report;
 mod server;
 pub mod sinks;
+mod standard_error;
 mod text;
 
 pub use linecarve_engine::*;

@@ -4,8 +4,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use linecarve_engine::run::{CancelToken, MemoryLimit, UnknownMemory, resident_mb};
 
+use crate::standard_error::say;
+
 /// Set by signals; process-wide, as a process runs one command.
 static REQUESTED: AtomicBool = AtomicBool::new(false);
+
+/// Makes a write beyond the limit of the size of files an error, which is reported with the name of the file. Otherwise the system ends
+/// the program.
+pub fn set_up() {
+    #[cfg(unix)]
+    {
+        let ignored = std::sync::Arc::new(AtomicBool::new(false));
+        // Without the handler all is as before.
+        let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, ignored);
+    }
+}
 
 /// Cancellation is not available.
 #[derive(Debug, thiserror::Error)]
@@ -30,17 +43,31 @@ pub enum WatchError {
 /// When signals cannot be handled, or a limit is given and the system does not report memory use.
 pub(crate) fn watch(limit: Option<MemoryLimit>) -> Result<CancelToken, WatchError> {
     let token = CancelToken::with_limit(limit)?.cancelled_by(&REQUESTED);
-    let handler = || {
+    on_signal(|| say!("stopping after this keyframe; press Ctrl-C again to stop at once"))?;
+    Ok(token)
+}
+
+/// Does something on the first Ctrl-C or termination signal; the second ends the program at once.
+///
+/// # Errors
+/// When signals cannot be handled.
+pub(crate) fn on_signal(first: impl Fn() + Send + 'static) -> Result<(), ctrlc::Error> {
+    let handler = move || {
         if REQUESTED.swap(true, Ordering::SeqCst) {
             // Exit status of a program ended by Ctrl-C.
             std::process::exit(130);
         }
-        eprintln!("stopping after this keyframe; press Ctrl-C again to stop at once");
+        first();
     };
     match ctrlc::set_handler(handler) {
-        Err(ctrlc::Error::MultipleHandlers) | Ok(()) => Ok(token),
-        Err(error) => Err(error.into()),
+        Err(ctrlc::Error::MultipleHandlers) | Ok(()) => Ok(()),
+        Err(error) => Err(error),
     }
+}
+
+/// Whether a signal has come.
+pub(crate) fn is_signalled() -> bool {
+    REQUESTED.load(Ordering::SeqCst)
 }
 
 /// Lets this process end with the one that started it, and refuses it more memory than `limit`; then it aborts.
@@ -49,15 +76,20 @@ pub(crate) fn watch(limit: Option<MemoryLimit>) -> Result<CancelToken, WatchErro
 /// When the system does not do that. Only Linux does; elsewhere a limit is refused and the rest left out.
 #[cfg(target_os = "linux")]
 pub(crate) fn limit_task(limit: Option<MemoryLimit>) -> std::io::Result<()> {
+    use linecarve_engine::run::size_mb;
     use rustix::process::{Resource, Rlimit, Signal, set_parent_process_death_signal, setrlimit};
 
     set_parent_process_death_signal(Some(Signal::KILL))?;
     let Some(limit) = limit else { return Ok(()) };
-    if resident_mb().is_some_and(|resident| resident > limit.megabytes) {
+    let resident = resident_mb().unwrap_or(0.0);
+    if resident > limit.megabytes {
         let text = "the memory limit is less than the program takes without any data";
         return Err(std::io::Error::other(text));
     }
-    let bytes = (limit.megabytes * 1e6) as u64;
+    // Addresses are what the system limits. Those of the program itself and of libraries take hardly any memory: only what comes on top of
+    // them counts.
+    let addresses = size_mb().unwrap_or(resident);
+    let bytes = ((addresses + limit.megabytes - resident) * 1e6) as u64;
     let limit = Rlimit {
         current: Some(bytes),
         maximum: Some(bytes),
@@ -82,7 +114,7 @@ pub(crate) fn limit_task(limit: Option<MemoryLimit>) -> std::io::Result<()> {
 pub(crate) fn end_beyond(limit: MemoryLimit, text: String) {
     let look = move || {
         if let Some(resident) = resident_mb().filter(|mb| *mb > limit.megabytes) {
-            eprintln!("linecarve: {resident:.0} MB are in use: {text}");
+            say!("linecarve: {resident:.0} MB are in use: {text}");
             std::process::exit(2);
         }
     };

@@ -7,6 +7,8 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use linecarve_engine::run::ProgressHook;
 
+use crate::standard_error::say;
+
 /// Least time between plain lines.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(5);
 
@@ -106,7 +108,7 @@ impl Progress {
             let line = plain_line(self.label, done, self.total, self.started.elapsed());
             let message = message();
             let gap = if message.is_empty() { "" } else { "  " };
-            eprintln!("{line}{gap}{message}");
+            say!("{line}{gap}{message}");
         }
     }
 
@@ -116,8 +118,8 @@ impl Progress {
             return;
         }
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("{line}")),
-            None => eprintln!("{line}"),
+            Some(bar) => bar.suspend(|| say!("{line}")),
+            None => say!("{line}"),
         }
     }
 

@@ -10,7 +10,7 @@ use linecarve::commands::Outcome;
 
 fn main() -> ExitCode {
     // As the program does: what is measured here is measured of it.
-    linecarve::allocator::set_up();
+    linecarve::allocator::set_up(false);
     match commands::run(cli::Cli::parse()) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Negative(reason)) => {

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use linecarve_mesh::files::read_regular;
+
 use super::SequenceError;
 
 /// A binary file in memory and a read position.
@@ -124,7 +126,7 @@ impl<'a> ByteReader<'a> {
 
 /// Reads a whole file.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SequenceError> {
-    std::fs::read(path).map_err(|source| SequenceError::Unreadable {
+    read_regular(path).map_err(|source| SequenceError::Unreadable {
         path: path.to_owned(),
         source,
     })

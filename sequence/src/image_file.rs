@@ -6,6 +6,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageFormat, ImageReader};
 use linecarve_lines::image::{GrayImage, Plane};
+use linecarve_mesh::files::open_regular;
 
 use super::FrameError;
 use super::calibration::ImageSize;
@@ -13,15 +14,8 @@ use super::calibration::ImageSize;
 /// Most headers of images end within so many bytes.
 const HEADER_BYTES: u64 = 1 << 16;
 
-/// Opens a regular file. Pipes and devices may never end, and are refused.
 fn open(path: &Path) -> Result<File, FrameError> {
-    let attempt = || {
-        if !std::fs::metadata(path)?.is_file() {
-            return Err(std::io::Error::other("not a regular file"));
-        }
-        File::open(path)
-    };
-    attempt().map_err(|source| FrameError::Unreadable {
+    open_regular(path).map_err(|source| FrameError::Unreadable {
         path: path.to_owned(),
         source,
     })

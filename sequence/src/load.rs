@@ -159,30 +159,35 @@ impl Sequence {
     /// # Panics
     /// If the index is out of range.
     pub fn load_depth_sigma(&self, index: usize) -> Result<Option<DepthImage>, FrameError> {
-        let (Some(depth), Some(folder), Some(calibration)) =
-            (&self.frames[index].depth, &self.sigma_folder, &self.depth)
-        else {
+        let (Some((depth, stem)), Some(calibration)) = (self.sigma_stem(index), &self.depth) else {
             return Ok(None);
         };
-        let stem = folder.join(depth.file_stem().unwrap_or_default());
-        let with_extension = |extension| {
-            // Not `with_extension`, which takes what follows a dot in the name away.
-            let mut name = stem.clone().into_os_string();
-            name.push(".");
-            name.push(extension);
-            PathBuf::from(name)
-        };
-        let path = IMAGE_EXTENSIONS
-            .into_iter()
-            .map(with_extension)
-            .find(|path| path.is_file())
-            .ok_or_else(|| FrameError::SigmaMissing {
-                depth: depth.clone(),
-                stem: stem.clone(),
-            })?;
+        let path = sigma_path(&stem).ok_or_else(|| FrameError::SigmaMissing {
+            depth: depth.clone(),
+            stem: stem.clone(),
+        })?;
         let sigma = self.depth_values(&path, calibration)?;
         self.undistorted_depth(index, &path, calibration, sigma)
             .map(Some)
+    }
+
+    /// The depth image of a frame, and the path of its standard deviations without the extension.
+    fn sigma_stem(&self, index: usize) -> Option<(&PathBuf, PathBuf)> {
+        let depth = self.frames[index].depth.as_ref()?;
+        let folder = self.sigma_folder.as_ref()?;
+        Some((depth, folder.join(depth.file_stem().unwrap_or_default())))
+    }
+
+    /// The files that a frame is loaded from: its colour image, and its depth image with the standard deviations, where there are any.
+    ///
+    /// # Panics
+    /// If the index is out of range.
+    pub fn files(&self, index: usize) -> Vec<PathBuf> {
+        let frame = &self.frames[index];
+        let sigma = self.sigma_stem(index);
+        let sigma = sigma.and_then(|(_, stem)| sigma_path(&stem));
+        let files = [Some(frame.color.clone()), frame.depth.clone(), sigma];
+        files.into_iter().flatten().collect()
     }
 
     /// Reads depths, or standard deviations of them, in pose units.
@@ -307,4 +312,19 @@ fn resample_color(
         }
     }
     Ok(color)
+}
+
+/// The image of standard deviations at a path without its extension.
+fn sigma_path(stem: &Path) -> Option<PathBuf> {
+    let with_extension = |extension| {
+        // Not `with_extension`, which takes what follows a dot in the name away.
+        let mut name = stem.to_owned().into_os_string();
+        name.push(".");
+        name.push(extension);
+        PathBuf::from(name)
+    };
+    IMAGE_EXTENSIONS
+        .into_iter()
+        .map(with_extension)
+        .find(|path| path.is_file())
 }

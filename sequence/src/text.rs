@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use linecarve_mesh::files::read_regular;
+
 use super::SequenceError;
 
 /// A text file in memory.
@@ -13,7 +15,7 @@ pub(super) struct TextFile<'a> {
 impl<'a> TextFile<'a> {
     /// Reads a file as UTF-8, or as UTF-16 if it has that byte order mark.
     pub(super) fn read(path: &'a Path) -> Result<Self, SequenceError> {
-        let bytes = std::fs::read(path).map_err(|source| SequenceError::Unreadable {
+        let bytes = read_regular(path).map_err(|source| SequenceError::Unreadable {
             path: path.to_owned(),
             source,
         })?;

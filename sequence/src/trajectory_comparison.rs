@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use linecarve_mesh::evaluate::fit_similarity;
+use linecarve_mesh::files::read_regular;
 use nalgebra::{Isometry3, Point3, Similarity3};
 use serde::Serialize;
 
@@ -169,7 +170,9 @@ impl TimedPoses {
         poses.sort_by_key(|(stamp, _)| *stamp);
         poses.dedup_by_key(|(stamp, _)| *stamp);
         let list = path.with_file_name("rgb.txt");
-        let frames = std::fs::read_to_string(list).ok().map(|text| {
+        let list = read_regular(&list).ok();
+        let text = list.and_then(|bytes| String::from_utf8(bytes).ok());
+        let frames = text.map(|text| {
             let stamps = text
                 .lines()
                 .filter(|line| !line.trim_start().starts_with('#'));

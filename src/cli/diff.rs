@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::CheckChoice;
+use super::ranges::{MOST_SAMPLES, whole};
 use linecarve_mesh::diff::Tolerance;
 
 /// Arguments of `diff`.
@@ -26,7 +27,7 @@ pub struct DiffArgs {
     pub check: Vec<CheckChoice>,
 
     /// Points drawn on each surface, besides vertices and centres of triangles.
-    #[arg(long, value_name = "N", default_value_t = 50_000)]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=MOST_SAMPLES), default_value_t = 50_000)]
     pub samples: usize,
 
     /// Seed of those points.

@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::Point3;
 
 use super::KeyframeArgs;
+use super::ranges::{MOST_SAMPLES, coordinate, length, whole};
 use linecarve_mesh::evaluate::Region;
 
 /// Arguments of `evaluate`.
@@ -38,7 +39,7 @@ pub struct EvaluateArgs {
     pub trajectories: Option<Vec<PathBuf>>,
 
     /// Distances for precision, recall and F.
-    #[arg(long, value_name = "LENGTH", value_delimiter = ',', default_values_t = [0.02, 0.05, 0.10])]
+    #[arg(long, value_name = "LENGTH", value_parser = length(), value_delimiter = ',', default_values_t = [0.02, 0.05, 0.10])]
     pub thresholds: Vec<f64>,
 
     /// Where points count: `gt`, the bounding box of the ground truth; `none`, everywhere; or a box X0,Y0,Z0,X1,Y1,Z1.
@@ -49,13 +50,14 @@ pub struct EvaluateArgs {
     #[arg(
         long,
         value_name = "LENGTH",
+        value_parser = coordinate(),
         allow_hyphen_values = true,
         default_value_t = 0.0
     )]
     pub roi_margin: f64,
 
     /// Points drawn on each surface.
-    #[arg(long, value_name = "N", default_value_t = 200_000)]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=MOST_SAMPLES), default_value_t = 200_000)]
     pub samples: usize,
 
     /// Seed of everything random.
@@ -63,7 +65,7 @@ pub struct EvaluateArgs {
     pub seed: u64,
 
     /// Points along lines are at most this far apart; default: half the smallest threshold.
-    #[arg(long, value_name = "LENGTH")]
+    #[arg(long, value_name = "LENGTH", value_parser = length())]
     pub step: Option<f64>,
 
     /// Leave out what no keyframe of this sequence looked at: its depth images decide, its poses are in the frame of the
@@ -76,11 +78,11 @@ pub struct EvaluateArgs {
     pub calibration: Option<PathBuf>,
 
     /// How far behind the depth that a keyframe measured the surface may lie; default: a tenth of the median depth.
-    #[arg(long, value_name = "LENGTH", requires = "observed")]
+    #[arg(long, value_name = "LENGTH", value_parser = length(), requires = "observed")]
     pub behind: Option<f64>,
 
     /// Depth up to which keyframes are believed; default: 2.5 times the median depth.
-    #[arg(long, value_name = "LENGTH", requires = "observed")]
+    #[arg(long, value_name = "LENGTH", value_parser = length(), requires = "observed")]
     pub far: Option<f64>,
 
     /// Keyframes of that sequence.
@@ -120,10 +122,11 @@ fn parse_region(text: &str) -> Result<Region, String> {
     }
     let numbers: Vec<f64> = text
         .split(',')
-        .map(|part| part.trim().parse().unwrap_or(f64::NAN))
-        .collect();
+        .map(coordinate())
+        .collect::<Result<_, _>>()
+        .unwrap_or_default();
     match <[f64; 6]>::try_from(numbers) {
-        Ok(box_) if box_.iter().all(|number| number.is_finite()) => Ok(Region::Box {
+        Ok(box_) => Ok(Region::Box {
             low: Point3::new(box_[0], box_[1], box_[2]),
             high: Point3::new(box_[3], box_[4], box_[5]),
         }),

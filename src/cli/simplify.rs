@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::ranges::number;
 use crate::sinks::DEFAULT_TOLERANCE_TEXT;
 use linecarve_mesh::diff::Tolerance;
 
@@ -27,7 +28,7 @@ pub struct SimplifyArgs {
     pub rim_tolerance: Option<Tolerance>,
 
     /// Edges of the surface that turn by more than this, and stand out by more than the tolerance, remain edges.
-    #[arg(long, value_name = "DEGREES", default_value_t = 50.0)]
+    #[arg(long, value_name = "DEGREES", value_parser = number(0.0..=180.0), default_value_t = 50.0)]
     pub crease: f64,
 
     /// Lines that are known, such as clusters.ply of a run: edges along them remain edges.

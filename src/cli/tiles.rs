@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::ranges::{MOST_FRAMES, MOST_WORKERS, whole};
 use super::{DepthArg, KeyframeArgs, LabelChoice, SequenceArgs, SurfaceSource};
 use linecarve_engine::run::MemoryLimit;
 use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, TaskStage};
@@ -27,7 +28,7 @@ pub enum TilesCommand {
         work: PathBuf,
 
         /// Tasks at a time, each a process of its own.
-        #[arg(long, value_name = "N", default_value_t = 1)]
+        #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=MOST_WORKERS), default_value_t = 1)]
         jobs: usize,
 
         /// Most memory of one task (800M, 2G); a task that needs more ends the run.
@@ -95,12 +96,12 @@ pub struct TilesPlanArgs {
     pub selection: KeyframeArgs,
 
     /// Keyframes of a sequence in one task of the front end; the mesh does not depend on it.
-    #[arg(long, value_name = "N", default_value_t = KEYFRAMES_OF_TASK)]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=MOST_FRAMES), default_value_t = KEYFRAMES_OF_TASK)]
     pub keyframes_per_task: usize,
 
     /// Number of tiles; the mesh does not depend on it. Default: one for each million points of a model, for each 2000 keyframes of a
     /// sequence.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=100_000))]
     pub tiles: Option<usize>,
 
     /// How tetrahedra are labelled; default: what the configuration says, a minimum cut when it says nothing.
@@ -112,7 +113,7 @@ pub struct TilesPlanArgs {
     pub config: Option<PathBuf>,
 
     /// Cells around those of a tile that it looks at for a minimum cut, counted across facets; the mesh does not depend on it.
-    #[arg(long, value_name = "N", default_value_t = linecarve_tiles::PlanOptions::default().halo)]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(0..=1000), default_value_t = linecarve_tiles::PlanOptions::default().halo)]
     pub halo: u32,
 }
 
@@ -127,6 +128,7 @@ pub struct TilesItemArgs {
     pub stage: TaskStage,
 
     /// Number of the task within the stage.
+    #[arg(value_parser = whole::<usize>(0..=MOST_FRAMES))]
     pub number: usize,
 
     /// Most memory of the task (800M, 2G).

@@ -13,10 +13,11 @@ use crate::compare::{
 };
 use crate::progress::Verbosity;
 use crate::sinks::{OutputFolder, PageRun, print_object};
+use crate::standard_error::say;
 use linecarve_engine::{Recording, Source};
 
 pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let mut output = OutputFolder::create(&args.out)?;
+    let mut output = OutputFolder::create(&args.out, &[&args.input.sequence])?;
     // Read before the work begins: a wrong path should not cost a run.
     let options = EvaluationOptions {
         thresholds: args.thresholds.clone(),
@@ -73,7 +74,7 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
     )?;
     let labels = runs.each_ref().map(|run| run.surface.label);
     write_compare_page(
-        &output.file("report.html"),
+        &output.file("report.html")?,
         &PageRun::of_keyframes(&recording),
         runs,
         truth.as_ref(),
@@ -81,7 +82,7 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         &warnings.list,
     )?;
 
-    let path = output.file("compare.json");
+    let path = output.file("compare.json")?;
     let folder = recording.sequence.folder();
     let name = folder.file_name().unwrap_or(folder.as_os_str());
     let count = recording.keyframes.len();
@@ -108,8 +109,13 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         print_object(&comparison)?;
     }
     if verbosity > Verbosity::Quiet {
-        eprint!("{}", score_table(&comparison.surfaces, &labels).to_text());
-        eprintln!("{count} keyframes; {}", output.root().display());
+        say!(
+            "{}",
+            score_table(&comparison.surfaces, &labels)
+                .to_text()
+                .trim_end()
+        );
+        say!("{count} keyframes; {}", output.root().display());
     }
     Ok(outcome(&comparison.surfaces))
 }

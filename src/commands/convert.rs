@@ -9,6 +9,8 @@ use crate::commands::Outcome;
 use crate::commands::convert_geometry::convert_geometry;
 use crate::commands::input::open;
 use crate::progress::Verbosity;
+use crate::sinks::keep_apart;
+use crate::standard_error::say;
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{
     TrajectoryFormat, posed_images, write_colmap, write_trajectory, write_transforms,
@@ -33,13 +35,13 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
     .with_context(|| format!("{target:?} is written from a sequence"))?;
     if verbosity > Verbosity::Quiet {
         for warning in sequence.warnings() {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
     }
     if let Some(reading) = sequence.sidecar_pose_convention()
         && verbosity > Verbosity::Quiet
     {
-        eprintln!(
+        say!(
             "note: the poses written are of the colour camera, world from camera. The [poses] table of the calibration \
              ({reading}) is for the files of the folder and not for these: where they are read beside it, give a \
              --calibration without that table"
@@ -83,6 +85,21 @@ fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::
             return Ok(Outcome::Done);
         }
         _ => {
+            keep_apart(out, sequence.folder())?;
+            let is_inside = out
+                .canonicalize()
+                .ok()
+                .zip(sequence.folder().canonicalize().ok());
+            let is_inside = is_inside.is_some_and(|(out, folder)| out.starts_with(folder));
+            let has_model = ["txt", "bin"]
+                .iter()
+                .any(|it| out.join("images").with_extension(it).exists());
+            if is_inside && has_model {
+                bail!(
+                    "{} has a model of the recording, which is not to be changed: give another folder with --out",
+                    out.display()
+                );
+            }
             std::fs::create_dir_all(out)
                 .with_context(|| format!("cannot make the folder {}", out.display()))?;
             write_colmap(out, sequence)?;

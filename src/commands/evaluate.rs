@@ -12,6 +12,7 @@ use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::observed::observe;
 use crate::progress::Verbosity;
 use crate::sinks::{print_object, print_text};
+use crate::standard_error::say;
 use crate::text::evaluation_text;
 use linecarve_mesh::evaluate::{
     Alignment, Evaluation, EvaluationOptions, NearestPointIndex, evaluate_observed,
@@ -59,7 +60,7 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
     }
     if verbosity > Verbosity::Quiet {
         for warning in &evaluation.warnings {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
     }
     if evaluation.accuracy.is_none() {

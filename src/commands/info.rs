@@ -9,6 +9,7 @@ use crate::commands::Outcome;
 use crate::commands::input::open_options;
 use crate::progress::Verbosity;
 use crate::sinks::{print_object, print_text};
+use crate::standard_error::say;
 use crate::text::{sequence_text, video_text};
 use linecarve_engine::tracking::{TrackingMode, open_with_or_without_poses};
 use linecarve_engine::video::{describe, is_video};
@@ -42,7 +43,7 @@ pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     }
     if verbosity > Verbosity::Quiet {
         for warning in &facts.warnings {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
     }
     Ok(Outcome::Done)

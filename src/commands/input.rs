@@ -7,6 +7,7 @@ use anyhow::bail;
 use crate::cli::{DepthArg, KeyframeArgs, PresetArg, SequenceArgs, StageArgs};
 use crate::progress::Verbosity;
 use crate::sinks::OutputFolder;
+use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::video::{of_video, unpack};
@@ -73,9 +74,10 @@ pub(super) fn unpack_video(
         );
     };
     let folder = output.subfolder("video")?;
+    output.numbered("video/images", &["jpg"])?;
     for warning in unpack(&input.path, &folder, &verbosity.hook())? {
         if verbosity > Verbosity::Quiet {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
     }
     input.open = of_video(std::mem::take(&mut input.open));

@@ -15,7 +15,7 @@ use linecarve_engine::{Reconstruction, Recording, RunOptions, Source};
 
 pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let started = Instant::now();
-    let mut output = OutputFolder::create(&args.out)?;
+    let mut output = OutputFolder::create(&args.out, &[&args.input.sequence])?;
     let options = parameters(&args.stages, &args.selection)?;
     let mut input = input(
         &args.input,

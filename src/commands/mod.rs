@@ -51,10 +51,6 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         (false, _) => Verbosity::Verbose,
     };
     if let Some(threads) = cli.threads {
-        anyhow::ensure!(
-            threads > 0,
-            "--threads 0: give at least one, or leave the option out for one per core"
-        );
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build_global()

@@ -10,6 +10,7 @@ use nalgebra::Point3;
 use crate::cli::{DepthArg, EvaluateArgs, SequenceArgs};
 use crate::commands::input::{input, keyframe_options};
 use crate::progress::{Progress, Verbosity};
+use crate::standard_error::say;
 use linecarve_engine::options::Options;
 use linecarve_engine::{Recording, Source};
 
@@ -73,7 +74,7 @@ pub(super) fn observe(
             Ok(None) => {}
             Err(error) if error.is_limited_to_frame() => {
                 if verbosity > Verbosity::Quiet {
-                    eprintln!("warning: {error}; the frame is left out");
+                    say!("warning: {error}; the frame is left out");
                 }
             }
             Err(error) => return Err(error.into()),

@@ -66,7 +66,9 @@ pub fn reconstruct(
     check_tolerance(args.simplify)?;
     let started = Instant::now();
     let live = args.live.start(verbosity)?;
-    let mut output = out.map(OutputFolder::create).transpose()?;
+    let mut output = out
+        .map(|out| OutputFolder::create(out, &[&args.input.sequence]))
+        .transpose()?;
     let is_final_only = args.final_only || out.is_none();
     let mut options = parameters(&args.stages, &args.selection)?;
     let labels = &mut options.carving.labels;

@@ -5,10 +5,12 @@ use anyhow::Context;
 use crate::cli::StreamArgs;
 use crate::commands::Outcome;
 use crate::commands::input::base_options;
-use crate::commands::stream_lines::{Line, Replies, next};
+use crate::commands::stream_lines::{Line, Lines, Replies};
+use crate::process::is_signalled;
 use crate::progress::Verbosity;
 use crate::report::page::write_page;
 use crate::sinks::{OutputFolder, SessionPage, SurfaceFiles, final_mesh_edges, last_page};
+use crate::standard_error::say;
 use linecarve_engine::front_end::unmeasurable_warning;
 use linecarve_engine::stream::{Message, Reply, Session, SessionEnd, SessionSummary};
 use linecarve_mesh::GltfFrame;
@@ -17,17 +19,21 @@ use nalgebra::Vector3;
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let options = base_options(args.preset, args.config.as_deref())?;
-    let mut output = args.out.as_deref().map(OutputFolder::create).transpose()?;
+    let mut output = args
+        .out
+        .as_deref()
+        .map(|out| OutputFolder::create(out, &[]))
+        .transpose()?;
     let mut session = Session::new(options).context("cannot make a folder for temporary files")?;
     if let Some(view) = args.live.start(verbosity)? {
         session.set_observer(Box::new(SessionPage::new(view)));
     }
     let mut replies = Replies::default();
-    let mut input = std::io::stdin().lock();
+    let lines = Lines::begin()?;
     let mut number = 0;
     loop {
         number += 1;
-        let answer = match next(&mut input)? {
+        let answer = match lines.next()? {
             Line::End => break,
             Line::Unusable(problem) => Err(problem),
             Line::Text(text) if text.trim().is_empty() => continue,
@@ -66,7 +72,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let of_tracking = tracking.iter().flat_map(|tracking| &tracking.warnings);
     for warning in of_tracking.chain(&warnings) {
         if verbosity > Verbosity::Quiet {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
     }
     if let Some(output) = &mut output {
@@ -74,7 +80,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         let up = page.as_ref().map(|page| page.up);
         write_results(args, summary, output, up)?;
         if let Some(page) = page {
-            write_page(&output.file("report.html"), &page)?;
+            write_page(&output.file("report.html")?, &page)?;
         }
     }
     replies.send(&Reply::End {
@@ -87,7 +93,9 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         tracking,
         warnings,
     })?;
-    Ok(if triangles == 0 {
+    Ok(if is_signalled() {
+        Outcome::Negative(format!("stopped by a signal after {keyframes} keyframe(s)"))
+    } else if triangles == 0 {
         Outcome::Negative(format!("the mesh is empty after {keyframes} keyframe(s)"))
     } else {
         Outcome::Done
@@ -102,7 +110,7 @@ fn write_results(
     up: Option<Vector3<f64>>,
 ) -> anyhow::Result<()> {
     if !summary.trajectory.is_empty() {
-        let path = output.file("trajectory.txt");
+        let path = output.file("trajectory.txt")?;
         write_trajectory(&path, TrajectoryFormat::Tum, &summary.trajectory)?;
     }
     let edges = final_mesh_edges(&summary.mesh, &summary.clusters, None)?;

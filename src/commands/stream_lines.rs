@@ -1,10 +1,13 @@
 //! Lines of JSON in and out, for `linecarve stream`.
 
 use std::io::{BufRead, ErrorKind, Write};
+use std::sync::mpsc::{Receiver, sync_channel};
 
 use anyhow::Context;
 
+use crate::process::{is_signalled, on_signal};
 use crate::progress::Verbosity;
+use crate::standard_error::say;
 use linecarve_engine::stream::Reply;
 
 /// Longest message, in bytes: two images of 8 megapixels without compression, in base 64, have room.
@@ -18,8 +21,48 @@ pub(super) enum Line {
     End,
 }
 
+/// The lines of standard input, up to its end or to a signal.
+pub(super) struct Lines(Receiver<anyhow::Result<Line>>);
+
+impl Lines {
+    /// Begins to read. A thread does, so that a signal is noticed while no line comes.
+    ///
+    /// # Errors
+    /// When signals cannot be handled.
+    pub(super) fn begin() -> anyhow::Result<Self> {
+        let (sender, receiver) = sync_channel(1);
+        let on_end = sender.clone();
+        on_signal(move || {
+            say!("stopping after this message; press Ctrl-C again to stop at once");
+            // Wakes who waits. When there is no room, a line is there that does.
+            let _ = on_end.try_send(Ok(Line::End));
+        })
+        .context("cannot install the handler for Ctrl-C")?;
+        std::thread::spawn(move || {
+            let mut input = std::io::stdin().lock();
+            loop {
+                let line = next(&mut input);
+                let is_last = matches!(line, Ok(Line::End) | Err(_));
+                if sender.send(line).is_err() || is_last {
+                    return;
+                }
+            }
+        });
+        Ok(Self(receiver))
+    }
+
+    /// The next line; the end after a signal.
+    ///
+    /// # Errors
+    /// When standard input cannot be read.
+    pub(super) fn next(&self) -> anyhow::Result<Line> {
+        let line = self.0.recv().unwrap_or(Ok(Line::End))?;
+        Ok(if is_signalled() { Line::End } else { line })
+    }
+}
+
 /// The next line of the input.
-pub(super) fn next(input: &mut impl BufRead) -> anyhow::Result<Line> {
+fn next(input: &mut impl BufRead) -> anyhow::Result<Line> {
     let mut bytes = Vec::new();
     let context = "cannot read standard input";
     let mut limited = std::io::Read::take(&mut *input, LONGEST_MESSAGE);
@@ -55,7 +98,7 @@ impl Replies {
         verbosity: Verbosity,
     ) -> anyhow::Result<()> {
         if verbosity > Verbosity::Quiet {
-            eprintln!("warning: line {line}: {message}");
+            say!("warning: line {line}: {message}");
         }
         self.send(&Reply::Error { line, message })
     }

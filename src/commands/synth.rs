@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use crate::cli::{NoiseModel, SynthArgs};
 use crate::commands::Outcome;
 use crate::progress::{Progress, Verbosity};
+use crate::standard_error::say;
 use linecarve_synth::{
     CityOptions, ColorFormat, DepthNoise, SynthOptions, write_city, write_sequence,
 };
@@ -48,7 +49,7 @@ pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         }
     })?;
     if verbosity > Verbosity::Quiet {
-        eprintln!(
+        say!(
             "{} frames, {} triangles of ground truth of which {:.0} % were seen; {}",
             summary.frames,
             summary.triangles,
@@ -67,7 +68,7 @@ fn city(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let rays = write_city(&options, &args.out)?;
     if verbosity > Verbosity::Quiet {
         let (points, cloud) = (args.points, args.out.join("fused.ply"));
-        eprintln!("{points} points, {rays} rays; {}", cloud.display());
+        say!("{points} points, {rays} rays; {}", cloud.display());
     }
     Ok(Outcome::Done)
 }

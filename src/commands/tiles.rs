@@ -10,6 +10,8 @@ use crate::cli::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 use crate::commands::Outcome;
 use crate::process::limit_task;
 use crate::progress::Verbosity;
+use crate::sinks::{keep_apart, lock_folder};
+use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::run::MemoryLimit;
@@ -47,6 +49,7 @@ fn make_plan(args: &TilesPlanArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     let labels = &mut options.carving.labels;
     *labels = args.labels.map_or(*labels, Into::into);
     keyframe_options(&args.selection, &mut options);
+    keep_apart(&args.work, &args.input.sequence)?;
     let source = args.from.into();
     let input = input(&args.input, &args.selection, args.depth, source, verbosity);
     let split = Split {
@@ -63,9 +66,9 @@ fn make_plan(args: &TilesPlanArgs, verbosity: Verbosity) -> anyhow::Result<Outco
                 let points: usize = tiles.iter().map(|tile| tile.points).sum();
                 let rays: usize = tiles.iter().map(|tile| tile.rays).sum();
                 let tiles = tiles.len();
-                eprintln!("{points} points, {rays} rays in {tiles} tile(s); {next}");
+                say!("{points} points, {rays} rays in {tiles} tile(s); {next}");
             }
-            Planned::Sequence(plan) => eprintln!(
+            Planned::Sequence(plan) => say!(
                 "{} keyframes in {} task(s), their points in {} tile(s); {next}",
                 plan.keyframe_count(),
                 plan.task_count(),
@@ -82,8 +85,12 @@ fn run_all(
     limit: Option<MemoryLimit>,
     verbosity: Verbosity,
 ) -> anyhow::Result<Outcome> {
-    ensure!(jobs > 0, "--jobs 0: give at least one");
     let program = std::env::current_exe().context("this program cannot be found")?;
+    // A folder without a plan is refused below, and nothing is left in it.
+    let _lock = Project::open(folder)
+        .is_ok()
+        .then(|| lock_folder(folder))
+        .transpose()?;
     let (project, carried_out) = carry_out_all(folder, jobs, |item: Task| -> anyhow::Result<()> {
         let mut task = Command::new(&program);
         task.args(["tiles", "item"]).arg(folder);
@@ -109,7 +116,7 @@ fn run_all(
     let (path, triangles) = write_mesh(&project)?;
     if verbosity > Verbosity::Quiet {
         let path = path.display();
-        eprintln!("{carried_out} tasks carried out; {triangles} triangles; {path}");
+        say!("{carried_out} tasks carried out; {triangles} triangles; {path}");
     }
     Ok(match triangles {
         0 => Outcome::Negative("the mesh is empty".to_owned()),

@@ -6,13 +6,14 @@ use crate::cli::TrackArgs;
 use crate::commands::Outcome;
 use crate::progress::Verbosity;
 use crate::sinks::{LiveTracking, OutputFolder, print_object, write_tracked};
+use crate::standard_error::say;
 use linecarve_engine::options::Options;
 use linecarve_engine::tracking::{
     FrameDone, TrackReport, TrackingMode, open_unposed, track_watched,
 };
 use linecarve_engine::video::{is_video, of_video, unpack};
 use linecarve_sequence::export::TrajectoryFormat;
-use linecarve_sequence::{OpenOptions, Sequence};
+use linecarve_sequence::{OpenOptions, SIDECAR_FILE, Sequence};
 
 pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let open = OpenOptions {
@@ -22,7 +23,12 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         assumed_focal: None,
     };
     let mut warnings = Vec::new();
+    let mut output = OutputFolder::create(&args.out, &[&args.input])?;
     let (sequence, said) = if is_video(&args.input) {
+        output.numbered("images", &["jpg"])?;
+        // The calibration that belongs to an earlier video.
+        output.remove(SIDECAR_FILE)?;
+        output.file("times.txt")?;
         warnings.extend(unpack(&args.input, &args.out, &verbosity.hook())?);
         open_unposed(&args.out, &of_video(open), args.accept_as_is)?
     } else {
@@ -44,7 +50,6 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         );
         options.start_pair = Some(start_pair(&args.start_pair, &sequence)?);
     }
-    let mut output = OutputFolder::create(&args.out)?;
     let noise = Options::default().sensor.relative_noise;
     let view = args.live.start(verbosity)?;
     let mut live = view.map(|view| LiveTracking::new(view, &sequence));
@@ -66,7 +71,7 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     }
     if verbosity > Verbosity::Quiet {
         for warning in &warnings {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
         describe(&report, verbosity);
     }
@@ -107,7 +112,7 @@ fn start_pair(given: &[String], sequence: &Sequence) -> anyhow::Result<[u32; 2]>
 
 /// Says what came out.
 fn describe(report: &TrackReport, verbosity: Verbosity) {
-    eprintln!(
+    say!(
         "{} of {} frames have a pose; {} keyframes, {} loops closed, {} refused",
         report.tracked,
         report.frames,
@@ -116,12 +121,15 @@ fn describe(report: &TrackReport, verbosity: Verbosity) {
         report.loops.iter().filter(|one| !one.is_closed).count(),
     );
     for warning in &report.warnings {
-        eprintln!("warning: {warning}");
+        say!("warning: {warning}");
     }
     for submap in report.submaps.iter().skip(1) {
-        eprintln!(
+        say!(
             "warning: {} frames from {} to {} are in a sub-map of their own, in other coordinates: {}",
-            submap.frames, submap.first, submap.last, submap.poses
+            submap.frames,
+            submap.first,
+            submap.last,
+            submap.poses
         );
     }
     let lost = report.without_pose.len();
@@ -131,10 +139,10 @@ fn describe(report: &TrackReport, verbosity: Verbosity) {
         3
     };
     for one in report.without_pose.iter().take(shown) {
-        eprintln!("warning: frame {} has no pose: {}", one.frame, one.reason);
+        say!("warning: frame {} has no pose: {}", one.frame, one.reason);
     }
     if lost > shown {
-        eprintln!(
+        say!(
             "warning: {} more frames have no pose (track.json)",
             lost - shown
         );

@@ -1,14 +1,17 @@
 //! `linecarve view`: the page of an output folder on a loopback address.
 
 use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
 
 use crate::cli::ViewArgs;
 use crate::commands::Outcome;
 use crate::progress::Verbosity;
-use crate::server::{FolderServer, PAGE};
+use crate::server::{Folder, PAGE, Server};
 use crate::sinks::print_text;
+use crate::standard_error::say;
 
 pub(super) fn run(args: &ViewArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let folder = &args.folder;
@@ -21,11 +24,11 @@ pub(super) fn run(args: &ViewArgs, verbosity: Verbosity) -> anyhow::Result<Outco
             folder.display()
         );
     }
-    let server = FolderServer::new(root, args.port)?;
+    let server = Server::start(args.port, Duration::ZERO, Arc::new(Folder(root)))?;
     let url = format!("http://{}/", server.address());
     print_text(&format!("{url}\n"))?;
     if verbosity > Verbosity::Quiet {
-        eprintln!(
+        say!(
             "serving {} on this machine alone; Ctrl-C ends it",
             folder.display()
         );
@@ -33,9 +36,9 @@ pub(super) fn run(args: &ViewArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     if args.open
         && let Err(reason) = open_browser(&url)
     {
-        eprintln!("warning: no browser was opened ({reason}): open {url} by hand");
+        say!("warning: no browser was opened ({reason}): open {url} by hand");
     }
-    server.run()?;
+    server.serve()?;
     Ok(Outcome::Done)
 }
 

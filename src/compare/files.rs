@@ -34,7 +34,7 @@ pub(crate) fn write_surfaces(
         surface.translate(origin);
         surface.write(output, &format!("{name}/"), formats, frame)?;
         if let Some(points) = &run.points {
-            let path = output.file(&format!("{name}/points.ply"));
+            let path = output.file(&format!("{name}/points.ply"))?;
             let points: Vec<_> = points.iter().map(|point| point + origin).collect();
             linecarve_mesh::write_points_ply(&path, &points, None)?;
         }

@@ -68,7 +68,7 @@ pub(crate) fn write_pictures(
         };
         if let Some(view) = view {
             let picture = gallery.draw(&view, errors.as_ref())?;
-            write_png(&output.file(&format!("{PICTURES}/{name}.png")), &picture)?;
+            write_png(&output.file(&format!("{PICTURES}/{name}.png"))?, &picture)?;
         }
         progress.step(|| name);
     }

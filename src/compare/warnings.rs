@@ -1,6 +1,7 @@
 //! Warnings of a comparison.
 
 use crate::progress::Verbosity;
+use crate::standard_error::say;
 
 /// Warnings, each said once, when it arises.
 pub(crate) struct Warnings {
@@ -22,7 +23,7 @@ impl Warnings {
                 continue;
             }
             if self.verbosity > Verbosity::Quiet {
-                eprintln!("warning: {warning}");
+                say!("warning: {warning}");
             }
             self.list.push(warning);
         }

@@ -1,7 +1,8 @@
 //! Messages that wait for each client, within bounds.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
+
+use hyper::body::Bytes;
 
 /// Largest number of bytes that wait for a client. Beyond it the client gets the whole state in their place.
 const MOST_BYTES: usize = 16 << 20;
@@ -16,7 +17,7 @@ pub(super) enum Next {
     /// The whole state.
     Whole,
     /// This message.
-    Message(Arc<str>),
+    Message(Bytes),
     /// Nothing so far.
     Nothing,
 }
@@ -24,7 +25,7 @@ pub(super) enum Next {
 /// Messages for one client.
 #[derive(Debug)]
 struct Queue {
-    messages: VecDeque<Arc<str>>,
+    messages: VecDeque<Bytes>,
     bytes: usize,
     /// Whether the client needs the whole state first; no message waits then.
     needs_whole: bool,
@@ -58,21 +59,16 @@ impl Clients {
         self.queues.remove(&client);
     }
 
-    /// Whether there is no client.
-    pub(super) fn is_empty(&self) -> bool {
-        self.queues.is_empty()
-    }
-
     /// Whether a client needs a message: one that is to get the whole state anyway does not.
     pub(super) fn want_messages(&self) -> bool {
         self.queues.values().any(|queue| !queue.needs_whole)
     }
 
     /// Appends a message for every client. A queue that becomes too long is emptied, and its client gets the whole state.
-    pub(super) fn push(&mut self, message: &Arc<str>) {
+    pub(super) fn push(&mut self, message: &Bytes) {
         for queue in self.queues.values_mut().filter(|queue| !queue.needs_whole) {
             queue.bytes += message.len();
-            queue.messages.push_back(Arc::clone(message));
+            queue.messages.push_back(message.clone());
             if queue.bytes > MOST_BYTES || queue.messages.len() > MOST_MESSAGES {
                 queue.messages.clear();
                 queue.bytes = 0;
@@ -103,8 +99,8 @@ impl Clients {
 mod tests {
     use super::*;
 
-    fn message(text: &str) -> Arc<str> {
-        Arc::from(text)
+    fn message(text: &str) -> Bytes {
+        text.to_owned().into()
     }
 
     #[test]
@@ -150,7 +146,7 @@ mod tests {
         let long = message(&"x".repeat(MOST_BYTES / 2));
         for _ in 0..5 {
             clients.push(&long);
-            assert_eq!(clients.take(client), Next::Message(Arc::clone(&long)));
+            assert_eq!(clients.take(client), Next::Message(long.clone()));
         }
         clients.push(&long);
         clients.push(&long);

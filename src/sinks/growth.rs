@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::files::write_unsynced;
 use linecarve_mesh::{GlbWriter, GltfFrame, MeshElements, MeshFileError};
 use nalgebra::Vector3;
 
-use super::output::{OutputFolder, SURFACE};
+use super::output::SURFACE;
+use super::output_folder::OutputFolder;
 use crate::report::growth_delta::encode;
 use linecarve_engine::map::{Map, MapSurface, SurfaceChange};
 use linecarve_engine::run::milliseconds;
@@ -44,7 +45,7 @@ impl<'a> GrowthFiles<'a> {
     /// # Errors
     /// When the folder cannot be made or cleared.
     pub(crate) fn new(output: &'a mut OutputFolder, growth: Growth) -> anyhow::Result<Self> {
-        output.numbered(FOLDER)?;
+        output.numbered(FOLDER, &["glb", "delta"])?;
         Ok(Self {
             output,
             growth,
@@ -76,7 +77,7 @@ impl Sink for GrowthFiles<'_> {
         let name = format!("{FOLDER}/{:06}", update.order);
         match self.growth {
             Growth::Whole => {
-                let path = self.output.file(&format!("{name}.glb"));
+                let path = self.output.file(&format!("{name}.glb"))?;
                 let counts = [surface.vertex_count(), surface.triangle_count()];
                 let elements = surface.elements(&mut self.index);
                 let frame = *self.frame.get_or_insert_with(|| recording.gltf_frame());
@@ -105,7 +106,7 @@ impl Sink for GrowthFiles<'_> {
         };
         match self.growth {
             Growth::Whole => {
-                let path = self.output.file(&format!("{FOLDER}/{last:06}.glb"));
+                let path = self.output.file(&format!("{FOLDER}/{last:06}.glb"))?;
                 let mesh = surface.to_mesh();
                 let counts = [mesh.positions.len(), mesh.triangles.len()];
                 let elements = MeshElements {
@@ -135,9 +136,9 @@ impl GrowthFiles<'_> {
         change: &SurfaceChange,
         origin: &Vector3<f64>,
     ) -> Result<(), SinkError> {
-        let path = self.output.file(name);
+        let path = self.output.file(name)?;
         encode(surface, change, origin, &mut self.bytes);
-        write_atomically(&path, |out| out.write_all(&self.bytes)).map_err(MeshFileError::from)?;
+        write_unsynced(&path, |out| out.write_all(&self.bytes)).map_err(MeshFileError::from)?;
         Ok(())
     }
 }

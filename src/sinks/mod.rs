@@ -6,6 +6,7 @@ mod growth;
 mod keyframe_reports;
 mod live;
 mod output;
+mod output_folder;
 mod page;
 mod page_run;
 mod picture;
@@ -26,9 +27,10 @@ pub(crate) use keyframe_reports::KeyframeReports;
 pub(crate) use live::LiveSink;
 pub use output::Format;
 pub(crate) use output::{
-    OutputFolder, clusters_part, feature_edges_part, segments_part, surface_part, write_geometry,
-    write_part, write_poses,
+    clusters_part, feature_edges_part, segments_part, surface_part, write_geometry, write_part,
+    write_poses,
 };
+pub(crate) use output_folder::{OutputFolder, keep_apart, lock_folder};
 pub(crate) use page::{
     GrowingView, PageRecorder, grouped, growth_plots, last_surface, page_of, page_surface,
     with_elements,

@@ -1,13 +1,10 @@
-//! The output folder, and meshes and lines in the formats asked for.
+//! Meshes and lines in the formats asked for.
 
 use std::path::{Path, PathBuf};
-
-use anyhow::Context;
 
 use nalgebra::Isometry3;
 
 use linecarve_mesh::feature_edges::CREASE_COLOR;
-use linecarve_mesh::files::remove_unfinished;
 use linecarve_mesh::texture::EncodedTexture;
 use linecarve_mesh::{
     Geometry, GlbPart, GltfFrame, LineSet, MeshFileError, TriangleMesh, write_glb, write_lines_obj,
@@ -15,6 +12,8 @@ use linecarve_mesh::{
 };
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{PosedImage, TrajectoryFormat, posed_images, write_trajectory};
+
+use super::output_folder::OutputFolder;
 
 /// File formats of meshes and lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -25,78 +24,6 @@ pub enum Format {
     Obj,
     /// Binary PLY in the frame of the poses.
     Ply,
-}
-
-/// A folder that results go to, and the names of the files that went there.
-pub(crate) struct OutputFolder {
-    root: PathBuf,
-    written: Vec<String>,
-}
-
-impl OutputFolder {
-    /// Makes the folder when it is missing and proves that files can be made in it, before any work is spent.
-    pub(crate) fn create(root: &Path) -> anyhow::Result<Self> {
-        let remedy = || {
-            format!(
-                "cannot write to the output folder {}: choose another with --out, or make it writable",
-                root.display()
-            )
-        };
-        std::fs::create_dir_all(root).with_context(remedy)?;
-        tempfile::NamedTempFile::new_in(root).with_context(remedy)?;
-        remove_unfinished(root).with_context(remedy)?;
-        Ok(Self {
-            root: root.to_owned(),
-            written: Vec::new(),
-        })
-    }
-
-    /// A folder inside, made when it is missing.
-    pub(crate) fn subfolder(&self, name: &str) -> anyhow::Result<PathBuf> {
-        let path = self.root.join(name);
-        std::fs::create_dir_all(&path)
-            .with_context(|| format!("cannot make the folder {}", path.display()))?;
-        remove_unfinished(&path)
-            .with_context(|| format!("cannot clear the folder {}", path.display()))?;
-        Ok(path)
-    }
-
-    /// A folder inside for numbered files, those of an earlier run removed: a shorter run would leave a mixture.
-    pub(crate) fn numbered(&self, name: &str) -> anyhow::Result<PathBuf> {
-        let path = self.subfolder(name)?;
-        let entries =
-            std::fs::read_dir(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        for entry in entries.flatten() {
-            if is_numbered(&entry.file_name().to_string_lossy()) {
-                std::fs::remove_file(entry.path())
-                    .with_context(|| format!("cannot remove {}", entry.path().display()))?;
-            }
-        }
-        Ok(path)
-    }
-
-    /// The path of a file that is about to be written; `name` is remembered.
-    pub(crate) fn file(&mut self, name: &str) -> PathBuf {
-        self.written.push(name.to_owned());
-        self.root.join(name)
-    }
-
-    /// The folder itself.
-    pub(crate) fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// Names of the files so far, in the order of writing.
-    pub(crate) fn written(&self) -> &[String] {
-        &self.written
-    }
-}
-
-/// Whether a file name is six digits and `.glb` or `.delta`, as this program writes them.
-fn is_numbered(name: &str) -> bool {
-    name.strip_suffix(".glb")
-        .or_else(|| name.strip_suffix(".delta"))
-        .is_some_and(|stem| stem.len() == 6 && stem.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// Colour of meshes that have none of their own.
@@ -117,11 +44,11 @@ pub(crate) fn write_geometry(
     frame: &GltfFrame,
 ) -> anyhow::Result<()> {
     for format in distinct(formats) {
-        let path = output.file(&format!("{name}.{}", extension(format)));
+        let path = output.file(&format!("{name}.{}", extension(format)))?;
         for beside in write_part(&path, part, format, frame)? {
             let beside = beside.strip_prefix(output.root()).unwrap_or(&beside);
             let beside = beside.display().to_string();
-            output.file(&beside);
+            output.file(&beside)?;
         }
     }
     Ok(())
@@ -229,34 +156,6 @@ pub(crate) fn write_poses(
             ..given[frame].clone()
         })
         .collect();
-    write_trajectory(&output.file("poses.txt"), TrajectoryFormat::Tum, &images)?;
+    write_trajectory(&output.file("poses.txt")?, TrajectoryFormat::Tum, &images)?;
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbered_files_of_an_earlier_run_go_and_others_stay() {
-        let folder = tempfile::tempdir().unwrap();
-        let root = folder.path().join("out");
-        let output = OutputFolder::create(&root).unwrap();
-        let inside = output.numbered("keyframes").unwrap();
-        let unfinished = ".linecarve-unfinished-aB3";
-        for name in [
-            "000041.glb",
-            "000041.delta",
-            "notes.txt",
-            "1.glb",
-            unfinished,
-        ] {
-            std::fs::write(inside.join(name), "old").unwrap();
-        }
-        output.numbered("keyframes").unwrap();
-        for name in ["000041.glb", "000041.delta", unfinished] {
-            assert!(!inside.join(name).exists(), "{name}");
-        }
-        assert!(inside.join("notes.txt").exists() && inside.join("1.glb").exists());
-    }
 }

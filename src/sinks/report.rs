@@ -10,7 +10,8 @@ use crate::progress::Verbosity;
 use crate::report::{
     KeyframeReport, Report, ResultSummary, SequenceSummary, StageTimes, TimingSummary, write_report,
 };
-use crate::sinks::output::OutputFolder;
+use crate::sinks::output_folder::OutputFolder;
+use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::front_end::{FrontEndError, unmeasurable_warning};
 use linecarve_engine::map::{Map, SurfaceChange};
@@ -58,12 +59,12 @@ impl RunLog {
     ) -> Self {
         if verbosity > Verbosity::Quiet {
             for warning in &recording.warnings {
-                eprintln!("warning: {warning}");
+                say!("warning: {warning}");
             }
         }
         if verbosity >= Verbosity::Verbose {
             for convention in recording.sequence.conventions() {
-                eprintln!("assumed: {convention}");
+                say!("assumed: {convention}");
             }
         }
         let folder = recording.sequence.folder();
@@ -122,9 +123,7 @@ impl RunLog {
     pub(crate) fn set_resumed(&mut self, keyframes: usize) {
         self.resumed_keyframes = keyframes;
         if keyframes > 0 && self.verbosity > Verbosity::Quiet {
-            eprintln!(
-                "resumed: {keyframes} keyframe(s) of the interrupted run were not computed again"
-            );
+            say!("resumed: {keyframes} keyframe(s) of the interrupted run were not computed again");
         }
     }
 
@@ -151,7 +150,7 @@ impl RunLog {
     /// Adds a warning and says it.
     pub(crate) fn warn(&mut self, warning: String) {
         if self.verbosity > Verbosity::Quiet {
-            eprintln!("warning: {warning}");
+            say!("warning: {warning}");
         }
         self.report.warnings.push(warning);
     }
@@ -178,7 +177,7 @@ impl RunLog {
             self.warn(warning);
         }
         self.report.keyframes = std::mem::take(&mut self.keyframes.reports);
-        let path = output.file("report.json");
+        let path = output.file("report.json")?;
         self.report.result.files = output.written().to_vec();
         self.report.timing = self.timing(started);
         write_report(&path, &self.report)?;
@@ -224,7 +223,7 @@ impl RunLog {
                 result.vertices, result.triangles
             );
         }
-        eprintln!(
+        say!(
             "{line}; {:.1} ms a keyframe, {:.1} s in all; {}",
             timing.mean_milliseconds.total(),
             timing.seconds,

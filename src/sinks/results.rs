@@ -9,7 +9,8 @@ use linecarve_mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
 use linecarve_sequence::ModelPoint;
 
 use super::feature_edges;
-use super::output::{Format, OutputFolder, write_poses};
+use super::output::{Format, write_poses};
+use super::output_folder::OutputFolder;
 use super::page::PageRecorder;
 use super::picture::{crosses, draw_picture};
 use super::report::RunLog;
@@ -91,7 +92,7 @@ pub(crate) fn write_results(
         None => None,
     };
     if let Some(page) = page {
-        let path = output.file("report.html");
+        let path = output.file("report.html")?;
         write_surface_page(&path, run, page, &mesh, texture.as_ref(), log)?;
     }
     let cloud = cloud(run);
@@ -111,13 +112,13 @@ pub(crate) fn write_results(
         let picture = draw_picture(run, &mesh, &marks, settings.richest, settings.verbosity)
             .context("the picture could not be made (--no-picture leaves it out)")?;
         if let Some(picture) = picture {
-            write_png(&output.file("picture.png"), &picture)?;
+            write_png(&output.file("picture.png")?, &picture)?;
         }
     }
     let origin = &recording.origin;
     if let Some(mut cloud) = cloud {
         cloud.translate(origin);
-        let path = output.file("points.ply");
+        let path = output.file("points.ply")?;
         write_points_ply(&path, &cloud.points, cloud.colors.as_deref())?;
     }
     if let Some(poses) = run.corrected_poses() {
@@ -135,7 +136,7 @@ pub(crate) fn write_results(
     surface.write(output, "", settings.formats, &frame)?;
     if surface.lines.is_some() && settings.formats.contains(&Format::Glb) {
         let parts = surface.parts();
-        write_glb(&output.file("scene.glb"), &parts, frame)?;
+        write_glb(&output.file("scene.glb")?, &parts, frame)?;
     }
     Ok(surface.mesh)
 }

@@ -3,9 +3,10 @@
 use nalgebra::Vector3;
 
 use super::output::{
-    FEATURE_EDGES, Format, OutputFolder, clusters_part, feature_edges_part, segments_part,
-    surface_part, textured_part, write_geometry,
+    FEATURE_EDGES, Format, clusters_part, feature_edges_part, segments_part, surface_part,
+    textured_part, write_geometry,
 };
+use super::output_folder::OutputFolder;
 use linecarve_mesh::texture::EncodedTexture;
 use linecarve_mesh::{GlbPart, GltfFrame, LineSet, TriangleMesh};
 

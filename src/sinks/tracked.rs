@@ -11,7 +11,7 @@ use linecarve_sequence::export::{PosedImage, TrajectoryFormat, posed_images, wri
 use linecarve_sequence::{SIDECAR_FILE, Sequence};
 use nalgebra::{Isometry3, Point3};
 
-use super::output::OutputFolder;
+use super::output_folder::OutputFolder;
 use super::tracked_page::tracked_page;
 use crate::report::page::write_page;
 use linecarve_engine::Recording;
@@ -33,7 +33,7 @@ pub(crate) fn write_tracked_poses(
 ) -> anyhow::Result<()> {
     if recording.is_tracked {
         let images = posed_images(&recording.sequence);
-        let path = output.file("trajectory.txt");
+        let path = output.file("trajectory.txt")?;
         write_trajectory(&path, TrajectoryFormat::Tum, &images)?;
     }
     Ok(())
@@ -49,7 +49,7 @@ pub(crate) fn write_tracked(
 ) -> anyhow::Result<()> {
     for number in 0..tracked.recording.submaps.len() {
         let name = poses_file(number);
-        let path = output.file(&name);
+        let path = output.file(&name)?;
         write_frames(
             &path,
             TrajectoryFormat::Tum,
@@ -60,24 +60,24 @@ pub(crate) fn write_tracked(
             let Some((start, end)) = ending(*format) else {
                 continue;
             };
-            let path = output.file(&name.replace("poses", start).replace(".txt", end));
+            let path = output.file(&name.replace("poses", start).replace(".txt", end))?;
             write_frames(&path, *format, sequence, tracked.poses_in(number))?;
         }
     }
     if let Some(submap) = tracked.recording.submaps.first() {
-        write_points_ply(&output.file("points.ply"), &submap.points, None)?;
+        write_points_ply(&output.file("points.ply")?, &submap.points, None)?;
     }
     if sequence.has_assumed_camera() {
-        write_calibration(&output.file(SIDECAR_FILE), sequence)?;
+        write_calibration(&output.file(SIDECAR_FILE)?, sequence)?;
     }
     if let Some(picture) = path_picture(tracked)? {
-        write_png(&output.file("path.png"), &picture)?;
+        write_png(&output.file("path.png")?, &picture)?;
     }
     if tracked.poses().next().is_some() {
         let page = tracked_page(tracked, sequence);
-        write_page(&output.file("report.html"), &page)?;
+        write_page(&output.file("report.html")?, &page)?;
     }
-    let path = output.file("track.json");
+    let path = output.file("track.json")?;
     report.files = output.written().to_vec();
     write_atomically(&path, |out| {
         serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::other)?;

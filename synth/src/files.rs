@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use linecarve_lines::camera::Camera;
-use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::files::write_unsynced;
 use nalgebra::Isometry3;
 
 use super::error::SynthError;
@@ -201,9 +201,7 @@ pub(super) fn matrix_text(pose: &Isometry3<f64>) -> String {
 }
 
 pub(super) fn write_text(path: &Path, text: &str) -> Result<(), SynthError> {
-    Ok(write_atomically(path, |out| {
-        out.write_all(text.as_bytes())
-    })?)
+    Ok(write_unsynced(path, |out| out.write_all(text.as_bytes()))?)
 }
 
 /// Makes a folder, which must be empty if it is there.

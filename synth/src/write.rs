@@ -19,7 +19,7 @@ use super::options::{ColorFormat, DepthNoise, SequenceLayout, SynthOptions};
 use super::photo::{FrameRenderer, RenderedFrame};
 use super::scene::Scene;
 use super::trajectory::Motion;
-use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::files::write_unsynced;
 use linecarve_mesh::write_mesh_ply;
 
 /// Views of the scene that are averaged in a blurred image.
@@ -225,7 +225,7 @@ fn write_color(path: &Path, picture: &RgbImage, format: ColorFormat) -> Result<(
                 path: path.to_owned(),
                 source,
             })?;
-            Ok(write_atomically(path, |out| out.write_all(&bytes))?)
+            Ok(write_unsynced(path, |out| out.write_all(&bytes))?)
         }
     }
 }
@@ -240,9 +240,7 @@ fn write_png(path: &Path, picture: &DynamicImage) -> Result<(), SynthError> {
             path: path.to_owned(),
             source,
         })?;
-    Ok(write_atomically(path, |out| {
-        out.write_all(bytes.get_ref())
-    })?)
+    Ok(write_unsynced(path, |out| out.write_all(bytes.get_ref()))?)
 }
 
 fn readme(

@@ -219,3 +219,67 @@ fn an_unknown_key_in_the_configuration_is_named() {
         "{said}"
     );
 }
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_run_goes_on_where_standard_error_cannot_be_written() {
+    use std::process::{Command, Stdio};
+
+    let folder = small_sequence(4, "tum");
+    let sequence = folder.path().join("sequence");
+    let run = |name: &str, stderr: Stdio| {
+        let out = folder.path().join(name);
+        let mut child = Command::new(assert_cmd::cargo::cargo_bin("linecarve"))
+            .args(["reconstruct", "--every", "1", "--no-picture"])
+            .arg(&sequence)
+            .arg("--out")
+            .arg(&out)
+            .stderr(stderr)
+            .spawn()
+            .unwrap();
+        // Nobody reads it.
+        drop(child.stderr.take());
+        assert_eq!(child.wait().unwrap().code(), Some(0), "{name}");
+        assert!(out.join("mesh.ply").is_file());
+    };
+    let full = std::fs::File::options().write(true).open("/dev/full");
+    run("full", full.unwrap().into());
+    run("closed", Stdio::piped());
+}
+
+#[test]
+#[cfg(unix)]
+fn what_has_no_end_is_not_read() {
+    let folder = small_sequence(3, "tum");
+    let sequence = folder.path().join("sequence");
+    let out = folder.path().join("out");
+    for name in ["groundtruth.txt", "linecarve.toml", "rgb.txt"] {
+        let path = sequence.join(name);
+        let kept = std::fs::read(&path).unwrap();
+        for make in ["mkfifo \"$1\"", "ln -s /dev/zero \"$1\""] {
+            std::fs::remove_file(&path).unwrap();
+            let made = std::process::Command::new("sh")
+                .args(["-c", make, "sh"])
+                .arg(&path)
+                .status();
+            assert!(made.unwrap().success());
+            let said = reconstruct(2, &sequence, &out);
+            assert!(
+                said.contains(name) && said.contains("pipe or a device"),
+                "{said}"
+            );
+        }
+        std::fs::remove_file(&path).unwrap();
+        std::fs::write(&path, kept).unwrap();
+    }
+    let configured = [
+        "reconstruct",
+        text(&sequence),
+        "--out",
+        text(&out),
+        "--config",
+        "/dev/zero",
+    ];
+    let said = stderr(&expect_status(2, configured));
+    assert!(said.contains("pipe or a device"), "{said}");
+}

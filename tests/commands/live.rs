@@ -222,6 +222,35 @@ fn a_live_page_ends_with_the_surface_of_the_run() {
     assert_eq!((seen.keyframes.len(), seen.rows.len()), (5, 5));
 }
 
+/// Neither a request without an end, nor a client that does not read, nor one that asks for more memory than there is, holds up a run.
+#[test]
+fn a_run_never_waits_for_a_client() {
+    let mut session = Session::start_with(&map_messages(5)[0], &[]);
+    let host = session.run.host.clone();
+    let head = format!("HTTP/1.1\r\nHost: {host}\r\n");
+    let clients: Vec<TcpStream> = [
+        "POST / HTTP/1.1\r\nHost: evil\r\nContent-Length: 2000\r\n\r\n".to_owned(),
+        format!("GET / {head}Content-Length: 1000000000000\r\n\r\n"),
+        format!("GET / {head}"),
+        format!("GET /events {head}\r\n"),
+        String::new(),
+    ]
+    .iter()
+    .map(|request| {
+        let mut stream = TcpStream::connect(&host).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        stream
+    })
+    .collect();
+    for message in &map_messages(5)[1..] {
+        session.send(message);
+    }
+    assert_eq!(session.run.ask("/", &host).0, 200);
+    session.end();
+    assert!(session.run.child.wait().unwrap().success());
+    drop(clients);
+}
+
 /// A map without images: cameras in a row that look along z at points between 3 and 4, and two lines.
 fn map_messages(cameras: u64) -> Vec<Value> {
     let points: Vec<Value> = (0..150_u64)

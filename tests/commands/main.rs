@@ -32,3 +32,4 @@ mod texture;
 mod tiles;
 mod track;
 mod upright;
+mod users_files;

@@ -175,19 +175,30 @@ impl Viewer {
         Self { child, host }
     }
 
+    /// The head and the body of an answer.
+    fn answer(&self, request: &str) -> (String, Vec<u8>) {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        // The server may have closed the connection before all is sent, and not read all that was.
+        let _ = stream.write_all(request.as_bytes());
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        let head = answer.windows(4).position(|four| four == b"\r\n\r\n");
+        // A connection that is closed while a request is sent may lose the answer.
+        let Some(head) = head else {
+            return (String::from("closed 0"), answer);
+        };
+        let text = String::from_utf8(answer[..head + 4].to_vec()).unwrap();
+        (text, answer[head + 4..].to_vec())
+    }
+
+    fn head(&self, request: &str) -> String {
+        self.answer(request).0
+    }
+
     /// The status and the body of an answer.
     fn ask(&self, request: &str) -> (u16, Vec<u8>) {
-        let mut stream = TcpStream::connect(&self.host).unwrap();
-        stream.write_all(request.as_bytes()).unwrap();
-        let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).unwrap();
-        let head = answer
-            .windows(4)
-            .position(|four| four == b"\r\n\r\n")
-            .unwrap();
-        let status = std::str::from_utf8(&answer[..head]).unwrap();
-        let status = status.split(' ').nth(1).unwrap().parse().unwrap();
-        (status, answer[head + 4..].to_vec())
+        let (head, body) = self.answer(request);
+        (head.split(' ').nth(1).unwrap().parse().unwrap(), body)
     }
 
     fn get(&self, path: &str) -> (u16, Vec<u8>) {
@@ -213,8 +224,15 @@ fn the_server_gives_the_folder_and_nothing_else() {
     std::fs::write(out.join("report.html"), "<p>page</p>").unwrap();
     std::fs::write(out.join("keyframes/000001.glb"), "glTF").unwrap();
     std::fs::write(folder.path().join("secret.txt"), "secret").unwrap();
+    std::fs::create_dir(out.join(".linecarve")).unwrap();
+    std::fs::write(out.join(".linecarve/run.txt"), "hidden").unwrap();
     #[cfg(unix)]
-    std::os::unix::fs::symlink(folder.path().join("secret.txt"), out.join("link.txt")).unwrap();
+    for (name, target) in [
+        ("link.txt", folder.path().join("secret.txt")),
+        ("hidden.txt", out.join(".linecarve/run.txt")),
+    ] {
+        std::os::unix::fs::symlink(target, out.join(name)).unwrap();
+    }
 
     let viewer = Viewer::start(&out);
     assert!(viewer.host.starts_with("127.0.0.1:"));
@@ -225,6 +243,8 @@ fn the_server_gives_the_folder_and_nothing_else() {
         "/%2e%2e/secret.txt",
         "/..%2fsecret.txt",
         "/link.txt",
+        "/hidden.txt",
+        "/.linecarve/run.txt",
         "/keyframes",
         "/none",
     ] {
@@ -253,6 +273,71 @@ fn the_server_gives_the_folder_and_nothing_else() {
         "{}",
         stderr(&output)
     );
+}
+
+#[test]
+fn a_page_cannot_be_shown_in_another_page_or_load_anything_from_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("report.html"), "<p>page</p>").unwrap();
+    let viewer = Viewer::start(folder.path());
+    for path in ["/", "/none"] {
+        let request = format!("GET {path} HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.host);
+        let head = viewer.head(&request).to_lowercase();
+        assert!(head.contains("x-frame-options: deny\r\n"), "{head}");
+        assert!(head.contains("content-security-policy: default-src 'none'; "));
+        assert!(head.contains("frame-ancestors 'none'\r\n"), "{head}");
+        assert!(head.contains("x-content-type-options: nosniff\r\n"));
+        assert!(head.contains("connection: close\r\n"));
+    }
+}
+
+/// What no request may do to a server: end it, hold it up, or take memory.
+#[test]
+fn a_server_outlives_all_requests() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("report.html"), "<p>page</p>").unwrap();
+    let viewer = Viewer::start(folder.path());
+    let host = &viewer.host;
+    let get = format!("GET / HTTP/1.1\r\nHost: {host}\r\n");
+    let long = "x".repeat(100_000);
+    for (request, status) in [
+        (format!("{get}Content-Length: 1000000000000\r\n\r\n"), 413),
+        (
+            format!("{get}Content-Length: 10000000000000000000\r\n\r\n"),
+            413,
+        ),
+        (
+            format!("{get}Content-Length: 99999999999999999999\r\n\r\n"),
+            400,
+        ),
+        (format!("{get}Transfer-Encoding: chunked\r\n\r\n"), 413),
+        (
+            format!("POST / HTTP/1.1\r\nHost: {host}\r\nContent-Length: 9\r\n\r\n"),
+            405,
+        ),
+        (format!("{get}A: {long}\r\n\r\n"), 431),
+        (format!("{get}{}\r\n", "A: 1\r\n".repeat(1000)), 431),
+    ] {
+        let found = viewer.ask(&request).0;
+        let may_be_closed = status == 431;
+        assert!(
+            found == status || (may_be_closed && found == 0),
+            "{found}, not {status}"
+        );
+    }
+    // More than one worker, or a few, would have; they stay open.
+    let unfinished: Vec<TcpStream> = [&get, "", "GET", "\r\n"]
+        .iter()
+        .cycle()
+        .take(20)
+        .map(|start| {
+            let mut stream = TcpStream::connect(host).unwrap();
+            stream.write_all(start.as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    assert_eq!(viewer.get("/"), (200, b"<p>page</p>".to_vec()));
+    drop(unfinished);
 }
 
 #[test]

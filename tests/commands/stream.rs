@@ -196,3 +196,84 @@ fn sessions_without_keyframes_end_with_nothing() {
         assert_eq!(replies.last().unwrap()["keyframes"], 0);
     }
 }
+
+/// A map without images: cameras in a row before points, and a line that reaches far to both sides.
+fn map_with_a_long_line(half: f64) -> Vec<String> {
+    let ids: Vec<u64> = (0..200).collect();
+    let camera = json!({ "fx": 131.25, "fy": 131.25, "cx": 79.5, "cy": 59.5 });
+    let mut messages = vec![
+        json!({ "type": "start", "depth_source": "none", "calibration": { "color": camera } }),
+    ];
+    for id in 0..6 {
+        let pose = json!({ "translation": [0.3 * f64::from(id), 0, 0], "rotation": [0, 0, 0, 1] });
+        messages.push(json!({ "type": "keyframe", "id": id, "world_from_camera": pose }));
+    }
+    let points = ids.iter().map(|id| {
+        let at = |cycle: u64| (id % cycle) as f64 * 0.1;
+        json!({ "id": id, "position": [at(7), at(11), 3.0 + at(13)] })
+    });
+    messages.push(json!({ "type": "points", "points": points.collect::<Vec<_>>() }));
+    for id in 0..6 {
+        messages.push(json!({ "type": "observations", "keyframe": id, "points": ids }));
+    }
+    let ends = [[-half, 0.0, 3.0], [half, 0.0, 3.0]];
+    let line = json!({ "id": 1, "ends": ends, "keyframes": [0, 1, 2] });
+    messages.push(json!({ "type": "lines", "lines": [line] }));
+    messages.iter().map(Value::to_string).collect()
+}
+
+#[test]
+fn a_line_takes_as_many_points_as_keyframes_can_show() {
+    let triangles = |half: f64| {
+        let mut messages = map_with_a_long_line(half);
+        messages.push(json!({ "type": "end" }).to_string());
+        let (status, replies) = stream(&[], &messages);
+        assert_eq!(status, Some(0), "{:?}", replies.last());
+        replies.last().unwrap()["triangles"].as_u64().unwrap()
+    };
+    // The part that is shown is the same.
+    let (far, farther) = (triangles(1e3), triangles(1e5));
+    assert!(
+        far > 100 && far.abs_diff(farther) * 20 < far,
+        "{far} {farther}"
+    );
+}
+
+#[test]
+#[cfg(unix)]
+fn a_signal_ends_a_session_with_its_mesh() {
+    use std::io::{BufRead, BufReader, Write};
+    use std::process::{Command, Stdio};
+
+    let folder = tempfile::tempdir().unwrap();
+    let [out, temporary] = ["out", "temporary"].map(|name| folder.path().join(name));
+    std::fs::create_dir(&temporary).unwrap();
+    for signal in ["-INT", "-TERM"] {
+        let mut session = Command::new(assert_cmd::cargo::cargo_bin("linecarve"))
+            .args(["stream", "--quiet", "--out", text(&out)])
+            .env("TMPDIR", &temporary)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut input = session.stdin.take().unwrap();
+        let mut replies = BufReader::new(session.stdout.take().unwrap()).lines();
+        let messages = map_with_a_long_line(1.0);
+        for message in &messages {
+            writeln!(input, "{message}").unwrap();
+        }
+        let is_answered = |reply: &str| reply.contains("\"segments\":1");
+        assert!(replies.by_ref().any(|reply| is_answered(&reply.unwrap())));
+        // It waits for the next message now, and the input stays open.
+        let id = session.id().to_string();
+        Command::new("kill").args([signal, &id]).status().unwrap();
+        let last: Vec<String> = replies.map(Result::unwrap).collect();
+        let end: Value = serde_json::from_str(last.last().unwrap()).unwrap();
+        assert_eq!(end["type"], "end", "{end}");
+        assert_eq!(session.wait().unwrap().code(), Some(1));
+        assert!(out.join("mesh.ply").is_file());
+        assert_eq!(std::fs::read_dir(&temporary).unwrap().count(), 0);
+        std::fs::remove_file(out.join("mesh.ply")).unwrap();
+        drop(input);
+    }
+}

@@ -97,14 +97,14 @@ pub(crate) fn small_sequence(frames: usize, layout: &str) -> TempDir {
     folder
 }
 
-/// Every file below a folder with its bytes, by relative path.
+/// Every file below a folder with its bytes, by relative path, but for the list of what was written, which is no result.
 pub(crate) fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn walk(root: &Path, folder: &Path, into: &mut BTreeMap<PathBuf, Vec<u8>>) {
         for entry in std::fs::read_dir(folder).expect("a readable folder") {
             let path = entry.expect("a readable entry").path();
             if path.is_dir() {
                 walk(root, &path, into);
-            } else {
+            } else if path.file_name() != Some(".linecarve-files".as_ref()) {
                 let name = path.strip_prefix(root).expect("below the root").to_owned();
                 into.insert(name, std::fs::read(&path).expect("a readable file"));
             }

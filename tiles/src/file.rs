@@ -118,7 +118,7 @@ impl Writer {
             .seek(SeekFrom::Start(0))
             .and_then(|_| file.write_all(&header))
             .and_then(|()| file.into_inner().map_err(|error| error.into_error()))
-            .and_then(|file| file.persist(&path).map_err(|error| error.error));
+            .and_then(|file| persist(file, &path));
         written.map_err(TilesError::io(&path))?;
         Ok(digest)
     }
@@ -238,9 +238,22 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), TilesError> {
             .prefix(UNFINISHED)
             .tempfile_in(folder)?;
         file.write_all(bytes)?;
-        file.persist(path).map(drop).map_err(|error| error.error)
+        persist(file, path)
     };
     write().map_err(TilesError::io(path))
+}
+
+/// Gives a temporary file its name. In this order a power failure leaves the file whole or absent, and after this function has returned,
+/// whole.
+fn persist(file: NamedTempFile, path: &Path) -> std::io::Result<()> {
+    file.as_file().sync_all()?;
+    file.persist(path).map_err(|error| error.error)?;
+    #[cfg(unix)]
+    if let Some(Ok(folder)) = path.parent().map(File::open) {
+        // Some file systems do not know this.
+        let _ = folder.sync_all();
+    }
+    Ok(())
 }
 
 /// Version of the program and of its files.

@@ -43,14 +43,14 @@ table! {
         /// Without this key it is 8 % of the median scene depth.
         /// Set it lower for more detail and a longer run. The flag `--min-translation` overrides it.
         #[serde(skip_serializing_if = "Option::is_none")]
-        translation: Option<f64> = keyframes.translation, Values::at_least(0.0, "a number from 0");
+        translation: Option<f64> = keyframes.translation, Values::range(0.0, 1e9, "a number from 0 to 1000000000");
         /// Rotation since the last keyframe after which a frame becomes a keyframe, in degrees.
         /// Set it lower for a camera that mostly turns. The flag `--min-rotation` overrides it.
-        rotation_degrees: f64 = keyframes.rotation_degrees, Values::at_least(0.0, "a number from 0");
+        rotation_degrees: f64 = keyframes.rotation_degrees, Values::range(0.0, 360.0, "a number from 0 to 360");
         /// Number of frames, from the one that has moved enough, of which the sharpest becomes the keyframe.
         /// 1 takes the first. Set it higher for a hand-held camera with motion blur. The flag `--sharpness-window`
         /// overrides it.
-        sharpness_window: usize = keyframes.sharpness_window, Values::at_least(1.0, "a whole number from 1");
+        sharpness_window: usize = keyframes.sharpness_window, Values::range(1.0, 1000.0, "a whole number from 1 to 1000");
     }
     tables {}
 }
@@ -61,7 +61,7 @@ table! {
         /// Longest side of an image, in pixels. Larger images are scaled by a whole fraction; 0 never scales.
         /// Sequences with depth images are never scaled. Set it lower for a faster run: the time of depth from images
         /// grows with the third power. The flag `--max-image-size` overrides it.
-        longest_side_px: u32 = images.longest_side_px, Values::at_least(0.0, "a whole number from 0");
+        longest_side_px: u32 = images.longest_side_px, Values::range(0.0, 65536.0, "a whole number from 0 to 65536");
     }
     tables {}
 }
@@ -72,7 +72,7 @@ table! {
         /// Standard deviation of a depth at the median scene depth, as a share of that depth. The deviation of inverse
         /// depth is the same everywhere.
         /// The default is that of structured light at room distance. Set it to that of your camera.
-        relative_noise: f64 = sensor.relative_noise, Values::positive("a number above 0");
+        relative_noise: f64 = sensor.relative_noise, Values::range(1e-6, 1.0, "a number from 0.000001 to 1");
     }
     tables {}
 }
@@ -102,7 +102,7 @@ table! {
     ["semi_dense.match"] MatchTable {
         /// Least number of neighbours that agree on the depth of an edge pixel.
         /// Set it to 3 for fewer and more reliable depths.
-        least_agreeing: usize = semi_dense.matching.least_agreeing, Values::at_least(1.0, "a whole number from 1");
+        least_agreeing: usize = semi_dense.matching.least_agreeing, Values::range(1.0, 1000.0, "a whole number from 1 to 1000");
     }
     tables {}
 }
@@ -149,11 +149,11 @@ table! {
         labels: LabelKind = carving.labels, Values::any("\"votes\" or \"cut\"");
         /// With votes, least number of rays through a tetrahedron that is free.
         /// Set it higher when wrong points cut holes into the surface.
-        free_threshold: u32 = carving.free_threshold, Values::at_least(1.0, "a whole number from 1");
+        free_threshold: u32 = carving.free_threshold, Values::range(1.0, 1e6, "a whole number from 1 to 1000000");
         /// Weight of whole segments as visibility: the triangle between a camera and a segment is free. A ray has weight 1; 0
         /// leaves segments out.
         /// Set it to 1 for a slightly better surface; a keyframe takes two to three times as long.
-        segment_weight: u32 = carving.segment_weight, Values::at_least(0.0, "a whole number from 0");
+        segment_weight: u32 = carving.segment_weight, Values::range(0.0, 1000.0, "a whole number from 0 to 1000");
     }
     tables {
         /// Weights of the minimum cut.
@@ -187,13 +187,13 @@ table! {
         /// Without depth images, longest edge of a triangle, as a share of the median scene depth; 0 keeps all triangles. Where
         /// depth is measured between edges (`semi_dense.between_edges`), 0.11 is the largest that counts.
         /// Set it lower against triangles that span gaps, higher for a more closed surface.
-        longest_edge_share: f64 = surface.longest_edge_share, Values::at_least(0.0, "a number from 0");
+        longest_edge_share: f64 = surface.longest_edge_share, Values::range(0.0, 1e6, "a number from 0 to 1000000");
         /// Where depth is dense, least share of a triangle along which keyframes measured the surface; 0 keeps all triangles.
         /// Set it lower for a more closed surface, higher against surface that no keyframe measured.
         least_measured_share: f64 = surface.least_measured_share, Values::range(0.0, 1.0, "a number from 0 to 1");
         /// Least number of triangles of a connected component.
         /// Set it higher against loose pieces.
-        minimum_component: usize = surface.minimum_component, Values::at_least(0.0, "a whole number from 0");
+        minimum_component: usize = surface.minimum_component, Values::range(0.0, 1e9, "a whole number from 0 to 1000000000");
         /// Holes of the final mesh that are closed: `"all"` closes any with up to 400 edges, `"measured"` small ones of a fused surface where
         /// depth was measured, `"none"` none.
         /// Set it to `"all"` for a mesh that has to be closed: surface is then invented where nothing was measured.
@@ -210,14 +210,14 @@ table! {
         /// Set it for a smaller file. The flag `--simplify` overrides it.
         #[serde(with = "tolerance", skip_serializing_if = "Option::is_none")]
         tolerance: Option<Tolerance> = simplify.tolerance,
-            Values::positive("a length above 0 such as 0.002, or a share of the diagonal such as \"0.02%\"");
+            Values::range(1e-9, 1e9, "a length above 0 such as 0.002, or a share of the diagonal such as \"0.02%\"");
         /// Largest distance by which boundary edges move within the surface: a length, or a share of the diagonal; 0 holds them to the
         /// tolerance.
         /// Without this key it is half the median length of boundary edges, at most 20 tolerances. Set it lower for
         /// boundaries that follow the data.
         #[serde(with = "tolerance", skip_serializing_if = "Option::is_none")]
         boundary_tolerance: Option<Tolerance> = simplify.boundary_tolerance,
-            Values::at_least(0.0, "a length such as 0.01, or a share of the diagonal such as \"0.1%\"");
+            Values::range(0.0, 1e9, "a length such as 0.01, or a share of the diagonal such as \"0.1%\"");
     }
     tables {}
 }

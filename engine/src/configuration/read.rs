@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::path::Path;
 
+use linecarve_mesh::files::read_regular;
 use toml::de::{DeTable, DeValue};
 
 use super::error::ConfigurationError;
@@ -27,7 +28,9 @@ impl Configuration {
     /// # Errors
     /// When the file cannot be read, is not TOML, has an unknown or removed key, or a value out of range.
     pub fn read(path: &Path) -> Result<Self, ConfigurationError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ConfigurationError::Read {
+        let text = read_regular(path)
+            .and_then(|bytes| String::from_utf8(bytes).map_err(std::io::Error::other));
+        let text = text.map_err(|source| ConfigurationError::Read {
             path: path.to_owned(),
             source,
         })?;

@@ -47,16 +47,6 @@ impl Values {
     pub(super) const fn range(least: f64, most: f64, text: &'static str) -> Self {
         Self { text, least, most }
     }
-
-    /// Finite numbers above 0.
-    pub(super) const fn positive(text: &'static str) -> Self {
-        Self::range(f64::MIN_POSITIVE, f64::MAX, text)
-    }
-
-    /// Finite numbers from `least` on.
-    pub(super) const fn at_least(least: f64, text: &'static str) -> Self {
-        Self::range(least, f64::MAX, text)
-    }
 }
 
 /// A value that is out of range.

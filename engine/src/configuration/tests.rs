@@ -44,9 +44,12 @@ fn every_key_has_a_description_and_a_range_that_the_stages_accept() {
             key.path
         );
         for bound in [key.values.least, key.values.most] {
-            if !bound.is_finite() || bound == f64::MAX {
+            // All numbers have two bounds, and what is no number has none.
+            if key.values.least == f64::NEG_INFINITY && key.values.most == f64::INFINITY {
+                assert!(!key.values.text.contains("number"), "{}", key.path);
                 continue;
             }
+            assert!(bound.abs() <= 1e9, "{}", key.path);
             let text = match bound {
                 whole if whole.fract() == 0.0 => setting(key.path, &format!("{whole}")),
                 other => setting(key.path, &format!("{other:e}")),
@@ -150,7 +153,7 @@ fn values_are_refused_with_line_and_range() {
     for (text, expected) in [
         (
             "[carving]\nfree_threshold = 0 # all\n",
-            "line 2: carving.free_threshold = 0: a whole number from 1 is needed",
+            "line 2: carving.free_threshold = 0: a whole number from 1 to 1000000 is needed",
         ),
         (
             "[carving]\nlabels = \"cuts\"\n",
@@ -158,7 +161,7 @@ fn values_are_refused_with_line_and_range() {
         ),
         (
             "[keyframes]\n\nsharpness_window = \"3\"\n",
-            "line 3: keyframes.sharpness_window = \"3\": a whole number from 1 is needed",
+            "line 3: keyframes.sharpness_window = \"3\": a whole number from 1 to 1000 is needed",
         ),
         (
             "surface.least_measured_share = 1.5",
@@ -170,7 +173,7 @@ fn values_are_refused_with_line_and_range() {
         ),
         (
             "[sensor]\nrelative_noise = inf\n",
-            "line 2: sensor.relative_noise = inf: a number above 0 is needed",
+            "line 2: sensor.relative_noise = inf: a number from 0.000001 to 1 is needed",
         ),
         (
             "[simplify]\ntolerance = \"2 mm\"\n",

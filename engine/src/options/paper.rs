@@ -6,7 +6,7 @@ use linecarve_points::PoseCorrectionOptions;
 
 use super::{
     CarvingOptions, HoleFilling, LabelKind, LandmarkOptions, LineMethod, Options,
-    SegmentPointOptions, SemiDenseStage, SurfaceOptions, SurfacePointOptions,
+    SegmentPointOptions, SemiDenseStage, SurfaceMethod, SurfaceOptions, SurfacePointOptions,
 };
 
 impl Options {
@@ -45,7 +45,6 @@ impl Options {
             segment_points: SegmentPointOptions { spacing_px: None },
             surface_points: SurfacePointOptions {
                 enabled: false,
-                correction_sigmas: f64::INFINITY,
                 ..SurfacePointOptions::default()
             },
             landmarks: LandmarkOptions {
@@ -67,7 +66,7 @@ impl Options {
                 longest_edge_share: None,
                 least_measured_share: 0.0,
                 minimum_component: 0,
-                fuse_depth: false,
+                method: SurfaceMethod::Carved,
                 holes: HoleFilling::None,
                 keep_hull: false,
                 manifold: false,

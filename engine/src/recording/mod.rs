@@ -18,6 +18,7 @@ use crate::front_end::{
 };
 use crate::options::Options;
 use crate::questions::{ROLES_OF_SURFACE, ask};
+use crate::run::RunDescription;
 use crate::tracking::open_or_track;
 
 pub use fit::camera_warning;
@@ -258,9 +259,8 @@ impl Recording {
         Ok(())
     }
 
-    /// What a run over this recording is, line by line. A run of another description cannot go on with
-    /// its checkpoint.
-    pub fn description(&self) -> String {
+    /// What a run over this recording is. A run of another description cannot go on with its checkpoint.
+    pub fn description(&self) -> RunDescription {
         let folder = self.sequence.folder();
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         let source = match self.source {
@@ -270,17 +270,22 @@ impl Recording {
             Source::Model => "model",
         };
         let mut text = format!(
-            "linecarve {}\nfrom {source} with depth {}\nsequence {}\nlayout {}\noptions {:?}\n",
+            "linecarve {}\nfrom {source} with depth {}\nsequence {}\nlayout {}\noptions {:?}\ncolor camera {:?}\ndepth camera {:?}\n",
             env!("CARGO_PKG_VERSION"),
             self.depth_name(),
             folder.display(),
             self.sequence.layout(),
-            self.options
+            self.options,
+            self.sequence.stored_color_camera(),
+            self.sequence.depth_calibration(),
         );
+        let mut files = Vec::new();
         for (number, frame) in self.keyframes.iter().enumerate() {
-            let Some(frame) = self.sequence.frames().get(*frame) else {
+            let index = *frame;
+            let Some(frame) = self.sequence.frames().get(index) else {
                 continue;
             };
+            files.extend(self.sequence.files(index));
             let pose = frame.world_from_camera;
             let numbers: Vec<String> = pose
                 .rotation
@@ -290,9 +295,14 @@ impl Recording {
                 .map(ToString::to_string)
                 .collect();
             let name = self.keyframe_name(number);
-            text += &format!("keyframe {name} at {}\n", numbers.join(" "));
+            text += &format!("keyframe {name} at {}", numbers.join(" "));
+            let camera = self.sequence.stored_camera(index);
+            if camera != self.sequence.stored_color_camera() {
+                text += &format!(" with {camera:?}");
+            }
+            text.push('\n');
         }
-        text
+        RunDescription { text, files }
     }
 
     /// Name of a keyframe: of its frame, or of its view in a model.

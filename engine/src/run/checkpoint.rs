@@ -8,13 +8,21 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use linecarve_mesh::files::{WriteError, write_atomically};
+use linecarve_mesh::files::{WriteError, is_unfinished, write_atomically, write_unsynced};
+
+use super::RunDescription;
 
 /// Folder inside the output folder.
 pub const FOLDER: &str = ".linecarve";
 
 /// File with the description of the run.
 const RUN: &str = "run.txt";
+
+/// Ending of the files of keyframes.
+const ENDING: &str = ".keyframe";
+
+/// Length of the end of such a file, in bytes.
+const TRAILER: usize = 24;
 
 /// A run cannot be resumed or stored.
 #[derive(Debug, thiserror::Error)]
@@ -42,6 +50,9 @@ pub enum CheckpointError {
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
+    /// The folder is a link to another folder.
+    #[error("{} is a symbolic link: remove it, or give another output folder", .0.display())]
+    Link(PathBuf),
     /// A file or folder cannot be read, created or removed.
     #[error("cannot use {}: {source}", path.display())]
     Folder {
@@ -56,17 +67,22 @@ pub enum CheckpointError {
 #[derive(Debug, Clone)]
 pub struct Checkpoint {
     folder: PathBuf,
+    /// Digest of the description of the run, which each file has.
+    run: u64,
     /// Keyframes that were read from the files of an interrupted run.
     reused: Arc<AtomicUsize>,
 }
 
 impl Checkpoint {
-    /// Creates a checkpoint, or opens one to resume. `description` identifies the run by lines; a run is resumed only when it
-    /// is equal.
+    /// Creates a checkpoint, or opens one to resume. A run is resumed only when its description is equal and its files have not changed.
     ///
     /// # Errors
     /// When there is no checkpoint to resume, it belongs to another run, or the folder is not writable.
-    pub fn open(output: &Path, description: &str, resume: bool) -> Result<Self, CheckpointError> {
+    pub fn open(
+        output: &Path,
+        description: &RunDescription,
+        resume: bool,
+    ) -> Result<Self, CheckpointError> {
         let folder = output.join(FOLDER);
         let failed = |path: &Path| {
             let path = path.to_owned();
@@ -83,30 +99,33 @@ impl Checkpoint {
                 }
                 Err(error) => return Err(failed(&run)(error)),
             };
-            if let Some(difference) = difference(&found, description) {
+            if let Some(difference) = description.difference(&found) {
                 return Err(CheckpointError::Different {
                     folder: output.to_owned(),
                     difference,
                 });
             }
-            return Ok(Self::new(folder));
+            return Ok(Self::new(folder, &description.text));
         }
-        if folder.exists() {
-            std::fs::remove_dir_all(&folder).map_err(failed(&folder))?;
-        }
+        clear(&folder)?;
         std::fs::create_dir_all(&folder).map_err(failed(&folder))?;
-        write_atomically(&run, |out| out.write_all(description.as_bytes()))?;
-        Ok(Self::new(folder))
+        let text = description.written();
+        write_atomically(&run, |out| out.write_all(text.as_bytes()))?;
+        Ok(Self::new(folder, &description.text))
     }
 
     /// The checkpoint of an output folder, whatever run it belongs to.
     pub(crate) fn of(output: &Path) -> Self {
-        Self::new(output.join(FOLDER))
+        let folder = output.join(FOLDER);
+        let written = std::fs::read(folder.join(RUN)).unwrap_or_default();
+        let text = RunDescription::text_of(&String::from_utf8_lossy(&written));
+        Self::new(folder, &text)
     }
 
-    fn new(folder: PathBuf) -> Self {
+    fn new(folder: PathBuf, description: &str) -> Self {
         Self {
             folder,
+            run: checksum(description.as_bytes()),
             reused: Arc::default(),
         }
     }
@@ -122,10 +141,10 @@ impl Checkpoint {
     }
 
     fn path(&self, keyframe: usize) -> PathBuf {
-        self.folder.join(format!("{keyframe:06}.keyframe"))
+        self.folder.join(format!("{keyframe:06}{ENDING}"))
     }
 
-    /// Loads a stored value; `None` when it is missing or damaged.
+    /// Loads a stored value; `None` when it is missing, damaged, or that of another keyframe or run.
     pub fn load<T: DeserializeOwned>(&self, keyframe: usize) -> Option<T> {
         let bytes = self.read(keyframe)?;
         rmp_serde::from_slice(&bytes).ok()
@@ -133,10 +152,21 @@ impl Checkpoint {
 
     fn read(&self, keyframe: usize) -> Option<Vec<u8>> {
         let mut bytes = std::fs::read(self.path(keyframe)).ok()?;
-        let at = bytes.len().checked_sub(8)?;
-        let sum = u64::from_le_bytes(bytes[at..].try_into().ok()?);
+        let at = bytes.len().checked_sub(TRAILER)?;
+        let trailer = self.trailer(keyframe, &bytes[..at]);
+        let is_own = bytes[at..] == trailer;
         bytes.truncate(at);
-        (checksum(&bytes) == sum).then_some(bytes)
+        is_own.then_some(bytes)
+    }
+
+    /// The end of a file: which keyframe of which run it is, and a checksum.
+    fn trailer(&self, keyframe: usize, bytes: &[u8]) -> [u8; TRAILER] {
+        let mut trailer = [0; TRAILER];
+        let numbers = [keyframe as u64, self.run, checksum(bytes)];
+        for (place, number) in trailer.chunks_exact_mut(8).zip(numbers) {
+            place.copy_from_slice(&number.to_le_bytes());
+        }
+        trailer
     }
 
     /// Numbers of the keyframes that are stored and whole.
@@ -150,10 +180,11 @@ impl Checkpoint {
     /// # Errors
     /// When the file cannot be written.
     pub fn store<T: Serialize>(&self, keyframe: usize, value: &T) -> Result<(), WriteError> {
-        write_atomically(&self.path(keyframe), |out| {
+        // A file that a power failure damages is recognised, and counts as missing.
+        write_unsynced(&self.path(keyframe), |out| {
             let bytes = rmp_serde::to_vec(value).map_err(std::io::Error::other)?;
             out.write_all(&bytes)?;
-            out.write_all(&checksum(&bytes).to_le_bytes())
+            out.write_all(&self.trailer(keyframe, &bytes))
         })
     }
 
@@ -185,11 +216,52 @@ impl Checkpoint {
     /// Removes the checkpoint of a complete run.
     ///
     /// # Errors
-    /// When the folder cannot be removed.
+    /// When a file of it cannot be removed.
     pub fn finish(self) -> Result<(), CheckpointError> {
-        let path = self.folder;
-        std::fs::remove_dir_all(&path).map_err(|source| CheckpointError::Folder { path, source })
+        clear(&self.folder)
     }
+}
+
+/// Removes the files of a checkpoint, and the folder when nothing else is in it.
+fn clear(folder: &Path) -> Result<(), CheckpointError> {
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| CheckpointError::Folder { path, source }
+    };
+    match folder.symlink_metadata() {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(failed(folder)(error)),
+        Ok(found) if found.is_symlink() => return Err(CheckpointError::Link(folder.to_owned())),
+        Ok(_) => {}
+    }
+    let mut is_empty = true;
+    for entry in std::fs::read_dir(folder).map_err(failed(folder))? {
+        let path = entry.map_err(failed(folder))?.path();
+        let is_file = path.symlink_metadata().is_ok_and(|found| found.is_file());
+        if is_file && is_own_name(&path) {
+            std::fs::remove_file(&path).map_err(failed(&path))?;
+        } else {
+            is_empty = false;
+        }
+    }
+    match is_empty {
+        true => std::fs::remove_dir(folder).map_err(failed(folder)),
+        false => Ok(()),
+    }
+}
+
+/// Whether a file is named as this module names its files.
+fn is_own_name(path: &Path) -> bool {
+    let name = path
+        .file_name()
+        .and_then(|name| name.to_str())
+        .unwrap_or_default();
+    let number = name.strip_suffix(ENDING);
+    name == RUN
+        || is_unfinished(name)
+        || number.is_some_and(|number| {
+            number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit())
+        })
 }
 
 /// FNV-1a of 64 bits. Detects damage, not tampering.
@@ -199,36 +271,25 @@ pub(crate) fn checksum(bytes: &[u8]) -> u64 {
     })
 }
 
-/// The first line that differs between two descriptions.
-fn difference(found: &str, asked: &str) -> Option<String> {
-    if found == asked {
-        return None;
-    }
-    let (mut before, mut now) = (found.lines(), asked.lines());
-    loop {
-        match (before.next(), now.next()) {
-            (Some(a), Some(b)) if a == b => {}
-            (None, None) => return Some("line endings".to_owned()),
-            (a, b) => {
-                let text = |line: Option<&str>| line.unwrap_or("nothing").to_owned();
-                return Some(format!("then \"{}\", now \"{}\"", text(a), text(b)));
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn described(text: &str) -> RunDescription {
+        RunDescription {
+            text: text.to_owned(),
+            files: Vec::new(),
+        }
+    }
+
     #[test]
     fn stored_values_are_loaded_until_the_run_is_complete() {
         let folder = tempfile::tempdir().unwrap();
-        let begun = Checkpoint::open(folder.path(), "a\nb\n", false).unwrap();
+        let begun = Checkpoint::open(folder.path(), &described("a\nb\n"), false).unwrap();
         // Values that need every bit, and one that JSON cannot hold.
         let kept = vec![0.1 + 0.2, f64::MIN_POSITIVE, -0.0, f64::INFINITY];
         begun.store(3, &kept).unwrap();
-        let resumed = Checkpoint::open(folder.path(), "a\nb\n", true).unwrap();
+        let resumed = Checkpoint::open(folder.path(), &described("a\nb\n"), true).unwrap();
         let back: Vec<f64> = resumed.load(3).unwrap();
         assert!(
             kept.iter()
@@ -240,32 +301,32 @@ mod tests {
         assert_eq!(resumed.load(4), made.ok());
         resumed.finish().unwrap();
         assert!(!folder.path().join(FOLDER).exists());
-        let error = Checkpoint::open(folder.path(), "a\nb\n", true).unwrap_err();
+        let error = Checkpoint::open(folder.path(), &described("a\nb\n"), true).unwrap_err();
         assert!(matches!(error, CheckpointError::Nothing { .. }));
     }
 
     #[test]
     fn another_run_is_rejected_and_a_new_one_starts_empty() {
         let folder = tempfile::tempdir().unwrap();
-        Checkpoint::open(folder.path(), "every 2\n", false)
+        Checkpoint::open(folder.path(), &described("every 2\n"), false)
             .unwrap()
             .store(0, &"old")
             .unwrap();
-        let error = Checkpoint::open(folder.path(), "every 3\n", true).unwrap_err();
+        let error = Checkpoint::open(folder.path(), &described("every 3\n"), true).unwrap_err();
         assert!(
             error
                 .to_string()
                 .contains("then \"every 2\", now \"every 3\""),
             "{error}"
         );
-        let anew = Checkpoint::open(folder.path(), "every 3\n", false).unwrap();
+        let anew = Checkpoint::open(folder.path(), &described("every 3\n"), false).unwrap();
         assert_eq!(anew.load::<String>(0), None);
     }
 
     #[test]
     fn damaged_files_count_as_missing() {
         let folder = tempfile::tempdir().unwrap();
-        let run = Checkpoint::open(folder.path(), "", false).unwrap();
+        let run = Checkpoint::open(folder.path(), &described(""), false).unwrap();
         run.store(0, &vec![7_u32; 4]).unwrap();
         let path = run.path(0);
         let mut bytes = std::fs::read(&path).unwrap();
@@ -274,8 +335,47 @@ mod tests {
         assert_eq!(run.load::<Vec<u32>>(0), None);
         std::fs::write(&path, b"cut").unwrap();
         assert_eq!(run.load::<Vec<u32>>(0), None);
+        // Undamaged, but of another keyframe.
+        run.store(0, &vec![7_u32; 4]).unwrap();
+        std::fs::copy(&path, run.path(1)).unwrap();
+        assert_eq!(run.load::<Vec<u32>>(1), None);
+        assert_eq!(run.stored(0..2), [0]);
+        // Of another run.
+        let other = Checkpoint::open(folder.path(), &described("other\n"), false).unwrap();
+        other.store(0, &vec![7_u32; 4]).unwrap();
+        assert_eq!(run.load::<Vec<u32>>(0), None);
         // Undamaged, but of another type.
         run.store(0, &"text").unwrap();
         assert_eq!(run.load::<Vec<u32>>(0), None);
+    }
+
+    #[test]
+    fn files_of_others_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Checkpoint::open(folder.path(), &described(""), false).unwrap();
+        run.store(0, &1_u32).unwrap();
+        let inside = folder.path().join(FOLDER);
+        for name in ["notes.txt", "1.keyframe"] {
+            std::fs::write(inside.join(name), "mine").unwrap();
+        }
+        std::fs::write(inside.join(".linecarve-unfinished-ab"), "half").unwrap();
+        run.finish().unwrap();
+        let mut left: Vec<_> = std::fs::read_dir(&inside)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name())
+            .collect();
+        left.sort();
+        assert_eq!(left, ["1.keyframe", "notes.txt"]);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_is_not_followed() {
+        let [folder, other] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        std::fs::write(other.path().join(RUN), "mine").unwrap();
+        std::os::unix::fs::symlink(other.path(), folder.path().join(FOLDER)).unwrap();
+        let error = Checkpoint::open(folder.path(), &described(""), false).unwrap_err();
+        assert!(matches!(error, CheckpointError::Link(_)), "{error}");
+        assert!(other.path().join(RUN).exists());
     }
 }

@@ -12,6 +12,11 @@ pub fn resident_mb() -> Option<f64> {
     status_mb("VmRSS:")
 }
 
+/// Addresses of the process in MB (10^6 bytes), whether they hold anything or not; `None` where the system does not report it.
+pub fn size_mb() -> Option<f64> {
+    status_mb("VmSize:")
+}
+
 /// An entry of Linux' `/proc/self/status`, in units of 1024 bytes.
 fn status_mb(entry: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

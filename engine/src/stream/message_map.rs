@@ -11,6 +11,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::SessionError;
 use super::message::{LineMessage, PointMessage, StartMessage};
 use super::session_map::{NewestKeyframe, SessionMap, SessionState};
+use super::shown_line::ShownPart;
 use crate::front_end::far_origin;
 use crate::map::{Map, ObservationChange, ObservedPoint, PointKind, SurfaceChange};
 use crate::mapper::Mapper;
@@ -24,6 +25,8 @@ struct Line {
     /// Numbers of the keyframes that see it.
     views: Vec<u32>,
     sigma: Option<f64>,
+    /// What its points are on.
+    shown: ShownPart,
     points: Vec<u32>,
 }
 
@@ -157,6 +160,7 @@ impl MessageMap {
                 ends,
                 views: views.collect::<Result<_, _>>()?,
                 sigma: line.sigma,
+                shown: ShownPart::WHOLE,
                 points: Vec::new(),
             };
             new.push((line.id, line_of_map));
@@ -178,7 +182,10 @@ impl MessageMap {
         for (_, line) in &mut new {
             let [from, to] = line.ends;
             line.points.clear();
-            for share in self.spacing.shares(self.length_px(line)) {
+            line.shown = self.shown(line);
+            let [begin, end] = line.shown.shares;
+            for share in self.spacing.shares(line.shown.length_px) {
+                let share = begin + share * (end - begin);
                 let number = self.numbers.take();
                 line.points.push(number);
                 change.points.push(ObservedPoint {
@@ -206,14 +213,19 @@ impl MessageMap {
         Ok(())
     }
 
-    /// Spaces the points anew on lines whose length in the images has changed with these keyframes.
+    /// Spaces the points anew on lines of which these keyframes show another part, or another length in the images.
     ///
     /// # Complexity
     /// One look at each line and its keyframes.
     fn space_lines(&mut self, views: &BTreeSet<u32>) -> Result<(), SessionError> {
         let is_other = |line: &Line| {
-            let is_seen = line.views.iter().any(|view| views.contains(view));
-            is_seen && self.spacing.shares(self.length_px(line)).count() != line.points.len()
+            if !line.views.iter().any(|view| views.contains(view)) {
+                return false;
+            }
+            let shown = self.shown(line);
+            let is_same = shown.shares == line.shown.shares
+                && self.spacing.shares(shown.length_px).count() == line.points.len();
+            !is_same
         };
         let lines = self.lines.iter().filter(|(_, line)| is_other(line));
         let other: Vec<(u64, Line)> = lines.map(|(id, line)| (*id, line.clone())).collect();
@@ -223,17 +235,13 @@ impl MessageMap {
         }
     }
 
-    /// The largest length of a segment in the images of its keyframes, in pixels; zero without a camera.
-    fn length_px(&self, line: &Line) -> f64 {
+    /// What the keyframes of a segment can show of it.
+    fn shown(&self, line: &Line) -> ShownPart {
         let Some(camera) = &self.camera else {
-            return 0.0;
+            return ShownPart::WHOLE;
         };
-        let lengths = line.views.iter().filter_map(|view| {
-            let pose = &self.poses[*view as usize];
-            let project = |end| camera.camera().project(&pose.inverse_transform_point(end));
-            Some((project(&line.ends[1])? - project(&line.ends[0])?).norm())
-        });
-        lengths.fold(0.0, f64::max)
+        let poses = line.views.iter().map(|view| &self.poses[*view as usize]);
+        ShownPart::new(&line.ends, camera.camera(), poses)
     }
 
     fn observe(&mut self, change: &ObservationChange) -> Result<(), SessionError> {

@@ -17,6 +17,7 @@ mod sensor_map;
 mod session;
 mod session_keyframes;
 mod session_map;
+mod shown_line;
 mod surface_diff;
 mod surface_keyframes;
 mod tracked_frames;

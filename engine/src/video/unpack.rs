@@ -6,7 +6,7 @@ use std::path::Path;
 
 use image::RgbImage;
 use linecarve_mesh::encode_jpeg;
-use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::files::{write_atomically, write_unsynced};
 use linecarve_sequence::OpenOptions;
 
 use super::picture::Picture;
@@ -49,8 +49,8 @@ pub(super) fn is_mp4(start: &[u8]) -> bool {
         .any(|name| first == *name)
 }
 
-/// Writes the pictures of a video to `images/` in a folder, and their times to `times.txt`. Removes images of an earlier video and its
-/// calibration. Returns warnings.
+/// Writes the pictures of a video to `images/` in a folder, and their times to `times.txt`. Removes nothing: images of an earlier video
+/// that had more pictures would stay. Returns warnings.
 ///
 /// # Errors
 /// When the video has no picture that can be read, or a file cannot be written.
@@ -60,7 +60,10 @@ pub fn unpack(
     progress: &ProgressHook,
 ) -> Result<Vec<String>, VideoError> {
     let images = folder.join(IMAGES);
-    clear(folder, &images)?;
+    std::fs::create_dir_all(&images).map_err(|error| VideoError::Write {
+        path: images.clone(),
+        problem: error.to_string(),
+    })?;
     let mut times = String::from("# seconds\n");
     let mut count = 0_usize;
     let mut turns = 0;
@@ -126,42 +129,13 @@ fn upright(picture: RgbImage, quarter_turns: u8) -> RgbImage {
     }
 }
 
-/// Makes the folder of images; removes numbered images and the calibration of an earlier video.
-fn clear(folder: &Path, images: &Path) -> Result<(), VideoError> {
-    let failed = |path: &Path, error: std::io::Error| VideoError::Write {
-        path: path.to_owned(),
-        problem: error.to_string(),
-    };
-    std::fs::create_dir_all(images).map_err(|error| failed(images, error))?;
-    let entries = std::fs::read_dir(images).map_err(|error| failed(images, error))?;
-    for path in entries.flatten().map(|entry| entry.path()) {
-        let stem = path
-            .file_stem()
-            .and_then(|stem| stem.to_str())
-            .unwrap_or_default();
-        let is_ours = path.extension().is_some_and(|end| end == "jpg")
-            && stem.len() >= 6
-            && stem.bytes().all(|byte| byte.is_ascii_digit());
-        if is_ours {
-            std::fs::remove_file(&path).map_err(|error| failed(&path, error))?;
-        }
-    }
-    let calibration = folder.join(linecarve_sequence::SIDECAR_FILE);
-    match std::fs::remove_file(&calibration) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(failed(&calibration, error))
-        }
-        _ => Ok(()),
-    }
-}
-
 fn write_image(path: &Path, picture: &RgbImage) -> Result<(), VideoError> {
     let failed = |problem: String| VideoError::Write {
         path: path.to_owned(),
         problem,
     };
     let bytes = encode_jpeg(picture, JPEG_QUALITY).map_err(|error| failed(error.to_string()))?;
-    write_atomically(path, |out| out.write_all(&bytes)).map_err(|error| failed(error.to_string()))
+    write_unsynced(path, |out| out.write_all(&bytes)).map_err(|error| failed(error.to_string()))
 }
 
 #[cfg(test)]

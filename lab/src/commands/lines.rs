@@ -14,6 +14,7 @@ use linecarve::{Recording, Source};
 use linecarve_lab::baselines::{Findings, LineMethod, Method, MethodOptions, PosedKeyframe};
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
+use linecarve_lines::paper::PaperOptions;
 use linecarve_sequence::ColorImage;
 
 use super::lines_output::{Output, nothing};

@@ -107,6 +107,7 @@ impl<'a> Output<'a> {
                 depth: recording.depth_name(),
                 median_depth: recording.median_depth.unwrap_or(0.0),
                 origin: recording.origin.into(),
+                up: recording.gltf_frame().up().into(),
                 poses: recording.poses,
             },
             preset: recording.options.preset(),

@@ -73,6 +73,7 @@ pub(super) fn open_with(
         config: None,
         preset: None,
         max_image_size: None,
+        up: None,
         format: Vec::new(),
         json: false,
     };
@@ -81,6 +82,7 @@ pub(super) fn open_with(
         layout: None,
         poses: None,
         calibration: None,
+        accept_as_is: false,
     };
     let mut options = parameters(&stages, selection)?;
     change(&mut options);

@@ -13,6 +13,10 @@ use crate::depth::{EdgeDepths, InverseDepth};
 use crate::edges::EdgeChains;
 use crate::image::GrayImage;
 
+/// Growth ends where the least share of inliers would be reached again after a run of inliers only that is longer than the dense part
+/// before, and than this many windows: without this bound sparse depths cost their whole chain at each pixel.
+const SPARSE_WINDOWS: usize = 4;
+
 /// Input of a fit: edges, depths and pinhole camera of one keyframe.
 #[derive(Debug, Clone, Copy)]
 pub struct FitInput<'a> {
@@ -50,7 +54,7 @@ pub struct FitInput<'a> {
 /// - Both lines are refitted while the segment grows, because the direction of L pixels is too inaccurate to extrapolate.
 /// - Pixels are taken at the sub-pixel gradient maximum. On an edge nearly parallel to the pixel rows, whole pixels have the direction of
 ///   the row, and e1 is smaller than the step to the next row.
-/// - A segment is cut back where its inliers become sparse. Single inliers at short intervals, as on a line that the chain crosses
+/// - A segment is cut back where its inliers become sparse, and growth ends where they stay so. Single inliers at short intervals, as on a line that the chain crosses
 ///   again and again, would otherwise extend it without support.
 /// - The search continues after the last inlier of a segment, not after its trailing outliers, which may start the next segment.
 #[derive(Debug, Clone)]
@@ -274,6 +278,8 @@ impl Chain<'_> {
 
     /// The measurement of a pixel, if it is an inlier of both lines.
     fn inlier(&self, position: usize, sums: &Sums, lines: &Lines) -> Option<InverseDepth> {
+        #[cfg(test)]
+        tests::TESTED.set(tests::TESTED.get() + 1);
         let p = self.pixel(position) - sums.origin;
         if lines.image.distance(p) > self.limits.image_px {
             return None;
@@ -314,6 +320,17 @@ impl Chain<'_> {
         Some(Lines { image, depth })
     }
 
+    /// Number of inliers without an outlier between them that would bring the least share of inliers; at most 0 where it is reached.
+    fn missing(&self, inliers: f64, length: f64) -> f64 {
+        let share = self.options.minimum_inlier_share;
+        let behind = share * length - inliers;
+        if behind > 0.0 {
+            behind / (1.0 - share)
+        } else {
+            behind
+        }
+    }
+
     /// Extends a window to a segment; `None` when the result has too few inliers.
     fn grow(&self, begin: usize, window_sums: Sums, mut lines: Lines) -> Option<Fitted> {
         let window = self.limits.window;
@@ -331,6 +348,7 @@ impl Chain<'_> {
             }
         }
         let mut refit_at = sums.image.n + 1.0;
+        let mut dense_end = begin + window;
         for position in begin + window..self.pixels.len() {
             if position - last > window {
                 break;
@@ -340,6 +358,13 @@ impl Chain<'_> {
             };
             self.add_inlier(position, depth, &mut sums);
             last = position;
+            let length = position + 1 - begin;
+            let missing = self.missing(sums.image.n, length as f64);
+            if missing <= 0.0 {
+                dense_end = position + 1;
+            } else if missing > (dense_end - begin).max(SPARSE_WINDOWS * window) as f64 {
+                break;
+            }
             if sums.image.n >= refit_at {
                 if let Some(refitted) = self.lines(&sums, lines.image.direction) {
                     lines = refitted;

@@ -23,6 +23,9 @@ impl Tolerance {
     }
 }
 
+/// Largest number of a tolerance.
+const MOST: f64 = 1e9;
+
 impl FromStr for Tolerance {
     type Err = String;
 
@@ -33,7 +36,7 @@ impl FromStr for Tolerance {
             None => (text.trim(), false),
         };
         match number.parse::<f64>() {
-            Ok(value) if value >= 0.0 && value.is_finite() => Ok(if is_share {
+            Ok(value) if (0.0..=MOST).contains(&value) => Ok(if is_share {
                 Self::ShareOfDiagonal(value / 100.0)
             } else {
                 Self::Length(value)

@@ -28,6 +28,18 @@ pub enum EvaluationError {
         /// What is wrong.
         fault: GeometryError,
     },
+    /// The step is too small for the lines.
+    #[error(
+        "step {step}: it gives {samples:.0} samples along the lines; give at least {least:.2e}"
+    )]
+    Samples {
+        /// The distance between samples.
+        step: f64,
+        /// How many samples it gives.
+        samples: f64,
+        /// Which distance can be used.
+        least: f64,
+    },
     /// The shape has no point.
     #[error("there is nothing to evaluate: the shape has no points")]
     Empty,
@@ -123,6 +135,9 @@ pub fn evaluate_observed(
         || NearestPointIndex::new(ground_truth),
         || covers.then(|| NearestPointIndex::new(counted)),
     );
+    if kind == ShapeKind::Lines {
+        check_step(counted, options.step())?;
+    }
     let drawn = drawn_points(counted, kind, options);
     let drawn_count = drawn.len();
     let scored: Vec<_> = drawn.into_iter().filter(inside).collect();
@@ -261,6 +276,26 @@ fn region_box(truth: &Shape, options: &EvaluationOptions) -> Option<(Point3<f64>
     };
     let margin = nalgebra::Vector3::repeat(options.region_margin);
     Some((low - margin, high + margin))
+}
+
+/// Refuses a step that gives more samples than an evaluation can take.
+fn check_step(lines: &Shape, step: f64) -> Result<(), EvaluationError> {
+    /// Largest number of samples: some minutes.
+    const MOST_SAMPLES: f64 = 2e7;
+    let ends = lines.lines.iter();
+    let length: f64 = ends
+        .map(|line| line.map(|end| lines.positions[end as usize]))
+        .map(|[a, b]| (b - a).norm())
+        .sum();
+    let samples = length / step;
+    match samples > MOST_SAMPLES {
+        true => Err(EvaluationError::Samples {
+            step,
+            samples,
+            least: 1.01 * length / MOST_SAMPLES,
+        }),
+        false => Ok(()),
+    }
 }
 
 /// Samples of a shape by its kind.

@@ -6,23 +6,18 @@
 
 mod builder;
 
+use std::io::Write;
 use std::path::Path;
 
 use gltf::binary::{Glb, Header};
-use nalgebra::{Point3, Rotation3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use self::builder::Builder;
 use super::error::MeshFileError;
 use super::gltf_frame::GltfFrame;
-use crate::files::{WriteError, write_atomically};
+use crate::files::{WriteError, write_atomically, write_unsynced};
 use crate::texture::EncodedTexture;
 use crate::types::{GeometryError, LineSet, TriangleMesh, is_storable};
-
-/// From the program's frames to those of glTF: x, -y, -z.
-fn gltf_from_original() -> Rotation3<f64> {
-    let diagonal = Vector3::new(1.0, -1.0, -1.0);
-    Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_diagonal(&diagonal))
-}
 
 /// Geometry of one node.
 #[derive(Debug, Clone, Copy)]
@@ -76,7 +71,7 @@ pub fn write_glb(
         builder.add(part, origin);
     }
     let (json, binary) = finish(builder, path, origin)?;
-    write_chunks(path, &json, &binary)
+    write_chunks(path, &json, &binary, true)
 }
 
 /// The vertices and the triangles or lines of a mesh, in the order of the file.
@@ -90,7 +85,7 @@ pub struct MeshElements<P, C, E> {
     pub elements: E,
 }
 
-/// Writes files of similar size one after another: it keeps its memory.
+/// Writes files of similar size one after another: it keeps its memory, and does not wait until they are on the disk.
 #[derive(Debug, Default)]
 pub struct GlbWriter {
     binary: Vec<u8>,
@@ -145,7 +140,7 @@ impl GlbWriter {
             return Err(MeshFileError::geometry(path)(fault));
         }
         let (json, binary) = finish(builder, path, &origin)?;
-        let outcome = write_chunks(path, &json, &binary);
+        let outcome = write_chunks(path, &json, &binary, false);
         self.binary = binary;
         outcome
     }
@@ -164,7 +159,12 @@ fn finish(
 }
 
 /// Writes the two chunks of a file.
-fn write_chunks(path: &Path, json: &[u8], binary: &[u8]) -> Result<(), MeshFileError> {
+fn write_chunks(
+    path: &Path,
+    json: &[u8],
+    binary: &[u8],
+    is_synced: bool,
+) -> Result<(), MeshFileError> {
     let chunk = |bytes: &[u8]| 8 + bytes.len().next_multiple_of(4);
     let has_binary = !binary.is_empty();
     let total = 12 + chunk(json) + if has_binary { chunk(binary) } else { 0 };
@@ -183,12 +183,16 @@ fn write_chunks(path: &Path, json: &[u8], binary: &[u8]) -> Result<(), MeshFileE
         json: json.into(),
         bin: has_binary.then(|| binary.into()),
     };
-    write_atomically(path, |out| {
+    let fill = |out: &mut dyn Write| {
         file.to_writer(out).map_err(|error| match error {
             gltf::Error::Io(error) => error,
             other => std::io::Error::other(other),
         })
-    })?;
+    };
+    match is_synced {
+        true => write_atomically(path, fill)?,
+        false => write_unsynced(path, fill)?,
+    }
     Ok(())
 }
 

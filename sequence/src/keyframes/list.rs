@@ -3,6 +3,8 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use linecarve_mesh::files::read_regular;
+
 use crate::{Frame, parse_stamp_ns};
 
 /// Largest difference between a listed time stamp and its frame: programs print stamps in microseconds or coarser.
@@ -55,7 +57,7 @@ pub fn every_nth(n: usize, count: usize) -> Vec<usize> {
 /// # Errors
 /// If the file cannot be read, lists an unknown frame, or lists none.
 pub fn read_keyframe_list(path: &Path, frames: &[Frame]) -> Result<Vec<usize>, KeyframeListError> {
-    let bytes = std::fs::read(path).map_err(|source| KeyframeListError::Read {
+    let bytes = read_regular(path).map_err(|source| KeyframeListError::Read {
         path: path.to_owned(),
         source,
     })?;

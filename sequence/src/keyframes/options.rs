@@ -32,6 +32,9 @@ impl Default for KeyframeOptions {
     }
 }
 
+/// Largest window of frames of which the sharpest is taken: half a minute of video.
+const MOST_FRAMES: usize = 1000;
+
 /// Why keyframe options are invalid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KeyframeOptionsError {
@@ -46,9 +49,9 @@ pub enum KeyframeOptionsError {
     /// The overlap is not a share below 1.
     #[error("keyframes.min_overlap = {0}: give a number from 0 to below 1")]
     Overlap(f64),
-    /// The window is empty.
-    #[error("keyframes.sharpness_window = 0: give 1 or more")]
-    Window,
+    /// The window is empty, or longer than any that helps.
+    #[error("keyframes.sharpness_window = {0}: give a number from 1 to {MOST_FRAMES}")]
+    Window(usize),
 }
 
 impl KeyframeOptions {
@@ -71,8 +74,8 @@ impl KeyframeOptions {
         {
             return Err(KeyframeOptionsError::Overlap(overlap));
         }
-        if self.sharpness_window == 0 {
-            return Err(KeyframeOptionsError::Window);
+        if !(1..=MOST_FRAMES).contains(&self.sharpness_window) {
+            return Err(KeyframeOptionsError::Window(self.sharpness_window));
         }
         Ok(())
     }

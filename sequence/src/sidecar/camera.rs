@@ -14,6 +14,9 @@ enum Model {
     KannalaBrandt,
 }
 
+/// Largest number of a camera, in pixels or as a coefficient.
+const MOST: f64 = 1e6;
+
 /// The keys of a camera, of which a section may have none.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -59,6 +62,18 @@ impl CameraKeys {
                 ));
             }
         };
+        let sides = [self.width, self.height].map(|side| f64::from(side.unwrap_or(1)));
+        let coefficients = self.distortion.iter().flatten().copied();
+        if let Some(number) = [fx, fy, cx, cy]
+            .into_iter()
+            .chain(sides)
+            .chain(coefficients)
+            .find(|number| number.abs() > MOST)
+        {
+            return Err(in_section(format!(
+                "{number} is no number of a camera: at most {MOST} is needed"
+            )));
+        }
         let distortion = self.distortion().map_err(in_section)?;
         let camera = Camera::with_distortion(fx, fy, cx, cy, distortion)
             .map_err(|error| in_section(error.to_string()))?;

@@ -24,10 +24,10 @@ impl DepthSection {
     /// The depth camera, if the section has intrinsics.
     pub(super) fn geometry(&self, source: &str) -> Result<Option<DepthGeometry>, String> {
         if let Some(scale) = self.scale
-            && !(scale.is_finite() && scale > 0.0)
+            && !(1e-9..=1e9).contains(&scale)
         {
             return Err(format!(
-                "[depth] scale = {scale} must be positive and finite"
+                "[depth] scale = {scale} must be positive and finite, from 1e-9 to 1e9"
             ));
         }
         let camera = self.camera.camera("depth", source)?;

@@ -26,12 +26,12 @@ impl RightSection {
         source: &str,
     ) -> Result<RightCamera, String> {
         let color_from_right = match (self.baseline, &self.color_from_right) {
-            (Some(baseline), None) if baseline.is_finite() && baseline > 0.0 => {
+            (Some(baseline), None) if (1e-9..=1e9).contains(&baseline) => {
                 Isometry3::translation(baseline, 0.0, 0.0)
             }
             (Some(baseline), None) => {
                 return Err(format!(
-                    "[right] baseline = {baseline} must be positive and finite: the distance of the cameras in units of the poses"
+                    "[right] baseline = {baseline} must be positive and finite, from 1e-9 to 1e9: the distance of the cameras in units of the poses"
                 ));
             }
             (None, Some(rows)) => rigid::from_matrix(rows)

@@ -1,5 +1,6 @@
 //! A wall two units before the camera, and a spurious point half way to it.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use linecarve_carving::{Carver, PointId};
@@ -60,7 +61,7 @@ impl Room {
     }
 
     /// A view at `x` that observes all points but the one behind the wall.
-    fn look(&mut self, x: f64, surface: &SurfaceSamples) -> Vec<Point2<f64>> {
+    fn look(&mut self, x: f64, surface: &SurfaceSamples) {
         let pose = Isometry3::translation(x, 0.0, 0.0);
         let mut transaction = self.carver.transaction();
         let view = transaction.add_view(Point3::new(x, 0.0, 0.0)).unwrap();
@@ -74,7 +75,7 @@ impl Room {
             .update(&self.carver, &self.points, landmarks, &mut Vec::new());
         let map = VertexViews::new(&self.carver, &self.points, &self.vertices);
         self.validation.add_view(view, &pose, surface, None);
-        self.validation.update(map, &report.surface, &seen)
+        self.validation.update(map, &report.surface, &seen);
     }
 
     /// Moves a landmark that the last view still observes.
@@ -142,25 +143,19 @@ fn are_all(statuses: &[FacetStatus], expected: FacetStatus) -> bool {
 #[test]
 fn a_wall_is_measured_and_a_spike_before_it_is_not() {
     let mut room = Room::new();
-    let conflicts = room.look(0.02, &depth(1));
+    room.look(0.02, &depth(1));
     let [wall, spike] = room.statuses();
     assert!(!spike.is_empty());
     assert!(are_all(&wall, FacetStatus::Measured), "{wall:?}");
     assert!(are_all(&spike, FacetStatus::NotMeasured), "{spike:?}");
-    // The spike covers the wall around its tip at (0.05, 0.03, 1).
-    assert!(!conflicts.is_empty());
-    for pixel in conflicts {
-        assert!((pixel - Point2::new(84.5, 62.5)).norm() < 40.0, "{pixel}");
-    }
 }
 
 #[test]
-fn sparse_depth_is_not_used() {
+fn depth_without_planes_says_nothing() {
     let mut room = Room::new();
-    let conflicts = room.look(0.02, &depth(8));
+    room.look(0.02, &depth(8));
     let [wall, spike] = room.statuses();
     assert!(are_all(&wall, FacetStatus::Unobserved) && are_all(&spike, FacetStatus::Unobserved));
-    assert!(conflicts.is_empty());
 }
 
 /// Depth of the wall in a range of columns.

@@ -161,6 +161,7 @@ fn pictures_of_implausible_size_are_refused() {
                 size: 4,
                 time_ns: 0,
             }],
+            size: [64, 48],
             quarter_turns: 0,
             is_full_range: false,
             damage: None,

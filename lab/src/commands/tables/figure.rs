@@ -55,6 +55,7 @@ pub(in crate::commands) fn run(args: &FigureArgs, verbosity: Verbosity) -> anyho
         config: args.config.clone(),
         preset: None,
         max_image_size: None,
+        up: None,
         format: Vec::new(),
         json: false,
     };

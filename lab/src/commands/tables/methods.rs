@@ -9,6 +9,7 @@ use linecarve::run::milliseconds;
 use linecarve::{DepthChoice, Input, Recording, Selection};
 use linecarve_lab::baselines::{Method, MethodOptions};
 use linecarve_lab::tables::methods::{MethodRun, Runs, StageTime, clustered};
+use linecarve_lines::paper::PaperOptions;
 
 use super::semi_dense;
 

@@ -33,6 +33,7 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
         config: args.config.clone(),
         preset: None,
         max_image_size: None,
+        up: None,
         format: Vec::new(),
         json: args.json,
     };

@@ -5,6 +5,11 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::depth::{EdgeDepthOptions, InverseDepthMap};
 
+thread_local! {
+    /// Number of pixels that were compared with lines.
+    pub(super) static TESTED: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
+}
+
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
 
@@ -427,4 +432,22 @@ fn a_stretch_behind_sparse_inliers_is_found() {
             segment.pixels
         );
     }
+}
+
+#[test]
+fn the_cost_of_sparse_depth_is_linear() {
+    // Depth on 5 of 13 pixels: windows pass, and segments end short.
+    let tested = |passes: usize| {
+        let mut scene = Scene::new();
+        let row = |index: usize| 0.01 * (index as f64 - 10.0);
+        let corners: Vec<_> = (0..=passes)
+            .map(|index| Point3::new(if index % 2 == 0 { -1.1 } else { 1.1 }, row(index / 2), 2.0))
+            .collect();
+        scene.draw(&corners, |index| (index % 13 < 5).then_some(0.0));
+        TESTED.set(0);
+        scene.fit(FitOptions::default());
+        TESTED.get() as f64 / scene.chains.pixels().len() as f64
+    };
+    let (one, many) = (tested(1), tested(12));
+    assert!(one < 300.0 && many < 300.0, "{one} {many} tests a pixel");
 }

@@ -244,3 +244,22 @@ fn the_same_seed_gives_the_same_result_for_any_number_of_threads() {
     let text = serde_json::to_string(&one).unwrap();
     assert!(text.contains("\"completeness\":{\"count\":20000"), "{text}");
 }
+
+#[test]
+fn a_step_that_gives_too_many_samples_is_refused_with_one_that_does() {
+    let lines = Shape {
+        positions: vec![Point3::origin(), Point3::new(10.0, 0.0, 0.0)],
+        lines: vec![[0, 1]],
+        ..Shape::default()
+    };
+    let with = |step| EvaluationOptions {
+        step: Some(step),
+        ..options()
+    };
+    let refused = evaluate(&lines, &square(2.0, 0.0), &with(1e-7)).unwrap_err();
+    assert!(
+        refused.to_string().contains("at least 5.05e-7"),
+        "{refused}"
+    );
+    assert!(evaluate(&lines, &square(2.0, 0.0), &with(1e-3)).is_ok());
+}

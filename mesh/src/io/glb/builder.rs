@@ -58,7 +58,6 @@ impl Builder {
             nodes: Vec::new(),
             gltf_from_original,
             binary,
-            gltf_from_original,
         }
     }
 

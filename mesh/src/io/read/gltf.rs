@@ -21,6 +21,7 @@ use nalgebra::{Matrix4, Point3};
 use serde::Deserialize;
 
 use super::accessor::components;
+use crate::files::read_regular;
 use crate::shape::Shape;
 use crate::srgb::encoded_color;
 use crate::texture::Texture;
@@ -171,7 +172,7 @@ fn resource(uri: &str, path: &Path, what: &str) -> Result<Vec<u8>, String> {
             .map_err(|error| format!("a damaged data URI: {error}"));
     }
     let beside = path.with_file_name(unescaped(uri));
-    std::fs::read(&beside).map_err(|error| format!("its {what} {}: {error}", beside.display()))
+    read_regular(&beside).map_err(|error| format!("its {what} {}: {error}", beside.display()))
 }
 
 /// A relative reference with percent-encoding resolved.

@@ -15,6 +15,7 @@ mod texture;
 
 use std::path::Path;
 
+use crate::files::read_regular;
 use crate::shape::Shape;
 use crate::texture::Texture;
 pub use error::ReadError;
@@ -55,7 +56,7 @@ pub fn read_textured(path: &Path) -> Result<(Shape, Option<Texture>), ReadError>
 }
 
 fn read(path: &Path, is_textured: bool) -> Result<(Shape, Option<Texture>), ReadError> {
-    let bytes = std::fs::read(path).map_err(|source| ReadError::Open {
+    let bytes = read_regular(path).map_err(|source| ReadError::Open {
         path: path.to_owned(),
         source,
     })?;

@@ -8,6 +8,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::texture::{Coordinates, decoded};
+use crate::files::read_regular;
 use crate::shape::Shape;
 use crate::texture::Texture;
 
@@ -215,13 +216,14 @@ impl Parser {
             return Ok(None);
         };
         let library = path.with_file_name(library);
-        let text = std::fs::read_to_string(&library)
+        let text = read_regular(&library)
+            .and_then(|bytes| String::from_utf8(bytes).map_err(std::io::Error::other))
             .map_err(|error| format!("its material library {}: {error}", library.display()))?;
         let Some(image) = image_of_material(&text, material) else {
             return Ok(None);
         };
         let image = path.with_file_name(image);
-        let file = std::fs::read(&image)
+        let file = read_regular(&image)
             .map_err(|error| format!("its texture {}: {error}", image.display()))?;
         decoded(&file, &coordinates).map(Some)
     }

@@ -335,7 +335,7 @@ fn libraries_read_the_same_from_obj() {
 #[test]
 fn libraries_lose_polylines_and_clouds() {
     let theirs = |text: &str| {
-        let no_materials = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
+        let no_materials = |_: &Path| Err(tobj::LoadError::OpenFileFailed);
         let options = tobj::LoadOptions::default();
         tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials)
     };

@@ -1,9 +1,9 @@
 //! The dense cloud of COLMAP read point by point, for clouds larger than memory.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use linecarve_mesh::files::open_regular;
 use nalgebra::Point3;
 
 use super::super::super::SequenceError;
@@ -113,7 +113,7 @@ impl DenseCloud {
 
     /// Both files at their first point.
     fn open_files(&self) -> Result<(impl Read, impl Read, u64), SequenceError> {
-        let open = |path: &Path| File::open(path).map_err(io(path));
+        let open = |path: &Path| open_regular(path).map_err(io(path));
         let mut rows = open(&self.cloud)?;
         let error = io(&self.cloud);
         (rows.seek(SeekFrom::Start(self.rows.start))).map_err(error)?;
@@ -169,7 +169,7 @@ impl Rows {
     fn read(path: &Path) -> std::io::Result<Option<Self>> {
         /// Longer headers are none of COLMAP.
         const LONGEST: u64 = 1 << 16;
-        let file = File::open(path)?;
+        let file = open_regular(path)?;
         let length = file.metadata()?.len();
         let mut reader = BufReader::new(file.take(LONGEST));
         let mut start = 0;

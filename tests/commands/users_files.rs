@@ -1,0 +1,115 @@
+//! Nothing that others wrote is replaced or removed, and runs do not get in each other's way.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use crate::program::{contents, expect_status, linecarve, small_sequence, stderr, text};
+
+/// Demands that a command is refused for a reason, with a remedy, and that no file in a folder has changed.
+fn refuses(folder: &Path, arguments: &[&str], reason: &str) {
+    let before: BTreeMap<PathBuf, Vec<u8>> = contents(folder);
+    let said = stderr(&expect_status(2, arguments));
+    assert!(said.contains(reason) && said.contains("--out"), "{said}");
+    assert_eq!(contents(folder), before);
+}
+
+#[test]
+fn the_folder_of_a_recording_is_no_output_folder() {
+    let folder = small_sequence(4, "tum");
+    let sequence = folder.path().join("sequence");
+    let sequence = text(&sequence);
+    let images = format!("{sequence}/rgb");
+    let inside = format!("{sequence}/rgb/out");
+    for command in ["reconstruct", "track", "lines", "compare"] {
+        for (out, reason) in [
+            (sequence, "is the input"),
+            (text(folder.path()), "holds the input"),
+            (&images, "lies among the images of"),
+            (&inside, "lies among the images of"),
+        ] {
+            refuses(folder.path(), &[command, sequence, "--out", out], reason);
+        }
+    }
+    refuses(
+        folder.path(),
+        &["reconstruct", sequence, "--track", "--out", sequence],
+        "is the input",
+    );
+    let to = ["convert", sequence, "--to", "colmap", "--out", sequence];
+    refuses(folder.path(), &to, "is the input");
+    refuses(
+        folder.path(),
+        &["tiles", "plan", sequence, sequence],
+        "is the input",
+    );
+    // Without an input.
+    refuses(
+        folder.path(),
+        &["stream", "--out", sequence],
+        "holds files that linecarve did not write (README.md)",
+    );
+}
+
+#[test]
+fn the_users_files_stay_beside_those_of_a_video() {
+    let folder = tempfile::tempdir().unwrap();
+    let video = Path::new(env!("CARGO_MANIFEST_DIR")).join("engine/tests/videos/h264.mp4");
+    let mine = folder.path().join("mine");
+    std::fs::create_dir_all(mine.join("images")).unwrap();
+    std::fs::write(mine.join("images/000999.jpg"), "photo").unwrap();
+    std::fs::write(mine.join("linecarve.toml"), "# mine").unwrap();
+    refuses(
+        &mine,
+        &["track", text(&video), "--out", text(&mine)],
+        "holds files that linecarve did not write (images)",
+    );
+
+    // What an earlier video left goes, what the user put beside it stays.
+    let out = folder.path().join("out");
+    let track = ["track", text(&video), "--out", text(&out), "-q"];
+    let first = linecarve(track);
+    assert!(
+        first.status.code().is_some_and(|code| code < 2),
+        "{}",
+        stderr(&first)
+    );
+    let images = out.join("images");
+    std::fs::copy(images.join("000000.jpg"), images.join("999999.jpg")).unwrap();
+    std::fs::write(out.join("notes.txt"), "mine").unwrap();
+    let second = linecarve(track);
+    assert_eq!(
+        second.status.code(),
+        first.status.code(),
+        "{}",
+        stderr(&second)
+    );
+    assert!(!images.join("999999.jpg").exists() && images.join("000000.jpg").exists());
+    assert_eq!(std::fs::read(out.join("notes.txt")).unwrap(), b"mine");
+}
+
+#[test]
+fn a_second_run_into_the_same_folder_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    // A session waits for its first message.
+    let mut first = Command::new(assert_cmd::cargo::cargo_bin("linecarve"))
+        .args(["stream", "--quiet", "--out", text(&out)])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    while !out.join(".linecarve-files").exists() {
+        assert!(first.try_wait().unwrap().is_none(), "it waits for messages");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    // The list is made before it is locked.
+    let second = (0..100)
+        .map(|_| linecarve(["lines", "nowhere", "--out", text(&out)]))
+        .find(|output| stderr(output).contains("another run of linecarve writes to"));
+    assert_eq!(second.and_then(|output| output.status.code()), Some(2));
+    drop(first.stdin.take());
+    assert_eq!(first.wait().unwrap().code(), Some(1));
+    let free = stderr(&expect_status(2, ["lines", "nowhere", "--out", text(&out)]));
+    assert!(!free.contains("another run"), "{free}");
+}
