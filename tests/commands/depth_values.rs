@@ -14,7 +14,7 @@ fn depth_image(sequence: &Path, frame: usize) -> PathBuf {
     sequence.join(format!("frame-{frame:06}.depth.png"))
 }
 
-/// Depth images in metres, of which `change` changes pixels by their index, as NPY files in place of PNG files.
+/// Depth images of floating-point values in the same unit, of which `change` changes pixels by their index, as NPY files in place of PNG files.
 fn write_floats(sequence: &Path, change: impl Fn(usize) -> Option<f32>) {
     for frame in 0..FRAMES {
         let path = depth_image(sequence, frame);
@@ -27,7 +27,7 @@ fn write_floats(sequence: &Path, change: impl Fn(usize) -> Option<f32>) {
         bytes.extend((header.len() as u16).to_le_bytes());
         bytes.extend(header.as_bytes());
         for (index, value) in integers.as_raw().iter().enumerate() {
-            let value = change(index).unwrap_or(f32::from(*value) / 1000.0);
+            let value = change(index).unwrap_or(f32::from(*value));
             bytes.extend(value.to_le_bytes());
         }
         std::fs::write(npy, bytes).unwrap();
@@ -133,7 +133,6 @@ fn comparisons_and_sessions_say_how_many_depths_are_wrong() {
         (index == 5000).then_some(1e10)
     });
     let mut messages = vec![recording.start.clone()];
-    messages[0]["calibration"]["depth"]["scale"] = json!(1.0);
     for frame in 0..FRAMES {
         let mut keyframe = recording.keyframe(
             frame as u64,
