@@ -47,7 +47,7 @@ impl LiveRecording {
     pub(crate) fn file(&self, frame: usize, kind: &str) -> PathBuf {
         let folder = self.folder.path().join("sequence");
         let named = |extension: &str| folder.join(format!("frame-{frame:06}.{kind}.{extension}"));
-        let files = ["jpg", "png"].map(named);
+        let files = ["jpg", "png", "npy"].map(named);
         let found = files.into_iter().find(|path| path.exists());
         found.expect("an image of the frame")
     }
