@@ -1,14 +1,15 @@
 //! Meshes and lines in the formats asked for.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::Isometry3;
 
 use linecarve_mesh::feature_edges::CREASE_COLOR;
 use linecarve_mesh::texture::EncodedTexture;
 use linecarve_mesh::{
-    Geometry, GlbPart, GltfFrame, LineSet, MeshFileError, TriangleMesh, write_glb, write_lines_obj,
-    write_lines_ply, write_mesh_obj, write_mesh_ply, write_textured_obj,
+    Geometry, GlbPart, GltfFrame, LineSet, MeshFileError, TriangleMesh, files_of_textured_obj,
+    write_glb, write_lines_obj, write_lines_ply, write_mesh_obj, write_mesh_ply,
+    write_textured_obj,
 };
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{PosedImage, TrajectoryFormat, posed_images, write_trajectory};
@@ -45,27 +46,29 @@ pub(crate) fn write_geometry(
 ) -> anyhow::Result<()> {
     for format in distinct(formats) {
         let path = output.file(&format!("{name}.{}", extension(format)))?;
-        for beside in write_part(&path, part, format, frame)? {
-            let beside = beside.strip_prefix(output.root()).unwrap_or(&beside);
-            let beside = beside.display().to_string();
-            output.file(&beside)?;
+        if let (Format::Obj, Geometry::Textured(_, texture)) = (format, part.geometry) {
+            for beside in files_of_textured_obj(&path, texture) {
+                let beside = beside.strip_prefix(output.root()).unwrap_or(&beside);
+                output.file(&beside.display().to_string())?;
+            }
         }
+        write_part(&path, part, format, frame)?;
     }
     Ok(())
 }
 
-/// Writes a mesh or lines to a file; returns the paths of files beside it.
+/// Writes a mesh or lines to a file; a textured OBJ file has [others](files_of_textured_obj) beside it.
 pub(crate) fn write_part(
     path: &Path,
     part: GlbPart<'_>,
     format: Format,
     frame: &GltfFrame,
-) -> Result<Vec<PathBuf>, MeshFileError> {
+) -> Result<(), MeshFileError> {
     match (format, part.geometry) {
         (Format::Glb, _) => write_glb(path, &[part], *frame)?,
         (Format::Obj, Geometry::Mesh(mesh)) => write_mesh_obj(path, mesh)?,
         (Format::Obj, Geometry::Textured(mesh, texture)) => {
-            return write_textured_obj(path, mesh, texture).map(Vec::from);
+            write_textured_obj(path, mesh, texture)?;
         }
         (Format::Obj, Geometry::Lines(lines)) => write_lines_obj(path, lines)?,
         (Format::Ply, Geometry::Mesh(mesh) | Geometry::Textured(mesh, _)) => {
@@ -73,7 +76,7 @@ pub(crate) fn write_part(
         }
         (Format::Ply, Geometry::Lines(lines)) => write_lines_ply(path, lines)?,
     }
-    Ok(Vec::new())
+    Ok(())
 }
 
 /// Name and colour of the surface in GLB files.

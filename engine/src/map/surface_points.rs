@@ -472,8 +472,8 @@ mod tests {
         let options = SurfacePointOptions::default();
         let surface = KeyframeSurface::new(&samples, &camera, &pose, &options, 0.0);
         let refined = surface.refine(&[], &options.refine);
-        // One in each square of 20 pixels.
-        assert_eq!(refined.len(), 8 * 6);
+        // One in each square of 24 pixels.
+        assert_eq!(refined.len(), 7 * 5);
         assert!(
             refined
                 .iter()

@@ -284,8 +284,11 @@ mod tests {
         let image = CompactDepth::new(&depth, &sensor, &color).unpack();
         let pixels = (0..400).flat_map(|row| (0..400).map(move |column| (column, row)));
         for ((column, row), given) in pixels.zip(samples) {
-            // Depths that differ do so by a share of 2^-13.
-            let found = image.get(column, row).unwrap();
+            // Depths that differ do so by a share of 2^-13. The farthest cannot be measured.
+            let Some(found) = image.get(column, row) else {
+                assert!(given > 100.0, "{given}");
+                continue;
+            };
             assert!(
                 (found / f64::from(given) - 1.0).abs() < 1e-6,
                 "{given} {found}"

@@ -48,7 +48,7 @@ pub fn write_textured_obj(
     texture
         .validate(mesh)
         .map_err(MeshFileError::texture(path))?;
-    let [library, image] = beside(path, texture);
+    let [library, image] = files_of_textured_obj(path, texture);
     let name = |path: &Path| path.file_name().unwrap_or_default().display().to_string();
     write_atomically(&image, |out| out.write_all(&texture.image))?;
     write_atomically(&library, |out| {
@@ -74,8 +74,8 @@ pub fn write_textured_obj(
     Ok([library, image])
 }
 
-/// Paths of the material library and of the image of an OBJ file. Without spaces, which end names in some readers.
-fn beside(path: &Path, texture: &EncodedTexture) -> [PathBuf; 2] {
+/// The files that [`write_textured_obj`] writes beside `NAME.obj`: `NAME.mtl` and `NAME_texture.jpg` or `.png`.
+pub fn files_of_textured_obj(path: &Path, texture: &EncodedTexture) -> [PathBuf; 2] {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let stem = stem.replace(char::is_whitespace, "_");
     let image = format!("{stem}_texture.{}", texture.format.extension());
