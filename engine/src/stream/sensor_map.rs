@@ -125,10 +125,10 @@ impl SessionMap for SensorMap {
     }
 
     fn finish(&mut self, options: &Options) -> Result<bool, SessionError> {
-        if self.matches_batch_run {
-            return Ok(false);
+        if !self.matches_batch_run {
+            self.rebuild(options)?;
         }
-        self.rebuild(options)?;
+        self.mapper.finish()?;
         Ok(true)
     }
 
