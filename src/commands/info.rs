@@ -64,7 +64,7 @@ fn describe_video(path: &Path, as_json: bool, verbosity: Verbosity) -> anyhow::R
     if verbosity > Verbosity::Quiet
         && let Some(damage) = &facts.damage
     {
-        eprintln!("warning: {damage}");
+        say!("warning: {damage}");
     }
     Ok(Outcome::Done)
 }

@@ -66,7 +66,8 @@ fn with_floats(change: impl Fn(usize) -> Option<f32>) -> tempfile::TempDir {
 fn a_number_for_nothing_measured_is_no_depth() {
     let is_half = |index: usize| index % WIDTH < WIDTH / 2;
     let is_one = |index: usize| index == 100 * WIDTH + 77;
-    let kinds: [(&dyn Fn(usize) -> bool, usize, &[f32]); 2] = [
+    type Kind<'a> = (&'a dyn Fn(usize) -> bool, usize, &'a [f32]);
+    let kinds: [Kind<'_>; 2] = [
         (&is_one, 1, &[1e10, 1e-9, f32::NAN, -5.0, 1e-42]),
         (&is_half, WIDTH * 240 / 2, &[1e10, f32::INFINITY]),
     ];

@@ -438,7 +438,7 @@ fn a_convention_that_contradicts_the_depth_is_named_with_its_remedy() {
             |root| {
                 edit(&root.join("linecarve.toml"), |text| {
                     text + "[depth]\nscale = 1000.0\n"
-                })
+                });
             },
             "scale = 5000.0",
         ),
@@ -449,7 +449,7 @@ fn a_convention_that_contradicts_the_depth_is_named_with_its_remedy() {
                     let mut pose = *pose;
                     pose.translation.vector *= 1000.0;
                     pose
-                })
+                });
             },
             "scale = 5.0",
         ),

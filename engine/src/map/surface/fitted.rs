@@ -86,7 +86,8 @@ impl FittedPositions {
         let mut stale = change.placed.clone();
         match seen {
             Seen::All => {
-                stale.extend((0..mesh.vertex_capacity() as u32).filter(|it| mesh.is_vertex(*it)))
+                let numbers = 0..mesh.vertex_capacity() as u32;
+                stale.extend(numbers.filter(|number| mesh.is_vertex(*number)));
             }
             Seen::InView(vertices) => {
                 let numbers = vertices.iter().flat_map(|vertex| mesh.copies(*vertex));

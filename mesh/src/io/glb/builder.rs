@@ -377,7 +377,7 @@ impl Builder {
                 ..PbrMetallicRoughness::default()
             },
             emissive_factor: EmissiveFactor([0.0; 3]),
-            extensions: is_unlit.then(|| MaterialExtensions {
+            extensions: is_unlit.then_some(MaterialExtensions {
                 unlit: Some(Unlit {}),
             }),
             ..Material::default()
