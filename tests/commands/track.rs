@@ -334,7 +334,8 @@ fn damaged_videos_are_refused_with_a_remedy() {
     ] {
         let video = out.path().join("video");
         std::fs::write(&video, bytes).unwrap();
-        let output = expect_status(2, ["track", &text(&video), "--out", &text(out.path())]);
+        let poses = out.path().join("out");
+        let output = expect_status(2, ["track", &text(&video), "--out", &text(&poses)]);
         let message = stderr(&output);
         assert!(
             message.contains(reason) && message.contains("byte"),
