@@ -23,8 +23,9 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         assumed_focal: None,
     };
     let mut warnings = Vec::new();
-    let mut output = OutputFolder::create(&args.out, &[&args.input])?;
+    let mut output = None;
     let (sequence, said) = if is_video(&args.input) {
+        let output = output.insert(OutputFolder::create(&args.out, &[&args.input])?);
         output.numbered("images", &["jpg"])?;
         // The calibration that belongs to an earlier video.
         output.remove(SIDECAR_FILE)?;
@@ -50,6 +51,10 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         );
         options.start_pair = Some(start_pair(&args.start_pair, &sequence)?);
     }
+    let mut output = match output {
+        Some(output) => output,
+        None => OutputFolder::create(&args.out, &[&args.input])?,
+    };
     let noise = Options::default().sensor.relative_noise;
     let view = args.live.start(verbosity)?;
     let mut live = view.map(|view| LiveTracking::new(view, &sequence));

@@ -56,7 +56,7 @@ pub(super) fn fields<'a>(row: &TextLine<'a>) -> Vec<&'a str> {
     }
     match by_comma.split_last() {
         // A comma at the end of the line.
-        Some(("", rest)) => rest.to_vec(),
+        Some((&"", rest)) => rest.to_vec(),
         _ => by_comma,
     }
 }
