@@ -4,8 +4,8 @@
 //! thinner than the points lie apart is carved away. Depth images know better there: in front of a measured surface space is free, behind it
 //! occupied. Positions on either side of it go into the carver as samples, whose weights a cell sums up.
 //!
-//! Samples of one keyframe after the other fall into the same cubes; a cube keeps the position of its first sample, and the weights of all. So their
-//! number follows the size of the scene.
+//! Samples in one cube of a grid are joined: the cube keeps the position of its first sample, and the weights of all. So the number of samples follows
+//! the size of the scene, not the number of keyframes.
 
 use linecarve_carving::{SampleId, Transaction, TransactionError};
 use nalgebra::Point3;
@@ -16,8 +16,8 @@ use super::surface_points::KeyframeSurface;
 /// Distance of a sample from the measured surface along the ray, in standard deviations: beyond most of the noise, and before what lies
 /// behind thin things.
 const DISTANCE_SIGMAS: f64 = 2.0;
-/// Weight of a sample behind the surface, in 256ths of a ray. Tuned on the kitchen of 7-Scenes and a noisy rendered room; half and twice as much
-/// change F by 0.002.
+/// Weight of a sample behind the surface, in 256ths of a ray. Tuned on the kitchen of 7-Scenes, a living room and a noisy rendered room; with half
+/// of both weights F of the kitchen is 0.002 lower.
 const OCCUPIED_WEIGHT: i32 = -26;
 /// Weight of a sample in front of the surface. It is larger: wrong depth lies between surfaces, where it would make matter of free space.
 const FREE_WEIGHT: i32 = 102;
