@@ -282,7 +282,7 @@ fn the_ablation_writes_rows_with_their_provenance() {
             "--every",
             "1",
             "--only",
-            "measured triangles; cut",
+            "measured triangles;",
             "--write",
             text(&document),
             "--date",
@@ -301,7 +301,7 @@ fn the_ablation_writes_rows_with_their_provenance() {
     let written = std::fs::read_to_string(&document).unwrap();
     assert!(written.contains("; 2026-11-22.\n"), "{written}");
     assert!(written.contains("linecarve-lab ablation"), "{written}");
-    assert!(written.contains("| sequence | measured triangles; cut |"));
+    assert!(written.contains("| sequence | measured triangles; cut: the default |"));
 }
 
 #[test]
