@@ -96,6 +96,7 @@ impl Carver {
             longest_edge,
             minimum_component,
             manifold,
+            ..ExportOptions::default()
         };
         let carver = &self.inner;
         let mesh = py.detach(|| carver.mesh(&options));

@@ -158,6 +158,8 @@ fn the_surface_follows_the_room() {
         .unwrap()
         .into_lines();
     demand_edges_of(&mesh, &edges);
+    // The screen and the books hide most of what is close to the back of the desk.
+    demand_tables(&edges, 0.84, [0.9, 0.75, 0.25, 0.8]);
     let colors = edges.colors.clone().expect("kinds are told by colours");
     let mut creases = edges;
     creases
@@ -269,7 +271,9 @@ fn a_fused_surface_ends_at_the_sides_of_tables() {
     let fused = ["--surface", "fused", "--final-only", "--no-picture"];
     run_on_sample("reconstruct", &fused, out.path());
     let edges = read_geometry(&out.path().join("feature-edges.ply")).unwrap();
-    demand_tables(&edges.into_lines());
+    // The back of the desk is as bright as the wall close behind it, and seen at a grazing angle; a stack of books and the foot of the screen hide a
+    // tenth of it.
+    demand_tables(&edges.into_lines(), 0.9, [0.92, 0.92, 0.85, 0.92]);
     let report = std::fs::read_to_string(out.path().join("report.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["result"]["surface"], "fused");
@@ -322,8 +326,9 @@ fn apart(point: &Point3<f64>, [p, q]: &[Point3<f64>; 2]) -> f64 {
     (p + (q - p) * t.clamp(0.0, 1.0) - point).norm()
 }
 
-/// The outlines of table tops are among the feature edges of the mesh.
-fn demand_tables(edges: &LineSet) {
+/// The outlines of table tops are among the feature edges of the mesh: these shares of them at least, of the desk those of its front, east, back, and
+/// west.
+fn demand_tables(edges: &LineSet, least_of_coffee_table: f64, least_of_desk: [f64; 4]) {
     let edges: Vec<_> = edges
         .lines
         .iter()
@@ -333,14 +338,11 @@ fn demand_tables(edges: &LineSet) {
     // Few keyframes see the east and west sides of the coffee table.
     let turned = Isometry3::new(Vector3::new(2.35, 1.88, 0.0), Vector3::z() * 0.06);
     let coffee = found(turned, [0.475, 0.275, 0.42]);
-    assert!(coffee.iter().all(|share| *share > 0.9), "{coffee:.3?}");
-    // The back of the desk is as bright as the wall close behind it, and seen at a grazing angle; a stack of books and the foot of the screen hide a
-    // tenth of it.
-    let [front, east, back, west] =
-        found(Isometry3::translation(3.35, 3.4, 0.0), [0.75, 0.35, 0.74]);
-    let least = front.min(east).min(west);
-    assert!(least > 0.92, "{front:.3}, {east:.3}, {west:.3}");
-    assert!(back > 0.85, "{back:.3}");
+    let is_enough = |share: &f64| *share > least_of_coffee_table;
+    assert!(coffee.iter().all(is_enough), "{coffee:.3?}");
+    let desk = found(Isometry3::translation(3.35, 3.4, 0.0), [0.75, 0.35, 0.74]);
+    let is_enough = desk.iter().zip(least_of_desk).all(|(a, b)| *a > b);
+    assert!(is_enough, "{desk:.3?}");
 }
 
 /// Creases lie where the truth has some, within the noise of the mesh: where the rectangles of the scene end.

@@ -89,6 +89,7 @@ fn assert_same(scene: &Scene, options: CarverOptions, splits: &[(usize, u64, u32
         longest_edge: None,
         minimum_component: 8,
         manifold: true,
+        ..ExportOptions::default()
     };
     assert_same_with(scene, options, &export, splits);
 }
@@ -223,6 +224,7 @@ fn long_edges_and_export_without_repair_are_the_same() {
             longest_edge,
             minimum_component,
             manifold,
+            ..ExportOptions::default()
         };
         assert_same_with(&scene, votes(Hull::Drop), &export, &[(5, 1, 0)]);
     }
@@ -250,6 +252,7 @@ fn surfaces_that_touch_themselves_across_tiles_are_repaired_alike() {
             longest_edge: (round % 5 == 0).then_some(0.6),
             minimum_component: [8, 30, 100, 1][round % 4],
             manifold: round % 6 != 5,
+            ..ExportOptions::default()
         };
         let mut whole = scene.carver(options);
         whole.carve();

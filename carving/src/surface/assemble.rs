@@ -86,6 +86,8 @@ pub fn assemble(
     is_wanted: &[bool],
     options: &ExportOptions,
 ) -> (IndexedMesh, Vec<Option<u32>>) {
+    let filled = options.fill_gaps.then(|| without_gaps(surface, is_wanted));
+    let is_wanted = filled.as_deref().unwrap_or(is_wanted);
     let mut patch = split_into_manifold(surface, is_wanted, options);
     let ranks = patch.triangles.iter().flatten().copied();
     let corners = ranks.zip(patch.copies.iter().flatten().copied());
@@ -116,6 +118,15 @@ pub fn assemble(
     }
     mesh.triangles.sort_unstable();
     (mesh, ranks)
+}
+
+/// The wanted triangles, and those whose neighbours across all edges are wanted.
+fn without_gaps(surface: &RankedSurface, is_wanted: &[bool]) -> Vec<bool> {
+    let is_neighbor_wanted =
+        |neighbor: &u32| is_wanted.get(*neighbor as usize).copied() == Some(true);
+    (surface.neighbors.iter().zip(is_wanted))
+        .map(|(neighbors, is_wanted)| *is_wanted || neighbors.iter().all(is_neighbor_wanted))
+        .collect()
 }
 
 /// Drops small components and unwanted triangles, and assigns copies of vertices. Components are those of all triangles, the

@@ -26,12 +26,14 @@ pub struct ExportOptions {
     /// Give non-manifold edges and vertices one copy for each patch of the surface, so that every edge has at most two
     /// triangles and every vertex one fan. Where a patch meets itself along an edge, the edge is split at its midpoint.
     pub manifold: bool,
+    /// Export a triangle that is left out as unwanted when the triangles across its three edges are wanted.
+    pub fill_gaps: bool,
 }
 
 impl ExportOptions {
     /// Whether the neighbours of triangles matter.
     pub fn needs_neighbors(&self) -> bool {
-        self.manifold || self.minimum_component > 1
+        self.manifold || self.fill_gaps || self.minimum_component > 1
     }
 }
 

@@ -126,6 +126,7 @@ impl Run {
             longest_edge: rng.random::<bool>().then_some(3.0),
             minimum_component: [0, 2, 5, 12][rng.random_range(0..4)],
             manifold: rng.random_range(0..5) > 0,
+            fill_gaps: rng.random(),
         };
         Self {
             carver: Carver::new(CarverOptions {

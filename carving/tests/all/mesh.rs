@@ -224,6 +224,32 @@ fn the_unwanted_are_left_out_and_vertices_know_their_origin() {
 }
 
 #[test]
+fn gaps_of_one_triangle_are_filled_and_larger_ones_are_not() {
+    let carver = random_carving(0, Hull::Keep);
+    let filled = ExportOptions {
+        fill_gaps: true,
+        ..ExportOptions::default()
+    };
+    let whole = carver.mesh(&ExportOptions::default());
+    let mut triangles: Vec<Triangle> = carver.triangles().collect();
+    triangles.sort_unstable();
+    let mut larger = 0;
+    for gap in triangles.iter().take(60) {
+        assert_eq!(carver.mesh_where(&filled, |it| it != *gap).0, whole);
+        let neighbor = |it: &&Triangle| it.iter().filter(|v| gap.contains(v)).count() == 2;
+        // One of the neighbours, where each edge has two triangles.
+        if let [neighbor, _, _] = triangles.iter().filter(neighbor).collect::<Vec<_>>()[..] {
+            let is_wanted = |it: Triangle| it != *gap && it != *neighbor;
+            let left_out =
+                whole.triangles.len() - carver.mesh_where(&filled, is_wanted).0.triangles.len();
+            assert_eq!(left_out, 2);
+            larger += 1;
+        }
+    }
+    assert!(larger > 0);
+}
+
+#[test]
 fn what_is_left_of_a_large_component_may_be_small() {
     let carver = random_carving(0, Hull::Keep);
     let options = ExportOptions {

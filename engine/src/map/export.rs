@@ -111,6 +111,8 @@ pub(crate) fn export_options(options: &Options, median_depth: Option<f64>) -> Ex
             .map(|(depth, share)| share * depth),
         minimum_component: surface.minimum_component,
         manifold: surface.manifold,
+        // A hole of one triangle amid measured ones is measured as much as they are.
+        fill_gaps: true,
     }
 }
 

@@ -28,6 +28,10 @@ use super::vertex_landmarks::{CarvedSurface, VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::{Options, SurfaceMethod, SurfaceOptions};
 
+/// How far from a segment vertices on edges and boundaries move onto it, in pixels at the median depth: windows of samples reach three pixels across an edge,
+/// and begin one further.
+const SEGMENT_REACH_PX: f64 = 4.0;
+
 impl MapUpdate {
     /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
     fn count_points(&mut self, landmarks: &LandmarkFusion, known: usize) {
@@ -50,6 +54,8 @@ pub(super) struct LineMap {
     validation: DepthValidation,
     /// Whether depth comes from depth images.
     is_measured: bool,
+    /// Vertices on edges and boundaries at most this far from a segment move onto it.
+    segment_reach: f64,
     /// Depth as evidence for free and occupied cells, where it comes from depth images.
     evidence: Option<DepthEvidence>,
     /// Whether depth images are kept, for a surface that is fused from them.
@@ -70,7 +76,8 @@ impl LineMap {
     ) -> Result<Self, MapError> {
         // The spacing of the samples that are kept of a keyframe, at the median scene depth.
         let spacing_px = f64::from(2 * options.surface_points.samples.step_px);
-        let spacing = spacing_px * median_depth / camera.mean_focal_px();
+        let pixel = median_depth / camera.mean_focal_px();
+        let spacing = spacing_px * pixel;
         let evidence = DepthEvidence::new(spacing);
         let method = options.surface.method;
         Ok(Self {
@@ -88,6 +95,7 @@ impl LineMap {
             ),
             evidence: (is_measured && options.surface_points.enabled).then_some(evidence),
             is_measured,
+            segment_reach: SEGMENT_REACH_PX * pixel,
             keeps_images: is_measured && method == SurfaceMethod::Fused,
         })
     }
@@ -348,10 +356,16 @@ impl LineMap {
 
     /// Where the vertices of the surface lie, and their colours.
     pub(super) fn fitted_vertices<'a>(&'a self, carver: &'a Carver) -> FittedVertices<'a> {
+        self.vertices_with(self.colors(carver))
+    }
+
+    fn vertices_with<'a>(&'a self, colors: VertexColors<'a>) -> FittedVertices<'a> {
         FittedVertices {
-            colors: self.colors(carver),
+            colors,
             validation: &self.validation,
             is_measured: self.is_measured,
+            segments: &self.segments,
+            segment_reach: self.segment_reach,
         }
     }
 

@@ -170,6 +170,22 @@ impl SegmentMap {
         LineSet::from_segments(self.cluster_ends())
     }
 
+    /// The representatives of all clusters of sufficient size within `reach` of a position, and of others, oldest first. Those of the paper's clusters
+    /// are not looked for.
+    ///
+    /// # Complexity
+    /// The clusters near the position, for a reach of at most half the distance at which segments join a cluster.
+    pub(super) fn clusters_near(
+        &self,
+        position: &Point3<f64>,
+        reach: f64,
+    ) -> Vec<[Point3<f64>; 2]> {
+        match &self.clusters {
+            Clusters::Growing(clusterer) => clusterer.clusters_near(position, reach),
+            Clusters::FirstCome(_) | Clusters::Final(_) => Vec::new(),
+        }
+    }
+
     /// Their end points.
     pub(super) fn cluster_ends(&self) -> impl Iterator<Item = [Point3<f64>; 2]> {
         let (growing, first_come, last) = match &self.clusters {

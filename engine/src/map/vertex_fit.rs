@@ -1,10 +1,12 @@
 //! Where the depth of the keyframes says that a vertex lies.
 
 use linecarve_carving::VertexId;
+use nalgebra::Point3;
 
 use super::depth_validation::DepthValidation;
 use super::lines::VertexColors;
-use super::surface::{FittedVertex, VertexSource, used_views};
+use super::segment_map::SegmentMap;
+use super::surface::{FittedVertex, VertexSource, nearest_point, used_views};
 use super::surface_points::MeasuredPlane;
 use super::vertex_adjustment::{GATE_SIGMAS, adjusted, scatter_of, spread_of};
 
@@ -15,6 +17,9 @@ pub(super) struct FittedVertices<'a> {
     /// Whether depth comes from depth images: vertices move to it. Depth from images is off by more than its deviations where poses are, so
     /// that vertices stay, and are flattened within those deviations.
     pub(super) is_measured: bool,
+    pub(super) segments: &'a SegmentMap,
+    /// Segments at most this far from a position are near it.
+    pub(super) segment_reach: f64,
 }
 
 impl VertexSource for FittedVertices<'_> {
@@ -49,6 +54,17 @@ impl VertexSource for FittedVertices<'_> {
         let position = self.colors.position(vertex);
         let newest = self.validation.newest();
         newest.is_some_and(|surface| surface.plane_near(&position, GATE_SIGMAS).is_some())
+    }
+
+    fn segments_near(&self, position: &Point3<f64>) -> Vec<[Point3<f64>; 2]> {
+        if !self.is_measured {
+            return Vec::new();
+        }
+        let mut near = self.segments.clusters_near(position, self.segment_reach);
+        near.retain(|ends| {
+            (nearest_point(position, *ends) - position).norm() <= self.segment_reach
+        });
+        near
     }
 
     fn color(&self, vertex: VertexId) -> Option<[u8; 3]> {

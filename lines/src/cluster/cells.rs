@@ -1,5 +1,7 @@
 //! The cells of a grid that a segment crosses.
 
+use nalgebra::Point3;
+
 use super::representative::WorldSegment;
 
 /// A cell of a grid of cubes.
@@ -11,6 +13,12 @@ const MOST_CELLS: f64 = 512.0;
 const LARGEST: f64 = 1e9;
 /// Margin against rounding, in sides.
 const ROUNDING: f64 = 1e-6;
+
+/// The cell of this side that a position is in.
+pub(super) fn cell_of(position: &Point3<f64>, side: f64) -> Cell {
+    [position.x, position.y, position.z]
+        .map(|at| (at / side).floor().clamp(-LARGEST, LARGEST) as i32)
+}
 
 /// The cells of this side whose distance from a segment is at most `margin` along each axis, and a few others, each once. `None` for segments that are too long.
 pub(super) fn cells_along(

@@ -2,10 +2,10 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use rustc_hash::FxHashMap;
 
-use super::cells::{Cell, cells_along};
+use super::cells::{Cell, cell_of, cells_along};
 use super::representative::WorldSegment;
 use crate::growth::push;
 
@@ -175,6 +175,22 @@ impl ClusterIndex {
         }
         add_parallel(&self.long);
         self.keep_close(&Line::of(segment), offset, found);
+    }
+
+    /// Lists all clusters within `reach` of a position, and others near it, each once. A reach above that of queries may miss some.
+    pub(super) fn around(&self, position: &Point3<f64>, reach: f64) -> Vec<u32> {
+        let cell = cell_of(position, SIDE * self.reach);
+        let entries = self.cells.get(&cell).into_iter().flatten();
+        let mut found: Vec<u32> = Vec::new();
+        for entry in entries.chain(&self.long) {
+            let line = &self.lines[entry.cluster as usize];
+            let between = position.coords - line.middle;
+            let along = between.dot(&line.direction);
+            if between.norm_squared() - along * along <= (1.0 + ROUNDING) * reach * reach {
+                found.push(entry.cluster);
+            }
+        }
+        found
     }
 
     /// Keeps the clusters whose middle is near this line, or which pass its middle closely: that of the shorter segment is as near to the

@@ -1,4 +1,4 @@
-//! Which components of the surface are large enough.
+//! Which components of the surface are large enough, and which triangles are gaps between others.
 
 use rustc_hash::FxHashMap;
 
@@ -67,6 +67,22 @@ impl<'a> ComponentSearch<'a> {
                     self.queue.push(other);
                 }
             }
+        }
+    }
+
+    /// Decides whether a triangle is left out between three that are exported. Appends it if that was otherwise before.
+    pub(super) fn settle_gap(&mut self, located: &Located, changed: &mut Vec<Triangle>) {
+        let role = |triangle: &Triangle| self.records.get(triangle).map(|record| record.role);
+        let is_exported = |k| {
+            let other = self.carved.across(located, k);
+            other.is_some_and(|it| role(&it.corners) == Some(TriangleRole::Exported))
+        };
+        let is_gap =
+            role(&located.corners) == Some(TriangleRole::Counted) && (0..3).all(is_exported);
+        if let Some(record) = self.records.get_mut(&located.corners)
+            && std::mem::replace(&mut record.is_gap, is_gap) != is_gap
+        {
+            changed.push(located.corners);
         }
     }
 

@@ -38,7 +38,8 @@ pub enum TriangleRole {
     /// It is left out, and components are those without it.
     #[default]
     Ignored,
-    /// It is left out, but counts for the size of its component.
+    /// It is left out, but counts for the size of its component, and is exported where it fills a
+    /// [gap](ExportOptions::fill_gaps).
     Counted,
     /// It is exported when its component is large enough.
     Exported,
@@ -50,6 +51,8 @@ struct Record {
     role: TriangleRole,
     /// Whether its component is large enough.
     is_large: bool,
+    /// Whether it is left out, and the triangles across its edges are not.
+    is_gap: bool,
     /// The mesh vertex at each corner; [`NONE`] when it is not exported.
     corners: [u32; 3],
     /// Its face; [`NONE`] when it is not exported or split.
@@ -61,6 +64,7 @@ impl Default for Record {
         Self {
             role: TriangleRole::Ignored,
             is_large: false,
+            is_gap: false,
             corners: [NONE; 3],
             face: NONE,
         }
@@ -69,7 +73,7 @@ impl Default for Record {
 
 impl Record {
     fn is_exported(&self) -> bool {
-        self.role == TriangleRole::Exported && self.is_large
+        (self.role == TriangleRole::Exported || self.is_gap) && self.is_large
     }
 }
 
@@ -87,6 +91,7 @@ impl Record {
 pub struct IncrementalMesh {
     minimum_component: usize,
     manifold: bool,
+    fills_gaps: bool,
     /// All triangles of the carved surface.
     records: FxHashMap<Triangle, Record>,
     vertices: MeshVertices,
@@ -104,6 +109,7 @@ impl IncrementalMesh {
         Self {
             minimum_component: options.minimum_component,
             manifold: options.manifold,
+            fills_gaps: options.fill_gaps,
             ..Self::default()
         }
     }

@@ -147,6 +147,7 @@ impl<'a> Update<'a> {
     ) -> Vec<Triangle> {
         candidates.sort_unstable();
         candidates.dedup();
+        let fills_gaps = self.mesh.fills_gaps;
         let dirty = &mut self.dirty;
         let records = &mut self.mesh.records;
         candidates.retain(|triangle| {
@@ -155,7 +156,8 @@ impl<'a> Update<'a> {
             };
             let now = role(triangle);
             let before = std::mem::replace(&mut record.role, now);
-            if (before == TriangleRole::Ignored) != (now == TriangleRole::Ignored) {
+            let is_counted = |role| role != TriangleRole::Ignored;
+            if is_counted(before) != is_counted(now) || (fills_gaps && before != now) {
                 dirty.extend(triangle);
             }
             before != now
@@ -163,16 +165,19 @@ impl<'a> Update<'a> {
         candidates
     }
 
-    /// Decides the components of triangles that may have other neighbours than before.
+    /// Decides the components and the gaps of triangles that may have other neighbours than before.
     fn settle_components(&mut self, changed: &mut Vec<Triangle>) {
         let dirty = self.sort_dirty();
-        let minimum = self.mesh.minimum_component;
+        let (minimum, fills_gaps) = (self.mesh.minimum_component, self.mesh.fills_gaps);
         let mut search = ComponentSearch::new(self.carved, minimum, &mut self.mesh.records);
         for vertex in dirty {
             let around = &mut self.around;
             self.surroundings.list(self.carved, vertex, around);
             for located in around {
                 search.settle(*located, changed);
+                if fills_gaps {
+                    search.settle_gap(located, changed);
+                }
             }
         }
     }

@@ -8,8 +8,7 @@ use rustc_hash::FxHashMap;
 
 use super::{LineMap, VertexColors};
 use crate::map::export::observed_colors;
-use crate::map::surface::{VertexSource, fitted_positions};
-use crate::map::vertex_fit::FittedVertices;
+use crate::map::surface::fitted_positions;
 use crate::map::vertex_landmarks::{CarvedSurface, VertexViews};
 
 /// A surface of the points of a carver without cells; the ranks of positions number its vertices.
@@ -76,14 +75,8 @@ impl LineMap {
         let of_rank = |rank: Option<u32>| rank.map(|rank| VertexId::from_index(rank as usize));
         let origins: Vec<Option<VertexId>> = ranks.into_iter().map(of_rank).collect();
         let observed = observed_colors(&colors, origins.iter().copied());
-        let vertices = FittedVertices {
-            colors,
-            validation: &self.validation,
-            is_measured: self.is_measured,
-        };
-        let positions = fitted_positions(&mesh.vertices, &mesh.triangles, &origins, |vertex| {
-            vertices.fit(vertex)
-        });
+        let vertices = self.vertices_with(colors);
+        let positions = fitted_positions(&mesh.vertices, &mesh.triangles, &origins, &vertices);
         TriangleMesh {
             positions,
             triangles: mesh.triangles,

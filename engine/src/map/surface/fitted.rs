@@ -1,7 +1,8 @@
-//! Positions of the exported vertices: where depth measured them, then flattened within what the measurements allow.
+//! Positions of the exported vertices: where depth measured them, then flattened within what the measurements allow, then on the segments along
+//! edges and boundaries.
 //!
-//! Both steps are local. A vertex is fitted when it comes, moves, or is observed again; positions are smoothed again within
-//! [`SmoothOptions::reach`] of what changed.
+//! All steps are local. A vertex is fitted when it comes, moves, or is observed again; positions are smoothed again within
+//! [`SmoothOptions::reach`] of what changed, and move onto segments again within [`snapped::REACH`](REACH) of that.
 
 use linecarve_carving::{Face, IncrementalMesh, MeshChange, VertexId};
 use linecarve_mesh::{SmoothOptions, smooth_part};
@@ -10,6 +11,7 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::VertexSource;
+use super::snapped::{REACH, snapped};
 
 /// Where depth measured a vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,6 +50,8 @@ pub(in crate::map) fn used_views(measured: usize) -> usize {
 pub(super) struct FittedPositions {
     fitted: Vec<FittedVertex>,
     smooth: Vec<Point3<f64>>,
+    /// Where they lie after moving onto segments.
+    positions: Vec<Point3<f64>>,
     /// The faces at each vertex.
     faces: Vec<Vec<Face>>,
     options: SmoothOptions,
@@ -68,7 +72,7 @@ impl FittedPositions {
     /// # Panics
     /// For numbers that were never given out.
     pub(super) fn position(&self, number: u32) -> Point3<f64> {
-        self.smooth[number as usize]
+        self.positions[number as usize]
     }
 
     /// Follows a change of `mesh`, and adds to it the vertices and faces that move.
@@ -111,6 +115,8 @@ impl FittedPositions {
         stale.dedup();
         let fit_number = |number: &u32| self.fit(mesh, *number, source);
         let fitted: Vec<FittedVertex> = stale.par_iter().map(fit_number).collect();
+        // Segments near vertices that are measured again may be others as well.
+        let mut near_segments: Vec<u32> = stale.clone();
         let mut seeds: Vec<u32> = change.placed.clone();
         for (number, fitted) in stale.into_iter().zip(fitted) {
             let before = &mut self.fitted[number as usize];
@@ -129,7 +135,9 @@ impl FittedPositions {
         let faces = change.added.iter().chain(&change.removed);
         seeds.extend(faces.flatten());
         seeds.retain(|number| mesh.is_vertex(*number));
-        let moved = self.smooth_around(mesh, seeds);
+        near_segments.extend(&seeds);
+        near_segments.extend(self.smooth_around(mesh, seeds));
+        let moved = self.snap_around(mesh, near_segments, source);
         self.add_moved(change, &moved);
     }
 
@@ -142,6 +150,7 @@ impl FittedPositions {
         };
         self.fitted.resize(capacity, none);
         self.smooth.resize(capacity, Point3::origin());
+        self.positions.resize(capacity, Point3::origin());
         self.faces.resize(capacity, Vec::new());
         self.marks.resize(capacity, NONE);
         for face in &change.removed {
@@ -175,17 +184,52 @@ impl FittedPositions {
         }
     }
 
-    /// Smooths the surface around vertices; returns the vertices that moved, ascending.
+    /// Smooths the surface around vertices; returns the vertices that moved.
     fn smooth_around(&mut self, mesh: &IncrementalMesh, seeds: Vec<u32>) -> Vec<u32> {
-        let reach = self.options.reach();
-        let (part, affected) = self.grown(seeds, reach);
+        let (part, affected) = self.grown(seeds, self.options.reach());
         let part = self.in_order(mesh, part);
-        for (place, number) in (0..).zip(&part) {
+        let triangles = self.mark(&part);
+        let fitted = |number: &u32| self.fitted[*number as usize];
+        let positions: Vec<Point3<f64>> = part.iter().map(|it| fitted(it).position).collect();
+        let bounds: Vec<f64> = part.iter().map(|it| fitted(it).bound).collect();
+        let smooth = smooth_part(&positions, &triangles, &bounds, &self.options);
+        let moved = replaced(&mut self.smooth, affected, &smooth, &self.marks);
+        self.unmark(part);
+        moved
+    }
+
+    /// Moves the vertices around others onto segments; returns the vertices that moved.
+    fn snap_around(
+        &mut self,
+        mesh: &IncrementalMesh,
+        seeds: Vec<u32>,
+        source: &impl VertexSource,
+    ) -> Vec<u32> {
+        let (part, affected) = self.grown(seeds, REACH);
+        let part = self.in_order(mesh, part);
+        let triangles = self.mark(&part);
+        let smooth: Vec<Point3<f64>> = part.iter().map(|it| self.smooth[*it as usize]).collect();
+        // Copies of one vertex stay together.
+        let is_free = |place: usize| {
+            let origin = mesh.origin(part[place]);
+            origin.is_some_and(|origin| mesh.copies(origin).nth(1).is_none())
+        };
+        let positions = snapped(&smooth, &triangles, is_free, |position| {
+            source.segments_near(position)
+        });
+        let moved = replaced(&mut self.positions, affected, &positions, &self.marks);
+        self.unmark(part);
+        moved
+    }
+
+    /// Marks the vertices of a part with their places in it; returns its triangles by those places, in order.
+    fn mark(&mut self, part: &[u32]) -> Vec<[u32; 3]> {
+        for (place, number) in (0..).zip(part) {
             self.marks[*number as usize] = place;
         }
         let place = |corner: u32| self.marks[corner as usize];
         let mut triangles: Vec<[u32; 3]> = Vec::new();
-        for number in &part {
+        for number in part {
             for face in &self.faces[*number as usize] {
                 let places = face.map(place);
                 // Each face of which all corners are in the part, once.
@@ -195,23 +239,13 @@ impl FittedPositions {
             }
         }
         triangles.sort_unstable();
-        let fitted = |number: &u32| self.fitted[*number as usize];
-        let positions: Vec<Point3<f64>> = part.iter().map(|it| fitted(it).position).collect();
-        let bounds: Vec<f64> = part.iter().map(|it| fitted(it).bound).collect();
-        let smooth = smooth_part(&positions, &triangles, &bounds, &self.options);
-        let mut moved = Vec::new();
-        for number in affected {
-            let position = smooth[self.marks[number as usize] as usize];
-            let before = &mut self.smooth[number as usize];
-            if std::mem::replace(before, position) != position {
-                moved.push(number);
-            }
-        }
+        triangles
+    }
+
+    fn unmark(&mut self, part: Vec<u32>) {
         for number in part {
             self.marks[number as usize] = NONE;
         }
-        moved.sort_unstable();
-        moved
     }
 
     /// Vertices in an order that does not depend on the history of their numbers: that of carved positions. Copies of a vertex differ in their faces.
@@ -289,7 +323,7 @@ pub(in crate::map) fn fitted_positions(
     positions: &[Point3<f64>],
     triangles: &[[u32; 3]],
     origins: &[Option<VertexId>],
-    fit: impl Fn(VertexId) -> FittedVertex,
+    source: &impl VertexSource,
 ) -> Vec<Point3<f64>> {
     let mut copies: FxHashMap<VertexId, u32> = FxHashMap::default();
     for origin in origins.iter().flatten() {
@@ -299,7 +333,7 @@ pub(in crate::map) fn fitted_positions(
         let Some(origin) = origin else {
             return (*position, 0.0);
         };
-        let fitted = fit(*origin);
+        let fitted = source.fit(*origin);
         let bound = if copies[origin] == 1 {
             fitted.bound
         } else {
@@ -308,7 +342,27 @@ pub(in crate::map) fn fitted_positions(
         (fitted.position, bound)
     });
     let (fitted, bounds): (Vec<_>, Vec<_>) = fitted.unzip();
-    smooth_part(&fitted, triangles, &bounds, &SmoothOptions::default())
+    let smooth = smooth_part(&fitted, triangles, &bounds, &SmoothOptions::default());
+    let is_free = |vertex: usize| origins[vertex].is_some_and(|origin| copies[&origin] == 1);
+    snapped(&smooth, triangles, is_free, |position| {
+        source.segments_near(position)
+    })
+}
+
+/// Gives these vertices the positions of a part of the surface, in which they have the places of `marks`; returns those that had other ones.
+fn replaced(
+    positions: &mut [Point3<f64>],
+    vertices: Vec<u32>,
+    part: &[Point3<f64>],
+    marks: &[u32],
+) -> Vec<u32> {
+    let is_replaced = |number: &u32| {
+        let position = part[marks[*number as usize] as usize];
+        std::mem::replace(&mut positions[*number as usize], position) != position
+    };
+    let mut replaced = vertices;
+    replaced.retain(is_replaced);
+    replaced
 }
 
 /// A total order of positions.

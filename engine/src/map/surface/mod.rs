@@ -1,9 +1,10 @@
 //! The exported surface of a map, kept up to date: the one surface that files, page, stream and comparison show.
 //!
 //! carved triangles → without those that depth contradicts → vertices where depth measured them → flattened within what the
-//! measurements allow → colours
+//! measurements allow → edges and boundaries on segments → colours
 
 mod fitted;
+mod snapped;
 
 use linecarve_carving::{
     Carver, ExportOptions, IncrementalMesh, MeshChange, SurfaceDelta, Triangle, TriangleRole,
@@ -16,6 +17,7 @@ use super::update::MapUpdate;
 use fitted::{FittedPositions, Seen};
 
 pub(super) use fitted::{FittedVertex, fitted_positions, used_views};
+pub(super) use snapped::nearest_point;
 
 /// Colour of vertices without an observed colour: middle grey.
 pub(super) const DEFAULT_COLOR: [u8; 3] = [128; 3];
@@ -68,6 +70,9 @@ pub(super) trait VertexSource: Sync {
     /// Whether the newest keyframe measured a surface at a vertex.
     fn is_measured_by_newest(&self, vertex: VertexId) -> bool;
 
+    /// The segments near a position, in an order that does not depend on it.
+    fn segments_near(&self, position: &Point3<f64>) -> Vec<[Point3<f64>; 2]>;
+
     /// The observed colour of a vertex.
     fn color(&self, vertex: VertexId) -> Option<[u8; 3]>;
 }
@@ -86,6 +91,10 @@ impl VertexSource for CarvedVertices<'_> {
 
     fn is_measured_by_newest(&self, _vertex: VertexId) -> bool {
         false
+    }
+
+    fn segments_near(&self, _position: &Point3<f64>) -> Vec<[Point3<f64>; 2]> {
+        Vec::new()
     }
 
     fn color(&self, _vertex: VertexId) -> Option<[u8; 3]> {

@@ -250,6 +250,32 @@ fn clusters_that_moved_are_found() {
 }
 
 #[test]
+fn all_clusters_near_a_position_are_found() {
+    let segments = scattered(11, 40, 12, 0.003);
+    let mut clusterer = clusterer();
+    for (ends, _) in &segments {
+        clusterer.insert(*ends, &mut Vec::new()).unwrap();
+    }
+    let reach = 0.4 * clusterer.distance;
+    let mut found = 0;
+    for (ends, _) in &segments {
+        let position = ends[0] + 0.3 * (ends[1] - ends[0]);
+        let near = clusterer.clusters_near(&position, reach);
+        for (_, cluster) in clusterer.clusters() {
+            let [from, to] = cluster.representative.ends;
+            let along = to - from;
+            let share = (position - from).dot(&along) / along.norm_squared();
+            let foot = from + share.clamp(0.0, 1.0) * along;
+            if (foot - position).norm() <= reach {
+                assert!(near.contains(&cluster.representative.ends));
+                found += 1;
+            }
+        }
+    }
+    assert!(found > 100, "{found}");
+}
+
+#[test]
 fn lines_of_opposite_direction_share_a_cluster() {
     // The sign of a direction is arbitrary.
     for direction in [
