@@ -201,7 +201,7 @@ impl StageArgs {
 /// A published system as a set of parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PresetArg {
-    /// The paper that this program grew out of, as printed: its segments and clusters, end points with their rays, votes (docs/paper.md).
+    /// The paper that this program grew out of, as printed: its segments and clusters, end points with their rays, votes (lab/notes/paper.md).
     Paper,
 }
 

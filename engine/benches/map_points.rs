@@ -2,7 +2,7 @@
 //!
 //! `features` finds and describes ORB features in a 640x480 frame of the sample. Baseline: ORB of OpenCV 5, one thread, side by
 //! side on the same images; ours takes 1.1 times as long as its default and 0.9 times with its corner threshold at ours
-//! (docs/map-points.md, "Measured"), the aim is below 2. `match` pairs the features of two keyframes along epipolar lines, `map` takes ten
+//! (lab/notes/map-points.md), the aim is below 2. `match` pairs the features of two keyframes along epipolar lines, `map` takes ten
 //! keyframes through the map. `model` carves 8000 points seen by 11 views, 4.8 each, at once; baseline: 0.5 s of a published
 //! mesher of sparse points.
 

@@ -328,7 +328,7 @@ pub(crate) struct BenchmarksArgs {
     #[arg(long, value_name = "NAME=MESH,SECONDS", requires = "sequences")]
     pub(crate) rival: Vec<String>,
 
-    /// TOML file of rivals, see docs/lab.md.
+    /// TOML file of rivals, see lab/notes/commands.md.
     #[arg(long, value_name = "FILE")]
     pub(crate) rivals: Option<PathBuf>,
 

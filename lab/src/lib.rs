@@ -5,7 +5,7 @@
 //! - [`provenance`]: commit, machine, command and date of published figures.
 //! - [`document`]: sections of Markdown files that a command writes.
 //!
-//! The binary `linecarve-lab` runs them; `docs/lab.md` says how.
+//! The binary `linecarve-lab` runs them; `lab/notes/commands.md` says how.
 
 pub mod baselines;
 pub mod document;

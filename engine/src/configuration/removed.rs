@@ -25,7 +25,7 @@ const fn some(
 }
 
 const EXPERIMENT: &str =
-    "it was an experiment, off by default; docs/ablation.md has what it gave, remove the key";
+    "it was an experiment, off by default; lab/notes/ablation.md has what it gave, remove the key";
 
 const REMOVED: &[Removed] = &[
     all(
@@ -38,7 +38,7 @@ const REMOVED: &[Removed] = &[
     ),
     all(
         "fit",
-        "it is a field of FitOptions in the library crate linecarve-lines, tuned; see docs/ablation.md, remove the key",
+        "it is a field of FitOptions in the library crate linecarve-lines, tuned; see lab/notes/ablation.md, remove the key",
     ),
     all(
         "cluster",
@@ -63,15 +63,15 @@ const REMOVED: &[Removed] = &[
     some("segment_points", &["conforming"], EXPERIMENT),
     all(
         "segment_points",
-        "it is a field of Options in the library crate linecarve, tuned; see docs/ablation.md, remove the key",
+        "it is a field of Options in the library crate linecarve, tuned; see lab/notes/ablation.md, remove the key",
     ),
     all(
         "surface_points",
-        "it is a field of Options in the library crate linecarve, tuned; see docs/ablation.md, remove the key",
+        "it is a field of Options in the library crate linecarve, tuned; see lab/notes/ablation.md, remove the key",
     ),
     all(
         "landmarks",
-        "it is a field of Options in the library crate linecarve, tuned; see docs/ablation.md, remove the key",
+        "it is a field of Options in the library crate linecarve, tuned; see lab/notes/ablation.md, remove the key",
     ),
     some(
         "point_model",
@@ -136,7 +136,7 @@ const REMOVED: &[Removed] = &[
             "neighbours",
             "confirm",
         ],
-        "it is a field of Options in the library crate linecarve, tuned; see docs/semi-dense.md, remove the key",
+        "it is a field of Options in the library crate linecarve, tuned; see lab/notes/semi-dense.md, remove the key",
     ),
     some(
         "semi_dense.match",
@@ -161,7 +161,7 @@ const REMOVED: &[Removed] = &[
             "hidden_pose_error",
             "align_neighbours",
         ],
-        "it is a field of SemiDenseOptions in the library crate linecarve-lines, tuned; see docs/semi-dense.md, remove the key",
+        "it is a field of SemiDenseOptions in the library crate linecarve-lines, tuned; see lab/notes/semi-dense.md, remove the key",
     ),
     all(
         "semi_dense.sweep",

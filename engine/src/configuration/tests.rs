@@ -268,7 +268,7 @@ fn removed_keys_are_answered_with_what_became_of_them() {
     );
     let fit = message("fit.minimum_inlier_share = 0.4");
     assert!(
-        fit.contains("FitOptions") && fit.contains("docs/ablation.md"),
+        fit.contains("FitOptions") && fit.contains("lab/notes/ablation.md"),
         "{fit}"
     );
     // A key that there never was in a table that there is.

@@ -25,7 +25,7 @@ pub struct LineDetectorOptions {
 
 impl Default for LineDetectorOptions {
     /// The values of Akinlar & Topal: 1 pixel, the first outlier ends a segment, 22.5 degrees, one false alarm. Bridging
-    /// outliers and joining segments, as later libraries do, cost the decoupled method accuracy (`docs/ablation.md`).
+    /// outliers and joining segments, as later libraries do, cost the decoupled method accuracy (`lab/notes/ablation.md`).
     fn default() -> Self {
         Self {
             line_error_px: 1.0,
