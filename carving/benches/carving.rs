@@ -1,4 +1,4 @@
-//! Cost of rays, keyframe by keyframe and all at once, of whole segments, of surface extraction and of moves, in a room.
+//! Cost of rays, keyframe by keyframe and all at once, of surface extraction and of moves, in a room.
 //!
 //! `cargo bench -p linecarve-carving --bench carving`; 50,000 points with `LINECARVE_LONG_BENCHES=1`.
 
@@ -22,8 +22,6 @@ struct Keyframe {
     new_points: Vec<Point3<f64>>,
     /// Older points, by their number of arrival.
     seen_again: Vec<usize>,
-    /// From each point that the view sees to the next that is near, by their numbers.
-    segments: Vec<[usize; 2]>,
 }
 
 impl Keyframe {
@@ -31,9 +29,6 @@ impl Keyframe {
         self.new_points.len() + self.seen_again.len()
     }
 }
-
-/// The longest segment that a view sees.
-const LONGEST_M: f64 = 0.3;
 
 /// A room seen by a camera on a loop, its points a little off the walls.
 fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
@@ -46,7 +41,6 @@ fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
             center: pose.center,
             new_points: vec![],
             seen_again: vec![],
-            segments: vec![],
         })
         .collect();
     let mut views_of_point: Vec<(Point3<f64>, Vec<usize>)> = vec![];
@@ -59,31 +53,17 @@ fn room(points: usize, keyframes: usize) -> Vec<Keyframe> {
         }
     }
     views_of_point.sort_by_key(|(_, views)| views[0]);
-    let mut seen_by_view = vec![vec![]; keyframes.len()];
     for (number, (point, views)) in views_of_point.iter().enumerate() {
         keyframes[views[0]].new_points.push(*point);
         for &view in &views[1..] {
             keyframes[view].seen_again.push(number);
         }
-        for &view in views {
-            seen_by_view[view].push(number);
-        }
-    }
-    for (keyframe, seen) in keyframes.iter_mut().zip(&seen_by_view) {
-        let position = |number: usize| views_of_point[number].0;
-        keyframe
-            .segments
-            .extend(seen.iter().enumerate().filter_map(|(k, &a)| {
-                let is_near = |b: &&usize| (position(**b) - position(a)).norm() < LONGEST_M;
-                let b = seen[k + 1..].iter().find(is_near)?;
-                Some([a, *b])
-            }));
     }
     keyframes
 }
 
-/// Points with their rays, and segments where they are asked for.
-fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>, segments: bool) {
+/// Points with their rays.
+fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>) {
     let mut transaction = carver.transaction();
     let view = transaction.add_view(keyframe.center).expect("in range");
     let first = ids.len();
@@ -96,29 +76,14 @@ fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>, segment
             .add_observation(view, point, 1)
             .expect("the point is known");
     }
-    if segments {
-        for ends in &keyframe.segments {
-            transaction
-                .add_segment(view, ends.map(|number| ids[number]), 1)
-                .expect("both points are known");
-        }
-    }
     black_box(transaction.commit().expect("no ray is of zero length"));
 }
 
 fn fill(keyframes: &[Keyframe]) -> (Carver, Vec<PointId>) {
-    fill_with(keyframes, CarverOptions::default(), false)
-}
-
-fn fill_with(
-    keyframes: &[Keyframe],
-    options: CarverOptions,
-    segments: bool,
-) -> (Carver, Vec<PointId>) {
-    let mut carver = Carver::new(options);
+    let mut carver = Carver::default();
     let mut ids = vec![];
     for keyframe in keyframes {
-        add(&mut carver, keyframe, &mut ids, segments);
+        add(&mut carver, keyframe, &mut ids);
     }
     (carver, ids)
 }
@@ -168,33 +133,11 @@ fn rays_at_once(criterion: &mut Criterion) {
                     let mut carver = Carver::deferred(options);
                     let mut ids = vec![];
                     for keyframe in &keyframes {
-                        add(&mut carver, keyframe, &mut ids, false);
+                        add(&mut carver, keyframe, &mut ids);
                     }
                     black_box(carver.carve());
                     carver.triangle_count()
                 });
-            });
-        }
-    }
-    group.finish();
-}
-
-/// All keyframes of a run, with rays alone, the baseline, and with segments, about one a ray.
-fn segments(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("segments");
-    group.sample_size(10);
-    let keyframes = room(5_000, 100);
-    for (labels, name) in [
-        (Labels::default(), "votes"),
-        (Labels::Cut(CutOptions::default()), "cut"),
-    ] {
-        let options = CarverOptions {
-            labels,
-            ..CarverOptions::default()
-        };
-        for (segments, what) in [(false, "baseline, rays alone"), (true, "rays and segments")] {
-            group.bench_function(BenchmarkId::new(what, name), |bencher| {
-                bencher.iter(|| fill_with(&keyframes, options, segments).0.triangle_count());
             });
         }
     }
@@ -259,5 +202,5 @@ fn moves(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, rays, rays_at_once, segments, surface, moves);
+criterion_group!(benches, rays, rays_at_once, surface, moves);
 criterion_main!(benches);

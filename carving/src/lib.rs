@@ -46,7 +46,7 @@ pub mod internals {
         cut_at_midpoints, has_edges_within, is_surface_where, rotate_smallest_first,
     };
     pub use crate::visibility::rays::{FREE_SUM, OCCUPIED_SUM, RayTracer, TracedRay};
-    pub use crate::visibility::{crosses_cell, crosses_ghost, triangle_meets_cell};
+    pub use crate::visibility::{crosses_cell, crosses_ghost};
 
     /// Signs of determinants of coordinates.
     pub mod predicates {

@@ -68,8 +68,7 @@ def reconstruct(path: str | PathLike[str], out: str | PathLike[str] | None = Non
 class Carver:
     """Free space carved by rays in an exact Delaunay tetrahedralisation, and the surface around it.
 
-    The state consists of points, views, observations (a view sees a point) and segments (a view sees a line between two points). The surface
-    depends on that state alone, not on the order of changes. Ids are never given out twice. Coordinates have any unit.
+    The state consists of points, views and observations (a view sees a point). The surface depends on that state alone, not on the order of changes. Ids are never given out twice. Coordinates have any unit.
 
     `labels` is "votes" (a cell is free when a ray crosses it, or `threshold` of weight) or "cut" (a minimum cut over all cells, with the
     `relative_sigma`, `behind_sigmas`, `matter_weight` and `quality_weight` of the command's configuration). `hull` is "drop" or "keep": whether
@@ -104,9 +103,6 @@ class Carver:
     def ray_count(self) -> int:
         """Number of observations."""
     @property
-    def segment_count(self) -> int:
-        """Number of segments, each with its view."""
-    @property
     def cell_count(self) -> int:
         """Number of tetrahedra."""
     @property
@@ -125,8 +121,6 @@ class Transaction:
         """Adds views by their camera centres, shape (n, 3). Returns their ids, shape (n,)."""
     def add_observations(self, views: ArrayLike, points: ArrayLike, weights: ArrayLike = 1) -> None:
         """Views see points: ids and positive integer weights, shape (n,) each, or one number for all."""
-    def add_segments(self, views: ArrayLike, ends: ArrayLike, weights: ArrayLike = 1) -> None:
-        """Views see segments: ids of their end points, shape (n, 2); views and weights as in `add_observations`."""
     def set_sigma(self, points: ArrayLike, sigma: ArrayLike) -> None:
         """Sets standard deviations along rays, shape (n,) or one number; NaN for that of the options."""
     def move_points(self, points: ArrayLike, positions: ArrayLike) -> None:
@@ -139,8 +133,6 @@ class Transaction:
         """Removes views with their observations, ids of shape (n,)."""
     def remove_observations(self, views: ArrayLike, points: ArrayLike) -> None:
         """Removes observations, ids of shape (n,) each, or one number for all."""
-    def remove_segments(self, views: ArrayLike, ends: ArrayLike) -> None:
-        """Removes segments: ids of their end points, shape (n, 2)."""
     def commit(self) -> Commit:
         """Makes the changes. Other Python threads run meanwhile. Raises ValueError when one is refused; nothing is changed then."""
     def __enter__(self) -> Self: ...

@@ -41,23 +41,6 @@ pub(crate) fn points(array: &Positions<'_>, name: &str) -> PyResult<Vec<Point3<f
         .collect())
 }
 
-/// The rows of an array of ids of shape (n, 2).
-pub(crate) fn pairs(
-    array: &PyArrayLike2<'_, i64, AllowTypeChange>,
-    name: &str,
-) -> PyResult<Vec<[u32; 2]>> {
-    let view = array.as_array();
-    let (rows, columns) = view.dim();
-    if columns != 2 {
-        return Err(PyValueError::new_err(format!(
-            "{name} has shape ({rows}, {columns}): it must be (n, 2)"
-        )));
-    }
-    let rows = view.rows().into_iter();
-    rows.map(|row| Ok([id(row[0], name)?, id(row[1], name)?]))
-        .collect()
-}
-
 fn id(number: i64, name: &str) -> PyResult<u32> {
     u32::try_from(number).map_err(|_| {
         PyValueError::new_err(format!(

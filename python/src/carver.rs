@@ -7,11 +7,11 @@ use linecarve_carving::{
     Transaction as Change, TransactionError, VertexId, ViewId, Votes,
 };
 use nalgebra::Point3;
-use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayLike2};
+use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::arrays::{Integers, Positions, Reals, check_count, pairs, points, rows};
+use crate::arrays::{Integers, Positions, Reals, check_count, points, rows};
 use crate::mesh::Mesh;
 
 /// Free space carved by rays, and the surface around it.
@@ -145,11 +145,6 @@ impl Carver {
     }
 
     #[getter]
-    fn segment_count(&self) -> usize {
-        self.inner.segment_count()
-    }
-
-    #[getter]
     fn cell_count(&self) -> usize {
         self.inner.tetrahedra().finite_cell_count()
     }
@@ -165,14 +160,12 @@ enum Operation {
     AddPoints(Vec<Point3<f64>>, Option<Vec<f64>>),
     AddViews(Vec<Point3<f64>>),
     AddObservations(Vec<u32>, Vec<u32>, Vec<u32>),
-    AddSegments(Vec<u32>, Vec<[u32; 2]>, Vec<u32>),
     SetSigma(Vec<u32>, Vec<f64>),
     MovePoints(Vec<u32>, Vec<Point3<f64>>),
     MoveViews(Vec<u32>, Vec<Point3<f64>>),
     RemovePoints(Vec<u32>),
     RemoveViews(Vec<u32>),
     RemoveObservations(Vec<u32>, Vec<u32>),
-    RemoveSegments(Vec<u32>, Vec<[u32; 2]>),
 }
 
 impl Operation {
@@ -194,11 +187,6 @@ impl Operation {
             Self::AddObservations(views, points, weights) => {
                 for ((&view, &point), &weight) in views.iter().zip(points).zip(weights) {
                     change.add_observation(ViewId(view), PointId(point), weight)?;
-                }
-            }
-            Self::AddSegments(views, ends, weights) => {
-                for ((&view, ends), &weight) in views.iter().zip(ends).zip(weights) {
-                    change.add_segment(ViewId(view), ends.map(PointId), weight)?;
                 }
             }
             Self::SetSigma(points, sigmas) => {
@@ -229,11 +217,6 @@ impl Operation {
             Self::RemoveObservations(views, points) => {
                 for (&view, &point) in views.iter().zip(points) {
                     change.remove_observation(ViewId(view), PointId(point))?;
-                }
-            }
-            Self::RemoveSegments(views, ends) => {
-                for (&view, ends) in views.iter().zip(ends) {
-                    change.remove_segment(ViewId(view), ends.map(PointId))?;
                 }
             }
         }
@@ -343,19 +326,6 @@ impl Transaction {
         self.note(Operation::AddObservations(views, points, weights))
     }
 
-    #[pyo3(signature = (views, ends, weights = Integers::One(1)))]
-    fn add_segments(
-        &mut self,
-        views: Integers<'_>,
-        ends: PyArrayLike2<'_, i64, AllowTypeChange>,
-        weights: Integers<'_>,
-    ) -> PyResult<()> {
-        let ends = pairs(&ends, "ends")?;
-        let views = views.spread(ends.len(), "views")?;
-        let weights = weights.spread(ends.len(), "weights")?;
-        self.note(Operation::AddSegments(views, ends, weights))
-    }
-
     fn set_sigma(&mut self, points: Integers<'_>, sigma: Reals<'_>) -> PyResult<()> {
         let points = points.list("points")?;
         let sigmas = sigma.spread(points.len(), "sigma")?;
@@ -383,16 +353,6 @@ impl Transaction {
     fn remove_observations(&mut self, views: Integers<'_>, points: Integers<'_>) -> PyResult<()> {
         let (views, points) = together((&views, "views"), (&points, "points"))?;
         self.note(Operation::RemoveObservations(views, points))
-    }
-
-    fn remove_segments(
-        &mut self,
-        views: Integers<'_>,
-        ends: PyArrayLike2<'_, i64, AllowTypeChange>,
-    ) -> PyResult<()> {
-        let ends = pairs(&ends, "ends")?;
-        let views = views.spread(ends.len(), "views")?;
-        self.note(Operation::RemoveSegments(views, ends))
     }
 
     fn commit(&mut self, py: Python<'_>) -> PyResult<Commit> {

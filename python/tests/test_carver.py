@@ -87,17 +87,6 @@ def test_a_commit_tells_what_changed():
     assert (carver.ray_count, carver.triangle_count) == (0, 0)
 
 
-def test_segments_are_added_and_removed():
-    points, centers = box()
-    carver, ids, views = carved(points, centers)
-    with carver.transaction() as change:
-        change.add_segments(views[0], np.column_stack([ids[:3], ids[1:4]]), 2)
-    assert carver.segment_count == 3
-    with carver.transaction() as change:
-        change.remove_segments(views[0], [[int(ids[1]), int(ids[0])]])
-    assert carver.segment_count == 2
-
-
 def test_what_is_refused_changes_nothing():
     points, centers = box()
     carver, ids, views = carved(points, centers)

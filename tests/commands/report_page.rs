@@ -63,6 +63,39 @@ pub(crate) fn self_test(chromium: &Path, address: &str) -> Value {
     serde_json::from_str(json).unwrap()
 }
 
+/// What `assets/report/build.mjs` computes from the files of the viewer.
+fn hash_of_viewer_sources(folder: &Path) -> u64 {
+    let mut modules: Vec<String> = std::fs::read_dir(folder.join("viewer"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    modules.sort();
+    let others = ["build.mjs", "package.json", "package-lock.json"].map(str::to_owned);
+    let modules = modules.iter().map(|name| format!("viewer/{name}"));
+    let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+    for name in others.into_iter().chain(modules) {
+        let content = std::fs::read(folder.join(&name)).unwrap();
+        for part in [name.as_bytes(), content.as_slice()] {
+            for &byte in part.iter().chain(&[0]) {
+                hash = (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
+            }
+        }
+    }
+    hash
+}
+
+#[test]
+fn the_bundled_viewer_is_that_of_its_sources() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/report");
+    let bundle = std::fs::read_to_string(folder.join("viewer.min.js")).unwrap();
+    let expected = format!("/* sources {:016x} */", hash_of_viewer_sources(&folder));
+    assert_eq!(
+        bundle.lines().next(),
+        Some(expected.as_str()),
+        "viewer.min.js is older than its sources: npm ci && npm run build in assets/report"
+    );
+}
+
 fn reconstructed(frames: usize) -> tempfile::TempDir {
     let folder = small_sequence(frames, "tum");
     let (sequence, out) = (folder.path().join("sequence"), folder.path().join("out"));

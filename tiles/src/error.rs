@@ -80,12 +80,6 @@ pub enum TilesError {
         /// Number of distinct positions.
         points: usize,
     },
-    /// The carver has segments, which tiles do not carve.
-    #[error("the input has {segments} segments seen by views, which tiles do not carve")]
-    Segments {
-        /// Number of segments.
-        segments: usize,
-    },
     /// The centre of a view cannot be computed with.
     #[error("view {view}: {source}")]
     View {

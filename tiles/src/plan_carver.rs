@@ -15,7 +15,7 @@ use crate::work::Work;
 /// The mesh will be that of [`Carver::mesh`] with these options after [`Carver::carve`].
 ///
 /// # Errors
-/// When there are no cells, the carver has segments, the folder holds another plan or a file cannot be written.
+/// When there are no cells, the folder holds another plan or a file cannot be written.
 pub fn plan(
     folder: &Path,
     carver: &Carver,
@@ -23,10 +23,6 @@ pub fn plan(
     options: &PlanOptions,
     caller: String,
 ) -> Result<Work, TilesError> {
-    if carver.segment_count() > 0 {
-        let segments = carver.segment_count();
-        return Err(TilesError::Segments { segments });
-    }
     let mut number_of: FxHashMap<u32, u32> = FxHashMap::default();
     let mut centers: Vec<[f64; 3]> = Vec::new();
     for view in carver.views() {

@@ -3,43 +3,31 @@
 use super::Carver;
 use super::error::TransactionError;
 use super::ids::{PointId, ViewId};
-use super::transaction::{PendingChange, Plan, PlannedWeights};
-use crate::visibility::{ObservationId, ObservationTable, Visibility};
+use super::transaction::{PendingChange, Plan};
+use crate::visibility::ObservationId;
+use crate::visibility::rays::Rays;
 
 /// Existing observations that the transaction removes or modifies, sorted.
 pub(super) struct Affected {
     pub(super) rays: Vec<ObservationId>,
-    pub(super) segments: Vec<ObservationId>,
     /// Rays of which nothing changes but the standard deviation of their point; not among `rays`.
     pub(super) resoftened: Vec<ObservationId>,
 }
 
 impl Plan {
     pub(super) fn affected(&self, carver: &Carver) -> Affected {
-        let table = carver.rays.table();
-        let rays = self.affected_of(carver, table, &self.rays);
-        let mut segments = self.affected_of(carver, carver.segments.table(), &self.segments);
-        let mut resoftened = self.resoftened_of(carver, table);
+        let rays = self.affected_rays(carver);
+        let mut resoftened = self.resoftened_rays(carver);
         resoftened.retain(|ray| rays.binary_search(ray).is_err());
-        segments.extend(self.resoftened_of(carver, carver.segments.table()));
-        segments.sort_unstable();
-        segments.dedup();
-        Affected {
-            rays,
-            segments,
-            resoftened,
-        }
+        Affected { rays, resoftened }
     }
 
-    /// Existing observations of one kind with another deviation of a point; sorted.
-    fn resoftened_of<const N: usize>(
-        &self,
-        carver: &Carver,
-        table: &impl ObservationTable<N>,
-    ) -> Vec<ObservationId> {
+    /// Existing rays with another deviation of their point; sorted.
+    fn resoftened_rays(&self, carver: &Carver) -> Vec<ObservationId> {
         if !carver.cells.evidence.is_on() {
             return Vec::new();
         }
+        let table = carver.rays.table();
         let points = self.sigmas.keys();
         let mut resoftened: Vec<_> = points.flat_map(|&point| table.of_point(point)).collect();
         resoftened.sort_unstable();
@@ -47,13 +35,9 @@ impl Plan {
         resoftened
     }
 
-    /// Existing observations of one kind that end, or whose position or weight changes; sorted.
-    fn affected_of<const N: usize>(
-        &self,
-        carver: &Carver,
-        table: &impl ObservationTable<N>,
-        planned: &PlannedWeights<N>,
-    ) -> Vec<ObservationId> {
+    /// Existing rays that end, or whose position or weight changes; sorted.
+    fn affected_rays(&self, carver: &Carver) -> Vec<ObservationId> {
+        let table = carver.rays.table();
         let mut affected = Vec::new();
         for &point in self.points.keys() {
             affected.extend(table.of_point(point));
@@ -62,8 +46,8 @@ impl Plan {
             affected.extend(table.of_view(view));
         }
         let old_views = carver.views.capacity() as u32;
-        let old = planned.iter().filter(|(view, ..)| *view < old_views);
-        affected.extend(old.filter_map(|(view, points, _)| table.find(view, points)));
+        let old = self.rays.iter().filter(|(view, ..)| *view < old_views);
+        affected.extend(old.filter_map(|(view, point, _)| table.find(view, point)));
         affected.sort_unstable();
         affected.dedup();
         affected
@@ -111,17 +95,11 @@ impl Plan {
     }
 
     /// Whether the transaction removes an existing observation.
-    pub(super) fn removes<const N: usize>(
-        &self,
-        table: &impl ObservationTable<N>,
-        planned: &PlannedWeights<N>,
-        id: ObservationId,
-    ) -> bool {
-        let (view, points) = (table.view(id), table.points(id));
-        let is_removed = |point| self.points.get(point) == Some(&PendingChange::Removed);
-        planned.get(view, points) == Some(None)
+    pub(super) fn removes(&self, table: &Rays, id: ObservationId) -> bool {
+        let (view, point) = (table.view(id), table.point(id));
+        self.rays.get(view, point) == Some(None)
             || self.views.get(&view) == Some(&PendingChange::Removed)
-            || points.iter().any(is_removed)
+            || self.points.get(&point) == Some(&PendingChange::Removed)
     }
 
     /// Refuses rays of length zero.
@@ -143,16 +121,15 @@ impl Plan {
                 _ => Ok(()),
             }
         };
-        for (view, [point], weight) in self.rays.iter() {
+        for (view, point, weight) in self.rays.iter() {
             if weight.is_some() {
                 check(view, point)?;
             }
         }
         let rays = carver.rays.table();
         for &ray in affected {
-            if !self.removes(rays, &self.rays, ray) {
-                let [point] = rays.points(ray);
-                check(rays.view(ray), point)?;
+            if !self.removes(rays, ray) {
+                check(rays.view(ray), rays.point(ray))?;
             }
         }
         Ok(())

@@ -7,7 +7,7 @@ use super::{Carver, Labeling};
 use crate::flow::FlowViolation;
 use crate::surface::SurfaceViolation;
 use crate::tetrahedralization::{CellId, TetrahedralizationViolation};
-use crate::visibility::{Contribution, ListError, Misplaced, ObservationTable, Visibility};
+use crate::visibility::{Contribution, ListError, Misplaced};
 
 /// The first property of a [`Carver`] found broken, with its witness. Any occurrence is a defect of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -44,14 +44,6 @@ pub enum CarverViolation {
     Evidence {
         /// The cell.
         cell: CellId,
-    },
-    /// A cell does not list a segment whose triangle meets it, lists one repeatedly, or one that was removed.
-    #[error("{cell:?} has a wrong list of segments; it lists the segment: {listed}")]
-    Segment {
-        /// The cell.
-        cell: CellId,
-        /// Whether the cell lists the segment.
-        listed: bool,
     },
     /// An observation has another vertex or standard deviation on record than its point.
     #[error("an observation of point {} has a wrong vertex or standard deviation", point.0)]
@@ -97,8 +89,7 @@ impl Carver {
                 return Err(CarverViolation::Vertex { point });
             }
         }
-        self.check_ends(self.rays.table())?;
-        self.check_ends(self.segments.table())?;
+        self.check_ends()?;
         self.samples
             .check(&self.tetrahedra)
             .map_err(|Misplaced(sample)| CarverViolation::Sample {
@@ -117,20 +108,16 @@ impl Carver {
     }
 
     /// Verifies that observations have the vertices and deviations of their points.
-    fn check_ends<const N: usize>(
-        &self,
-        table: &impl ObservationTable<N>,
-    ) -> Result<(), CarverViolation> {
-        for id in table.all() {
-            let ends = table.points(id).into_iter();
-            let recorded = table.vertices(id).into_iter().zip(table.sigmas(id));
-            for (point, (vertex, sigma)) in ends.zip(recorded) {
-                let record = self.points.get(point);
-                let is_stale = self.cells.evidence.is_on() && sigma != self.points.sigma(point);
-                if is_stale || record.map(|record| record.vertex) != Some(vertex) {
-                    let point = PointId(point);
-                    return Err(CarverViolation::Observation { point });
-                }
+    fn check_ends(&self) -> Result<(), CarverViolation> {
+        let rays = self.rays.table();
+        for ray in rays.all() {
+            let point = rays.point(ray);
+            let vertex = self.points.get(point).map(|record| record.vertex);
+            let is_stale =
+                self.cells.evidence.is_on() && rays.sigma(ray) != self.points.sigma(point);
+            if is_stale || vertex != Some(rays.vertex(ray)) {
+                let point = PointId(point);
+                return Err(CarverViolation::Observation { point });
             }
         }
         Ok(())
@@ -143,12 +130,6 @@ impl Carver {
             weight,
             mut evidence,
         } = rays.map_err(|error| self.wrong_ray(cell, error))?;
-        let segments = self.segments.expected(&self.tetrahedra, &self.views, cell);
-        let segments = segments.map_err(|error| CarverViolation::Segment {
-            cell,
-            listed: error.is_listed,
-        })?;
-        let weight = weight + segments.weight;
         if weight != self.weight(cell) {
             return Err(CarverViolation::Weight {
                 cell,
@@ -156,7 +137,6 @@ impl Carver {
                 found: weight,
             });
         }
-        evidence.add(&segments.evidence);
         evidence.add(&self.samples.of(cell));
         let sums = &self.cells.evidence;
         if sums.is_on() && !self.tetrahedra.is_ghost(cell) && sums.of(cell) != evidence {
@@ -167,11 +147,10 @@ impl Carver {
 
     fn wrong_ray(&self, cell: CellId, error: ListError) -> CarverViolation {
         let rays = self.rays.table();
-        let [point] = rays.points(error.observation);
         CarverViolation::Crossing {
             cell,
             view: ViewId(rays.view(error.observation)),
-            point: PointId(point),
+            point: PointId(rays.point(error.observation)),
             listed: error.is_listed,
         }
     }

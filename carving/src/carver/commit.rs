@@ -8,16 +8,14 @@ use rustc_hash::FxHashMap;
 use super::affected::Affected;
 use super::error::TransactionError;
 use super::points::{NO_VERTEX, Points};
-use super::transaction::{PendingChange, Plan, PlannedWeights, Transaction};
+use super::transaction::{PendingChange, Plan, PlannedRays, Transaction};
 use super::{Carver, Labeling};
 use crate::surface::SurfaceDelta;
 use crate::tetrahedralization::{
     CellId, Changes, Edit, Insertion, Move, Tetrahedralization, VertexId, spatial_order,
 };
-use crate::visibility::{
-    Cells, ObservationId, ObservationTable, RayVisibility, SegmentVisibility, Space, Views,
-    Visibility,
-};
+use crate::visibility::rays::Rays;
+use crate::visibility::{Cells, ObservationId, RayVisibility, Space, Views};
 
 /// Number of list entries below which the lists are never built again as a whole.
 const MANY_ENTRIES: u64 = 1 << 14;
@@ -44,7 +42,7 @@ pub struct CommitReport {
 pub struct CommitTimes {
     /// Inserting, removing and moving vertices.
     pub tetrahedra: Duration,
-    /// Visibility: walking rays and segments.
+    /// Visibility: walking rays.
     pub carving: Duration,
     /// Labels and surface.
     pub surface: Duration,
@@ -79,23 +77,22 @@ pub(super) fn sorted(map: &FxHashMap<u32, PendingChange>) -> Vec<(u32, PendingCh
 }
 
 impl Plan {
-    /// Removes affected observations of one kind from the cells, unless all lists are built again anyway, and those that
-    /// end from the table. Returns the others, some of them under other numbers.
-    pub(super) fn withdraw<const N: usize>(
+    /// Removes affected observations from the cells, unless all lists are built again anyway, and those that end from the
+    /// table. Returns the others, some of them under other numbers.
+    pub(super) fn withdraw(
         &self,
-        planned: &PlannedWeights<N>,
-        visibility: &mut impl Visibility<N>,
+        rays: &mut RayVisibility,
         space: &mut Space<'_>,
         (affected, is_rebuilt): (Vec<ObservationId>, bool),
     ) -> Vec<ObservationId> {
         let mut remaining = affected;
         if !is_rebuilt {
-            visibility.remove(space, &mut remaining);
+            rays.remove(space, &mut remaining);
         }
         remaining.retain(|&id| {
-            let is_removed = self.removes(visibility.table(), planned, id);
+            let is_removed = self.removes(rays.table(), id);
             if is_removed {
-                visibility.table_mut().remove(id);
+                rays.table_mut().remove(id);
             }
             !is_removed
         });
@@ -103,48 +100,51 @@ impl Plan {
     }
 }
 
-impl<const N: usize> PlannedWeights<N> {
-    /// Updates the withdrawn observations of one kind in the table, inserts the new ones and appends them to `ids`: those
-    /// that are to be added to cells.
+impl PlannedRays {
+    /// Updates the withdrawn observations in the table, inserts the new ones and appends them to `ids`: those that are to be
+    /// added to cells.
     pub(super) fn enter(
         &self,
-        table: &mut impl ObservationTable<N>,
+        table: &mut Rays,
         (views, points): (&Views, &Points),
         first_new_view: u32,
         ids: &mut Vec<ObservationId>,
     ) {
         for &id in &*ids {
-            if let Some(Some(weight)) = self.get(table.view(id), table.points(id)) {
+            if let Some(Some(weight)) = self.get(table.view(id), table.point(id)) {
                 table.set_weight(id, weight);
             }
         }
-        for (view, ends, weight) in self.iter() {
+        for (view, point, weight) in self.iter() {
             let Some(weight) = weight else { continue };
-            let is_valid =
-                views.is_alive(view) && ends.iter().all(|&end| points.get(end).is_some());
+            let is_valid = views.is_alive(view) && points.get(point).is_some();
             // A new view has no observations in the table.
-            if is_valid && (view >= first_new_view || table.find(view, ends).is_none()) {
-                ids.push(table.insert(view, ends, weight));
+            if is_valid && (view >= first_new_view || table.find(view, point).is_none()) {
+                ids.push(table.insert(view, point, weight));
             }
         }
-        for &id in &*ids {
-            let ends = table.points(id);
-            let vertices =
-                ends.map(|end| points.get(end).map_or(NO_VERTEX, |record| record.vertex));
-            table.set_ends(id, vertices, ends.map(|end| points.sigma(end)));
-        }
+        enter_ends(table, points, ids);
+    }
+}
+
+/// Enters the vertices and deviations of points into the table of rays.
+pub(super) fn enter_ends(table: &mut Rays, points: &Points, ids: &[ObservationId]) {
+    for &id in ids {
+        let point = table.point(id);
+        let vertex = points.get(point).map_or(NO_VERTEX, |record| record.vertex);
+        table.set_end(id, vertex, points.sigma(point));
     }
 }
 
 impl Carver {
-    /// Both kinds of visibility, and what they share.
-    pub(super) fn visibility(&mut self) -> (Space<'_>, &mut RayVisibility, &mut SegmentVisibility) {
+    /// The rays, and the state that they are walked through.
+    pub(super) fn visibility(&mut self) -> (Space<'_>, &mut RayVisibility) {
         let space = Space {
             tetrahedra: &self.tetrahedra,
             views: &self.views,
             cells: &mut self.cells,
         };
-        (space, &mut self.rays, &mut self.segments)
+        (space, &mut self.rays)
     }
 
     /// Makes the changes of a valid transaction.
@@ -157,22 +157,17 @@ impl Carver {
             self.tetrahedra.dimension() < 3 || affected.rays.len() > self.rays.table().len() / 2;
         let sigmas = &plan.sigmas;
         let sigma = |point: u32| sigmas.get(&point).copied().flatten();
-        let (mut space, rays, segments) = self.visibility();
+        let (mut space, rays) = self.visibility();
         match is_rebuilt {
             true => {
                 let table = rays.table_mut();
                 for &ray in &affected.resoftened {
-                    let [point] = table.points(ray);
-                    table.set_ends(ray, table.vertices(ray), [sigma(point)]);
+                    table.set_end(ray, table.vertex(ray), sigma(table.point(ray)));
                 }
             }
             false => rays.resoften(&mut space, &affected.resoftened, sigma),
         }
-        let affected_rays = (affected.rays, is_rebuilt);
-        let mut changed_rays = plan.withdraw(&plan.rays, rays, &mut space, affected_rays);
-        let affected_segments = (affected.segments, is_rebuilt);
-        let mut changed_segments =
-            plan.withdraw(&plan.segments, segments, &mut space, affected_segments);
+        let mut changed_rays = plan.withdraw(rays, &mut space, (affected.rays, is_rebuilt));
         self.update_views(plan);
         report.times.carving += start.elapsed();
 
@@ -188,11 +183,9 @@ impl Carver {
 
         let start = Instant::now();
         let ends = (&self.views, &self.points);
-        let (rays, segments) = (self.rays.table_mut(), self.segments.table_mut());
+        let table = self.rays.table_mut();
         plan.rays
-            .enter(rays, ends, first_new_view, &mut changed_rays);
-        plan.segments
-            .enter(segments, ends, first_new_view, &mut changed_segments);
+            .enter(table, ends, first_new_view, &mut changed_rays);
         // Walking again inside half of the lists costs as much as walking all rays.
         let crossings = self.rays.crossings();
         let destroyed = changes.destroyed.iter();
@@ -200,23 +193,18 @@ impl Carver {
         is_rebuilt |= listed > (crossings.total() / 2).max(MANY_ENTRIES);
         if is_rebuilt {
             self.rays.clear();
-            self.segments.clear();
             self.cells.clear();
             changed_rays.clear();
             changed_rays.extend(self.rays.table().all());
-            changed_segments.clear();
-            changed_segments.extend(self.segments.table().all());
         }
         self.cells.begin_update(&self.tetrahedra, &changes);
         self.views.locate_stale(&self.tetrahedra, |cell| {
             self.cells.is_new(cell) || !self.tetrahedra.is_cell(cell)
         });
-        let (mut space, rays, segments) = self.visibility();
+        let (mut space, rays) = self.visibility();
         rays.rewalk(&mut space, &changes);
-        segments.rewalk(&mut space, &changes);
         space.cells.end_update(&changes);
         rays.add(&mut space, &mut changed_rays);
-        segments.add(&mut space, &mut changed_segments);
         self.update_samples(plan, &changes, is_rebuilt);
         report.times.carving += start.elapsed();
         self.update_surface(changes, is_rebuilt, &mut report);

@@ -1,7 +1,7 @@
 //! A carver that carves once: sums in place of lists.
 //!
 //! While changes of points, views, observations and samples come in, nothing but their tables follows. [`Carver::carve`] then
-//! inserts all points, walks each ray, searches for each segment and locates each sample once, and adds what they say to the sums
+//! inserts all points, walks each ray and locates each sample once, and adds what they say to the sums
 //! of the cells. Sums are integers, so they are those that the lists of an incremental carver lead to; labels and surface follow
 //! from them by the same functions.
 
@@ -10,14 +10,13 @@ use std::time::Instant;
 use nalgebra::Point3;
 
 use super::affected::Affected;
-use super::commit::{CommitReport, sorted};
-use super::points::{NO_VERTEX, Points};
+use super::commit::{CommitReport, enter_ends, sorted};
 use super::transaction::{PendingChange, Plan};
 use super::{Carver, CarverOptions, Labeling};
 use crate::labels::Cut;
 use crate::surface::Facets;
 use crate::tetrahedralization::{Changes, Insertion, Tetrahedralization};
-use crate::visibility::{ObservationId, ObservationTable, Visibility};
+use crate::visibility::ObservationId;
 
 impl Carver {
     /// An empty carver whose cells, labels and surface are made by [`carve`](Self::carve) and by nothing else. Transactions change
@@ -59,15 +58,15 @@ impl Carver {
         report.times.tetrahedra += start.elapsed();
 
         let start = Instant::now();
-        let mut rays = enter_vertices(self.rays.table_mut(), &self.points);
-        let mut segments = enter_vertices(self.segments.table_mut(), &self.points);
+        let table = self.rays.table_mut();
+        let mut rays: Vec<ObservationId> = table.all().collect();
+        enter_ends(table, &self.points, &rays);
         self.cells.begin_update(&self.tetrahedra, &changes);
         self.cells.end_update(&changes);
         self.views.locate_stale(&self.tetrahedra, |_| true);
         self.cells.evidence.list_changes(false);
-        let (mut space, ray_visibility, segment_visibility) = self.visibility();
+        let (mut space, ray_visibility) = self.visibility();
         ray_visibility.add(&mut space, &mut rays);
-        segment_visibility.add(&mut space, &mut segments);
         self.samples
             .locate(&self.tetrahedra, &mut self.cells.evidence, false);
         self.cells.evidence.list_changes(true);
@@ -82,7 +81,6 @@ impl Carver {
         self.tetrahedra = Tetrahedralization::new();
         self.points.forget_vertices();
         self.rays.clear();
-        self.segments.clear();
         self.samples.forget_cells();
         self.cells.forget();
         self.facets = Facets::new(self.facets.hull());
@@ -109,11 +107,9 @@ impl Carver {
     /// Changes points, views, observations and samples, and nothing that follows from them.
     pub(super) fn make_deferred(&mut self, plan: &Plan, affected: Affected) -> CommitReport {
         let first_new_view = self.views.capacity() as u32;
-        let (mut space, rays, segments) = self.visibility();
+        let (mut space, rays) = self.visibility();
         // As if all lists were built again: there are none to withdraw from.
-        let mut rays = plan.withdraw(&plan.rays, rays, &mut space, (affected.rays, true));
-        let affected = (affected.segments, true);
-        let mut segments = plan.withdraw(&plan.segments, segments, &mut space, affected);
+        let mut rays = plan.withdraw(rays, &mut space, (affected.rays, true));
         self.update_views(plan);
         for (point, change) in sorted(&plan.points) {
             self.points.remove(point);
@@ -133,24 +129,7 @@ impl Carver {
         let ends = (&self.views, &self.points);
         let table = self.rays.table_mut();
         plan.rays.enter(table, ends, first_new_view, &mut rays);
-        let table = self.segments.table_mut();
-        plan.segments
-            .enter(table, ends, first_new_view, &mut segments);
         self.enter_samples(plan, true);
         CommitReport::default()
     }
-}
-
-/// Enters the vertices and deviations of all points into a table, and returns its observations.
-fn enter_vertices<const N: usize>(
-    table: &mut impl ObservationTable<N>,
-    points: &Points,
-) -> Vec<ObservationId> {
-    let ids: Vec<ObservationId> = table.all().collect();
-    for &id in &ids {
-        let ends = table.points(id);
-        let vertices = ends.map(|end| points.get(end).map_or(NO_VERTEX, |record| record.vertex));
-        table.set_ends(id, vertices, ends.map(|end| points.sigma(end)));
-    }
-    ids
 }

@@ -34,28 +34,6 @@ pub enum TransactionError {
         /// The point given.
         point: PointId,
     },
-    /// The view does not see the segment.
-    #[error(
-        "view {} does not see the segment of points {} and {}; it never did or it was removed",
-        view.0, ends[0].0, ends[1].0
-    )]
-    UnknownSegment {
-        /// The view given.
-        view: ViewId,
-        /// The points given.
-        ends: [PointId; 2],
-    },
-    /// The weight of a segment is zero, or its sum exceeds 32 bits.
-    #[error(
-        "the weight of the segment of points {} and {} in view {} must be from 1 to {}",
-        ends[0].0, ends[1].0, view.0, u32::MAX
-    )]
-    SegmentWeight {
-        /// The view given.
-        view: ViewId,
-        /// The points given.
-        ends: [PointId; 2],
-    },
     /// A position or centre is NaN, infinite or out of range.
     #[error("position refused: {0}")]
     Position(#[from] PointError),

@@ -27,9 +27,7 @@ use crate::surface::{
     Carved, ExportOptions, Facets, Hull, IncrementalMesh, IndexedMesh, Triangle, TriangleRole,
 };
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
-use crate::visibility::{
-    Cells, ObservationTable, RayVisibility, Samples, SegmentVisibility, Views, Visibility,
-};
+use crate::visibility::{Cells, RayVisibility, Samples, Views};
 
 use points::{NO_VERTEX, Points};
 
@@ -54,11 +52,11 @@ enum Labeling {
     Cut(Box<Cut>),
 }
 
-/// A tetrahedralisation carved by rays and segments; the [crate](crate) page has an example.
+/// A tetrahedralisation carved by rays; the [crate](crate) page has an example.
 ///
-/// The state consists of points with positions, views with centres, observations (a view and a point), segments (a view
-/// and two points) and samples with positions, the last three with integer weights. A [`Transaction`] changes it. After any
-/// sequence of changes tetrahedra, labels and surface are identical to those built from scratch from the final state in any order.
+/// The state consists of points with positions, views with centres, observations (a view and a point) and samples with positions,
+/// the last two with integer weights. A [`Transaction`] changes it. After any sequence of changes tetrahedra, labels and
+/// surface are identical to those built from scratch from the final state in any order.
 ///
 /// Ids of points and views are never given out twice. Points at equal positions share a vertex and keep rays of their own.
 ///
@@ -73,7 +71,6 @@ pub struct Carver {
     points: Points,
     views: Views,
     rays: RayVisibility,
-    segments: SegmentVisibility,
     samples: Samples,
     cells: Cells,
     facets: Facets,
@@ -107,7 +104,6 @@ impl Carver {
             points: Points::default(),
             views: Views::default(),
             rays: RayVisibility::new(softness, has_lists),
-            segments: SegmentVisibility::new(softness, has_lists),
             samples: Samples::new(softness.is_some()),
             cells: Cells::new(threshold, softness.is_some()),
             facets: Facets::new(options.hull),
@@ -144,31 +140,6 @@ impl Carver {
     /// Number of observations.
     pub fn ray_count(&self) -> usize {
         self.rays.table().len()
-    }
-
-    /// Number of pairs of a segment and a view that sees it.
-    pub fn segment_count(&self) -> usize {
-        self.segments.table().len()
-    }
-
-    /// Weight with which a view sees the segment between two points; `None` if it does not.
-    pub fn segment(&self, view: ViewId, ends: [PointId; 2]) -> Option<u32> {
-        let segments = self.segments.table();
-        segments
-            .find(view.0, ordered(ends))
-            .map(|segment| segments.weight(segment))
-    }
-
-    /// All segments with their views and weights, in no particular order; of the two points the smaller id comes first.
-    pub fn segments(&self) -> impl Iterator<Item = (ViewId, [PointId; 2], u32)> + '_ {
-        let segments = self.segments.table();
-        segments.all().map(|segment| {
-            (
-                ViewId(segments.view(segment)),
-                segments.points(segment).map(PointId),
-                segments.weight(segment),
-            )
-        })
     }
 
     /// Number of pairs of a ray and a cell, finite or ghost, that it crosses or in whose boundary it runs. Unless the carver is
@@ -211,7 +182,7 @@ impl Carver {
     /// Weight of an observation; `None` if there is none.
     pub fn observation(&self, view: ViewId, point: PointId) -> Option<u32> {
         let rays = self.rays.table();
-        rays.find(view.0, [point.0]).map(|ray| rays.weight(ray))
+        rays.find(view.0, point.0).map(|ray| rays.weight(ray))
     }
 
     /// The views that see a point, in no particular order; none if it was removed or never added.
@@ -224,7 +195,7 @@ impl Carver {
     pub fn observations(&self) -> impl Iterator<Item = (ViewId, PointId, u32)> + '_ {
         let rays = self.rays.table();
         rays.all().map(|ray| {
-            let [point] = rays.points(ray);
+            let point = rays.point(ray);
             (ViewId(rays.view(ray)), PointId(point), rays.weight(ray))
         })
     }
@@ -248,8 +219,7 @@ impl Carver {
         self.facets.is_free(cell)
     }
 
-    /// Total weight of the rays that cross a cell and of the segments whose triangles meet it, except segments that cross it
-    /// themselves. For a ghost cell: of the rays that enter the hull through its facet.
+    /// Total weight of the rays that cross a cell. For a ghost cell: of the rays that enter the hull through its facet.
     ///
     /// # Panics
     ///
@@ -277,7 +247,7 @@ impl Carver {
                     || self.rays.crosses(&self.tetrahedra, &self.views, ray, cell)
             })
             .map(|ray| {
-                let [point] = rays.points(ray);
+                let point = rays.point(ray);
                 (ViewId(rays.view(ray)), PointId(point))
             })
     }
@@ -373,12 +343,6 @@ impl Carver {
     pub fn next_view(&self) -> ViewId {
         ViewId(self.views.capacity() as u32)
     }
-}
-
-/// The points of a segment, the smaller id first.
-fn ordered(ends: [PointId; 2]) -> [u32; 2] {
-    let [a, b] = ends.map(|end| end.0);
-    [a.min(b), a.max(b)]
 }
 
 #[cfg(test)]

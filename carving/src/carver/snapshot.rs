@@ -65,7 +65,7 @@ impl Carver {
         }
     }
 
-    /// A carver in the same state, built from scratch: views, points, observations, segments and samples are added in one
+    /// A carver in the same state, built from scratch: views, points, observations and samples are added in one
     /// transaction in the order of ids, or in reverse. Its ids are new.
     pub fn rebuilt(&self, reverse: bool) -> Carver {
         let mut carver = Carver::new(self.options());
@@ -73,7 +73,7 @@ impl Carver {
         carver
     }
 
-    /// Adds all views, points, observations, segments and samples to another carver.
+    /// Adds all views, points, observations and samples to another carver.
     pub(super) fn rebuild(&self, carver: &mut Carver, reverse: bool) {
         rebuild::rebuild(self, carver, reverse);
     }
@@ -117,12 +117,6 @@ mod rebuild {
                 points[point.0 as usize],
                 weight,
             )?;
-        }
-        let mut segments: Vec<_> = source.segments().collect();
-        segments.sort_unstable();
-        for (view, ends, weight) in in_order(segments, reverse) {
-            let ends = ends.map(|end| points[end.0 as usize]);
-            transaction.add_segment(views[view.0 as usize], ends, weight)?;
         }
         let samples = source.samples().filter_map(|sample| source.sample(sample));
         for (position, weight) in in_order(samples.collect(), reverse) {

@@ -80,33 +80,20 @@ fn sample_weight(rng: &mut ChaCha8Rng) -> i32 {
 fn event(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Event {
     let view = ViewId(rng.random_range(0..carver.next_view().0.max(1)));
     let point = PointId(rng.random_range(0..carver.next_point().0.max(1)));
-    let other = PointId(rng.random_range(0..carver.next_point().0.max(1)));
     let sample = SampleId(rng.random_range(0..carver.sample_count() as u32 + 2));
-    match rng.random_range(0..35) {
-        27..31 => Event::AddSample {
+    match rng.random_range(0..30) {
+        22..26 => Event::AddSample {
             position: match rng.random() {
                 true => position(rng, space),
                 false => center(rng, space),
             },
             weight: sample_weight(rng),
         },
-        31..33 => Event::ChangeSample {
+        26..28 => Event::ChangeSample {
             sample,
             by: sample_weight(rng),
         },
-        33..35 => Event::RemoveSample { sample },
-        22..25 => Event::AddSegment {
-            view,
-            ends: [point, other],
-            weight: rng.random_range(1..1000),
-        },
-        25..27 => {
-            // One that exists, where there are enough.
-            let segment = carver.segments().nth(rng.random_range(0..8));
-            let (view, ends) =
-                segment.map_or((view, [point, other]), |(view, ends, _)| (view, ends));
-            Event::RemoveSegment { view, ends }
-        }
+        28..30 => Event::RemoveSample { sample },
         0..5 => Event::AddPoint {
             position: position(rng, space),
         },
@@ -170,19 +157,6 @@ fn keyframe(rng: &mut ChaCha8Rng, space: Space, carver: &Carver) -> Vec<Event> {
             weight: sample_weight(rng),
         });
     }
-    for _ in 0..rng.random_range(0..4) {
-        let mut end = || PointId(rng.random_range(0..(first + count).max(1)));
-        let ends = [end(), end()];
-        let is_known =
-            |end: PointId| (first..first + count).contains(&end.0) || carver.point(end).is_some();
-        if ends.into_iter().all(is_known) {
-            events.push(Event::AddSegment {
-                view,
-                ends,
-                weight: rng.random_range(1..1000),
-            });
-        }
-    }
     events
 }
 
@@ -221,7 +195,7 @@ fn describe(carver: &Carver, violation: CarverViolation) -> String {
         let rays = carver.rays.table();
         let listed: Vec<_> = (carver.rays.crossings().of(cell))
             .map(|r| {
-                let (view, [point]) = (rays.view(r), rays.points(r));
+                let (view, point) = (rays.view(r), rays.point(r));
                 let at = (carver.views.center(view), carver.point(PointId(point)));
                 let crosses = carver
                     .rays
@@ -254,7 +228,7 @@ fn describe(carver: &Carver, violation: CarverViolation) -> String {
         .map(|v| t.coordinates(v))
         .collect();
     let rays = carver.rays.table();
-    let ray = rays.find(view.0, [point.0]).map(|r| rays.is_degenerate(r));
+    let ray = rays.find(view.0, point.0).map(|r| rays.is_degenerate(r));
     let (center, target) = (carver.view(view), carver.point(point));
     let at = carver.views.viewpoint(view.0);
     format!("{violation}: {corners:?}, {center:?} ({at:?}) -> {target:?}, degenerate {ray:?}")
@@ -392,33 +366,16 @@ fn assert_same_cells(incremental: &Carver, deferred: &Carver) {
     assert_eq!(across(deferred), across(incremental));
 }
 
-/// Removes segments one by one, some together with views and points, then the other points: the state stays that built
-/// from scratch, and in the end nothing is left.
+/// Removes points one by one, some together with views and samples: the state stays that built from scratch, and in the
+/// end nothing is left.
 fn take_apart(rng: &mut ChaCha8Rng, mut carver: Carver, mut follower: Follower) {
-    let mut segments: Vec<_> = carver.segments().collect();
-    segments.sort_unstable();
-    while let Some((view, ends, _)) = segments.pop() {
-        let mut events = vec![Event::RemoveSegment { view, ends }];
-        match rng.random_range(0..6) {
-            0 => events.push(Event::RemovePoint { point: ends[0] }),
-            1 => events.push(Event::RemoveView { view }),
-            _ => {}
-        }
-        let report = apply(&mut carver, &events).unwrap();
-        follower.follow(&carver, &report.surface);
-        assert_eq!(carver.segment(view, ends), None);
-        segments.retain(|&(view, ends, _)| carver.segment(view, ends).is_some());
-        if segments.len().is_multiple_of(4) {
-            if let Err(violation) = carver.check() {
-                panic!("{}", describe(&carver, violation));
-            }
-            assert_eq!(carver.rebuilt(false).snapshot(), carver.snapshot());
-        }
-    }
-    assert_eq!(carver.segment_count(), 0);
     let points: Vec<PointId> = carver.points().collect();
     for point in points {
         let mut events = vec![Event::RemovePoint { point }];
+        if rng.random_range(0..6) == 0 {
+            let view = carver.views().last();
+            events.extend(view.map(|view| Event::RemoveView { view }));
+        }
         // Some samples are left without any cell.
         if rng.random() {
             let sample = carver.samples().last();
@@ -432,10 +389,6 @@ fn take_apart(rng: &mut ChaCha8Rng, mut carver: Carver, mut follower: Follower) 
         }
     }
     assert_eq!((carver.ray_count(), carver.crossing_count()), (0, 0));
-    assert_eq!(
-        (carver.segment_count(), carver.segments.crossings().total()),
-        (0, 0)
-    );
     assert_eq!(carver.triangle_count(), 0);
     let samples: Vec<SampleId> = carver.samples().collect();
     for sample in samples {

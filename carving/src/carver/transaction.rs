@@ -5,14 +5,14 @@ use std::collections::hash_map::Entry;
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
+use super::Carver;
 use super::commit::CommitReport;
 use super::error::TransactionError;
 use super::ids::{PointId, ViewId};
 use super::samples::PlannedSamples;
-use super::{Carver, ordered};
 use crate::tetrahedralization::accept_position;
+use crate::visibility::RayVisibility;
 use crate::visibility::rays::Rays;
-use crate::visibility::{ObservationTable, RayVisibility, SegmentVisibility, Visibility};
 
 /// Largest number of points of a carver.
 const MAX_POINTS: usize = 1 << 26;
@@ -35,40 +35,39 @@ pub(super) struct Plan {
     pub(super) views: FxHashMap<u32, PendingChange>,
     /// New standard deviations, of points old and new.
     pub(super) sigmas: FxHashMap<u32, Option<f64>>,
-    pub(super) rays: PlannedWeights<1>,
-    pub(super) segments: PlannedWeights<2>,
+    pub(super) rays: PlannedRays,
     pub(super) samples: PlannedSamples,
 }
 
-/// The net effect of a transaction on the observations of one kind, each by one view of `N` points.
+/// The net effect of a transaction on observations.
 #[derive(Clone, Debug, Default)]
-pub(super) struct PlannedWeights<const N: usize> {
+pub(super) struct PlannedRays {
     /// The observations mentioned, in order, with their final weights: `None` if one is removed. It is removed as well when
-    /// its view or one of its points is.
-    entries: Vec<(u32, [u32; N], Option<u32>)>,
+    /// its view or its point is.
+    entries: Vec<(u32, u32, Option<u32>)>,
     /// Where each is among them.
-    indices: FxHashMap<(u32, [u32; N]), u32>,
+    indices: FxHashMap<(u32, u32), u32>,
 }
 
-impl<const N: usize> PlannedWeights<N> {
-    fn set(&mut self, view: u32, points: [u32; N], weight: Option<u32>) {
-        match self.indices.entry((view, points)) {
+impl PlannedRays {
+    fn set(&mut self, view: u32, point: u32, weight: Option<u32>) {
+        match self.indices.entry((view, point)) {
             Entry::Occupied(entry) => self.entries[*entry.get() as usize].2 = weight,
             Entry::Vacant(entry) => {
                 entry.insert(self.entries.len() as u32);
-                self.entries.push((view, points, weight));
+                self.entries.push((view, point, weight));
             }
         }
     }
 
     /// Final weight of an observation that is mentioned.
-    pub(super) fn get(&self, view: u32, points: [u32; N]) -> Option<Option<u32>> {
-        let index = self.indices.get(&(view, points))?;
+    pub(super) fn get(&self, view: u32, point: u32) -> Option<Option<u32>> {
+        let index = self.indices.get(&(view, point))?;
         Some(self.entries[*index as usize].2)
     }
 
     /// The observations mentioned with their final weights, in order of first mention.
-    pub(super) fn iter(&self) -> impl Iterator<Item = (u32, [u32; N], Option<u32>)> + '_ {
+    pub(super) fn iter(&self) -> impl Iterator<Item = (u32, u32, Option<u32>)> + '_ {
         self.entries.iter().copied()
     }
 
@@ -131,7 +130,7 @@ impl<'a> Transaction<'a> {
 
     /// Current weight of an observation whose ends exist.
     fn weight(&self, view: ViewId, point: PointId) -> Option<u32> {
-        match self.plan.rays.get(view.0, [point.0]) {
+        match self.plan.rays.get(view.0, point.0) {
             Some(weight) => weight,
             // A new view has seen nothing before.
             None if view >= self.carver.next_view() => None,
@@ -214,11 +213,11 @@ impl<'a> Transaction<'a> {
         let weight = before
             .checked_add(weight)
             .ok_or(TransactionError::WeightOverflow { view, point })?;
-        self.plan.rays.set(view.0, [point.0], Some(weight));
+        self.plan.rays.set(view.0, point.0, Some(weight));
         Ok(())
     }
 
-    /// Removes a view with all its observations and segments.
+    /// Removes a view with all its observations.
     ///
     /// # Errors
     ///
@@ -234,7 +233,7 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Removes a point with all its observations and segments.
+    /// Removes a point with all its observations.
     ///
     /// # Errors
     ///
@@ -265,73 +264,11 @@ impl<'a> Transaction<'a> {
         if self.weight(view, point).is_none() {
             return Err(TransactionError::UnknownObservation { view, point });
         }
-        self.plan.rays.set(view.0, [point.0], None);
+        self.plan.rays.set(view.0, point.0, None);
         Ok(())
     }
 
-    /// Current weight of a segment whose view and ends exist.
-    fn segment_weight(&self, view: ViewId, ends: [PointId; 2]) -> Option<u32> {
-        match self.plan.segments.get(view.0, ordered(ends)) {
-            Some(weight) => weight,
-            None => self.carver.segment(view, ends),
-        }
-    }
-
-    fn require_segment(&self, view: ViewId, ends: [PointId; 2]) -> Result<(), TransactionError> {
-        self.require_view(view)?;
-        ends.into_iter().try_for_each(|end| self.require_point(end))
-    }
-
-    /// Adds a segment between two points, all of which a view sees. Every cell whose open interior meets the triangle between
-    /// the centre and the segment gains the weight, except cells whose open interior the segment itself crosses: those are
-    /// free before it and occupied behind it. Weights of repeated segments add up.
-    ///
-    /// A triangle without area meets no cell. The rays to the ends are not implied by the segment.
-    ///
-    /// # Errors
-    ///
-    /// [`TransactionError`] when view or points do not exist, the weight is zero or the sum exceeds 32 bits.
-    pub fn add_segment(
-        &mut self,
-        view: ViewId,
-        ends: [PointId; 2],
-        weight: u32,
-    ) -> Result<(), TransactionError> {
-        self.require_segment(view, ends)?;
-        if self.carver.segments.table().len() + self.plan.segments.len()
-            >= SegmentVisibility::MAX_SEGMENTS
-        {
-            return Err(TransactionError::Full);
-        }
-        let before = self.segment_weight(view, ends).unwrap_or(0);
-        match before.checked_add(weight) {
-            Some(sum) if weight > 0 => {
-                self.plan.segments.set(view.0, ordered(ends), Some(sum));
-                Ok(())
-            }
-            _ => Err(TransactionError::SegmentWeight { view, ends }),
-        }
-    }
-
-    /// Removes a segment from a view, whatever its weight.
-    ///
-    /// # Errors
-    ///
-    /// [`TransactionError`] when view, points or the segment do not exist.
-    pub fn remove_segment(
-        &mut self,
-        view: ViewId,
-        ends: [PointId; 2],
-    ) -> Result<(), TransactionError> {
-        self.require_segment(view, ends)?;
-        if self.segment_weight(view, ends).is_none() {
-            return Err(TransactionError::UnknownSegment { view, ends });
-        }
-        self.plan.segments.set(view.0, ordered(ends), None);
-        Ok(())
-    }
-
-    /// Moves a view; its observations and segments stay.
+    /// Moves a view; its observations stay.
     ///
     /// # Errors
     ///
@@ -348,7 +285,7 @@ impl<'a> Transaction<'a> {
         Ok(())
     }
 
-    /// Moves a point; its observations and segments stay.
+    /// Moves a point; its observations stay.
     ///
     /// # Errors
     ///

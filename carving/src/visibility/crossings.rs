@@ -313,11 +313,6 @@ impl Crossings {
         self.withdrawn.swap(0, 1);
     }
 
-    /// Drops the observations from the list of `cell` that do not satisfy `keep`.
-    pub(crate) fn retain(&mut self, cell: CellId, keep: impl Fn(ObservationId) -> bool) {
-        self.retain_entries(cell, |_, id| keep(id));
-    }
-
     fn retain_entries(&mut self, cell: CellId, keep: impl Fn(&Self, ObservationId) -> bool) {
         let list = self.lists[cell.index()];
         if list.is_short() {

@@ -9,7 +9,7 @@
 //! * for the cell that the ray crosses and whose closure holds the centre: its full weight;
 //! * for the cell whose open interior holds the [anchor](super::anchors) behind the point: the weight of the anchor.
 //!
-//! The first two follow the crossing lists. Segments contribute in the same way, with several anchors each.
+//! The first two follow the crossing lists.
 
 use crate::growth::resize;
 use crate::large_numbers::LargeNumbers;
@@ -70,11 +70,6 @@ impl CellEvidence {
             free,
             occupied,
         }
-    }
-
-    fn sums(&self) -> [u64; SUMS] {
-        let [a, b, c, d] = self.entered;
-        [a, b, c, d, self.free, self.occupied]
     }
 
     /// One of the sums.
@@ -181,20 +176,6 @@ impl Evidence {
         let key = key(cell, index);
         let before = self.large.get(*stored, key);
         self.large.set(stored, key, by(before));
-    }
-
-    pub(super) fn add(&mut self, cell: CellId, contribution: &CellEvidence) {
-        self.touch(cell);
-        for (index, more) in contribution.sums().into_iter().enumerate() {
-            self.change_stored(cell, index, |sum| sum + more);
-        }
-    }
-
-    pub(super) fn subtract(&mut self, cell: CellId, contribution: &CellEvidence) {
-        self.touch(cell);
-        for (index, less) in contribution.sums().into_iter().enumerate() {
-            self.change_stored(cell, index, |sum| sum - less);
-        }
     }
 
     /// Resets the sums of a cell that is destroyed or reshaped.

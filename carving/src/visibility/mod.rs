@@ -1,10 +1,9 @@
 //! Visibility: which cells each observation passes through, kept up to date while the tetrahedralisation changes.
 //!
-//! There are two kinds of observations. A [ray](rays) joins the centre of a view and a point; a [segment](segments)
-//! seen by a view spans a triangle with its centre. Both implement [`Visibility`]: observations are added to the cells
-//! that they pass through, removed from them, and walked again inside the region that a change of the
-//! tetrahedralisation replaced. Which cells those are is decided with the sign of real arithmetic and depends on one
-//! cell and one observation only, hence on nothing that happened before.
+//! An observation is a [ray](rays): it joins the centre of a view and a point. Rays are added to the cells that they pass
+//! through, removed from them, and walked again inside the region that a change of the tetrahedralisation replaced. Which
+//! cells those are is decided with the sign of real arithmetic and depends on one cell and one ray only, hence on nothing
+//! that happened before.
 //!
 //! # Layers
 //!
@@ -14,7 +13,7 @@
 //! * `cells`: for each cell the total weight and, for cut labels, the `evidence`;
 //! * `softness`, `anchors`: how evidence falls off near a point, and the positions behind it that are expected to be
 //!   occupied;
-//! * `rays`, `segments`: the two kinds;
+//! * `rays`: the table of rays and their walks;
 //! * `samples`: positions measured to be free or occupied, which add to the evidence of the cells that hold them.
 //!
 //! # Reference
@@ -31,7 +30,6 @@ mod evidence;
 pub(crate) mod rays;
 mod samples;
 mod segment_cell;
-pub(crate) mod segments;
 mod softness;
 mod views;
 
@@ -42,19 +40,16 @@ pub(crate) use rays::RayVisibility;
 pub(crate) use samples::{Misplaced, Samples};
 #[cfg(feature = "internals")]
 pub use segment_cell::{crosses_cell, crosses_ghost};
-pub(crate) use segments::SegmentVisibility;
-#[cfg(feature = "internals")]
-pub use segments::triangle_meets_cell;
 pub(crate) use softness::{Softness, UNIT, precedes};
 pub(crate) use views::Views;
 
-use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
+use crate::tetrahedralization::{CellId, Tetrahedralization};
 
-/// Number of an observation within its kind. Numbers of removed observations are given out again.
+/// Number of an observation. Numbers of removed observations are given out again.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub(crate) struct ObservationId(pub(crate) u32);
 
-/// The state that both kinds of visibility share.
+/// The state through which rays are walked.
 pub(crate) struct Space<'a> {
     pub(crate) tetrahedra: &'a Tetrahedralization,
     pub(crate) views: &'a Views,
@@ -77,82 +72,6 @@ impl Space<'_> {
         }
         border
     }
-}
-
-/// The observations of one kind, each by one view of `N` points.
-pub(crate) trait ObservationTable<const N: usize> {
-    /// Number of observations.
-    fn len(&self) -> usize;
-
-    /// All observations, in an order that depends on history.
-    fn all(&self) -> impl Iterator<Item = ObservationId> + '_;
-
-    /// Observations of a point.
-    fn of_point(&self, point: u32) -> impl Iterator<Item = ObservationId> + '_;
-
-    /// Observations by a view.
-    fn of_view(&self, view: u32) -> impl Iterator<Item = ObservationId> + '_;
-
-    /// The observation of points by a view; of several points the smaller id comes first.
-    fn find(&self, view: u32, points: [u32; N]) -> Option<ObservationId>;
-
-    fn view(&self, id: ObservationId) -> u32;
-
-    fn points(&self, id: ObservationId) -> [u32; N];
-
-    /// Vertices of the points.
-    fn vertices(&self, id: ObservationId) -> [u32; N];
-
-    /// Standard deviations of the points along the rays to them.
-    fn sigmas(&self, id: ObservationId) -> [Option<f64>; N];
-
-    fn weight(&self, id: ObservationId) -> u32;
-
-    fn insert(&mut self, view: u32, points: [u32; N], weight: u32) -> ObservationId;
-
-    fn remove(&mut self, id: ObservationId);
-
-    fn set_ends(&mut self, id: ObservationId, vertices: [u32; N], sigmas: [Option<f64>; N]);
-
-    fn set_weight(&mut self, id: ObservationId, weight: u32);
-}
-
-/// One kind of visibility: a table of observations, and for each cell those that pass through it.
-///
-/// The table may change freely for observations that no cell lists.
-pub(crate) trait Visibility<const N: usize> {
-    /// The observations.
-    type Table: ObservationTable<N>;
-
-    fn table(&self) -> &Self::Table;
-
-    fn table_mut(&mut self) -> &mut Self::Table;
-
-    /// Adds observations that no cell lists to the cells that they pass through; may sort `ids`.
-    fn add(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]);
-
-    /// Removes observations from the cells that they pass through; they stay in the table, under the numbers that replace
-    /// those in `ids`. Nothing that they depend on may have changed since they were added.
-    fn remove(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]);
-
-    /// Restores the lists after `changes`, which have just been made. Afterwards all observations listed by cells that
-    /// existed before are listed by all cells that they pass through now.
-    fn rewalk(&mut self, space: &mut Space<'_>, changes: &Changes);
-
-    /// Removes all observations from all cells; the table stays.
-    fn clear(&mut self);
-
-    /// What all observations contribute to a cell, computed from the rule alone, without any walk or list.
-    ///
-    /// # Errors
-    ///
-    /// An observation that the cell lists wrongly.
-    fn expected(
-        &self,
-        tetrahedra: &Tetrahedralization,
-        views: &Views,
-        cell: CellId,
-    ) -> Result<Contribution, ListError>;
 }
 
 /// What observations contribute to one cell.

@@ -1,8 +1,8 @@
 //! The carver from outside: known answers, refusals.
 
 use linecarve_carving::{
-    Carver, CarverOptions, CommitReport, CutOptions, ExportOptions, Hull, IndexedMesh, Labels,
-    PointError, PointId, Transaction, TransactionError, ViewId, Votes,
+    Carver, CarverOptions, CommitReport, ExportOptions, Hull, IndexedMesh, Labels, PointError,
+    PointId, Transaction, TransactionError, ViewId, Votes,
 };
 use nalgebra::{Matrix3, Point3};
 use std::num::NonZeroU64;
@@ -253,8 +253,7 @@ fn refusals_name_the_cause_and_leave_the_state_as_it_was() {
         value: f64::INFINITY,
     };
     let unknown_point = PointId(1000);
-    let ends = [points[0], points[2]];
-    let cases: [(Change<'_>, TransactionError); 15] = [
+    let cases: [(Change<'_>, TransactionError); 12] = [
         (&|t| t.add_point(nan).map(|_| ()), not_a_number),
         (
             &|t| t.add_view(far).map(|_| ()),
@@ -290,22 +289,6 @@ fn refusals_name_the_cause_and_leave_the_state_as_it_was() {
         (
             &|t| t.add_observation(view, point, u32::MAX),
             TransactionError::WeightOverflow { view, point },
-        ),
-        (
-            &|t| t.add_segment(view, ends, 0),
-            TransactionError::SegmentWeight { view, ends },
-        ),
-        (
-            &|t| t.remove_segment(view, ends),
-            TransactionError::UnknownSegment { view, ends },
-        ),
-        (
-            &|t| {
-                t.add_segment(view, ends, 1)?;
-                t.remove_segment(view, ends)?;
-                t.remove_segment(view, ends)
-            },
-            TransactionError::UnknownSegment { view, ends },
         ),
         (
             &|t| t.move_point(point, center),
@@ -366,42 +349,4 @@ fn within_a_transaction_only_the_final_state_counts() {
     assert_eq!(report.destroyed_cells, 0);
     assert_eq!(carver.snapshot(), before);
     assert_eq!(carver.point(passing), None);
-}
-
-#[test]
-fn a_carver_whose_segments_were_removed_equals_one_that_never_had_them() {
-    for labels in [Labels::default(), Labels::Cut(CutOptions::default())] {
-        let mut carver = Carver::new(CarverOptions {
-            labels,
-            hull: Hull::Keep,
-        });
-        let (view, points) = add_room(&mut carver, 3, Point3::new(1.4, 1.5, 1.45));
-        let before = carver.snapshot();
-        let segments: Vec<[PointId; 2]> = (points.windows(9).step_by(3))
-            .map(|window| [window[0], window[8]])
-            .collect();
-        update(&mut carver, |t| {
-            segments
-                .iter()
-                .try_for_each(|&ends| t.add_segment(view, ends, 3))
-        })
-        .unwrap();
-        carver.check().unwrap();
-        assert_ne!(carver.snapshot(), before);
-        assert_eq!(carver.segment_count(), segments.len());
-        // The first by itself, its ends in the other order, and the others together.
-        let (&[a, b], others) = segments.split_first().unwrap();
-        update(&mut carver, |t| t.remove_segment(view, [b, a])).unwrap();
-        assert_eq!(carver.segment(view, [a, b]), None);
-        carver.check().unwrap();
-        update(&mut carver, |t| {
-            others
-                .iter()
-                .try_for_each(|&ends| t.remove_segment(view, ends))
-        })
-        .unwrap();
-        carver.check().unwrap();
-        assert_eq!(carver.segment_count(), 0);
-        assert_eq!(carver.snapshot(), before);
-    }
 }

@@ -37,18 +37,6 @@ pub enum ConfigurationError {
         /// What to write instead.
         remedy: String,
     },
-    /// The key existed in an earlier version.
-    #[error("{}, line {line}: `{key}` is no longer a key: {became}", path.display())]
-    Removed {
-        /// The file.
-        path: PathBuf,
-        /// The line.
-        line: usize,
-        /// Table and key.
-        key: String,
-        /// What became of it.
-        became: &'static str,
-    },
     /// The value has the wrong type or is out of range.
     #[error("{}, line {line}: {key} = {value}: {expected} is needed", path.display())]
     Value {

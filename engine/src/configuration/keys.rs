@@ -150,10 +150,6 @@ table! {
         /// With votes, least number of rays through a tetrahedron that is free.
         /// Set it higher when wrong points cut holes into the surface.
         free_threshold: u32 = carving.free_threshold, Values::range(1.0, 1e6, "a whole number from 1 to 1000000");
-        /// Weight of whole segments as visibility: the triangle between a camera and a segment is free. A ray has weight 1; 0
-        /// leaves segments out.
-        /// Set it to 1 for a slightly better surface; a keyframe takes two to three times as long.
-        segment_weight: u32 = carving.segment_weight, Values::range(0.0, 1000.0, "a whole number from 0 to 1000");
     }
     tables {
         /// Weights of the minimum cut.

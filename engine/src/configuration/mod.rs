@@ -8,7 +8,6 @@
 //! - `read`: reads a file, and finds the line of a fault.
 //! - `error`: why a file is refused.
 //! - `nearest`: the key that was probably meant.
-//! - `removed`: what became of keys of earlier versions.
 //! - `tolerance`: how a tolerance is written.
 
 #[cfg(test)]
@@ -17,7 +16,6 @@ mod error;
 mod keys;
 mod nearest;
 mod read;
-mod removed;
 mod table;
 #[cfg(test)]
 mod tests;

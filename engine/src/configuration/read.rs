@@ -6,9 +6,9 @@ use std::path::Path;
 use linecarve_mesh::files::read_regular;
 use toml::de::{DeTable, DeValue};
 
+use super::Configuration;
 use super::error::ConfigurationError;
 use super::nearest::{nearest, siblings};
-use super::{Configuration, removed};
 
 /// A key of a file.
 struct Entry {
@@ -26,7 +26,7 @@ impl Configuration {
     /// Reads a TOML file. Keys that it lacks have their defaults.
     ///
     /// # Errors
-    /// When the file cannot be read, is not TOML, has an unknown or removed key, or a value out of range.
+    /// When the file cannot be read, is not TOML, has an unknown key, or a value out of range.
     pub fn read(path: &Path) -> Result<Self, ConfigurationError> {
         let text = read_regular(path)
             .and_then(|bytes| String::from_utf8(bytes).map_err(std::io::Error::other));
@@ -137,14 +137,6 @@ fn check_key(entry: &Entry, text: &str, path: &Path) -> Result<(), Configuration
             value: text[entry.value.clone()].to_owned(),
             key,
             expected: "a table",
-        });
-    }
-    if let Some(became) = removed::became(&key) {
-        return Err(ConfigurationError::Removed {
-            path,
-            line,
-            key,
-            became,
         });
     }
     let nearest = nearest(&key);

@@ -267,7 +267,7 @@ impl LineMap {
                 &self.noise,
                 &options.segment_points,
             );
-            landmarks.add_segment_points(&mut transaction, along)?;
+            landmarks.add_points(&mut transaction, along)?;
         }
         let single = edge_measurements(&keyframe.edge_points, &self.camera, pose, &self.noise);
         landmarks.add_points(&mut transaction, single)?;
@@ -278,12 +278,6 @@ impl LineMap {
         (update.moved_points, update.removed_points) =
             landmarks.update_landmarks(&mut transaction)?;
         landmarks.add_observations(&mut transaction, view, &center)?;
-        landmarks.add_segment_observations(
-            &mut transaction,
-            view,
-            &center,
-            options.carving.segment_weight,
-        )?;
         update.count_points(landmarks, known);
         let image = self.keeps_images.then(|| keyframe.colored_depth());
         self.validation

@@ -24,7 +24,6 @@ mod provisional;
 mod ray_selection;
 mod segment_map;
 mod segment_points;
-mod segment_views;
 mod sources;
 mod surface;
 mod surface_points;

@@ -123,15 +123,9 @@ pub struct CarvingOptions {
     pub labels: LabelKind,
     /// With votes: least number of rays through a free tetrahedron.
     pub free_threshold: u32,
-    /// Weight of visibility triangles, between a camera and a sub-segment that it observes, relative to rays with weight 1;
-    /// 0: none. Cells that the triangle crosses are free, except those that the sub-segment itself passes through. With the
-    /// cut, free space behind the sub-segment is penalised, as behind a point. A keyframe takes two to three times as long.
-    pub segment_weight: u32,
     /// Width in degrees of the bins of directions in each of which a point has at most one ray; 0: all rays. Rays from
     /// similar directions add cost, but little evidence.
     pub ray_angle_deg: f64,
-    /// Least angle in degrees between the visibility triangles to a sub-segment; 0: no limit.
-    pub least_segment_angle_deg: f64,
     /// Settings of the minimum cut.
     pub cut: CutSettings,
 }
@@ -141,9 +135,7 @@ impl Default for CarvingOptions {
         Self {
             labels: LabelKind::default(),
             free_threshold: 1,
-            segment_weight: 0,
             ray_angle_deg: 30.0,
-            least_segment_angle_deg: 15.0,
             cut: CutSettings::default(),
         }
     }
@@ -307,10 +299,6 @@ impl Options {
         )?;
         let carving = &self.carving;
         angle("carving.ray_angle_deg", carving.ray_angle_deg)?;
-        angle(
-            "carving.least_segment_angle_deg",
-            carving.least_segment_angle_deg,
-        )?;
         positive("carving.cut.sigma_factor", carving.cut.sigma_factor)?;
         carving.cut.options().validate()?;
         self.map_points.validate()?;
@@ -337,16 +325,12 @@ mod tests {
     #[test]
     fn faults_name_the_key() {
         type Fault = fn(&mut Options);
-        let faults: [(Fault, &str); 5] = [
+        let faults: [(Fault, &str); 4] = [
             (|o| o.landmarks.lateral_px = -1.0, "landmarks.lateral_px"),
             (|o| o.carving.free_threshold = 0, "carving.free_threshold"),
             (
                 |o| o.carving.ray_angle_deg = f64::NAN,
                 "carving.ray_angle_deg",
-            ),
-            (
-                |o| o.carving.least_segment_angle_deg = 46.0,
-                "carving.least_segment_angle_deg",
             ),
             (|o| o.carving.cut.behind_sigmas = -1.0, "behind_sigmas"),
         ];

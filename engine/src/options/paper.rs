@@ -58,7 +58,6 @@ impl Options {
             carving: CarvingOptions {
                 labels: LabelKind::Votes,
                 free_threshold: 1,
-                segment_weight: 0,
                 ray_angle_deg: 0.0,
                 ..CarvingOptions::default()
             },

@@ -24,12 +24,11 @@ const ENDS: Switch = |options| options.segment_points.spacing_px = Some(10_000.0
 const NO_PLANES: Switch = |options| options.surface_points.enabled = false;
 const UNMEASURED: Switch = |options| options.surface.least_measured_share = 0.0;
 const FUSED: Switch = |options| options.surface.method = SurfaceMethod::Fused;
-const SEGMENTS: Switch = |options| options.carving.segment_weight = 1;
 /// Points of segments alone leave large cells, which need more weight on their shape than the default.
 const SHAPE: Switch = |options| options.carving.cut.quality_weight = 0.2;
 
 /// Name of a row, and its switches. The first row is the paper: two points a segment, not joined.
-const SWITCHES: [(&str, &[Switch]); 17] = [
+const SWITCHES: [(&str, &[Switch]); 10] = [
     (
         "ends of segments, not joined; votes",
         &[VOTES, NOT_JOINED, ENDS, NO_PLANES, UNMEASURED],
@@ -39,49 +38,21 @@ const SWITCHES: [(&str, &[Switch]); 17] = [
         &[VOTES, ENDS, NO_PLANES, UNMEASURED],
     ),
     (
-        "ends and whole segments; votes",
-        &[VOTES, SEGMENTS, ENDS, NO_PLANES, UNMEASURED],
-    ),
-    (
         "points along segments; votes",
         &[VOTES, NO_PLANES, UNMEASURED],
-    ),
-    (
-        "points along and whole segments; votes",
-        &[VOTES, SEGMENTS, NO_PLANES, UNMEASURED],
     ),
     (
         "ends of segments; cut",
         &[CUT, SHAPE, ENDS, NO_PLANES, UNMEASURED],
     ),
     (
-        "ends and whole segments; cut",
-        &[CUT, SEGMENTS, SHAPE, ENDS, NO_PLANES, UNMEASURED],
-    ),
-    (
         "points along segments; cut",
         &[CUT, SHAPE, NO_PLANES, UNMEASURED],
     ),
-    (
-        "points along and whole segments; cut",
-        &[CUT, SEGMENTS, SHAPE, NO_PLANES, UNMEASURED],
-    ),
     ("points on planes; votes", &[VOTES, UNMEASURED]),
-    (
-        "points on planes and whole segments; votes",
-        &[VOTES, SEGMENTS, UNMEASURED],
-    ),
     ("points on planes; cut", &[CUT, UNMEASURED]),
-    (
-        "points on planes and whole segments; cut",
-        &[CUT, SEGMENTS, UNMEASURED],
-    ),
     ("measured triangles; votes", &[VOTES]),
     ("measured triangles; cut: the default", &[CUT]),
-    (
-        "measured triangles and whole segments; cut",
-        &[CUT, SEGMENTS],
-    ),
     ("fused from depth images", &[CUT, FUSED]),
 ];
 

@@ -342,9 +342,14 @@ mod tests {
             ends_in_world: [Point3::new(f64::NAN, 0.0, 1.0), Point3::new(0.0, 1.0, 1.0)],
             keyframe: None,
         };
-        measured(
-            &[behind(-2.0), behind(0.0), behind(2.0), far, lost],
-            &nothing,
-        );
+        let seen = vertical(79.5, 0);
+        let invisible = [behind(-2.0), behind(0.0), far, lost, seen];
+        assert_eq!(measured(&invisible, &nothing), measured(&[seen], &nothing));
+
+        // The part in front of the camera crosses half of the image, at right angles to its edge.
+        let crossing = measured(&[behind(2.0)], &nothing);
+        assert_eq!(crossing.reprojection_px.count, 1);
+        assert_eq!(crossing.reprojection_px.mean, EdgeField::CAP);
+        assert_eq!(crossing.explained_share, 0.0);
     }
 }

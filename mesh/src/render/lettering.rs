@@ -223,8 +223,21 @@ mod tests {
 
     #[test]
     fn text_beyond_the_picture_is_cut_off() {
-        let mut picture = RgbImage::new(8, 8);
-        draw_text(&mut picture, (-30.0, 4.0), 12.0, "outside", [255; 3]);
-        draw_text(&mut picture, (1e4, -1e4), 12.0, "outside", [255; 3]);
+        let drawn = |size: [u32; 2], origin: (f64, f64)| {
+            let mut picture = RgbImage::new(size[0], size[1]);
+            draw_text(&mut picture, origin, 12.0, "outside", [255; 3]);
+            picture
+        };
+        let whole = drawn([120, 40], (20.0, 24.0));
+        // All four sides cut letters.
+        let part = drawn([40, 8], (-12.0, 8.0));
+        for (x, y, pixel) in part.enumerate_pixels() {
+            let expected = whole.get_pixel(x + 32, y + 16);
+            assert!(pixel.0[0].abs_diff(expected.0[0]) <= 1, "{x} {y}");
+        }
+        let has_ink = |picture: &RgbImage| picture.pixels().any(|pixel| pixel.0[0] > 0);
+        assert!(has_ink(&part));
+        assert!(!has_ink(&drawn([8, 8], (1e4, -1e4))));
+        assert!(!has_ink(&drawn([8, 8], (-1e4, 1e4))));
     }
 }

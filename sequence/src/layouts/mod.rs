@@ -10,7 +10,6 @@ pub(super) mod open3d_log;
 pub(super) mod openmvs;
 pub(super) mod orb_slam;
 mod orb_trajectory;
-mod point_dump;
 pub(super) mod pose_folder;
 pub(super) mod replica;
 pub(super) mod seven_scenes;

@@ -12,7 +12,7 @@ use super::super::poses::{self, PoseFileFormat};
 use super::super::text::TextFile;
 use super::super::{SequenceError, rigid, yaml};
 use super::orb_trajectory::{ORB_TRAJECTORIES, orb_trajectory};
-use super::{euroc, images, intrinsics_file, point_dump};
+use super::{euroc, images, intrinsics_file};
 
 /// Reader of ORB-SLAM's files.
 pub(in super::super) struct OrbSlam;
@@ -135,7 +135,6 @@ fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, Seque
             }
         ));
     }
-    point_dump::read_into(folder, &mut recording)?;
     Ok(recording)
 }
 

@@ -82,7 +82,7 @@ pub(crate) const MODELS: [(&str, Writer, bool); 10] = [
     ("openmvs", write_mvs, true),
     ("transforms-json", write_transforms, false),
     ("stella-vslam", write_stella, true),
-    ("orb-slam", write_orb_slam, true),
+    ("orb-slam", write_orb_slam, false),
     ("euroc", write_euroc, false),
     ("kitti", write_kitti, false),
     ("images-and-poses", write_pose_list, false),

@@ -417,11 +417,6 @@ pub(crate) fn write_orb_slam(folder: &Path) {
         CENTRE[0], CENTRE[1], SIZE.0, SIZE.1
     );
     std::fs::write(folder.join("settings.yaml"), settings).unwrap();
-    let points: String = points()
-        .iter()
-        .map(|p| format!("{} {} {}\n", p.x, p.y, p.z))
-        .collect();
-    std::fs::write(folder.join("MapPoints.txt"), points).unwrap();
 }
 
 /// EuRoC with the ground truth of a body that is not the camera.

@@ -42,15 +42,6 @@ pub(super) enum Event {
         point: PointId,
         position: Point3<f64>,
     },
-    AddSegment {
-        view: ViewId,
-        ends: [PointId; 2],
-        weight: u32,
-    },
-    RemoveSegment {
-        view: ViewId,
-        ends: [PointId; 2],
-    },
     AddSample {
         position: Point3<f64>,
         weight: i32,
@@ -81,8 +72,6 @@ impl Event {
             Event::RemoveObservation { view, point } => transaction.remove_observation(view, point),
             Event::MoveView { view, center } => transaction.move_view(view, center),
             Event::MovePoint { point, position } => transaction.move_point(point, position),
-            Event::AddSegment { view, ends, weight } => transaction.add_segment(view, ends, weight),
-            Event::RemoveSegment { view, ends } => transaction.remove_segment(view, ends),
             Event::AddSample { position, weight } => {
                 transaction.add_sample(position, weight).map(|_| ())
             }

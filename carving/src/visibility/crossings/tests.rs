@@ -12,7 +12,7 @@ fn lists_keep_what_is_added_and_forget_what_is_removed() {
         crossings.add(two, ObservationId(id + 1000), Entrance::Unknown);
     }
     assert_eq!(crossings.of(one).count(), 100);
-    crossings.retain(one, |id| id.0 % 3 != 0);
+    crossings.retain_entries(one, |_, id| id.0 % 3 != 0);
     let mut rest: Vec<u32> = crossings.of(one).map(|id| id.0).collect();
     rest.sort_unstable();
     assert_eq!(rest, (0..100).filter(|r| r % 3 != 0).collect::<Vec<_>>());
@@ -24,7 +24,7 @@ fn lists_keep_what_is_added_and_forget_what_is_removed() {
     }
     assert!(!crossings.contains(one, ObservationId(3)));
     assert_eq!(crossings.total(), 66);
-    crossings.retain(one, |_| false);
+    crossings.retain_entries(one, |_, _| false);
     assert_eq!((crossings.total(), crossings.of(one).count()), (0, 0));
 }
 
@@ -40,7 +40,7 @@ fn any_choice_of_entries_can_be_dropped() {
             for id in 0..count {
                 crossings.add(cell, ObservationId(id), Entrance::Unknown);
             }
-            crossings.retain(cell, |id| keep(id.0));
+            crossings.retain_entries(cell, |_, id| keep(id.0));
             let mut rest: Vec<u32> = crossings.of(cell).map(|id| id.0).collect();
             rest.sort_unstable();
             let expected: Vec<u32> = (0..count).filter(|&r| keep(r)).collect();

@@ -4,7 +4,7 @@ use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 
 use super::super::anchors::is_inside;
 use super::super::segment_cell::{crosses_cell, crosses_ghost};
-use super::super::{Contribution, ListError, ObservationId, ObservationTable, Sum, Views};
+use super::super::{Contribution, ListError, ObservationId, Sum, Views};
 use super::RayVisibility;
 use super::walk::Walker;
 
@@ -30,7 +30,12 @@ impl RayVisibility {
         }
     }
 
-    pub(super) fn expected_in(
+    /// What all rays contribute to a cell, computed from the rule alone, without any walk or list.
+    ///
+    /// # Errors
+    ///
+    /// A ray that the cell lists wrongly.
+    pub(crate) fn expected(
         &self,
         tetrahedra: &Tetrahedralization,
         views: &Views,

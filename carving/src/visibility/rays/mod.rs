@@ -34,11 +34,9 @@ pub(crate) use table::Rays;
 #[cfg(feature = "internals")]
 pub use trace::{FREE_SUM, OCCUPIED_SUM, RayTracer, TracedRay};
 
-use crate::tetrahedralization::{CellId, Changes, Tetrahedralization};
-
 use super::anchors::OccupiedAnchors;
 use super::crossings::Crossings;
-use super::{Contribution, ListError, ObservationId, Softness, Space, Views, Visibility};
+use super::{Softness, Space};
 use cell_walk::WalkScratch;
 use rewalk::RewalkScratch;
 use walk::Walker;
@@ -88,43 +86,20 @@ impl RayVisibility {
             softness: self.softness,
         }
     }
-}
 
-impl Visibility<1> for RayVisibility {
-    type Table = Rays;
-
-    fn table(&self) -> &Rays {
+    /// The rays. The table may change freely for rays that no cell lists.
+    pub(crate) fn table(&self) -> &Rays {
         &self.table
     }
 
-    fn table_mut(&mut self) -> &mut Rays {
+    pub(crate) fn table_mut(&mut self) -> &mut Rays {
         &mut self.table
     }
 
-    fn add(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]) {
-        self.add_all(space, ids);
-    }
-
-    fn remove(&mut self, space: &mut Space<'_>, ids: &mut [ObservationId]) {
-        self.remove_all(space, ids);
-    }
-
-    fn rewalk(&mut self, space: &mut Space<'_>, changes: &Changes) {
-        self.rewalk_changes(space, changes);
-    }
-
-    fn clear(&mut self) {
+    /// Removes all rays from all cells; the table stays.
+    pub(crate) fn clear(&mut self) {
         self.crossings.clear(&mut self.unlisted);
         self.table.release(&mut self.unlisted);
         self.anchors.clear();
-    }
-
-    fn expected(
-        &self,
-        tetrahedra: &Tetrahedralization,
-        views: &Views,
-        cell: CellId,
-    ) -> Result<Contribution, ListError> {
-        self.expected_in(tetrahedra, views, cell)
     }
 }

@@ -6,7 +6,7 @@ use crate::buckets::Buckets;
 use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId, hilbert_rank};
 
 use super::super::crossings::{Crossings, Entrance};
-use super::super::{Cells, ObservationId, ObservationTable, Space, Sum};
+use super::super::{Cells, ObservationId, Space, Sum};
 use super::RayVisibility;
 use super::cell_walk::Step;
 use super::evidence::RayEvidence;
@@ -96,11 +96,11 @@ impl LatestStart {
 }
 
 impl RayVisibility {
-    /// Records rays that are in no list; sorts `rays`.
+    /// Adds rays that no cell lists to the cells that they cross; sorts `rays`.
     ///
     /// Rays from one view in similar directions follow each other, as they cross the same cells and have the same lists. Without
     /// lists, those of one vertex and of vertices nearby do: where one leaves its vertex, so do the others, or almost.
-    pub(super) fn add_all(&mut self, space: &mut Space<'_>, rays: &mut [ObservationId]) {
+    pub(crate) fn add(&mut self, space: &mut Space<'_>, rays: &mut [ObservationId]) {
         let tetrahedra = space.tetrahedra;
         if tetrahedra.dimension() < 3 {
             return;
@@ -231,8 +231,8 @@ impl RayVisibility {
     }
 
     /// Removes rays from the cells that they cross, and replaces their numbers: those that the lists still hold are
-    /// withdrawn.
-    pub(super) fn remove_all(&mut self, space: &mut Space<'_>, rays: &mut [ObservationId]) {
+    /// withdrawn. Nothing that the rays depend on may have changed since they were added.
+    pub(crate) fn remove(&mut self, space: &mut Space<'_>, rays: &mut [ObservationId]) {
         let tetrahedra = space.tetrahedra;
         if tetrahedra.dimension() < 3 || rays.is_empty() {
             return;

@@ -4,7 +4,7 @@
 
 use crate::tetrahedralization::VertexId;
 
-use super::super::{ObservationId, ObservationTable, Space, Sum};
+use super::super::{ObservationId, Space, Sum};
 use super::RayVisibility;
 use super::evidence::RayEvidence;
 use super::line::ShearedLine;
@@ -24,16 +24,16 @@ impl RayVisibility {
     ) {
         let (tetrahedra, views) = (space.tetrahedra, space.views);
         for &ray in rays {
-            let ([point], vertices) = (self.table.points(ray), self.table.vertices(ray));
-            let sigma = sigma(point);
+            let vertex = self.table.vertex(ray);
+            let sigma = sigma(self.table.point(ray));
             if let Some(softness) = self.softness {
-                let target = VertexId::from_index(vertices[0] as usize);
+                let target = VertexId::from_index(vertex as usize);
                 let ends = [
                     views.center(self.table.view(ray)),
                     tetrahedra.coordinates(target),
                 ];
                 let weight = self.table.weight(ray);
-                let [before] = self.table.sigmas(ray);
+                let before = self.table.sigma(ray);
                 let [before, after] =
                     [before, sigma].map(|sigma| RayEvidence::new(ends, sigma, weight, softness));
                 self.exchange_evidence(space, ray, [before, after]);
@@ -43,7 +43,7 @@ impl RayVisibility {
                     evidence.change(cell, Sum::Occupied, |sum| sum - weight);
                 }
             }
-            self.table.set_ends(ray, vertices, [sigma]);
+            self.table.set_end(ray, vertex, sigma);
             self.attach(space, ray);
         }
     }

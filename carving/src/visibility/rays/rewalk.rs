@@ -22,7 +22,7 @@ use crate::tetrahedralization::{CellId, Changes, VertexId};
 
 use super::super::crossings::{Entrance, Entry};
 use super::super::segment_cell::crosses_ghost;
-use super::super::{ObservationId, ObservationTable, Space};
+use super::super::{ObservationId, Space};
 use super::RayVisibility;
 use super::line::ShearedLine;
 use super::record::Recorded;
@@ -67,7 +67,9 @@ impl RewalkScratch {
 }
 
 impl RayVisibility {
-    pub(super) fn rewalk_changes(&mut self, space: &mut Space<'_>, changes: &Changes) {
+    /// Restores the lists after `changes`, which have just been made. Afterwards all rays listed by cells that existed before
+    /// are listed by all cells that they pass through now.
+    pub(crate) fn rewalk(&mut self, space: &mut Space<'_>, changes: &Changes) {
         let tetrahedra = space.tetrahedra;
         self.scratch.begin(self.table.capacity());
         self.crossings.grow(tetrahedra.cell_capacity());

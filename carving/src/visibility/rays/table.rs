@@ -1,6 +1,6 @@
 //! The table of rays, listed by view and by point.
 
-use super::super::{ObservationId, ObservationTable};
+use super::super::ObservationId;
 use crate::growth::reserve;
 
 const NONE: u32 = u32::MAX;
@@ -90,11 +90,11 @@ impl Rays {
 
     /// Gives a ray another number. The old one is in use until it is [released](Self::release).
     pub(super) fn renumber(&mut self, ray: ObservationId) -> ObservationId {
-        let (view, points, weight) = (self.view(ray), self.points(ray), self.weight(ray));
-        let (vertices, sigmas) = (self.vertices(ray), self.sigmas(ray));
+        let (view, point, weight) = (self.view(ray), self.point(ray), self.weight(ray));
+        let (vertex, sigma) = (self.vertex(ray), self.sigma(ray));
         self.unlink(ray);
-        let new = self.insert(view, points, weight);
-        self.set_ends(new, vertices, sigmas);
+        let new = self.insert(view, point, weight);
+        self.set_end(new, vertex, sigma);
         self.renumbered += 1;
         new
     }
@@ -113,20 +113,19 @@ impl Rays {
             *view & !DEGENERATE
         };
     }
-}
 
-impl ObservationTable<1> for Rays {
-    fn len(&self) -> usize {
+    /// Number of rays.
+    pub(crate) fn len(&self) -> usize {
         self.records.len() - self.free.len() - self.renumbered
     }
 
     /// All rays, view by view.
-    fn all(&self) -> impl Iterator<Item = ObservationId> + '_ {
+    pub(crate) fn all(&self) -> impl Iterator<Item = ObservationId> + '_ {
         (0..self.first_of_view.len() as u32).flat_map(|view| self.of_view(view))
     }
 
     /// The rays to a point, latest first.
-    fn of_point(&self, point: u32) -> impl Iterator<Item = ObservationId> + '_ {
+    pub(crate) fn of_point(&self, point: u32) -> impl Iterator<Item = ObservationId> + '_ {
         let mut next = self
             .first_of_point
             .get(point as usize)
@@ -140,7 +139,7 @@ impl ObservationTable<1> for Rays {
     }
 
     /// The rays from a view, latest first.
-    fn of_view(&self, view: u32) -> impl Iterator<Item = ObservationId> + '_ {
+    pub(crate) fn of_view(&self, view: u32) -> impl Iterator<Item = ObservationId> + '_ {
         let mut next = self
             .first_of_view
             .get(view as usize)
@@ -153,38 +152,34 @@ impl ObservationTable<1> for Rays {
         })
     }
 
-    /// Linear in the number of rays to the point.
-    fn find(&self, view: u32, [point]: [u32; 1]) -> Option<ObservationId> {
+    /// The ray from a view to a point. Linear in the number of rays to the point.
+    pub(crate) fn find(&self, view: u32, point: u32) -> Option<ObservationId> {
         self.of_point(point).find(|&ray| self.view(ray) == view)
     }
 
     #[inline]
-    fn view(&self, ray: ObservationId) -> u32 {
+    pub(crate) fn view(&self, ray: ObservationId) -> u32 {
         self.records[ray.0 as usize].view & !DEGENERATE
     }
 
     #[inline]
-    fn points(&self, ray: ObservationId) -> [u32; 1] {
-        [self.links[ray.0 as usize].point]
+    pub(crate) fn point(&self, ray: ObservationId) -> u32 {
+        self.links[ray.0 as usize].point
     }
 
+    /// Standard deviation of the point along the ray.
     #[inline]
-    fn vertices(&self, ray: ObservationId) -> [u32; 1] {
-        [self.vertex(ray)]
-    }
-
-    #[inline]
-    fn sigmas(&self, ray: ObservationId) -> [Option<f64>; 1] {
+    pub(crate) fn sigma(&self, ray: ObservationId) -> Option<f64> {
         let sigma = self.records[ray.0 as usize].sigma;
-        [(sigma >= 0.0).then_some(sigma)]
+        (sigma >= 0.0).then_some(sigma)
     }
 
     #[inline]
-    fn weight(&self, ray: ObservationId) -> u32 {
+    pub(crate) fn weight(&self, ray: ObservationId) -> u32 {
         self.records[ray.0 as usize].weight
     }
 
-    fn insert(&mut self, view: u32, [point]: [u32; 1], weight: u32) -> ObservationId {
+    pub(crate) fn insert(&mut self, view: u32, point: u32, weight: u32) -> ObservationId {
         let grow = |firsts: &mut Vec<u32>, index: u32| {
             if firsts.len() <= index as usize {
                 firsts.resize(index as usize + 1, NONE);
@@ -225,18 +220,18 @@ impl ObservationTable<1> for Rays {
         ObservationId(ray)
     }
 
-    fn remove(&mut self, ray: ObservationId) {
+    pub(crate) fn remove(&mut self, ray: ObservationId) {
         self.unlink(ray);
         self.free.push(ray.0);
     }
 
-    fn set_ends(&mut self, ray: ObservationId, [vertex]: [u32; 1], [sigma]: [Option<f64>; 1]) {
+    pub(crate) fn set_end(&mut self, ray: ObservationId, vertex: u32, sigma: Option<f64>) {
         let record = &mut self.records[ray.0 as usize];
         record.vertex = vertex;
         record.sigma = sigma.unwrap_or(NO_SIGMA);
     }
 
-    fn set_weight(&mut self, ray: ObservationId, weight: u32) {
+    pub(crate) fn set_weight(&mut self, ray: ObservationId, weight: u32) {
         self.records[ray.0 as usize].weight = weight;
     }
 }
@@ -248,16 +243,16 @@ mod tests {
     #[test]
     fn rays_are_found_by_view_and_by_point() {
         let mut rays = Rays::default();
-        let ids: Vec<ObservationId> = (0..12).map(|i| rays.insert(i % 3, [i / 3], 1)).collect();
+        let ids: Vec<ObservationId> = (0..12).map(|i| rays.insert(i % 3, i / 3, 1)).collect();
         assert_eq!(rays.of_view(1).count(), 4);
         assert_eq!(rays.of_point(2).count(), 3);
-        assert_eq!(rays.find(2, [1]), Some(ids[5]));
+        assert_eq!(rays.find(2, 1), Some(ids[5]));
         rays.remove(ids[5]);
         rays.remove(ids[0]);
-        assert_eq!(rays.find(2, [1]), None);
+        assert_eq!(rays.find(2, 1), None);
         assert_eq!((rays.of_view(2).count(), rays.of_point(1).count()), (3, 2));
         assert_eq!((rays.len(), rays.all().count()), (10, 10));
-        assert_eq!(rays.insert(0, [7], 4), ids[0]);
+        assert_eq!(rays.insert(0, 7, 4), ids[0]);
         rays.set_degenerate(ids[0], true);
         assert_eq!((rays.view(ids[0]), rays.is_degenerate(ids[0])), (0, true));
     }

@@ -6,7 +6,7 @@ use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 use super::super::crossings::Entrance;
 use super::super::segment_cell::Exit;
 use super::super::views::{Viewpoint, Views};
-use super::super::{ObservationId, ObservationTable, Softness};
+use super::super::{ObservationId, Softness};
 use super::cell_walk::{CellWalk, Degenerate, Departure, Step, WalkScratch, slot_of};
 use super::evidence::RayEvidence;
 use super::line::ShearedLine;
@@ -32,7 +32,7 @@ pub(super) fn evidence_of<'a>(
     let softness = softness?;
     let center = views.center(rays.view(ray));
     let target = tetrahedra.coordinates(VertexId::from_index(rays.vertex(ray) as usize));
-    let [sigma] = rays.sigmas(ray);
+    let sigma = rays.sigma(ray);
     let weight = rays.weight(ray);
     Some(RayEvidence::new([center, target], sigma, weight, softness))
 }

@@ -186,36 +186,6 @@ impl LandmarkFusion {
         }
         self.select_rays(transaction, center_of)
     }
-
-    /// Adds the observed sub-segments as segment observations of this weight; none with weight 0. A sub-segment with a nearly
-    /// parallel visibility triangle is left out.
-    pub(in crate::map) fn add_segment_observations(
-        &mut self,
-        transaction: &mut Transaction<'_>,
-        view: ViewId,
-        center: &Point3<f64>,
-        weight: u32,
-    ) -> Result<(), TransactionError> {
-        if weight == 0 {
-            return Ok(());
-        }
-        self.sub_segments.sort_unstable();
-        self.sub_segments.dedup();
-        let is_in_use = |landmark: &u32| self.landmarks.is_in_use(*landmark);
-        let has_ray = |landmark: &u32| self.observed.binary_search(landmark).is_ok();
-        let is_new = |ends: &&[u32; 2]| ends.iter().all(is_in_use) && ends.iter().any(has_ray);
-        for pair in self.sub_segments.iter().filter(is_new) {
-            let ends = pair.map(|landmark| (landmark, self.landmarks.position(landmark)));
-            if self
-                .segment_views
-                .insert_unless_known(transaction.before(), view, center, ends)
-            {
-                let ends = pair.map(|landmark| self.points[landmark as usize]);
-                transaction.add_segment(view, ends, weight)?;
-            }
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]
@@ -244,7 +214,7 @@ mod tests {
             let view = transaction.add_view(center).unwrap();
             fusion.begin_keyframe(&Isometry3::identity());
             fusion
-                .add_segment_points(&mut transaction, measured.into_iter())
+                .add_points(&mut transaction, measured.into_iter())
                 .unwrap();
             fusion
                 .add_observations(&mut transaction, view, &center)

@@ -10,7 +10,6 @@ use crate::front_end::LineKeyframe;
 use crate::map::keyframe_measurements::KeyframeMeasurements;
 use crate::map::landmarks::{Association, Landmarks, Measurement};
 use crate::map::ray_selection::RaySelection;
-use crate::map::segment_views::SegmentViews;
 use crate::map::surface_points::{KeyframeSurface, SurfaceCheck};
 use crate::map::view_region::ViewRegion;
 use crate::options::Options;
@@ -27,8 +26,6 @@ pub(super) struct LandmarkFusion {
     rays: RaySelection,
     /// The measurements of each keyframe, where poses may be corrected.
     measurements: Option<KeyframeMeasurements>,
-    /// Views with visibility triangles to sub-segments.
-    segment_views: SegmentViews,
     /// Landmarks that the keyframe observes; unsorted and with repetitions until colours are added.
     seen: Vec<u32>,
     /// Landmarks among them that got a ray.
@@ -37,8 +34,6 @@ pub(super) struct LandmarkFusion {
     moved: Vec<u32>,
     /// Landmarks in front of a measured surface.
     contradicted: Vec<u32>,
-    /// End landmarks of the observed sub-segments.
-    sub_segments: Vec<[u32; 2]>,
     /// Landmarks of earlier keyframes along whose ray the keyframe measured its surface, ascending.
     looked_up: Vec<(u32, ImageVertex, SurfaceSample)>,
     /// Landmarks in the image of the keyframe.
@@ -54,12 +49,10 @@ impl LandmarkFusion {
             sigma_factor: options.carving.cut.sigma_factor,
             rays: RaySelection::new(options.carving.ray_angle_deg),
             measurements: None,
-            segment_views: SegmentViews::new(options.carving.least_segment_angle_deg),
             seen: Vec::new(),
             observed: Vec::new(),
             moved: Vec::new(),
             contradicted: Vec::new(),
-            sub_segments: Vec::new(),
             looked_up: Vec::new(),
             vertices: Vec::new(),
         }
@@ -113,7 +106,6 @@ impl LandmarkFusion {
         }
         self.seen.clear();
         self.contradicted.clear();
-        self.sub_segments.clear();
         self.looked_up.clear();
         self.vertices.clear();
     }
@@ -145,25 +137,7 @@ impl LandmarkFusion {
         }
     }
 
-    /// Adds the points along a segment, in their order.
-    pub(super) fn add_segment_points(
-        &mut self,
-        transaction: &mut Transaction<'_>,
-        measurements: impl Iterator<Item = Measurement>,
-    ) -> Result<(), TransactionError> {
-        let mut last: Option<u32> = None;
-        for measurement in measurements {
-            let landmark = self.add_measurement(transaction, &measurement)?;
-            if let Some(last) = last.filter(|last| *last != landmark) {
-                self.sub_segments
-                    .push([last.min(landmark), last.max(landmark)]);
-            }
-            last = Some(landmark);
-        }
-        Ok(())
-    }
-
-    /// Adds points that are on no segment.
+    /// Adds measured points.
     pub(super) fn add_points(
         &mut self,
         transaction: &mut Transaction<'_>,
