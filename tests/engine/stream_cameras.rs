@@ -1,6 +1,7 @@
 //! Sessions that track stereo pairs, or one camera.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use linecarve::Options;
 use linecarve::run::ProgressHook;
@@ -24,30 +25,38 @@ const MEDIAN_M: f64 = 0.03;
 
 /// The first frames of a rendered room in pairs, and its true first pose.
 struct Pairs {
-    _folder: tempfile::TempDir,
     sequence: Sequence,
     first_true: Isometry3<f64>,
 }
 
-impl Pairs {
-    fn new(of_loop: u32, frames: usize) -> Self {
-        let folder = tempfile::tempdir().unwrap();
+/// Rendered once for all tests of this file, in the folder for temporary files of the build.
+fn rendered() -> &'static Path {
+    static RENDERED: OnceLock<PathBuf> = OnceLock::new();
+    RENDERED.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("stereo-room");
+        let _ = std::fs::remove_dir_all(&folder);
         let options = SynthOptions {
             scene: SceneKind::Room,
-            frames: of_loop,
+            frames: 60,
             width: 320,
             height: 240,
             stereo_baseline: Some(BASELINE_M),
             ..SynthOptions::default()
         };
-        write_sequence(&options, folder.path(), &|_, _| {}).unwrap();
-        let posed = Sequence::open(folder.path(), &OpenOptions::default()).unwrap();
+        write_sequence(&options, &folder, &|_, _| {}).unwrap();
+        folder
+    })
+}
+
+impl Pairs {
+    fn new(frames: usize) -> Self {
+        let folder = rendered();
+        let posed = Sequence::open(folder, &OpenOptions::default()).unwrap();
         let first_true = posed.frames()[0].world_from_camera;
-        let open = Sequence::open_without_poses(folder.path(), &OpenOptions::default());
+        let open = Sequence::open_without_poses(folder, &OpenOptions::default());
         let mut sequence = open.unwrap();
         sequence.retain_frames(&(0..frames).collect::<Vec<_>>());
         Self {
-            _folder: folder,
             sequence,
             first_true,
         }
@@ -127,7 +136,7 @@ fn assert_final_poses(end: &SessionEnd, expected: &[(usize, Isometry3<f64>)]) {
 
 #[test]
 fn stereo_pairs_have_the_poses_of_causal_tracking_and_a_surface() {
-    let pairs = Pairs::new(60, 14);
+    let pairs = Pairs::new(14);
     let (replies, end) = run_twice(&pairs.messages(true));
     let causal = pairs.tracked(TrackingMode::Stereo, true);
     assert_eq!((replies.len(), causal.len()), (14, 14));
@@ -155,8 +164,8 @@ fn stereo_pairs_have_the_poses_of_causal_tracking_and_a_surface() {
 
 #[test]
 fn frames_of_one_camera_wait_for_a_map_and_get_their_poses_with_it() {
-    let pairs = Pairs::new(60, 16);
-    let (replies, end) = run_twice(&pairs.messages(false));
+    let pairs = Pairs::new(16);
+    let (replies, end) = run(&pairs.messages(false), 2);
     let first = replies.iter().position(|reply| reply.submap.is_some());
     let first = first.expect("16 frames start a map");
     assert!(first > 5);
@@ -189,7 +198,7 @@ fn frames_of_one_camera_wait_for_a_map_and_get_their_poses_with_it() {
 
 #[test]
 fn a_session_that_ends_before_its_map_starts_ends_as_the_recording() {
-    let pairs = Pairs::new(60, 10);
+    let pairs = Pairs::new(10);
     let (replies, end) = run(&pairs.messages(false), 2);
     assert!(
         replies
@@ -204,7 +213,7 @@ fn a_session_that_ends_before_its_map_starts_ends_as_the_recording() {
 #[test]
 fn images_in_messages_give_the_result_of_files() {
     use base64::Engine;
-    let pairs = Pairs::new(60, 8);
+    let pairs = Pairs::new(8);
     let messages = pairs.messages(true);
     let mut inline = messages.clone();
     for message in &mut inline[1..] {

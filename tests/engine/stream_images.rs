@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::program::{distort, expect_status, stream, triangles_after, with_open_holes};
 use base64::Engine;
+use image::imageops::FilterType;
 use linecarve::Options;
 use linecarve::stream::{Message, Reply, Session};
 use linecarve_lines::camera::Camera;
@@ -12,7 +13,7 @@ use serde_json::{Value, json};
 /// More than the keyframes that one waits for, so that some are finished while messages come.
 const KEYFRAMES: usize = 15;
 
-/// The first images of the sample with their exact poses, and what a run makes of them.
+/// The first images of the sample at half their size, with their exact poses, and what a run makes of them.
 struct Recording {
     folder: tempfile::TempDir,
     images: Vec<PathBuf>,
@@ -34,13 +35,14 @@ impl Recording {
         Self::with_calibration(0.0, 525.0)
     }
 
-    /// As the camera has it whose lens has this `k1` and is taken for a pinhole of this focal length; the true one is 525.
+    /// As the camera has it whose lens has this `k1` and is taken for a pinhole of this focal length at full size; the true one is 525.
     fn with_calibration(k1: f64, focal: f64) -> Self {
         let pinhole = Camera::pinhole(525.0, 525.0, 319.5, 239.5).unwrap();
         let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
         let folder = tempfile::tempdir().unwrap();
         let sequence = folder.path().join("sequence");
         std::fs::create_dir_all(sequence.join("rgb")).unwrap();
+        let focal = focal / 2.0;
         let lines = |name: &str| -> Vec<String> {
             let text = std::fs::read_to_string(sample.join(name)).unwrap();
             let lines = text.lines().filter(|line| !line.starts_with('#'));
@@ -55,6 +57,10 @@ impl Recording {
                 if k1 != 0.0 {
                     distort(&sequence.join(name), &pinhole, k1);
                 }
+                let image = image::open(sequence.join(name)).unwrap();
+                let [width, height] = [image.width() / 2, image.height() / 2];
+                let half = image.resize_exact(width, height, FilterType::Triangle);
+                half.save(sequence.join(name)).unwrap();
                 sequence.join(name)
             })
             .collect();
@@ -69,7 +75,7 @@ impl Recording {
         std::fs::write(sequence.join("rgb.txt"), listed.join("\n")).unwrap();
         std::fs::write(sequence.join("groundtruth.txt"), recorded.join("\n")).unwrap();
         let camera = format!(
-            "[color]\nmodel = \"pinhole\"\nfx = {focal}\nfy = {focal}\ncx = 319.5\ncy = 239.5\n"
+            "[color]\nmodel = \"pinhole\"\nfx = {focal}\nfy = {focal}\ncx = 159.5\ncy = 119.5\n"
         );
         std::fs::write(sequence.join("linecarve.toml"), camera).unwrap();
         let mut recording = Self {
@@ -107,7 +113,7 @@ impl Recording {
         let focal = self.focal;
         json!({
             "type": "start", "depth_source": "semi-dense",
-            "calibration": { "color": { "fx": focal, "fy": focal, "cx": 319.5, "cy": 239.5 } },
+            "calibration": { "color": { "fx": focal, "fy": focal, "cx": 159.5, "cy": 119.5 } },
         })
     }
 

@@ -79,16 +79,18 @@ fn splits_of_the_sample_leave_the_mesh_of_one_process() {
 #[ignore = "needs LINECARVE_DATA"]
 fn splits_of_recorded_models_leave_the_mesh_of_one_process() {
     let data = std::env::var("LINECARVE_DATA").expect("the folder of recorded sequences");
-    for model in ["sceaux-castle/scene.mvs", "euroc-v101/colmap"] {
-        for labels in [LabelKind::Votes, LabelKind::Cut] {
-            let path = Path::new(&data).join(model);
-            let input = input(path, Source::MapPoints);
-            let mut recording = Recording::open(&input, options(labels)).unwrap();
-            let model_points = recording.model.take().unwrap();
-            let mut map = Map::of_model(&recording.options, model_points).unwrap();
-            map.defer_carving();
-            map.enter_model().unwrap();
-            assert_splits_agree(&map, model, &[1, 2, 7, 64]);
-        }
+    for (model, labels, counts) in [
+        ("sceaux-castle/scene.mvs", LabelKind::Votes, [1, 7]),
+        ("sceaux-castle/scene.mvs", LabelKind::Cut, [2, 64]),
+        ("euroc-v101/colmap", LabelKind::Cut, [1, 7]),
+    ] {
+        let path = Path::new(&data).join(model);
+        let input = input(path, Source::MapPoints);
+        let mut recording = Recording::open(&input, options(labels)).unwrap();
+        let model_points = recording.model.take().unwrap();
+        let mut map = Map::of_model(&recording.options, model_points).unwrap();
+        map.defer_carving();
+        map.enter_model().unwrap();
+        assert_splits_agree(&map, model, &counts);
     }
 }
