@@ -316,7 +316,7 @@ pub(crate) struct AblationArgs {
 /// Arguments of `benchmarks`.
 #[derive(Debug, Args)]
 pub(crate) struct BenchmarksArgs {
-    /// Folders of sequences, each with its ground truth. Default: the sample and, with LINECARVE_DATA set, the recordings
+    /// Folders of sequences, each with its ground truth. Default: the sample, a noisy room, a noisy walk and, with LINECARVE_DATA set, the recordings
     /// `seven-scenes` and `livingroom-synthetic` below it with keyframes at 0.15 m or 10 degrees.
     pub(crate) sequences: Vec<PathBuf>,
 

@@ -28,6 +28,7 @@ mod simplify;
 mod stream;
 mod stream_cameras;
 mod stream_frames;
+mod surface_keys;
 mod texture;
 mod tiles;
 mod track;

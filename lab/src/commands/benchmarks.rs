@@ -8,6 +8,7 @@ use linecarve::cli::KeyframeArgs;
 use linecarve::commands::Outcome;
 use linecarve::progress::{Progress, Verbosity};
 use linecarve_mesh::read_geometry;
+use linecarve_synth::{DepthNoise, SceneKind, SynthOptions, write_sequence};
 
 use super::measure::Measurement;
 use super::published::{publish, write_section};
@@ -39,7 +40,8 @@ pub(super) fn run(
     threads: Option<usize>,
     verbosity: Verbosity,
 ) -> anyhow::Result<Outcome> {
-    let benchmarks = benchmarks(args);
+    let rendered = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let benchmarks = benchmarks(args, rendered.path())?;
     let mut rivals = match &args.rivals {
         Some(path) => rivals::read(path)?,
         None => Vec::new(),
@@ -73,8 +75,8 @@ pub(super) fn run(
     Ok(Outcome::Done)
 }
 
-/// The sequences given, or those that are published.
-fn benchmarks(args: &BenchmarksArgs) -> Vec<Benchmark> {
+/// The sequences given, or those that are published, exact truths first; `rendered` is a folder for those that are rendered.
+fn benchmarks(args: &BenchmarksArgs, rendered: &Path) -> anyhow::Result<Vec<Benchmark>> {
     if !args.sequences.is_empty() {
         let named = args.sequences.iter().map(|folder| Benchmark {
             name: folder
@@ -85,7 +87,7 @@ fn benchmarks(args: &BenchmarksArgs) -> Vec<Benchmark> {
             folder: folder.clone(),
             selection: flags(&args.selection),
         });
-        return named.collect();
+        return Ok(named.collect());
     }
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/room");
     let mut all = vec![Benchmark {
@@ -93,6 +95,27 @@ fn benchmarks(args: &BenchmarksArgs) -> Vec<Benchmark> {
         folder: sample,
         selection: Vec::new(),
     }];
+    for (name, scene, frames, [width, height]) in [
+        ("noisy room", SceneKind::Room, 60, [640, 480]),
+        ("noisy walk", SceneKind::Walk, 14, [480, 360]),
+    ] {
+        let folder = rendered.join(name);
+        let options = SynthOptions {
+            scene,
+            frames,
+            width,
+            height,
+            noise: DepthNoise::Kinect { strength: 1.0 },
+            ..SynthOptions::default()
+        };
+        write_sequence(&options, &folder, &|_, _| {})
+            .with_context(|| format!("cannot render the {name}"))?;
+        all.push(Benchmark {
+            name: name.to_owned(),
+            folder,
+            selection: Vec::new(),
+        });
+    }
     if let Some(data) = std::env::var_os("LINECARVE_DATA") {
         for (name, folder) in [
             ("kitchen", "seven-scenes"),
@@ -105,7 +128,7 @@ fn benchmarks(args: &BenchmarksArgs) -> Vec<Benchmark> {
             });
         }
     }
-    all
+    Ok(all)
 }
 
 /// Keyframe options as a command line.
