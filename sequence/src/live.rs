@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::{Camera, CameraCorrection};
 use nalgebra::Isometry3;
 
+use super::assemble::{assemble, extrinsics};
 use super::calibration::Calibration;
 use super::layout::{RecordedFrame, Recording};
-use super::open::{assemble, extrinsics};
 use super::pose_convention::{Extrinsics, PoseConvention};
 use super::sidecar::Sidecar;
 use super::{Frame, Sequence, SequenceError};
