@@ -7,7 +7,9 @@ use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
 use super::calibration::{Calibration, ImageSize, PoseCamera};
-use super::color_sizes::{FirstSize, assumed_camera, check_color_size, first_size, frames_of_size};
+use super::color_sizes::{
+    FirstSize, assumed_camera, check_color_size, first_size, frames_of_size, orientation_warning,
+};
 use super::depth_image::depth_header;
 use super::join;
 use super::layout::{RecordedFrame, Recording};
@@ -86,6 +88,7 @@ pub(super) fn assemble(
     };
     if !frames.is_empty() {
         check_color_size(&color, &color_size)?;
+        warnings.extend(orientation_warning(&color, &color_size));
     }
     let depth_header = frames
         .iter()

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::Camera;
 
 use super::calibration::{CalibratedCamera, ImageSize};
-use super::image_file::{image_size, size_error};
+use super::image_file::{exchanges_sides, image_size, orientation, size_error};
 use super::layout::RecordedFrame;
 use super::warning::WarningCounter;
 use super::{FrameError, SequenceError, Warning};
@@ -118,12 +118,21 @@ pub(super) fn check_color_size(
     if let Some(expected) = color.size
         && expected != first.size
     {
+        let is_turned = [expected.height, expected.width] == [width, height]
+            && orientation(&first.path).is_some_and(exchanges_sides);
+        let remedy = match is_turned {
+            true => {
+                "the image has an EXIF orientation, and its pixels are stored turned: turn them (exiftran -ai, or mogrify -auto-orient), \
+                 or give intrinsics and poses of the pixels as they are stored"
+            }
+            false => "give intrinsics for this image size (linecarve.toml or --calibration FILE)",
+        };
         return Err(size_error(
             &first.path,
             first.size,
             expected,
             format!("by {}", color.source),
-            "give intrinsics for this image size (linecarve.toml or --calibration FILE)",
+            remedy,
         ));
     }
     let (cx, cy) = (color.camera.cx(), color.camera.cy());
@@ -138,4 +147,19 @@ pub(super) fn check_color_size(
         });
     }
     Ok(())
+}
+
+/// A warning that the pixels of the images are stored turned, where the size does not tell that the calibration is of these pixels.
+pub(super) fn orientation_warning(color: &CalibratedCamera, first: &FirstSize) -> Option<Warning> {
+    let orientation = orientation(&first.path)?;
+    let is_square = first.size.width == first.size.height;
+    if color.size.is_some() && exchanges_sides(orientation) && !is_square {
+        return None;
+    }
+    Some(Warning::statement(format!(
+        "images have an EXIF orientation (first: {}, {}), and their pixels are read as they are stored: where the calibration or the poses \
+         are of images as they are shown, turn the pixels (exiftran -ai, or mogrify -auto-orient)",
+        first.path.display(),
+        orientation.to_exif()
+    )))
 }

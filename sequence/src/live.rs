@@ -141,6 +141,17 @@ impl LiveSequence {
         self.sequence.set_poses(poses);
     }
 
+    /// Replaces what was recorded of the poses of frames, as the calibration reads them; [`set_poses`](Self::set_poses) says where the
+    /// colour cameras are.
+    ///
+    /// # Panics
+    /// If an index is out of range.
+    pub fn set_recorded_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
+        for (frame, pose) in poses {
+            self.sequence.recorded_poses[frame] = pose;
+        }
+    }
+
     /// As [`Sequence::set_fitted_poses`].
     pub fn set_fitted_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
         self.sequence.set_fitted_poses(poses);

@@ -6,7 +6,8 @@ use nalgebra::Isometry3;
 
 use super::assemble::assemble;
 use super::calibration::PoseCamera;
-use super::layout::{PoseSource, Recording};
+use super::layout::{Folder, PoseSource, Recording};
+use super::layouts::colmap;
 use super::poses::{self, PoseFileFormat};
 use super::recognise::{input_folder, recognise};
 use super::sidecar::{SIDECAR_FILE, Sidecar};
@@ -23,6 +24,9 @@ pub struct OpenOptions {
     pub poses: Option<PathBuf>,
     /// Layout name; `None` detects the layout.
     pub layout: Option<String>,
+    /// Folder of a COLMAP model relative to the input, or its number below `sparse/` or `colmap/`; `None` reads the model with the
+    /// most images.
+    pub model: Option<String>,
     /// Focal length of images whose calibration no file gives, as a share of their longer side; the principal point is the centre.
     /// `None` refuses such images.
     pub assumed_focal: Option<f64>,
@@ -66,7 +70,7 @@ impl Sequence {
         options: &OpenOptions,
         source: PoseSource,
     ) -> Result<Self, SequenceError> {
-        let folder = input_folder(input)?;
+        let mut folder = input_folder(input)?;
         let sidecar = match &options.calibration {
             Some(path) => Some((path.clone(), Sidecar::read(path)?)),
             None => match folder.entry(SIDECAR_FILE) {
@@ -77,7 +81,14 @@ impl Sequence {
                 None => None,
             },
         };
-        let (layout, others) = recognise(&folder, options.layout.as_deref(), source)?;
+        let forced = match &options.model {
+            Some(model) => {
+                select_model(&mut folder, model, options.layout.as_deref())?;
+                Some("colmap")
+            }
+            None => options.layout.as_deref(),
+        };
+        let (layout, others) = recognise(&folder, forced, source)?;
         folder.forget_claims();
         let mut recording = layout.read(&folder, source)?;
         if !others.is_empty() {
@@ -130,6 +141,26 @@ impl Sequence {
         sequence.warnings.extend(unread::warning(&sequence.unread));
         Ok(sequence)
     }
+}
+
+/// Chooses a COLMAP model of a folder.
+fn select_model(
+    folder: &mut Folder,
+    model: &str,
+    layout: Option<&str>,
+) -> Result<(), SequenceError> {
+    let content = |problem: String| SequenceError::Content {
+        path: folder.path().to_owned(),
+        problem,
+    };
+    if let Some(layout) = layout.filter(|layout| *layout != "colmap") {
+        return Err(content(format!(
+            "--model chooses a COLMAP model, and --layout {layout} reads none: omit one of them"
+        )));
+    }
+    let path = colmap::model_named(folder, model).map_err(content)?;
+    folder.set_model(path);
+    Ok(())
 }
 
 /// Assigns the poses of a trajectory file to the frames.
