@@ -7,9 +7,9 @@ use linecarve_sequence::{FileRole, OpenOptions, Sequence, contradiction};
 use nalgebra::Isometry3;
 
 use crate::folder_writers::{
-    FRAMES, intrinsics_text, matrix_lines, write_images, write_pose_folder, write_replica,
+    FRAMES, intrinsics_text, write_images, write_pose_folder, write_replica,
 };
-use crate::support::{FOCAL, SIZE, color_image, depth_image, poses, write_open3d, write_tum};
+use crate::support::{FOCAL, SIZE, color_image, poses, write_open3d, write_tum};
 use crate::writers::write_colmap_text;
 use crate::{edit, folder_with, open, replace, warnings};
 
